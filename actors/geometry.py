@@ -1,0 +1,60 @@
+"""Points and poses in the plane: x east, y north, angles in (−π, π], metres and radians (REP 103)."""
+
+import math
+from typing import NamedTuple
+
+
+class Point(NamedTuple):
+    """A point of the map frame, m."""
+
+    x: float
+    y: float
+
+    def distance_to(self, other: "Point") -> float:
+        """Euclidean distance, m."""
+        return math.hypot(self.x - other.x, self.y - other.y)
+
+
+class Pose(NamedTuple):
+    """A position, m, and the direction faced, rad in (−π, π]."""
+
+    x: float
+    y: float
+    heading: float
+
+    @property
+    def point(self) -> Point:
+        """Where the pose is."""
+        return Point(self.x, self.y)
+
+    def compose(self, local: "Pose") -> "Pose":
+        """The pose, in this pose's parent frame, of something at `local` in this pose's own frame."""
+        c, s = math.cos(self.heading), math.sin(self.heading)
+        return Pose(
+            self.x + c * local.x - s * local.y,
+            self.y + s * local.x + c * local.y,
+            wrap(self.heading + local.heading),
+        )
+
+    def relative(self, other: "Pose") -> "Pose":
+        """`other`, given in this pose's parent frame, as seen from this pose: the inverse of `compose`."""
+        c, s = math.cos(self.heading), math.sin(self.heading)
+        dx, dy = other.x - self.x, other.y - self.y
+        return Pose(c * dx + s * dy, c * dy - s * dx, wrap(other.heading - self.heading))
+
+
+class Twist(NamedTuple):
+    """A velocity in the robot's own frame: forward and leftward, m/s, and counter-clockwise, rad/s."""
+
+    vx: float
+    vy: float
+    omega: float
+
+
+STILL = Twist(0.0, 0.0, 0.0)
+
+
+def wrap(angle: float) -> float:
+    """The same angle in (−π, π]."""
+    wrapped = math.remainder(angle, math.tau)
+    return math.pi if wrapped == -math.pi else wrapped

@@ -1,0 +1,355 @@
+"""Every message between actors and every key it travels on.
+
+On the wire a message is one version byte followed by a msgpack array of the fields in the order declared
+here. Keys: `swarm/up/<id>/…` from a robot, `swarm/down/<id>/…` to it, `swarm/infra/…` between the others.
+All instants are microseconds of the run's time; positions are metres in the map frame, angles radians.
+"""
+
+from typing import Final, Generic, TypeVar
+
+import msgspec
+
+MESSAGE_VERSION: Final = 1
+FRAME_DATA_LIMIT: Final = 118
+"""Data bytes of one radio frame: 127 octets of the PSDU less the 9 that the BEE click's MAC header and FCS
+take (IEEE 802.15.4-2006, aMaxPHYPacketSize)."""
+NO_ECHO_MM: Final = 0xFFFF
+"""The range on the wire, uint16 mm, of a ray that met nothing within the sensor's range."""
+
+
+class Message(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """A value that travels between actors; `step` is the step it belongs to."""
+
+    step: int
+
+
+class Part(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """A value inside a message."""
+
+
+M = TypeVar("M", bound=Message)
+
+
+class Topic(Generic[M]):
+    """A key, or a family of keys with one robot id in it, and the type of what travels there."""
+
+    def __init__(self, pattern: str, kind: type[M]) -> None:
+        self.pattern = pattern
+        self.kind = kind
+        self._prefix, _, self._suffix = pattern.partition("{id}")
+
+    def key(self, robot: str = "") -> str:
+        """The key for `robot`, or the topic's only key."""
+        return f"{self._prefix}{robot}{self._suffix}" if "{id}" in self.pattern else self.pattern
+
+    def __repr__(self) -> str:
+        return f"Topic({self.pattern!r}, {self.kind.__name__})"
+
+
+# --- readiness ---------------------------------------------------------------------------------------------
+
+
+class Ready(Message, frozen=True):
+    """`actor` can take its first step. `step` is the step it is ready for (0, or that of a restart)."""
+
+    actor: str
+    epoch: int
+    kernels: str
+    """Digest over the fingerprints of the actor's numeric kernels."""
+
+
+# --- world and robot ---------------------------------------------------------------------------------------
+
+
+class Odometry(Part, frozen=True):
+    """Pose since the base was switched on, in the frame of its first pose; velocity in the body's frame."""
+
+    x: float
+    y: float
+    heading: float
+    vx: float
+    vy: float
+    omega: float
+
+
+class Scan(Part, frozen=True):
+    """One sweep of the robot's range sensor; where the rays point stands in the robot's model file."""
+
+    stamp: int
+    ranges_mm: bytes
+    """uint16 little-endian, one per ray, mm; NO_ECHO_MM = nothing within range."""
+
+
+class Senses(Message, frozen=True):
+    """What the base of one robot sensed at the step's start."""
+
+    instant: int
+    events: int
+    """How many events Received carries for this robot and step; 0 = no such message is sent."""
+    odometry: Odometry
+    bumper: int
+    """Bit 0 right, 1 centre, 2 left."""
+    scan: Scan | None = None
+    """The sweeps belong to the sensor's own rate: absent where none ended since the last step."""
+    halt: bool = False
+    """The last message to this process: no answer is expected."""
+
+
+class PlaceReport(Part, frozen=True):
+    """The robot holds that it has visited a place to be cleaned."""
+
+    owner: str
+    """The robot that the place belonged to at the start of the run."""
+    place: int
+    """Its index in the owner's list."""
+    instant: int
+
+
+class Drive(Message, frozen=True):
+    """One robot's answer to Senses: the velocity it wants from now on, and how its work stands."""
+
+    vx: float
+    vy: float
+    omega: float
+    transmits: int
+    """How many frames Transmit carries in this step; 0 = no such message is sent."""
+    tasks_left: int
+    """Places the robot still has to visit, as far as it knows."""
+    reports: tuple[PlaceReport, ...] = ()
+
+
+# --- robot and radio ---------------------------------------------------------------------------------------
+
+
+class Outgoing(Part, frozen=True):
+    """One frame to be broadcast."""
+
+    tag: int
+    """Chosen by the robot; comes back in Sent, AccessFailure or Overflow."""
+    instant: int
+    """When the robot hands the frame to its transceiver; within the step."""
+    data: bytes
+    """1 to FRAME_DATA_LIMIT bytes."""
+
+
+class Transmit(Message, frozen=True):
+    """All frames that one robot hands to its transceiver during the step, in order."""
+
+    frames: tuple[Outgoing, ...]
+
+
+class Heard(Part, frozen=True, tag="heard"):
+    """A frame that the robot's transceiver received; `instant` is when its last symbol ended."""
+
+    instant: int
+    sender: int
+    """The sender's short address (IEEE 802.15.4)."""
+    rssi_dbm: float
+    lqi: int
+    data: bytes
+
+
+class Sent(Part, frozen=True, tag="sent"):
+    """The frame `tag` has left the antenna."""
+
+    instant: int
+    tag: int
+
+
+class AccessFailure(Part, frozen=True, tag="access_failure"):
+    """The frame `tag` was given up because the channel never was clear."""
+
+    instant: int
+    tag: int
+
+
+class Overflow(Part, frozen=True, tag="overflow"):
+    """The frame `tag` was dropped because the transceiver's transmit queue was full."""
+
+    instant: int
+    tag: int
+
+
+class Refused(Part, frozen=True, tag="refused"):
+    """The frame `tag` was not accepted; `reason` is one sentence."""
+
+    instant: int
+    tag: int
+    reason: str
+
+
+RadioEvent = Heard | Sent | AccessFailure | Overflow | Refused
+
+
+class Received(Message, frozen=True):
+    """Everything that a robot's transceiver had to say until the step's start, in order of its instants."""
+
+    events: tuple[RadioEvent, ...]
+
+
+# --- world and radio ---------------------------------------------------------------------------------------
+
+
+class RobotTruth(Part, frozen=True):
+    """Where a robot truly is at the step's start, how it moves (map frame), and what it does."""
+
+    id: str
+    x: float
+    y: float
+    heading: float
+    vx: float
+    vy: float
+    omega: float
+    stepping: bool
+    """False: frozen or ended; it takes no part in this step."""
+    powered: bool
+    """False: its transceiver is off."""
+    transmits: int
+
+
+class Jam(Part, frozen=True):
+    """A jammer at a point: nothing is received within `radius` until the instant `until`."""
+
+    x: float
+    y: float
+    radius: float
+    until: int
+
+
+class Truth(Message, frozen=True):
+    """The world's ground truth at the step's start, for the radio and for observers."""
+
+    instant: int
+    robots: tuple[RobotTruth, ...]
+    """In the order of the scenario."""
+    jams: tuple[Jam, ...] = ()
+    """Jammers that were switched on at this step's start."""
+    halt: bool = False
+    """The last message to the radio: no answer is expected."""
+
+
+class EventCount(Part, frozen=True):
+    """How many events the next Received of one robot carries."""
+
+    id: str
+    events: int
+
+
+class Aired(Message, frozen=True):
+    """The medium has been computed up to the step's end."""
+
+    counts: tuple[EventCount, ...]
+    """Robots with at least one event only."""
+
+
+# --- control of a run --------------------------------------------------------------------------------------
+
+
+class Kill(Part, frozen=True, tag="kill"):
+    """End the robot's process; its body stays as an obstacle."""
+
+    robot: str
+
+
+class Freeze(Part, frozen=True, tag="freeze"):
+    """Stop advancing the robot's core."""
+
+    robot: str
+
+
+class Thaw(Part, frozen=True, tag="thaw"):
+    """Advance a frozen robot's core again."""
+
+    robot: str
+
+
+class Restart(Part, frozen=True, tag="restart"):
+    """Start a new process for the robot, in a new boot epoch; a running one is ended first."""
+
+    robot: str
+
+
+class Move(Part, frozen=True, tag="move"):
+    """Put the robot's body somewhere else."""
+
+    robot: str
+    x: float
+    y: float
+    heading: float
+
+
+class StartJam(Part, frozen=True, tag="jam"):
+    """Switch a jammer on for `duration` µs."""
+
+    x: float
+    y: float
+    radius: float
+    duration: int
+
+
+class Obstacle(Part, frozen=True, tag="obstacle"):
+    """Put a round thing of `radius` m, that does not move, on the floor."""
+
+    x: float
+    y: float
+    radius: float
+
+
+class Pause(Part, frozen=True, tag="pause"):
+    """Begin no further step until Resume."""
+
+
+class Resume(Part, frozen=True, tag="resume"):
+    """Go on after Pause."""
+
+
+class Stop(Part, frozen=True, tag="stop"):
+    """End the run at this step's start."""
+
+
+Order = Kill | Freeze | Thaw | Restart | Move | StartJam | Obstacle | Pause | Resume | Stop
+
+
+class Control(Message, frozen=True):
+    """Orders from a person or a tool; applied at the next step boundary and recorded. `step` is not used."""
+
+    orders: tuple[Order, ...]
+
+
+class ProcessOrder(Part, frozen=True):
+    """A robot process is to be started."""
+
+    robot: str
+    epoch: int
+
+
+class Roster(Message, frozen=True):
+    """The world asks the swarm's parent to start robot processes at this step."""
+
+    start: tuple[ProcessOrder, ...]
+
+
+class Progress(Message, frozen=True):
+    """How far the run is; for people, outside the barrier and outside the digest."""
+
+    instant: int
+    tasks_left: int
+    reports: int
+    finished: bool
+
+
+READY: Final = Topic("swarm/up/{id}/ready", Ready)
+SENSES: Final = Topic("swarm/down/{id}/senses", Senses)
+DRIVE: Final = Topic("swarm/up/{id}/drive", Drive)
+TRANSMIT: Final = Topic("swarm/up/{id}/transmit", Transmit)
+RECEIVED: Final = Topic("swarm/down/{id}/received", Received)
+RADIO_READY: Final = Topic("swarm/infra/ready", Ready)
+TRUTH: Final = Topic("swarm/infra/truth", Truth)
+AIRED: Final = Topic("swarm/infra/aired", Aired)
+CONTROL: Final = Topic("swarm/infra/control", Control)
+ROSTER: Final = Topic("swarm/infra/roster", Roster)
+PROGRESS: Final = Topic("swarm/infra/progress", Progress)
+
+TOPICS: Final[tuple[Topic[Message], ...]] = (
+    READY, SENSES, DRIVE, TRANSMIT, RECEIVED, RADIO_READY, TRUTH, AIRED, CONTROL, ROSTER, PROGRESS,
+)  # type: ignore[assignment]  # fmt: skip

@@ -1,0 +1,1 @@
+"""What every actor process shares: the core protocol, the shell, the buses, recording, access, isolation."""

@@ -1,0 +1,73 @@
+"""The contract of an actor's core: messages in, messages out, and nothing else.
+
+A core opens no file, reads no clock, starts no thread and draws no number that its generator did not give it.
+So the same core runs behind Zenoh, in one process over memory, and under a debugger from a recording.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, Protocol, TypeVar
+
+from actors.messages import Message, Topic
+
+M = TypeVar("M", bound=Message)
+
+
+class Address(NamedTuple):
+    """One key on the bus: a topic and, where the topic has one, the robot's id."""
+
+    topic: Topic[Message]
+    robot: str = ""
+
+    @property
+    def key(self) -> str:
+        """The key as text."""
+        return self.topic.key(self.robot)
+
+
+class Output(NamedTuple):
+    """A message and where it goes."""
+
+    address: Address
+    message: Message
+
+
+Inputs = Mapping[str, Message]
+"""What a core is given: one message per key."""
+
+
+class Core(Protocol):
+    """One actor without I/O."""
+
+    @property
+    def step(self) -> int:
+        """The step that the core is in: every message it awaits or gives belongs to it."""
+
+    @property
+    def finished(self) -> bool:
+        """True once the core will take no further step."""
+
+    def missing(self, have: Inputs) -> Sequence[Address]:
+        """What must still arrive before `advance`, given what is at hand.
+
+        Called again whenever all it named has arrived, so that a message can name others by its counts.
+        """
+
+    def advance(self, inputs: Inputs) -> Sequence[Output]:
+        """Take in exactly what `missing` asked for and give what follows, in the order it is to be sent."""
+
+
+def to(topic: Topic[M], message: M, robot: str = "") -> Output:
+    """`message` on `topic`; mypy checks that the two fit."""
+    return Output(Address(topic, robot), message)  # type: ignore[arg-type]
+
+
+def at(topic: Topic[M], robot: str = "") -> Address:
+    """The address of `topic` for `robot`."""
+    return Address(topic, robot)  # type: ignore[arg-type]
+
+
+def read(inputs: Inputs, topic: Topic[M], robot: str = "") -> M:
+    """The message of `topic` among the inputs; it must be there."""
+    message = inputs[topic.key(robot)]
+    assert isinstance(message, topic.kind)
+    return message
