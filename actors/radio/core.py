@@ -1,0 +1,151 @@
+"""The radio as an actor: ground truth and frames to send in, what the transceivers say out."""
+
+from collections.abc import Sequence
+
+from actors.messages import (
+    AIRED,
+    RECEIVED,
+    TRANSMIT,
+    TRUTH,
+    Aired,
+    EventCount,
+    Outgoing,
+    RadioEvent,
+    Received,
+    Refused,
+    RobotTruth,
+    Truth,
+)
+from actors.radio.frame import size_fault
+from actors.radio.host import Host
+from actors.radio.medium import Medium, Request
+from actors.radio.parameters import RadioParameters
+from actors.radio.stations import Stations
+from actors.radio.tally import Tally
+from actors.runtime.core import Address, Inputs, Output, at, read, to
+from actors.runtime.errors import AcrcError
+
+_TRUTH_ONLY = (at(TRUTH),)
+
+
+class RadioCore:
+    """The core of the radio's process (see `actors.runtime.core.Core`).
+
+    In step k it awaits Truth(k) and the Transmit(k) of each robot that steps and has frames. It gives
+    Received(k+1) of each robot that has events and steps by Truth(k), then Aired(k), which counts them. The
+    events lie before the step's end.
+    """
+
+    def __init__(
+        self, robots: Sequence[tuple[str, int]], step_us: int, parameters: RadioParameters | None = None
+    ) -> None:
+        parameters = parameters or RadioParameters()
+        self._step = 0
+        self._step_us = step_us
+        self._finished = False
+        self._tally = Tally()
+        self._medium = Medium([address for _, address in robots], parameters, self._tally)
+        self._station = {robot: number for number, (robot, _) in enumerate(robots)}
+        self._ids = [robot for robot, _ in robots]
+        self._hosts = {robot: Host(parameters.host_buffer, self._tally) for robot in self._ids}
+
+    @property
+    def step(self) -> int:
+        """The step that the radio is in."""
+        return self._step
+
+    @property
+    def finished(self) -> bool:
+        """True once the world has halted the run."""
+        return self._finished
+
+    def missing(self, have: Inputs) -> Sequence[Address]:
+        """Truth, then the Transmit of each robot that announced frames, in Truth's order."""
+        if TRUTH.pattern not in have:
+            return _TRUTH_ONLY
+        truth = read(have, TRUTH)
+        if truth.halt:
+            return ()
+        return [at(TRANSMIT, r.id) for r in truth.robots if _sends(r) and TRANSMIT.key(r.id) not in have]
+
+    def advance(self, inputs: Inputs) -> Sequence[Output]:
+        """Compute the medium over the step."""
+        truth = read(inputs, TRUTH)
+        if truth.halt:
+            self._finished = True
+            return ()
+        events = self._events(truth, inputs)
+        outputs = []
+        counts = []
+        for robot in truth.robots:
+            received = self._delivered(robot, events.get(robot.id, []))
+            if received:
+                outputs.append(to(RECEIVED, Received(self._step + 1, tuple(received)), robot.id))
+                counts.append(EventCount(robot.id, len(received)))
+        outputs.append(to(AIRED, Aired(self._step, tuple(counts))))
+        self._step += 1
+        return outputs
+
+    def counters(self) -> dict[str, int]:
+        """What became of all frames and events (`Tally.counters`); `frames_pending` are still under way."""
+        return self._tally.counters() | {"frames_pending": self._medium.frames_pending}
+
+    def _events(self, truth: Truth, inputs: Inputs) -> dict[str, list[RadioEvent]]:
+        """The step's events by robot, in order of their instants."""
+        requests, refusals = self._requests(truth, inputs)
+        by_id = {robot.id: robot for robot in truth.robots}
+        stations = Stations(truth.instant, [by_id.get(robot) for robot in self._ids])
+        until = truth.instant + self._step_us
+        events: dict[str, list[RadioEvent]] = {}
+        for station, event in self._medium.advance(stations, truth.jams, requests, until):
+            events.setdefault(self._ids[station], []).append(event)
+        for robot_id, refused in refusals:
+            events.setdefault(robot_id, []).append(refused)
+        for robot_id in dict.fromkeys(robot_id for robot_id, _ in refusals):
+            events[robot_id].sort(key=lambda event: event.instant)
+        return events
+
+    def _requests(self, truth: Truth, inputs: Inputs) -> tuple[list[Request], list[tuple[str, Refused]]]:
+        """The frames for the medium, and those that it is not given."""
+        requests: list[Request] = []
+        refusals: list[tuple[str, Refused]] = []
+        for robot in truth.robots:
+            if not _sends(robot):
+                continue
+            frames = read(inputs, TRANSMIT, robot.id).frames
+            if len(frames) != robot.transmits:
+                raise AcrcError(
+                    f"Step {self._step}: {robot.id} announced {robot.transmits} frames, "
+                    f"but its Transmit carries {len(frames)}."
+                )
+            for frame in frames:
+                fault = self._fault(robot.id, frame, truth.instant)
+                if fault:
+                    nearest = min(max(frame.instant, truth.instant), truth.instant + self._step_us - 1)
+                    refusals.append((robot.id, Refused(nearest, frame.tag, fault)))
+                else:
+                    requests.append(Request(frame.instant, self._station[robot.id], frame.tag, frame.data))
+        self._tally.frame("refused", len(refusals))
+        return requests, refusals
+
+    def _fault(self, robot: str, frame: Outgoing, start: int) -> str:
+        """One sentence on why the frame is not accepted; empty if it is."""
+        if robot not in self._station:
+            return f"Robot {robot} has no transceiver; the radio was set up without it."
+        if not start <= frame.instant < start + self._step_us:
+            return (
+                f"The frame's instant {frame.instant} µs lies outside step {self._step}; "
+                f"it must be {start} to {start + self._step_us - 1} µs."
+            )
+        return size_fault(len(frame.data))
+
+    def _delivered(self, robot: RobotTruth, events: list[RadioEvent]) -> list[RadioEvent]:
+        """What the robot is given now."""
+        host = self._hosts.get(robot.id)
+        if host is None:  # a robot without a transceiver: all it hears of are refusals
+            return events
+        return host.deliver(events, robot.powered, robot.stepping)
+
+
+def _sends(robot: RobotTruth) -> bool:
+    return robot.stepping and robot.transmits > 0

@@ -1,0 +1,114 @@
+"""A radio core driven by hand: robots that stand where they are put and frames at given instants."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+from actors.messages import (
+    AIRED,
+    RECEIVED,
+    TRANSMIT,
+    TRUTH,
+    Aired,
+    Jam,
+    Message,
+    Outgoing,
+    RadioEvent,
+    Received,
+    RobotTruth,
+    Transmit,
+    Truth,
+)
+from actors.radio.core import RadioCore
+from actors.radio.program import build
+from actors.radio.setup import RadioSetup
+
+STEP = 100_000
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot in Truth but for the frames it sends."""
+
+    x: float
+    y: float = 0.0
+    vx: float = 0.0
+    vy: float = 0.0
+    stepping: bool = True
+    powered: bool = True
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame that `robot` hands to its transceiver."""
+
+    instant: int
+    robot: str
+    tag: int = 0
+    data: bytes = b"12345678901"
+
+    @property
+    def end(self) -> int:
+        """When it has left the antenna if it begins at once; by default 20 octets, 52 symbols of 16 µs."""
+        return self.instant + (12 + 2 * (len(self.data) + 9)) * 16
+
+
+@dataclass
+class Swarm:
+    """The core, the robots by id, and what they were given."""
+
+    robots: dict[str, Robot]
+    step_us: int = STEP
+    preset: str = "chapter"
+    given: dict[str, list[RadioEvent]] = field(default_factory=dict)
+    steps: list[dict[str, list[RadioEvent]]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        addresses = tuple((robot, 100 + number) for number, robot in enumerate(self.robots))
+        self.core: RadioCore = build(RadioSetup(1, self.step_us, addresses, self.preset))
+
+    def change(self, robot: str, **changes: bool) -> None:
+        """Freeze, thaw, kill or restart a robot."""
+        self.robots[robot] = replace(self.robots[robot], **changes)
+
+    def truth(self, frames: Iterable[Frame], jams: Sequence[Jam] = ()) -> Truth:
+        """The next step's Truth."""
+        sent = [frame.robot for frame in frames]
+        robots = tuple(
+            RobotTruth(i, r.x, r.y, 0.0, r.vx, r.vy, 0.0, r.stepping, r.powered, sent.count(i))
+            for i, r in self.robots.items()
+        )
+        return Truth(self.core.step, self.core.step * self.step_us, robots, tuple(jams))
+
+    def run(self, frames: Sequence[Frame] = (), jams: Sequence[Jam] = ()) -> dict[str, list[RadioEvent]]:
+        """Take one step with all the frames given, and check the barrier's bookkeeping."""
+        step = self.core.step
+        have: dict[str, Message] = {}
+        assert [address.key for address in self.core.missing(have)] == [TRUTH.key()]
+        have[TRUTH.key()] = self.truth(frames, jams)
+        senders = [i for i, r in self.robots.items() if r.stepping and any(f.robot == i for f in frames)]
+        assert [address.key for address in self.core.missing(have)] == [TRANSMIT.key(i) for i in senders]
+        for robot in senders:
+            mine = tuple(Outgoing(f.tag, f.instant, f.data) for f in frames if f.robot == robot)
+            have[TRANSMIT.key(robot)] = Transmit(step, mine)
+        assert self.core.missing(have) == []
+        outputs = self.core.advance(have)
+        assert self.core.step == step + 1
+        aired = outputs[-1].message
+        assert outputs[-1].address.key == AIRED.key() and isinstance(aired, Aired) and aired.step == step
+        events: dict[str, list[RadioEvent]] = {}
+        for address, message in outputs[:-1]:
+            assert address.topic is RECEIVED and isinstance(message, Received) and message.step == step + 1
+            events[address.robot] = list(message.events)
+        assert [(c.id, c.events) for c in aired.counts] == [(i, len(e)) for i, e in events.items()]
+        for robot, some in events.items():
+            assert all(event.instant < (step + 1) * self.step_us for event in some)
+            assert [e.instant for e in some] == sorted(e.instant for e in some)
+            self.given.setdefault(robot, []).extend(some)
+        self.steps.append(events)
+        return events
+
+    def run_all(self, frames: Sequence[Frame], steps: int) -> None:
+        """Take so many steps; each frame is given in the step of its instant."""
+        for _ in range(steps):
+            step = self.core.step
+            self.run([f for f in frames if f.instant // self.step_us == step])
