@@ -1,0 +1,74 @@
+"""Connected regions of a grid: which cells can be reached from which, going east, north, west and south."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+
+def flood(passable: NDArray[np.bool_], row: int, column: int) -> NDArray[np.bool_]:
+    """The 4-connected region of passable cells around one cell of the grid; empty if that is not passable."""
+    region: NDArray[np.bool_] = _flood(np.ascontiguousarray(passable), row, column)
+    return region
+
+
+def largest_region(passable: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The 4-connected region with the most cells, of equals the one that begins first in row order."""
+    labels, largest = _regions(np.ascontiguousarray(passable))
+    region: NDArray[np.bool_] = passable & (labels == largest)
+    return region
+
+
+def fingerprint() -> bytes:
+    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    row, column = np.indices((23, 31))
+    passable = (row * 5 + column * column * 3) % 7 != 0
+    return flood(passable, 11, 16).tobytes() + largest_region(passable).tobytes()
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _spread(
+    passable: NDArray[np.bool_], labels: NDArray[np.int32], queue: NDArray[np.int64], start: int, label: int
+) -> int:
+    """Give `label` to the unlabelled passable cells connected to the cell `start`; how many they are."""
+    rows, columns = passable.shape
+    labels.flat[start] = label
+    queue[0] = start
+    count = 1
+    done = 0
+    while done < count:
+        row, column = divmod(queue[done], columns)
+        done += 1
+        for down, right in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+            r, c = row + down, column + right
+            if 0 <= r < rows and 0 <= c < columns and passable[r, c] and labels[r, c] == 0:
+                labels[r, c] = label
+                queue[count] = r * columns + c
+                count += 1
+    return count
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _flood(passable: NDArray[np.bool_], row: int, column: int) -> NDArray[np.bool_]:
+    labels = np.zeros(passable.shape, np.int32)
+    if passable[row, column]:
+        queue = np.empty(passable.size, np.int64)
+        _spread(passable, labels, queue, row * passable.shape[1] + column, 1)
+    return labels > 0
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _regions(passable: NDArray[np.bool_]) -> tuple[NDArray[np.int32], int]:
+    """Every cell's region, counted from 1 (0 = not passable), and which region is the largest."""
+    labels = np.zeros(passable.shape, np.int32)
+    queue = np.empty(passable.size, np.int64)
+    regions = 0
+    most = 0
+    largest = 1
+    for start in range(passable.size):
+        if passable.flat[start] and labels.flat[start] == 0:
+            regions += 1
+            count = _spread(passable, labels, queue, start, regions)
+            if count > most:
+                most = count
+                largest = regions
+    return labels, largest
