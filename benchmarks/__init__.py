@@ -1,0 +1,1 @@
+"""Measurements that a person runs to judge the testbed."""
