@@ -22,8 +22,9 @@ def test_the_overlap_of_two_maps_that_lie_apart() -> None:
     one = plan("..", "..")
     other = plan("..", "..", origin=Point(1.0, 0.0))
     assert compare(Floor(one, one.free), Floor(other, other.free)).overlap == pytest.approx(1 / 3)
-    away = plan("..", "..", origin=Point(-7.0, -9.0))
-    assert compare(Floor(one, one.free), Floor(away, away.free)).overlap == 0.0
+    for origin in (Point(-7.0, 0.0), Point(7.0, 0.0), Point(0.0, -9.0), Point(0.0, 9.0)):
+        away = plan("..", "..", origin=origin)
+        assert compare(Floor(one, one.free), Floor(away, away.free)).overlap == 0.0
 
 
 def test_the_command_prints_areas_and_overlap(capsys: pytest.CaptureFixture[str]) -> None:

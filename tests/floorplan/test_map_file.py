@@ -43,6 +43,11 @@ def test_the_thresholds_make_three_states_and_the_top_row_is_the_north(tmp_path:
     assert (grid.resolution, grid.origin) == (0.05, Point(-1.0, 2.0))
 
 
+def test_a_pixel_exactly_at_a_threshold_is_unknown(tmp_path: Path) -> None:
+    grid = load_map(written(tmp_path, free_thresh="0", occupied_thresh="1"))
+    assert (grid.cells == UNKNOWN).all()
+
+
 def test_negate_makes_white_the_wall(tmp_path: Path) -> None:
     grid = load_map(written(tmp_path, negate="1", mode="trinary"))
     assert grid.cells.tolist() == [[OCCUPIED, OCCUPIED, UNKNOWN], [FREE, UNKNOWN, OCCUPIED]]

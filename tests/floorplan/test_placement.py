@@ -71,6 +71,15 @@ def test_areas_are_picked_by_surface_and_cut_to_their_exact_edges() -> None:
     assert stats.kstest(y, stats.uniform(1.01, 1.98).cdf).pvalue > 0.01
 
 
+def test_cells_that_an_area_cuts_are_drawn_as_seldom_as_they_are_small() -> None:
+    area = Area("across three cells", 1.9, 1.0, 3.2, 2.0)
+    points = draw_points(
+        room(5.0, 1.0), 2000, rng=rng(), clearance=0.0, apart=0.0, areas=[area], start=Point(2.5, 2.5)
+    )
+    x = [point.x for point in points]
+    assert stats.kstest(x, stats.uniform(1.9, 1.3).cdf).pvalue > 0.01
+
+
 def test_a_full_area_leaves_the_draw_to_the_others() -> None:
     cell, wide = Area("cell", 1.0, 1.0, 1.1, 1.1), Area("wide", 2.0, 0.0, 4.0, 4.0)
     points = draw_points(ROOM, 5, rng=rng(), areas=[cell, wide])
