@@ -1,0 +1,113 @@
+"""The credentials of one run: a random password per actor, each in a file that only its owner can read.
+
+They are no part of a run's result: neither recorded nor in any digest, so they may differ from run to run.
+"""
+
+import os
+import re
+import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from actors.runtime.errors import AcrcError
+
+OTHERS: Final = ("radio", "observer", "operator")
+"""The clients that are no robots."""
+
+_ID: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
+_SOCKET_PATH_LIMIT: Final = 107
+"""Bytes of a Unix socket's path on Linux: sun_path less the closing zero (unix(7))."""
+_PASSWORD_BYTES: Final = 24
+
+
+class AccessError(AcrcError):
+    """Credentials, access rules or a router socket cannot be set up or used."""
+
+
+@dataclass(frozen=True)
+class Credentials:
+    """Where the credentials of one run lie, and the sockets at which the router awaits each actor."""
+
+    robots: tuple[str, ...]
+    others: tuple[str, ...]
+    dictionary: Path
+    """All names and passwords, for the router only."""
+    files: Mapping[str, Path]
+    """Per actor, its `user:password`."""
+    sockets: Mapping[str, Path]
+    """Per actor, the router's socket; the actors that are no robots share one."""
+
+    def endpoint(self, actor: str) -> str:
+        """Where `actor` connects to."""
+        return unix_endpoint(self.sockets[actor])
+
+
+def unix_endpoint(socket: Path) -> str:
+    """A Unix socket as Zenoh spells it."""
+    return f"unixsock-stream/{socket}"
+
+
+def issue(robot_folders: Mapping[str, Path], infra: Path, others: Sequence[str] = OTHERS) -> Credentials:
+    """Draw new passwords and write them: one file per robot in its folder, all others in the folder `infra`.
+
+    The folders must exist. Files are readable by their owner only and hold `user:password` on one line.
+    Raises AccessError for a name that cannot be part of a key or is used twice, and for a path that is too
+    long for a socket.
+    """
+    _check_names([*robot_folders, *others])
+    places = {robot: (folder.resolve(), "credentials") for robot, folder in robot_folders.items()}
+    places |= {other: (infra.resolve(), f"{other}.credentials") for other in others}
+    sockets = {actor: folder / "router.sock" for actor, (folder, _) in places.items()}
+    files = {actor: folder / name for actor, (folder, name) in places.items()}
+    for socket in sockets.values():
+        _check_length(socket)
+    lines = {actor: f"{actor}:{secrets.token_urlsafe(_PASSWORD_BYTES)}" for actor in files}
+    for actor, file in files.items():
+        _write_secret(file, lines[actor])
+    dictionary = infra.resolve() / "users"
+    _write_secret(dictionary, "\n".join(lines.values()))
+    return Credentials(tuple(robot_folders), tuple(others), dictionary, files, sockets)
+
+
+def read(file: Path) -> tuple[str, str]:
+    """The user and the password that `file` holds; AccessError where it cannot be read or holds neither."""
+    try:
+        user, _, password = file.read_text("utf-8").strip().partition(":")
+    except OSError as error:
+        raise AccessError(
+            f"the credentials file {file} cannot be read ({error.strerror}); "
+            "the start of the run should have written it"
+        ) from error
+    if not (user and password):
+        raise AccessError(f"the credentials file {file} should hold one line user:password, but does not")
+    return user, password
+
+
+def _check_names(names: Sequence[str]) -> None:
+    for name in names:
+        if not _ID.fullmatch(name):
+            raise AccessError(
+                f"the actor id {name!r} cannot be part of a key; "
+                "letters, digits, '-' and '_' would have been right, a letter or a digit first"
+            )
+        if names.count(name) > 1:
+            raise AccessError(f"the actor id {name!r} is used twice; every actor needs its own")
+
+
+def _check_length(socket: Path) -> None:
+    length = len(os.fsencode(socket))
+    if length > _SOCKET_PATH_LIMIT:
+        raise AccessError(
+            f"the path of the router's socket {socket} has {length} bytes, but Linux allows "
+            f"{_SOCKET_PATH_LIMIT}; a shorter output folder would have been right"
+        )
+
+
+def _write_secret(file: Path, text: str) -> None:
+    """Write a new file for the owner's eyes; never through a link that somebody laid there."""
+    file.unlink(missing_ok=True)
+    handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
+    with os.fdopen(handle, "w", encoding="utf-8") as out:
+        out.write(text + "\n")

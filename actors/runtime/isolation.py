@@ -1,0 +1,151 @@
+"""A robot's process shut off from its peers: what is left is its own folder, with the router's socket in it.
+
+Linux only: user, network, mount and IPC namespaces, no capabilities, and a filter on system calls. Works for
+root and, where unprivileged user namespaces are allowed, for everyone. docs/isolation.md says what is closed.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from actors.runtime import linux, mounts, syscall_filter
+from actors.runtime.errors import AcrcError
+
+_NAMESPACES: Final = linux.CLONE_NEWUSER | linux.CLONE_NEWNET | linux.CLONE_NEWNS | linux.CLONE_NEWIPC
+_TRIAL: Final = "import sys; from actors.runtime.isolation import trial; trial(sys.argv[1])"
+
+
+class IsolationError(AcrcError):
+    """A robot's process cannot be shut off from its peers."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What one robot's process keeps when it is isolated."""
+
+    own: Path
+    """The robot's own folder: credentials, router socket, recording. It stays writable at the same path."""
+    hidden: tuple[Path, ...] = ()
+    """Folders that must not be seen, such as the run's output folder; the own folder may lie in one.
+    /tmp, /var/tmp, /run, /dev and /sys are always replaced."""
+    readable: tuple[Path, ...] = ()
+    """Files and folders that the robot must read and that lie in a hidden folder: map, strategy. Python's own
+    folders are always readable."""
+    log: Path | None = None
+    """File in the own folder that stdout and stderr go to. None: they stay what they are, and then the
+    starter must have given this robot ones of its own, for a shared pipe or terminal is a way to a peer."""
+    descriptors: tuple[int, ...] = (1, 2)
+    """Open descriptors to keep; none may be a folder. All others become /dev/null."""
+    scratch_bytes: int = 64 * 1024 * 1024
+    """Size of each private scratch folder (/tmp, /var/tmp, /run, /dev/shm), B."""
+
+
+def isolate(plan: Plan) -> None:
+    """Shut this process off, for good; its working directory becomes `plan.own`.
+
+    To be called with one thread only, so before Zenoh and numpy start theirs. Afterwards files outside
+    `plan.own` and the scratch folders can only be read, no process but itself is seen or reached, there is no
+    network, and file locks, watches and new namespaces are refused. Raises IsolationError where the system
+    does not allow this.
+    """
+    if sys.platform != "linux":
+        raise IsolationError(_sentence(f"isolation needs Linux, this is {sys.platform}"))
+    if not syscall_filter.supported():
+        raise IsolationError(_sentence(f"isolation knows x86_64 and aarch64, this is {os.uname().machine}"))
+    if len(list(Path("/proc/self/task").iterdir())) > 1:
+        raise RuntimeError("isolate() must be called before the process starts its second thread")
+    try:
+        separate(plan)
+        linux.drop_capabilities()
+        syscall_filter.install()
+    except OSError as error:
+        raise IsolationError(_sentence(f"{plan.own} cannot be isolated: {_said(error)}")) from error
+
+
+def separate(plan: Plan) -> None:
+    """The first part of `isolate`: own descriptors, namespaces and file tree; capabilities are kept."""
+    view = mounts.View(
+        plan.own.resolve(strict=True),
+        tuple(path.resolve() for path in plan.hidden),
+        tuple(path.resolve() for path in (*plan.readable, *_python_folders())),
+        plan.scratch_bytes,
+    )
+    _shed_descriptors(plan)
+    user, group = os.getuid(), os.getgid()
+    linux.unshare(_NAMESPACES)
+    Path("/proc/self/setgroups").write_text("deny")
+    Path("/proc/self/uid_map").write_text(f"{user} {user} 1")
+    Path("/proc/self/gid_map").write_text(f"{group} {group} 1")
+    mounts.enter(view)
+
+
+def available() -> str | None:
+    """Why a process cannot be isolated on this machine, in one sentence; None if it can.
+
+    Tries it in a child process.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        search = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
+        trial_run = subprocess.run(
+            [sys.executable, "-c", _TRIAL, folder],
+            env={**os.environ, "PYTHONPATH": search},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    if trial_run.returncode == 0:
+        return None
+    return trial_run.stdout.strip() or _sentence(
+        f"the trial of isolation ended with: {trial_run.stderr.strip()[-300:]}"
+    )
+
+
+def trial(folder: str) -> None:
+    """Isolate this process in `folder`; on failure print the reason and exit with 1."""
+    try:
+        isolate(Plan(own=Path(folder)))
+    except IsolationError as error:
+        sys.stdout.write(str(error))
+        sys.exit(1)
+
+
+def _python_folders() -> list[Path]:
+    """Where modules may still be imported from after isolation."""
+    return [Path(path) for path in (sys.prefix, sys.base_prefix, *sys.path) if path]
+
+
+def _shed_descriptors(plan: Plan) -> None:
+    """Turn what was inherited into /dev/null.
+
+    Closing would free the numbers, and an object that still believes to own one would close another's file.
+    """
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for number in [int(entry.name) for entry in Path("/proc/self/fd").iterdir()]:
+        if number not in plan.descriptors and number != nothing and _is_open(number):
+            os.dup2(nothing, number, inheritable=number < 3)
+    os.close(nothing)
+    if plan.log is not None:
+        log = os.open(plan.log, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o600)
+        for number in (1, 2):
+            os.dup2(log, number)
+        os.close(log)
+
+
+def _is_open(number: int) -> bool:
+    try:
+        os.fstat(number)
+    except OSError:
+        return False
+    return True
+
+
+def _said(error: OSError) -> str:
+    return f"{error.strerror} ({error.filename})" if error.filename else str(error.strerror)
+
+
+def _sentence(reason: str) -> str:
+    return f"{reason}; allow unprivileged user namespaces on this machine, or run with --no-isolate"

@@ -1,0 +1,119 @@
+"""The Linux system calls behind isolation that Python 3.11 has no function for.
+
+Each raises OSError with what was tried in its text. Numbers are those of the kernel's uapi headers
+(sched.h, mount.h, prctl.h, capability.h).
+"""
+
+import ctypes
+import os
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+CLONE_NEWNS: Final = 0x0002_0000
+CLONE_NEWCGROUP: Final = 0x0200_0000
+CLONE_NEWUTS: Final = 0x0400_0000
+CLONE_NEWIPC: Final = 0x0800_0000
+CLONE_NEWUSER: Final = 0x1000_0000
+CLONE_NEWPID: Final = 0x2000_0000
+CLONE_NEWNET: Final = 0x4000_0000
+
+MS_RDONLY: Final = 0x1
+MS_NOSUID: Final = 0x2
+MS_NODEV: Final = 0x4
+MS_NOEXEC: Final = 0x8
+MS_REMOUNT: Final = 0x20
+MS_NOATIME: Final = 0x400
+MS_NODIRATIME: Final = 0x800
+MS_BIND: Final = 0x1000
+MS_MOVE: Final = 0x2000
+MS_REC: Final = 0x4000
+MS_PRIVATE: Final = 0x4_0000
+MS_RELATIME: Final = 0x20_0000
+MS_STRICTATIME: Final = 0x100_0000
+
+_ST_RELATIME: Final = 0x1000
+_SYS_MOUNT_SETATTR: Final = 442
+_AT_FDCWD: Final = -100
+_AT_RECURSIVE: Final = 0x8000
+_MOUNT_ATTR_RDONLY: Final = 0x1
+
+PR_SET_PDEATHSIG: Final = 1
+PR_SET_SECCOMP: Final = 22
+_PR_CAPBSET_DROP: Final = 24
+_PR_SET_NO_NEW_PRIVS: Final = 38
+_PR_CAP_AMBIENT: Final = 47
+_PR_CAP_AMBIENT_CLEAR_ALL: Final = 4
+_CAPABILITY_VERSION_3: Final = 0x2008_0522
+
+
+@cache
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
+
+
+def _checked(result: int, what: str) -> int:
+    if result == -1:
+        number = ctypes.get_errno()
+        raise OSError(number, f"{what}: {os.strerror(number)}")
+    return result
+
+
+def unshare(flags: int) -> None:
+    """Move this process into new namespaces (unshare(2))."""
+    _checked(_libc().unshare(flags), "unshare of user, network, mount and IPC namespaces")
+
+
+def mount(source: str | None, target: str | Path, kind: str | None, flags: int, options: str = "") -> None:
+    """Mount, bind, move or remount (mount(2))."""
+    place = os.fsencode(target)
+    result = _libc().mount(
+        None if source is None else os.fsencode(source),
+        place,
+        None if kind is None else kind.encode(),
+        ctypes.c_ulong(flags),
+        options.encode() or None,
+    )
+    _checked(result, f"mount on {target}")
+
+
+def mount_flags(path: str | Path) -> int:
+    """The per-mount flags in force at `path`, to be repeated when it is remounted; MS_RDONLY left out."""
+    found = os.statvfs(path).f_flag
+    flags = found & (MS_NOSUID | MS_NODEV | MS_NOEXEC | MS_NOATIME | MS_NODIRATIME)
+    if found & _ST_RELATIME:
+        return flags | MS_RELATIME
+    return flags if flags & MS_NOATIME else flags | MS_STRICTATIME
+
+
+def set_tree_readonly(path: str) -> None:
+    """Make the mount at `path` and all below it read-only in one call (mount_setattr(2), Linux 5.12)."""
+    attributes = (ctypes.c_uint64 * 4)(_MOUNT_ATTR_RDONLY, 0, 0, 0)
+    result = _libc().syscall(
+        ctypes.c_long(_SYS_MOUNT_SETATTR),
+        ctypes.c_long(_AT_FDCWD),
+        os.fsencode(path),
+        ctypes.c_ulong(_AT_RECURSIVE),
+        ctypes.byref(attributes),
+        ctypes.c_ulong(ctypes.sizeof(attributes)),
+    )
+    _checked(result, f"mount_setattr on {path}")
+
+
+def prctl(option: int, argument: int = 0, more: int | ctypes.c_void_p = 0) -> None:
+    """Change something of this process (prctl(2))."""
+    last = more if isinstance(more, ctypes.c_void_p) else ctypes.c_ulong(more)
+    result = _libc().prctl(option, ctypes.c_ulong(argument), last, ctypes.c_ulong(0), ctypes.c_ulong(0))
+    _checked(result, f"prctl option {option}")
+
+
+def drop_capabilities() -> None:
+    """Give up every capability, also for programs that this process executes later (capabilities(7))."""
+    last = int(Path("/proc/sys/kernel/cap_last_cap").read_text())
+    for capability in range(last + 1):
+        prctl(_PR_CAPBSET_DROP, capability)
+    prctl(_PR_CAP_AMBIENT, _PR_CAP_AMBIENT_CLEAR_ALL)
+    header = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION_3, 0)
+    nothing = (ctypes.c_uint32 * 6)()
+    _checked(_libc().capset(header, nothing), "capset")
+    prctl(_PR_SET_NO_NEW_PRIVS, 1)
