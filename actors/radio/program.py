@@ -1,9 +1,19 @@
-"""The radio's core from its setup."""
+"""The radio's process: its command line, its set-up and its core."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from actors.messages import RADIO_READY, TRANSMIT, TRUTH, Ready
 from actors.radio.core import RadioCore
 from actors.radio.parameters import preset
 from actors.radio.setup import RadioSetup
+from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
+from actors.runtime.process import Part, RunNote
+from actors.runtime.seat import ArgumentParser, Seat, add_seat_options, seat
 
 GREATEST_ADDRESS = 0xFFFD
 """0xFFFE and 0xFFFF mean "no address" and "everyone" (IEEE 802.15.4-2006, 7.2.1)."""
@@ -30,3 +40,52 @@ def build(setup: RadioSetup) -> RadioCore:
         owners[address] = robot
         names.add(robot)
     return RadioCore(setup.robots, setup.step_us, parameters)
+
+
+@dataclass(frozen=True)
+class RadioOptions:
+    """The radio's command line."""
+
+    setup: Path
+    """JSON file with a RadioSetup."""
+    seat: Seat
+
+
+def parse(argv: Sequence[str]) -> RadioOptions:
+    """The options in `argv`; ArgumentError if they make no sense."""
+    parser = ArgumentParser(prog="python -m actors.radio", description="Simulates the air.")
+    parser.add_argument("--setup", required=True, type=Path, help="JSON file with the radio's set-up")
+    add_seat_options(parser)
+    given = parser.parse_args(argv)
+    return RadioOptions(given.setup, seat(given))
+
+
+def load_setup(path: Path) -> RadioSetup:
+    """The set-up in a JSON file."""
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=RadioSetup)
+    except (OSError, msgspec.DecodeError) as error:
+        raise AcrcError(f"{path}: no set-up of a radio: {error}") from None
+
+
+def part(argv: Sequence[str]) -> Part:
+    """The radio that `argv` describes, with its connections."""
+    options = parse(argv)
+    setup = load_setup(options.setup)
+    core = build(setup)
+    run = RunNote(
+        actor="radio",
+        argv=tuple(argv),
+        seed=setup.seed,
+        step_us=setup.step_us,
+        commit=options.seat.commit,
+        scenario=msgspec.json.encode(setup).decode(),
+        kernels={},
+    )
+    return Part(
+        core=core,
+        listens=(at(TRUTH), at(TRANSMIT, "*")),
+        run=run,
+        ready=to(RADIO_READY, Ready(0, "radio", 0, "")),
+        outcome=lambda: {"frames": core.counters()},
+    )

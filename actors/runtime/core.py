@@ -13,7 +13,7 @@ M = TypeVar("M", bound=Message)
 
 
 class Address(NamedTuple):
-    """One key on the bus: a topic and, where the topic has one, the robot's id."""
+    """One key on the bus: a topic and, where the topic has one, the robot's id ("*" = every robot)."""
 
     topic: Topic[Message]
     robot: str = ""

@@ -1,0 +1,28 @@
+"""The radio as a program: `python -m actors.radio --setup FILE --router ENDPOINT …`."""
+
+import os
+import sys
+from collections.abc import Sequence
+
+from actors.radio.program import parse, part
+from actors.runtime.access import client_config
+from actors.runtime.errors import AcrcError
+from actors.runtime.parent import die_with_parent
+from actors.runtime.process import play
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run the radio; the exit code."""
+    try:
+        options = parse(argv)
+        if options.seat.with_parent:
+            die_with_parent(os.getppid())
+        config = client_config(options.seat.credentials, options.seat.router)
+        return play(part(argv), options.seat.record, config)
+    except AcrcError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

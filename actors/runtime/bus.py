@@ -1,0 +1,26 @@
+"""The small interface behind which Zenoh, memory and replay look alike to an actor."""
+
+from typing import NamedTuple, Protocol
+
+from actors.messages import Message, Topic
+
+
+class Delivery(NamedTuple):
+    """Encoded bytes that arrived on a key."""
+
+    topic: Topic[Message]
+    key: str
+    payload: bytes
+
+
+class Bus(Protocol):
+    """Carries encoded messages between actors; keeps the order of one sender's messages on one key."""
+
+    def publish(self, key: str, payload: bytes) -> None:
+        """Hand `payload` to everyone who listens to `key`; never drops."""
+
+    def receive(self, topic: Topic[Message]) -> Delivery:
+        """The next message on any key of `topic`; waits for it."""
+
+    def poll(self, topic: Topic[Message]) -> Delivery | None:
+        """The next message on any key of `topic` if one is there."""

@@ -1,0 +1,146 @@
+"""What every actor process does around its shell: join the mesh, say Ready, run, leave an honest record."""
+
+import gc
+import os
+import resource
+import sys
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import msgspec
+import zenoh
+
+from actors.runtime.core import Address, Core, Output
+from actors.runtime.errors import AcrcError
+from actors.runtime.recording import Recorder
+from actors.runtime.shell import Shell
+from actors.runtime.tally import ActorDigest
+from actors.runtime.zenoh_bus import ZenohBus, open_mesh, run_shell
+
+ROUTER_PATIENCE_S: Final = 30.0
+"""How long a process tries to reach the router."""
+
+
+class RunNote(msgspec.Struct, frozen=True):
+    """The first record of every file: what this process is and what it was started with."""
+
+    actor: str
+    argv: tuple[str, ...]
+    seed: int
+    step_us: int
+    commit: str
+    scenario: str
+    kernels: dict[str, str]
+    """Fingerprint of each numeric kernel on fixed inputs, by module."""
+
+
+class FinalNote(msgspec.Struct, frozen=True):
+    """The last record of a process that ended as planned."""
+
+    digest: ActorDigest
+    published: int
+    received: int
+    unread: int
+    """Messages received that the core never took."""
+    cpu_s: float
+    """From the process's start to its end."""
+    startup_cpu_s: float
+    """The share of it before the first step."""
+    memory_peak_mb: float
+    started_s: float
+    """Wall clock when the first step began, s since the epoch."""
+    ended_s: float
+    outcome: dict[str, msgspec.Raw] = {}
+    """What the actor has to say about the run, by subject."""
+
+
+class FailureNote(msgspec.Struct, frozen=True):
+    """The last record of a process that failed: the step it was in, and the cause in one sentence."""
+
+    actor: str
+    step: int
+    cause: str
+    expected: bool
+    """True for an AcrcError, whose sentence says it all; False for a bug, whose traceback is in the log."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """What a process plays: its core and the core's connections."""
+
+    core: Core
+    listens: Sequence[Address]
+    run: RunNote
+    ready: Output | None = None
+    open_to: Callable[[], Sequence[Address]] = tuple
+    drive: Callable[[Shell, ZenohBus], None] = run_shell
+    outcome: Callable[[], dict[str, object]] = dict
+
+
+class Began(NamedTuple):
+    """The clocks when a process was ready for its first step, s."""
+
+    wall_s: float
+    """Since the epoch."""
+    cpu_s: float
+
+
+def play(part: Part, record: Path, config: zenoh.Config) -> int:
+    """Run an actor to its end over the mesh; the exit code: 0 = ended as planned, 1 = failed."""
+    with ExitStack() as stack:
+        recorder = stack.enter_context(Recorder(record, part.run.step_us))
+        recorder.note("run", part.run)
+        try:
+            bus = stack.enter_context(open_mesh(config, part.listens, patience_s=ROUTER_PATIENCE_S))
+            shell = Shell(part.core, bus, recorder, actor=part.run.actor, open_to=part.open_to)
+            if part.ready is not None:
+                shell.send(part.ready)
+            gc.freeze()
+            began = Began(time.time(), time.process_time())
+            part.drive(shell, bus)
+            recorder.note("final", final_note(shell, part, began, time.process_time()))
+        except Exception as error:
+            recorder.note("failure", failure_note(part.run.actor, part.core.step, error))
+            return 1
+    return 0
+
+
+def final_note(shell: Shell, part: Part, began: Began, cpu_s: float) -> FinalNote:
+    """The counters of a process that has run to its end."""
+    return FinalNote(
+        digest=shell.tally.hash.digest(shell.actor),
+        published=shell.tally.published,
+        received=shell.tally.received,
+        unread=shell.unread,
+        cpu_s=cpu_s,
+        startup_cpu_s=began.cpu_s,
+        memory_peak_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        started_s=began.wall_s,
+        ended_s=time.time(),
+        outcome={name: msgspec.Raw(msgspec.json.encode(value)) for name, value in part.outcome().items()},
+    )
+
+
+def failure_note(actor: str, step: int, error: Exception) -> FailureNote:
+    """The cause in one sentence; a bug's traceback goes to standard error, which is the process's log."""
+    if isinstance(error, AcrcError):
+        return FailureNote(actor, step, str(error), expected=True)
+    traceback.print_exc()
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{Path(frame.filename).name}:{frame.lineno}"
+    return FailureNote(actor, step, f"{type(error).__name__}: {error} ({place})", expected=False)
+
+
+def open_log(path: Path) -> None:
+    """Send this process's standard output and error to a file, from the operating system's level on."""
+    stream = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os.dup2(stream, 1)
+    os.dup2(stream, 2)
+    os.close(stream)

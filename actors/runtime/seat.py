@@ -1,0 +1,50 @@
+"""The options that every actor process shares, on its command line."""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+from actors.runtime.errors import AcrcError
+
+
+class ArgumentError(AcrcError):
+    """A command line that does not say what the actor needs."""
+
+
+class ArgumentParser(argparse.ArgumentParser):
+    """An argparse parser whose errors are sentences for the caller to show."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise ArgumentError instead of printing the usage and exiting."""
+        raise ArgumentError(f"{self.prog}: {message}")
+
+
+@dataclass(frozen=True)
+class Seat:
+    """An actor process's place in a run."""
+
+    router: str
+    """Endpoint of the router, such as `unixsock-stream//run/acrc/r1/router.sock`."""
+    credentials: Path
+    """File with one line `user:password`."""
+    record: Path
+    """The MCAP file to write; must not exist."""
+    commit: str
+    """Version of the software, for the first record."""
+    with_parent: bool
+    """End as soon as the process that started this one has ended."""
+
+
+def add_seat_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that `seat` reads."""
+    parser.add_argument("--router", required=True, help="endpoint of the router")
+    parser.add_argument("--credentials", required=True, type=Path, help="file with one line user:password")
+    parser.add_argument("--record", required=True, type=Path, help="MCAP file to write")
+    parser.add_argument("--commit", default="", help="version of the software, for the first record")
+    parser.add_argument("--with-parent", action="store_true", help="end when the starting process ends")
+
+
+def seat(options: argparse.Namespace) -> Seat:
+    """The shared options out of a parsed command line."""
+    return Seat(options.router, options.credentials, options.record, options.commit, options.with_parent)

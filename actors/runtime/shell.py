@@ -1,0 +1,134 @@
+"""The one shell around every core: it gathers, advances, counts, records and publishes."""
+
+import hashlib
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Final, Protocol
+
+from actors.messages import Message
+from actors.runtime.bus import Delivery
+from actors.runtime.codec import decode, encode
+from actors.runtime.core import Address, Core, Output
+from actors.runtime.errors import AcrcError
+from actors.runtime.recording import Journal
+from actors.runtime.tally import Tally, is_digested, is_telemetry
+
+
+class OutOfTurnError(AcrcError):
+    """A message that the protocol does not allow at this point."""
+
+
+class Outlet(Protocol):
+    """The sending half of a bus."""
+
+    def publish(self, key: str, payload: bytes) -> None:
+        """Hand `payload` to everyone who listens to `key`."""
+
+
+class Shell:
+    """Runs one core over whatever delivers to it.
+
+    `open_to` names the addresses whose messages the core takes along at its next advance if there are any;
+    all others are taken only when the core says that it is missing them.
+    """
+
+    INBOX_LIMIT: Final = 100_000
+    """Messages that may wait for the core; more mean that the barrier is broken."""
+
+    def __init__(
+        self,
+        core: Core,
+        outlet: Outlet,
+        journal: Journal,
+        *,
+        actor: str,
+        open_to: Callable[[], Sequence[Address]] = tuple,
+    ) -> None:
+        self.actor = actor
+        self.core = core
+        self.tally = Tally()
+        self.advances = 0
+        self._outlet = outlet
+        self._journal = journal
+        self.open_to = open_to
+        self._inbox: dict[str, deque[bytes]] = {}
+        self._waiting = 0
+        self._inputs: dict[str, Message] = {}
+        self._awaited: list[Address] = []
+
+    @property
+    def finished(self) -> bool:
+        """True once the core will take no further step."""
+        return self.core.finished
+
+    @property
+    def unread(self) -> int:
+        """Messages that have arrived and that the core has not taken."""
+        return self._waiting
+
+    @property
+    def awaited(self) -> Sequence[Address]:
+        """What the core is missing and has not arrived, next one first."""
+        return self._awaited[::-1]
+
+    def deliver(self, delivery: Delivery) -> None:
+        """Keep a message until the core wants it."""
+        if self._waiting >= self.INBOX_LIMIT:
+            raise OutOfTurnError(
+                f"step {self.core.step}: {self.actor} has {self._waiting} messages waiting, the last one on "
+                f"{delivery.key}, and takes none; at most {self.INBOX_LIMIT} may wait"
+            )
+        self._waiting += 1
+        self.tally.received += 1
+        self._inbox.setdefault(delivery.key, deque()).append(delivery.payload)
+
+    def pump(self) -> Address | None:
+        """Advance the core once if everything it misses is here; else the first address that is missing."""
+        while True:
+            while self._awaited:
+                if not self._take(self._awaited[-1]):
+                    return self._awaited[-1]
+                self._awaited.pop()
+            self._awaited = list(reversed(self.core.missing(self._inputs)))
+            if not self._awaited:
+                break
+        for address in self.open_to():
+            self._take(address)
+        self._advance()
+        return None
+
+    def send(self, output: Output) -> None:
+        """Publish one message outside of an advance, such as Ready."""
+        address, message = output
+        key = address.key
+        payload = encode(message)
+        if not is_telemetry(address.topic):
+            sequence = self.tally.sending(key)
+            sha256 = hashlib.sha256(payload).digest()
+            self._journal.sent(key, message.step, sequence, payload, sha256)
+            if is_digested(address.topic.pattern):
+                self.tally.hash.add(key, message.step, sequence, sha256)
+        self._outlet.publish(key, payload)
+
+    def _take(self, address: Address) -> bool:
+        """Move the oldest waiting message of `address` to the inputs; False if there is none."""
+        key = address.key
+        waiting = self._inbox.get(key)
+        if not waiting:
+            return False
+        payload = waiting.popleft()
+        self._waiting -= 1
+        message = decode(address.topic, key, payload)
+        self._journal.received(key, self.core.step, self.tally.receiving(key), payload)
+        self._inputs[key] = message
+        return True
+
+    def _advance(self) -> None:
+        step = self.core.step
+        outputs = self.core.advance(self._inputs)
+        self._inputs = {}
+        self.advances += 1
+        for output in outputs:
+            self.send(output)
+        if self.core.step != step or self.core.finished:
+            self._journal.flush()

@@ -1,0 +1,80 @@
+"""The mesh: one Zenoh session per process; every put blocks rather than drops."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Final
+
+import zenoh
+
+from actors.messages import Message, Topic
+from actors.runtime.bus import Delivery
+from actors.runtime.core import Address
+from actors.runtime.errors import AcrcError
+from actors.runtime.shell import Shell
+
+
+class MeshError(AcrcError):
+    """No session with the router."""
+
+
+class ZenohBus:
+    """Publishes and receives over one session; each listened topic has a queue of its own.
+
+    A full queue holds the sender up (congestion control BLOCK); nothing is dropped.
+    """
+
+    QUEUE: Final = 4096
+
+    def __init__(self, session: zenoh.Session, listens: Sequence[Address]) -> None:
+        self._session = session
+        self._subscribers: dict[Topic[Message], Any] = {
+            address.topic: session.declare_subscriber(address.key, zenoh.handlers.FifoChannel(self.QUEUE))
+            for address in listens
+        }
+
+    def publish(self, key: str, payload: bytes) -> None:
+        """Hand `payload` to everyone who listens to `key`; waits while a queue is full."""
+        self._session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    def receive(self, topic: Topic[Message]) -> Delivery:
+        """The next message on any key of `topic`; waits for it, and lets signal handlers run."""
+        return _delivery(topic, self._subscribers[topic].recv())
+
+    def poll(self, topic: Topic[Message]) -> Delivery | None:
+        """The next message on any key of `topic` if one is there."""
+        sample = self._subscribers[topic].try_recv()
+        return None if sample is None else _delivery(topic, sample)
+
+
+def _delivery(topic: Topic[Message], sample: zenoh.Sample) -> Delivery:
+    return Delivery(topic, str(sample.key_expr), sample.payload.to_bytes())
+
+
+@contextmanager
+def open_mesh(config: zenoh.Config, listens: Sequence[Address], *, patience_s: float) -> Iterator[ZenohBus]:
+    """A bus over a new session; tries again for `patience_s` while the router is not there yet."""
+    zenoh.init_log_from_env_or("error")
+    deadline = time.monotonic() + patience_s
+    while True:
+        try:
+            session = zenoh.open(config)
+            break
+        except zenoh.ZError as error:
+            if time.monotonic() > deadline:
+                raise MeshError(f"no session with the router within {patience_s:g} s: {error}") from None
+            time.sleep(0.005)
+    with session:
+        yield ZenohBus(session, listens)
+
+
+def run_shell(shell: Shell, bus: ZenohBus, before_pump: Callable[[], None] = lambda: None) -> None:
+    """Drive `shell` over `bus` until its core has finished."""
+    while not shell.finished:
+        before_pump()
+        for address in shell.open_to():
+            while (delivery := bus.poll(address.topic)) is not None:
+                shell.deliver(delivery)
+        awaited = shell.pump()
+        if awaited is not None:
+            shell.deliver(bus.receive(awaited.topic))

@@ -1,0 +1,1 @@
+"""Bodies, floor plan, sensing, and the conductor of simulated time."""

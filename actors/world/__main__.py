@@ -1,0 +1,39 @@
+"""The world as a program: `python -m actors.world --setup FILE --router FOLDER --record FILE`."""
+
+import signal
+import sys
+from collections.abc import Sequence
+from types import FrameType
+
+from actors.runtime import router_file
+from actors.runtime.access import router_config
+from actors.runtime.errors import AcrcError
+from actors.runtime.parent import die_with_parent
+from actors.runtime.process import play
+from actors.world.program import Conductor, build, load_setup, parse, part, run_note
+
+
+def main(argv: Sequence[str]) -> int:
+    """Conduct a run; the exit code."""
+    signal.signal(signal.SIGTERM, _leave)
+    die_with_parent(signal.SIGTERM)
+    try:
+        options = parse(argv)
+        setup = load_setup(options.setup)
+        core = build(setup)
+        conductor = Conductor(core, options.speed, options.patience)
+        note = run_note(setup, argv, options.commit)
+        config = router_config(router_file.read(options.router))
+        return play(part(core, note, conductor.drive), options.record, config)
+    except AcrcError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    """End in order, so that the router's sockets are removed."""
+    raise SystemExit(128 + number)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,126 @@
+"""All bodies of a world: what moves them, what they sense, and where they truly are, by index."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.geometry import Point, Pose, Twist
+from actors.grid import outline
+from actors.instant import Instant
+from actors.map_file import load_map
+from actors.messages import Drive, Scan, Senses
+from actors.placement import check_pose
+from actors.randomness import generator
+from actors.robot_model import load_model
+from actors.runtime.errors import AcrcError
+from actors.world.odometry import Odometers
+from actors.world.physics import SUBSTEP, Arena
+from actors.world.sensing import RangeSensors
+from actors.world.setup import WorldSetup
+
+
+class StepLengthError(AcrcError):
+    """A step that the physics cannot make."""
+
+
+class Bodies:
+    """Physics, range sensors and odometry of all robots on one map."""
+
+    def __init__(self, setup: WorldSetup) -> None:
+        if setup.step_us <= 0 or setup.step_us % SUBSTEP:
+            raise StepLengthError(f"a step of {setup.step_us} µs; it must be a multiple of {SUBSTEP} µs")
+        grid = load_map(Path(setup.map))
+        self._models = [load_model(robot.model, robot.sensor) for robot in setup.robots]
+        poses = [Pose(*robot.start) for robot in setup.robots]
+        names = [robot.id for robot in setup.robots]
+        for name, model, pose in zip(names, self._models, poses, strict=True):
+            check_pose(grid, pose.point, model.footprint.inradius, name)
+        self._arena = Arena(outline(grid), names, self._models, poses)
+        noise = [generator(setup.seed, "range noise", name) for name in names]
+        self._sensors = RangeSensors(grid, self._models, noise)
+        self._odometers = Odometers(
+            [robot.odometry for robot in setup.robots],
+            self._models,
+            self._arena.poses,
+            [generator(setup.seed, "odometry", name) for name in names],
+            SUBSTEP,
+        )
+        self._periods = [model.sensor.period for model in self._models]
+        self._scans: list[Scan | None] = [None] * len(names)
+        self._bumpers = np.zeros(len(names), np.uint8)
+        self._scan_due(Instant(0))
+        self._cache()
+
+    @property
+    def positions(self) -> NDArray[np.float64]:
+        """(n, 2): true x, y, m."""
+        return self._arena.poses[:, :2]
+
+    @property
+    def contacts(self) -> int:
+        """Contacts that have begun so far."""
+        return self._arena.contacts
+
+    def truth(self, index: int) -> tuple[float, float, float, float, float, float]:
+        """x, y, heading; vx, vy (map frame), omega."""
+        return (*self._poses[index], *self._velocities[index])
+
+    def senses(self, index: int, step: int, instant: Instant, events: int, halt: bool) -> Senses:
+        """What the robot's base has to say now. A scan is handed out once."""
+        scan, self._scans[index] = self._scans[index], None
+        bumper, self._bumpers[index] = int(self._bumpers[index]), 0
+        return Senses(step, instant, events, self._odometers.read(index), bumper, scan, halt)
+
+    def command(self, index: int, drive: Drive, instant: Instant) -> None:
+        """The robot's wish from `instant` on."""
+        self._arena.command(index, Twist(drive.vx, drive.vy, drive.omega), instant)
+
+    def move(self, instant: Instant, duration_us: int) -> None:
+        """Advance from `instant`; sweeps of the range sensors are made at their own instants."""
+        end = instant + duration_us
+        now: int = instant
+        while now < end:
+            until = min(end, self._next_sweep(now))
+            track = self._arena.advance((until - now) // SUBSTEP)
+            self._odometers.follow(track, self._arena.velocities)
+            self._bumpers |= self._arena.bumpers
+            now = until
+            self._scan_due(Instant(now))
+        self._cache()
+
+    def place(self, index: int, pose: Pose) -> None:
+        """Put a robot somewhere else."""
+        self._arena.move(index, pose)
+        self._odometers.carry(index, pose)
+        self._cache()
+
+    def add_obstacle(self, x: float, y: float, radius: float) -> None:
+        """Put something round on the floor."""
+        self._arena.add_obstacle(Point(x, y), radius)
+
+    def overlap(self) -> float:
+        """The deepest overlap of a robot with anything, m."""
+        return self._arena.overlap()
+
+    def _next_sweep(self, now: int) -> int:
+        """The next instant at which a sensor sweeps, on the grid of the sub-steps."""
+        return min(_on_grid((now // period + 1) * period) for period in self._periods)
+
+    def _scan_due(self, now: Instant) -> None:
+        due = [i for i, period in enumerate(self._periods) if _on_grid(now // period * period) == now]
+        if not due:
+            return
+        poses, obstacles = self._arena.poses, self._arena.obstacles
+        for index, ranges in zip(due, self._sensors.scan(due, poses, obstacles), strict=True):
+            self._scans[index] = Scan(now, ranges.astype("<u2", copy=False).tobytes())
+
+    def _cache(self) -> None:
+        """The states as plain numbers, once per step: reading arrays item by item is slow."""
+        self._poses = self._arena.poses.tolist()
+        self._velocities = self._arena.velocities.tolist()
+
+
+def _on_grid(instant: int) -> int:
+    """The first sub-step boundary at or after `instant`."""
+    return -(-instant // SUBSTEP) * SUBSTEP

@@ -1,0 +1,263 @@
+"""The world: conductor of simulated time, and the truth that every other actor only senses.
+
+A step has three phases. OPEN: at its start, carry out what is due and send Senses. CLOSE: when every robot
+has answered, send Truth. MOVE: physics to the step's end. A roll call precedes the first step and each
+restart.
+"""
+
+from collections.abc import Sequence
+from enum import Enum
+
+from actors.instant import Instant, in_seconds
+from actors.messages import (
+    AIRED,
+    CONTROL,
+    DRIVE,
+    PROGRESS,
+    RADIO_READY,
+    READY,
+    ROSTER,
+    SENSES,
+    TRUTH,
+    Aired,
+    Control,
+    Drive,
+    Progress,
+    Ready,
+    RobotTruth,
+    Truth,
+)  # fmt: skip
+from actors.messages import Roster as RosterMessage
+from actors.runtime.core import Address, Inputs, Output, at, read, to
+from actors.runtime.errors import AcrcError
+from actors.world.body import Bodies
+from actors.world.orders import Orders
+from actors.world.referee import Referee
+from actors.world.roster import Member, Roster, Standing
+from actors.world.setup import WorldSetup
+
+
+class RollCallError(AcrcError):
+    """An actor that cannot take part."""
+
+
+class Phase(Enum):
+    """Where in the step the world is."""
+
+    ROLL_CALL = "roll call"
+    OPEN = "open"
+    CLOSE = "close"
+    MOVE = "move"
+    PAUSED = "paused"
+
+
+class WorldCore:
+    """Conducts the steps; see the module's first lines for the phases."""
+
+    def __init__(self, setup: WorldSetup, bodies: Bodies) -> None:
+        self._setup = setup
+        self._bodies = bodies
+        self._roster = Roster(setup.robots)
+        self._referee = Referee(setup.robots, setup.reach)
+        self._orders = Orders(setup.events, self._roster, bodies)
+        self._step = 0
+        self._phase = Phase.ROLL_CALL
+        self._finished = False
+        self._awaits_radio = True
+        self._restarting = False
+
+    @property
+    def step(self) -> int:
+        """The step that the world is in."""
+        return self._step
+
+    @property
+    def instant(self) -> Instant:
+        """The start of the step that the world is in."""
+        return Instant(self._step * self._setup.step_us)
+
+    @property
+    def finished(self) -> bool:
+        """True once Truth with `halt` has been given."""
+        return self._finished
+
+    @property
+    def paused(self) -> bool:
+        """True while the world waits for Resume or Stop."""
+        return self._phase is Phase.PAUSED
+
+    @property
+    def opening(self) -> bool:
+        """True at the boundary at which the next step begins."""
+        return self._phase is Phase.OPEN
+
+    @property
+    def referee(self) -> Referee:
+        """What has been cleaned so far."""
+        return self._referee
+
+    @property
+    def contacts(self) -> int:
+        """Contacts between two robots, or a robot and something else, that have begun so far."""
+        return self._bodies.contacts
+
+    def listens(self) -> Sequence[Address]:
+        """Every address that a message may come in on."""
+        return (at(READY, "*"), at(RADIO_READY), at(DRIVE, "*"), at(AIRED), at(CONTROL))
+
+    def open_to(self) -> Sequence[Address]:
+        """Orders are taken along at a step's opening."""
+        return (at(CONTROL),) if self._phase is Phase.OPEN else ()
+
+    def missing(self, have: Inputs) -> Sequence[Address]:
+        """What the current phase waits for."""
+        return [address for address in self._awaited() if address.key not in have]
+
+    def advance(self, inputs: Inputs) -> Sequence[Output]:
+        """Complete the current phase."""
+        match self._phase:
+            case Phase.ROLL_CALL:
+                return self._call_roll(inputs)
+            case Phase.OPEN | Phase.PAUSED:
+                return self._open(inputs)
+            case Phase.CLOSE:
+                return self._close(inputs)
+            case Phase.MOVE:
+                return self._move()
+
+    def _awaited(self) -> list[Address]:
+        match self._phase:
+            case Phase.ROLL_CALL:
+                robots = [at(READY, member.id) for member in self._roster.of(Standing.AWAITED)]
+                return [*robots, at(RADIO_READY)] if self._awaits_radio else robots
+            case Phase.OPEN:
+                return [at(AIRED)] if self._step else []
+            case Phase.CLOSE:
+                return [at(DRIVE, member.id) for member in self._roster.of(Standing.STEPPING)]
+            case Phase.PAUSED:
+                return [at(CONTROL)]
+            case Phase.MOVE:
+                return []
+
+    def _call_roll(self, inputs: Inputs) -> Sequence[Output]:
+        for member in self._roster.of(Standing.AWAITED):
+            self._admit(member, read(inputs, READY, member.id))
+        self._awaits_radio = False
+        if self._restarting:
+            self._restarting = False
+            return self._send_senses()
+        self._phase = Phase.OPEN
+        self._referee.watch(self.instant, self._bodies.positions)
+        return ()
+
+    def _admit(self, member: Member, ready: Ready) -> None:
+        if (ready.actor, ready.epoch, ready.step) != (member.id, member.epoch, self._step):
+            raise RollCallError(
+                f"step {self._step}: {ready.actor} is ready for step {ready.step} in epoch {ready.epoch}; "
+                f"{member.id} in epoch {member.epoch} was due"
+            )
+        first = self._roster.members[0]
+        if first.kernels and ready.kernels != first.kernels:
+            raise RollCallError(
+                f"{ready.actor} computes with other kernels than {first.id} ({ready.kernels[:12]} instead of "
+                f"{first.kernels[:12]}): all robots of a run need the same version of this software"
+            )
+        member.kernels = ready.kernels
+        member.standing = Standing.STEPPING
+
+    def _open(self, inputs: Inputs) -> Sequence[Output]:
+        if self._phase is Phase.OPEN:
+            if self._step:
+                self._take_counts(read(inputs, AIRED))
+            self._orders.due(self.instant)
+        if at(CONTROL).key in inputs:
+            control: Control = read(inputs, CONTROL)
+            self._orders.take(control.orders)
+        if self._orders.paused and not self._orders.stop:
+            self._phase = Phase.PAUSED
+            return (to(PROGRESS, self._progress()),)
+        outputs = self._end_processes()
+        if self._over():
+            return [*outputs, *self._halt()]
+        if self._orders.starts:
+            starts, self._orders.starts = tuple(self._orders.starts), []
+            self._restarting = True
+            self._phase = Phase.ROLL_CALL
+            return [*outputs, to(ROSTER, RosterMessage(self._step, starts))]
+        return [*outputs, *self._send_senses()]
+
+    def _take_counts(self, aired: Aired) -> None:
+        for count in aired.counts:
+            self._roster[count.id].events += count.events
+
+    def _end_processes(self) -> list[Output]:
+        """Tell the processes that an order ended that this was all."""
+        outputs = [self._senses(self._roster[robot], halt=True) for robot in self._orders.ends]
+        self._orders.ends = []
+        return outputs
+
+    def _over(self) -> bool:
+        if self._orders.stop or self.instant >= self._setup.duration_us:
+            return True
+        return self._roster.idle and not self._orders.pending and not self._orders.starts
+
+    def _halt(self) -> list[Output]:
+        alive = self._roster.of(Standing.STEPPING, Standing.FROZEN)
+        outputs = [self._senses(member, halt=True) for member in alive]
+        outputs.append(to(TRUTH, Truth(self._step, self.instant, (), halt=True)))
+        self._finished = True
+        outputs.append(to(PROGRESS, self._progress()))
+        return outputs
+
+    def _send_senses(self) -> list[Output]:
+        self._phase = Phase.CLOSE
+        return [self._senses(member) for member in self._roster.of(Standing.STEPPING)]
+
+    def _senses(self, member: Member, halt: bool = False) -> Output:
+        events, member.events = member.events, 0
+        senses = self._bodies.senses(member.index, self._step, self.instant, events, halt)
+        return to(SENSES, senses, member.id)
+
+    def _close(self, inputs: Inputs) -> Sequence[Output]:
+        transmits = dict.fromkeys((member.id for member in self._roster.members), 0)
+        for member in self._roster.of(Standing.STEPPING):
+            drive: Drive = read(inputs, DRIVE, member.id)
+            self._bodies.command(member.index, drive, self.instant)
+            self._take_reports(member, drive)
+            transmits[member.id] = drive.transmits
+        truths = tuple(self._truth(member, transmits[member.id]) for member in self._roster.members)
+        jams, self._orders.jams = tuple(self._orders.jams), []
+        self._phase = Phase.MOVE
+        return (to(TRUTH, Truth(self._step, self.instant, truths, jams)),)
+
+    def _take_reports(self, member: Member, drive: Drive) -> None:
+        member.tasks_left = drive.tasks_left
+        for report in drive.reports:
+            if not self._referee.report(member.id, report):
+                raise RollCallError(
+                    f"step {self._step}: {member.id} reports place {report.place} of {report.owner!r}, "
+                    "which nobody was given"
+                )
+
+    def _truth(self, member: Member, transmits: int) -> RobotTruth:
+        x, y, heading, vx, vy, omega = self._bodies.truth(member.index)
+        stepping = member.standing is Standing.STEPPING
+        return RobotTruth(member.id, x, y, heading, vx, vy, omega, stepping, member.alive, transmits)
+
+    def _move(self) -> Sequence[Output]:
+        self._bodies.move(self.instant, self._setup.step_us)
+        self._step += 1
+        self._phase = Phase.OPEN
+        self._referee.watch(self.instant, self._bodies.positions)
+        whole = self.instant % 1_000_000 < self._setup.step_us
+        return (to(PROGRESS, self._progress()),) if whole else ()
+
+    def _progress(self) -> Progress:
+        left = sum(member.tasks_left for member in self._roster.members)
+        return Progress(self._step, self.instant, left, self._referee.reports, self._finished)
+
+    def describe_wait(self, address: Address) -> str:
+        """Who and what the world waits for, in the words of the run."""
+        what = address.topic.kind.__name__
+        who = address.robot or "the radio"
+        return f"step {self._step} ({in_seconds(self.instant):g} s): no {what} from {who}"

@@ -1,0 +1,112 @@
+"""Carries out the scenario's events and a person's orders at a step boundary."""
+
+from collections import deque
+from collections.abc import Iterable
+
+from actors.geometry import Pose
+from actors.instant import Instant, in_seconds
+from actors.messages import (
+    Freeze,
+    Jam,
+    Kill,
+    Move,
+    Obstacle,
+    Order,
+    Pause,
+    ProcessOrder,
+    Restart,
+    Resume,
+    StartJam,
+    Stop,
+    Thaw,
+)  # fmt: skip
+from actors.runtime.errors import AcrcError
+from actors.world.body import Bodies
+from actors.world.roster import Roster, Standing
+from actors.world.setup import TimedOrder
+
+
+class OrderError(AcrcError):
+    """An order that cannot be carried out."""
+
+
+class Orders:
+    """What is due, and what carrying it out has left for the world to send."""
+
+    def __init__(self, events: tuple[TimedOrder, ...], roster: Roster, bodies: Bodies) -> None:
+        self._events = deque(events)
+        self._roster = roster
+        self._bodies = bodies
+        self._now = Instant(0)
+        self.paused = False
+        self.stop = False
+        self.starts: list[ProcessOrder] = []
+        self.ends: list[str] = []
+        self.jams: list[Jam] = []
+
+    @property
+    def pending(self) -> bool:
+        """True while events of the scenario lie ahead."""
+        return bool(self._events)
+
+    def due(self, now: Instant) -> None:
+        """Carry out every event of the scenario up to `now`."""
+        self._now = now
+        while self._events and self._events[0].instant <= now:
+            self._carry_out(self._events.popleft().order)
+
+    def take(self, orders: Iterable[Order]) -> None:
+        """Carry out orders that have just come in."""
+        for order in orders:
+            self._carry_out(order)
+
+    def _carry_out(self, order: Order) -> None:
+        match order:
+            case Kill() | Freeze() | Thaw() | Restart() | Move():
+                self._to_robot(order)
+            case StartJam():
+                self.jams.append(Jam(order.x, order.y, order.radius, self._now + order.duration))
+            case Obstacle():
+                self._bodies.add_obstacle(order.x, order.y, order.radius)
+            case Pause():
+                self.paused = True
+            case Resume():
+                self.paused = False
+            case Stop():
+                self.stop = True
+
+    def _to_robot(self, order: Kill | Freeze | Thaw | Restart | Move) -> None:
+        if order.robot not in self._roster:
+            raise OrderError(f"{self._when()}: there is no robot {order.robot!r} to {_verb(order)}")
+        member = self._roster[order.robot]
+        match order:
+            case Kill():
+                self._end(order.robot)
+            case Freeze() if member.standing is Standing.STEPPING:
+                member.standing = Standing.FROZEN
+            case Thaw() if member.standing is Standing.FROZEN:
+                member.standing = Standing.STEPPING
+            case Restart():
+                self._end(order.robot)
+                member.epoch += 1
+                member.standing = Standing.AWAITED
+                self.starts.append(ProcessOrder(member.id, member.epoch))
+            case Move():
+                self._bodies.place(member.index, Pose(order.x, order.y, order.heading))
+            case _:
+                raise OrderError(
+                    f"{self._when()}: cannot {_verb(order)} {order.robot}, which is {member.standing.value}"
+                )
+
+    def _end(self, robot: str) -> None:
+        member = self._roster[robot]
+        if member.standing in (Standing.STEPPING, Standing.FROZEN):
+            self.ends.append(robot)
+        member.standing = Standing.ENDED
+
+    def _when(self) -> str:
+        return f"at {in_seconds(self._now):g} s"
+
+
+def _verb(order: Order) -> str:
+    return type(order).__name__.lower()

@@ -1,0 +1,122 @@
+"""The world's process: its command line, its core, and the router that it is."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from actors import distance, flood
+from actors.runtime.errors import AcrcError
+from actors.runtime.fingerprint import fingerprints
+from actors.runtime.pace import Pace
+from actors.runtime.patience import patience
+from actors.runtime.process import Part, RunNote
+from actors.runtime.seat import ArgumentParser
+from actors.runtime.shell import Shell
+from actors.runtime.zenoh_bus import ZenohBus, run_shell
+from actors.world import dead_reckoning, drive, rays
+from actors.world.body import Bodies
+from actors.world.core import WorldCore
+from actors.world.setup import WorldSetup
+
+
+class SetupError(AcrcError):
+    """A set-up file that does not decode."""
+
+
+@dataclass(frozen=True)
+class WorldOptions:
+    """The world's command line."""
+
+    setup: Path
+    """JSON file with a WorldSetup."""
+    router: Path
+    """JSON file with the actors that the router knows, as `actors.runtime.access` wrote it."""
+    record: Path
+    commit: str
+    speed: float | None
+    """Simulated seconds per second; None = as fast as possible."""
+    patience: float
+    """Seconds without an advance after which the run is given up."""
+
+
+def parse(argv: Sequence[str]) -> WorldOptions:
+    """The options in `argv`; ArgumentError if they make no sense."""
+    parser = ArgumentParser(prog="python -m actors.world", description="Conducts a run.")
+    parser.add_argument("--setup", required=True, type=Path, help="JSON file with the world's set-up")
+    parser.add_argument("--router", required=True, type=Path, help="JSON file with whom the router knows")
+    parser.add_argument("--record", required=True, type=Path, help="MCAP file to write")
+    parser.add_argument("--commit", default="", help="version of the software, for the first record")
+    parser.add_argument("--speed", default="max", help='"max", or simulated seconds per second')
+    parser.add_argument("--patience", type=float, default=30.0, help="seconds to wait for a message")
+    given = parser.parse_args(argv)
+    speed = None if given.speed == "max" else float(given.speed)
+    return WorldOptions(given.setup, given.router, given.record, given.commit, speed, given.patience)
+
+
+def load_setup(path: Path) -> WorldSetup:
+    """The set-up in a JSON file."""
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=WorldSetup)
+    except (OSError, msgspec.DecodeError) as error:
+        raise SetupError(f"{path}: no set-up of a world: {error}") from None
+
+
+def build(setup: WorldSetup) -> WorldCore:
+    """The core of a world."""
+    return WorldCore(setup, Bodies(setup))
+
+
+def part(core: WorldCore, run: RunNote, hold: Callable[[Shell, ZenohBus], None] = run_shell) -> Part:
+    """The core and its connections."""
+    return Part(
+        core=core,
+        listens=core.listens(),
+        run=run,
+        open_to=core.open_to,
+        drive=hold,
+        outcome=lambda: {"places": core.referee.outcomes(), "contacts": core.contacts, "steps": core.step},
+    )
+
+
+def run_note(setup: WorldSetup, argv: Sequence[str], commit: str) -> RunNote:
+    """The first record of the world's file."""
+    return RunNote(
+        actor="world",
+        argv=tuple(argv),
+        seed=setup.seed,
+        step_us=setup.step_us,
+        commit=commit,
+        scenario=msgspec.json.encode(setup).decode(),
+        kernels=fingerprints((dead_reckoning, drive, rays, distance, flood)),
+    )
+
+
+class Conductor:
+    """Drives the world over the mesh: keeps the pace, and gives up when somebody stays silent."""
+
+    def __init__(self, core: WorldCore, speed: float | None, patience_s: float) -> None:
+        self._core = core
+        self._pace = None if speed is None else Pace(speed)
+        self._patience_s = patience_s
+
+    def drive(self, shell: Shell, bus: ZenohBus) -> None:
+        """Run to the end."""
+        with patience(shell, self._patience_s, lambda: self._silence(shell), lambda: self._core.paused):
+            run_shell(shell, bus, self.hold)
+
+    def hold(self) -> None:
+        """Wait until the next step is due."""
+        if self._pace is None:
+            return
+        if self._core.paused:
+            self._pace.restart()
+        elif self._core.opening:
+            self._pace.hold(self._core.instant)
+
+    def _silence(self, shell: Shell) -> str:
+        awaited = shell.awaited
+        if not awaited:
+            return f"step {self._core.step}: the world itself does not come to an end"
+        return self._core.describe_wait(awaited[0])

@@ -1,0 +1,63 @@
+"""Which robots take part in a step, which are frozen or ended, and what their radios still hold for them."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+from actors.world.setup import RobotSetup
+
+
+class Standing(Enum):
+    """How a robot's process stands towards the barrier."""
+
+    AWAITED = "awaited"
+    """Started, and not Ready yet."""
+    STEPPING = "stepping"
+    FROZEN = "frozen"
+    ENDED = "ended"
+
+
+@dataclass
+class Member:
+    """One robot of the roster, at its index in the world's arrays."""
+
+    id: str
+    index: int
+    standing: Standing = Standing.AWAITED
+    epoch: int = 0
+    kernels: str = ""
+    events: int = 0
+    """Radio events that lie in wait for the robot's next step."""
+    tasks_left: int = 1
+    """As the robot last said; before its first word there is work."""
+
+    @property
+    def alive(self) -> bool:
+        """True while there is a process."""
+        return self.standing is not Standing.ENDED
+
+
+class Roster:
+    """All robots of a run, in the order of its set-up."""
+
+    def __init__(self, robots: tuple[RobotSetup, ...]) -> None:
+        self.members = tuple(Member(robot.id, index) for index, robot in enumerate(robots))
+        self._by_id = {member.id: member for member in self.members}
+
+    def __getitem__(self, robot: str) -> Member:
+        return self._by_id[robot]
+
+    def __contains__(self, robot: str) -> bool:
+        return robot in self._by_id
+
+    def of(self, *standings: Standing) -> list[Member]:
+        """The members with one of these standings."""
+        return [member for member in self.members if member.standing in standings]
+
+    @property
+    def idle(self) -> bool:
+        """True when nobody who takes part has anything left to do."""
+        return all(
+            member.standing is Standing.STEPPING and member.tasks_left == 0
+            for member in self.members
+            if member.alive
+        )

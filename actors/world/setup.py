@@ -1,0 +1,44 @@
+"""What a world is built from: one JSON file, written by whoever starts the run."""
+
+import msgspec
+
+from actors.messages import Order
+from actors.robot_model import OdometryKind
+
+
+class RobotSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One robot's body and where it starts."""
+
+    id: str
+    model: str
+    """Name of a shipped robot model, or the path of a model file."""
+    sensor: str | None
+    """Name of a sensor preset of the model; None = the model's default."""
+    odometry: OdometryKind
+    """Which model of odometry errors it has."""
+    start: tuple[float, float, float]
+    """x, y in metres and heading in radians, map frame."""
+    places: tuple[tuple[float, float], ...]
+    """The places the robot has to clean, m; used to measure only, robots read theirs from their own file."""
+
+
+class TimedOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An order of the scenario; carried out at the first step boundary at or after `instant`."""
+
+    instant: int
+    order: Order
+
+
+class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Everything a world needs to know."""
+
+    map: str
+    seed: int
+    step_us: int
+    """A multiple of the physics sub-step, 10 000 µs."""
+    duration_us: int
+    robots: tuple[RobotSetup, ...]
+    events: tuple[TimedOrder, ...] = ()
+    """In order of their instants."""
+    reach: float = 0.5
+    """A place counts as visited when ground truth was within so many metres (d3scomp's testbed: 0.5 m)."""

@@ -1,0 +1,155 @@
+"""Lays a run out on disk: what every process reads, and the command line it is started with."""
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import yaml
+
+from actors.messages import ProcessOrder
+from actors.radio.setup import RadioSetup
+from actors.runtime import credentials, router_file
+from actors.runtime.credentials import Credentials, unix_endpoint
+from actors.runtime.errors import AcrcError
+from actors.world.setup import RobotSetup, WorldSetup
+from deploy.launch import Program
+
+ROUTER_FILE = "router.json"
+"""In the world's folder: where the router listens and whom it knows."""
+
+
+class OutFolderError(AcrcError):
+    """A folder for the results that cannot be used."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A run that is ready to be laid out."""
+
+    out: Path
+    """Absolute path of the folder for everything that the run writes."""
+    world: WorldSetup
+    radio: RadioSetup
+    behaviour: str
+    """Entry string `module:function` of the robots' behaviour."""
+    scenario: str
+    """The resolved scenario as TOML."""
+    commit: str
+    """Version of the software."""
+    speed: str
+    """As on the command line: "max" or a number."""
+    isolate: bool
+    patience_s: float
+
+    def folder(self, actor: str) -> Path:
+        """The actor's own folder."""
+        return self.out / actor
+
+    def address(self, robot: str) -> int:
+        """The robot's short address on the air."""
+        return dict(self.radio.robots)[robot]
+
+
+def lay_out(plan: Plan) -> None:
+    """Write the files that the actors read; the folder must be new or empty."""
+    if plan.out.exists() and (not plan.out.is_dir() or any(plan.out.iterdir())):
+        raise OutFolderError(f"--out {plan.out}: exists and is not an empty folder; name a new one")
+    plan.out.mkdir(parents=True, exist_ok=True)
+    (plan.out / "scenario.toml").write_text(plan.scenario)
+    for actor, setup in (("world", plan.world), ("radio", plan.radio)):
+        plan.folder(actor).mkdir()
+        (plan.folder(actor) / "setup.json").write_bytes(msgspec.json.format(msgspec.json.encode(setup)))
+    for robot in plan.world.robots:
+        plan.folder(robot.id).mkdir()
+        copy_map(Path(plan.world.map), plan.folder(robot.id))
+        _write_places(robot, plan.folder(robot.id) / "places.toml")
+        if Path(robot.model).is_file():
+            shutil.copy(robot.model, plan.folder(robot.id) / "model.toml")
+
+
+def copy_map(map_file: Path, folder: Path) -> None:
+    """Copy a map_server map, its YAML file as `map.yaml` and its image beside it, as onto a robot's disk."""
+    content = yaml.safe_load(map_file.read_text())
+    image = (map_file.parent / content["image"]).resolve()
+    shutil.copy(image, folder / f"map{image.suffix}")
+    content["image"] = f"map{image.suffix}"
+    (folder / "map.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+
+
+def world_program(plan: Plan) -> Program:
+    """The world's program."""
+    folder = plan.folder("world")
+    argv = (
+        *("--setup", str(folder / "setup.json"), "--router", str(folder / ROUTER_FILE)),
+        *("--record", str(folder / "world.mcap"), "--commit", plan.commit),
+        *("--speed", plan.speed, "--patience", f"{plan.patience_s:g}", "--with-parent"),
+    )
+    return Program("world", "actors.world", argv, folder / "world.log", folder / "world.mcap")
+
+
+def radio_program(plan: Plan) -> Program:
+    """The radio's program."""
+    folder = plan.folder("radio")
+    argv = ("--setup", str(folder / "setup.json"), *_seat(plan, "world", "radio", folder / "radio.mcap"))
+    return Program("radio", "actors.radio", argv, folder / "radio.log", folder / "radio.mcap")
+
+
+def robot_program(plan: Plan, robot: RobotSetup, order: ProcessOrder, first_step: int) -> Program:
+    """A robot's program; the same but for endpoint and time source as on a robot."""
+    folder = plan.folder(robot.id)
+    name = robot.id if order.epoch == 0 else f"{robot.id}.{order.epoch}"
+    argv = (
+        *robot_argv(plan, robot, order.epoch, first_step),
+        *_seat(plan, robot.id, "", folder / f"{name}.mcap"),
+        *("--time", "simulated"),
+        *(("--isolate",) if plan.isolate else ()),
+    )
+    return Program(robot.id, "actors.robot", argv, folder / f"{name}.log", folder / f"{name}.mcap")
+
+
+def robot_argv(plan: Plan, robot: RobotSetup, epoch: int, first_step: int) -> tuple[str, ...]:
+    """What a robot is, apart from its connections."""
+    folder = plan.folder(robot.id)
+    model = folder / "model.toml"
+    x, y, heading = robot.start
+    return (
+        *("--id", robot.id, "--epoch", str(epoch), "--first-step", str(first_step)),
+        *("--seed", str(plan.world.seed), "--step-us", str(plan.world.step_us)),
+        *("--address", str(plan.address(robot.id)), "--map", str(folder / "map.yaml")),
+        *("--model", str(model) if model.exists() else robot.model),
+        *(("--sensor", robot.sensor) if robot.sensor else ()),
+        *(f"--start={x!r},{y!r},{heading!r}", "--places", str(folder / "places.toml")),
+        *("--behaviour", plan.behaviour),
+    )
+
+
+def issue_credentials(plan: Plan) -> Credentials:
+    """Draw the run's passwords; the robots' lie in their folders, all others in the world's."""
+    issued = credentials.issue(
+        {robot.id: plan.folder(robot.id) for robot in plan.world.robots}, plan.folder("world")
+    )
+    router_file.write(plan.folder("world") / ROUTER_FILE, issued)
+    return issued
+
+
+def remove_credentials(plan: Plan) -> None:
+    """Remove what the run has left of passwords and sockets."""
+    for pattern in ("*/credentials", "*/*.credentials", "*/users", f"*/{ROUTER_FILE}", "*/router.sock*"):
+        for path in plan.out.glob(pattern):
+            path.unlink(missing_ok=True)
+
+
+def _seat(plan: Plan, folder: str, user: str, record: Path) -> tuple[str, ...]:
+    place = plan.folder(folder).resolve()
+    secret = place / (f"{user}.credentials" if user else "credentials")
+    return (
+        *("--router", unix_endpoint(place / "router.sock"), "--credentials", str(secret)),
+        *("--record", str(record), "--commit", plan.commit, "--with-parent"),
+    )
+
+
+def _write_places(robot: RobotSetup, path: Path) -> None:
+    title = f"# Places that {robot.id} has to clean: x, y in metres, map frame."
+    rows = "".join(f"    [{x!r}, {y!r}],\n" for x, y in robot.places)
+    path.write_text(f"{title}\nplaces = [\n{rows}]\n")

@@ -1,0 +1,72 @@
+"""The wire format: equal messages give equal bytes, and whatever does not fit is named."""
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from actors.messages import DRIVE, RECEIVED, Drive, Heard, Message, PlaceReport, Received, Sent, Topic
+from actors.runtime.codec import WireError, decode, encode
+
+REALS = st.floats(allow_nan=False, allow_infinity=False)
+COUNTS = st.integers(min_value=0, max_value=2**40)
+REPORTS = st.builds(PlaceReport, st.text(max_size=5), COUNTS, COUNTS)
+DRIVES = st.builds(
+    Drive, COUNTS, REALS, REALS, REALS, COUNTS, COUNTS, st.lists(REPORTS, max_size=3).map(tuple)
+)
+HEARD = st.builds(Heard, COUNTS, COUNTS, REALS, COUNTS, st.binary(max_size=118))
+RECEIVEDS = st.builds(
+    Received, COUNTS, st.lists(HEARD | st.builds(Sent, COUNTS, COUNTS), max_size=4).map(tuple)
+)
+
+
+def packed(*values: object) -> bytes:
+    """Version byte and a msgpack array."""
+    return b"\x01" + msgspec.msgpack.encode(values)
+
+
+@given(DRIVES)
+def test_a_drive_survives_the_wire(message: Drive) -> None:
+    assert decode(DRIVE, "k", encode(message)) == message  # type: ignore[arg-type]
+
+
+@given(RECEIVEDS)
+def test_a_union_of_events_survives_the_wire(message: Received) -> None:
+    assert decode(RECEIVED, "k", encode(message)) == message  # type: ignore[arg-type]
+
+
+@given(st.binary(max_size=64))
+def test_any_bytes_decode_or_are_a_wire_error(payload: bytes) -> None:
+    try:
+        message = decode(DRIVE, "swarm/up/r1/drive", payload)  # type: ignore[arg-type]
+    except WireError as error:
+        assert str(error).startswith("swarm/up/r1/drive: ")
+    else:
+        assert isinstance(message, Drive)
+
+
+@pytest.mark.parametrize(
+    ("topic", "payload", "sentence"),
+    [
+        (DRIVE, b"", "swarm/k: no bytes where message version 1 was due"),
+        (DRIVE, b"\x07", "swarm/k: version 7 where message version 1 was due"),
+        (DRIVE, packed(3, 0.1, "x", 0.2, 0, 4), "swarm/k: Drive.vy = 'x': expected `float`, got `str`"),
+        (
+            DRIVE,
+            packed(3, 0.1, 0.0, 0.2, 0, 4, [["r1", 2.5, 4]]),
+            "swarm/k: Drive.reports[0][1] = 2.5: expected `int`, got `float`",
+        ),
+        (DRIVE, packed(3), "swarm/k: Drive = [3]: expected `array` of at least length 6, got 1"),
+        (
+            RECEIVED,
+            packed(3, [["shout", 1, 2]]),
+            "swarm/k: Received.events[0][0] = 'shout': invalid value 'shout'",
+        ),
+        (DRIVE, b"\x01\xc1", "swarm/k: not msgpack after 2 bytes: MessagePack data is malformed: "
+         "invalid opcode '\\xc1' (byte 0)"),
+    ],
+)  # fmt: skip
+def test_the_error_names_key_field_and_value(topic: Topic[Message], payload: bytes, sentence: str) -> None:
+    with pytest.raises(WireError) as caught:
+        decode(topic, "swarm/k", payload)
+    assert str(caught.value) == sentence
