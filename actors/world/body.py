@@ -30,10 +30,10 @@ class Bodies:
     def __init__(self, setup: WorldSetup) -> None:
         if setup.step_us <= 0 or setup.step_us % SUBSTEP:
             raise StepLengthError(f"a step of {setup.step_us} µs; it must be a multiple of {SUBSTEP} µs")
-        grid = load_map(Path(setup.map))
+        self._grid = grid = load_map(Path(setup.map))
         self._models = [load_model(robot.model, robot.sensor) for robot in setup.robots]
         poses = [Pose(*robot.start) for robot in setup.robots]
-        names = [robot.id for robot in setup.robots]
+        self._names = names = [robot.id for robot in setup.robots]
         for name, model, pose in zip(names, self._models, poses, strict=True):
             check_pose(grid, pose.point, model.footprint.inradius, name)
         self._arena = Arena(outline(grid), names, self._models, poses)
@@ -91,6 +91,7 @@ class Bodies:
 
     def place(self, index: int, pose: Pose) -> None:
         """Put a robot somewhere else."""
+        check_pose(self._grid, pose.point, self._models[index].footprint.inradius, self._names[index])
         self._arena.move(index, pose)
         self._odometers.carry(index, pose)
         self._cache()

@@ -1,0 +1,160 @@
+"""Failures are events: what kill, freeze, restart and the rest do to barrier, body and radio."""
+
+import pytest
+
+from actors.messages import (
+    CONTROL,
+    Control,
+    Freeze,
+    Kill,
+    Move,
+    Obstacle,
+    Order,
+    Pause,
+    Restart,
+    Resume,
+    StartJam,
+    Stop,
+    Thaw,
+)  # fmt: skip
+from actors.runtime.bus import Delivery
+from actors.runtime.codec import encode
+from actors.runtime.core import at
+from actors.runtime.memory_bus import StalledError
+from actors.world.core import RollCallError
+from actors.world.orders import OrderError
+from actors.world.physics import ArenaError
+from tests.conduct.theatre import Scripted, Theatre
+
+
+def steps_of(act: Scripted) -> list[int]:
+    return [senses.step for senses in act.senses]
+
+
+def test_a_quiet_run_ends_at_its_limit_with_everything_delivered() -> None:
+    play = Theatre(1.0).run()
+    assert steps_of(play.acts["r1"]) == list(range(11))
+    assert [s.halt for s in play.acts["r1"].senses] == [False] * 10 + [True]
+    assert play.undelivered == 0 and play.progress[-1].finished
+    assert [truth.step for truth in play.truths] == list(range(11))
+
+
+def test_the_run_ends_when_nobody_has_anything_left_to_do() -> None:
+    play = Theatre(60.0)
+    for act in play.acts.values():
+        act.steps = 7
+    play.run()
+    assert play.core.step == 8
+
+
+def test_a_killed_robot_leaves_the_barrier_and_its_body_stays() -> None:
+    play = Theatre(3.0, [(1.0, Kill("r2"))], talks=("r1", "r2")).run()
+    assert steps_of(play.acts["r2"]) == list(range(11)) and play.acts["r2"].senses[-1].halt
+    last = play.truths[-2].robots[1]
+    assert (last.stepping, last.powered, last.vx) == (False, False, 0.0)
+    assert last.x == pytest.approx(play.truths[20].robots[1].x, abs=1e-6)  # the watchdog has stopped it
+    assert play.undelivered == 0
+
+
+def test_a_frozen_robot_goes_on_where_it_was_and_hears_what_was_kept_for_it() -> None:
+    play = Theatre(3.0, [(1.0, Freeze("r2")), (2.0, Thaw("r2"))], talks=("r1",)).run()
+    r2 = play.acts["r2"]
+    assert steps_of(r2) == [*range(10), *range(20, 31)]
+    assert r2.senses[10].odometry.vx == pytest.approx(0.0, abs=1e-3)
+    heard = [event for received in r2.received for event in received.events]
+    instants = [event.instant for event in heard]
+    assert instants == sorted(instants)
+    assert any(1_000_000 <= instant < 2_000_000 for instant in instants)  # kept by the transceiver
+    assert play.undelivered == 0
+
+
+def test_a_restarted_robot_is_a_new_process_in_a_new_epoch() -> None:
+    play = Theatre(3.0, [(1.0, Kill("r2")), (2.0, Restart("r2"))], talks=("r1", "r2")).run()
+    assert steps_of(play.acts["r2.1"]) == list(range(20, 31))
+    assert play.undelivered == 0
+    running = Theatre(3.0, [(1.0, Restart("r2"))], talks=("r1", "r2")).run()
+    assert steps_of(running.acts["r2"]) == list(range(11))
+    assert steps_of(running.acts["r2.1"]) == list(range(10, 31))
+    assert running.undelivered == 0 and running.digest != play.digest
+
+
+def test_a_moved_robot_stands_where_it_was_put() -> None:
+    play = Theatre(2.0, [(1.0, Move("r1", 3.0, 12.0, 1.5))], drive=lambda senses: (0.0, 0.0)).run()
+    assert (play.truths[9].robots[0].x, play.truths[9].robots[0].y) == (12.0, 13.0)
+    moved = play.truths[10].robots[0]
+    assert (moved.x, moved.y, moved.heading) == (3.0, 12.0, 1.5)
+
+
+def test_a_jammer_silences_and_ends() -> None:
+    jam = StartJam(15.0, 13.0, 20.0, 500_000)
+    play = Theatre(2.0, [(1.0, jam)], talks=("r1",)).run()
+    heard = {e.instant // 100_000 for received in play.acts["r2"].received for e in received.events}
+    assert heard == set(range(10)) | set(range(15, 20))
+    assert play.radio.counters()["copies_lost_jammed"] == 5
+
+
+def test_an_obstacle_stops_a_robot() -> None:
+    free = Theatre(6.0).run().truths[-2].robots[0].x
+    play = Theatre(6.0, [(0.0, Obstacle(12.8, 13.0, 0.2))]).run()
+    assert free > 13.0
+    assert play.truths[-2].robots[0].x < 12.8 - 0.2 - 0.177 + 0.012
+    assert play.acts["r1"].senses[-1].bumper == 2
+
+
+def test_pause_and_resume_change_nothing_but_the_control_messages() -> None:
+    def orders(play: Theatre, *given: Order) -> None:
+        payload = encode(Control(0, given))
+        play.world.deliver(Delivery(at(CONTROL).topic, CONTROL.key(), payload))
+
+    play = Theatre(1.0)
+    orders(play, Pause())
+    with pytest.raises(StalledError, match=r"world \(step 0\) for swarm/infra/control"):
+        play.run()
+    assert play.core.paused
+    orders(play, Resume())
+    assert play.run().digest == Theatre(1.0).run().digest
+    stopped = Theatre(5.0)
+    orders(stopped, Stop())
+    assert stopped.run().core.step == 0
+
+
+def test_every_event_is_in_the_digest() -> None:
+    digests = {
+        Theatre(2.0, [(1.0, event)]).run().digest
+        for event in (
+            Kill("r1"), Kill("r2"), Freeze("r1"), Restart("r1"), Move("r1", 3.0, 12.0, 0.0),
+            StartJam(12.0, 13.0, 5.0, 10**6), Obstacle(20.0, 12.0, 0.3),
+        )
+    }  # fmt: skip
+    # A robot that stands behind an obstacle it never meets, hears and sees nothing: same messages as without.
+    assert len(digests | {Theatre(2.0).run().digest}) >= 7
+    assert Theatre(2.0).run().digest == Theatre(2.0).run().digest
+
+
+@pytest.mark.parametrize(
+    ("event", "error", "sentence"),
+    [
+        (Kill("r9"), OrderError, "at 1 s: there is no robot 'r9' to kill"),
+        (Thaw("r1"), OrderError, "at 1 s: cannot thaw r1, which is stepping"),
+        (
+            Move("r1", 17.05, 13.0, 0.0),
+            ArenaError,
+            "r1 cannot stand at (17.05, 13): it would overlap r2",
+        ),
+    ],
+)
+def test_an_order_that_makes_no_sense_ends_the_run(
+    event: Order, error: type[Exception], sentence: str
+) -> None:
+    with pytest.raises(error) as caught:
+        Theatre(2.0, [(1.0, event)]).run()
+    assert str(caught.value) == sentence
+
+
+def test_robots_with_other_kernels_are_refused() -> None:
+    with pytest.raises(RollCallError) as caught:
+        Theatre(1.0, kernels={"r1": "a" * 64, "r2": "b" * 64}).run()
+    assert str(caught.value) == (
+        "r2 computes with other kernels than r1 (bbbbbbbbbbbb instead of aaaaaaaaaaaa): all robots of a run "
+        "need the same version of this software"
+    )

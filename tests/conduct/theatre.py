@@ -1,0 +1,175 @@
+"""A whole swarm in memory with the real world and radio, and robots that follow a script."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeVar
+
+from actors.messages import (
+    DRIVE,
+    PROGRESS,
+    RADIO_READY,
+    READY,
+    RECEIVED,
+    ROSTER,
+    SENSES,
+    TRANSMIT,
+    TRUTH,
+    Drive,
+    Order,
+    Outgoing,
+    Progress,
+    Ready,
+    Received,
+    Roster,
+    Senses,
+    Transmit,
+    Truth,
+)
+from actors.radio.program import build as build_radio
+from actors.radio.setup import RadioSetup
+from actors.runtime.bus import Delivery
+from actors.runtime.codec import decode
+from actors.runtime.core import Address, Core, Inputs, Output, at, read, to
+from actors.runtime.memory_bus import MemoryBus, run_shells
+from actors.runtime.recording import Unrecorded
+from actors.runtime.shell import Shell
+from actors.runtime.tally import run_digest
+from actors.world.body import Bodies
+from actors.world.core import WorldCore
+from actors.world.setup import RobotSetup, TimedOrder, WorldSetup
+
+M = TypeVar("M")
+STEP = 100_000
+STARTS = {"r1": (12.0, 13.0, 0.0), "r2": (17.0, 13.0, 0.0), "r3": (20.0, 11.0, 0.0)}
+
+
+class Scripted:
+    """Drives as told, sends one frame per step if told, and remembers everything it was given."""
+
+    def __init__(self, robot: str, first_step: int, drive: Callable[[Senses], tuple[float, float]]) -> None:
+        self.step = first_step
+        self.finished = False
+        self.senses: list[Senses] = []
+        self.received: list[Received] = []
+        self.talks = False
+        self.steps = 10**9
+        self._robot = robot
+        self._drive = drive
+
+    def missing(self, have: Inputs) -> Sequence[Address]:
+        """Senses, then Received if there are events."""
+        if SENSES.key(self._robot) not in have:
+            return (at(SENSES, self._robot),)
+        events = read(have, SENSES, self._robot).events
+        wanted = RECEIVED.key(self._robot)
+        return (at(RECEIVED, self._robot),) if events and wanted not in have else ()
+
+    def advance(self, inputs: Inputs) -> Sequence[Output]:
+        """Answer."""
+        senses = read(inputs, SENSES, self._robot)
+        self.senses.append(senses)
+        if senses.events:
+            received = read(inputs, RECEIVED, self._robot)
+            assert len(received.events) == senses.events
+            self.received.append(received)
+        self.step = senses.step
+        if senses.halt:
+            self.finished = True
+            return ()
+        v, omega = self._drive(senses)
+        frames = (Outgoing(senses.step, senses.instant, b"x" * 20),) if self.talks else ()
+        left = 0 if senses.step >= self.steps else 1
+        outputs = [to(TRANSMIT, Transmit(senses.step, frames), self._robot)] if frames else []
+        drive = Drive(senses.step, v, 0.0, omega, len(frames), left)
+        self.step += 1
+        return [*outputs, to(DRIVE, drive, self._robot)]
+
+
+class Theatre:
+    """Runs a world with scripted robots to its end."""
+
+    def __init__(
+        self,
+        seconds: float,
+        events: Sequence[tuple[float, Order]] = (),
+        robots: Sequence[str] = ("r1", "r2"),
+        drive: Callable[[Senses], tuple[float, float]] = lambda senses: (0.2, 0.0),
+        talks: Sequence[str] = (),
+        kernels: Mapping[str, str] | None = None,
+    ) -> None:
+        setups = tuple(
+            RobotSetup(robot, "turtlebot2", None, "exact", STARTS[robot], ((15.0, 12.5),)) for robot in robots
+        )
+        timed = tuple(TimedOrder(round(when * 1e6), order) for when, order in events)
+        setup = WorldSetup("maps/corridor.yaml", 1, STEP, round(seconds * 1e6), setups, timed)
+        self.bus = MemoryBus()
+        self.bodies = Bodies(setup)
+        self.core = WorldCore(setup, self.bodies)
+        self.world = self._shell(self.core, self.core.listens(), "world", self.core.open_to)
+        addresses = tuple((robot, number + 1) for number, robot in enumerate(robots))
+        self.radio = build_radio(RadioSetup(1, STEP, addresses))
+        radio = self._shell(self.radio, (at(TRUTH), at(TRANSMIT, "*")), "radio")
+        self.shells = [self.world, radio]
+        self.truths: list[Truth] = []
+        self.progress: list[Progress] = []
+        self.rosters = 0
+        self.acts: dict[str, Scripted] = {}
+        self._drive, self._talks = drive, talks
+        self.bus.listen(at(ROSTER), self._start_ordered)
+        self.bus.listen(at(TRUTH), lambda d: self.truths.append(_told(d, Truth)))
+        self.bus.listen(at(PROGRESS), lambda d: self.progress.append(_told(d, Progress)))
+        radio.send(to(RADIO_READY, Ready(0, "radio", 0, "")))
+        for robot in robots:
+            self.start(robot, 0, 0, (kernels or {}).get(robot, "k"))
+
+    def start(self, robot: str, epoch: int, step: int, kernels: str = "k") -> None:
+        """Start a robot's shell and have it say Ready."""
+        name = f"{robot}.{epoch}" if epoch else robot
+        core = Scripted(robot, step, self._drive)
+        core.talks = robot in self._talks
+        self.acts[name] = core
+        shell = self._shell(core, (at(SENSES, robot), at(RECEIVED, robot)), name)
+        self.shells.append(shell)
+        shell.send(to(READY, Ready(step, robot, epoch, kernels), robot))
+
+    def run(self) -> "Theatre":
+        """To the end."""
+        run_shells(self.shells)
+        return self
+
+    @property
+    def digest(self) -> str:
+        """The run's digest."""
+        return run_digest([shell.tally.hash.digest(shell.actor) for shell in self.shells])
+
+    @property
+    def undelivered(self) -> int:
+        """Published less received, over all shells."""
+        return sum(s.tally.published - s.tally.received for s in self.shells) - self.rosters
+
+    def _shell(
+        self,
+        core: Core,
+        listens: Sequence[Address],
+        name: str,
+        open_to: Callable[[], Sequence[Address]] = tuple,
+    ) -> Shell:
+        shell = Shell(core, self.bus, Unrecorded(), actor=name, open_to=open_to)
+        for address in listens:
+            self.bus.listen(address, shell.deliver)
+        return shell
+
+    def _start_ordered(self, delivery: Delivery) -> None:
+        roster = _told(delivery, Roster)
+        self.rosters += 1
+        for order in roster.start:
+            old = next(shell for shell in self.shells[::-1] if shell.actor.split(".")[0] == order.robot)
+            while not old.finished and old.pump() is None:
+                pass
+            self.bus.leave(old.deliver)
+            self.start(order.robot, order.epoch, roster.step)
+
+
+def _told(delivery: Delivery, kind: type[M]) -> M:
+    message = decode(delivery.topic, delivery.key, delivery.payload)
+    assert isinstance(message, kind)
+    return message
