@@ -1,10 +1,18 @@
-"""What the forkserver imports once, so that each process starts in milliseconds and shares the memory."""
+"""What the forkserver imports and compiles once, so that processes start in milliseconds and share memory."""
 
 import gc
+import os
 
-import zenoh  # noqa: F401  # imported, never opened: a fork after a session was open would hang
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a fork of a process with threads is unsafe
 
-from actors.runtime import access, isolation, process  # noqa: F401
+import actors.radio.__main__
+import actors.robot.__main__
+import actors.world.__main__
+from actors.robot import setup as robot_setup
+from actors.runtime.fingerprint import fingerprints
+from actors.world.program import KERNELS
 
+fingerprints(KERNELS)
+robot_setup.kernels()
 gc.collect()
-gc.freeze()  # so that no collection touches, and so copies, the shared pages
+gc.freeze()  # no collection will touch the shared pages, which would copy them

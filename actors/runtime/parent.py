@@ -7,8 +7,8 @@ import sys
 from actors.runtime.linux import PR_SET_PDEATHSIG, prctl
 
 
-def die_with_parent(parent: int) -> None:
-    """End this process with SIGKILL as soon as its parent ends; `parent` is the parent's process id.
+def die_with_parent(parent: int, number: signal.Signals = signal.SIGKILL) -> None:
+    """Get the signal `number` as soon as the parent ends; `parent` is the parent's process id.
 
     To be called after `isolate`, because a change of user or capabilities clears the setting (prctl(2),
     PR_SET_PDEATHSIG), and in the thread that lives as long as the process. The parent is held to have ended
@@ -16,6 +16,6 @@ def die_with_parent(parent: int) -> None:
     already gone is noticed.
     """
     if sys.platform == "linux":
-        prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        prctl(PR_SET_PDEATHSIG, number)
     if os.getppid() != parent:
-        os.kill(os.getpid(), signal.SIGKILL)
+        os.kill(os.getpid(), number)

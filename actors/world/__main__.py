@@ -1,5 +1,6 @@
 """The world as a program: `python -m actors.world --setup FILE --router FOLDER --record FILE`."""
 
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -16,9 +17,10 @@ from actors.world.program import Conductor, build, load_setup, parse, part, run_
 def main(argv: Sequence[str]) -> int:
     """Conduct a run; the exit code."""
     signal.signal(signal.SIGTERM, _leave)
-    die_with_parent(signal.SIGTERM)
     try:
         options = parse(argv)
+        if options.with_parent:
+            die_with_parent(os.getppid(), signal.SIGTERM)
         setup = load_setup(options.setup)
         core = build(setup)
         conductor = Conductor(core, options.speed, options.patience)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import msgspec
 
@@ -19,6 +20,9 @@ from actors.world import dead_reckoning, drive, rays
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
 from actors.world.setup import WorldSetup
+
+KERNELS: Final = (dead_reckoning, drive, rays, distance, flood)
+"""Modules with numeric kernels that a world computes with."""
 
 
 class SetupError(AcrcError):
@@ -37,6 +41,8 @@ class WorldOptions:
     commit: str
     speed: float | None
     """Simulated seconds per second; None = as fast as possible."""
+    with_parent: bool
+    """End as soon as the process that started this one has ended."""
     patience: float
     """Seconds without an advance after which the run is given up."""
 
@@ -50,9 +56,12 @@ def parse(argv: Sequence[str]) -> WorldOptions:
     parser.add_argument("--commit", default="", help="version of the software, for the first record")
     parser.add_argument("--speed", default="max", help='"max", or simulated seconds per second')
     parser.add_argument("--patience", type=float, default=30.0, help="seconds to wait for a message")
+    parser.add_argument("--with-parent", action="store_true", help="end when the starting process ends")
     given = parser.parse_args(argv)
     speed = None if given.speed == "max" else float(given.speed)
-    return WorldOptions(given.setup, given.router, given.record, given.commit, speed, given.patience)
+    return WorldOptions(
+        given.setup, given.router, given.record, given.commit, speed, given.with_parent, given.patience
+    )
 
 
 def load_setup(path: Path) -> WorldSetup:
@@ -66,6 +75,13 @@ def load_setup(path: Path) -> WorldSetup:
 def build(setup: WorldSetup) -> WorldCore:
     """The core of a world."""
     return WorldCore(setup, Bodies(setup))
+
+
+def part_of(argv: Sequence[str]) -> Part:
+    """The world that `argv` describes, without a conductor's clock: for replays."""
+    options = parse(argv)
+    setup = load_setup(options.setup)
+    return part(build(setup), run_note(setup, argv, options.commit))
 
 
 def part(core: WorldCore, run: RunNote, hold: Callable[[Shell, ZenohBus], None] = run_shell) -> Part:
@@ -89,7 +105,7 @@ def run_note(setup: WorldSetup, argv: Sequence[str], commit: str) -> RunNote:
         step_us=setup.step_us,
         commit=commit,
         scenario=msgspec.json.encode(setup).decode(),
-        kernels=fingerprints((dead_reckoning, drive, rays, distance, flood)),
+        kernels=fingerprints(KERNELS),
     )
 
 

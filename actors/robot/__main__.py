@@ -1,0 +1,40 @@
+"""A robot as a program: `python -m actors.robot --id r1 --map FILE … --router ENDPOINT …`.
+
+The same in simulation, in replay and on a robot; only endpoint and source of time differ.
+"""
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs a process of one thread
+
+import sys  # noqa: E402
+from collections.abc import Sequence  # noqa: E402
+
+from actors.robot import program, setup  # noqa: E402
+from actors.runtime.access import client_config  # noqa: E402
+from actors.runtime.errors import AcrcError  # noqa: E402
+from actors.runtime.isolation import Plan, isolate  # noqa: E402
+from actors.runtime.parent import die_with_parent  # noqa: E402
+from actors.runtime.process import play  # noqa: E402
+
+
+def main(argv: Sequence[str]) -> int:
+    """Be one robot until told to halt; the exit code."""
+    parent = os.getppid()
+    try:
+        options = program.parse(argv)
+        setup.kernels()  # compiled while the cache can still be written
+        if options.isolate:
+            own = options.seat.record.resolve().parent
+            isolate(Plan(own=own, hidden=(own.parent,)))
+        if options.seat.with_parent:
+            die_with_parent(parent)
+        config = client_config(options.seat.credentials, options.seat.router)
+        return play(program.part(argv), options.seat.record, config)
+    except AcrcError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
