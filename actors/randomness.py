@@ -1,0 +1,26 @@
+"""Random streams, one per purpose and actor: another robot or draw changes nothing for the others."""
+
+import hashlib
+from typing import Final
+
+import numpy as np
+from numpy.random import PCG64, Generator, SeedSequence
+
+_WORDS: Final = 4
+"""Words of 32 bits that each name adds to the key; 128 bits keep two names from ever meeting."""
+
+
+def generator(seed: int, purpose: str, actor: str, epoch: int = 0) -> Generator:
+    """The random stream of `actor` for `purpose` in a run of `seed` (≥ 0), anew in each boot `epoch`.
+
+    Equal arguments give equal draws on every machine; streams of different arguments are independent
+    (numpy.random.SeedSequence, spawn_key).
+    """
+    key = (*_words(purpose), *_words(actor), epoch)
+    return Generator(PCG64(SeedSequence(seed, spawn_key=key)))
+
+
+def _words(name: str) -> tuple[int, ...]:
+    """The name as whole numbers that every Python process agrees on, as `hash` would not."""
+    digest = hashlib.sha256(name.encode()).digest()
+    return tuple(int(word) for word in np.frombuffer(digest, "<u4", count=_WORDS))

@@ -1,0 +1,52 @@
+"""Finds the user's behaviour by its entry string `module:function`."""
+
+import importlib
+from collections.abc import Callable
+from typing import Any, cast
+
+from actors.robot.ports import Behaviour, Start
+from actors.runtime.errors import AcrcError
+
+
+class BehaviourError(AcrcError):
+    """A behaviour that cannot be used, or that asks for something impossible."""
+
+
+def load_behaviour(entry: str, start: Start) -> Behaviour:
+    """The behaviour that the function `entry` makes for a robot.
+
+    Raises BehaviourError if there is no such function or if what it gives is no behaviour. An error inside
+    of the user's module or function is his own and is passed on.
+    """
+    made = entry_function(entry)(start)
+    if not callable(getattr(made, "advance", None)):
+        raise BehaviourError(
+            f"behaviour {entry!r} gives a {type(made).__name__}, which has no method advance(view, until)"
+        )
+    return cast(Behaviour, made)
+
+
+def entry_function(entry: str) -> Callable[[Start], Any]:
+    """The function that the entry string names."""
+    module_name, colon, name = entry.partition(":")
+    if not (colon and module_name and name):
+        raise BehaviourError(
+            f"behaviour {entry!r} is no entry; it should look like 'package.module:function'"
+        )
+    try:
+        module = importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        missing = error.name or module_name
+        if module_name != missing and not module_name.startswith(f"{missing}."):
+            raise  # the module is there, and imports something that is not
+        raise BehaviourError(
+            f"behaviour {entry!r}: there is no module {missing!r} on Python's path"
+        ) from None
+    function = getattr(module, name, None)
+    if function is None:
+        raise BehaviourError(f"behaviour {entry!r}: module {module_name!r} has no {name!r}")
+    if not callable(function):
+        raise BehaviourError(
+            f"behaviour {entry!r} is a {type(function).__name__}, but should be a function of a Start"
+        )
+    return cast(Callable[[Start], Any], function)

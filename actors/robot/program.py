@@ -1,0 +1,127 @@
+"""The robot's process: its command line, its core, and the core's connections."""
+
+import argparse
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+import msgspec
+
+from actors.geometry import Pose, wrap
+from actors.map_file import load_map
+from actors.messages import READY, Ready
+from actors.robot.core import RobotCore
+from actors.robot.places import load_places
+from actors.robot.setup import RobotSetup, floor, kernels, robot
+from actors.robot_model import load_model
+from actors.runtime.core import to
+from actors.runtime.fingerprint import combined
+from actors.runtime.process import Part, RunNote
+from actors.runtime.seat import ArgumentError, ArgumentParser, Seat, add_seat_options, seat
+
+_ID: Final = re.compile(r"[A-Za-z0-9_-]{1,32}")
+
+
+@dataclass(frozen=True)
+class RobotOptions:
+    """The robot's command line."""
+
+    setup: RobotSetup
+    map: Path
+    model: str
+    sensor: str | None
+    time: Literal["simulated", "wall"]
+    log: Path | None
+    isolate: bool
+    """Shut the process off from everything but the router."""
+    seat: Seat
+
+
+def build(argv: Sequence[str]) -> tuple[RobotOptions, RobotCore]:
+    """The options in `argv` and the core that they ask for. An AcrcError if anything is wrong with them."""
+    options = parse(argv)
+    model = load_model(options.model, options.sensor)
+    return options, robot(options.setup, model, floor(load_map(options.map), model))
+
+
+def part(argv: Sequence[str]) -> Part:
+    """The robot that `argv` describes, with its connections."""
+    options, core = build(argv)
+    setup = options.setup
+    prints = kernels()
+    run = RunNote(
+        actor=setup.id,
+        argv=tuple(argv),
+        seed=setup.seed,
+        step_us=setup.step_us,
+        commit=options.seat.commit,
+        scenario=msgspec.json.encode(setup).decode(),
+        kernels=prints,
+    )
+    ready = to(READY, Ready(setup.first_step, setup.id, setup.epoch, combined(prints)), setup.id)
+    return Part(core=core, listens=core.listens(), run=run, ready=ready)
+
+
+def parse(argv: Sequence[str]) -> RobotOptions:
+    """The options in `argv`; ArgumentError or PlacesError if they make no sense."""
+    given = _parser().parse_args(argv)
+    if not _ID.fullmatch(given.id):
+        raise ArgumentError(f"--id is {given.id!r}; it should be 1 to 32 letters, digits, '-' or '_'")
+    setup = RobotSetup(
+        id=given.id,
+        epoch=_whole("--epoch", given.epoch, 0),
+        first_step=_whole("--first-step", given.first_step, 0),
+        seed=_whole("--seed", given.seed, 0),
+        step_us=_whole("--step-us", given.step_us, 1),
+        address=_whole("--address", given.address, 0),
+        start=_pose(given.start),
+        places=load_places(given.places),
+        behaviour=given.behaviour,
+    )
+    return RobotOptions(
+        setup, given.map, given.model, given.sensor, given.time, given.log, given.isolate, seat(given)
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = ArgumentParser(prog="python -m actors.robot", description="One robot.")
+    parser.add_argument("--id", required=True, help="the robot's name in the swarm")
+    parser.add_argument("--epoch", type=int, default=0, help="how often it has been restarted")
+    parser.add_argument("--first-step", type=int, default=0, help="the step it begins with")
+    parser.add_argument("--seed", type=int, default=0, help="the run's seed")
+    parser.add_argument("--step-us", type=int, default=100_000, help="length of a step, µs")
+    parser.add_argument("--address", type=int, required=True, help="short address on the radio")
+    parser.add_argument("--map", type=Path, required=True, help="YAML file of the floor plan")
+    parser.add_argument("--model", required=True, help="name of a robot model, or its TOML file")
+    parser.add_argument("--sensor", help="the model's range sensor to use; default: the model's own")
+    parser.add_argument(
+        "--start", required=True, help="x,y,heading at switch-on, m and rad; =-1,2,0 if x < 0"
+    )
+    parser.add_argument("--places", type=Path, required=True, help="TOML file: places = [[x, y], ...]")
+    parser.add_argument("--behaviour", required=True, help="entry of the behaviour, module:function")
+    parser.add_argument(
+        "--time", choices=("simulated", "wall"), default="simulated", help="who gives the time"
+    )
+    parser.add_argument("--log", type=Path, help="file for what the process has to say")
+    parser.add_argument("--isolate", action="store_true", help="shut off from all but the router")
+    add_seat_options(parser)
+    return parser
+
+
+def _whole(option: str, value: int, least: int) -> int:
+    if value < least:
+        raise ArgumentError(f"{option} is {value}; it should be at least {least}")
+    return value
+
+
+def _pose(text: str) -> Pose:
+    try:
+        x, y, heading = (float(part) for part in text.split(","))
+    except ValueError:
+        x = y = heading = math.nan
+    if not all(map(math.isfinite, (x, y, heading))):
+        raise ArgumentError(f"--start is {text!r}; it should be three numbers x,y,heading in m and rad")
+    return Pose(x, y, wrap(heading))

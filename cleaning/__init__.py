@@ -1,0 +1,1 @@
+"""The model problem: autonomous cleaning robots that visit places and get into one another's way."""
