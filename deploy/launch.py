@@ -1,18 +1,27 @@
-"""Starts actor processes, by a forkserver with the heavy imports preloaded or by exec, and sees them end."""
+"""Starts actor processes, by a forkserver with everything preloaded or by exec, and sees them end."""
 
-import importlib
-import multiprocessing
+import json
 import os
+import select
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from multiprocessing.context import ForkServerProcess
 from pathlib import Path
-from typing import Protocol
+from types import TracebackType
+from typing import Protocol, Self
 
-from actors.runtime.process import open_log
+from actors.runtime.errors import AcrcError
+from deploy.forkserver import MESSAGE_LIMIT
+
+ROOT = Path(__file__).resolve().parent.parent
+"""Where the packages are, so that `python -m` finds them from any working directory."""
+
+
+class LaunchError(AcrcError):
+    """A process that could not be started."""
 
 
 @dataclass(frozen=True)
@@ -26,131 +35,152 @@ class Program:
     record: Path
 
 
-class Child(Protocol):
+@dataclass
+class Child:
     """A started process."""
 
     program: Program
-
-    @property
-    def exit_code(self) -> int | None:
-        """None while it runs; negative: the signal that ended it."""
-
-    @property
-    def pid(self) -> int:
-        """Its process id."""
-
-    @property
-    def sentinel(self) -> int:
-        """A file descriptor that becomes readable when the process ends."""
-
-    def send(self, number: signal.Signals) -> None:
-        """Send a signal; one that has ended already is left alone."""
-
-
-class Forked:
-    """A child of the forkserver: it runs the very `main(argv)` that exec would run."""
-
-    def __init__(self, program: Program, context: multiprocessing.context.ForkServerContext) -> None:
-        self.program = program
-        self._process: ForkServerProcess = context.Process(
-            target=enter, args=(program.module, program.argv, program.log), name=program.actor
-        )
-        self._process.start()
-
-    @property
-    def exit_code(self) -> int | None:
-        """None while it runs; negative: the signal that ended it."""
-        return self._process.exitcode
-
-    @property
-    def pid(self) -> int:
-        """Its process id."""
-        assert self._process.pid is not None
-        return self._process.pid
-
-    @property
-    def sentinel(self) -> int:
-        """A file descriptor that becomes readable when the process ends."""
-        return self._process.sentinel
+    pid: int
+    exit_code: int | None = None
+    """None while it runs; negative: the signal that ended it."""
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal; one that has ended already is left alone."""
         if self.exit_code is None:
-            _signal(self.pid, number)
+            try:
+                os.kill(self.pid, number)
+            except ProcessLookupError:
+                return
 
 
-class Executed:
-    """A child started by exec, in a session of its own so that a terminal's Ctrl-C passes it by."""
+class Launcher(Protocol):
+    """Starts programs; a context manager that leaves nothing of its own behind."""
 
-    def __init__(self, program: Program) -> None:
-        self.program = program
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def start(self, program: Program) -> Child:
+        """Start one program."""
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when a child may have ended, at the latest after `timeout_s`, with all exit codes known."""
+
+
+class ForkLauncher:
+    """Children of a forkserver: each runs the very `main(argv)` that exec would run."""
+
+    def __init__(self) -> None:
+        self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            self._server = subprocess.Popen(
+                [sys.executable, "-m", "deploy.forkserver", str(theirs.fileno())],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                pass_fds=(theirs.fileno(),),
+                start_new_session=True,
+                cwd=ROOT,
+            )
+        self._children: dict[int, Child] = {}
+        self._codes: dict[int, int] = {}
+
+    def __enter__(self) -> Self:
+        while "ready" not in self._hear():
+            pass
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._channel.close()
+        self._server.wait()
+
+    def start(self, program: Program) -> Child:
+        """Start one program."""
+        request = {"start": [program.module, program.argv, str(program.log)]}
+        self._channel.send(json.dumps(request).encode())
+        while "started" not in (answer := self._hear()):
+            pass
+        child = Child(program, answer["started"])
+        child.exit_code = self._codes.pop(child.pid, None)
+        self._children[child.pid] = child
+        return child
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when a child may have ended, at the latest after `timeout_s`, with all exit codes known."""
+        while select.select([self._channel], [], [], timeout_s)[0]:
+            self._hear()
+            timeout_s = 0.0
+
+    def _hear(self) -> dict[str, int]:
+        """The server's next message; the end of a child is noted on the way."""
+        try:
+            text = self._channel.recv(MESSAGE_LIMIT)
+        except ConnectionResetError:
+            text = b""
+        if not text:
+            raise LaunchError(
+                f"the forkserver has ended with exit code {self._server.wait()}; what it said stands above"
+            )
+        message: dict[str, int] = json.loads(text)
+        if "ended" in message:
+            child = self._children.get(message["ended"])
+            if child is None:
+                self._codes[message["ended"]] = message["code"]
+            else:
+                child.exit_code = message["code"]
+        return message
+
+
+class ExecLauncher:
+    """Children by exec, in a session of their own so that a terminal's Ctrl-C passes them by."""
+
+    def __init__(self) -> None:
+        self._running: list[tuple[Child, subprocess.Popen[bytes]]] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        return None
+
+    def start(self, program: Program) -> Child:
+        """Start one program."""
         with program.log.open("ab") as log:
-            self._process = subprocess.Popen(
+            process = subprocess.Popen(
                 [sys.executable, "-m", program.module, *program.argv],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
                 start_new_session=True,
-                cwd=Path(__file__).resolve().parent.parent,
+                cwd=ROOT,
             )
-        self._sentinel = os.pidfd_open(self._process.pid)
+        child = Child(program, process.pid)
+        self._running.append((child, process))
+        return child
 
-    @property
-    def exit_code(self) -> int | None:
-        """None while it runs; negative: the signal that ended it."""
-        return self._process.poll()
-
-    @property
-    def pid(self) -> int:
-        """Its process id."""
-        return self._process.pid
-
-    @property
-    def sentinel(self) -> int:
-        """A file descriptor that becomes readable when the process ends."""
-        return self._sentinel
-
-    def send(self, number: signal.Signals) -> None:
-        """Send a signal; one that has ended already is left alone."""
-        if self.exit_code is None:
-            _signal(self.pid, number)
+    def wait(self, timeout_s: float) -> None:
+        """Return when a child may have ended, at the latest after `timeout_s`, with all exit codes known."""
+        if hasattr(os, "pidfd_open"):
+            _await_any([process.pid for _, process in self._running], timeout_s)
+        for child, process in self._running:
+            child.exit_code = process.poll()
+        self._running = [(child, process) for child, process in self._running if child.exit_code is None]
 
 
-class Launcher:
-    """Starts programs one way or the other."""
-
-    def __init__(self, spawn: str) -> None:
-        self._context: multiprocessing.context.ForkServerContext | None = None
-        if spawn == "forkserver":
-            self._context = multiprocessing.get_context("forkserver")
-            self._context.set_forkserver_preload(["deploy.preload"])
-
-    def start(self, program: Program) -> Child:
-        """Start one program."""
-        if self._context is None:
-            return Executed(program)
-        return Forked(program, self._context)
-
-    def warm_up(self) -> None:
-        """Have the forkserver import what it preloads, before anything depends on how long that takes.
-
-        Must come before any Zenoh session in this process: a fork after one would hang.
-        """
-        if self._context is not None:
-            process = self._context.Process(target=int)
-            process.start()
-            process.join()
+def launcher(spawn: str) -> Launcher:
+    """`forkserver` or `exec`."""
+    return ForkLauncher() if spawn == "forkserver" else ExecLauncher()
 
 
-def enter(module: str, argv: Sequence[str], log: Path) -> None:
-    """What a forked child does instead of exec."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    open_log(log)
-    sys.exit(importlib.import_module(f"{module}.__main__").main(argv))
-
-
-def _signal(pid: int, number: signal.Signals) -> None:
+def _await_any(pids: Sequence[int], timeout_s: float) -> None:
+    descriptors = [os.pidfd_open(pid) for pid in pids]
     try:
-        os.kill(pid, number)
-    except ProcessLookupError:
-        return
+        select.select(descriptors, [], [], timeout_s)
+    finally:
+        for descriptor in descriptors:
+            os.close(descriptor)

@@ -4,17 +4,16 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 
-from actors.robot.program import part as robot_part
-
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.messages import Roster as RosterMessage
 from actors.radio.program import part as radio_part
+from actors.robot.program import part as robot_part
 from actors.runtime.bus import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.memory_bus import MemoryBus, run_shells
 from actors.runtime.pace import Pace
-from actors.runtime.process import Began, Part, failure_note, final_note
+from actors.runtime.process import Part, failure_note, final_note
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell
 from actors.world import program as world_program
@@ -49,7 +48,6 @@ class MemorySwarm:
         with self._stack:
             try:
                 self._build()
-                began = Began(time.time(), time.process_time() / len(self._seats))
                 run_shells(self._shells, self._hold)
             except Exception as error:
                 for program, _, shell, recorder in self._seats:
@@ -57,7 +55,7 @@ class MemorySwarm:
                 raise
             cpu_s = time.process_time() / len(self._seats)  # one process: everyone gets an equal share
             for _, part, shell, recorder in self._seats:
-                recorder.note("final", final_note(shell, part, began, cpu_s))
+                recorder.note("final", final_note(shell, part, cpu_s))
 
     def _build(self) -> None:
         plan = self._plan

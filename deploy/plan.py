@@ -134,10 +134,8 @@ def issue_credentials(plan: Plan) -> Credentials:
 
 
 def remove_credentials(plan: Plan) -> None:
-    """Remove what the run has left of passwords and sockets."""
-    for pattern in ("*/credentials", "*/*.credentials", "*/users", f"*/{ROUTER_FILE}", "*/router.sock*"):
-        for path in plan.out.glob(pattern):
-            path.unlink(missing_ok=True)
+    """Remove what the run has left of passwords and sockets, if the world has not done so."""
+    router_file.remove(plan.folder("world") / ROUTER_FILE)
 
 
 def _seat(plan: Plan, folder: str, user: str, record: Path) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a fork of a 
 
 import actors.radio.__main__
 import actors.robot.__main__
-import actors.world.__main__
+import actors.world.__main__  # noqa: F401
 from actors.robot import setup as robot_setup
 from actors.runtime.fingerprint import fingerprints
 from actors.world.program import KERNELS

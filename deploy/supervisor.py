@@ -3,7 +3,6 @@
 import signal
 import time
 from collections.abc import Callable, Iterable
-from multiprocessing.connection import wait
 
 import msgspec
 
@@ -39,7 +38,6 @@ class Supervisor:
         self._restart = restart
         self._on_progress = on_progress
         self._children: list[Child] = []
-        self._ended: set[int] = set()
         self._finished_at: float | None = None
         self.rosters = 0
         """Roster messages received."""
@@ -56,7 +54,7 @@ class Supervisor:
     def watch(self, bus: Bus) -> None:
         """Stay until every process has ended as planned; RunFailedError at the first that does not."""
         while self._running():
-            wait([child.sentinel for child in self._running()], timeout=self.POLL_S)
+            self._launcher.wait(self.POLL_S)
             self.check()
             self._take_messages(bus)
             if self._finished_at and time.monotonic() > self._finished_at + self.FAREWELL_S:
@@ -68,7 +66,6 @@ class Supervisor:
         """RunFailedError if a process has ended otherwise than planned."""
         failed = [child for child in self._children if child.exit_code not in (None, 0)]
         if failed:
-            time.sleep(self.POLL_S)  # one failure brings others down; let the one with a cause finish writing
             raise RunFailedError(_cause(failed))
 
     def end_all(self) -> None:
@@ -78,7 +75,7 @@ class Supervisor:
                 child.send(number)
             deadline = time.monotonic() + patience_s
             while self._running() and time.monotonic() < deadline:
-                wait([child.sentinel for child in self._running()], timeout=self.POLL_S)
+                self._launcher.wait(self.POLL_S)
 
     def _running(self) -> list[Child]:
         return [child for child in self._children if child.exit_code is None]
@@ -96,9 +93,13 @@ class Supervisor:
 
     def _restart_robots(self, roster: Roster) -> None:
         for order in roster.start:
-            for child in self._running():
-                if child.program.actor == order.robot:
-                    wait([child.sentinel], timeout=self.FAREWELL_S)
+            deadline = time.monotonic() + self.FAREWELL_S
+            while any(child.program.actor == order.robot for child in self._running()):
+                self._launcher.wait(self.POLL_S)
+                if time.monotonic() > deadline:
+                    raise RunFailedError(
+                        f"{order.robot} did not end within {self.FAREWELL_S:g} s of its kill"
+                    )
             self.start([self._restart(order, roster.step)])
 
 

@@ -14,7 +14,7 @@ from actors.runtime import access, isolation
 from actors.runtime.core import at
 from actors.runtime.memory_bus import MemoryBus
 from actors.runtime.zenoh_bus import open_mesh
-from deploy.launch import Launcher, Program
+from deploy.launch import Program, launcher
 from deploy.memory_swarm import MemorySwarm
 from deploy.plan import (
     Plan,
@@ -58,16 +58,14 @@ def run_processes(plan: Plan, spawn: str, on_progress: Callable[[Progress], None
     began = time.time()
     if plan.isolate and (reason := isolation.available()):
         raise isolation.IsolationError(reason)
-    launcher = Launcher(spawn)
-    launcher.warm_up()
     lay_out(plan)
     issued = issue_credentials(plan)
     robots = {robot.id: robot for robot in plan.world.robots}
-    supervisor = Supervisor(
-        launcher, lambda order, step: robot_program(plan, robots[order.robot], order, step), on_progress
-    )
     first = [robot_program(plan, robot, ProcessOrder(robot.id, 0), 0) for robot in plan.world.robots]
-    with _signals_as_interrupts():
+    with _signals_as_interrupts(), launcher(spawn) as launched:
+        supervisor = Supervisor(
+            launched, lambda order, step: robot_program(plan, robots[order.robot], order, step), on_progress
+        )
         try:
             supervisor.start([world_program(plan), radio_program(plan)])
             _await_router(supervisor, issued.sockets[OPERATOR])

@@ -1,16 +1,14 @@
 """What every actor process does around its shell: join the mesh, say Ready, run, leave an honest record."""
 
 import gc
-import os
 import resource
-import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import msgspec
 import zenoh
@@ -82,14 +80,6 @@ class Part:
     outcome: Callable[[], dict[str, object]] = dict
 
 
-class Began(NamedTuple):
-    """The clocks when a process was ready for its first step, s."""
-
-    wall_s: float
-    """Since the epoch."""
-    cpu_s: float
-
-
 def play(part: Part, record: Path, config: zenoh.Config) -> int:
     """Run an actor to its end over the mesh; the exit code: 0 = ended as planned, 1 = failed."""
     with ExitStack() as stack:
@@ -101,16 +91,15 @@ def play(part: Part, record: Path, config: zenoh.Config) -> int:
             if part.ready is not None:
                 shell.send(part.ready)
             gc.freeze()
-            began = Began(time.time(), time.process_time())
             part.drive(shell, bus)
-            recorder.note("final", final_note(shell, part, began, time.process_time()))
+            recorder.note("final", final_note(shell, part, time.process_time()))
         except Exception as error:
             recorder.note("failure", failure_note(part.run.actor, part.core.step, error))
             return 1
     return 0
 
 
-def final_note(shell: Shell, part: Part, began: Began, cpu_s: float) -> FinalNote:
+def final_note(shell: Shell, part: Part, cpu_s: float) -> FinalNote:
     """The counters of a process that has run to its end."""
     return FinalNote(
         digest=shell.tally.hash.digest(shell.actor),
@@ -118,9 +107,9 @@ def final_note(shell: Shell, part: Part, began: Began, cpu_s: float) -> FinalNot
         received=shell.tally.received,
         unread=shell.unread,
         cpu_s=cpu_s,
-        startup_cpu_s=began.cpu_s,
+        startup_cpu_s=shell.began.cpu_s,
         memory_peak_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-        started_s=began.wall_s,
+        started_s=shell.began.wall_s,
         ended_s=time.time(),
         outcome={name: msgspec.Raw(msgspec.json.encode(value)) for name, value in part.outcome().items()},
     )
@@ -134,13 +123,3 @@ def failure_note(actor: str, step: int, error: Exception) -> FailureNote:
     frame = traceback.extract_tb(error.__traceback__)[-1]
     place = f"{Path(frame.filename).name}:{frame.lineno}"
     return FailureNote(actor, step, f"{type(error).__name__}: {error} ({place})", expected=False)
-
-
-def open_log(path: Path) -> None:
-    """Send this process's standard output and error to a file, from the operating system's level on."""
-    stream = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os.dup2(stream, 1)
-    os.dup2(stream, 2)
-    os.close(stream)

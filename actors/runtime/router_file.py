@@ -21,5 +21,16 @@ def read(path: Path) -> Credentials:
         raise AccessError(f"{path}: no router file: {error}") from None
 
 
+def remove(path: Path) -> None:
+    """Remove the file and everything that it names: sockets, their locks, and the passwords of the run."""
+    if not path.exists():
+        return
+    issued = read(path)
+    sockets = set(issued.sockets.values())
+    locks = {socket.with_name(f"{socket.name}.lock") for socket in sockets}
+    for leftover in (*sorted(sockets | locks), *issued.files.values(), issued.dictionary, path):
+        leftover.unlink(missing_ok=True)
+
+
 def _path(kind: type[Any], value: object) -> Any:
     return kind(value)

@@ -1,9 +1,10 @@
 """The one shell around every core: it gathers, advances, counts, records and publishes."""
 
 import hashlib
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from actors.messages import Message
 from actors.runtime.bus import Delivery
@@ -16,6 +17,15 @@ from actors.runtime.tally import Tally, is_digested, is_telemetry
 
 class OutOfTurnError(AcrcError):
     """A message that the protocol does not allow at this point."""
+
+
+class Clocks(NamedTuple):
+    """What the clocks of a process showed, s."""
+
+    wall_s: float
+    """Since the epoch."""
+    cpu_s: float
+    """Of the process, since its start."""
 
 
 class Outlet(Protocol):
@@ -48,6 +58,8 @@ class Shell:
         self.core = core
         self.tally = Tally()
         self.advances = 0
+        self.began = clocks()
+        """When the first advance was complete: the roll call for a world, the first step for all others."""
         self._outlet = outlet
         self._journal = journal
         self.open_to = open_to
@@ -128,7 +140,14 @@ class Shell:
         outputs = self.core.advance(self._inputs)
         self._inputs = {}
         self.advances += 1
+        if self.advances == 1:
+            self.began = clocks()
         for output in outputs:
             self.send(output)
         if self.core.step != step or self.core.finished:
             self._journal.flush()
+
+
+def clocks() -> Clocks:
+    """The clocks now; no core ever sees them."""
+    return Clocks(time.time(), time.process_time())

@@ -26,7 +26,10 @@ def main(argv: Sequence[str]) -> int:
         conductor = Conductor(core, options.speed, options.patience)
         note = run_note(setup, argv, options.commit)
         config = router_config(router_file.read(options.router))
-        return play(part(core, note, conductor.drive), options.record, config)
+        try:
+            return play(part(core, note, conductor.drive), options.record, config)
+        finally:
+            router_file.remove(options.router)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2
