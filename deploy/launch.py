@@ -32,7 +32,8 @@ class Program:
     module: str
     argv: tuple[str, ...]
     log: Path
-    record: Path
+    record: Path | None
+    """The MCAP file that it writes; None for an observer, without which a run goes on."""
 
 
 @dataclass

@@ -72,6 +72,7 @@ class MemorySwarm:
             self._seat(program, robot_part(program.argv))
 
     def _seat(self, program: Program, part: Part) -> None:
+        assert program.record is not None
         recorder = self._stack.enter_context(Recorder(program.record, part.run.step_us))
         recorder.note("run", part.run)
         shell = Shell(part.core, self._bus, recorder, actor=part.run.actor, open_to=part.open_to)

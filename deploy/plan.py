@@ -40,7 +40,9 @@ class Plan:
     speed: str
     """As on the command line: "max" or a number."""
     isolate: bool
-    patience_s: float
+    view: bool = False
+    patience_s: float = 30.0
+    """Seconds without an advance after which the world gives the run up."""
 
     def folder(self, actor: str) -> Path:
         """The actor's own folder."""
@@ -60,6 +62,8 @@ def lay_out(plan: Plan) -> None:
     for actor, setup in (("world", plan.world), ("radio", plan.radio)):
         plan.folder(actor).mkdir()
         (plan.folder(actor) / "setup.json").write_bytes(msgspec.json.format(msgspec.json.encode(setup)))
+    places = {robot.id: robot.places for robot in plan.world.robots}
+    (plan.folder("world") / "places.json").write_bytes(msgspec.json.encode(places))
     for robot in plan.world.robots:
         plan.folder(robot.id).mkdir()
         copy_map(Path(plan.world.map), plan.folder(robot.id))
@@ -136,6 +140,17 @@ def issue_credentials(plan: Plan) -> Credentials:
 def remove_credentials(plan: Plan) -> None:
     """Remove what the run has left of passwords and sockets, if the world has not done so."""
     router_file.remove(plan.folder("world") / ROUTER_FILE)
+
+
+def observer_program(plan: Plan) -> Program:
+    """The observer's program."""
+    folder = plan.folder("world").resolve()
+    argv = (
+        *("--out", str(plan.out), "--map", plan.world.map, "--places", str(folder / "places.json")),
+        *("--router", unix_endpoint(folder / "router.sock")),
+        *("--credentials", str(folder / "observer.credentials"), "--with-parent"),
+    )
+    return Program("observer", "actors.observer", argv, plan.out / "view.log", None)
 
 
 def _seat(plan: Plan, folder: str, user: str, record: Path) -> tuple[str, ...]:

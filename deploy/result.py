@@ -87,7 +87,7 @@ class WorldOutcome(msgspec.Struct):
 
 def gather(programs: Sequence[Program], about: Circumstances) -> RunResult:
     """The result of a run whose processes have all ended as planned."""
-    finals = [(program, _final(program)) for program in programs]
+    finals = [(program, _final(program.record)) for program in programs if program.record is not None]
     world = next(final for program, final in finals if program.actor == "world")
     radio = next(final for program, final in finals if program.actor == "radio")
     outcome = WorldOutcome(
@@ -136,8 +136,8 @@ def _completion(places: Sequence[PlaceOutcome]) -> tuple[int, float | None]:
     return len(done), in_seconds(max(done, default=0)) if len(done) == len(places) else None
 
 
-def _final(program: Program) -> FinalNote:
-    text = read_notes(program.record).get("final")
+def _final(record: Path) -> FinalNote:
+    text = read_notes(record).get("final")
     if text is None:
-        raise ResultError(f"{program.record}: {program.actor} left no final record")
+        raise ResultError(f"{record}: there is no final record in it, although its process ended as planned")
     return msgspec.json.decode(text, type=FinalNote)

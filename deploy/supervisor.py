@@ -47,6 +47,11 @@ class Supervisor:
         """Every program that was started, in order."""
         return tuple(child.program for child in self._children)
 
+    @property
+    def running(self) -> bool:
+        """True while at least one process has not ended."""
+        return bool(self._running())
+
     def start(self, programs: Iterable[Program]) -> None:
         """Start processes."""
         self._children.extend(self._launcher.start(program) for program in programs)
@@ -64,7 +69,11 @@ class Supervisor:
 
     def check(self) -> None:
         """RunFailedError if a process has ended otherwise than planned."""
-        failed = [child for child in self._children if child.exit_code not in (None, 0)]
+        failed = [
+            child
+            for child in self._children
+            if child.exit_code not in (None, 0) and child.program.record is not None
+        ]
         if failed:
             raise RunFailedError(_cause(failed))
 
@@ -125,6 +134,7 @@ def _cause(failed: list[Child]) -> str:
 
 
 def _failure(program: Program) -> FailureNote | None:
+    assert program.record is not None
     try:
         text = read_notes(program.record).get("failure")
     except RecordingError:

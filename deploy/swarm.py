@@ -1,11 +1,13 @@
-"""A whole run from a plan: processes over the mesh or cores in memory, and the result."""
+"""A whole run: from a scenario to processes over the mesh or cores in memory, and to the result."""
 
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
+from typing import Final
 
 import msgspec
 
@@ -13,23 +15,32 @@ from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.runtime import access, isolation
 from actors.runtime.core import at
 from actors.runtime.memory_bus import MemoryBus
+from actors.runtime.process import ROUTER_PATIENCE_S
 from actors.runtime.zenoh_bus import open_mesh
-from deploy.launch import Program, launcher
+from deploy import progress
+from deploy.cast import cast
+from deploy.launch import Launcher, Program, launcher
 from deploy.memory_swarm import MemorySwarm
+from deploy.options import RunOptions
 from deploy.plan import (
     Plan,
     issue_credentials,
     lay_out,
+    observer_program,
     radio_program,
     remove_credentials,
     robot_program,
     world_program,
-)  # fmt: skip
+)
 from deploy.result import Circumstances, RunResult, gather
+from deploy.scenario import Scenario
+from deploy.scenario_text import to_toml
 from deploy.supervisor import Supervisor
+from deploy.version import software
 
-OPERATOR = "operator"
+OPERATOR: Final = "operator"
 """Name of the parent process on the mesh."""
+OnProgress = Callable[[Progress], None]
 
 
 class Interrupted(Exception):  # noqa: N818  # what a person or the system asked for is no error
@@ -40,49 +51,90 @@ class Interrupted(Exception):  # noqa: N818  # what a person or the system asked
         self.exit_code = exit_code
 
 
-def run_in_memory(
-    plan: Plan, on_progress: Callable[[Progress], None], bus: MemoryBus | None = None
-) -> RunResult:
+def run(scenario: Scenario, options: RunOptions) -> RunResult:
+    """Run the scenario; the result also stands in run.json. AcrcError if it cannot be run to its end."""
+    prepared = plan(scenario, options)
+    places = sum(len(robot.places) for robot in prepared.world.robots)
+    with progress.shown(prepared.world.duration_us, places, quiet=options.json) as follow:
+        if options.bus == "memory":
+            return run_in_memory(prepared, follow)
+        return run_processes(prepared, options.spawn, follow)
+
+
+def plan(scenario: Scenario, options: RunOptions) -> Plan:
+    """The run that the scenario and the options mean, with everything drawn."""
+    settled = cast(scenario)
+    return Plan(
+        out=options.out,
+        world=settled.world,
+        radio=settled.radio,
+        behaviour=settled.behaviour,
+        scenario=to_toml(settled.scenario),
+        commit=software(),
+        speed=options.speed,
+        isolate=_isolated(options),
+        view=options.view,
+    )
+
+
+def run_in_memory(plan: Plan, on_progress: OnProgress, bus: MemoryBus | None = None) -> RunResult:
     """Run all actors in this process."""
     began = time.time()
     lay_out(plan)
     swarm = MemorySwarm(plan, bus or MemoryBus(), on_progress)
     with _signals_as_interrupts():
         swarm.run()
-    about = _circumstances(plan, began, "memory", 0.0, swarm.rosters)
-    return _finish(plan, swarm.programs, about)
+    return _finish(plan, swarm.programs, _circumstances(plan, began, "memory", swarm.rosters))
 
 
-def run_processes(plan: Plan, spawn: str, on_progress: Callable[[Progress], None]) -> RunResult:
+def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
     """Run every actor as a process of its own; none is left when this returns or raises."""
     began = time.time()
-    if plan.isolate and (reason := isolation.available()):
-        raise isolation.IsolationError(reason)
     lay_out(plan)
-    issued = issue_credentials(plan)
-    robots = {robot.id: robot for robot in plan.world.robots}
-    first = [robot_program(plan, robot, ProcessOrder(robot.id, 0), 0) for robot in plan.world.robots]
     with _signals_as_interrupts(), launcher(spawn) as launched:
-        supervisor = Supervisor(
-            launched, lambda order, step: robot_program(plan, robots[order.robot], order, step), on_progress
-        )
-        try:
-            supervisor.start([world_program(plan), radio_program(plan)])
-            _await_router(supervisor, issued.sockets[OPERATOR])
-            config = access.client_config(issued.files[OPERATOR], issued.endpoint(OPERATOR))
-            with open_mesh(config, (at(PROGRESS), at(ROSTER)), patience_s=plan.patience_s) as bus:
-                supervisor.start(first)
-                supervisor.watch(bus)
-        finally:
-            supervisor.end_all()
-            remove_credentials(plan)
-    about = _circumstances(plan, began, "zenoh", time.process_time(), supervisor.rosters)
+        supervisor = _supervise(plan, launched, on_progress)
+    about = _circumstances(plan, began, "zenoh", supervisor.rosters)
+    about = replace(about, parent_cpu_s=time.process_time())
     return _finish(plan, supervisor.programs, about)
 
 
-def _await_router(supervisor: Supervisor, socket: Path) -> None:
-    """Return when the router listens, so that nobody else has to try again and again."""
-    while not socket.exists():
+def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Supervisor:
+    """Start the processes, and stay until they have ended."""
+    issued = issue_credentials(plan)
+    robots = {robot.id: robot for robot in plan.world.robots}
+    supervisor = Supervisor(
+        launched, lambda order, step: robot_program(plan, robots[order.robot], order, step), on_progress
+    )
+    try:
+        supervisor.start([world_program(plan), radio_program(plan)])
+        _await_file(supervisor, issued.sockets[OPERATOR])
+        config = access.client_config(issued.files[OPERATOR], issued.endpoint(OPERATOR))
+        with open_mesh(config, (at(PROGRESS), at(ROSTER)), patience_s=ROUTER_PATIENCE_S) as bus:
+            if plan.view:
+                supervisor.start([observer_program(plan)])
+                _await_file(supervisor, plan.out / "view.rrd")
+            first = (ProcessOrder(robot, 0) for robot in robots)
+            supervisor.start([robot_program(plan, robots[order.robot], order, 0) for order in first])
+            supervisor.watch(bus)
+    finally:
+        supervisor.end_all()
+        remove_credentials(plan)
+    return supervisor
+
+
+def _isolated(options: RunOptions) -> bool:
+    """Whether robots are to be shut off; IsolationError if that was asked for and is not to be had."""
+    if options.bus == "memory" or options.isolate is False:
+        return False
+    reason = isolation.available()
+    if reason is not None and options.isolate:
+        raise isolation.IsolationError(reason)
+    return reason is None
+
+
+def _await_file(supervisor: Supervisor, path: Path) -> None:
+    """Return when a process has made the file, so that nobody has to try again and again."""
+    while not path.exists() and supervisor.running:
         time.sleep(0.005)
         supervisor.check()
 
@@ -93,16 +145,17 @@ def _finish(plan: Plan, programs: Sequence[Program], about: Circumstances) -> Ru
     return result
 
 
-def _circumstances(plan: Plan, began: float, bus: str, cpu_s: float, rosters: int) -> Circumstances:
+def _circumstances(plan: Plan, began: float, bus: str, rosters: int) -> Circumstances:
+    isolation_kind = "none" if bus == "memory" else "full" if plan.isolate else "credentials"
     return Circumstances(
         out=plan.out,
         robots=[robot.id for robot in plan.world.robots],
         seed=plan.world.seed,
         step_us=plan.world.step_us,
-        isolation="full" if plan.isolate and bus == "zenoh" else "credentials" if bus == "zenoh" else "none",
+        isolation=isolation_kind,
         bus=bus,
         began_s=began,
-        parent_cpu_s=cpu_s,
+        parent_cpu_s=0.0,
         parent_received=rosters,
     )
 

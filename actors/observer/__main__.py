@@ -1,0 +1,94 @@
+"""The observer as a program: `python -m actors.observer --out FOLDER --map FILE --router ENDPOINT …`."""
+
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+import msgspec
+
+from actors.geometry import Point
+from actors.map_file import load_map
+from actors.messages import TRUTH, Truth
+from actors.observer.observer import Observer
+from actors.runtime.access import client_config
+from actors.runtime.codec import decode
+from actors.runtime.core import at
+from actors.runtime.errors import AcrcError
+from actors.runtime.parent import die_with_parent
+from actors.runtime.process import ROUTER_PATIENCE_S
+from actors.runtime.seat import ArgumentParser
+from actors.runtime.zenoh_bus import open_mesh
+
+
+@dataclass(frozen=True)
+class ObserverOptions:
+    """The observer's command line."""
+
+    out: Path
+    """Folder for view.rrd."""
+    map: Path
+    places: Path
+    """JSON file: a list of points, m, by robot."""
+    router: str
+    credentials: Path
+    with_parent: bool
+
+
+def parse(argv: Sequence[str]) -> ObserverOptions:
+    """The options in `argv`; ArgumentError if they make no sense."""
+    parser = ArgumentParser(prog="python -m actors.observer", description="Shows a run.")
+    parser.add_argument("--out", required=True, type=Path, help="folder for view.rrd")
+    parser.add_argument("--map", required=True, type=Path, help="YAML file of the floor plan")
+    parser.add_argument("--places", required=True, type=Path, help="JSON file: points by robot")
+    parser.add_argument("--router", required=True, help="endpoint of the router")
+    parser.add_argument("--credentials", required=True, type=Path, help="file with one line user:password")
+    parser.add_argument("--with-parent", action="store_true", help="end when the starting process ends")
+    return ObserverOptions(**vars(parser.parse_args(argv)))
+
+
+def load_places(path: Path) -> dict[str, list[Point]]:
+    """The robots' places out of a JSON file."""
+    given = msgspec.json.decode(path.read_bytes(), type=dict[str, list[tuple[float, float]]])
+    return {robot: [Point(*place) for place in places] for robot, places in given.items()}
+
+
+def main(argv: Sequence[str]) -> int:
+    """Show a run until it halts; the exit code."""
+    signal.signal(signal.SIGTERM, _leave)
+    try:
+        options = parse(argv)
+        if options.with_parent:
+            die_with_parent(os.getppid())
+        config = client_config(options.credentials, options.router)
+        with open_mesh(config, (at(TRUTH),), patience_s=ROUTER_PATIENCE_S) as bus:
+            observer = Observer(options.out, load_map(options.map), load_places(options.places))
+            try:
+                while True:
+                    delivery = bus.receive(at(TRUTH).topic)
+                    truth = decode(delivery.topic, delivery.key, delivery.payload)
+                    assert isinstance(truth, Truth)
+                    if truth.halt:
+                        break
+                    observer.truth(truth)
+            finally:
+                summary = observer.close()
+                sys.stdout.write(f"{observer.notice}\n" if observer.notice else "")
+                if summary.missed:
+                    sys.stdout.write(f"the view lacks {summary.missed} steps that were not received\n")
+        return 0
+    except AcrcError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    """End in order, so that the view's file is finished."""
+    raise SystemExit(128 + number)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
