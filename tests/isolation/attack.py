@@ -1,0 +1,61 @@
+"""What an attack is: a few stages, each carried out by one member of the swarm."""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+from tests.isolation.member import Member, Note, Stage
+
+
+class Layer(IntEnum):
+    """What closes a way between robots; a mode has its own layer and all weaker ones."""
+
+    NONE = 0
+    """Nothing: positive controls, which every swarm must let pass."""
+    RULES = 1
+    """Passwords and access rules of the router."""
+    PROCESS = 2
+    """The isolated process."""
+
+
+class Attack(NamedTuple):
+    """A way by which r1 tries to reach r2, or to be taken for somebody else.
+
+    The stages end with a note `reached`; a refused system call or Zenoh call ends the attack before.
+    """
+
+    name: str
+    layer: Layer
+    closed_by: str
+    """The mechanism, for the table in docs/isolation.md."""
+    stages: tuple[Stage, ...]
+    folder: str = ""
+    """Only tried where this folder can be written to."""
+    root: bool = False
+    """Only tried by root, who alone has the means."""
+    traces: bool = False
+    """Only tried where one may trace one's own processes (Yama's ptrace_scope)."""
+
+
+def eavesdrop(member: Member, _: Note) -> None:
+    """Listen to everything, in the hope of being sent some of it."""
+    member.listen("**")
+
+
+def mark(member: Member, note: Note) -> None:
+    """Say on an allowed key that all has been sent; what was sent before has then been dealt with."""
+    member.session.put("swarm/up/r1/drive", f"mark {note['token']}")
+
+
+def relay_mark(member: Member, note: Note) -> Note:
+    """The world awaits r1's mark, tells both robots that it is over, and says whether it was told a lie."""
+    member.await_payload(f"mark {note['token']}")
+    fooled = member.has_heard(note["token"])
+    for robot in member.swarm.robots:
+        member.session.put(f"swarm/down/{robot}/senses", f"over {note['token']}")
+    return {"reached": fooled}
+
+
+def has_heard(member: Member, note: Note) -> Note:
+    """Whether the token has come until it was over."""
+    member.await_payload(f"over {note['token']}")
+    return {"reached": note.get("reached", False) or member.has_heard(note["token"])}

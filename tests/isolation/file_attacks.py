@@ -1,0 +1,195 @@
+"""Attacks over files: shared folders, the other's own files, locks and watches, devices, leftovers."""
+
+import ctypes
+import fcntl
+import os
+import pty
+import struct
+from pathlib import Path
+
+from tests.isolation.attack import Attack, Layer
+from tests.isolation.member import Member, Note, Stage
+from tests.isolation.network_attacks import TREE, folder_of, process
+
+COMMON_FILE = Path(__file__)
+"""Something that every robot may read."""
+FILTER = "system call filter"
+IN_OPEN = 0x20
+F_SETLEASE = 1024
+
+
+def in_folder(folder: str) -> tuple[Stage, ...]:
+    """r1 leaves a file, r2 finds it."""
+
+    def leave(member: Member, note: Note) -> Note:
+        path = folder_of(member, folder) / f".{note['token']}"
+        path.write_text(note["token"])
+        return {"path": str(path), "litter": [str(path)]}
+
+    def find(_: Member, note: Note) -> Note:
+        return {"reached": Path(note["path"]).read_text() == note["token"]}
+
+    return (("r1", leave), ("r2", find))
+
+
+def keep_diary(member: Member, note: Note) -> Note:
+    """Write the token to a file in one's own folder, as a recording would."""
+    (member.folder / "recording.mcap").write_text(note["token"])
+    return {"path": str(member.folder / "recording.mcap")}
+
+
+def read_diary(_: Member, note: Note) -> Note:
+    """Read it by its path."""
+    return {"reached": Path(note["path"]).read_text() == note["token"]}
+
+
+def read_file(name: str) -> tuple[Stage, ...]:
+    """r1 reads a file of the run's output folder that is not its own."""
+
+    def act(member: Member, _: Note) -> Note:
+        return {"reached": "r2:" in Path(member.swarm.out, name).read_text()}
+
+    return (("r1", act),)
+
+
+def plant(member: Member, note: Note) -> None:
+    """Write into the other's folder."""
+    Path(member.swarm.robots["r2"], "planted").write_text(note["token"])
+
+
+def find_planted(member: Member, note: Note) -> Note:
+    """Look into one's own folder."""
+    return {"reached": (member.folder / "planted").read_text() == note["token"]}
+
+
+def read_relative(_: Member, __: Note) -> Note:
+    """The members were started in the output folder: read from there."""
+    return {"reached": Path("r2/credentials").read_text().startswith("r2:")}
+
+
+def read_by_descriptor(member: Member, _: Note) -> Note:
+    """Use an inherited descriptor of the output folder."""
+    handle = os.open("r2/credentials", os.O_RDONLY, dir_fd=member.swarm.inherited["folder"])
+    with os.fdopen(handle) as file:
+        return {"reached": file.read().startswith("r2:")}
+
+
+def write_to_pipe(member: Member, note: Note) -> None:
+    """Use an inherited pipe that every robot has."""
+    os.write(member.swarm.inherited["pipe_in"], note["token"].encode())
+
+
+def read_from_pipe(member: Member, note: Note) -> Note:
+    """Read the inherited pipe."""
+    return {"reached": os.read(member.swarm.inherited["pipe_out"], 100).decode() == note["token"]}
+
+
+def open_terminal(member: Member, note: Note) -> Note:
+    """Make a pseudoterminal and type the token into it."""
+    for handle in pty.openpty():
+        member.keep(os.fdopen(handle, "r+b", buffering=0))
+    os.write(member.kept[0].fileno(), note["token"].encode() + b"\n")
+    return {"path": os.ttyname(member.kept[1].fileno())}
+
+
+def read_terminal(_: Member, note: Note) -> Note:
+    """Read what was typed."""
+    handle = os.open(note["path"], os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+    with os.fdopen(handle, "rb", buffering=0) as terminal:
+        return {"reached": note["token"].encode() in terminal.read(100)}
+
+
+def open_disk(_: Member, __: Note) -> Note:
+    """Open a disk as a device file."""
+    disks = [path for path in Path("/dev").iterdir() if path.is_block_device()]
+    for disk in disks:
+        os.close(os.open(disk, os.O_RDONLY))
+        return {"reached": True}
+    raise FileNotFoundError("no disk in /dev")
+
+
+def lock_whole(member: Member, _: Note) -> None:
+    """Lock a file that everyone may read."""
+    fcntl.flock(member.keep(COMMON_FILE.open()), fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def meet_lock(_: Member, __: Note) -> Note:
+    """Find it locked."""
+    with COMMON_FILE.open() as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return {"reached": True}
+    return {"reached": False}
+
+
+def lock_bytes(member: Member, _: Note) -> None:
+    """Lock a part of a file that everyone may read."""
+    fcntl.lockf(member.keep(COMMON_FILE.open()), fcntl.LOCK_SH | fcntl.LOCK_NB, 1, 7)
+
+
+def meet_byte_lock(_: Member, __: Note) -> Note:
+    """Ask who would be in the way of a write lock (fcntl(2), F_GETLK)."""
+    question = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, 7, 1, 0)
+    with COMMON_FILE.open() as file:
+        answer = struct.unpack("hhqqi4x", fcntl.fcntl(file, fcntl.F_GETLK, question))
+    return {"reached": answer[0] != fcntl.F_UNLCK}
+
+
+def lease(_: Member, __: Note) -> Note:
+    """A write lease is granted while nobody else has the file open."""
+    with COMMON_FILE.open() as file:
+        try:
+            fcntl.fcntl(file, F_SETLEASE, fcntl.F_WRLCK)
+        except BlockingIOError:
+            return {"reached": True}
+        fcntl.fcntl(file, F_SETLEASE, fcntl.F_UNLCK)
+    return {"reached": False}
+
+
+def hold_open(member: Member, _: Note) -> None:
+    """Have the common file open."""
+    member.keep(COMMON_FILE.open())
+
+
+def watch(member: Member, _: Note) -> None:
+    """Watch the common file (inotify(7))."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    handle = libc.inotify_init1(os.O_NONBLOCK)
+    member.keep(os.fdopen(handle, "rb", buffering=0))
+    if libc.inotify_add_watch(handle, os.fsencode(COMMON_FILE), IN_OPEN) == -1:
+        raise OSError(ctypes.get_errno(), "inotify_add_watch")
+
+
+def see_event(member: Member, _: Note) -> Note:
+    """See that it was opened."""
+    return {"reached": bool(member.kept[0].read(100))}
+
+
+FILE_ATTACKS = (
+    *(
+        process(f"file in {place}", TREE, *in_folder(folder), folder=folder)
+        for folder, place in (
+            ("/tmp", "/tmp"),
+            ("/var/tmp", "/var/tmp"),
+            ("/run", "/run"),
+            ("/dev/shm", "/dev/shm (POSIX shared memory)"),
+            ("out", "the run's output folder"),
+            ("repository", "the repository"),
+            ("home", "the home folder"),
+        )
+    ),
+    process("recording of r2", TREE, ("r2", keep_diary), ("r1", read_diary)),
+    process("password of r2", TREE, *read_file("r2/credentials")),
+    process("the router's passwords", TREE, *read_file("infra/users")),
+    process("writing into r2's folder", TREE, ("r1", plant), ("r2", find_planted)),
+    process("former working directory", TREE, ("r1", read_relative)),
+    process("inherited descriptor of a folder", "closed descriptors", ("r1", read_by_descriptor)),
+    process("inherited pipe", "closed descriptors", ("r1", write_to_pipe), ("r2", read_from_pipe)),
+    process("pseudoterminal", TREE, ("r1", open_terminal), ("r2", read_terminal)),
+    Attack("disk as a device file", Layer.PROCESS, TREE, (("r1", open_disk),), root=True),
+    process("lock on a common file", FILTER, ("r1", lock_whole), ("r2", meet_lock)),
+    process("lock on a part of a common file", FILTER, ("r1", lock_bytes), ("r2", meet_byte_lock)),
+    process("lease on a common file", FILTER, ("r2", lease), ("r1", hold_open), ("r2", lease)),
+    process("watch on a common file", FILTER, ("r2", watch), ("r1", hold_open), ("r2", see_event)),
+)

@@ -1,0 +1,207 @@
+"""One process of the swarm under attack: the world (the router), or a robot that obeys an attacker's orders.
+
+It reads its description and then one order per line from stdin and answers each with one line on stdout.
+"""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple, TextIO
+
+import zenoh
+
+from actors.runtime import access
+from actors.runtime.credentials import Credentials
+from actors.runtime.isolation import Plan, isolate
+
+Note = dict[str, Any]
+"""What the stages of one attack tell each other, through the test and not through the swarm."""
+
+PATIENCE = 10.0
+"""How long a message that must arrive is waited for, s; a shorter wait is never used to show an absence."""
+
+NO_PASSWORDS = '{"user": null, "password": null, "dictionary_file": null}'
+
+
+class Description(NamedTuple):
+    """Everything a member needs to know about its swarm."""
+
+    mode: str
+    """"unguarded": no rules, no passwords; "open": those of --no-isolate; "isolated": everything."""
+    out: str
+    robots: dict[str, str]
+    infra: str
+    inherited: dict[str, int]
+    """Descriptors that a careless starter has left open: the folder `out`, and the two ends of a pipe."""
+
+
+class Heard(NamedTuple):
+    """One sample that reached a member."""
+
+    key: str
+    payload: str
+
+
+@dataclass
+class Member:
+    """The process's own state: its session, what it heard, what it must let go of after an attack."""
+
+    name: str
+    swarm: Description
+    session: zenoh.Session
+    heard: list[Heard] = field(default_factory=list)
+    ordinary: list[Any] = field(default_factory=list)
+    ears: list[Any] = field(default_factory=list)
+    kept: list[Any] = field(default_factory=list)
+    signals: list[int] = field(default_factory=list)
+
+    @property
+    def folder(self) -> Path:
+        """This member's own folder."""
+        return Path(self.swarm.robots.get(self.name, self.swarm.infra))
+
+    def keep(self, thing: Any) -> Any:
+        """Hold `thing` until the attack is over."""
+        self.kept.append(thing)
+        return thing
+
+    def listen(self, key: str, session: zenoh.Session | None = None) -> None:
+        """Hear what arrives on `key` until the attack is over."""
+        self.ears.append((session or self.session).declare_subscriber(key))
+
+    def listen_for_life(self, key: str) -> None:
+        """Hear who is alive on `key` until the attack is over."""
+        self.ears.append(self.session.liveliness().declare_subscriber(key))
+
+    def hear(self) -> list[Heard]:
+        """All that has arrived since the attack began.
+
+        Read from channels and not told by callbacks: each callback has its own thread, and then what came
+        first may be told last.
+        """
+        for ear in (*self.ordinary, *self.ears):
+            while (sample := ear.try_recv()) is not None:
+                self.heard.append(Heard(str(sample.key_expr), bytes(sample.payload).decode()))
+        return self.heard
+
+    def has_heard(self, payload: str) -> bool:
+        """True if a sample with `payload` has arrived."""
+        return any(entry.payload == payload for entry in self.hear())
+
+    def await_payload(self, payload: str, copies: int = 1) -> None:
+        """Wait for a sample that must come; everything sent before it on its way is then here too."""
+        limit = time.monotonic() + PATIENCE
+        while [entry.payload for entry in self.hear()].count(payload) < copies:
+            if time.monotonic() > limit:
+                raise AssertionError(f"{self.name} never got {payload!r}, only {self.heard}")
+            time.sleep(0.0005)
+
+    def forget(self) -> None:
+        """Let go of everything that the last attack left."""
+        for thing in (*self.ears, *reversed(self.kept)):
+            with suppress(OSError, zenoh.ZError):
+                thing.close() if hasattr(thing, "close") else thing.undeclare()
+        for things in (self.ears, self.kept, self.signals):
+            things.clear()
+        self.hear()
+        self.heard.clear()
+
+
+Stage = tuple[str, Callable[[Member, Note], Note | None]]
+"""A member's name and what it does; what it returns is added to the note."""
+
+
+def main() -> None:
+    """Become the member that argv names."""
+    name = sys.argv[1]
+    # Isolation redirects stdout; the test is spoken to through copies.
+    orders, answers = os.dup(0), os.dup(1)
+    with os.fdopen(orders) as incoming, os.fdopen(answers, "w") as outgoing:
+        swarm = Description(**json.loads(incoming.readline()))
+        if swarm.mode == "isolated" and name != "world":
+            own = Path(swarm.robots[name])
+            kept = (orders, answers)
+            isolate(Plan(own=own, hidden=(Path(swarm.out),), log=own / "log.txt", descriptors=kept))
+        obey_all(name, swarm, incoming, outgoing)
+
+
+def obey_all(name: str, swarm: Description, incoming: TextIO, outgoing: TextIO) -> None:
+    """Open the session and carry out one order after the other."""
+    with zenoh.open(router(swarm) if name == "world" else client(swarm, name)) as session:
+        member = Member(name, swarm, session)
+        member.ordinary = [session.declare_subscriber(key) for key in ordinary_keys(name)]
+        answer: Note = {"ready": os.getpid()}
+        while True:
+            outgoing.write(json.dumps(answer) + "\n")
+            outgoing.flush()
+            order = incoming.readline()
+            if not order:
+                return
+            answer = obey(member, json.loads(order))
+
+
+def ordinary_keys(name: str) -> list[str]:
+    """What a member listens to in the ordinary course of a run (the world: all that could be forged, too)."""
+    if name == "world":
+        return ["swarm/up/*/drive", "swarm/up/*/transmit", "swarm/up/*/ready", "swarm/infra/**", "foo"]
+    return [f"swarm/down/{name}/senses", f"swarm/down/{name}/received"]
+
+
+def obey(member: Member, order: Note) -> Note:
+    """Carry out one stage of an attack."""
+    from tests.isolation.attacks import ATTACKS  # noqa: PLC0415 — the attacks import this module
+
+    if order.get("forget"):
+        member.forget()
+        return {}
+    _, act = ATTACKS[order["attack"]].stages[order["stage"]]
+    try:
+        return act(member, order["note"]) or {}
+    except (OSError, zenoh.ZError, TimeoutError) as error:
+        return {"refused": f"{member.name}: {type(error).__name__}: {error}"}
+
+
+def sockets(swarm: Description) -> Credentials:
+    """Where the credentials of the run lie, as `issue` has written them."""
+    robots = {name: Path(folder) for name, folder in swarm.robots.items()}
+    infra = Path(swarm.infra)
+    return Credentials(
+        robots=tuple(robots),
+        others=("radio", "observer", "operator"),
+        dictionary=infra / "users",
+        files={name: folder / "credentials" for name, folder in robots.items()},
+        sockets={name: folder / "router.sock" for name, folder in robots.items()}
+        | {"radio": infra / "router.sock"},
+    )
+
+
+def router(swarm: Description) -> zenoh.Config:
+    """The world's configuration; in the unguarded swarm without its guards."""
+    config = access.router_config(sockets(swarm))
+    if swarm.mode == "unguarded":
+        config.insert_json5("access_control", '{"enabled": false}')
+        config.insert_json5("transport/auth/usrpwd", NO_PASSWORDS)
+    return config
+
+
+def client(swarm: Description, name: str, **changed: Any) -> zenoh.Config:
+    """A robot's configuration with its own credentials; `changed` replaces user, password, mode, endpoint."""
+    issued = sockets(swarm)
+    endpoint = changed.pop("endpoint", issued.endpoint(name))
+    config = access.client_config(issued.files[name], endpoint)
+    for key, value in changed.items():
+        path = key if key == "mode" else f"transport/auth/usrpwd/{key}"
+        config.insert_json5(path, json.dumps(value))
+    if swarm.mode == "unguarded":
+        # A router that wants no password refuses a client that shows one.
+        config.insert_json5("transport/auth/usrpwd", NO_PASSWORDS)
+    return config
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,354 @@
+"""Attacks over the tables of the kernel (processes, IPC, key rings), and ways out of isolation."""
+
+import ctypes
+import fcntl
+import os
+import resource
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+from actors.runtime import linux
+from tests.isolation.attack import Attack, Layer
+from tests.isolation.file_attacks import FILTER
+from tests.isolation.member import Member, Note, Stage
+from tests.isolation.network_attacks import REPOSITORY, process
+
+LIBC = ctypes.CDLL(None, use_errno=True)
+LIBC.shmat.restype = ctypes.c_void_p
+IPC = "IPC namespace"
+PROCESSES = "private /proc"
+IPC_CREAT = 0o1000
+IPC_RMID = 0
+SEM_SETVAL, SEM_GETVAL = 16, 12
+USER_KEYRING = -4
+KEYCTL_SEARCH = 10
+SYSCALLS = {"x86_64": (248, 250, 438), "aarch64": (217, 219, 438)}
+"""add_key, keyctl, pidfd_getfd."""
+PTRACE_ATTACH, PTRACE_DETACH = 16, 17
+F_SETOWN = 8
+PR_SET_NAME = 15
+
+BREAK_OUT = """
+import ctypes, os, sys
+sys.path.insert(0, sys.argv[1])
+from contextlib import suppress
+from pathlib import Path
+from actors.runtime import linux
+with suppress(OSError):
+    user, group = os.getuid(), os.getgid()
+    linux.unshare(linux.CLONE_NEWUSER | linux.CLONE_NEWNS)
+    Path("/proc/self/setgroups").write_text("deny")
+    Path("/proc/self/uid_map").write_text(f"{user} {user} 1")
+    Path("/proc/self/gid_map").write_text(f"{group} {group} 1")
+    for folder in ("/", sys.argv[1], "/tmp", "/run", sys.argv[3]):
+        with suppress(OSError):
+            linux.mount(None, folder, None, linux.MS_REMOUNT | linux.MS_BIND | linux.mount_flags(folder))
+        ctypes.CDLL(None).umount2(folder.encode(), 2)
+with suppress(OSError):
+    Path(sys.argv[1], "." + sys.argv[2]).write_text(sys.argv[2])
+with suppress(OSError):
+    print(Path(sys.argv[3], "r2", "credentials").read_text())
+"""
+"""In a child: a new user namespace with all capabilities; undo the mounts; then do what is forbidden."""
+
+
+def checked(result: int, what: str) -> int:
+    """The result of a C function, or OSError."""
+    if result == -1:
+        raise OSError(ctypes.get_errno(), what)
+    return result
+
+
+def key_of(note: Note) -> int:
+    """A System V key that both compute from the token."""
+    return int(note["token"], 16) & 0x7FFF_FFFF
+
+
+def share_memory(_: Member, note: Note) -> None:
+    """Write the token to a System V segment."""
+    segment = checked(LIBC.shmget(key_of(note), 4096, IPC_CREAT | 0o600), "shmget")
+    address = LIBC.shmat(segment, None, 0)
+    ctypes.memmove(address, note["token"].encode(), len(note["token"]))
+    LIBC.shmdt(ctypes.c_void_p(address))
+
+
+def find_memory(_: Member, note: Note) -> Note:
+    """Read the segment and remove it."""
+    segment = checked(LIBC.shmget(key_of(note), 4096, 0), "shmget")
+    address = LIBC.shmat(segment, None, 0)
+    text = ctypes.string_at(address, len(note["token"]))
+    LIBC.shmdt(ctypes.c_void_p(address))
+    LIBC.shmctl(segment, IPC_RMID, None)
+    return {"reached": text.decode() == note["token"]}
+
+
+def raise_semaphore(_: Member, note: Note) -> None:
+    """Set a System V semaphore."""
+    semaphores = checked(LIBC.semget(key_of(note), 1, IPC_CREAT | 0o600), "semget")
+    checked(LIBC.semctl(semaphores, 0, SEM_SETVAL, 7), "semctl")
+
+
+def find_semaphore(_: Member, note: Note) -> Note:
+    """Read the semaphore and remove it."""
+    semaphores = checked(LIBC.semget(key_of(note), 1, 0), "semget")
+    value = LIBC.semctl(semaphores, 0, SEM_GETVAL)
+    LIBC.semctl(semaphores, 0, IPC_RMID)
+    return {"reached": value == 7}
+
+
+def queue_message(_: Member, note: Note) -> None:
+    """Put the token into a System V queue."""
+    queue = checked(LIBC.msgget(key_of(note), IPC_CREAT | 0o600), "msgget")
+    text = (1).to_bytes(8, sys.byteorder) + note["token"].encode()
+    checked(LIBC.msgsnd(queue, text, ctypes.c_size_t(len(text) - 8), 0), "msgsnd")
+
+
+def find_queue(_: Member, note: Note) -> Note:
+    """Read the queue and remove it."""
+    queue = checked(LIBC.msgget(key_of(note), 0), "msgget")
+    buffer = ctypes.create_string_buffer(108)
+    LIBC.msgrcv(queue, buffer, ctypes.c_size_t(100), ctypes.c_long(0), 0)
+    LIBC.msgctl(queue, IPC_RMID, None)
+    return {"reached": note["token"].encode() in buffer.raw}
+
+
+def post_message(_: Member, note: Note) -> None:
+    """Make a POSIX queue that bears the token."""
+    name = f"/{note['token']}".encode()
+    os.close(checked(LIBC.mq_open(name, os.O_CREAT | os.O_RDWR, 0o600, None), "mq_open"))
+
+
+def find_post(_: Member, note: Note) -> Note:
+    """Open the POSIX queue and remove it."""
+    name = f"/{note['token']}".encode()
+    os.close(checked(LIBC.mq_open(name, os.O_RDWR), "mq_open"))
+    LIBC.mq_unlink(name)
+    return {"reached": True}
+
+
+def store_key(_: Member, note: Note) -> None:
+    """Put the token into the user's key ring."""
+    text = note["token"].encode()
+    number = SYSCALLS[os.uname().machine][0]
+    checked(LIBC.syscall(number, b"user", text, text, ctypes.c_size_t(len(text)), USER_KEYRING), "add_key")
+
+
+def find_key(_: Member, note: Note) -> Note:
+    """Search the user's key ring."""
+    number = SYSCALLS[os.uname().machine][1]
+    checked(LIBC.syscall(number, KEYCTL_SEARCH, USER_KEYRING, b"user", note["token"].encode(), 0), "keyctl")
+    return {"reached": True}
+
+
+def who(member: Member, _: Note) -> Note:
+    """Tell one's process id."""
+    return {"pid": os.getpid(), "environ": os.environ.get("SECRET", ""), "folder": str(member.folder)}
+
+
+def await_signals(member: Member, _: Note) -> Note:
+    """Note the signals that come."""
+    for number in (signal.SIGUSR1, signal.SIGIO):
+        signal.signal(number, lambda got, _: member.signals.append(got))
+    return {"pid": os.getpid()}
+
+
+def got_signal(member: Member, _: Note) -> Note:
+    """Whether one has come."""
+    return {"reached": bool(member.signals)}
+
+
+def send_signal(_: Member, note: Note) -> None:
+    """kill(2)."""
+    os.kill(note["pid"], signal.SIGUSR1)
+
+
+def send_by_descriptor(_: Member, note: Note) -> None:
+    """pidfd_send_signal(2)."""
+    handle = os.pidfd_open(note["pid"])
+    signal.pidfd_send_signal(handle, signal.SIGUSR1)
+    os.close(handle)
+
+
+def send_by_socket(member: Member, note: Note) -> None:
+    """Let the kernel signal the other when a socket of one's own becomes readable."""
+    for end in socket.socketpair():
+        member.keep(end)
+    reader, writer = member.kept
+    fcntl.fcntl(reader, F_SETOWN, note["pid"])
+    fcntl.fcntl(reader, fcntl.F_SETFL, fcntl.fcntl(reader, fcntl.F_GETFL) | os.O_ASYNC)
+    writer.send(b"!")
+
+
+def set_limit(_: Member, note: Note) -> None:
+    """Change a limit of the other."""
+    soft, hard = resource.prlimit(note["pid"], resource.RLIMIT_NOFILE)
+    resource.prlimit(note["pid"], resource.RLIMIT_NOFILE, (soft - 1, hard))
+
+
+def limits(_: Member, note: Note) -> Note:
+    """One's own limit, and whether it has changed since last asked."""
+    now = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    return {"pid": os.getpid(), "limit": now, "reached": note.get("limit", now) != now}
+
+
+def set_niceness(_: Member, note: Note) -> None:
+    """Change the other's priority."""
+    os.setpriority(os.PRIO_PROCESS, note["pid"], os.getpriority(os.PRIO_PROCESS, note["pid"]) + 1)
+
+
+def niceness(_: Member, note: Note) -> Note:
+    """One's own priority, and whether it has changed since last asked."""
+    now = os.getpriority(os.PRIO_PROCESS, 0)
+    return {"pid": os.getpid(), "niceness": now, "reached": note.get("niceness", now) != now}
+
+
+def set_scheduler(_: Member, note: Note) -> None:
+    """Change the other's scheduling class."""
+    os.sched_setscheduler(note["pid"], os.SCHED_BATCH, os.sched_param(0))
+
+
+def scheduler(_: Member, __: Note) -> Note:
+    """Whether one's own class has changed; back to the ordinary one."""
+    changed = os.sched_getscheduler(0) == os.SCHED_BATCH
+    if changed:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    return {"pid": os.getpid(), "reached": changed}
+
+
+def set_name(_: Member, note: Note) -> Note:
+    """Use one's own name in the process table as a blackboard."""
+    name = ctypes.create_string_buffer(note["token"][:15].encode())
+    linux.prctl(PR_SET_NAME, ctypes.addressof(name))
+    return {"pid": os.getpid()}
+
+
+def proc(entry: str) -> Stage:
+    """r1 reads an entry of /proc about r2 and finds what only r2 knows."""
+
+    def act(_: Member, note: Note) -> Note:
+        text = Path(f"/proc/{note['pid']}/{entry.format(**note)}").read_bytes().decode(errors="replace")
+        return {"reached": any(word in text for word in (note["token"][:15], "SECRET=", "r2:"))}
+
+    return ("r1", act)
+
+
+def hold_memory(member: Member, note: Note) -> Note:
+    """Hold the token in an anonymous file and in memory."""
+    handle = os.memfd_create("diary")
+    member.keep(os.fdopen(handle, "r+b", buffering=0)).write(note["token"].encode())
+    text = ctypes.create_string_buffer(note["token"].encode())
+    member.signals.append(ctypes.addressof(text))
+    MEMORY.append(text)
+    return {"pid": os.getpid(), "handle": handle, "address": ctypes.addressof(text)}
+
+
+def read_command_line(_: Member, note: Note) -> Note:
+    """See how the other was started."""
+    return {"reached": bool(Path(f"/proc/{note['pid']}/cmdline").read_bytes())}
+
+
+MEMORY: list[ctypes.Array[ctypes.c_char]] = []
+"""Keeps the buffers of `hold_memory` where they are."""
+
+
+def steal_descriptor(_: Member, note: Note) -> Note:
+    """pidfd_getfd(2)."""
+    process_handle = os.pidfd_open(note["pid"])
+    number = SYSCALLS[os.uname().machine][2]
+    handle = checked(LIBC.syscall(number, process_handle, note["handle"], 0), "pidfd_getfd")
+    os.close(process_handle)
+    with os.fdopen(handle, "rb", buffering=0) as file:
+        file.seek(0)
+        return {"reached": file.read().decode() == note["token"]}
+
+
+class Span(ctypes.Structure):
+    """struct iovec."""
+
+    _fields_ = (("base", ctypes.c_void_p), ("length", ctypes.c_size_t))
+
+
+def read_memory(_: Member, note: Note) -> Note:
+    """process_vm_readv(2)."""
+    size = len(note["token"])
+    buffer = ctypes.create_string_buffer(size)
+    here, there = Span(ctypes.addressof(buffer), size), Span(note["address"], size)
+    checked(
+        LIBC.process_vm_readv(note["pid"], ctypes.byref(here), 1, ctypes.byref(there), 1, 0),
+        "process_vm_readv",
+    )
+    return {"reached": buffer.raw.decode() == note["token"]}
+
+
+def trace(_: Member, note: Note) -> Note:
+    """ptrace(2)."""
+    checked(LIBC.ptrace(PTRACE_ATTACH, note["pid"], None, None), "ptrace")
+    os.waitpid(note["pid"], 0x4000_0000)
+    LIBC.ptrace(PTRACE_DETACH, note["pid"], None, None)
+    return {"reached": True}
+
+
+def break_out(member: Member, note: Note) -> Note:
+    """Undo the file tree in a nested user namespace."""
+    ran = subprocess.run(
+        [sys.executable, "-c", BREAK_OUT, str(REPOSITORY), note["token"], member.swarm.out],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    path = REPOSITORY / f".{note['token']}"
+    return {"litter": [str(path)], "reached": "r2:" in ran.stdout or path.exists()}
+
+
+def remount(member: Member, note: Note) -> Note:
+    """Make the tree writable again, and write."""
+    path = REPOSITORY / f".{note['token']}"
+    for folder in ("/", str(REPOSITORY)):
+        try:
+            linux.mount(None, folder, None, linux.MS_REMOUNT | linux.MS_BIND | linux.mount_flags(folder))
+        except OSError:
+            continue
+    path.write_text(note["token"])
+    return {"litter": [str(path)], "reached": True}
+
+
+def traced(name: str, closed_by: str, *stages: Stage) -> Attack:
+    """An attack that needs the right to trace."""
+    return Attack(name, Layer.PROCESS, closed_by, stages, traces=True)
+
+
+PROCESS_ATTACKS = (
+    process("System V shared memory", IPC, ("r1", share_memory), ("r2", find_memory)),
+    process("System V semaphore", IPC, ("r1", raise_semaphore), ("r2", find_semaphore)),
+    process("System V message queue", IPC, ("r1", queue_message), ("r2", find_queue)),
+    process("POSIX message queue", IPC, ("r1", post_message), ("r2", find_post)),
+    process("key ring of the user", FILTER, ("r1", store_key), ("r2", find_key)),
+    process("signal", FILTER, ("r2", await_signals), ("r1", send_signal), ("r2", got_signal)),
+    process(
+        "signal by descriptor", FILTER, ("r2", await_signals), ("r1", send_by_descriptor), ("r2", got_signal)
+    ),
+    process(
+        "signal by a socket's owner",
+        FILTER,
+        ("r2", await_signals),
+        ("r1", send_by_socket),
+        ("r2", got_signal),
+    ),
+    process("limits of r2", FILTER, ("r2", limits), ("r1", set_limit), ("r2", limits)),
+    process("priority of r2", FILTER, ("r2", niceness), ("r1", set_niceness), ("r2", niceness)),
+    process("scheduling class of r2", FILTER, ("r2", scheduler), ("r1", set_scheduler), ("r2", scheduler)),
+    process("process name as a blackboard", PROCESSES, ("r2", set_name), proc("comm")),
+    process("command line of r2", PROCESSES, ("r2", who), ("r1", read_command_line)),
+    traced("environment of r2", PROCESSES, ("r2", who), proc("environ")),
+    traced("/proc/…/root of r2", PROCESSES, ("r2", who), proc("root{folder}/credentials")),
+    traced("/proc/…/cwd of r2", PROCESSES, ("r2", who), proc("cwd/r2/credentials")),
+    traced("/proc/…/fd of r2", PROCESSES, ("r2", hold_memory), proc("fd/{handle}")),
+    traced("descriptor taken from r2", FILTER, ("r2", hold_memory), ("r1", steal_descriptor)),
+    traced("memory of r2", FILTER, ("r2", hold_memory), ("r1", read_memory)),
+    traced("tracing r2", FILTER, ("r2", who), ("r1", trace)),
+    process("remounting the tree", "no capabilities", ("r1", remount)),
+    process("nested user namespace", FILTER, ("r1", break_out)),
+)

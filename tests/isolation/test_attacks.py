@@ -1,0 +1,75 @@
+"""The only way to a peer is the radio: every other way is tried, with and without what closes it."""
+
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from actors.runtime.isolation import available
+from tests.isolation.attack import Attack, Layer
+from tests.isolation.attacks import ATTACKS
+from tests.isolation.swarm import MODES, Swarm
+
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "isolation.md"
+
+
+@pytest.fixture(scope="module")
+def swarms() -> Iterator[dict[str, Swarm]]:
+    """The swarms of all modes, started when first asked for."""
+    with ExitStack() as stack:
+
+        class Started(dict[str, Swarm]):
+            def __missing__(self, mode: str) -> Swarm:
+                if mode == "isolated":
+                    need_isolation()
+                self[mode] = stack.enter_context(Swarm(mode))
+                return self[mode]
+
+        yield Started()
+
+
+def need_isolation() -> None:
+    """Skip where robots cannot be isolated; in continuous integration that is a failure."""
+    reason = available()
+    if reason is None:
+        return
+    if os.environ.get("CI") == "true":
+        pytest.fail(f"isolation must be tested in continuous integration, but {reason}")
+    pytest.skip(reason)
+
+
+def need_means(attack: Attack) -> None:
+    """Skip an attack that this user could not carry out even against an unprotected swarm."""
+    if attack.folder.startswith("/") and not os.access(attack.folder, os.W_OK):
+        pytest.skip(f"{attack.folder} cannot be written to by this user")
+    if attack.root and os.getuid() != 0:
+        pytest.skip("only root could do this")
+    yama = Path("/proc/sys/kernel/yama/ptrace_scope")
+    if attack.traces and os.getuid() != 0 and yama.exists() and yama.read_text().strip() != "0":
+        pytest.skip("Yama forbids to trace one's own processes")
+
+
+CASES = [
+    pytest.param(index, mode, id=f"{mode}: {attack.name}")
+    for mode, layer in MODES.items()
+    for index, attack in enumerate(ATTACKS)
+    if mode != "unguarded" or attack.layer <= Layer.RULES
+]
+
+
+@pytest.mark.parametrize(("index", "mode"), CASES)
+def test_an_attack_gets_through_only_where_nothing_closes_its_way(
+    index: int, mode: str, swarms: dict[str, Swarm]
+) -> None:
+    attack = ATTACKS[index]
+    need_means(attack)
+    outcome = swarms[mode].carry_out(index)
+    expected = attack.layer == Layer.NONE or MODES[mode] < attack.layer
+    assert outcome.reached == expected, outcome
+
+
+def test_attacks_have_names_of_their_own() -> None:
+    names = [attack.name for attack in ATTACKS]
+    assert len(set(names)) == len(names)
