@@ -1,0 +1,33 @@
+"""What holds for all tests: under CI a skipped test is a failure, because there nobody would see it."""
+
+import os
+
+import pytest
+
+_SKIPPED: list[str] = []
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    if report.skipped and not hasattr(report, "wasxfail"):
+        _SKIPPED.append(report.nodeid)
+
+
+def pytest_collectreport(report: pytest.CollectReport) -> None:
+    if report.skipped:
+        _SKIPPED.append(report.nodeid)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    if _under_ci() and _SKIPPED and session.exitstatus == pytest.ExitCode.OK:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    if _under_ci() and _SKIPPED:
+        terminalreporter.write_line(
+            f"CI is set, so skipped tests are failures; skipped: {', '.join(_SKIPPED)}", red=True
+        )
+
+
+def _under_ci() -> bool:
+    return os.environ.get("CI", "").lower() not in {"", "0", "false"}
