@@ -1,0 +1,92 @@
+"""From a scenario to who stands where with what to do: every choice made, every random draw drawn."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from actors.instant import milliseconds, seconds
+from actors.map_file import load_map
+from actors.radio import parameters as radio_parameters
+from actors.radio.setup import RadioSetup
+from actors.robot_model import load_model
+from actors.world.setup import RobotSetup, WorldSetup
+from cleaning.strategies import entry
+from deploy.events import timed_orders
+from deploy.scenario import PlacesTable, RobotTable, Scenario
+from deploy.spots import Figure, check_moves, places, starts
+
+
+@dataclass(frozen=True)
+class Cast:
+    """A scenario of which nothing is left open."""
+
+    scenario: Scenario
+    """Means the same as the one that was given, and draws nothing: every robot has a table of its own."""
+    world: WorldSetup
+    radio: RadioSetup
+    behaviour: str
+    """Entry string `module:function` of the robots' behaviour."""
+
+
+def cast(scenario: Scenario) -> Cast:
+    """Everything that the scenario leaves to be drawn or looked up, from its seed.
+
+    What one robot gets depends on the robots before it only, so a larger count changes nothing for them.
+    Raises an AcrcError where anything does not exist or does not fit.
+    """
+    behaviour = entry(scenario.run.strategy)
+    radio_parameters.preset(scenario.radio.preset)
+    grid = load_map(scenario.map)
+    figures = [_figure(robot, scenario) for robot in scenario.ids]
+    poses = starts(grid, figures, scenario)
+    check_moves(grid, figures, scenario)
+    robots = tuple(
+        RobotSetup(
+            figure.id, figure.model, figure.sensor, figure.odometry, start,
+            places(grid, figure, start, scenario),
+        )
+        for figure, start in zip(figures, poses, strict=True)
+    )  # fmt: skip
+    run, step_us = scenario.run, milliseconds(scenario.run.step_ms)
+    world = WorldSetup(
+        map=scenario.map,
+        seed=run.seed,
+        step_us=step_us,
+        duration_us=seconds(run.duration),
+        robots=robots,
+        events=timed_orders(scenario),
+    )
+    addresses = tuple((robot.id, number) for number, robot in enumerate(robots, start=1))
+    radio = RadioSetup(run.seed, step_us, addresses, scenario.radio.preset)
+    return Cast(_settled(scenario, robots), world, radio, behaviour)
+
+
+def _figure(robot: str, scenario: Scenario) -> Figure:
+    """The robot's own table, and what holds for all robots where that says nothing."""
+    common = scenario.robots
+    own = next((table for table in scenario.robot if table.id == robot), RobotTable(id=robot))
+    name = own.model or common.model
+    model = load_model(name, own.sensor or (common.sensor if name == common.model else None))
+    odometry = own.odometry or common.odometry or model.odometry
+    return Figure(robot, name, model.sensor_name, odometry, model.footprint.circumradius, own)
+
+
+def _settled(scenario: Scenario, robots: Sequence[RobotSetup]) -> Scenario:
+    """The scenario with a table for each robot that leaves nothing to be drawn."""
+    tables = tuple(
+        RobotTable(
+            id=robot.id,
+            model=robot.model,
+            sensor=robot.sensor,
+            odometry=robot.odometry,
+            start=robot.start,
+            places=robot.places,
+        )
+        for robot in robots
+    )
+    return scenario.model_copy(
+        update={
+            "robots": scenario.robots.model_copy(update={"start": ()}),
+            "places": PlacesTable(preset="listed"),
+            "robot": tables,
+        }
+    )

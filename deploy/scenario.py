@@ -1,0 +1,166 @@
+"""The tables of a scenario file, as they stand in its TOML; lengths in m, angles in rad, times in s."""
+
+import re
+from dataclasses import dataclass
+from typing import Annotated, Final, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
+
+from actors.robot_model import OdometryKind
+
+MOST_ROBOTS: Final = 1000
+MOST_PLACES: Final = 1000
+ROBOT_ID: Final = re.compile(r"r[1-9][0-9]{0,3}")
+
+
+@dataclass(frozen=True)
+class Right:
+    """What would have been right, in words that go on after "must be"; `item`: the same for one of a list."""
+
+    words: str
+    item: str = ""
+
+
+def _as_tuples(value: object) -> object:
+    """TOML's arrays as tuples, so that the tables can be frozen all through."""
+    return tuple(_as_tuples(item) for item in value) if isinstance(value, list) else value
+
+
+_Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
+_Pose = Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], BeforeValidator(_as_tuples)]
+_Point = Annotated[tuple[_Coordinate, _Coordinate], BeforeValidator(_as_tuples)]
+_A_POSE: Final = "a pose [x, y, heading] in m, m and rad"
+_A_POINT: Final = "a point [x, y] in m"
+_Id = Annotated[str, StringConstraints(pattern=rf"^{ROBOT_ID.pattern}$")]
+_RobotId = Annotated[_Id, Right('the id of a robot, such as "r2"')]
+_Text = Annotated[str, StringConstraints(min_length=1)]
+_Model = Annotated[
+    _Text, Right('the name of a robot model such as "turtlebot2", or the path of a .toml file')
+]
+_Sensor = Annotated[_Text, Right('the name of one of the robot model\'s sensors, such as "chapter"')]
+_Odometry = Annotated[OdometryKind, Right('"exact", "stage" or "kobuki"')]
+_Radius = Annotated[float, Field(gt=0, le=1000), Right("a number of metres above 0, at most 1000")]
+_Seconds = Annotated[float, Field(gt=0, le=1e6), Right("a number of seconds above 0, at most 1000000")]
+
+
+class Table(BaseModel):
+    """A table of the file: every key known, nothing converted, every number finite."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class RunTable(Table):
+    """[run]: how long, in which steps, from which seed, and what the robots do when they are stuck."""
+
+    duration: _Seconds = 600.0
+    """Simulated time after which the run ends, s."""
+    step_ms: Annotated[
+        int,
+        Field(ge=10, le=100, multiple_of=10),
+        Right("a multiple of the 10 ms physics sub-step, from 10 to 100"),
+    ] = 100
+    """Length of a step, ms."""
+    seed: Annotated[int, Field(ge=0, lt=2**63), Right("a whole number from 0 to 9223372036854775807")] = 1
+    """From which every random stream is derived."""
+    strategy: Annotated[_Text, Right('the name of a strategy, such as "none"')] = "none"
+    """Name of the robots' adaptation strategy."""
+
+
+class RobotsTable(Table):
+    """[robots]: how many, of which kind, and where they start."""
+
+    count: Annotated[int, Field(ge=1, le=MOST_ROBOTS), Right(f"a whole number from 1 to {MOST_ROBOTS}")] = 4
+    """They are called r1, r2, and so on."""
+    model: _Model = "turtlebot2"
+    """Name of a shipped robot model, or the path of a model file relative to the scenario file."""
+    sensor: _Sensor | None = None
+    """Which of the model's sensors is mounted; absent: the model's own choice."""
+    odometry: _Odometry | None = None
+    """Which errors the odometry has; absent: those of the model."""
+    start: Annotated[
+        tuple[_Pose, ...],
+        BeforeValidator(_as_tuples),
+        Field(max_length=MOST_ROBOTS),
+        Right(f"a list of poses [x, y, heading] in m, m and rad, at most {MOST_ROBOTS}", item=_A_POSE),
+    ] = ()
+    """Where r1, r2, … start; robots beyond the list are put somewhere free."""
+
+
+class PlacesTable(Table):
+    """[places]: which places the robots have to clean."""
+
+    preset: Annotated[
+        Literal["golden", "areas", "free", "listed"], Right('"golden", "areas", "free" or "listed"')
+    ] = "areas"
+    """golden: those of the original testbed for r1 to r4, as areas for the others; areas: drawn in the
+    original's six areas; free: drawn on all reachable floor; listed: every [[robot]] lists its own."""
+    per_robot: Annotated[
+        int | None, Field(ge=0, le=MOST_PLACES), Right(f"a whole number from 0 to {MOST_PLACES}")
+    ] = None
+    """How many each robot gets; absent: 10, as in the original testbed."""
+
+
+class RadioTable(Table):
+    """[radio]: the model of the air."""
+
+    preset: Annotated[_Text, Right('the name of a radio preset, such as "chapter"')] = "chapter"
+    """Name of the radio's parameters."""
+
+
+class RobotTable(Table):
+    """[[robot]]: what is different about one robot."""
+
+    id: _RobotId
+    model: _Model | None = None
+    sensor: _Sensor | None = None
+    """Which sensor; absent: as for all robots if the model is theirs, else the model's own choice."""
+    odometry: _Odometry | None = None
+    start: Annotated[_Pose | None, Right(_A_POSE)] = None
+    places: Annotated[
+        tuple[_Point, ...] | None,
+        BeforeValidator(_as_tuples),
+        Field(max_length=MOST_PLACES),
+        Right(f"a list of points [x, y] in m, at most {MOST_PLACES}", item=_A_POINT),
+    ] = None
+    """The places it has to clean, in this order."""
+
+
+class EventTable(Table):
+    """[[event]]: something that happens at an instant: one of the actions, with what belongs to it."""
+
+    at: Annotated[float, Field(ge=0, le=1e6), Right("a number of seconds from 0 to below the duration")]
+    """When, s; it happens at the first step boundary from then on."""
+    kill: _RobotId | None = None
+    """End the robot's process; its body stays."""
+    freeze: _RobotId | None = None
+    """Stop the robot's process."""
+    thaw: _RobotId | None = None
+    """Let a frozen robot go on."""
+    restart: _RobotId | None = None
+    """Start the robot's process anew."""
+    move: _RobotId | None = None
+    """Put the robot somewhere else: `to`."""
+    to: Annotated[_Pose | None, Right(_A_POSE)] = None
+    jam: Annotated[_Point | None, Right(_A_POINT)] = None
+    """Switch a jammer on: `radius`, `duration`."""
+    obstacle: Annotated[_Point | None, Right(_A_POINT)] = None
+    """Put a round thing on the floor: `radius`."""
+    radius: _Radius | None = None
+    duration: _Seconds | None = None
+
+
+class Scenario(Table):
+    """A scenario file; `map` and the robot models' files are absolute paths once it has been read."""
+
+    map: Annotated[_Text, Right("the path of a map's YAML file, relative to the scenario file")]
+    run: RunTable = RunTable()
+    robots: RobotsTable = RobotsTable()
+    places: PlacesTable = PlacesTable()
+    radio: RadioTable = RadioTable()
+    robot: Annotated[tuple[RobotTable, ...], BeforeValidator(_as_tuples)] = ()
+    event: Annotated[tuple[EventTable, ...], BeforeValidator(_as_tuples)] = ()
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """The robots' ids, in order."""
+        return tuple(f"r{number}" for number in range(1, self.robots.count + 1))
