@@ -1,0 +1,110 @@
+"""The command line. What a command needs is imported once it is known which one it is."""
+
+import os
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from actors.runtime.errors import AcrcError
+from deploy.checks import run_checks
+from deploy.cli_bench import app as bench
+from deploy.repository import REPOSITORY
+from deploy.usage import OptionError
+
+app = typer.Typer(
+    name="acrc",
+    help="A testbed for self-adaptation: cleaning robots that can talk by radio only.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.add_typer(bench, name="bench", help="Measure how fast and how true the parts are.")
+_PASS_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
+
+
+def main() -> None:
+    """Run the command line; an AcrcError is a line on standard error and exit code 1, or 2 for an option."""
+    try:
+        app(prog_name="acrc")
+    except AcrcError as error:
+        Console(stderr=True, soft_wrap=True).print(f"acrc: {error}", markup=False, highlight=False)
+        sys.exit(2 if isinstance(error, OptionError) else 1)
+
+
+@app.command()
+def run(
+    scenario: Annotated[
+        Path | None,
+        typer.Argument(metavar="SCENARIO.toml", help="What to run.  [default: scenarios/corridor.toml]"),
+    ] = None,
+    robots: Annotated[str | None, typer.Option(metavar="N", help="How many robots.")] = None,
+    seed: Annotated[
+        str | None, typer.Option(metavar="N", help="From which all that is random follows.")
+    ] = None,
+    duration: Annotated[str | None, typer.Option(metavar="S", help="Simulated seconds.")] = None,
+    step: Annotated[str | None, typer.Option(metavar="MS", help="Length of a step, 10 to 100 ms.")] = None,
+    strategy: Annotated[
+        str | None, typer.Option(metavar="NAME", help="What robots do about being stuck.")
+    ] = None,
+    speed: Annotated[str, typer.Option(metavar="X", help="Simulated seconds per second, or max.")] = "max",
+    bus: Annotated[
+        str, typer.Option(metavar="zenoh|memory", help="A process per robot, or all of them in one.")
+    ] = "zenoh",
+    spawn: Annotated[
+        str, typer.Option(metavar="forkserver|exec", help="How processes are started.")
+    ] = "forkserver",
+    isolate: Annotated[
+        bool, typer.Option(help="Shut each robot's process off from all but its own senses and radio.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="New folder for the recordings and the result.  [default: in runs/]"
+        ),
+    ] = None,
+    view: Annotated[bool, typer.Option("--view", help="Show the run while it goes on.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")] = False,
+) -> None:
+    """Run a swarm and say what came of it. Options replace what the scenario says."""
+    from deploy.options import run_options
+    from deploy.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario
+
+    overrides = Overrides(robots, seed, duration, step, strategy)
+    out = out or _new_folder(scenario or DEFAULT_SCENARIO)
+    options = run_options(out, speed=speed, bus=bus, spawn=spawn, isolate=isolate, view=view, json=json)
+    chosen = load_scenario(scenario, overrides)
+
+    from deploy import summary, swarm
+
+    try:
+        result = swarm.run(chosen, options)
+    except swarm.Interrupted as interrupt:
+        Console(stderr=True).print(f"acrc: ended from outside; what was recorded is in {options.out}")
+        raise typer.Exit(interrupt.exit_code) from None
+    summary.print_result(result, json=json)
+
+
+@app.command(context_settings=_PASS_ON)
+def test(context: typer.Context) -> None:
+    """Run the tests; whatever follows goes to pytest."""
+    os.chdir(REPOSITORY)
+    os.execv(sys.executable, [sys.executable, "-m", "pytest", *context.args])
+
+
+@app.command()
+def check() -> None:
+    """Check form, faults, types and imports of the sources."""
+    if not run_checks(REPOSITORY, Console()):
+        raise typer.Exit(1)
+
+
+def _new_folder(scenario: Path) -> Path:
+    """A folder in `runs` that does not exist yet, named after the scenario and the time."""
+    name = f"{scenario.stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
+    names = (name if number == 1 else f"{name}-{number}" for number in range(1, 1000))
+    return next(path for path in (Path("runs", name) for name in names) if not path.exists())

@@ -1,0 +1,71 @@
+"""How a scenario is to be run: everything that must not change what comes out."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, cast, get_args
+
+from deploy.usage import OptionError
+
+Bus = Literal["zenoh", "memory"]
+Spawn = Literal["forkserver", "exec"]
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """The options of `acrc run` that are not part of the scenario."""
+
+    out: Path
+    """Absolute path of a new or empty folder for everything that the run writes."""
+    speed: str = "max"
+    """Simulated seconds per second as a positive number, or "max"."""
+    bus: Bus = "zenoh"
+    """zenoh: a process per actor; memory: all actors in this process."""
+    spawn: Spawn = "forkserver"
+    """How processes are started: forked with everything imported, or anew."""
+    isolate: bool = False
+    """Shut every robot's process off from everything but its own two branches of the mesh."""
+    view: bool = False
+    """Show the run while it goes on."""
+    json: bool = False
+    """Print the result as JSON on standard output, and nothing else."""
+
+
+def run_options(  # one for each option of the command line
+    out: Path,
+    *,
+    speed: str = "max",
+    bus: str = "zenoh",
+    spawn: str = "forkserver",
+    isolate: bool = False,
+    view: bool = False,
+    json: bool = False,
+) -> RunOptions:
+    """The options as they stand on the command line, checked. Raises OptionError."""
+    if bus not in get_args(Bus):
+        raise OptionError(f"--bus {bus}: must be {_choice(get_args(Bus))}")
+    if spawn not in get_args(Spawn):
+        raise OptionError(f"--spawn {spawn}: must be {_choice(get_args(Spawn))}")
+    if isolate and bus == "memory":
+        raise OptionError(
+            "--isolate: needs a process for each robot, and with --bus memory there is one for all"
+        )
+    if out.exists() and not out.is_dir():
+        raise OptionError(f"--out {out}: is a file; must be a folder that is new or empty")
+    return RunOptions(out.absolute(), _speed(speed), cast(Bus, bus), cast(Spawn, spawn), isolate, view, json)
+
+
+def _speed(text: str) -> str:
+    if text == "max":
+        return text
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not value > 0 or math.isinf(value):
+        raise OptionError(f'--speed {text}: must be "max" or a positive number such as 1 or 4')
+    return text
+
+
+def _choice(names: tuple[str, ...]) -> str:
+    return " or ".join(names)

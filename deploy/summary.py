@@ -1,0 +1,43 @@
+"""A run's result for people, or as JSON for programs."""
+
+import sys
+
+import msgspec
+from rich.console import Console
+from rich.table import Table
+
+from deploy.result import RunResult
+
+
+def print_result(result: RunResult, *, json: bool) -> None:
+    """Print the result on standard output; as JSON, it is the only thing there."""
+    if json:
+        sys.stdout.write(msgspec.json.encode(result).decode() + "\n")
+        return
+    console = Console()
+    console.print(_table(result))
+    console.print(
+        f"{result.simulated_s:g} s simulated in {result.wall_s:.1f} s"
+        f" ({result.real_time_factor:g} x real time, {result.startup_s:.1f} s to start)",
+        highlight=False,
+    )
+    frames = ", ".join(f"{count} {cause}" for cause, count in result.frames.items())
+    console.print(f"radio frames: {frames or 'none'}; contacts: {result.contacts}", highlight=False)
+    if result.undelivered or result.unread:
+        console.print(
+            f"{result.undelivered} messages were not delivered and {result.unread} not read", style="bold red"
+        )
+    console.print(f"digest {result.digest}\nrecorded in {result.out}", highlight=False, soft_wrap=True)
+
+
+def _table(result: RunResult) -> Table:
+    table = Table("robot", "places", "done at")
+    for robot, part in result.per_robot.items():
+        table.add_row(robot, f"{part.places_done} of {part.places_total}", _instant(part.completion_s))
+    table.add_section()
+    table.add_row("all", f"{result.places_done} of {result.places_total}", _instant(result.completion_s))
+    return table
+
+
+def _instant(completion_s: float | None) -> str:
+    return "not all" if completion_s is None else f"{completion_s:.1f} s"
