@@ -1,0 +1,22 @@
+#!/bin/sh
+# Stands in for python3 in the tests of ./acrc: makes environments that hold only itself, notes what pip was
+# told in $NOTES, and runs small programs in the real Python.
+case "$1 $2" in
+    '-m venv')
+        for folder; do :; done
+        mkdir -p "$folder/bin"
+        cp "$FAKE" "$folder/bin/python"
+        ;;
+    '-m pip')
+        echo "pip $*" >>"$NOTES"
+        sleep "${PIP_TAKES:-0}"
+        [ -z "${PIP_FAILS:-}" ] || exit 1
+        [ ! -f .venv/pins.txt ] || cp .venv/pins.txt "$NOTES.pins"
+        ;;
+    '-P -m') echo "in $PWD: $*" ;;
+    '-V '*) echo "Python ${VERSION:-3.11.7}" ;;
+    '-c import ensurepip, venv') [ -z "${NO_VENV:-}" ] || exit 1 ;;
+    "-c import sys; print"*) echo "${VERSION:-3.11.7}" | cut -d. -f1,2 ;;
+    '-c import sys; sys.exit(sys.version_info'*) [ -z "${TOO_OLD:-}" ] || exit 1 ;;
+    *) exec "$REAL" "$@" ;;
+esac

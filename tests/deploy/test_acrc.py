@@ -1,0 +1,223 @@
+"""The one script, with a python3 that only notes what it is told: no network, no environment, no waiting."""
+
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TOOLS = [
+    "sh",
+    "cat",
+    "cksum",
+    "cp",
+    "cut",
+    "date",
+    "dirname",
+    "du",
+    "grep",
+    "awk",
+    "mkdir",
+    "mv",
+    "readlink",
+    "rm",
+    "sed",
+    "sleep",
+    "sort",
+    "tr",
+    "wc",
+]
+NEEDED = "but Python 3.11 or newer with venv is needed; on Debian or Ubuntu: sudo apt install"
+
+
+@dataclass
+class Clone:
+    """A fresh clone in a folder of its own, and a machine that has nothing but a few tools."""
+
+    folder: Path
+    tools: Path
+    settings: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def notes(self) -> Path:
+        return self.tools.parent / "notes"
+
+    def start(
+        self, *arguments: str, script: Path | None = None, cwd: Path | None = None
+    ) -> "subprocess.Popen[str]":
+        fake = {"FAKE": str(self.tools / "python3"), "REAL": sys.executable, "NOTES": str(self.notes)}
+        return subprocess.Popen(
+            [script or self.folder / "acrc", *arguments],
+            cwd=cwd or self.folder,
+            env={"PATH": str(self.tools), **fake, **self.settings},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def call(
+        self, *arguments: str, script: Path | None = None, cwd: Path | None = None
+    ) -> tuple[int, str, str]:
+        process = self.start(*arguments, script=script, cwd=cwd)
+        out, err = process.communicate(timeout=20)
+        return process.returncode, out, err
+
+    def pip_calls(self) -> int:
+        return len(self.notes.read_text().splitlines()) if self.notes.exists() else 0
+
+    def installed(self) -> set[str]:
+        """Names of the packages that the last call of pip was given."""
+        pins = self.tools.parent / "notes.pins"
+        return {line.partition("==")[0] for line in pins.read_text().splitlines()}
+
+    def extras(self) -> list[str]:
+        lines = (self.folder / ".venv/installed").read_text().splitlines()
+        return [line.removeprefix("extra ") for line in lines if line.startswith("extra ")]
+
+
+@pytest.fixture
+def clone(tmp_path: Path) -> Clone:
+    folder, tools = tmp_path / "a clone of it", tmp_path / "tools"
+    folder.mkdir()
+    tools.mkdir()
+    for name in ("acrc", "constraints.txt", "pyproject.toml"):
+        shutil.copy(ROOT / name, folder)
+    for name in TOOLS:
+        found = shutil.which(name)
+        assert found is not None
+        (tools / name).symlink_to(found)
+    shutil.copy(Path(__file__).with_name("fake_python.sh"), tools / "python3")
+    (tools / "python3").chmod(0o755)
+    return Clone(folder, tools)
+
+
+@pytest.mark.parametrize("script", ["acrc", ".ci/run", "tests/deploy/fake_python.sh"])
+def test_the_scripts_are_well_formed(script: str) -> None:
+    subprocess.run(["bash" if script == ".ci/run" else "sh", "-n", ROOT / script], check=True)
+    assert os.access(ROOT / script, os.X_OK) or script.startswith("tests")
+
+
+def test_the_first_run_installs_base_and_simulation_and_the_second_nothing(clone: Clone) -> None:
+    code, out, err = clone.call("run", "--robots", "3", "two words")
+    assert (code, out) == (0, f"in {clone.folder}: -P -m deploy run --robots 3 two words\n")
+    first, second, third, last = err.splitlines()
+    assert first == "acrc: making .venv with Python 3.11.7"
+    assert second == "acrc: installing 24 packages: base sim"
+    assert third == "acrc: installing this project into it"
+    assert last.startswith("acrc: .venv is ready: 0 MB in ")
+    assert {"numba", "pymunk"} <= clone.installed()
+    assert not {"rerun-sdk", "pytest", "lz4", "zstandard"} & clone.installed()
+    assert not (clone.folder / ".venv/installer").exists()
+    assert clone.call("run") == (0, f"in {clone.folder}: -P -m deploy run\n", "")
+    assert clone.pip_calls() == 2
+
+
+def test_extras_come_when_a_command_needs_them_and_stay(clone: Clone) -> None:
+    clone.call("--help")
+    assert clone.extras() == []
+    clone.call("bench", "scan")
+    assert clone.extras() == ["sim"]
+    clone.call("run", "--seed", "3", "--view")
+    assert clone.extras() == ["observe", "sim"]
+    clone.call("test")
+    assert clone.extras() == ["dev", "observe", "sim"]
+    assert {"numba", "pymunk", "rerun-sdk", "pytest"} <= clone.installed()
+    calls = clone.pip_calls()
+    for command in (["run"], ["run", "--view"], ["check"], ["record", "check", "out"], []):
+        clone.call(*command)
+    assert clone.pip_calls() == calls
+
+
+@pytest.mark.parametrize("name", ["constraints.txt", "pyproject.toml"])
+def test_a_change_of_the_pins_repeats_the_installation_with_all_that_was_there(
+    clone: Clone, name: str
+) -> None:
+    clone.call("run", "--view")
+    with (clone.folder / name).open("a") as file:
+        file.write("# changed\n")
+    _, _, err = clone.call("--help")
+    assert "acrc: installing 28 packages: base observe sim\n" in err
+    assert "making .venv" not in err
+    assert clone.extras() == ["observe", "sim"]
+
+
+def test_a_clone_that_was_moved_is_installed_anew(clone: Clone) -> None:
+    clone.call("run")
+    clone.folder = clone.folder.rename(clone.folder.with_name("moved"))
+    _, out, err = clone.call("run")
+    assert out == f"in {clone.folder}: -P -m deploy run\n"
+    assert "acrc: installing 24 packages: base sim\n" in err
+
+
+def test_a_failed_installation_leaves_no_stamp_and_is_taken_up_again(clone: Clone) -> None:
+    clone.settings["PIP_FAILS"] = "yes"
+    code, out, err = clone.call("run")
+    assert (code, out) == (1, "")
+    assert err.splitlines()[-1] == (
+        "acrc: the installation failed, see above; the same command goes on where it stopped."
+    )
+    assert not (clone.folder / ".venv/installed").exists()
+    del clone.settings["PIP_FAILS"]
+    code, _, err = clone.call("run")
+    assert code == 0
+    assert "making .venv" not in err
+
+
+def test_two_first_uses_at_once_install_once(clone: Clone) -> None:
+    clone.settings["PIP_TAKES"] = "0.3"
+    both = [clone.start("run", str(number)) for number in (1, 2)]
+    ends = [(*process.communicate(timeout=20), process.returncode) for process in both]
+    assert [(out, code) for out, _, code in ends] == [
+        (f"in {clone.folder}: -P -m deploy run {number}\n", 0) for number in (1, 2)
+    ]
+    assert clone.pip_calls() == 2
+    assert sorted(err.splitlines()[0] for _, err, _ in ends) == [
+        "acrc: another acrc is installing; waiting for it",
+        "acrc: making .venv with Python 3.11.7",
+    ]
+
+
+def test_a_call_through_links_from_another_folder_stays_in_that_folder(clone: Clone, tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (tmp_path / "link").symlink_to(clone.folder / "acrc")
+    (elsewhere / "link to link").symlink_to("../link")
+    code, out, _ = clone.call("run", script=elsewhere / "link to link", cwd=elsewhere)
+    assert (code, out) == (0, f"in {elsewhere}: -P -m deploy run\n")
+    assert (clone.folder / ".venv/installed").exists()
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        (
+            {"TOO_OLD": "yes", "VERSION": "3.9.2"},
+            f"python3 is Python 3.9, {NEEDED} python3.11 python3.11-venv",
+        ),
+        (
+            {"NO_VENV": "yes", "VERSION": "3.12.1"},
+            f"Python 3.12 lacks its module venv, {NEEDED} python3.12-venv",
+        ),
+    ],
+)
+def test_a_python_that_does_not_do_is_refused(clone: Clone, settings: dict[str, str], sentence: str) -> None:
+    clone.settings |= settings
+    assert clone.call("run") == (1, "", f"acrc: {sentence}\n")
+
+
+def test_a_machine_without_python_is_told_what_to_install(clone: Clone) -> None:
+    (clone.tools / "python3").unlink()
+    sentence = f"no python3 was found, {NEEDED} python3.11 python3.11-venv"
+    assert clone.call("run") == (1, "", f"acrc: {sentence}\n")
+
+
+def test_an_older_python3_beside_a_newer_one_does_not_matter(clone: Clone) -> None:
+    (clone.tools / "python3").rename(clone.tools / "python3.12")
+    (clone.tools / "python3").write_text('#!/bin/sh\ncase "$2" in *print*) echo 3.9 ;; *) exit 1 ;; esac\n')
+    (clone.tools / "python3").chmod(0o755)
+    clone.settings["FAKE"] = str(clone.tools / "python3.12")
+    assert clone.call("run")[:2] == (0, f"in {clone.folder}: -P -m deploy run\n")

@@ -1,0 +1,84 @@
+import re
+import tomllib
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).parents[2]
+LEFT_OUT = {"lz4", "zstandard"}
+
+
+def sections() -> dict[str, dict[str, Requirement]]:
+    """The pins of each section that apply to this Python, by the package's canonical name."""
+    found: dict[str, dict[str, Requirement]] = {}
+    for line in (ROOT / "constraints.txt").read_text().splitlines():
+        if header := re.fullmatch(r"# \[(\w+)\]", line):
+            current = found.setdefault(header[1], {})
+        elif line and not line.startswith("#"):
+            pin = Requirement(line)
+            if pin.marker is None or pin.marker.evaluate():
+                assert canonicalize_name(pin.name) not in current, f"{pin.name} is pinned twice"
+                current[canonicalize_name(pin.name)] = pin
+    return found
+
+
+def wanted() -> dict[str, list[str]]:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    return {"base": project["dependencies"], **project["optional-dependencies"]}
+
+
+def closure(names: list[str]) -> set[str]:
+    """The packages of these names, and all that the installed ones of them require."""
+    todo, seen = [canonicalize_name(Requirement(name).name) for name in names], set[str]()
+    while todo:
+        name = todo.pop()
+        if name in seen or name in LEFT_OUT:
+            continue
+        seen.add(name)
+        for text in metadata.requires(name) or []:
+            requirement = Requirement(text)
+            if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
+                todo.append(canonicalize_name(requirement.name))
+    return seen
+
+
+def test_the_sections_are_the_extras() -> None:
+    assert list(sections()) == list(wanted())
+
+
+@pytest.mark.parametrize("extra", list(wanted()))
+def test_the_pins_of_an_extra_are_what_it_needs_and_nothing_else(extra: str) -> None:
+    base, own = set(sections()["base"]), set(sections()[extra])
+    needed = closure(wanted()[extra])
+    assert needed - base - own == set()
+    assert own - needed == set()
+
+
+def test_every_pin_is_exact_and_what_is_installed() -> None:
+    for section in sections().values():
+        for name, pin in section.items():
+            (exact,) = pin.specifier
+            assert exact.operator == "=="
+            assert (name, exact.version) == (name, metadata.version(name))
+
+
+def test_the_pins_satisfy_one_another() -> None:
+    pins = {name: pin for section in sections().values() for name, pin in section.items()}
+    for name in pins:
+        for text in metadata.requires(name) or []:
+            requirement = Requirement(text)
+            other = pins.get(canonicalize_name(requirement.name))
+            applies = requirement.marker is None or requirement.marker.evaluate({"extra": ""})
+            if applies and other is not None:
+                (exact,) = other.specifier
+                assert requirement.specifier.contains(exact.version, prereleases=True), f"{name}: {text}"
+
+
+def test_no_file_names_a_place_to_download_from() -> None:
+    text = "".join(
+        (ROOT / name).read_text() for name in ("acrc", "constraints.txt", "pyproject.toml", ".ci/run")
+    )
+    assert not re.search(r"https?://|--(extra-)?index-url|--find-links", text)
