@@ -31,28 +31,38 @@ PTRACE_ATTACH, PTRACE_DETACH = 16, 17
 F_SETOWN = 8
 PR_SET_NAME = 15
 
-BREAK_OUT = """
-import ctypes, os, sys
-sys.path.insert(0, sys.argv[1])
+NEST = """
+import os
 from contextlib import suppress
 from pathlib import Path
 from actors.runtime import linux
 with suppress(OSError):
     user, group = os.getuid(), os.getgid()
     linux.unshare(linux.CLONE_NEWUSER | linux.CLONE_NEWNS)
+    print("nested")
     Path("/proc/self/setgroups").write_text("deny")
     Path("/proc/self/uid_map").write_text(f"{user} {user} 1")
     Path("/proc/self/gid_map").write_text(f"{group} {group} 1")
-    for folder in ("/", sys.argv[1], "/tmp", "/run", sys.argv[3]):
-        with suppress(OSError):
-            linux.mount(None, folder, None, linux.MS_REMOUNT | linux.MS_BIND | linux.mount_flags(folder))
-        ctypes.CDLL(None).umount2(folder.encode(), 2)
-with suppress(OSError):
-    Path(sys.argv[1], "." + sys.argv[2]).write_text(sys.argv[2])
-with suppress(OSError):
-    print(Path(sys.argv[3], "r2", "credentials").read_text())
 """
-"""In a child: a new user namespace with all capabilities; undo the mounts; then do what is forbidden."""
+"""In a child: become root of a new user namespace, with all capabilities there."""
+UNDO = """
+import ctypes, sys
+from contextlib import suppress
+from pathlib import Path
+from actors.runtime import linux
+repository, token, out = sys.argv[1:]
+for folder in (out, "/tmp", "/run"):
+    ctypes.CDLL(None).umount2(folder.encode(), 2)
+for folder in ("/", repository, "/tmp", "/run", out):
+    with suppress(OSError):
+        linux.mount(None, folder, None, linux.MS_REMOUNT | linux.MS_BIND | linux.mount_flags(folder))
+with suppress(OSError):
+    Path(repository, "." + token).write_text(token)
+    print("written")
+with suppress(OSError):
+    print(Path(out, "r2", "credentials").read_text().split(":")[0])
+"""
+"""Undo the mounts, then do what is forbidden; argv: the repository, the token, the run's output folder."""
 
 
 def checked(result: int, what: str) -> int:
@@ -294,13 +304,14 @@ def trace(_: Member, note: Note) -> Note:
 def break_out(member: Member, note: Note) -> Note:
     """Undo the file tree in a nested user namespace."""
     ran = subprocess.run(
-        [sys.executable, "-c", BREAK_OUT, str(REPOSITORY), note["token"], member.swarm.out],
+        [sys.executable, "-c", NEST + UNDO, str(REPOSITORY), note["token"], member.swarm.out],
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
         capture_output=True,
         text=True,
         check=True,
     )
-    path = REPOSITORY / f".{note['token']}"
-    return {"litter": [str(path)], "reached": "r2:" in ran.stdout or path.exists()}
+    reached = {"written", "r2"} & set(ran.stdout.split())
+    return {"litter": [str(REPOSITORY / f".{note['token']}")], "reached": bool(reached)}
 
 
 def remount(member: Member, note: Note) -> Note:

@@ -1,0 +1,152 @@
+"""Credentials, configurations and rules, without a router."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from actors.messages import TOPICS
+from actors.runtime import access, credentials
+from actors.runtime.credentials import AccessError, issue
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> Path:
+    for name in ("r1", "r2", "infra"):
+        (tmp_path / name).mkdir()
+    return tmp_path
+
+
+def robots(folders: Path) -> dict[str, Path]:
+    return {name: folders / name for name in ("r1", "r2")}
+
+
+def test_every_actor_gets_a_password_of_its_own_that_only_its_owner_can_read(folders: Path) -> None:
+    issued = issue(robots(folders), folders / "infra")
+    assert issued.robots == ("r1", "r2")
+    assert issued.others == ("radio", "observer", "operator")
+    files = [*issued.files.values(), issued.dictionary]
+    assert {file.stat().st_mode & 0o777 for file in files} == {0o600}
+    pairs = [credentials.read(file) for file in issued.files.values()]
+    assert [user for user, _ in pairs] == ["r1", "r2", "radio", "observer", "operator"]
+    assert len({password for _, password in pairs}) == 5
+    assert issued.dictionary.read_text() == "".join(f"{user}:{password}\n" for user, password in pairs)
+
+
+def test_passwords_are_drawn_anew_and_a_link_in_a_robots_folder_is_not_followed(folders: Path) -> None:
+    issued = issue(robots(folders), folders / "infra")
+    before = credentials.read(issued.files["r1"])
+    victim = folders / "victim"
+    victim.write_text("untouched")
+    issued.files["r1"].unlink()
+    issued.files["r1"].symlink_to(victim)
+    again = issue(robots(folders), folders / "infra")
+    assert credentials.read(again.files["r1"]) != before
+    assert victim.read_text() == "untouched"
+
+
+def test_each_robot_has_a_socket_in_its_folder_and_the_others_share_one(folders: Path) -> None:
+    issued = issue(robots(folders), folders / "infra")
+    assert issued.endpoint("r1") == f"unixsock-stream/{folders}/r1/router.sock"
+    config = access.router_config(issued, ["tcp/127.0.0.1:7447"])
+    assert json.loads(config.get_json("listen/endpoints")) == [
+        f"unixsock-stream/{folders}/r1/router.sock",
+        f"unixsock-stream/{folders}/r2/router.sock",
+        f"unixsock-stream/{folders}/infra/router.sock",
+        "tcp/127.0.0.1:7447",
+    ]
+
+
+@pytest.mark.parametrize("actor", ["world", "r1"])
+def test_no_session_looks_for_others_or_stamps_or_shares_memory(actor: str, folders: Path) -> None:
+    issued = issue(robots(folders), folders / "infra")
+    if actor == "world":
+        config = access.router_config(issued)
+    else:
+        config = access.client_config(issued.files[actor], issued.endpoint(actor))
+        assert json.loads(config.get_json("mode")) == "client"
+        assert json.loads(config.get_json("listen/endpoints")) == []
+    for switch in (
+        "scouting/multicast/enabled",
+        "scouting/gossip/enabled",
+        "timestamping/enabled",
+        "transport/shared_memory/enabled",
+    ):
+        assert json.loads(config.get_json(switch)) is False, switch
+
+
+def test_a_robot_may_use_its_own_keys_and_no_others() -> None:
+    rules = {rule["id"]: rule for rule in access.access_rules(["r1"], [])["rules"]}
+    assert {
+        (name, rule["flows"][0], rule["messages"][0], *rule["key_exprs"]) for name, rule in rules.items()
+    } == {
+        ("r1 publishes", "ingress", "put", "swarm/up/r1/**"),
+        ("r1 subscribes", "ingress", "declare_subscriber", "swarm/down/r1/**"),
+        ("r1 receives", "egress", "put", "swarm/down/r1/**"),
+        ("r1 sees subscribers", "egress", "declare_subscriber", "swarm/up/**"),
+    }
+
+
+def test_an_observer_may_not_publish() -> None:
+    rules = access.access_rules([], ["observer"])["rules"]
+    assert [(rule["flows"], rule["messages"]) for rule in rules] == [
+        (["ingress"], ["declare_subscriber"]),
+        (["egress"], ["put"]),
+    ]
+
+
+def test_every_key_is_a_robots_or_of_the_others() -> None:
+    for topic in TOPICS:
+        assert topic.key("r1").startswith(("swarm/up/r1/", "swarm/down/r1/", "swarm/infra/")), topic
+
+
+@pytest.mark.parametrize("name", ["", "r/1", "*", "r*", "$r", "a:b", "a b", "-r", "r1\n", "é"])
+def test_a_name_that_is_no_part_of_a_key_is_refused(name: str, folders: Path) -> None:
+    with pytest.raises(AccessError) as caught:
+        issue({name: folders / "r1"}, folders / "infra")
+    assert str(caught.value) == (
+        f"the actor id {name!r} cannot be part of a key; "
+        "letters, digits, '-' and '_' would have been right, a letter or a digit first"
+    )
+
+
+def test_a_robot_may_not_be_called_like_the_radio(folders: Path) -> None:
+    with pytest.raises(AccessError) as caught:
+        issue({"radio": folders / "r1"}, folders / "infra")
+    assert str(caught.value) == "the actor id 'radio' is used twice; every actor needs its own"
+
+
+def test_a_folder_too_deep_for_a_socket_is_refused(folders: Path) -> None:
+    deep = folders / ("d" * 100)
+    deep.mkdir()
+    length = len(str(deep / "router.sock"))
+    with pytest.raises(AccessError) as caught:
+        issue({"r1": deep}, folders / "infra")
+    assert str(caught.value) == (
+        f"the path of the router's socket {deep}/router.sock has {length} bytes, but Linux allows 107; "
+        "a shorter output folder would have been right"
+    )
+
+
+def test_an_actor_without_rules_is_refused() -> None:
+    with pytest.raises(AccessError) as caught:
+        access.access_rules(["r1"], ["drone"])
+    assert (
+        str(caught.value) == "there are no access rules for 'drone'; there are for radio, observer, operator"
+    )
+
+
+def test_a_missing_or_broken_credentials_file_is_named(folders: Path) -> None:
+    file = folders / "r1" / "credentials"
+    with pytest.raises(AccessError) as missing:
+        access.client_config(file, "tcp/127.0.0.1:1")
+    assert str(missing.value) == (
+        f"the credentials file {file} cannot be read (No such file or directory); "
+        "the start of the run should have written it"
+    )
+    file.write_text("r1\n")
+    with pytest.raises(AccessError) as broken:
+        access.client_config(file, "tcp/127.0.0.1:1")
+    assert (
+        str(broken.value) == f"the credentials file {file} should hold one line user:password, but does not"
+    )

@@ -1,0 +1,345 @@
+"""The isolated process: what it keeps, what it says when it cannot be had, and each layer by itself."""
+
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from actors.runtime import syscall_filter
+from actors.runtime.syscall_filter import Instruction
+from tests.isolation.process_attacks import NEST, PTRACE_ATTACH, UNDO
+from tests.isolation.test_attacks import need_isolation
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PRELUDE = """
+import ctypes, os, sys
+from pathlib import Path
+from actors.runtime import isolation, linux, mounts, syscall_filter
+from actors.runtime.isolation import IsolationError, Plan, available, isolate, separate
+from actors.runtime.parent import die_with_parent
+
+def attempt(act):
+    try:
+        return act()
+    except OSError as error:
+        return type(error).__name__
+"""
+
+
+def run(code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run `code` in a process of its own, with the arguments as argv[1:]."""
+    return subprocess.run(
+        [sys.executable, "-c", PRELUDE + textwrap.dedent(code), *map(str, arguments)],
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+
+
+def said(code: str, *arguments: object) -> list[str]:
+    """The lines that `code` prints; it must end well."""
+    done = run(code, *arguments)
+    assert done.returncode == 0, done.stderr
+    lines: list[str] = done.stdout.splitlines()
+    return lines
+
+
+@pytest.fixture
+def run_folder(tmp_path: Path) -> Path:
+    """A run's output folder with two robots, and beside it a map."""
+    need_isolation()
+    for robot in ("r1", "r2"):
+        (tmp_path / "out" / robot).mkdir(parents=True)
+        (tmp_path / "out" / robot / "credentials").write_text(f"{robot}:secret\n")
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps" / "corridor.png").write_text("walls")
+    return tmp_path / "out"
+
+
+def test_only_the_own_folder_stays_writable_and_what_is_written_there_stays(run_folder: Path) -> None:
+    own = run_folder / "r1"
+    lines = said(
+        """
+        own = Path(sys.argv[1])
+        isolate(Plan(own=own, hidden=(own.parent,)))
+        print(Path.cwd() == own, sorted(path.name for path in own.parent.iterdir()))
+        print((own / "recording.mcap").write_text("kept"))
+        print(attempt(lambda: (own.parent / "lost").write_text("")))
+        print(attempt(lambda: Path("/etc/lost").write_text("")))
+        print((Path("/tmp") / "scratch").write_text("gone"))
+        """,
+        own,
+    )
+    assert lines == ["True ['r1']", "4", "OSError", "OSError", "4"]
+    assert (own / "recording.mcap").read_text() == "kept"
+    assert not Path("/tmp/scratch").exists()
+
+
+def test_named_files_under_a_hidden_folder_can_be_read_but_not_written(run_folder: Path) -> None:
+    lines = said(
+        """
+        own, chart = Path(sys.argv[1]), Path(sys.argv[2])
+        isolate(Plan(own=own, hidden=(own.parent,), readable=(chart,)))
+        print(chart.read_text(), attempt(lambda: chart.write_text("changed")))
+        print(sorted(path.name for path in chart.parent.iterdir()))
+        """,
+        run_folder / "r1",
+        run_folder.parent / "maps" / "corridor.png",
+    )
+    assert lines == ["walls OSError", "['corridor.png']"]
+
+
+def test_a_hidden_folder_inside_a_readable_one_stays_hidden(run_folder: Path) -> None:
+    lines = said(
+        """
+        own = Path(sys.argv[1])
+        isolate(Plan(own=own, hidden=(own.parent,), readable=(own.parent.parent, own.parent)))
+        print(sorted(path.name for path in own.parent.parent.iterdir()))
+        print(sorted(path.name for path in own.parent.iterdir()))
+        """,
+        run_folder / "r1",
+    )
+    assert lines == ["['maps', 'out']", "['r1']"]
+
+
+def test_output_goes_to_the_own_log_and_inherited_descriptors_lead_nowhere(run_folder: Path) -> None:
+    own = run_folder / "r1"
+    done = run(
+        """
+        own = Path(sys.argv[1])
+        folder = os.open(own.parent, os.O_RDONLY)
+        isolate(Plan(own=own, hidden=(own.parent,), log=own / "log.txt"))
+        print(os.readlink(f"/proc/self/fd/{folder}"), os.readlink("/proc/self/fd/0"), flush=True)
+        print("a traceback", file=sys.stderr)
+        """,
+        own,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert (own / "log.txt").read_text() == "/dev/null /dev/null\na traceback\n"
+
+
+def test_libraries_still_find_what_they_need(run_folder: Path) -> None:
+    lines = said(
+        """
+        isolate(Plan(own=Path(sys.argv[1])))
+        import subprocess, threading
+        import numpy, zenoh
+        print(numpy.ones((300, 300)).dot(numpy.ones((300, 300)))[0, 0])
+        child = subprocess.run([sys.executable, "-c", "print(1)"], capture_output=True, text=True)
+        print(os.cpu_count() > 0, child.stdout.strip())
+        print(len(os.urandom(4)), Path("/proc/self/status").exists(), os.listdir("/sys"))
+        thread = threading.Thread(target=print, args=("thread",)); thread.start(); thread.join()
+        """,
+        run_folder / "r1",
+    )
+    assert lines == ["300.0", "True 1", "4 True ['devices']", "thread"]
+
+
+def test_without_mount_setattr_the_tree_is_made_readonly_mount_by_mount(run_folder: Path) -> None:
+    lines = said(
+        """
+        import errno
+        def too_old(path):
+            raise OSError(errno.ENOSYS, "mount_setattr")
+        linux.set_tree_readonly = too_old
+        isolate(Plan(own=Path(sys.argv[1])))
+        for folder in ("/etc", "/dev/pts", sys.argv[2]):
+            print(attempt(lambda: Path(folder, "lost").write_text("")))
+        print(Path(sys.argv[1], "kept").write_text("kept"))
+        """,
+        run_folder / "r1",
+        REPOSITORY,
+    )
+    assert lines == ["OSError", "FileNotFoundError", "OSError", "4"]
+
+
+BREAKS = {
+    # What is in force before the attempt, how the attempt begins, what it says.
+    "the attempt itself, with all capabilities": ("separate(plan)", "", ["written", "r2"]),
+    "no filter": ("separate(plan); linux.drop_capabilities()", NEST, ["nested"]),
+    "everything": ("isolate(plan)", NEST, []),
+}
+
+
+@pytest.mark.parametrize("name", BREAKS)
+def test_a_nested_user_namespace_does_not_undo_the_file_tree(name: str, run_folder: Path) -> None:
+    in_force, begin, outcome = BREAKS[name]
+    code = """
+        own = Path(sys.argv[1])
+        plan = Plan(own=own, hidden=(own.parent,))
+        exec(sys.argv[2])
+        code = sys.argv[3]
+        sys.argv = ["-c", sys.argv[4], "lost", str(own.parent)]
+        exec(code)
+        """
+    try:
+        assert said(code, run_folder / "r1", in_force, begin + UNDO, REPOSITORY) == outcome
+    finally:
+        (REPOSITORY / ".lost").unlink(missing_ok=True)
+
+
+def test_the_namespaces_alone_forbid_tracing_a_process_outside(run_folder: Path) -> None:
+    code = f"""
+        if sys.argv[2] == "True":
+            separate(Plan(own=Path(sys.argv[1])))
+            linux.drop_capabilities()
+        libc = ctypes.CDLL(None, use_errno=True)
+        print(libc.ptrace({PTRACE_ATTACH}, int(sys.argv[3]), None, None))
+        """
+    with subprocess.Popen(["sleep", "60"]) as other:
+        outcomes = [said(code, run_folder / "r1", closed, other.pid) for closed in (False, True)]
+        other.kill()
+    assert outcomes[1] == ["-1"]
+    if os.getuid() == 0:
+        assert outcomes[0] == ["0"]
+
+
+def test_an_ordinary_user_can_be_isolated_too(run_folder: Path) -> None:
+    if os.getuid() != 0:
+        pytest.skip("then the whole suite runs as one")
+    own = run_folder / "r1"
+    os.chown(own, 65534, 65534)
+    for folder in (run_folder, *run_folder.parents[:3]):
+        folder.chmod(0o755)
+    lines = said(
+        """
+        own = Path(sys.argv[1])
+        os.setgroups([]); os.setgid(65534); os.setuid(65534)
+        linux.prctl(4, 1)  # PR_SET_DUMPABLE, which execve would set: else /proc/self belongs to root
+        isolate(Plan(own=own, hidden=(own.parent,)))
+        print(os.getuid(), (own / "kept").write_text("kept"), os.listdir(own.parent))
+        print(attempt(lambda: Path("/var/tmp/scratch").write_text("1")))
+        print([name for name in os.listdir("/proc") if name.isdecimal()] == [str(os.getpid())])
+        """,
+        own,
+    )
+    assert lines == ["65534 4 ['r1']", "1", "True"]
+
+
+def test_the_error_names_what_failed_and_the_way_round(run_folder: Path) -> None:
+    lines = said(
+        """
+        linux.prctl(38, 1)  # PR_SET_NO_NEW_PRIVS
+        syscall_filter.install()
+        try:
+            isolate(Plan(own=Path(sys.argv[1])))
+        except IsolationError as error:
+            print(error)
+        print(available() is None)
+        """,
+        run_folder / "r1",
+    )
+    assert lines == [
+        f"{run_folder / 'r1'} cannot be isolated: unshare of user, network, mount and IPC namespaces: "
+        "Operation not permitted; allow unprivileged user namespaces on this machine, "
+        "or run with --no-isolate",
+        "False",
+    ]
+
+
+def test_a_process_with_threads_is_refused(run_folder: Path) -> None:
+    done = run(
+        """
+        import threading
+        threading.Thread(target=threading.Event().wait, daemon=True).start()
+        isolate(Plan(own=Path(sys.argv[1])))
+        """,
+        run_folder / "r1",
+    )
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == (
+        "RuntimeError: isolate() must be called before the process starts its second thread"
+    )
+
+
+def test_a_process_dies_with_its_parent() -> None:
+    # The run is over when nobody holds its stdout any more, so not before the grandchild has ended.
+    done = run(
+        """
+        import signal
+        parent = os.getpid()
+        reader, writer = os.pipe()
+        if os.fork() == 0:
+            die_with_parent(parent)
+            os.write(writer, b"tied")
+            signal.pause()
+        print(os.read(reader, 4).decode())
+        """
+    )
+    assert (done.returncode, done.stdout) == (0, "tied\n")
+
+
+def test_a_process_whose_parent_is_gone_ends_at_once() -> None:
+    assert run("die_with_parent(1 if os.getppid() != 1 else 2)").returncode == -9
+
+
+def decide(code: list[Instruction], machine: int, number: int, first: int = 0, second: int = 0) -> int:
+    """Run a filter by the rules of classic BPF and give its decision."""
+    data = {0: number, 4: machine, 16: first, 24: second}
+    accumulator, at = 0, 0
+    while True:
+        step = code[at]
+        at += 1
+        if step.code == 0x20:
+            accumulator = data[step.value]
+        elif step.code == 0x06:
+            return step.value
+        else:
+            holds = {
+                0x15: accumulator == step.value,
+                0x35: accumulator >= step.value,
+                0x45: bool(accumulator & step.value),
+            }[step.code]
+            at += step.if_true if holds else step.if_false
+
+
+ALLOWED, EPERM, ENOSYS, EAFNOSUPPORT = 0x7FFF_0000, 0x5_0001, 0x5_0026, 0x5_0061
+ITSELF, OTHER = 4711, 4712
+DECISIONS = (
+    # x86_64, aarch64, first and second argument, decision
+    (0, 63, 0, 0, ALLOWED),  # read
+    (62, 129, ITSELF, 9, ALLOWED),  # kill
+    (62, 129, OTHER, 9, EPERM),
+    (62, 129, 0, 9, EPERM),
+    (62, 129, 0xFFFF_FFFF, 9, EPERM),
+    (234, 131, ITSELF, 1, ALLOWED),  # tgkill
+    (234, 131, OTHER, 1, EPERM),
+    (200, 130, ITSELF, 9, EPERM),  # tkill
+    (302, 261, 0, 7, ALLOWED),  # prlimit64
+    (302, 261, ITSELF, 7, ALLOWED),
+    (302, 261, OTHER, 7, EPERM),
+    (56, 220, 0x0100_0011, 0, ALLOWED),  # clone
+    (56, 220, 0x1000_0011, 0, EPERM),
+    (56, 220, 0x0002_0011, 0, EPERM),
+    (435, 435, 0, 0, ENOSYS),  # clone3
+    (425, 425, 0, 0, ENOSYS),  # io_uring_setup
+    (41, 198, 1, 1, ALLOWED),  # socket
+    (41, 198, 40, 1, EAFNOSUPPORT),
+    (72, 25, 3, 1, ALLOWED),  # fcntl F_DUPFD…
+    (72, 25, 3, 6, EPERM),
+    (72, 25, 3, 1024, EPERM),
+    (16, 29, 1, 0x5401, ALLOWED),  # ioctl
+    (16, 29, 1, 0x5412, EPERM),
+    (73, 32, 3, 2, EPERM),  # flock
+    (101, 117, 16, 0, EPERM),  # ptrace
+    (272, 97, 0, 0, EPERM),  # unshare
+    (165, 40, 0, 0, EPERM),  # mount
+    (0x4000_0000 + 62, 0x4000_0000, OTHER, 9, -1),  # x32 on one machine, nothing on the other
+)
+
+
+@pytest.mark.parametrize("case", DECISIONS)
+def test_the_filter_decides_alike_on_both_machines(case: tuple[int, int, int, int, int]) -> None:
+    x86_64, aarch64, first, second, decision = case
+    intel = decide(syscall_filter.program("x86_64", ITSELF), 0xC000_003E, x86_64, first, second)
+    arm = decide(syscall_filter.program("aarch64", ITSELF), 0xC000_00B7, aarch64, first, second)
+    assert (intel, arm) == ((decision, decision) if decision != -1 else (ENOSYS, ALLOWED))
+
+
+def test_the_filter_refuses_every_call_of_a_foreign_machine() -> None:
+    assert decide(syscall_filter.program("x86_64", ITSELF), 0x4000_0003, 20) == EPERM
