@@ -29,7 +29,7 @@ def load_behaviour(entry: str, start: Start) -> Behaviour:
 def entry_function(entry: str) -> Callable[[Start], Any]:
     """The function that the entry string names."""
     module_name, colon, name = entry.partition(":")
-    if not (colon and module_name and name):
+    if not (colon and module_name and name) or module_name.startswith("."):
         raise BehaviourError(
             f"behaviour {entry!r} is no entry; it should look like 'package.module:function'"
         )

@@ -14,26 +14,25 @@ from actors.geometry import Twist
 from actors.instant import Instant, in_seconds
 from actors.messages import (
     DRIVE,
-    FRAME_DATA_LIMIT,
     RECEIVED,
     SENSES,
     TRANSMIT,
     Drive,
-    Message,
     RadioEvent,
     Received,
     Senses,
     Transmit,
 )
 from actors.robot.behaviour import BehaviourError
+from actors.robot.limits import RobotLimits, fault
 from actors.robot.localisation import Localisation
 from actors.robot.navigation import Navigation
-from actors.robot.ports import Behaviour, Decision, GoalOrder, View
+from actors.robot.ports import Behaviour, Decision, View
 from actors.robot.surroundings import Surroundings
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 
-_TAGS: Final = 2**32
+_LIMITS: Final = RobotLimits()
 
 
 class StepError(AcrcError):
@@ -41,17 +40,18 @@ class StepError(AcrcError):
 
 
 @dataclass(frozen=True)
-class RobotLimits:
-    """What a behaviour may ask for."""
+class MotionThresholds:
+    """From when on a base counts as moving; own choices, above the noise of wheel encoders."""
 
-    frames: int = 32
-    """Frames per step: at 250 kbit/s no more than 32 of 10 bytes leave in 20 ms (IEEE 802.15.4-2006)."""
-    reports: int = 1000
-    """Place reports per step."""
-    moving_speed: float = 0.01
-    """The base counts as moving above so many m/s ..."""
-    moving_turn_rate: float = 0.02
-    """... or rad/s."""
+    speed: float = 0.01
+    """m/s."""
+    turn_rate: float = 0.02
+    """rad/s."""
+
+    def exceeded_by(self, velocity: Twist) -> bool:
+        """True if the base moves."""
+        speed = max(abs(velocity.vx), abs(velocity.vy))
+        return speed > self.speed or abs(velocity.omega) > self.turn_rate
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,7 @@ class Parts:
     surroundings: Surroundings
     navigation: Navigation
     behaviour: Behaviour
+    moving: MotionThresholds = MotionThresholds()
 
 
 class RobotCore:
@@ -75,7 +76,7 @@ class RobotCore:
         entry: str,
         first_step: int,
         step_us: int,
-        limits: RobotLimits = RobotLimits(),
+        limits: RobotLimits = _LIMITS,
     ) -> None:
         """`entry` names the behaviour in errors."""
         self._robot = robot
@@ -112,7 +113,7 @@ class RobotCore:
     def advance(self, inputs: Inputs) -> Sequence[Output]:
         """Take one step."""
         senses = read(inputs, SENSES, self._robot)
-        self._check_step(senses)
+        self._catch_up(senses)
         events: tuple[RadioEvent, ...] = ()
         if senses.events > 0:
             received = read(inputs, RECEIVED, self._robot)
@@ -132,10 +133,7 @@ class RobotCore:
         parts.surroundings.take(instant, odometry, senses.scan)
         velocity = Twist(odometry.vx, odometry.vy, odometry.omega)
         twist = parts.navigation.advance(instant, pose, velocity)
-        moving = (
-            max(abs(velocity.vx), abs(velocity.vy)) > self._limits.moving_speed
-            or abs(velocity.omega) > self._limits.moving_turn_rate
-        )
+        moving = parts.moving.exceeded_by(velocity)
         view = View(instant, pose, moving, parts.navigation.goal, events)
         decision = self._decide(view, Instant(instant + self._step_us))
         parts.navigation.take(decision.goal)
@@ -147,43 +145,12 @@ class RobotCore:
         except Exception as error:
             error.add_note(f"in {self._where(view.instant)}")
             raise
-        if not isinstance(decision, Decision):
-            raise self._fault(view, f"gives a {type(decision).__name__} where a Decision is due")
-        if not isinstance(decision.goal, GoalOrder) and len(decision.goal) != 2:
-            raise self._fault(
-                view, f"gives {decision.goal!r} for a goal; it should be a Point or a GoalOrder"
-            )
-        if decision.frames:
-            self._check_frames(decision, view, until)
-        if len(decision.reports) > self._limits.reports:
-            raise self._fault(
-                view,
-                f"reports {len(decision.reports)} places in one step; at most {self._limits.reports} may be",
-            )
+        if wrong := fault(decision, view.instant, until, self._limits):
+            raise BehaviourError(f"{self._where(view.instant)} {wrong}")
         return decision
 
-    def _check_frames(self, decision: Decision, view: View, until: Instant) -> None:
-        if len(decision.frames) > self._limits.frames:
-            raise self._fault(
-                view, f"sends {len(decision.frames)} frames in one step; at most {self._limits.frames} may be"
-            )
-        earliest = view.instant
-        for frame in decision.frames:
-            if not 0 < len(frame.data) <= FRAME_DATA_LIMIT:
-                raise self._fault(
-                    view, f"sends a frame of {len(frame.data)} bytes; it should have 1 to {FRAME_DATA_LIMIT}"
-                )
-            if not earliest <= frame.instant < until:
-                raise self._fault(
-                    view,
-                    f"sends a frame at {frame.instant} µs; frames should be in order, "
-                    f"from {view.instant} µs on and before {until} µs",
-                )
-            if not 0 <= frame.tag < _TAGS:
-                raise self._fault(
-                    view, f"sends a frame with the tag {frame.tag}; it should be 0 to {_TAGS - 1}"
-                )
-            earliest = Instant(frame.instant)
+    def _where(self, instant: int) -> str:
+        return f"step {self._step} ({in_seconds(instant):g} s): behaviour {self._entry!r} of {self._robot}"
 
     def _outputs(self, decision: Decision, twist: Twist) -> list[Output]:
         frames = len(decision.frames)
@@ -195,23 +162,23 @@ class RobotCore:
         transmit = Transmit(self._step, decision.frames)
         return [to(TRANSMIT, transmit, self._robot), to(DRIVE, drive, self._robot)]
 
-    def _check_step(self, message: Message) -> None:
-        if message.step != self._step:
+    def _catch_up(self, senses: Senses) -> None:
+        """The step is the world's to say: steps are missing while the robot is frozen."""
+        if senses.step < self._step:
             raise StepError(
-                f"step {self._step}: {self._robot} got {type(message).__name__} of step {message.step}; "
-                f"it should be of step {self._step}"
+                f"step {self._step}: {self._robot} got Senses of step {senses.step}; "
+                f"it should be of step {self._step} or later"
             )
+        self._step = senses.step
 
     def _check_received(self, received: Received, events: int) -> None:
-        self._check_step(received)
+        if received.step > self._step:  # an earlier one was kept while the robot was frozen
+            raise StepError(
+                f"step {self._step}: {self._robot} got Received of step {received.step}; "
+                f"it should be of step {self._step} or earlier"
+            )
         if len(received.events) != events:
             raise StepError(
                 f"step {self._step}: {self._robot} got {len(received.events)} radio events; "
                 f"Senses counts {events}"
             )
-
-    def _where(self, instant: int) -> str:
-        return f"step {self._step} ({in_seconds(instant):g} s): behaviour {self._entry!r} of {self._robot}"
-
-    def _fault(self, view: View, what: str) -> BehaviourError:
-        return BehaviourError(f"{self._where(view.instant)} {what}")

@@ -68,7 +68,7 @@ class Navigation:
         if order is GoalOrder.KEEP:
             return
         self._pursuit = None
-        self._goal = None if order is GoalOrder.CANCEL else Goal(Point(*order), GoalStatus.ACTIVE)
+        self._goal = None if order is GoalOrder.CANCEL else Goal(order, GoalStatus.ACTIVE)
 
     def advance(self, instant: Instant, pose: Pose, velocity: Twist) -> Twist:
         """The velocity to command from now on; `velocity` is the base's own."""

@@ -1,0 +1,18 @@
+"""Strategies by name or by entry string."""
+
+import pytest
+
+from cleaning.strategies import StrategyError, entry
+
+
+def test_a_strategy_is_known_by_its_name_or_by_its_own_entry() -> None:
+    assert entry("none") == "cleaning.baseline:behaviour"
+    assert entry("my_study.adoption:behaviour") == "my_study.adoption:behaviour"
+
+
+def test_an_unknown_strategy_is_one_sentence() -> None:
+    with pytest.raises(StrategyError) as caught:
+        entry("swap")
+    assert str(caught.value) == (
+        "strategy 'swap' is not known; it should be one of none, or the entry 'module:function' of your own"
+    )

@@ -1,0 +1,76 @@
+"""Loading a behaviour by its entry string, and every way in which that goes wrong."""
+
+from pathlib import Path
+
+import pytest
+
+from actors.geometry import Point, Pose
+from actors.randomness import generator
+from actors.robot.behaviour import BehaviourError, load_behaviour
+from actors.robot.ports import Start
+from tests.robot.behaviours import Scripted
+
+START = Start("r1", 1, 0, Pose(0.0, 0.0, 0.0), (Point(1.0, 2.0),), generator(1, "behaviour", "r1"))
+
+
+def test_the_function_is_called_with_the_start() -> None:
+    behaviour = load_behaviour("tests.robot.behaviours:keeper", START)
+    assert isinstance(behaviour, Scripted)
+    assert behaviour.decision is not None
+
+
+@pytest.mark.parametrize(
+    ("entry", "sentence"),
+    [
+        ("cleaning.baseline", "is no entry; it should look like 'package.module:function'"),
+        (":behaviour", "is no entry; it should look like 'package.module:function'"),
+        ("cleaning.baseline:", "is no entry; it should look like 'package.module:function'"),
+        (".baseline:behaviour", "is no entry; it should look like 'package.module:function'"),
+    ],
+)
+def test_text_that_is_no_entry(entry: str, sentence: str) -> None:
+    with pytest.raises(BehaviourError) as caught:
+        load_behaviour(entry, START)
+    assert str(caught.value) == f"behaviour {entry!r} {sentence}"
+
+
+@pytest.mark.parametrize(
+    ("entry", "sentence"),
+    [
+        (
+            "nowhere.study:behaviour",
+            "behaviour 'nowhere.study:behaviour': there is no module 'nowhere' on Python's path",
+        ),
+        (
+            "tests.none:behaviour",
+            "behaviour 'tests.none:behaviour': there is no module 'tests.none' on Python's path",
+        ),
+        (
+            "tests.robot.behaviours:other",
+            "behaviour 'tests.robot.behaviours:other': module 'tests.robot.behaviours' has no 'other'",
+        ),
+        (
+            "tests.robot.behaviours:number",
+            "behaviour 'tests.robot.behaviours:number' is a int, but should be a function of a Start",
+        ),
+        (
+            "tests.robot.behaviours:nothing",
+            "behaviour 'tests.robot.behaviours:nothing' gives a NoneType, "
+            "which has no method advance(view, until)",
+        ),
+    ],
+)
+def test_an_entry_that_leads_to_no_behaviour(entry: str, sentence: str) -> None:
+    with pytest.raises(BehaviourError) as caught:
+        load_behaviour(entry, START)
+    assert str(caught.value) == sentence
+
+
+def test_errors_of_the_users_own_code_are_passed_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ZeroDivisionError):
+        load_behaviour("tests.robot.behaviours:fails", START)
+    (tmp_path / "study_without_library.py").write_text("import no_such_library\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ModuleNotFoundError) as caught:
+        load_behaviour("study_without_library:behaviour", START)
+    assert caught.value.name == "no_such_library"

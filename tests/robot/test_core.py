@@ -1,0 +1,286 @@
+"""The robot's core: which messages it awaits, what it answers, and what it refuses."""
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from actors.geometry import Point, Pose
+from actors.instant import Instant
+from actors.messages import (
+    DRIVE,
+    FRAME_DATA_LIMIT,
+    RECEIVED,
+    SENSES,
+    TRANSMIT,
+    Drive,
+    Heard,
+    Message,
+    Odometry,
+    Outgoing,
+    PlaceReport,
+    Received,
+    Scan,
+    Senses,
+    Sent,
+    Transmit,
+)
+from actors.robot import aim, obstruction, potential
+from actors.robot.behaviour import BehaviourError
+from actors.robot.core import Parts, RobotCore, StepError
+from actors.robot.driving import Driver, DrivingParameters
+from actors.robot.limits import RobotLimits
+from actors.robot.localisation import DeadReckoning
+from actors.robot.navigation import Navigation
+from actors.robot.planning import Planner, ground
+from actors.robot.ports import Decision, Goal, GoalOrder, GoalStatus
+from actors.robot.setup import kernels
+from actors.robot.surroundings import ScanError, Surroundings
+from actors.runtime.core import Output, at, to
+from tests.robot.base import TWO_ROOMS, FakeBase, model
+from tests.robot.behaviours import Scripted
+
+FLOOR = ground(TWO_ROOMS, 0.177)
+START = Pose(1.0, 1.0, 0.0)
+LIMITS = RobotLimits()
+HEARD = Heard(90, 2, -60.0, 255, b"hello")
+
+
+class Robot:
+    """A core, its behaviour, and a base to feed it."""
+
+    def __init__(self, decision: object = None, first_step: int = 0, limits: RobotLimits = LIMITS) -> None:
+        kind = model()
+        self.behaviour = Scripted(decision)
+        self.base = FakeBase(TWO_ROOMS, kind, START)
+        surroundings = Surroundings(kind.sensor)
+        driver = Driver(FLOOR, surroundings, 0.177, 0.1, DrivingParameters())
+        parts = Parts(DeadReckoning(START), surroundings, Navigation(Planner(FLOOR), driver), self.behaviour)
+        self.core = RobotCore(
+            "r1", parts, entry="my.study:behaviour", first_step=first_step, step_us=100_000, limits=limits
+        )
+
+    def take_step(self, *events: Heard | Sent) -> tuple[Output, ...]:
+        """One step of core and base; nothing may be missing."""
+        step = self.core.step
+        inputs: dict[str, Message] = {"swarm/down/r1/senses": self.base.senses(step, len(events))}
+        if events:
+            inputs["swarm/down/r1/received"] = Received(step, events)
+        assert not self.core.missing(inputs)
+        outputs = self.core.advance(inputs)
+        drive = outputs[-1].message
+        assert isinstance(drive, Drive)
+        self.base.drive(drive)
+        return tuple(outputs)
+
+
+def test_it_awaits_senses_and_then_received_only_if_there_are_events() -> None:
+    robot = Robot()
+    assert robot.core.listens() == (at(SENSES, "r1"), at(RECEIVED, "r1"))
+    assert robot.core.missing({}) == (at(SENSES, "r1"),)
+    quiet, busy = robot.base.senses(0), robot.base.senses(0, events=2)
+    assert robot.core.missing({"swarm/down/r1/senses": quiet}) == ()
+    assert robot.core.missing({"swarm/down/r1/senses": busy}) == (at(RECEIVED, "r1"),)
+    both = {"swarm/down/r1/senses": busy, "swarm/down/r1/received": Received(0, (HEARD, HEARD))}
+    assert robot.core.missing(both) == ()
+
+
+def test_a_quiet_step_gives_one_drive() -> None:
+    robot = Robot()
+    assert robot.take_step() == (to(DRIVE, Drive(0, 0.0, 0.0, 0.0, 0, 3), "r1"),)
+    assert robot.core.step == 1 and not robot.core.finished
+
+
+def test_frames_go_out_before_drive_which_counts_them_and_carries_the_reports() -> None:
+    frames = (Outgoing(5, 0, b"a"), Outgoing(6, 99_999, bytes(FRAME_DATA_LIMIT)))
+    reports = (PlaceReport("r1", 4, 50_000),)
+    robot = Robot(Decision(2, GoalOrder.KEEP, frames, reports))
+    assert robot.take_step() == (
+        to(TRANSMIT, Transmit(0, frames), "r1"),
+        to(DRIVE, Drive(0, 0.0, 0.0, 0.0, 2, 2, reports), "r1"),
+    )
+
+
+def test_the_behaviour_sees_pose_motion_goal_and_radio_and_its_goal_drives_the_robot() -> None:
+    goal = Point(3.0, 1.0)
+    robot = Robot(Decision(1, goal))
+    robot.take_step(HEARD, Sent(95, 1))
+    robot.behaviour.decision = Decision(1)
+    for _ in range(80):
+        robot.take_step()
+    views = robot.behaviour.views
+    first, until = views[0]
+    assert first == (0, START, False, None, (HEARD, Sent(95, 1))) and until == 100_000
+    assert views[1][0].goal == Goal(goal, GoalStatus.ACTIVE)
+    assert views[1][0].radio == () and views[1][0].instant == 100_000
+    assert any(view.moving for view, _ in views)
+    last = views[-1][0]
+    assert last.goal == Goal(goal, GoalStatus.SUCCEEDED) and not last.moving
+    assert last.pose.point.distance_to(goal) <= 0.15
+    assert last.pose == pytest.approx(robot.base.pose, abs=1e-9)
+
+
+def test_a_restarted_robot_begins_with_the_step_it_was_started_for() -> None:
+    robot = Robot(first_step=731)
+    (drive,) = robot.take_step()
+    assert drive.message.step == 731
+    assert robot.behaviour.views[0][0].instant == Instant(73_100_000)
+
+
+@pytest.mark.parametrize("events", [(), (HEARD,)])
+def test_halt_is_taken_in_without_an_answer(events: tuple[Heard, ...]) -> None:
+    robot = Robot()
+    senses = Senses(0, 0, len(events), Odometry(0, 0, 0, 0, 0, 0), 0, None, halt=True)
+    inputs: dict[str, Message] = {"swarm/down/r1/senses": senses}
+    assert robot.core.missing(inputs) == ((at(RECEIVED, "r1"),) if events else ())
+    inputs["swarm/down/r1/received"] = Received(0, events)
+    assert robot.core.advance(inputs) == ()
+    assert robot.core.finished and robot.behaviour.views == []
+
+
+def refusal(robot: Robot, **messages: Message) -> str:
+    with pytest.raises(StepError) as caught:
+        robot.core.advance({f"swarm/down/r1/{name}": message for name, message in messages.items()})
+    return str(caught.value)
+
+
+def test_messages_of_another_step_are_refused() -> None:
+    robot = Robot(first_step=7)
+    assert refusal(robot, senses=robot.base.senses(6)) == (
+        "step 7: r1 got Senses of step 6; it should be of step 7 or later"
+    )
+    assert refusal(robot, senses=robot.base.senses(7, 1), received=Received(8, (HEARD,))) == (
+        "step 7: r1 got Received of step 8; it should be of step 7 or earlier"
+    )
+    assert refusal(robot, senses=robot.base.senses(7, 1), received=Received(7, (HEARD, HEARD))) == (
+        "step 7: r1 got 2 radio events; Senses counts 1"
+    )
+
+
+def test_a_robot_that_was_frozen_goes_on_with_the_step_that_the_world_is_in() -> None:
+    robot = Robot()
+    robot.take_step()
+    inputs = {
+        "swarm/down/r1/senses": robot.base.senses(41, 1),
+        "swarm/down/r1/received": Received(3, (HEARD,)),
+    }
+    (drive,) = robot.core.advance(inputs)
+    assert drive.message.step == 41 and robot.core.step == 42
+    assert robot.behaviour.views[-1][0].instant == 4_100_000
+    assert robot.behaviour.views[-1][0].radio == (HEARD,)
+
+
+def test_a_scan_of_another_sensor_is_refused() -> None:
+    robot = Robot()
+    senses = Senses(0, 0, 0, Odometry(0, 0, 0, 0, 0, 0), 0, Scan(0, b"\0" * 7))
+    with pytest.raises(ScanError):
+        robot.core.advance({"swarm/down/r1/senses": senses})
+
+
+WHERE = "step 4 (0.4 s): behaviour 'my.study:behaviour' of r1 "
+
+
+@pytest.mark.parametrize(
+    ("decision", "fault"),
+    [
+        ("go", "gives a str where a Decision is due"),
+        (Decision(-1), "gives -1 for tasks_left; it should be a whole number from 0 on"),
+        (
+            Decision(0.5),  # type: ignore[arg-type]
+            "gives 0.5 for tasks_left; it should be a whole number from 0 on",
+        ),
+        (
+            Decision(0, reports=(7,)),  # type: ignore[arg-type]
+            "gives 7 for a report; it should be a PlaceReport",
+        ),
+        (
+            Decision(0, frames=(b"x",)),  # type: ignore[arg-type]
+            "sends b'x'; it should be an Outgoing with bytes",
+        ),
+        (
+            Decision(0, (1.0, 2.0, 3.0)),  # type: ignore[arg-type]
+            "gives (1.0, 2.0, 3.0) for a goal; it should be a Point of finite numbers or a GoalOrder",
+        ),
+        (
+            Decision(0, Point(float("nan"), 2.0)),
+            "gives Point(x=nan, y=2.0) for a goal; it should be a Point of finite numbers or a GoalOrder",
+        ),
+        (
+            Decision(0, 5),  # type: ignore[arg-type]
+            "gives 5 for a goal; it should be a Point of finite numbers or a GoalOrder",
+        ),
+        (
+            Decision(0, frames=(Outgoing(0, 400_000, bytes(119)),)),
+            "sends a frame of 119 bytes; it should have 1 to 118",
+        ),
+        (
+            Decision(0, frames=(Outgoing(0, 400_000, b""),)),
+            "sends a frame of 0 bytes; it should have 1 to 118",
+        ),
+        (
+            Decision(0, frames=(Outgoing(-1, 400_000, b"x"),)),
+            "sends a frame with the tag -1; it should be 0 to 4294967295",
+        ),
+        (
+            Decision(0, frames=(Outgoing(0, 500_000, b"x"),)),
+            "sends a frame at 500000 µs; it should be sent from 400000 to 499999 µs",
+        ),
+        (
+            Decision(0, frames=(Outgoing(0, 450_000, b"x"), Outgoing(1, 449_999, b"y"))),
+            "sends a frame at 449999 µs; it should be sent from 450000 to 499999 µs",
+        ),
+        (
+            Decision(0, frames=(Outgoing(0, 400_000, b"x"),) * 4),
+            "sends 4 frames in one step; at most 3 may be",
+        ),
+        (
+            Decision(0, reports=(PlaceReport("r1", 0, 400_000),) * 3),
+            "reports 3 places in one step; at most 2 may be",
+        ),
+    ],
+)
+def test_what_a_behaviour_must_not_ask_for_is_named(decision: object, fault: str) -> None:
+    robot = Robot(decision, first_step=4, limits=RobotLimits(frames=3, reports=2))
+    with pytest.raises(BehaviourError) as caught:
+        robot.take_step()
+    assert str(caught.value) == WHERE + fault
+
+
+def test_an_error_in_a_behaviour_is_passed_on_with_a_note_of_where() -> None:
+    robot = Robot(KeyError("mine"), first_step=4)
+    with pytest.raises(KeyError) as caught:
+        robot.take_step()
+    assert caught.value.__notes__ == ["in step 4 (0.4 s): behaviour 'my.study:behaviour' of r1"]
+
+
+def test_equal_inputs_give_equal_outputs() -> None:
+    def outputs() -> list[tuple[Output, ...]]:
+        robot = Robot(Decision(1, Point(9.0, 3.0)))
+        first = [robot.take_step()]
+        robot.behaviour.decision = Decision(1)
+        return first + [robot.take_step() for _ in range(60)]
+
+    assert outputs() == outputs()
+
+
+def test_the_kernels_are_compiled_before_the_first_step() -> None:
+    compiled = [kernel for module in (aim, obstruction, potential) for kernel in _dispatchers(module)]
+    assert len(compiled) == 10
+    kernels()
+    before = [list(kernel.signatures) for kernel in compiled]
+    robot = Robot(Decision(1, Point(9.0, 3.0)))
+    for _ in range(30):
+        robot.take_step()
+    assert [list(kernel.signatures) for kernel in compiled] == before
+
+
+def _dispatchers(module: ModuleType) -> list[Any]:
+    return [value for value in vars(module).values() if hasattr(value, "signatures")]
+
+
+def test_dead_reckoning_composes_start_and_odometry() -> None:
+    localisation = DeadReckoning(Pose(2.0, 3.0, np.pi / 2))
+    pose, covariance = localisation.update(Odometry(1.0, 0.5, np.pi, 0, 0, 0), None)
+    assert pose == pytest.approx((1.5, 4.0, -np.pi / 2))
+    assert covariance == (0.0,) * 9
