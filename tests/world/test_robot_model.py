@@ -1,0 +1,182 @@
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from actors import convex
+from actors.robot_model import RobotModelError, load_model, scan_angles
+
+SHIPPED = Path(__file__).parents[2] / "actors" / "models"
+
+
+def refusal(tmp_path: Path, old: str, new: str) -> str:
+    """What is said of the Omnibox's file with one text changed."""
+    text = (SHIPPED / "omnibox.toml").read_text()
+    assert old in text
+    file = tmp_path / "broken.toml"
+    file.write_text(text.replace(old, new, 1))
+    with pytest.raises(RobotModelError) as caught:
+        load_model(str(file))
+    return str(caught.value).removeprefix(f"{tmp_path}/")
+
+
+def test_the_turtlebot_is_that_of_the_chapter() -> None:
+    model = load_model("turtlebot2")
+    assert model.footprint.radius == model.footprint.circumradius == model.footprint.inradius == 0.177
+    assert (model.mass, model.drive.speed, model.drive.watchdog, model.odometry) == (10, 0.5, 0.5, "exact")
+    assert (model.sensor_name, model.sensor.rays, model.sensor.range_max) == ("chapter", 640, 6.5)
+    assert model.sensor.full_circle and model.sensor.period == 100_000 and model.sensor.mount.x == -0.1
+
+
+def test_another_sensor_can_be_mounted() -> None:
+    model = load_model("turtlebot2", sensor="kinect")
+    assert (model.sensor_name, model.sensor.field_of_view_deg, model.sensor.range_min) == ("kinect", 58, 0.45)
+
+
+def test_a_file_elsewhere_can_be_loaded(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text((SHIPPED / "omnibox.toml").read_text())
+    assert load_model(str(file), "lidar") == load_model("omnibox", "lidar")
+
+
+def test_a_full_circle_has_no_direction_twice_and_a_view_has_both_its_ends() -> None:
+    full = scan_angles(load_model("turtlebot2").sensor)
+    assert full[-1] == math.pi and full[319] == 0 and np.allclose(np.diff(full), math.tau / 640)
+    view = scan_angles(load_model("turtlebot2", "kinect").sensor)
+    assert view[0] == -view[-1] == pytest.approx(math.radians(-29)) and len(view) == 640
+
+
+@given(st.floats(-179.9, 180), st.floats(1, 360), st.integers(2, 500))
+def test_rays_point_within_the_half_open_circle_at_equal_angles(
+    heading: float, view: float, rays: int
+) -> None:
+    sensor = load_model("omnibox").sensor.model_copy(
+        update={"heading_deg": heading, "field_of_view_deg": view, "rays": rays}
+    )
+    angles = scan_angles(sensor)
+    assert angles.shape == (rays,) and (angles > -math.pi).all() and (angles <= math.pi).all()
+    expected = sensor.mount.heading + sensor.first_angle + sensor.increment * np.arange(rays)
+    assert np.allclose(np.exp(1j * angles), np.exp(1j * expected), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("mass = 22.0", "mass = -1.0", "mass is -1.0; it should be greater than 0"),
+        ("mass = 22.0", "mass = nan", "mass is nan; it should be a finite number"),
+        ("mass = 22.0", "mass = '22'", "mass is '22'; it should be a valid number"),
+        ("mass = 22.0", "", "mass is missing"),
+        (
+            "mass = 22.0",
+            "mass = 22.0\ncolour = 'red'",
+            "colour is unknown; it should be one of name, mass, friction, odometry, default_sensor, "
+            "footprint, drive, bumper, sensors",
+        ),
+        (
+            '"omnidirectional"',
+            '"legs"',
+            "drive.kind is 'legs'; it should be 'differential' or 'omnidirectional'",
+        ),
+        (
+            "watchdog",
+            "watch_dog",
+            "drive.watch_dog is unknown; it should be one of kind, speed, acceleration, turn_rate, "
+            "turn_acceleration, grip, watchdog",
+        ),
+        ("rays = 360", "rays = 1", "sensors.lidar.rays is 1; it should be greater than or equal to 2"),
+        (
+            "range_max = 8.0",
+            "range_max = 0.1",
+            "sensors.lidar should have a range_max above range_min, not 0.1 m and 0.15 m",
+        ),
+        (
+            "reach_deg = 100.0",
+            "reach_deg = 30.0",
+            "bumper should have a reach_deg of at least centre_deg, not 30 and 40",
+        ),
+        (
+            '"stage"',
+            '"kobuki"',
+            "the model should have a differential drive where odometry is 'kobuki', which reads two wheels",
+        ),
+        (
+            '"stage"',
+            '"gps"',
+            "odometry is 'gps'; it should be 'exact', 'stage' or 'kobuki'",
+        ),
+        (
+            'default_sensor = "kinect"',
+            'default_sensor = "sonar"',
+            "default_sensor is 'sonar'; it should be one of kinect, lidar",
+        ),
+        (
+            "vertices = [",
+            "radius = 0.2\nvertices = [",
+            "footprint should hold either radius or vertices, and has both",
+        ),
+        (
+            "[0.19, 0.19]",
+            "[0.0, 0.15]",
+            "footprint should hold the vertices of a convex polygon round (0, 0), but it does not bend "
+            "outward at (0, 0.15)",
+        ),
+        (
+            "    [-0.25, 0.13],\n    [-0.25, -0.13],\n    [-0.19, -0.19],\n",
+            "    [0.1, 0.0],\n",
+            "footprint should hold the vertices of a convex polygon round (0, 0), but it does not bend "
+            "outward at (0.1, 0)",
+        ),
+        ("[footprint]", "[footprint", "is no TOML file: Expected ']' at the end of a table declaration"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_one_sentence(tmp_path: Path, old: str, new: str, sentence: str) -> None:
+    said = refusal(tmp_path, old, new)
+    if "no TOML" in sentence:
+        assert said.startswith(f"broken.toml {sentence}")
+    else:
+        assert said == f"broken.toml: {sentence}"
+
+
+def test_unknown_names_are_refused_with_those_that_exist(tmp_path: Path) -> None:
+    with pytest.raises(RobotModelError) as caught:
+        load_model("turtlebot9")
+    assert str(caught.value) == (
+        "there is no robot model 'turtlebot9'; it should be one of omnibox, turtlebot2, or the path of a "
+        ".toml file"
+    )
+    with pytest.raises(RobotModelError) as caught:
+        load_model("turtlebot2", "sonar")
+    assert str(caught.value) == (
+        "turtlebot2.toml: there is no sensor 'sonar'; it should be one of chapter, kinect"
+    )
+    with pytest.raises(RobotModelError) as caught:
+        load_model(str(tmp_path / "none.toml"))
+    assert str(caught.value) == (
+        f"cannot read the robot model {tmp_path}/none.toml: No such file or directory"
+    )
+
+
+def test_polygons_that_are_not_once_round_the_origin_are_told_apart() -> None:
+    star = [(math.cos(k * 0.8 * math.pi), math.sin(k * 0.8 * math.pi)) for k in range(5)]
+    assert convex.fault(star) == "its border goes round more than once"
+    beside = [(1.0, 0.0), (2.0, 0.0), (2.0, 1.0)]
+    assert convex.fault(beside) == "(0, 0) is not inside of the edge from (1, 0) to (2, 0)"
+
+
+@given(st.lists(st.floats(0.05, 2.0), min_size=3, max_size=20), st.floats(0.1, 2.0))
+def test_polygons_on_a_circle_are_convex_in_either_direction(gaps: list[float], radius: float) -> None:
+    angles = np.cumsum(gaps) / sum(gaps) * math.tau
+    ring = [(radius * math.cos(a), radius * math.sin(a)) for a in angles]
+    if max(gaps) / sum(gaps) < 0.49:  # otherwise the centre is outside
+        assert convex.fault(ring) == convex.fault(ring[::-1]) == ""
+        assert convex.distance_to_border(ring) <= radius
+
+
+def test_the_moment_of_a_rectangle_and_of_nearly_a_disc() -> None:
+    rectangle = [(0.3, -0.2), (0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2)]
+    assert convex.moment(rectangle, 12.0) == pytest.approx(12.0 * (0.6**2 + 0.4**2) / 12)
+    ring = [(math.cos(a), math.sin(a)) for a in np.linspace(0, math.tau, 500, endpoint=False)]
+    assert convex.moment(ring, 2.0) == pytest.approx(1.0, rel=1e-3)
