@@ -1,0 +1,268 @@
+"""Drives and bumpers, for all robots at once: forces from commands, pressed sectors from contacts."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from actors import convex
+from actors.instant import seconds
+from actors.robot_model import RobotModel
+
+Floats = NDArray[np.float64]
+
+LIMITS = np.dtype(
+    [
+        ("omnidirectional", np.bool_),
+        ("speed", np.float64),
+        ("acceleration", np.float64),
+        ("turn_rate", np.float64),
+        ("turn_acceleration", np.float64),
+        ("grip", np.float64),
+        ("turn_grip", np.float64),
+        ("mass", np.float64),
+        ("moment", np.float64),
+        ("watchdog_us", np.int64),
+        ("bumper_centre", np.float64),
+        ("bumper_reach", np.float64),
+    ],
+    align=True,
+)
+"""What the kernels know of one robot."""
+
+
+def moment_of_inertia(model: RobotModel) -> float:
+    """About the body's origin, kg m², its mass evenly spread over the footprint."""
+    if model.footprint.radius is not None:
+        return model.mass * model.footprint.radius**2 / 2
+    assert model.footprint.vertices is not None
+    return convex.moment(model.footprint.vertices, model.mass)
+
+
+def _turn_grip(model: RobotModel) -> float:
+    """Angular acceleration at which the wheels slide, rad/s², for wheels that stand half-way out."""
+    return model.drive.grip * model.mass * model.footprint.circumradius / 2 / moment_of_inertia(model)
+
+
+def limits(models: Sequence[RobotModel]) -> NDArray[np.void]:
+    """(n,) of LIMITS. A robot without a bumper has one that reaches nowhere."""
+    return np.array(
+        [
+            (
+                model.drive.kind == "omnidirectional",
+                model.drive.speed,
+                model.drive.acceleration,
+                model.drive.turn_rate,
+                model.drive.turn_acceleration,
+                model.drive.grip,
+                _turn_grip(model),
+                model.mass,
+                moment_of_inertia(model),
+                seconds(model.drive.watchdog),
+                math.radians(model.bumper.centre_deg) if model.bumper else -1.0,
+                math.radians(model.bumper.reach_deg) if model.bumper else -1.0,
+            )
+            for model in models
+        ],
+        dtype=LIMITS,
+    )
+
+
+MEMORY = np.dtype(
+    [
+        ("ahead", np.float64),
+        ("aside", np.float64),
+        ("turn", np.float64),
+        ("hold_ahead", np.float64),
+        ("hold_aside", np.float64),
+        ("hold_turn", np.float64),
+    ]
+)
+"""What a drive remembers: the velocity its wheels are to turn at, m/s and rad/s in the body's frame, and how
+hard they hold against a push, as the change of velocity per sub-step, m/s and rad/s."""
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def drive_forces(
+    state: Floats,
+    commands: Floats,
+    issued_us: NDArray[np.int64],
+    now_us: int,
+    dt: float,
+    limits: NDArray[np.void],
+    memory: NDArray[np.void],
+    forces: Floats,
+) -> None:
+    """What each drive pushes with during the next sub-step, to come as near to its command as it can.
+
+    state (n, 6): x, y, heading, vx, vy, omega, map frame; commands (n, 3): vx, vy, omega, body frame; memory
+    (n,) of MEMORY, moved on; forces (n, 3), written: N, N, N m, map frame.
+
+    Wheels pull with mass times the acceleration limit at most, but hold with their grip: one robot alone does
+    not push away another that stands, and whoever drives into a wall hardly creeps along it.
+    """
+    for i in range(state.shape[0]):
+        limit = limits[i]
+        vx, vy, omega = commands[i, 0], commands[i, 1], commands[i, 2]
+        if now_us - issued_us[i] > limit.watchdog_us:
+            vx = vy = omega = 0.0
+        if limit.omnidirectional:
+            vx, vy = _shortened(vx, vy, limit.speed)
+        else:
+            vx, vy = min(max(vx, -limit.speed), limit.speed), 0.0
+        # The physics moves bodies first and changes velocities afterwards, so the new velocity applies at the
+        # heading that the body will have then: a differential drive never drifts sideways.
+        heading = state[i, 2] + state[i, 5] * dt
+        c, s = math.cos(heading), math.sin(heading)
+        forward, leftward = c * state[i, 3] + s * state[i, 4], c * state[i, 4] - s * state[i, 3]
+        ahead, aside = _pull(state[i], forward, leftward, vx, vy, dt, limit, memory[i])
+        omega = min(max(omega, -limit.turn_rate), limit.turn_rate)
+        turn, turn_grip = limit.turn_acceleration * dt, limit.turn_grip * dt
+        wheels = memory[i]
+        wheels.hold_turn = _held(wheels.hold_turn, state[i, 5] - wheels.turn, turn_grip)
+        wheels.turn += min(max(omega - wheels.turn, -turn), turn)
+        turning = min(max(wheels.turn - state[i, 5] + wheels.hold_turn, -turn_grip), turn_grip)
+        forces[i, 0] = limit.mass * (c * ahead - s * aside) / dt
+        forces[i, 1] = limit.mass * (s * ahead + c * aside) / dt
+        forces[i, 2] = limit.moment * turning / dt
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _pull(
+    state: Floats, forward: float, leftward: float, vx: float, vy: float, dt: float, limit: Any, wheels: Any
+) -> tuple[float, float]:
+    """The change of velocity that the drive brings about, body frame; forward, leftward: the velocity now."""
+    reach, grip = limit.acceleration * dt, limit.grip * dt
+    c, s = math.cos(state[2]), math.sin(state[2])
+    slip_ahead = c * state[3] + s * state[4] - wheels.ahead  # since the last sub-step: somebody pushed
+    slip_aside = c * state[4] - s * state[3] - wheels.aside
+    change_x, change_y = _shortened(vx - wheels.ahead, vy - wheels.aside, reach)
+    wheels.ahead += change_x
+    wheels.aside += change_y
+    ahead, aside = wheels.ahead - forward, wheels.aside - leftward
+    if (
+        ahead * wheels.ahead + aside * wheels.aside * limit.omnidirectional > 0
+    ):  # slower than the wheels are to turn
+        wheels.hold_ahead = 0.0
+        if limit.omnidirectional:
+            wheels.hold_aside = 0.0
+            ahead, aside = _shortened(ahead, aside, reach)
+            wheels.ahead, wheels.aside = forward + ahead, leftward + aside
+            return ahead, aside
+        ahead = min(max(ahead, -reach), reach)
+        wheels.ahead = forward + ahead
+    else:
+        wheels.hold_ahead = _held(wheels.hold_ahead, slip_ahead, grip)
+        ahead = min(max(ahead + wheels.hold_ahead, -grip), grip)
+    wheels.hold_aside = _held(wheels.hold_aside, slip_aside, grip)
+    aside = min(max(aside + wheels.hold_aside, -grip), grip)
+    return ahead, aside
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _held(hold: float, slip: float, grip: float) -> float:
+    """How hard to hold after having slipped at that velocity: critically damped, giving way in the long run.
+
+    Otherwise what is wedged between walls would stay under stress after everybody has stopped pushing.
+    """
+    return min(max(0.995 * hold - slip / 4, -grip), grip)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _shortened(x: float, y: float, longest: float) -> tuple[float, float]:
+    """The vector, but no longer than that."""
+    length = math.hypot(x, y)
+    share = 1.0 if length <= longest else longest / length
+    return x * share, y * share
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def press_bumpers(
+    state: Floats,
+    pairs: NDArray[np.uint64],
+    normals: Floats,
+    numbers: NDArray[np.uint64],
+    robots: NDArray[np.int64],
+    limits: NDArray[np.void],
+    bumpers: NDArray[np.uint8],
+    touching: NDArray[np.bool_],
+) -> int:
+    """Set the bumper bits that the contacts press, and give how many contacts have begun.
+
+    pairs (m, 3): numbers of both bodies, and whether their contact is new; normals (m, 2): from the first to
+    the second; numbers (n,), ascending, and robots (n,): which body number is which robot's; bumpers (n,):
+    bits are added; touching (n,): whether each robot touches something that is no robot, before and after.
+    """
+    n = state.shape[0]
+    begun = 0
+    now_touching = np.zeros(n, np.bool_)
+    for k in range(pairs.shape[0]):
+        a, b = _robot(pairs[k, 0], numbers, robots), _robot(pairs[k, 1], numbers, robots)
+        bearing = math.atan2(normals[k, 1], normals[k, 0])
+        if a >= 0:
+            bumpers[a] |= _sector(bearing - state[a, 2], limits[a])
+        if b >= 0:
+            bumpers[b] |= _sector(bearing + math.pi - state[b, 2], limits[b])
+        if a >= 0 and b >= 0:
+            begun += 1 if pairs[k, 2] else 0
+        elif a >= 0:
+            now_touching[a] = True
+        elif b >= 0:
+            now_touching[b] = True
+    for i in range(n):
+        if now_touching[i] and not touching[i]:
+            begun += 1
+        touching[i] = now_touching[i]
+    return begun
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _robot(number: int, numbers: NDArray[np.uint64], robots: NDArray[np.int64]) -> int:
+    """The robot whose body has that number, or −1."""
+    place = np.searchsorted(numbers, number)
+    return robots[place] if place < numbers.size and numbers[place] == number else -1
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _sector(bearing: float, limit: Any) -> np.uint8:
+    """The bumper's bit at that bearing from straight ahead: 1 right, 2 centre, 4 left, 0 none."""
+    bearing -= 2 * math.pi * math.floor((bearing + math.pi) / (2 * math.pi))
+    if abs(bearing) <= limit.bumper_centre:
+        return np.uint8(2)
+    if abs(bearing) <= limit.bumper_reach:
+        return np.uint8(4) if bearing > 0 else np.uint8(1)
+    return np.uint8(0)
+
+
+def fingerprint() -> bytes:
+    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    fixed = np.zeros(3, LIMITS)
+    fixed["omnidirectional"] = [False, True, True]
+    for name, value in (
+        ("speed", 0.5),
+        ("acceleration", 1.0),
+        ("turn_rate", 5.0),
+        ("turn_acceleration", 3.5),
+    ):
+        fixed[name] = value
+    fixed["grip"], fixed["turn_grip"], fixed["mass"], fixed["moment"], fixed["watchdog_us"] = (
+        5.0,
+        28.0,
+        10.0,
+        0.157,
+        500_000,
+    )
+    fixed["bumper_centre"], fixed["bumper_reach"] = 0.5, 1.5
+    state = np.sin(np.arange(18.0)).reshape(3, 6)
+    commands = np.cos(np.arange(9.0)).reshape(3, 3)
+    forces, memory = np.zeros((3, 3)), np.full(3, 0.02).astype(MEMORY)
+    drive_forces(state, commands, np.array([0, 1, -600_000]), 0, 0.01, fixed, memory, forces)
+    bumpers, touching = np.zeros(3, np.uint8), np.zeros(3, np.bool_)
+    pairs = np.array([[5, 6, 1], [6, 7, 0], [7, 1, 1]], np.uint64)
+    numbers, robots = np.array([5, 6, 7], np.uint64), np.array([1, 0, 2])
+    normals = np.cos(np.arange(6.0)).reshape(3, 2)
+    begun = press_bumpers(state, pairs, normals, numbers, robots, fixed, bumpers, touching)
+    return forces.tobytes() + memory.tobytes() + bumpers.tobytes() + touching.tobytes() + bytes([begun])

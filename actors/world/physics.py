@@ -1,0 +1,277 @@
+"""The floor with everything solid on it: walls, robots, obstacles, and how they move and push one another."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import pymunk
+from numpy.typing import NDArray
+from pymunk import batch
+
+from actors.geometry import Point, Pose, Twist
+from actors.instant import START, Duration, Instant, in_seconds, milliseconds
+from actors.robot_model import RobotModel
+from actors.runtime.errors import AcrcError
+from actors.world.clearance import Shape, disc, gap, placed, smallest_gap, wall_gap
+from actors.world.drive import MEMORY, drive_forces, limits, moment_of_inertia, press_bumpers
+
+SUBSTEP: Final[Duration] = milliseconds(10)
+"""The physics always moves on by this much."""
+_STATE: Final = (
+    batch.BodyFields.POSITION
+    | batch.BodyFields.ANGLE
+    | batch.BodyFields.VELOCITY
+    | batch.BodyFields.ANGULAR_VELOCITY
+)
+_FORCES: Final = batch.BodyFields.FORCE | batch.BodyFields.TORQUE
+_CONTACTS: Final = (
+    batch.ArbiterFields.BODY_A_ID
+    | batch.ArbiterFields.BODY_B_ID
+    | batch.ArbiterFields.IS_FIRST_CONTACT
+    | batch.ArbiterFields.NORMAL
+)
+
+
+class ArenaError(AcrcError):
+    """Something that cannot be put where it was to be put, or a command that cannot be followed."""
+
+
+@dataclass(frozen=True)
+class ContactModel:
+    """How overlap is undone (pymunk, class Space). Nothing bounces."""
+
+    slop: float = 0.0005
+    """Overlap that is left alone, so that a resting contact stays one, m; own choice."""
+    correction: float = 0.25
+    """Share of the rest that is undone per sub-step; own choice, gone to 5 % after 0.1 s."""
+    iterations: int = 20
+    """Of the contact solver per sub-step; own choice: ten robots pushing into a door."""
+
+
+class Arena:
+    """Robots, by index, on one floor plan; advances in sub-steps of 10 ms.
+
+    The same calls give bit-equal states. A body whose process is gone brakes and stays.
+    """
+
+    def __init__(
+        self,
+        segments: NDArray[np.float64],
+        names: Sequence[str],
+        models: Sequence[RobotModel],
+        poses: Sequence[Pose],
+        contact: ContactModel | None = None,
+    ) -> None:
+        """`segments`: (m, 4), x0, y0, x1, y1 of the walls, m. Raises ArenaError where robots do not fit."""
+        assert len(names) == len(models) == len(poses)
+        self._segments = segments
+        self._names = tuple(names)
+        self._models = tuple(models)
+        self._obstacles: list[tuple[float, float, float]] = []
+        self._space = _space(segments, contact or ContactModel())
+        self._bodies = [_body(self._space, model, pose) for model, pose in zip(models, poses, strict=True)]
+        numbers = np.array([body.id for body in self._bodies], np.uint64)
+        self._robots = np.argsort(numbers)
+        self._numbers = numbers[self._robots]
+        self._limits = limits(models)
+        self._commands = np.zeros((len(poses), 3))
+        self._issued_us = np.zeros(len(poses), np.int64)
+        self._memory = np.zeros(len(poses), MEMORY)
+        forces = np.zeros(
+            (len(poses) + 1, 3)
+        )  # the last row is for the walls, which are a body to pymunk too
+        self._forces = forces[:-1]
+        self._touching = np.zeros(len(poses), np.bool_)
+        self._into, self._out_of, self._met = batch.Buffer(), batch.Buffer(), batch.Buffer()
+        self._into.set_float_buf(forces.reshape(-1))
+        batch.get_space_bodies(self._space, _STATE, self._out_of)
+        # Later calls write to the same memory: the number of bodies never changes.
+        self._state = np.frombuffer(self._out_of.float_buf()).reshape(-1, 6)[:-1]
+        assert np.array_equal(self._state[:, :3], np.array(poses).reshape(-1, 3))
+        self.now: Instant = START
+        """The instant that the states belong to."""
+        self.bumpers: NDArray[np.uint8] = np.zeros(len(poses), np.uint8)
+        """(n,): pressed at any sub-step of the last `advance`; bit 0 right, 1 centre, 2 left."""
+        self.contacts = 0
+        """How many contacts, of two robots or of a robot with what does not move, have begun so far."""
+        self._refuse_overlaps()
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """(n, 3): x, y in m, heading in rad in (−π, π], map frame."""
+        return _wrapped(self._state[:, :3])
+
+    @property
+    def velocities(self) -> NDArray[np.float64]:
+        """(n, 3): vx, vy in m/s, map frame, and omega in rad/s."""
+        return self._state[:, 3:].copy()
+
+    @property
+    def obstacles(self) -> NDArray[np.float64]:
+        """(m, 3): x, y, radius of the round obstacles, m."""
+        return np.array(self._obstacles, dtype=np.float64).reshape(-1, 3)
+
+    def command(self, index: int, twist: Twist, instant: Instant) -> None:
+        """The velocity a robot wants from now on; its drive forgets it a watchdog's time after `instant`."""
+        if not all(map(math.isfinite, twist)):
+            raise ArenaError(
+                f"{self._names[index]} wants to drive at {twist.vx}, {twist.vy} m/s and {twist.omega} rad/s; "
+                "a velocity should be finite"
+            )
+        self._commands[index] = twist
+        self._issued_us[index] = instant
+
+    def advance(self, substeps: int = 1) -> NDArray[np.float64]:
+        """Move on; gives the poses after every sub-step: (substeps, n, 3)."""
+        track = np.empty((substeps, len(self), 3))
+        dt = in_seconds(SUBSTEP)
+        self.bumpers[:] = 0
+        for k in range(substeps):
+            drive_forces(
+                self._state,
+                self._commands,
+                self._issued_us,
+                self.now,
+                dt,
+                self._limits,
+                self._memory,
+                self._forces,
+            )
+            batch.set_space_bodies(self._space, _FORCES, self._into)
+            self._space.step(dt)
+            self._out_of.clear()
+            batch.get_space_bodies(self._space, _STATE, self._out_of)
+            self._take_contacts()
+            self.now = Instant(self.now + SUBSTEP)
+            track[k] = self._state[:, :3]
+        return _wrapped(track)
+
+    def move(self, index: int, pose: Pose) -> None:
+        """Put a robot's body somewhere else, at rest. Raises ArenaError where it would overlap anything."""
+        shape = placed(self._models[index].footprint, pose)
+        if obstruction := self._obstruction(shape, [j for j in range(len(self)) if j != index]):
+            raise ArenaError(
+                f"{self._names[index]} cannot stand at ({pose.x:g}, {pose.y:g}): "
+                f"it would overlap {obstruction}"
+            )
+        body = self._bodies[index]
+        body.position, body.angle = (pose.x, pose.y), pose.heading
+        body.velocity, body.angular_velocity = (0.0, 0.0), 0.0
+        self._space.reindex_shapes_for_body(body)
+        self._state[index] = (*pose, 0.0, 0.0, 0.0)
+        self._memory[index] = 0.0
+
+    def add_obstacle(self, centre: Point, radius: float) -> None:
+        """Put a round thing on the floor, for good. Raises ArenaError where it would overlap a robot."""
+        if not (0 < radius < 100 and math.isfinite(centre.x) and math.isfinite(centre.y)):
+            raise ArenaError(
+                f"an obstacle at ({centre.x:g}, {centre.y:g}) has a radius of {radius:g} m; "
+                "it should stand at a point and have a radius between 0 and 100 m"
+            )
+        for name, shape in zip(self._names, self._shapes(), strict=True):
+            if gap(shape, disc(*centre, radius)) < 0:
+                raise ArenaError(
+                    f"an obstacle of {radius:g} m cannot stand at ({centre.x:g}, {centre.y:g}): "
+                    f"it would overlap {name}"
+                )
+        self._obstacles.append((centre.x, centre.y, radius))
+        self._space.add(_still(pymunk.Circle(self._space.static_body, radius, centre)))
+
+    def overlap(self) -> float:
+        """The deepest overlap of a robot with another, a wall or an obstacle, m; 0 where nothing overlaps.
+
+        Computed from poses and outlines alone, independently of the physics.
+        """
+        shapes = list(self._shapes())
+        still = [disc(*obstacle) for obstacle in self._obstacles]
+        gaps = [min(wall_gap(shape, self._segments), smallest_gap(shape, still)) for shape in shapes]
+        gaps += [gap(shapes[a], shapes[b]) for a, b in self._close_pairs()]
+        return max(0.0, -min(gaps, default=0.0))
+
+    def _close_pairs(self) -> list[list[int]]:
+        """The pairs of robots that are near enough to overlap."""
+        reach = np.array([model.footprint.circumradius for model in self._models])
+        apart = np.hypot(*(self._state[:, None, :2] - self._state[None, :, :2]).T)
+        close = np.triu(apart < reach[:, None] + reach[None, :], k=1)
+        pairs: list[list[int]] = np.argwhere(close).tolist()
+        return pairs
+
+    def _take_contacts(self) -> None:
+        self._met.clear()
+        batch.get_space_arbiters(self._space, _CONTACTS, self._met)
+        pairs = np.frombuffer(self._met.int_buf(), np.uint64).reshape(-1, 3)
+        if len(pairs) or self._touching.any():
+            normals = np.frombuffer(self._met.float_buf()).reshape(-1, 2)
+            self.contacts += press_bumpers(
+                self._state,
+                pairs,
+                normals,
+                self._numbers,
+                self._robots,
+                self._limits,
+                self.bumpers,
+                self._touching,
+            )
+
+    def _shapes(self) -> Iterator[Shape]:
+        for model, state in zip(self._models, self._state.tolist(), strict=True):
+            yield placed(model.footprint, Pose(*state[:3]))
+
+    def _obstruction(self, shape: Shape, others: Sequence[int]) -> str:
+        """What `shape` overlaps: "a wall", "an obstacle", a robot's name, or "" for nothing."""
+        if wall_gap(shape, self._segments) < 0:
+            return "a wall"
+        if smallest_gap(shape, (disc(*obstacle) for obstacle in self._obstacles)) < 0:
+            return "an obstacle"
+        shapes = list(self._shapes())
+        return next((self._names[j] for j in others if gap(shape, shapes[j]) < 0), "")
+
+    def _refuse_overlaps(self) -> None:
+        for index, (shape, pose) in enumerate(zip(self._shapes(), self.poses.tolist(), strict=True)):
+            if obstruction := self._obstruction(shape, range(index)):
+                raise ArenaError(
+                    f"{self._names[index]} cannot start at ({pose[0]:g}, {pose[1]:g}): "
+                    f"it would overlap {obstruction}"
+                )
+
+
+def _space(segments: NDArray[np.float64], contact: ContactModel) -> pymunk.Space:
+    space = pymunk.Space()
+    space.iterations = contact.iterations
+    space.collision_slop = contact.slop
+    space.collision_bias = (1 - contact.correction) ** (1 / in_seconds(SUBSTEP))  # the share left after 1 s
+    space.collision_persistence = 1  # so that the contacts that pymunk gives are those of this sub-step
+    for x0, y0, x1, y1 in segments.tolist():
+        space.add(_still(pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0)))
+    return space
+
+
+def _still(shape: pymunk.Shape) -> pymunk.Shape:
+    """Of what does not move, so that the friction of a contact is that of the robot's model."""
+    shape.friction = 1.0
+    return shape
+
+
+def _body(space: pymunk.Space, model: RobotModel, pose: Pose) -> pymunk.Body:
+    body = pymunk.Body(model.mass, moment_of_inertia(model))
+    body.position, body.angle = (pose.x, pose.y), pose.heading
+    shape: pymunk.Shape
+    if model.footprint.radius is not None:
+        shape = pymunk.Circle(body, model.footprint.radius)
+    else:
+        shape = pymunk.Poly(body, model.footprint.vertices or ())
+    shape.friction = model.friction
+    space.add(body, shape)
+    return body
+
+
+def _wrapped(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A copy with headings in (−π, π]."""
+    copy = poses.copy()
+    copy[..., 2] = np.pi - np.mod(np.pi - copy[..., 2], 2 * np.pi)
+    return copy

@@ -1,0 +1,292 @@
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from actors.geometry import STILL, Point, Pose, Twist
+from actors.instant import Instant
+from actors.world.physics import SUBSTEP, Arena, ArenaError
+from tests.world.scenery import AHEAD, OMNIBOX, TURTLEBOT, arena, room_with_door, towards
+
+MM = 0.001
+
+
+def drive(world: Arena, *twists: Twist, duration: float = 1.0) -> float:
+    """Let robot k want twists[k] for so long; gives the deepest overlap of any sub-step."""
+    deepest = 0.0
+    for _ in range(round(duration * 100)):
+        for index, twist in enumerate(twists):
+            world.command(index, twist, world.now)
+        world.advance()
+        deepest = max(deepest, world.overlap())
+    return deepest
+
+
+def test_a_robot_speeds_up_and_brakes_no_faster_than_its_model_says() -> None:
+    world = arena(Pose(-2, 0, 0))
+    drive(world, AHEAD, duration=0.3)
+    assert world.velocities[0] == pytest.approx([0.3, 0, 0])
+    drive(world, AHEAD, duration=1.0)
+    assert world.velocities[0] == pytest.approx([0.5, 0, 0])
+    drive(world, STILL, duration=0.25)
+    assert world.velocities[0] == pytest.approx([0.25, 0, 0])
+    drive(world, STILL, duration=1.0)
+    assert world.velocities[0] == pytest.approx([0, 0, 0])
+
+
+def test_no_command_exceeds_the_limits() -> None:
+    world = arena(Pose(-2, 0, 0))
+    drive(world, Twist(9.0, 0.0, -40.0), duration=2.0)
+    assert np.hypot(*world.velocities[0, :2]) == pytest.approx(0.5)
+    assert world.velocities[0, 2] == pytest.approx(-5.0)
+
+
+def test_a_differential_drive_runs_on_the_circle_of_its_command_and_never_sideways() -> None:
+    world = arena(Pose(1, 0, math.pi / 2))
+    drive(world, Twist(0.5, 0, 0.5), duration=2.0)
+    centre = world.poses[0, :2] + np.array([-math.sin(world.poses[0, 2]), math.cos(world.poses[0, 2])])
+    for _ in range(40):
+        drive(world, Twist(0.5, 0.3, 0.5), duration=0.3)
+        assert np.hypot(*(world.poses[0, :2] - centre)) == pytest.approx(1.0, abs=3 * MM)
+        aside = -math.sin(world.poses[0, 2]) * world.velocities[0, 0] + (
+            math.cos(world.poses[0, 2]) * world.velocities[0, 1]
+        )
+        assert aside == pytest.approx(0, abs=1e-12)
+
+
+def test_an_omnidirectional_drive_goes_sideways_while_it_turns() -> None:
+    world = arena(Pose(0, 0, 0), model=OMNIBOX)
+    drive(world, Twist(0, 0.6, 0), duration=2.0)
+    assert world.velocities[0] == pytest.approx([0, 0.6, 0])
+    drive(world, Twist(0.9, 0.9, 1.0), duration=1.5)
+    assert np.hypot(*world.velocities[0, :2]) == pytest.approx(0.8, abs=2 * MM)
+    assert world.velocities[0, 2] == pytest.approx(1.0)
+
+
+def test_a_command_is_forgotten_after_the_watchdogs_time_and_not_before() -> None:
+    world = arena(Pose(-2, 0, 0))
+    world.command(0, AHEAD, Instant(0))
+    world.advance(51)
+    assert world.velocities[0, 0] == pytest.approx(0.5)  # the last sub-step began when it was 0.5 s old
+    world.advance(10)
+    assert world.velocities[0, 0] == pytest.approx(0.4)
+    world.advance(100)
+    where = world.poses.copy()
+    world.advance(300)
+    assert np.array_equal(world.poses, where)
+
+
+def test_headings_stay_in_the_half_open_circle() -> None:
+    world = arena(Pose(0, 0, 3.0))
+    for _ in range(300):
+        drive(world, Twist(0, 0, 5.0), duration=0.05)
+        assert -math.pi < world.poses[0, 2] <= math.pi
+
+
+def test_advance_gives_the_pose_after_every_sub_step() -> None:
+    one, other = arena(Pose(0, 0, 3.1)), arena(Pose(0, 0, 3.1))
+    for world in (one, other):
+        world.command(0, Twist(0.3, 0, 2.0), Instant(0))
+    track = one.advance(20)
+    singly = np.concatenate([other.advance() for _ in range(20)])
+    assert track.shape == (20, 1, 3) and np.array_equal(track, singly)
+    assert np.array_equal(track[-1], one.poses) and one.now == Instant(20 * SUBSTEP)
+
+
+@pytest.mark.parametrize("share", range(10))
+def test_two_robots_meeting_head_on_overlap_by_12_mm_at_most_and_2_mm_at_rest(share: int) -> None:
+    world = arena(Pose(-0.8 - share * MM, 0, 0), Pose(0.8, 0, math.pi))
+    assert drive(world, AHEAD, AHEAD, duration=2.0) <= 12 * MM
+    assert drive(world, AHEAD, AHEAD, duration=1.0) <= 2 * MM
+    assert world.poses[1, 0] - world.poses[0, 0] == pytest.approx(0.354, abs=2 * MM)
+    assert world.bumpers.tolist() == [2, 2] and world.contacts == 1
+
+
+@pytest.mark.parametrize(
+    ("poses", "model"),
+    [
+        ([Pose(3.9, 0, 0)], TURTLEBOT),
+        ([Pose(3.9, 0, 0.4)], TURTLEBOT),
+        ([Pose(4, 4, math.pi / 4)], TURTLEBOT),
+        ([Pose(3.9, 0, 0.3)], OMNIBOX),
+        ([Pose(4, 4, 0.7)], OMNIBOX),
+        ([Pose(-0.8, 0, 0), Pose(0.8, 0.1, 3)], OMNIBOX),
+    ],
+)
+def test_walls_corners_and_boxes_hold(poses: list[Pose], model: object) -> None:
+    assert model is TURTLEBOT or model is OMNIBOX
+    world = arena(*poses, model=TURTLEBOT if model is TURTLEBOT else OMNIBOX)
+    twists = [AHEAD] * len(poses)
+    assert drive(world, *twists, duration=3.0) <= 12 * MM
+    assert drive(world, *twists, duration=1.0) <= 2 * MM
+    assert world.contacts >= 1
+
+
+def test_a_box_cannot_turn_with_its_side_on_a_wall_but_can_leave() -> None:
+    world = arena(Pose(4.809, 0, math.pi / 2), model=OMNIBOX)
+    assert drive(world, Twist(0, 0, 2.0), duration=2.0) <= 2 * MM
+    assert world.poses[0] == pytest.approx([4.809, 0, math.pi / 2], abs=20 * MM)
+    drive(world, Twist(0, 0.5, 0), duration=1.5)
+    drive(world, Twist(0, 0, 2.0), duration=1.0)
+    assert world.poses[0, 0] < 4.6 and world.velocities[0, 2] == pytest.approx(2.0)
+
+
+def test_ten_robots_pushing_into_a_door_and_many_more_contacts() -> None:
+    contacts = 0
+    for spread in (0.40, 0.45, 0.50):
+        places = [(-1 - spread * (k // 5), spread * (k % 5 - 2)) for k in range(10)]
+        world = arena(*[towards(0.3, 0, x, y) for x, y in places], walls=room_with_door())
+        assert drive(world, *[AHEAD] * 10, duration=6.0) <= 12 * MM
+        assert drive(world, *[AHEAD] * 10, duration=1.0) <= 2 * MM
+        contacts += world.contacts
+    assert contacts >= 100
+
+
+@pytest.mark.parametrize(
+    ("bearing_deg", "bits"),
+    [(0, 2), (29, 2), (-29, 2), (31, 4), (89, 4), (-31, 1), (-89, 1), (91, 0), (180, 0), (-91, 0)],
+)
+@pytest.mark.parametrize("first", [True, False])
+def test_the_bumper_tells_where_it_was_touched(bearing_deg: float, bits: int, first: bool) -> None:
+    bearing = 0.5 + math.radians(bearing_deg)
+    still, rammed = Pose(0, 0, 0.5), Pose(0.4 * math.cos(bearing), 0.4 * math.sin(bearing), bearing)
+    backwards = Twist(-0.2, 0, 0)
+    world = arena(still, rammed) if first else arena(rammed, still)
+    index = 0 if first else 1
+    drive(world, *((STILL, backwards) if first else (backwards, STILL)), duration=0.5)
+    assert world.bumpers[index] == bits and world.bumpers[1 - index] == 0 and world.contacts == 1
+
+
+def test_the_bumper_remembers_a_touch_until_the_next_advance() -> None:
+    world = arena(Pose(4.8, 0, 0))
+    world.command(0, AHEAD, world.now)
+    world.advance(30)
+    world.command(0, Twist(-0.5, 0, 0), world.now)
+    world.advance(30)
+    assert world.bumpers.tolist() == [2] and world.overlap() == 0.0
+    world.advance(30)
+    assert world.bumpers.tolist() == [0]
+
+
+def test_a_standing_robot_is_pushed_away_by_a_crowd_and_not_by_one() -> None:
+    queue = [Pose(-0.36 * k, 0, 0) for k in range(8)]  # seven push with 10 N each, one holds with 50 N
+    crowd = arena(*queue)
+    drive(crowd, STILL, *[AHEAD] * 7, duration=3.0)
+    assert crowd.poses[0, 0] > 0.2
+    pair = arena(*queue[:2])
+    drive(pair, STILL, AHEAD, duration=3.0)
+    assert 0 < pair.poses[0, 0] < 0.02 and np.abs(pair.velocities).max() < 1 * MM
+
+
+@pytest.mark.parametrize("angle", [0.2, 0.8, 1.4])
+def test_a_robot_that_drives_into_a_wall_hardly_creeps_along_it_and_can_turn_away(angle: float) -> None:
+    world = arena(Pose(4.5, 0, angle))
+    drive(world, AHEAD, duration=6.0)
+    assert world.contacts == 1
+    where = world.poses.copy()
+    drive(world, AHEAD, duration=2.0)
+    assert world.poses == pytest.approx(where, abs=10 * MM)
+    drive(world, Twist(0, 0, 2.0), duration=1.0)
+    drive(world, Twist(0.3, 0, 0), duration=1.0)
+    assert np.hypot(*(world.poses - where)[0, :2]) > 0.1
+
+
+def test_a_wall_and_an_obstacle_stop_a_robot_where_they_stand() -> None:
+    world = arena(Pose(4, 0, 0))
+    world.add_obstacle(Point(4.6, 0.0), 0.1)
+    drive(world, AHEAD, duration=3.0)
+    assert world.poses[0, 0] == pytest.approx(4.6 - 0.1 - 0.177, abs=1 * MM)
+    assert world.obstacles.tolist() == [[4.6, 0.0, 0.1]] and world.bumpers.tolist() == [2]
+
+
+def test_a_moved_robot_stands_still_where_it_was_put_and_drives_on_from_there() -> None:
+    world = arena(Pose(-2, 0, 0), Pose(2, 2, 0))
+    drive(world, AHEAD, STILL)
+    world.move(0, Pose(2, 0, math.pi / 2))
+    assert world.poses[0].tolist() == [2, 0, math.pi / 2] and world.velocities[0].tolist() == [0, 0, 0]
+    assert drive(world, AHEAD, STILL, duration=4.5) <= 12 * MM
+    assert world.poses[0, 1] > 1.6 and world.contacts == 1  # it meets the other robot there
+
+
+def wandering(worlds: list[Arena], steps: int) -> list[list[bytes]]:
+    """The worlds' states while their robots get the same random commands, step by step in turn."""
+    rng = np.random.default_rng(5)
+    states: list[list[bytes]] = [[] for _ in worlds]
+    for step in range(steps):
+        twists = [Twist(*rng.uniform((0, 0, -3), (0.5, 0, 3)).tolist()) for _ in range(len(worlds[0]))]
+        for world, seen in zip(worlds, states, strict=True):
+            for index, twist in enumerate(twists):
+                world.command(index, twist, world.now)
+            if step == steps // 2:
+                world.add_obstacle(Point(4.5, 4.5), 0.2)
+                world.move(0, Pose(-4.5, -4.5, 0.0))
+            world.advance(30)
+            arrays: list[NDArray[np.generic]] = [world.poses, world.velocities, world.bumpers]
+            seen.append(b"".join(array.tobytes() for array in arrays) + bytes(str(world.contacts), "ascii"))
+    return states
+
+
+def test_the_same_calls_give_bit_equal_states() -> None:
+    def crowd() -> Arena:
+        return arena(*[Pose(-1.2 + 0.4 * (k % 6), -1 + 0.4 * (k // 6), k * 0.3) for k in range(30)])
+
+    alone = wandering([crowd()], 30)[0]
+    rubbish = [np.zeros(77 * k) for k in range(50)]  # so that later bodies lie elsewhere in memory
+    one, other = wandering([crowd(), crowd()], 30)
+    assert len(rubbish) == 50 and alone == one == other and len(set(alone)) == 30
+
+
+def test_a_world_without_robots_moves_on() -> None:
+    world = arena()
+    assert world.advance(3).shape == (3, 0, 3) and world.overlap() == 0 and world.now == Instant(30_000)
+
+
+@pytest.mark.parametrize(
+    ("attempt", "sentence"),
+    [
+        (
+            lambda world: world.move(0, Pose(2.1, 2, 0)),
+            "r0 cannot stand at (2.1, 2): it would overlap r1",
+        ),
+        (
+            lambda world: world.move(0, Pose(4.9, 0, 0)),
+            "r0 cannot stand at (4.9, 0): it would overlap a wall",
+        ),
+        (
+            lambda world: world.move(0, Pose(-3, 0, 0)),
+            "r0 cannot stand at (-3, 0): it would overlap an obstacle",
+        ),
+        (
+            lambda world: world.add_obstacle(Point(2, 2.2), 0.1),
+            "an obstacle of 0.1 m cannot stand at (2, 2.2): it would overlap r1",
+        ),
+        (
+            lambda world: world.add_obstacle(Point(0, 0), -1.0),
+            "an obstacle at (0, 0) has a radius of -1 m; it should stand at a point and have a radius "
+            "between 0 and 100 m",
+        ),
+        (
+            lambda world: world.command(1, Twist(math.nan, 0, 0), Instant(0)),
+            "r1 wants to drive at nan, 0 m/s and 0 rad/s; a velocity should be finite",
+        ),
+        (
+            lambda _: arena(Pose(0, 0, 0), Pose(0.3, 0, 0)),
+            "r1 cannot start at (0.3, 0): it would overlap r0",
+        ),
+        (
+            lambda _: arena(Pose(0, -4.9, 0), model=OMNIBOX),
+            "r0 cannot start at (0, -4.9): it would overlap a wall",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_sentence(
+    attempt: Callable[[Arena], object], sentence: str
+) -> None:
+    world = arena(Pose(-1, 0, 0), Pose(2, 2, 0))
+    world.add_obstacle(Point(-3.1, 0), 0.1)
+    before = world.poses.tobytes()
+    with pytest.raises(ArenaError) as caught:
+        attempt(world)
+    assert str(caught.value) == sentence and world.poses.tobytes() == before
