@@ -1,0 +1,284 @@
+"""Rays against the floor plan and against the bodies standing on it: exact, and fast."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+SENSOR = np.dtype(
+    [
+        ("x", np.float64),
+        ("y", np.float64),
+        ("heading", np.float64),
+        ("first_angle", np.float64),
+        ("increment", np.float64),
+        ("rays", np.int64),
+        ("table", np.int64),
+        ("range_max", np.float64),
+    ],
+    align=True,
+)
+"""A range sensor on a body; `table`: where its rays begin in the table of directions."""
+BODY = np.dtype(
+    [("radius", np.float64), ("first_vertex", np.int64), ("vertices", np.int64)],
+    align=True,
+)
+"""A body's outline: a disc if it has no vertices, otherwise `radius` is that of the disc around it."""
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _free_squares(blocking: NDArray[np.bool_], squares: NDArray[np.uint8]) -> None:
+    rows, columns = blocking.shape
+    for quadrant in range(4):
+        east = 1 if quadrant & 1 == 0 else -1
+        north = 1 if quadrant & 2 == 0 else -1
+        for a in range(1, rows - 1):
+            row = rows - 1 - a if north > 0 else a
+            for b in range(1, columns - 1):
+                column = columns - 1 - b if east > 0 else b
+                if not blocking[row, column]:
+                    side = min(
+                        squares[quadrant, row + north, column],
+                        squares[quadrant, row, column + east],
+                        squares[quadrant, row + north, column + east],
+                    )
+                    squares[quadrant, row, column] = min(side, 254) + 1
+
+
+def free_squares(blocking: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """How far a ray may leap: (4, rows + 2, columns + 2), with a ring of blocking cells around the map.
+
+    For each cell and each quadrant of directions (bit 0 set: westward, bit 1 set: southward) the side, in
+    cells, of the largest free square that has the cell in its near corner; 0 in a blocking cell, 255 at most.
+    """
+    ringed = np.ones((blocking.shape[0] + 2, blocking.shape[1] + 2), np.bool_)
+    ringed[1:-1, 1:-1] = blocking
+    squares = np.zeros((4, *ringed.shape), np.uint8)
+    _free_squares(ringed, squares)
+    return squares
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def cast(squares: NDArray[np.uint8], x: float, y: float, dx: float, dy: float, reach: float) -> float:
+    """Distance from (x, y) to the first blocking cell along the unit vector (dx, dy); inf beyond reach.
+
+    Everything is in cells; a ray that starts in a blocking cell or outside of the map is at its end.
+
+    The traversal of Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics
+    1987, but from border to border of free squares, not cells: it meets the same cell at the same point.
+    """
+    east, north = dx >= 0, dy >= 0
+    quadrant = (0 if east else 1) + (0 if north else 2)
+    per_x = 1 / dx if dx != 0 else 1e300
+    per_y = 1 / dy if dy != 0 else 1e300
+    column, row = math.floor(x), math.floor(y)
+    if not (0 <= column < squares.shape[2] and 0 <= row < squares.shape[1]):
+        return 0.0
+    distance = 0.0
+    side = int(squares[quadrant, row, column])
+    while side:
+        left = column if east else column - side + 1
+        bottom = row if north else row - side + 1
+        border_x = left + side if east else left
+        border_y = bottom + side if north else bottom
+        to_x, to_y = (border_x - x) * per_x, (border_y - y) * per_y
+        distance = min(to_x, to_y)
+        if distance > reach:
+            return math.inf
+        # Rounding must not carry the ray out of the square anywhere but through the border that it meets.
+        if to_x < to_y:
+            column = border_x if east else border_x - 1
+            row = min(max(int(y + distance * dy), bottom), bottom + side - 1)
+        else:
+            row = border_y if north else border_y - 1
+            column = min(max(int(x + distance * dx), left), left + side - 1)
+        side = int(squares[quadrant, row, column])
+    return distance
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _to_disc(x: float, y: float, radius: float, dx: float, dy: float) -> float:
+    """Distance from the origin along (dx, dy) to a disc around (x, y); inf if the ray misses it."""
+    along = x * dx + y * dy
+    aside = x * dy - y * dx
+    rest = radius * radius - aside * aside
+    if rest < 0:
+        return math.inf
+    half = math.sqrt(rest)
+    return max(along - half, 0.0) if along + half >= 0 else math.inf
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _to_polygon(ring: Floats, dx: float, dy: float) -> float:
+    """The same to a convex polygon (n, 2), counter-clockwise: where the ray is inside of all its edges.
+
+    Cyrus and Beck, "Generalized two- and three-dimensional clipping", Computers & Graphics 3, 1978.
+    """
+    enter, leave = 0.0, math.inf
+    for k in range(ring.shape[0]):
+        ax, ay = ring[k - 1, 0], ring[k - 1, 1]
+        normal_x, normal_y = ring[k, 1] - ay, ax - ring[k, 0]
+        outside = -(ax * normal_x + ay * normal_y)
+        slope = dx * normal_x + dy * normal_y
+        if slope < 0:
+            enter = max(enter, outside / -slope)
+        elif slope > 0:
+            leave = min(leave, -outside / slope)
+        elif outside > 0:
+            return math.inf
+    return enter if enter <= leave else math.inf
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _hide_behind(
+    x: float,
+    y: float,
+    radius: float,
+    ring: Floats,
+    sensor: Any,
+    heading: float,
+    directions: Floats,
+    ranges: Floats,
+) -> None:
+    """Shorten the ranges of rays that meet a body; (x, y): its centre as seen from the sensor, map frame."""
+    apart = math.hypot(x, y)
+    if apart - radius > sensor.range_max:
+        return
+    half = math.asin(radius / apart) if apart > radius else math.pi
+    bearing = math.atan2(y, x) - heading - sensor.first_angle
+    bearing -= 2 * math.pi * math.floor(bearing / (2 * math.pi))
+    # The body may appear at both ends of the scan; one ray more on both sides makes up for rounding.
+    for turn in range(-1, 2):
+        low = (bearing + 2 * math.pi * turn - half) / sensor.increment
+        high = (bearing + 2 * math.pi * turn + half) / sensor.increment
+        for k in range(max(math.ceil(low) - 1, 0), min(math.floor(high) + 2, sensor.rays)):
+            dx, dy = directions[k, 0], directions[k, 1]
+            found = _to_polygon(ring, dx, dy) if ring.shape[0] else _to_disc(x, y, radius, dx, dy)
+            ranges[k] = min(ranges[k], found)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _ring(body: Any, pose: Floats, vertices: Floats, x: float, y: float) -> Floats:
+    """The (n, 2) vertices of a body at that pose as seen from (x, y), map frame."""
+    ring = np.empty((body.vertices, 2))
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(body.vertices):
+        forward, leftward = vertices[body.first_vertex + k, 0], vertices[body.first_vertex + k, 1]
+        ring[k, 0] = pose[0] - x + c * forward - s * leftward
+        ring[k, 1] = pose[1] - y + s * forward + c * leftward
+    return ring
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def sweep(
+    squares: NDArray[np.uint8],
+    resolution: float,
+    west: float,
+    south: float,
+    due: NDArray[np.int64],
+    poses: Floats,
+    sensors: NDArray[np.void],
+    table: Floats,
+    bodies: NDArray[np.void],
+    vertices: Floats,
+    obstacles: Floats,
+    starts: NDArray[np.int64],
+    ranges: Floats,
+) -> None:
+    """The true ranges of all sensors that are due, m; inf beyond the sensor's reach.
+
+    west, south: the map's corner; due (k,): robots; poses (n, 3); sensors (n,) of SENSOR; table (m, 2):
+    cosine and sine of the rays in the body's frame; bodies (n,) of BODY; vertices (v, 2) in the body's frame;
+    obstacles (o, 3): x, y, radius; starts (k,): where each scan begins in ranges, written.
+    """
+    nothing = np.empty((0, 2))
+    for scan in range(due.size):
+        own = due[scan]
+        sensor: Any = sensors[own]
+        c, s = math.cos(poses[own, 2]), math.sin(poses[own, 2])
+        x = poses[own, 0] + c * sensor.x - s * sensor.y
+        y = poses[own, 1] + s * sensor.x + c * sensor.y
+        found = ranges[starts[scan] : starts[scan] + sensor.rays]
+        directions = np.empty((sensor.rays, 2))
+        column, row = (x - west) / resolution + 1, (y - south) / resolution + 1
+        reach = sensor.range_max / resolution
+        for k in range(sensor.rays):
+            ray_x, ray_y = table[sensor.table + k, 0], table[sensor.table + k, 1]
+            dx, dy = c * ray_x - s * ray_y, s * ray_x + c * ray_y
+            directions[k, 0], directions[k, 1] = dx, dy
+            found[k] = cast(squares, column, row, dx, dy, reach) * resolution
+        heading = poses[own, 2] + sensor.heading
+        for other in range(bodies.size):
+            body: Any = bodies[other]
+            away_x, away_y = poses[other, 0] - x, poses[other, 1] - y
+            if other == own or math.hypot(away_x, away_y) - body.radius > sensor.range_max:
+                continue
+            ring = _ring(body, poses[other], vertices, x, y) if body.vertices else nothing
+            _hide_behind(away_x, away_y, body.radius, ring, sensor, heading, directions, found)
+        for k in range(obstacles.shape[0]):
+            away_x, away_y = obstacles[k, 0] - x, obstacles[k, 1] - y
+            _hide_behind(away_x, away_y, obstacles[k, 2], nothing, sensor, heading, directions, found)
+        for k in range(sensor.rays):
+            if found[k] > sensor.range_max:
+                found[k] = math.inf
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def in_millimetres(
+    ranges: Floats,
+    normals: Floats,
+    noise: float,
+    growth: float,
+    nearest: float,
+    farthest: float,
+    scan: NDArray[np.uint16],
+) -> None:
+    """Write what a sensor reports of true ranges, (n,) m, to scan, (n,) uint16 mm; 65535 = no echo.
+
+    normals (n,): standard normal draws, or (0,) without noise; noise, growth: deviation noise + growth · r².
+    """
+    for k in range(ranges.size):
+        value = ranges[k]
+        if normals.size and value < math.inf:
+            value += normals[k] * (noise + growth * value * value)
+        echo = nearest <= max(value, 0.0) <= farthest
+        scan[k] = np.uint16(math.floor(max(value, 0.0) * 1000 + 0.5)) if echo else np.uint16(65535)
+
+
+def fingerprint() -> bytes:
+    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    blocking = np.sin(np.arange(1200.0) ** 2).reshape(30, 40) > 0.9
+    blocking[14:17, 9:31] = False
+    squares = free_squares(blocking)
+    sensors = np.array(
+        [(-0.1, 0.02, 0.3, -3.1, 0.02, 310, 0, 6.5), (0.2, 0, 0, -0.5, 0.1, 11, 0, 0.7)], SENSOR
+    )
+    bodies = np.array([(0.177, 0, 0), (0.2, 0, 3)], BODY)
+    angles = -3.1 + 0.02 * np.arange(310)
+    table = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    poses = np.array([[0.8, 0.78, 0.1], [1.2, 0.79, -2.0]])
+    corners = np.array([[0.1, 0.1], [-0.15, 0.12], [0.0, -0.2]])
+    obstacles = np.array([[1.0, 0.9, 0.05]])
+    ranges, starts = np.empty(321), np.array([0, 310])
+    sweep(
+        squares,
+        0.05,
+        0.0,
+        0.0,
+        np.arange(2),
+        poses,
+        sensors,
+        table,
+        bodies,
+        corners,
+        obstacles,
+        starts,
+        ranges,
+    )
+    scan = np.empty(321, np.uint16)
+    in_millimetres(ranges, np.cos(np.arange(321.0)), 0.01, 0.001, 0.05, 6.5, scan)
+    return squares.tobytes() + ranges.tobytes() + scan.tobytes()

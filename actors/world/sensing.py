@@ -1,0 +1,117 @@
+"""What the robots' range sensors report: planar scans of walls, other robots and obstacles."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from actors.grid import OccupancyGrid
+from actors.robot_model import RangeSensor, RobotModel, scan_angles
+from actors.world.rays import BODY, SENSOR, free_squares, in_millimetres, sweep
+
+
+class RangeSensors:
+    """The range sensors of all robots on one floor plan. A sensor does not see the body that carries it."""
+
+    def __init__(
+        self, grid: OccupancyGrid, models: Sequence[RobotModel], generators: Sequence[Generator]
+    ) -> None:
+        """`generators`: one per robot, for the noise of its ranges."""
+        assert len(models) == len(generators)
+        self._grid = grid
+        self._generators = tuple(generators)
+        self._models = tuple(model.sensor for model in models)
+        self._squares = free_squares(grid.blocking)
+        self._sensors, self._table = _sensors(self._models)
+        self._bodies, self._vertices = _bodies(models)
+
+    def scan(
+        self, due: Sequence[int], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
+    ) -> list[NDArray[np.uint16]]:
+        """A scan of each robot in `due`: (rays,) mm, 65535 = no echo.
+
+        `poses`: (n, 3) of all robots; `obstacles`: (m, 3) x, y, radius; m, rad, map frame.
+        """
+        robots = np.array(due, np.int64)
+        ranges, ends = self._sweep(robots, poses, obstacles)
+        report = np.empty(ranges.size, np.uint16)
+        return [
+            self._report(int(robot), ranges[end - rays : end], report[end - rays : end])
+            for robot, rays, end in zip(robots, self._sensors["rays"][robots], ends, strict=True)
+        ]
+
+    def ranges(
+        self, due: Sequence[int], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
+    ) -> list[NDArray[np.float64]]:
+        """The same without noise, rounding or a nearest range: (rays,) m, inf = nothing within reach."""
+        ranges, ends = self._sweep(np.array(due, np.int64), poses, obstacles)
+        return np.split(ranges, ends[:-1])
+
+    def _sweep(
+        self, due: NDArray[np.int64], poses: NDArray[np.float64], obstacles: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """The true ranges of all scans, one after the other, and where each ends."""
+        rays = self._sensors["rays"][due]
+        ends = np.cumsum(rays)
+        ranges = np.empty(int(rays.sum()))
+        sweep(
+            self._squares,
+            self._grid.resolution,
+            *self._grid.origin,
+            due,
+            poses,
+            self._sensors,
+            self._table,
+            self._bodies,
+            self._vertices,
+            obstacles,
+            ends - rays,
+            ranges,
+        )
+        return ranges, ends
+
+    def _report(
+        self, robot: int, ranges: NDArray[np.float64], report: NDArray[np.uint16]
+    ) -> NDArray[np.uint16]:
+        sensor = self._models[robot]
+        noisy = sensor.noise > 0 or sensor.noise_growth > 0
+        normals = self._generators[robot].standard_normal(sensor.rays if noisy else 0)
+        in_millimetres(
+            ranges,
+            normals,
+            sensor.noise,
+            sensor.noise_growth,
+            sensor.range_min,
+            sensor.range_max,
+            report,
+        )
+        return report
+
+
+def _sensors(sensors: Sequence[RangeSensor]) -> tuple[NDArray[np.void], NDArray[np.float64]]:
+    """(n,) of SENSOR, and the (m, 2) directions of the rays of each different one."""
+    different = list(dict.fromkeys(sensors))
+    angles = [scan_angles(sensor) for sensor in different]
+    begins = np.cumsum([0, *map(len, angles)])
+    rows = [
+        (*sensor.mount, sensor.first_angle, sensor.increment, sensor.rays, begin, sensor.range_max)
+        for sensor, begin in zip(different, begins[:-1], strict=True)
+    ]
+    of = dict(zip(different, rows, strict=True))
+    all_angles = np.concatenate([*angles, np.empty(0)])
+    return (
+        np.array([of[sensor] for sensor in sensors], SENSOR),
+        np.stack([np.cos(all_angles), np.sin(all_angles)], axis=1),
+    )
+
+
+def _bodies(models: Sequence[RobotModel]) -> tuple[NDArray[np.void], NDArray[np.float64]]:
+    """(n,) of BODY, and the (v, 2) vertices of all polygons."""
+    vertices: list[tuple[float, float]] = []
+    rows = []
+    for model in models:
+        ring = model.footprint.vertices or ()
+        rows.append((model.footprint.circumradius, len(vertices), len(ring)))
+        vertices += ring
+    return np.array(rows, BODY), np.array(vertices, np.float64).reshape(-1, 2)

@@ -1,0 +1,248 @@
+import math
+
+import numpy as np
+import pymunk
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from actors.geometry import Pose
+from actors.grid import FREE, OCCUPIED, OccupancyGrid, outline
+from actors.messages import NO_ECHO_MM
+from actors.robot_model import RobotModel, scan_angles
+from actors.world import rays
+from actors.world.clearance import placed
+from actors.world.sensing import RangeSensors
+from tests.world.scenery import OMNIBOX, TURTLEBOT, clutter, with_sensor
+
+NOBODY = np.empty((0, 3))
+MM = 0.001
+
+
+def sensors(grid: OccupancyGrid, *models: RobotModel, seed: int = 0) -> RangeSensors:
+    return RangeSensors(grid, models, [np.random.default_rng([seed, k]) for k in range(len(models))])
+
+
+def hall(side: float = 16.0) -> OccupancyGrid:
+    """A large empty hall with its middle at the origin."""
+    cells = np.full((round(side / 0.05),) * 2, FREE, np.uint8)
+    return OccupancyGrid(cells, 0.05, origin=type(OccupancyGrid.origin)(-side / 2, -side / 2))
+
+
+def free_pose(grid: OccupancyGrid, rng: np.random.Generator) -> Pose:
+    """Somewhere in the free middle of `clutter`."""
+    x, y = grid.origin.x + grid.corner.x, grid.origin.y + grid.corner.y
+    return Pose(x / 2 + rng.uniform(-0.25, 0.25), y / 2 + rng.uniform(-0.25, 0.25), rng.uniform(-3, 3))
+
+
+def rays_of(model: RobotModel, pose: Pose) -> tuple[Pose, NDArray[np.float64]]:
+    """Where the sensor is, and the (rays, 2) directions of its rays in the map frame."""
+    angles = pose.heading + scan_angles(model.sensor)
+    return pose.compose(model.sensor.mount), np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+def to_lines(origin: Pose, direction: NDArray[np.float64], lines: NDArray[np.float64]) -> float:
+    """Distance along one ray to the nearest of the line segments (n, 4), by Cramer's rule; inf for none."""
+    along = lines[:, 2:] - lines[:, :2]
+    offset = lines[:, :2] - (origin.x, origin.y)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        determinant = direction[0] * along[:, 1] - direction[1] * along[:, 0]
+        distance = (offset[:, 0] * along[:, 1] - offset[:, 1] * along[:, 0]) / determinant
+        share = (offset[:, 0] * direction[1] - offset[:, 1] * direction[0]) / determinant
+    hit = (distance >= 0) & (share >= 0) & (share <= 1)
+    return float(distance[hit].min(initial=math.inf))
+
+
+def border_of(model: RobotModel, pose: Pose) -> NDArray[np.float64]:
+    """The outline of a robot as line segments; a disc as a polygon of 2000 edges."""
+    shape = placed(model.footprint, pose)
+    if shape.radius:
+        angles = np.linspace(0, math.tau, 2000, endpoint=False)
+        ring = shape.vertices[0] + shape.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    else:
+        ring = shape.vertices
+    return np.concatenate([ring, np.roll(ring, -1, axis=0)], axis=1)
+
+
+def traversal(grid: OccupancyGrid, x: float, y: float, dx: float, dy: float, reach: float) -> float:
+    """Amanatides and Woo's traversal from cell to cell, in plain Python; all in cells."""
+    blocking = np.pad(grid.blocking, 1, constant_values=True)
+    column, row = math.floor(x), math.floor(y)
+    step_x, step_y = (1 if dx >= 0 else -1), (1 if dy >= 0 else -1)
+    next_x = (column + (step_x > 0) - x) / dx if dx else math.inf
+    next_y = (row + (step_y > 0) - y) / dy if dy else math.inf
+    distance = 0.0
+    while not blocking[row, column]:
+        if next_x < next_y:
+            distance, next_x, column = next_x, next_x + abs(1 / dx), column + step_x
+        else:
+            distance, next_y, row = next_y, next_y + abs(1 / dy), row + step_y
+        if distance > reach:
+            return math.inf
+    return distance
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.integers(0, 10**6), st.floats(-3.2, 3.2), st.sampled_from([0.02, 0.1, 0.3]))
+def test_a_ray_ends_where_the_plain_traversal_ends(seed: int, angle: float, share: float) -> None:
+    grid = clutter(seed % 50, share=share)
+    squares = rays.free_squares(grid.blocking)
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(26, 34), rng.uniform(16, 24)
+    dx, dy = math.cos(angle), math.sin(angle)
+    expected = traversal(grid, x, y, dx, dy, 25.0)
+    assert rays.cast(squares, x, y, dx, dy, 25.0) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("angle", [k * math.pi / 4 for k in range(8)])
+def test_rays_along_the_grid_and_along_its_diagonals(angle: float) -> None:
+    cells = np.full((21, 21), FREE, np.uint8)
+    cells[10, [0, 20]] = cells[[0, 20], 10] = cells[[0, 0, 20, 20], [0, 20, 0, 20]] = OCCUPIED
+    squares = rays.free_squares(OccupancyGrid(cells, 1.0).blocking)
+    dx, dy = round(math.cos(angle), 12), round(math.sin(angle), 12)
+    length = math.hypot(dx, dy)
+    far = 9.5 * math.hypot(round(dx), round(dy))
+    assert rays.cast(squares, 11.5, 11.5, dx / length, dy / length, 50.0) == pytest.approx(far)
+    assert rays.cast(squares, 11.5, 11.5, dx / length, dy / length, far - 0.1) == math.inf
+
+
+def test_a_ray_that_starts_in_a_wall_or_outside_of_the_map_is_at_its_end() -> None:
+    squares = rays.free_squares(np.zeros((5, 5), np.bool_))
+    for x, y in ((0.5, 3.0), (-4.0, 3.0), (3.0, 99.0)):
+        assert rays.cast(squares, x, y, 1.0, 0.0, 50.0) == 0.0
+
+
+def square(
+    cells: NDArray[np.bool_], row: int, column: int, side: int, east: int, north: int
+) -> NDArray[np.bool_]:
+    """The square of cells that reaches from the given one to the east (or west) and north (or south)."""
+    bottom = row if north > 0 else row - side + 1
+    left = column if east > 0 else column - side + 1
+    return cells[bottom : bottom + side, left : left + side]
+
+
+def test_squares_are_the_largest_free_ones() -> None:
+    grid = clutter(3, share=0.05)
+    squares, ringed = rays.free_squares(grid.blocking), np.pad(grid.blocking, 1, constant_values=True)
+    rng = np.random.default_rng(0)
+    for row, column in zip(rng.integers(1, 41, 150), rng.integers(1, 61, 150), strict=True):
+        for quadrant, (east, north) in enumerate([(1, 1), (-1, 1), (1, -1), (-1, -1)]):
+            side = 0
+            while not square(ringed, row, column, side + 1, east, north).any():
+                side += 1
+            assert squares[quadrant, row, column] == side
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("view", "seer"), [(360, TURTLEBOT), (58, TURTLEBOT), (58, OMNIBOX), (200, OMNIBOX)])
+def test_ranges_are_those_of_walls_robots_and_obstacles_cut_with_rays(
+    seed: int, view: float, seer: RobotModel
+) -> None:
+    grid, rng = clutter(seed, share=0.01), np.random.default_rng(seed)
+    seer = with_sensor(seer, field_of_view_deg=view, rays=90, range_max=2.5, range_min=0.0)
+    here = free_pose(grid, rng)
+    others = [
+        (TURTLEBOT, Pose(here.x + 0.6, here.y + 0.1, 1.0)),
+        (OMNIBOX, Pose(here.x - 0.5, here.y - 0.6, 0.7)),
+    ]
+    others.append((TURTLEBOT, Pose(here.x - 0.3, here.y + 0.7, 0.0)))
+    obstacle = (here.x + 0.3, here.y - 0.8, 0.08)
+    poses = np.array([here, *(pose for _, pose in others)])
+    got = sensors(grid, seer, *(model for model, _ in others)).ranges([0], poses, np.array([obstacle]))[0]
+    lines = [outline(grid), *(border_of(model, pose) for model, pose in others)]
+    round_thing = TURTLEBOT.footprint.model_copy(update={"radius": obstacle[2]})
+    angles = np.linspace(0, math.tau, 2000, endpoint=False)
+    ring = np.array(obstacle[:2]) + round_thing.circumradius * np.stack(
+        [np.cos(angles), np.sin(angles)], axis=1
+    )
+    lines.append(np.concatenate([ring, np.roll(ring, -1, axis=0)], axis=1))
+    origin, directions = rays_of(seer, here)
+    expected = np.array([to_lines(origin, direction, np.concatenate(lines)) for direction in directions])
+    expected[expected > 2.5] = math.inf
+    different = ~np.isclose(got, expected, atol=1e-4)
+    assert different.sum() <= 1  # where a ray grazes a corner, either answer is good
+
+
+def test_ranges_agree_with_pymunks_own_rays() -> None:
+    grid, rng = clutter(1, share=0.01), np.random.default_rng(1)
+    space = pymunk.Space()
+    for x0, y0, x1, y1 in outline(grid).tolist():
+        space.add(pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0))
+    errors = []
+    for _ in range(10):
+        pose = free_pose(grid, rng)
+        origin, directions = rays_of(TURTLEBOT, pose)
+        got = sensors(grid, TURTLEBOT).ranges([0], np.array([pose]), NOBODY)[0]
+        for mine, (dx, dy) in zip(got.tolist(), directions.tolist(), strict=True):
+            end = (origin.x + 6.5 * dx, origin.y + 6.5 * dy)
+            hit = space.segment_query_first(origin.point, end, 0.0, pymunk.ShapeFilter())
+            assert hit is not None
+            errors.append(abs(hit.alpha * 6.5 - mine))
+    assert np.median(errors) < 1e-6 and np.mean(np.array(errors) > 5 * MM) < 0.002
+
+
+def test_a_lone_robot_does_not_see_itself() -> None:
+    scan = sensors(hall(), TURTLEBOT).scan([0], np.zeros((1, 3)), NOBODY)[0]
+    assert scan.dtype == np.uint16 and (scan == NO_ECHO_MM).all()
+
+
+def test_another_robot_ahead_is_seen_by_the_rays_ahead_only() -> None:
+    poses = np.array([[0, 0, 0], [2.0, 0, 0]])
+    scan = sensors(hall(), TURTLEBOT, TURTLEBOT).scan([0], poses, NOBODY)[0]
+    seen = np.flatnonzero(scan != NO_ECHO_MM)
+    half = math.asin(0.177 / 2.1)  # the sensor sits 0.1 m behind the middle
+    assert scan[319] == 2100 - 177 and scan_angles(TURTLEBOT.sensor)[319] == 0
+    assert len(seen) == 2 * math.floor(half / (math.tau / 640)) + 1 and seen.mean() == 319
+
+
+@pytest.mark.parametrize("bearing", np.linspace(-math.pi, math.pi, 13).tolist())
+def test_a_robot_is_seen_whole_also_behind_where_the_scan_begins_and_ends(bearing: float) -> None:
+    poses = np.array([[0.1, 0, 0], [1.5 * math.cos(bearing), 1.5 * math.sin(bearing), 0]])
+    scan = sensors(hall(), TURTLEBOT, TURTLEBOT).scan([0], poses, NOBODY)[0]
+    expected = 2 * math.asin(0.177 / 1.5) / (math.tau / 640)
+    assert abs((scan != NO_ECHO_MM).sum() - expected) <= 1 and scan.min() in (1323, 1324)
+
+
+def test_what_is_too_near_gives_no_echo_and_still_hides_what_is_behind() -> None:
+    kinect = with_sensor(TURTLEBOT, x=0.0, field_of_view_deg=10.0, rays=11, range_min=0.45)
+    near, far = np.array([[0.4, 0, 0.1]]), np.array([[0.6, 0, 0.1]])
+    grid = hall(4.0)
+    assert sensors(grid, kinect).scan([0], np.zeros((1, 3)), NOBODY)[0][5] == 2000
+    assert sensors(grid, kinect).scan([0], np.zeros((1, 3)), near)[0][5] == NO_ECHO_MM
+    assert sensors(grid, kinect).scan([0], np.zeros((1, 3)), far)[0][5] == 500
+
+
+def test_scans_of_different_sensors_in_one_call_are_those_of_single_calls() -> None:
+    grid = clutter(2)
+    poses = np.array([free_pose(grid, np.random.default_rng(k)) for k in range(3)])
+    models = (TURTLEBOT, OMNIBOX, with_sensor(TURTLEBOT, rays=50, range_max=1.0))
+    together = sensors(grid, *models).scan([2, 0, 1], poses, NOBODY)
+    assert [len(scan) for scan in together] == [50, 640, 640]
+    for index, scan in zip([2, 0, 1], together, strict=True):
+        assert np.array_equal(sensors(grid, *models).scan([index], poses, NOBODY)[0], scan)
+    assert sensors(grid, *models).scan([], poses, NOBODY) == []
+
+
+def test_noise_has_the_deviation_of_the_model_and_grows_with_the_range() -> None:
+    noisy = with_sensor(TURTLEBOT, x=0.0, noise=0.01, noise_growth=0.002, range_max=5.0, rays=4)
+    instrument = sensors(hall(8.0), noisy)  # 4 m ahead, behind and to the sides
+    scans = np.array([instrument.scan([0], np.zeros((1, 3)), NOBODY)[0] for _ in range(1500)]) * MM
+    assert scans.std() == pytest.approx(0.01 + 0.002 * 16, rel=0.03)
+    assert scans.mean() == pytest.approx(4.0, abs=4 * 0.042 / math.sqrt(6000))
+    assert np.abs(np.corrcoef(scans.T) - np.eye(4)).max() < 0.1
+
+
+def test_the_noise_of_a_robot_is_its_own() -> None:
+    noisy, poses = with_sensor(TURTLEBOT, noise=0.02), np.array([[0.0, 0, 0], [1.0, 1, 1], [-3.0, 0, 0]])
+    few = sensors(hall(8.0), noisy, noisy).scan([0, 1], poses[:2], NOBODY)
+    one, other = sensors(hall(8.0), noisy, noisy, noisy).scan([1, 0], poses, NOBODY)
+    for a, b in ((few[0], other), (few[1], one)):
+        assert 0 < (a != b).sum() < 20  # the rays that now meet the third robot
+    again = sensors(hall(8.0), noisy, noisy, seed=1).scan([0, 1], poses[:2], NOBODY)
+    assert (few[0] != again[0]).mean() > 0.9
+
+
+def test_the_fingerprint_is_the_same_every_time() -> None:
+    first = rays.fingerprint()
+    assert first == rays.fingerprint()
