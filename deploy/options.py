@@ -23,8 +23,9 @@ class RunOptions:
     """zenoh: a process per actor; memory: all actors in this process."""
     spawn: Spawn = "forkserver"
     """How processes are started: forked with everything imported, or anew."""
-    isolate: bool = False
-    """Shut every robot's process off from everything but its own two branches of the mesh."""
+    isolate: bool | None = None
+    """Shut every robot's process off from everything but its own two branches of the mesh; None: do so where
+    the machine can, with processes to shut off."""
     view: bool = False
     """Show the run while it goes on."""
     json: bool = False
@@ -37,7 +38,7 @@ def run_options(  # one for each option of the command line
     speed: str = "max",
     bus: str = "zenoh",
     spawn: str = "forkserver",
-    isolate: bool = False,
+    isolate: bool | None = None,
     view: bool = False,
     json: bool = False,
 ) -> RunOptions:
@@ -50,6 +51,8 @@ def run_options(  # one for each option of the command line
         raise OptionError(
             "--isolate: needs a process for each robot, and with --bus memory there is one for all"
         )
+    if view and bus == "memory":
+        raise OptionError("--view: needs the mesh to look on, and with --bus memory there is none")
     if out.exists() and not out.is_dir():
         raise OptionError(f"--out {out}: is a file; must be a folder that is new or empty")
     return RunOptions(out.absolute(), _speed(speed), cast(Bus, bus), cast(Spawn, spawn), isolate, view, json)

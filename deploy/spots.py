@@ -125,6 +125,8 @@ def places(
     count = spacing.per_robot if scenario.places.per_robot is None else scenario.places.per_robot
     if preset == "golden" and index < len(GOLDEN):
         return _checked(grid, figure, _golden(index, count))
+    if count == 0:
+        return ()
     try:
         points = draw_points(
             grid,
@@ -137,7 +139,9 @@ def places(
             areas=None if preset == "free" else AREAS,
         )
     except PlacementError as error:
-        raise SpotError(f"robot {figure.id} cannot get its {count} places: {error}") from error
+        raise SpotError(
+            f'robot {figure.id} cannot get its {count} places with places.preset "{preset}": {error}'
+        ) from error
     return tuple(map(_to_the_millimetre, points))
 
 

@@ -1,0 +1,120 @@
+"""The command line as a person meets it."""
+
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+from rich.console import Console
+
+from deploy import summary
+from deploy.checks import Check, run_checks
+from deploy.result import RobotResult, RunResult
+
+ROOT = Path(__file__).parents[2]
+
+
+def acrc(*arguments: str, cwd: Path = ROOT) -> tuple[int, str, str]:
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "deploy", *arguments],
+        cwd=cwd,
+        env={"PYTHONPATH": str(ROOT), "PATH": "", "COLUMNS": "100"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_a_wrong_option_is_one_line_and_exit_code_2() -> None:
+    assert acrc("run", "--speed", "fast") == (
+        2, "", 'acrc: --speed fast: must be "max" or a positive number such as 1 or 4\n'
+    )  # fmt: skip
+    assert acrc("run", "--step", "15") == (
+        2, "", "acrc: --step 15: must be a multiple of the 10 ms physics sub-step, from 10 to 100\n"
+    )  # fmt: skip
+
+
+def test_a_wrong_scenario_is_one_line_and_exit_code_1_however_long(tmp_path: Path) -> None:
+    file = tmp_path / f"{'long' * 30}.toml"
+    file.write_text('map = "[bold]"\n[run]\nsed = 1\n')
+    assert acrc("run", str(file)) == (1, "", f"acrc: {file}: run.sed is not known; did you mean run.seed?\n")
+
+
+def test_an_unknown_option_is_told_from_the_known_ones() -> None:
+    code, out, err = acrc("run", "--robot", "3")
+    assert (code, out) == (2, "")
+    assert err.splitlines()[-1].startswith("Error: No such option: --robot")
+
+
+def test_help_names_every_option_of_run() -> None:
+    code, out, _ = acrc("run", "--help")
+    assert code == 0
+    assert out.startswith("Usage: acrc run [OPTIONS] [SCENARIO.toml]\n")
+    for option in (
+        "--robots N", "--seed N", "--duration S", "--step MS", "--strategy NAME", "--speed X",
+        "--bus zenoh|memory", "--spawn forkserver|exec", "--isolate / --no-isolate", "--out DIR",
+        "--view", "--json",
+    ):  # fmt: skip
+        assert f"  {option} " in out
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = "import sys, deploy.cli; print({'numpy', 'numba', 'zenoh', 'pydantic'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"
+
+
+def test_test_hands_its_arguments_to_pytest_and_runs_in_the_repository(tmp_path: Path) -> None:
+    code, out, _ = acrc("test", "tests/deploy/test_options.py", "-k", "file_is_no", "-q", cwd=tmp_path)
+    assert code == 0
+    assert "1 passed, " in out.splitlines()[-1]
+
+
+def test_every_check_runs_and_the_failed_ones_are_named(capfd: pytest.CaptureFixture[str]) -> None:
+    good = Check("good", ("-c", "print('fine')"))
+    bad = Check("bad", ("-c", "raise SystemExit(3)"))
+    output = io.StringIO()
+    assert not run_checks(ROOT, Console(file=output), (bad, good, bad))
+    assert output.getvalue().splitlines()[-1] == "2 of 3 checks failed: bad, bad"
+    assert capfd.readouterr().out == "fine\n"
+    output = io.StringIO()
+    assert run_checks(ROOT, Console(file=output), (good,))
+    assert output.getvalue().splitlines()[-1] == "all 1 checks passed: good"
+
+
+RESULT = RunResult(
+    digest="d0d0", robots=2, seed=1, simulated_s=600.0, wall_s=12.345, startup_s=0.9, cpu_s=20.0,
+    real_time_factor=48.6, places_total=4, places_done=3, completion_s=None,
+    per_robot={"r1": RobotResult(2, 2, 311.25), "r2": RobotResult(2, 1, None)},
+    undelivered=0, unread=0, contacts=5, frames={"sent": 10, "heard": 7}, isolation="full", bus="zenoh",
+    out="/o",
+)  # fmt: skip
+
+
+def test_a_result_for_people(capsys: pytest.CaptureFixture[str]) -> None:
+    summary.print_result(RESULT, json=False)
+    lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    assert lines[-4:] == [
+        "600 s simulated in 12.3 s (48.6 x real time, 0.9 s to start)",
+        "radio frames: 10 sent, 7 heard; contacts: 5",
+        "digest d0d0",
+        "recorded in /o",
+    ]
+    rows = [line.strip("│ ").split("│") for line in lines if "│" in line]
+    assert [[cell.strip() for cell in row] for row in rows] == [
+        ["r1", "2 of 2", "311.2 s"], ["r2", "1 of 2", "not all"], ["all", "3 of 4", "not all"]
+    ]  # fmt: skip
+
+
+def test_messages_that_went_astray_are_said_loudly(capsys: pytest.CaptureFixture[str]) -> None:
+    summary.print_result(msgspec.structs.replace(RESULT, undelivered=2, unread=1), json=False)
+    assert "2 messages were not delivered and 1 not read\n" in capsys.readouterr().out
+
+
+def test_a_result_for_programs(capsys: pytest.CaptureFixture[str]) -> None:
+    summary.print_result(RESULT, json=True)
+    assert json.loads(capsys.readouterr().out) == msgspec.to_builtins(RESULT)

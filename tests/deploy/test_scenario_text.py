@@ -1,0 +1,118 @@
+"""A scenario written as text reads back as the same scenario, and so gives the same run."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from hypothesis import given, settings
+from hypothesis import strategies as some
+
+from deploy.cast import cast
+from deploy.scenario import Scenario
+from deploy.scenario_file import Overrides, load_scenario, parse
+from deploy.scenario_text import to_toml
+from tests.deploy.faults import scenario
+
+texts = some.text(some.characters(codec="utf-8"), min_size=1, max_size=8)
+coordinates = some.floats(-1e5, 1e5, allow_nan=False)
+points = some.tuples(coordinates, coordinates)
+poses = some.tuples(coordinates, coordinates, coordinates)
+
+
+def maybe(value: some.SearchStrategy[Any]) -> some.SearchStrategy[Any]:
+    return some.none() | value
+
+
+def tables(**fields: some.SearchStrategy[Any]) -> some.SearchStrategy[dict[str, Any]]:
+    """A table in which what may be absent is absent or there."""
+    filled = some.fixed_dictionaries(fields)
+    return filled.map(lambda table: {name: value for name, value in table.items() if value is not None})
+
+
+def _id(table: Any) -> str:
+    return str(table["id"])
+
+
+scenarios = some.fixed_dictionaries(
+    {
+        "map": some.from_regex(r"/[a-z\"\\\x7f]{1,9}", fullmatch=True),
+        "run": tables(
+            duration=some.floats(1.0, 1e6), step_ms=some.integers(1, 10).map(lambda n: 10 * n), strategy=texts
+        ),
+        "robots": tables(
+            count=some.just(3), model=some.just("x"), sensor=maybe(texts), start=some.lists(poses, max_size=3)
+        ),
+        "robot": some.lists(
+            tables(
+                id=some.sampled_from(["r1", "r2", "r3"]),
+                odometry=maybe(some.just("kobuki")),
+                start=maybe(poses),
+                places=maybe(some.lists(points, max_size=3)),
+            ),
+            max_size=3,
+            unique_by=_id,
+        ),
+        "event": some.lists(
+            tables(at=some.floats(0.0, 0.5), obstacle=points, radius=some.floats(0.001, 10)), max_size=3
+        ),
+    }
+)
+
+
+@given(scenarios)
+@settings(max_examples=60, deadline=None, derandomize=True)
+def test_every_scenario_reads_back_as_it_was_written(content: dict[str, Any]) -> None:
+    written = Scenario.model_validate(_as_lists(content))
+    assert parse(to_toml(written), Path("/some.toml")) == written
+
+
+def test_what_a_run_writes_down_gives_the_same_run() -> None:
+    first = cast(load_scenario(None, Overrides(robots=11, seed=7)))
+    written = to_toml(first.scenario)
+    second = cast(parse(written, Path("/elsewhere/scenario.toml")))
+    assert asdict(second) == asdict(first) | {"scenario": second.scenario}
+    assert second.scenario == first.scenario
+    assert to_toml(second.scenario) == written
+
+
+def test_nothing_is_left_to_be_drawn_in_what_a_run_writes_down() -> None:
+    settled = cast(load_scenario(None, Overrides(robots=10))).scenario
+    moved = settled.model_copy(update={"run": settled.run.model_copy(update={"seed": 99})})
+    assert cast(moved).world.robots == cast(settled).world.robots
+
+
+def test_the_text_of_a_small_scenario() -> None:
+    small = scenario(
+        "[robots]\ncount = 1\nstart = [[12, 5, 0]]\n[places]\nper_robot = 0\n"
+        "[[event]]\nat = 1\nobstacle = [9, 12]\nradius = 0.2\n"
+    )
+    assert to_toml(small.model_copy(update={"map": "/maps/a.yaml"})) == (
+        'map = "/maps/a.yaml"\n'
+        "\n"
+        '[run]\nduration = 600.0\nstep_ms = 100\nseed = 1\nstrategy = "none"\n'
+        "\n"
+        '[robots]\ncount = 1\nmodel = "turtlebot2"\nstart = [\n    [12.0, 5.0, 0.0],\n]\n'
+        "\n"
+        '[places]\npreset = "areas"\nper_robot = 0\n'
+        "\n"
+        '[radio]\npreset = "chapter"\n'
+        "\n"
+        "[[event]]\nat = 1.0\nobstacle = [9.0, 12.0]\nradius = 0.2\n"
+    )
+
+
+def test_paths_are_relative_to_the_file_they_stand_in() -> None:
+    text = (
+        'map = "../maps/a.yaml"\n[robots]\nmodel = "kinds/tall.toml"\n'
+        '[[robot]]\nid = "r1"\nmodel = "/flat.toml"\n[[robot]]\nid = "r2"\nmodel = "omnibox"\n'
+    )
+    read = parse(text, Path("/a/b/some.toml"))
+    assert (read.map, read.robots.model) == ("/a/maps/a.yaml", "/a/b/kinds/tall.toml")
+    assert [robot.model for robot in read.robot] == ["/flat.toml", "omnibox"]
+
+
+def _as_lists(value: Any) -> Any:
+    """Tuples as the lists that a TOML file would give."""
+    if isinstance(value, dict):
+        return {name: _as_lists(item) for name, item in value.items()}
+    return [_as_lists(item) for item in value] if isinstance(value, list | tuple) else value
