@@ -15,6 +15,8 @@ class Layer(IntEnum):
     """Passwords and access rules of the router."""
     PROCESS = 2
     """The isolated process."""
+    REMAINS = 3
+    """Nothing that we have: a way that is known and stays open."""
 
 
 class Attack(NamedTuple):

@@ -190,6 +190,20 @@ def see_nod(member: Member, note: Note) -> Note:
     return {"reached": bool(member.kept[0].matching_status.matching) != note["before"]}
 
 
+def hold_id(member: Member, note: Note) -> None:
+    """Open a session under an id that the two have agreed upon before the run."""
+    member.keep(zenoh.open(client(member.swarm, "r2", id=f"a{note['token']}")))
+
+
+def find_id_held(member: Member, note: Note) -> Note:
+    """The router takes a session id once only."""
+    try:
+        session_as(member, id=f"a{note['token']}")
+    except zenoh.ZError:
+        return {"reached": True}
+    return {"reached": False}
+
+
 def opens(**changed: Any) -> Stages:
     """Whether the router takes a session with these credentials."""
 
@@ -277,6 +291,12 @@ BUS_ATTACKS = (
     rule(
         "second session with its own password, subscribed to `swarm/**`",
         overhearing("swarm/**", SECRET_KEY, "world", second=True),
+    ),
+    Attack(
+        "one bit by holding a session id agreed upon beforehand",
+        Layer.REMAINS,
+        "nothing",
+        (("r2", hold_id), ("r1", find_id_held)),
     ),
     stranger("session with a wrong password", password="guessed"),
     stranger("session without a password", user=None, password=None),

@@ -190,12 +190,11 @@ def router(swarm: Description) -> zenoh.Config:
 
 
 def client(swarm: Description, name: str, **changed: Any) -> zenoh.Config:
-    """A robot's configuration with its own credentials; `changed` replaces user, password, mode, endpoint."""
+    """A robot's configuration with its own credentials; `changed` replaces its parts."""
     issued = sockets(swarm)
-    endpoint = changed.pop("endpoint", issued.endpoint(name))
-    config = access.client_config(issued.files[name], endpoint)
+    config = access.client_config(issued.files[name], issued.endpoint(name))
     for key, value in changed.items():
-        path = key if key == "mode" else f"transport/auth/usrpwd/{key}"
+        path = key if key in {"mode", "id"} else f"transport/auth/usrpwd/{key}"
         config.insert_json5(path, json.dumps(value))
     if swarm.mode == "unguarded":
         # A router that wants no password refuses a client that shows one.

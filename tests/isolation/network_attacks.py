@@ -80,7 +80,7 @@ def peer(endpoint: str, role: str) -> zenoh.Config:
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("transport/shared_memory/enabled", "false")
     config.insert_json5("listen/endpoints", "[]")
-    config.insert_json5("connect/timeout_ms", "500")
+    config.insert_json5("connect/timeout_ms", "1500")
     config.insert_json5("connect/exit_on_failure", "true")
     config.insert_json5(f"{role}/endpoints", f'["{endpoint}"]')
     return config
@@ -101,7 +101,7 @@ def connect_as_peer(member: Member, note: Note) -> None:
     """Connect to the other's peer and put the token, again until somebody listens."""
     session = member.keep(zenoh.open(peer(f"tcp/127.0.0.1:{note['port']}", "connect")))
     publisher = member.keep(session.declare_publisher("hello"))
-    for _ in range(100):
+    for _ in range(500):
         if publisher.matching_status.matching:
             break
         time.sleep(0.01)

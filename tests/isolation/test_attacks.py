@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator
 from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,9 @@ from actors.runtime.isolation import available
 from tests.isolation.attack import Attack, Layer
 from tests.isolation.attacks import ATTACKS
 from tests.isolation.swarm import MODES, Swarm
+from tests.isolation.table import table
 
+WHY_NOT = cache(available)
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "isolation.md"
 
 
@@ -32,7 +35,7 @@ def swarms() -> Iterator[dict[str, Swarm]]:
 
 def need_isolation() -> None:
     """Skip where robots cannot be isolated; in continuous integration that is a failure."""
-    reason = available()
+    reason = WHY_NOT()
     if reason is None:
         return
     if os.environ.get("CI") == "true":
@@ -73,3 +76,7 @@ def test_an_attack_gets_through_only_where_nothing_closes_its_way(
 def test_attacks_have_names_of_their_own() -> None:
     names = [attack.name for attack in ATTACKS]
     assert len(set(names)) == len(names)
+
+
+def test_the_documentation_has_the_table_of_attacks() -> None:
+    assert table() in DOCUMENT.read_text("utf-8"), "python -m tests.isolation.table prints the table"
