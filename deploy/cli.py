@@ -12,6 +12,7 @@ from rich.console import Console
 from actors.runtime.errors import AcrcError
 from deploy.checks import run_checks
 from deploy.cli_bench import app as bench
+from deploy.cli_record import app as record
 from deploy.repository import REPOSITORY
 from deploy.usage import OptionError
 
@@ -24,6 +25,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(bench, name="bench", help="Measure how fast and how true the parts are.")
+app.add_typer(record, name="record", help="Check and replay what a run has recorded.")
 _PASS_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
 
 
@@ -59,8 +61,13 @@ def run(
         str, typer.Option(metavar="forkserver|exec", help="How processes are started.")
     ] = "forkserver",
     isolate: Annotated[
-        bool, typer.Option(help="Shut each robot's process off from all but its own senses and radio.")
-    ] = False,
+        bool | None,
+        typer.Option(
+            "--isolate/--no-isolate",
+            help="Shut each robot's process off from all but its own senses and radio.  "
+            "[default: where the machine can]",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(

@@ -13,7 +13,7 @@ _Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 @app.command("map")
 def compare_map(
-    against: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with the other map, one *.yaml.")],
+    against: Annotated[Path, typer.Option(metavar="DIR", help="Folder with the other map, one *.yaml.")],
     map_file: Annotated[
         Path | None, typer.Option("--map", metavar="YAML", help="[default: maps/corridor.yaml]")
     ] = None,

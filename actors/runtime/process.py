@@ -95,6 +95,8 @@ def play(part: Part, record: Path, config: zenoh.Config) -> int:
             recorder.note("final", final_note(shell, part, time.process_time()))
         except Exception as error:
             recorder.note("failure", failure_note(part.run.actor, part.core.step, error))
+            if not isinstance(error, AcrcError):
+                traceback.print_exc()  # a bug: the whole story, into the process's log
             return 1
     return 0
 
@@ -116,10 +118,9 @@ def final_note(shell: Shell, part: Part, cpu_s: float) -> FinalNote:
 
 
 def failure_note(actor: str, step: int, error: Exception) -> FailureNote:
-    """The cause in one sentence; a bug's traceback goes to standard error, which is the process's log."""
+    """The cause in one sentence."""
     if isinstance(error, AcrcError):
         return FailureNote(actor, step, str(error), expected=True)
-    traceback.print_exc()
     frame = traceback.extract_tb(error.__traceback__)[-1]
     place = f"{Path(frame.filename).name}:{frame.lineno}"
     return FailureNote(actor, step, f"{type(error).__name__}: {error} ({place})", expected=False)

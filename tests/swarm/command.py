@@ -1,0 +1,69 @@
+"""Runs the command line as a person would, and knows what a run leaves behind."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+ACRC = (sys.executable, "-m", "deploy")
+
+
+def acrc(
+    *words: object, before: Sequence[str] = (), timeout_s: float = 100.0
+) -> subprocess.CompletedProcess[str]:
+    """`acrc WORDS…` to its end, whatever that is."""
+    return subprocess.run(
+        [*before, *ACRC, *map(str, words)],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        timeout=timeout_s,
+        check=False,
+    )
+
+
+def run(out: Path, *words: object, before: Sequence[str] = ()) -> dict[str, Any]:
+    """The result of `acrc run WORDS… --out OUT --json`, which must succeed and print nothing else."""
+    done = acrc("run", *words, "--out", out, "--json", before=before)
+    assert done.returncode == 0, done.stderr
+    result: dict[str, Any] = json.loads(done.stdout)
+    return result
+
+
+def start(*words: object) -> subprocess.Popen[str]:
+    """`acrc WORDS…`, started and left alone."""
+    return subprocess.Popen(
+        [*ACRC, *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
+    )
+
+
+def processes_of(out: Path) -> list[int]:
+    """Ids of the living processes that have something to do with a run's folder."""
+    return sorted(set(_holders(str(out))))
+
+
+def leftovers(out: Path) -> list[Path]:
+    """Sockets, locks and passwords that a run's folder still holds."""
+    return sorted(
+        path
+        for path in out.rglob("*")
+        if path.is_socket() or "credentials" in path.name or path.suffix == ".lock" or path.name == "users"
+    )
+
+
+def _holders(out: str) -> Iterator[int]:
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit() or int(entry.name) == os.getpid():
+            continue
+        try:
+            command = (entry / "cmdline").read_bytes().decode(errors="replace")
+            log = str((entry / "fd" / "1").readlink())
+            state = (entry / "stat").read_text().rpartition(")")[2].split()[0]
+        except OSError:
+            continue
+        if state != "Z" and (out in command or out in log):
+            yield int(entry.name)

@@ -1,0 +1,142 @@
+"""An unplanned death, hang or exception ends the run: the cause is named and nothing is left behind."""
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from actors.runtime.recording import Entry, read_recording
+from deploy import swarm
+from deploy.options import RunOptions
+from deploy.scenario_file import Overrides, load_scenario
+from deploy.supervisor import RunFailedError
+from tests.swarm.command import acrc, leftovers, processes_of, run, start
+
+SPAWNS = ("forkserver", "exec")
+
+
+def until(true: Callable[[], object], timeout_s: float = 30.0) -> None:
+    """Wait for something that must come true."""
+    deadline = time.monotonic() + timeout_s
+    while not true():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.02)
+
+
+def stepping(out: Path) -> bool:
+    """True once the run in `out` has taken a good number of steps."""
+    recording = out / "world" / "world.mcap"
+    return recording.exists() and recording.stat().st_size > 300_000
+
+
+def process_of(out: Path, actor: str) -> int:
+    """The process id of an actor, found by the log that it writes to."""
+    (found,) = [
+        pid for pid in processes_of(out) if os.readlink(f"/proc/{pid}/fd/1").endswith(f"/{actor}.log")
+    ]
+    return found
+
+
+def last_step(path: Path) -> int:
+    """Of the last message in a recording."""
+    return max(item.step for item in read_recording(path) if isinstance(item, Entry))
+
+
+def gone(out: Path) -> bool:
+    return processes_of(out) == [] and leftovers(out) == []
+
+
+def started(out: Path, *words: object) -> subprocess.Popen[str]:
+    """A long run that has begun to step."""
+    process = start("run", "--duration", 100_000, "--out", out, *words)
+    until(lambda: stepping(out))
+    return process
+
+
+@pytest.mark.parametrize("spawn", SPAWNS)
+@pytest.mark.parametrize("actor", ["r2", "radio", "world"])
+def test_a_killed_process_ends_the_run_at_once(tmp_path: Path, spawn: str, actor: str) -> None:
+    out = tmp_path / "out"
+    process = started(out, "--spawn", spawn)
+    os.kill(process_of(out, actor), signal.SIGKILL)
+    died = time.monotonic()
+    _, said = process.communicate(timeout=20)
+    assert time.monotonic() - died < 10  # not the 30 s of a silent actor
+    assert process.returncode == 1
+    assert said.strip().splitlines()[-1] == f"acrc: {actor} was ended by signal SIGKILL"
+    assert gone(out)
+    steps = [last_step(path) for path in sorted(out.glob("*/*.mcap"))]
+    assert len(steps) == 6 and max(steps) - min(steps) <= 1
+
+
+def test_an_exception_is_named_with_its_place(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = acrc("run", "--strategy", "tests.swarm.saboteur:raises", "--out", out)
+    assert done.returncode == 1
+    assert done.stderr.strip().splitlines()[-1] == (
+        "acrc: r2 failed in step 20: ZeroDivisionError: my strategy divides by the number of its friends "
+        "(saboteur.py:25)"
+    )
+    log = (out / "r2" / "r2.log").read_text()
+    assert "Traceback" in log and "in step 20 (2 s): behaviour 'tests.swarm.saboteur:raises' of r2" in log
+    assert gone(out) and last_step(out / "r1" / "r1.mcap") in (19, 20)
+
+
+def test_a_hang_is_named_after_the_patience_with_step_actor_and_message(tmp_path: Path) -> None:
+    overrides = Overrides(strategy="tests.swarm.saboteur:hangs")
+    out = tmp_path / "out"
+    plan = replace(swarm.plan(load_scenario(None, overrides), RunOptions(out)), patience_s=1.0)
+    with pytest.raises(RunFailedError) as caught:
+        swarm.run_processes(plan, "forkserver", lambda progress: None)
+    assert str(caught.value) == "step 20 (2 s): no Drive from r2 for 1 s"
+    assert gone(out)
+
+
+@pytest.mark.parametrize("spawn", SPAWNS)
+def test_ctrl_c_ends_the_run_with_130(tmp_path: Path, spawn: str) -> None:
+    out = tmp_path / "out"
+    process = started(out, "--spawn", spawn)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert f"acrc: ended from outside; what was recorded is in {out}" in said.replace("\n", " ")
+    assert gone(out) and last_step(out / "r1" / "r1.mcap") > 0
+    assert acrc("record", "check", out).returncode == 0
+
+
+@pytest.mark.parametrize("spawn", SPAWNS)
+def test_nothing_is_left_when_acrc_itself_is_killed(tmp_path: Path, spawn: str) -> None:
+    out = tmp_path / "out"
+    process = started(out, "--spawn", spawn)
+    process.kill()
+    process.wait()
+    until(lambda: gone(out), timeout_s=5.0)
+
+
+def test_a_folder_that_is_not_empty_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    done = acrc("run", "--out", tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.strip() == f"acrc: --out {tmp_path}: exists and is not an empty folder; name a new one"
+    assert list(tmp_path.iterdir()) == [tmp_path / "mine.txt"]
+
+
+def test_a_run_that_was_cut_can_be_replayed_up_to_the_cut(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    process = started(out)
+    os.kill(process_of(out, "r3"), signal.SIGKILL)
+    process.communicate(timeout=20)
+    for actor in ("r1", "r3", "world", "radio"):
+        done = acrc("record", "replay", out, actor)
+        assert done.returncode == 0, done.stderr
+
+
+def test_isolation_is_on_where_the_platform_allows(tmp_path: Path) -> None:
+    words = ("--duration", 2, "--robots", 1)
+    assert run(tmp_path / "default", *words)["isolation"] == "full"
+    assert run(tmp_path / "off", *words, "--no-isolate")["isolation"] == "credentials"

@@ -1,0 +1,106 @@
+"""The house test: one scenario and seed give one digest, however the actors are run."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from tests.swarm.command import acrc, leftovers, processes_of, run
+
+CROWD = Path(__file__).parent / "crowd.toml"
+ONE_CORE = ("taskset", "-c", "0")
+
+
+@contextmanager
+def hog() -> Iterator[None]:
+    """Something that keeps every core busy."""
+    spin = [sys.executable, "-c", "while True: pass"]
+    hogs = [subprocess.Popen(spin) for _ in range(os.cpu_count() or 1)]
+    try:
+        yield
+    finally:
+        for process in hogs:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
+    return run(tmp_path_factory.mktemp("memory") / "out", CROWD, "--bus", "memory")
+
+
+def test_the_scenario_is_hard_enough(reference: dict[str, object]) -> None:
+    assert isinstance(reference["contacts"], int) and reference["contacts"] >= 100
+    frames = reference["frames"]
+    assert isinstance(frames, dict) and frames["copies_heard"] > 100 and frames["copies_lost_jammed"] > 0
+
+
+@pytest.mark.parametrize(
+    ("words", "before"),
+    [
+        (("--bus", "memory"), ()),
+        (("--bus", "memory"), ONE_CORE),
+        (("--isolate",), ()),
+        (("--no-isolate",), ()),
+        (("--isolate",), ONE_CORE),
+        (("--spawn", "exec", "--isolate"), ()),
+        (("--spawn", "exec", "--no-isolate"), ()),
+        (("--speed", "20"), ()),
+        (("--view",), ()),
+    ],
+    ids=lambda words: " ".join(words) or "-",
+)
+def test_one_digest(
+    reference: dict[str, object], tmp_path: Path, words: tuple[str, ...], before: tuple[str, ...]
+) -> None:
+    out = tmp_path / "out"
+    result = run(out, CROWD, *words, before=before)
+    assert result["digest"] == reference["digest"]
+    assert result["undelivered"] == result["unread"] == 0
+    assert {key: result[key] for key in ("places_done", "contacts", "frames", "per_robot")} == {
+        key: reference[key] for key in ("places_done", "contacts", "frames", "per_robot")
+    }
+    assert processes_of(out) == [] and leftovers(out) == []
+
+
+def test_one_digest_beside_a_hog(reference: dict[str, object], tmp_path: Path) -> None:
+    with hog():
+        assert run(tmp_path / "out", CROWD)["digest"] == reference["digest"]
+
+
+def test_the_pace_changes_nothing(tmp_path: Path) -> None:
+    words = ("--duration", 12, "--robots", 2)
+    fast = run(tmp_path / "fast", *words)
+    paced = run(tmp_path / "paced", *words, "--speed", 4)
+    assert paced["digest"] == fast["digest"]
+    assert paced["wall_s"] >= 2.9  # 12 s less the last step, at four times real time
+
+
+def test_another_seed_step_or_strategy_gives_another_digest(
+    reference: dict[str, object], tmp_path: Path
+) -> None:
+    other = run(tmp_path / "seed", CROWD, "--bus", "memory", "--seed", 6)
+    finer = run(tmp_path / "step", CROWD, "--bus", "memory", "--step", 50)
+    assert len({reference["digest"], other["digest"], finer["digest"]}) == 3
+
+
+def test_the_digest_can_be_had_again_from_the_recordings(
+    reference: dict[str, object], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    run(out, CROWD)
+    done = acrc("record", "check", out)
+    assert done.returncode == 0 and str(reference["digest"]) in done.stdout
+
+
+def test_every_actor_can_be_replayed(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    run(out, CROWD)
+    for actor in ("world", "radio", "r1", "r8", "r8.1"):
+        done = acrc("record", "replay", out, actor)
+        assert done.returncode == 0, done.stderr
+        assert "equal" in done.stdout
