@@ -50,7 +50,7 @@ def isolate(plan: Plan) -> None:
     To be called with one thread only, so before Zenoh and numpy start theirs. Afterwards files outside
     `plan.own` and the scratch folders can only be read, no process but itself is seen or reached, there is no
     network, and file locks, watches and new namespaces are refused. Raises IsolationError where the system
-    does not allow this.
+    does not allow this; the process is then half shut off and must end.
     """
     if sys.platform != "linux":
         raise IsolationError(_sentence(f"isolation needs Linux, this is {sys.platform}"))
@@ -58,12 +58,15 @@ def isolate(plan: Plan) -> None:
         raise IsolationError(_sentence(f"isolation knows x86_64 and aarch64, this is {os.uname().machine}"))
     if len(list(Path("/proc/self/task").iterdir())) > 1:
         raise RuntimeError("isolate() must be called before the process starts its second thread")
+    plan.own.resolve(strict=True)  # A missing folder is the caller's mistake and not the machine's.
     try:
         separate(plan)
         linux.drop_capabilities()
         syscall_filter.install()
     except OSError as error:
-        raise IsolationError(_sentence(f"{plan.own} cannot be isolated: {_said(error)}")) from error
+        raise IsolationError(
+            _sentence(f"robots cannot be isolated on this machine: {_said(error)}")
+        ) from error
 
 
 def separate(plan: Plan) -> None:
