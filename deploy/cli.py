@@ -91,7 +91,9 @@ def run(
     try:
         result = swarm.run(chosen, options)
     except swarm.Interrupted as interrupt:
-        Console(stderr=True).print(f"acrc: ended from outside; what was recorded is in {options.out}")
+        Console(stderr=True, soft_wrap=True, highlight=False).print(
+            f"acrc: ended from outside; what was recorded is in {options.out}"
+        )
         raise typer.Exit(interrupt.exit_code) from None
     summary.print_result(result, json=json)
 
