@@ -16,9 +16,7 @@ def fingerprint() -> bytes:
     """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
     row, column = np.indices((40, 40))
     clearance = 0.05 * np.minimum(row, 39 - column) + 0.01
-    clearance.setflags(
-        write=False
-    )  # as the ground's: so this compiles the very variant that the robot will call
+    clearance.setflags(write=False)  # as the ground's: this compiles the very variant that the robot calls
     way = np.column_stack((np.linspace(0.2, 1.7, 30), 0.4 + np.linspace(0, 1, 30) ** 2))
     frame = np.array([0.0, 0.0, 0.05])
     return np.array([aim(way, 0, x, 0.5, 0.5, clearance, frame, 0.2) for x in (0.2, 0.9)]).tobytes()

@@ -42,7 +42,7 @@ def fingerprint() -> bytes:
     row, column = np.indices((19, 27), dtype=np.int32)
     costs = np.where((row * 5 + column * column * 3) % 7 < 5, 10 + (row * column) % 13, 0).astype(np.int32)
     costs[9], costs[0] = 10, 11
-    costs.setflags(write=False)  # as the ground's: so this compiles the very variant that the robot will call
+    costs.setflags(write=False)  # as the ground's: this compiles the very variant that the robot calls
     field = potential(costs, 9, 0)
     return field.tobytes() + descent(costs, field, 9, 26).tobytes()
 

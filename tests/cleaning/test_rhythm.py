@@ -36,6 +36,12 @@ def test_steps_that_overlap_give_nothing_twice() -> None:
     assert rhythm.due(Instant(500), Instant(600)) == []
 
 
+def test_what_was_missed_by_a_whole_period_is_left_out() -> None:
+    rhythm = Rhythm(Duration(500))
+    assert rhythm.due(Instant(0), Instant(100)) == [0]
+    assert rhythm.due(Instant(1000), Instant(1100)) == [1000]
+
+
 def test_what_was_missed_for_long_is_left_out() -> None:
     rhythm = Rhythm(Duration(500), 20)
     assert rhythm.due(Instant(0), Instant(100)) == [20]

@@ -1,10 +1,10 @@
 """The robot's core: which messages it awaits, what it answers, and what it refuses."""
 
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pytest
+from numba import typeof
 
 from actors.geometry import Point, Pose
 from actors.instant import Instant
@@ -26,7 +26,7 @@ from actors.messages import (
     Sent,
     Transmit,
 )
-from actors.robot import aim, obstruction, potential
+from actors.robot import aim, driving, obstruction, potential, surroundings
 from actors.robot.behaviour import BehaviourError
 from actors.robot.core import Parts, RobotCore, StepError
 from actors.robot.driving import Driver, DrivingParameters
@@ -35,7 +35,6 @@ from actors.robot.localisation import DeadReckoning
 from actors.robot.navigation import Navigation
 from actors.robot.planning import Planner, ground
 from actors.robot.ports import Decision, Goal, GoalOrder, GoalStatus
-from actors.robot.setup import kernels
 from actors.robot.surroundings import ScanError, Surroundings
 from actors.runtime.core import Output, at, to
 from tests.robot.base import TWO_ROOMS, FakeBase, model
@@ -264,19 +263,32 @@ def test_equal_inputs_give_equal_outputs() -> None:
     assert outputs() == outputs()
 
 
-def test_the_kernels_are_compiled_before_the_first_step() -> None:
-    compiled = [kernel for module in (aim, obstruction, potential) for kernel in _dispatchers(module)]
-    assert len(compiled) == 10
-    kernels()
-    before = [list(kernel.signatures) for kernel in compiled]
+KERNELS = [
+    (aim, "aim", driving),
+    (obstruction, "free_arc", surroundings),
+    (potential, "_potential", potential),
+    (potential, "_descent", potential),
+]
+
+
+@pytest.mark.parametrize(("module", "name", "caller"), KERNELS)
+def test_fingerprints_call_the_kernels_with_the_types_that_a_robot_does(
+    module: ModuleType, name: str, caller: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kernel, types = getattr(module, name), []
+
+    def spy(*arguments: object) -> object:
+        types.append(tuple(typeof(argument) for argument in arguments))
+        return kernel(*arguments)
+
+    monkeypatch.setattr(module, name, spy)
+    monkeypatch.setattr(caller, name, spy)
+    module.fingerprint()
+    compiled = len(types)
     robot = Robot(Decision(1, Point(9.0, 3.0)))
-    for _ in range(30):
+    for _ in range(20):
         robot.take_step()
-    assert [list(kernel.signatures) for kernel in compiled] == before
-
-
-def _dispatchers(module: ModuleType) -> list[Any]:
-    return [value for value in vars(module).values() if hasattr(value, "signatures")]
+    assert 0 < compiled < len(types) and len(set(types)) == 1  # so no step waits for the compiler
 
 
 def test_dead_reckoning_composes_start_and_odometry() -> None:

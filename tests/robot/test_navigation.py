@@ -135,6 +135,20 @@ def test_what_goes_away_in_time_costs_no_goal() -> None:
     assert trip.navigation.goal == Goal(FAR, SUCCEEDED)
 
 
+def test_blocked_again_after_driving_on_the_patience_begins_anew() -> None:
+    trip = Trip(Pose(2.0, 1.75, 0.0))
+    trip.navigation.take(FAR)
+    for _ in range(3):
+        for _ in range(15):
+            trip.take_step()
+        trip.base.obstacles = [(Point(trip.base.pose.x + 0.5, 1.75), 0.2)]
+        for _ in range(18):
+            trip.take_step()
+        trip.base.obstacles = []
+    trip.until(trip.closed, 30)
+    assert trip.navigation.goal == Goal(FAR, SUCCEEDED)
+
+
 def test_a_goal_that_was_given_up_can_be_asked_for_again() -> None:
     trip = Trip(Pose(2.0, 1.75, 0.0))
     trip.base.obstacles = [(Point(4.9, 1.75), 0.2)]

@@ -53,7 +53,7 @@ def test_a_goal_in_a_wall_becomes_the_nearest_point_with_room() -> None:
     assert least_clearance(floor, way[-1:]) >= RADIUS
 
 
-@pytest.mark.parametrize("goal", [Point(-1.0, 1.0), Point(50.0, 50.0), Point(10.5, 2.0)])
+@pytest.mark.parametrize("goal", [Point(-1.0, 1.0), Point(50.0, 50.0), Point(10.5, 2.0), Point(9.95, 3.5)])
 def test_there_is_no_way_to_a_goal_without_room_within_the_tolerance(goal: Point) -> None:
     assert Planner(ground(TWO_ROOMS, RADIUS)).path(Point(1.0, 1.0), goal) is None
 
