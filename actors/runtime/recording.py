@@ -20,7 +20,7 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Metadata
 from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader
-from mcap.writer import IndexType, Writer
+from mcap.writer import CompressionType, IndexType, Writer
 
 from actors.runtime.errors import AcrcError
 
@@ -54,7 +54,12 @@ class Recorder:
 
     def __init__(self, path: Path, step_us: int) -> None:
         self._stream: IO[bytes] = path.open("xb")
-        self._writer = Writer(self._stream, use_chunking=False, index_types=IndexType.METADATA)
+        self._writer = Writer(
+            self._stream,
+            compression=CompressionType.NONE,  # the others need a package that is left out, see constraints.txt
+            index_types=IndexType.METADATA,
+            use_chunking=False,
+        )
         self._writer.start(profile="acrc", library="acrc")
         self._channels: dict[tuple[str, str, str], int] = {}
         self._step_ns = step_us * 1000
