@@ -21,8 +21,9 @@ def print_result(result: RunResult, *, json: bool) -> None:
         f" ({result.real_time_factor:g} x real time, {result.startup_s:.1f} s to start)",
         highlight=False,
     )
-    frames = ", ".join(f"{count} {cause}" for cause, count in result.frames.items())
-    console.print(f"radio frames: {frames or 'none'}; contacts: {result.contacts}", highlight=False)
+    frames = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.frames.items() if count)
+    console.print(f"radio: {frames or 'silence'}", highlight=False)
+    console.print(f"contacts: {result.contacts}", highlight=False)
     if result.undelivered or result.unread:
         console.print(
             f"{result.undelivered} messages were not delivered and {result.unread} not read", style="bold red"

@@ -56,7 +56,7 @@ class Recorder:
         self._stream: IO[bytes] = path.open("xb")
         self._writer = Writer(
             self._stream,
-            compression=CompressionType.NONE,  # the others need a package that is left out, see constraints.txt
+            compression=CompressionType.NONE,  # the others need what constraints.txt leaves out
             index_types=IndexType.METADATA,
             use_chunking=False,
         )

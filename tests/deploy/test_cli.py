@@ -90,7 +90,7 @@ RESULT = RunResult(
     digest="d0d0", robots=2, seed=1, simulated_s=600.0, wall_s=12.345, startup_s=0.9, cpu_s=20.0,
     real_time_factor=48.6, places_total=4, places_done=3, completion_s=None,
     per_robot={"r1": RobotResult(2, 2, 311.25), "r2": RobotResult(2, 1, None)},
-    undelivered=0, unread=0, contacts=5, frames={"sent": 10, "heard": 7}, isolation="full", bus="zenoh",
+    undelivered=0, unread=0, contacts=5, frames={"frames_sent": 10, "frames_cut_off": 0, "copies_heard": 7}, isolation="full", bus="zenoh",
     out="/o",
 )  # fmt: skip
 
@@ -98,9 +98,10 @@ RESULT = RunResult(
 def test_a_result_for_people(capsys: pytest.CaptureFixture[str]) -> None:
     summary.print_result(RESULT, json=False)
     lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
-    assert lines[-4:] == [
+    assert lines[-5:] == [
         "600 s simulated in 12.3 s (48.6 x real time, 0.9 s to start)",
-        "radio frames: 10 sent, 7 heard; contacts: 5",
+        "radio: frames sent 10, copies heard 7",
+        "contacts: 5",
         "digest d0d0",
         "recorded in /o",
     ]
