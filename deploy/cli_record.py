@@ -19,9 +19,7 @@ def check(out: _Out) -> None:
     console = Console(soft_wrap=True, highlight=False)
     console.print(f"digest {report.digest} over {report.messages} messages")
     if report.unreceived:
-        console.print(
-            f"{report.unreceived} large messages are known by their hash only: nobody took them in"
-        )
+        console.print(f"{report.unreceived} large messages are known by their hash only: nobody took them in")
     if not report.complete:
         console.print("the run did not end as planned: this is the digest of what was recorded until then")
 
@@ -29,9 +27,7 @@ def check(out: _Out) -> None:
 @app.command()
 def replay(
     out: _Out,
-    actor: Annotated[
-        str, typer.Argument(metavar="ACTOR", help="world, radio, r1, or r1.1 once restarted.")
-    ],
+    actor: Annotated[str, typer.Argument(metavar="ACTOR", help="world, radio, r1, or r1.1 once restarted.")],
 ) -> None:
     """Execute one actor again from what it received, and compare everything it sends."""
     from deploy import record

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
-from actors.robot.program import part as robot_part
 
 from actors.radio.program import part as radio_part
+from actors.robot.program import part as robot_part
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import FinalNote, Part, RunNote
 from actors.runtime.recording import Entry, Note, RecordingError, Unrecorded, read_notes, read_recording

@@ -7,15 +7,15 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs a process of one thread
 
-import sys  # noqa: E402
-from collections.abc import Sequence  # noqa: E402
+import sys
+from collections.abc import Sequence
 
-from actors.robot import program, setup  # noqa: E402
-from actors.runtime.access import client_config  # noqa: E402
-from actors.runtime.errors import AcrcError  # noqa: E402
-from actors.runtime.isolation import Plan, isolate  # noqa: E402
-from actors.runtime.parent import die_with_parent  # noqa: E402
-from actors.runtime.process import play  # noqa: E402
+from actors.robot import program, setup
+from actors.runtime.access import client_config
+from actors.runtime.errors import AcrcError
+from actors.runtime.isolation import Plan, isolate
+from actors.runtime.parent import die_with_parent
+from actors.runtime.process import play
 
 
 def main(argv: Sequence[str]) -> int:

@@ -14,7 +14,7 @@ import zenoh
 
 from actors.messages import AIRED, CONTROL, RADIO_READY, RECEIVED, TRANSMIT, TRUTH
 from actors.runtime import credentials
-from actors.runtime.credentials import AccessError, Credentials, unix_endpoint
+from actors.runtime.credentials import AccessError, Credentials, unix_endpoint, unnamed
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,11 @@ _OTHER_GRANTS: Final = {
 
 
 def router_config(issued: Credentials, endpoints: Sequence[str] = ()) -> zenoh.Config:
-    """The world's session: a router that listens at the actors' sockets and at `endpoints`."""
-    sockets = dict.fromkeys(unix_endpoint(socket) for socket in issued.sockets.values())
+    """The world's session: a router that listens for the actors and at `endpoints`.
+
+    The actors find its sockets after `credentials.reveal` only.
+    """
+    sockets = dict.fromkeys(unix_endpoint(unnamed(socket)) for socket in issued.sockets.values())
     config = _config("router")
     _set(config, "listen/endpoints", [*sockets, *endpoints])
     # Without this the router sleeps half a second when it is opened.
@@ -130,6 +133,10 @@ def _config(mode: str) -> zenoh.Config:
     # Stamps would be the wall clock's, in recordings that have to be equal run for run.
     _set(config, "timestamping/enabled", False)
     _set(config, "transport/shared_memory/enabled", False)
+    # Messages go out on the thread that sends them: two context switches fewer per step and robot. One
+    # priority is enough, for the barrier has at most a handful of messages on a link.
+    _set(config, "transport/unicast/lowlatency", True)
+    _set(config, "transport/unicast/qos/enabled", False)
     return config
 
 

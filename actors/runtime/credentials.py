@@ -44,6 +44,20 @@ class Credentials:
         return unix_endpoint(self.sockets[actor])
 
 
+def unnamed(socket: Path) -> Path:
+    """Where the router listens until `reveal` gives the socket its name."""
+    return socket.with_suffix(".new")
+
+
+def reveal(issued: Credentials) -> None:
+    """Give the router's sockets their names, once its subscriptions stand.
+
+    Whoever could connect before that might say Ready to nobody.
+    """
+    for socket in sorted(set(issued.sockets.values())):
+        unnamed(socket).rename(socket)
+
+
 def unix_endpoint(socket: Path) -> str:
     """A Unix socket as Zenoh spells it."""
     return f"unixsock-stream/{socket}"

@@ -80,13 +80,19 @@ class Part:
     outcome: Callable[[], dict[str, object]] = dict
 
 
-def play(part: Part, record: Path, config: zenoh.Config) -> int:
-    """Run an actor to its end over the mesh; the exit code: 0 = ended as planned, 1 = failed."""
+def play(
+    part: Part, record: Path, config: zenoh.Config, on_listening: Callable[[], None] = lambda: None
+) -> int:
+    """Run an actor to its end over the mesh; the exit code: 0 = ended as planned, 1 = failed.
+
+    `on_listening` is called once every message to the actor would be received.
+    """
     with ExitStack() as stack:
         recorder = stack.enter_context(Recorder(record, part.run.step_us))
         recorder.note("run", part.run)
         try:
             bus = stack.enter_context(open_mesh(config, part.listens, patience_s=ROUTER_PATIENCE_S))
+            on_listening()
             shell = Shell(part.core, bus, recorder, actor=part.run.actor, open_to=part.open_to)
             if part.ready is not None:
                 shell.send(part.ready)

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from actors.runtime.credentials import AccessError, Credentials
+from actors.runtime.credentials import AccessError, Credentials, unnamed
 
 
 def write(path: Path, issued: Credentials) -> None:
@@ -27,8 +27,9 @@ def remove(path: Path) -> None:
         return
     issued = read(path)
     sockets = set(issued.sockets.values())
-    locks = {socket.with_name(f"{socket.name}.lock") for socket in sockets}
-    for leftover in (*sorted(sockets | locks), *issued.files.values(), issued.dictionary, path):
+    hidden = {unnamed(socket) for socket in sockets}
+    locks = {socket.with_name(f"{socket.name}.lock") for socket in hidden}
+    for leftover in (*sorted(sockets | hidden | locks), *issued.files.values(), issued.dictionary, path):
         leftover.unlink(missing_ok=True)
 
 

@@ -1,5 +1,6 @@
 """The mesh: one Zenoh session per process; every put blocks rather than drops."""
 
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -12,6 +13,12 @@ from actors.runtime.bus import Delivery
 from actors.runtime.core import Address
 from actors.runtime.errors import AcrcError
 from actors.runtime.shell import Shell
+
+_ONE_THREAD: Final = (
+    "(rx: (worker_threads: 1), tx: (handover: rx), app: (handover: rx), acc: (handover: rx), "
+    "net: (handover: rx))"
+)
+"""All of Zenoh's work on one thread: with a process per robot, more of them only wake one another."""
 
 
 class MeshError(AcrcError):
@@ -54,6 +61,7 @@ def _delivery(topic: Topic[Message], sample: zenoh.Sample) -> Delivery:
 @contextmanager
 def open_mesh(config: zenoh.Config, listens: Sequence[Address], *, patience_s: float) -> Iterator[ZenohBus]:
     """A bus over a new session; tries again for `patience_s` while the router is not there yet."""
+    os.environ.setdefault("ZENOH_RUNTIME", _ONE_THREAD)  # read when the process opens its first session
     zenoh.init_log_from_env_or("error")
     deadline = time.monotonic() + patience_s
     while True:

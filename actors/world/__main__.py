@@ -8,6 +8,7 @@ from types import FrameType
 
 from actors.runtime import router_file
 from actors.runtime.access import router_config
+from actors.runtime.credentials import reveal
 from actors.runtime.errors import AcrcError
 from actors.runtime.parent import die_with_parent
 from actors.runtime.process import play
@@ -25,9 +26,10 @@ def main(argv: Sequence[str]) -> int:
         core = build(setup)
         conductor = Conductor(core, options.speed, options.patience)
         note = run_note(setup, argv, options.commit)
-        config = router_config(router_file.read(options.router))
+        issued = router_file.read(options.router)
+        world = part(core, note, conductor.drive)
         try:
-            return play(part(core, note, conductor.drive), options.record, config)
+            return play(world, options.record, router_config(issued), lambda: reveal(issued))
         finally:
             router_file.remove(options.router)
     except AcrcError as error:

@@ -35,10 +35,12 @@ def main(argv: Sequence[str]) -> int:
 def _conduct(socket: Path, robots: int, steps: int) -> dict[str, float]:
     """Ask everyone and wait for all, so many times; seconds of wall clock and CPU of the steps alone."""
     config = _config("router")
-    config.insert_json5("listen/endpoints", json.dumps([f"unixsock-stream/{socket}"]))
+    unnamed = socket.with_suffix(".new")
+    config.insert_json5("listen/endpoints", json.dumps([f"unixsock-stream/{unnamed}"]))
     config.insert_json5("scouting/delay", "0")
     with zenoh.open(config) as session:
         answers = session.declare_subscriber("pong/*", zenoh.handlers.FifoChannel(4096))
+        unnamed.rename(socket)  # nobody may come before the subscription stands
         for _ in range(robots):
             answers.recv()  # each says once that it is there
         wall, cpu = time.perf_counter(), time.process_time()

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TextIO
 import zenoh
 
 from actors.runtime import access
-from actors.runtime.credentials import Credentials
+from actors.runtime.credentials import Credentials, reveal
 from actors.runtime.isolation import Plan, isolate
 
 Note = dict[str, Any]
@@ -135,6 +135,8 @@ def obey_all(name: str, swarm: Description, incoming: TextIO, outgoing: TextIO) 
     with zenoh.open(router(swarm) if name == "world" else client(swarm, name)) as session:
         member = Member(name, swarm, session)
         member.ordinary = [session.declare_subscriber(key) for key in ordinary_keys(name)]
+        if name == "world":
+            reveal(sockets(swarm))
         answer: Note = {"ready": os.getpid()}
         while True:
             outgoing.write(json.dumps(answer) + "\n")

@@ -50,9 +50,9 @@ def test_each_robot_has_a_socket_in_its_folder_and_the_others_share_one(folders:
     assert issued.endpoint("r1") == f"unixsock-stream/{folders}/r1/router.sock"
     config = access.router_config(issued, ["tcp/127.0.0.1:7447"])
     assert json.loads(config.get_json("listen/endpoints")) == [
-        f"unixsock-stream/{folders}/r1/router.sock",
-        f"unixsock-stream/{folders}/r2/router.sock",
-        f"unixsock-stream/{folders}/infra/router.sock",
+        f"unixsock-stream/{folders}/r1/router.new",
+        f"unixsock-stream/{folders}/r2/router.new",
+        f"unixsock-stream/{folders}/infra/router.new",
         "tcp/127.0.0.1:7447",
     ]
 
