@@ -90,8 +90,8 @@ RESULT = RunResult(
     digest="d0d0", robots=2, seed=1, simulated_s=600.0, wall_s=12.345, startup_s=0.9, cpu_s=20.0,
     real_time_factor=48.6, places_total=4, places_done=3, completion_s=None,
     per_robot={"r1": RobotResult(2, 2, 311.25), "r2": RobotResult(2, 1, None)},
-    undelivered=0, unread=0, contacts=5, frames={"frames_sent": 10, "frames_cut_off": 0, "copies_heard": 7}, isolation="full", bus="zenoh",
-    out="/o",
+    undelivered=0, unread=0, contacts=5, isolation="full", bus="zenoh", out="/o",
+    frames={"frames_sent": 10, "frames_cut_off": 0, "copies_heard": 7},
 )  # fmt: skip
 
 
