@@ -7,19 +7,52 @@ import typer
 
 from deploy.repository import REPOSITORY
 
+CORRIDOR = REPOSITORY / "maps" / "corridor.yaml"
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+_Map = Annotated[
+    Path | None, typer.Option("--map", metavar="YAML", help="Floor plan.  [default: maps/corridor.yaml]")
+]
+_Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
 
 
 @app.command("map")
 def compare_map(
     against: Annotated[Path, typer.Option(metavar="DIR", help="Folder with the other map, one *.yaml.")],
-    map_file: Annotated[
-        Path | None, typer.Option("--map", metavar="YAML", help="[default: maps/corridor.yaml]")
-    ] = None,
+    map_file: _Map = None,
     json: _Json = False,
 ) -> None:
     """Say how like a map is to another one."""
     from benchmarks import map as likeness
 
-    likeness.run(against, map_file or REPOSITORY / "maps" / "corridor.yaml", json)
+    likeness.run(against, map_file or CORRIDOR, json)
+
+
+@app.command()
+def scan(map_file: _Map = None, json: _Json = False) -> None:
+    """Measure range scans, beside those of pymunk."""
+    from benchmarks import scan as scans
+
+    scans.run(map_file or CORRIDOR, json)
+
+
+@app.command()
+def world(map_file: _Map = None, json: _Json = False) -> None:
+    """Measure physics with scans, beside Stage and navground."""
+    from benchmarks import world as worlds
+
+    worlds.run(map_file or CORRIDOR, json)
+
+
+@app.command()
+def steps(
+    robots: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=1, max=1000, help="May be repeated.  [default: 1, 4, 10, 20, 50]"),
+    ] = None,
+    seconds: Annotated[float, typer.Option(metavar="S", min=1, max=3600, help="Simulated time.")] = 60.0,
+    json: _Json = False,
+) -> None:
+    """Measure whole steps of a swarm, beside a bare ping-pong."""
+    from benchmarks import steps as whole
+
+    whole.run(robots or whole.ROBOTS, seconds, json)
