@@ -98,6 +98,18 @@ def run(
     summary.print_result(result, json=json)
 
 
+@app.command(context_settings={"ignore_unknown_options": True})
+def order(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder of a run that is going on.")],
+    verb: Annotated[str, typer.Argument(metavar="VERB", help="kill, freeze, move, pause, stop, …")],
+    words: Annotated[list[str] | None, typer.Argument(metavar="WORDS", help="What the verb needs.")] = None,
+) -> None:
+    """Give an order to a run that is going on, such as: acrc order runs/mine kill r2."""
+    from deploy import orders
+
+    orders.send(out, orders.parse(verb, words or []))
+
+
 @app.command(context_settings=_PASS_ON)
 def test(context: typer.Context) -> None:
     """Run the tests; whatever follows goes to pytest."""

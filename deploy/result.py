@@ -54,6 +54,8 @@ class RunResult(msgspec.Struct, frozen=True):
     """Messages received that their actor never took."""
     contacts: int
     """Contacts that began, between robots or of a robot with something that does not move."""
+    refused_orders: tuple[str, ...]
+    """Orders from outside that made no sense, a sentence each."""
     frames: dict[str, int]
     """What became of the radio frames, by cause."""
     isolation: str
@@ -83,6 +85,7 @@ class WorldOutcome(msgspec.Struct):
     places: tuple[PlaceOutcome, ...]
     contacts: int
     steps: int
+    refused_orders: tuple[str, ...]
 
 
 def gather(programs: Sequence[Program], about: Circumstances) -> RunResult:
@@ -117,6 +120,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> RunResult:
         undelivered=published - received,
         unread=sum(final.unread for _, final in finals),
         contacts=outcome.contacts,
+        refused_orders=outcome.refused_orders,
         frames=msgspec.json.decode(radio.outcome["frames"], type=dict[str, int]),
         isolation=about.isolation,
         bus=about.bus,

@@ -24,6 +24,8 @@ def print_result(result: RunResult, *, json: bool) -> None:
     frames = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.frames.items() if count)
     console.print(f"radio: {frames or 'silence'}", highlight=False)
     console.print(f"contacts: {result.contacts}", highlight=False)
+    for sentence in result.refused_orders:
+        console.print(f"order refused {sentence}", style="bold red", highlight=False, markup=False)
     if result.undelivered or result.unread:
         console.print(
             f"{result.undelivered} messages were not delivered and {result.unread} not read", style="bold red"

@@ -69,6 +69,7 @@ class Supervisor:
 
     def check(self) -> None:
         """RunFailedError if a process has ended otherwise than planned."""
+        self._launcher.wait(0.0)
         failed = [
             child
             for child in self._children

@@ -12,7 +12,7 @@ from actors.runtime.codec import decode, encode
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Journal
-from actors.runtime.tally import Tally, is_digested, is_telemetry
+from actors.runtime.tally import Tally, is_digested, is_from_outside, is_telemetry
 
 
 class OutOfTurnError(AcrcError):
@@ -91,7 +91,7 @@ class Shell:
                 f"{delivery.key}, and takes none; at most {self.INBOX_LIMIT} may wait"
             )
         self._waiting += 1
-        self.tally.received += 1
+        self.tally.received += not is_from_outside(delivery.topic)
         self._inbox.setdefault(delivery.key, deque()).append(delivery.payload)
 
     def pump(self) -> Address | None:

@@ -30,6 +30,11 @@ def is_telemetry(topic: Topic[Message]) -> bool:
     return topic.pattern == PROGRESS.pattern
 
 
+def is_from_outside(topic: Topic[Message]) -> bool:
+    """True for what no actor publishes, and so cannot be balanced against what was received."""
+    return topic.pattern == CONTROL.pattern
+
+
 def is_digested(pattern: str) -> bool:
     """True for the topics whose messages make up the run's digest."""
     return pattern in _DIGESTED

@@ -97,6 +97,11 @@ class WorldCore:
         return self._referee
 
     @property
+    def refused_orders(self) -> Sequence[str]:
+        """Orders from outside that made no sense, a sentence each."""
+        return self._orders.refused
+
+    @property
     def contacts(self) -> int:
         """Contacts between two robots, or a robot and something else, that have begun so far."""
         return self._bodies.contacts

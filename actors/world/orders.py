@@ -43,6 +43,8 @@ class Orders:
         self.starts: list[ProcessOrder] = []
         self.ends: list[str] = []
         self.jams: list[Jam] = []
+        self.refused: list[str] = []
+        """Orders from outside that could not be carried out, a sentence each."""
 
     @property
     def pending(self) -> bool:
@@ -53,12 +55,18 @@ class Orders:
         """Carry out every event of the scenario up to `now`."""
         self._now = now
         while self._events and self._events[0].instant <= now:
-            self._carry_out(self._events.popleft().order)
+            try:
+                self._carry_out(self._events.popleft().order)
+            except AcrcError as error:
+                raise OrderError(f"the event {self._when()} cannot happen: {error}") from error
 
     def take(self, orders: Iterable[Order]) -> None:
-        """Carry out orders that have just come in."""
+        """Carry out orders that have just come in; one that makes no sense is noted, and nothing else."""
         for order in orders:
-            self._carry_out(order)
+            try:
+                self._carry_out(order)
+            except AcrcError as error:
+                self.refused.append(f"{self._when()}: {error}")
 
     def _carry_out(self, order: Order) -> None:
         match order:
@@ -77,7 +85,7 @@ class Orders:
 
     def _to_robot(self, order: Kill | Freeze | Thaw | Restart | Move) -> None:
         if order.robot not in self._roster:
-            raise OrderError(f"{self._when()}: there is no robot {order.robot!r} to {_verb(order)}")
+            raise OrderError(f"there is no robot {order.robot!r} to {_verb(order)}")
         member = self._roster[order.robot]
         match order:
             case Kill():
@@ -94,9 +102,7 @@ class Orders:
             case Move():
                 self._bodies.place(member.index, Pose(order.x, order.y, order.heading))
             case _:
-                raise OrderError(
-                    f"{self._when()}: cannot {_verb(order)} {order.robot}, which is {member.standing.value}"
-                )
+                raise OrderError(f"cannot {_verb(order)} {order.robot}, which is {member.standing.value}")
 
     def _end(self, robot: str) -> None:
         member = self._roster[robot]

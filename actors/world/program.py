@@ -92,7 +92,12 @@ def part(core: WorldCore, run: RunNote, hold: Callable[[Shell, ZenohBus], None] 
         run=run,
         open_to=core.open_to,
         drive=hold,
-        outcome=lambda: {"places": core.referee.outcomes(), "contacts": core.contacts, "steps": core.step},
+        outcome=lambda: {
+            "places": core.referee.outcomes(),
+            "contacts": core.contacts,
+            "steps": core.step,
+            "refused_orders": core.refused_orders,
+        },
     )
 
 

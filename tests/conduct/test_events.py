@@ -23,7 +23,6 @@ from actors.runtime.core import at
 from actors.runtime.memory_bus import StalledError
 from actors.world.core import RollCallError
 from actors.world.orders import OrderError
-from actors.world.physics import ArenaError
 from tests.conduct.theatre import Scripted, Theatre
 
 
@@ -113,6 +112,10 @@ def test_pause_and_resume_change_nothing_but_the_control_messages() -> None:
     assert play.core.paused
     orders(play, Resume())
     assert play.run().digest == Theatre(1.0).run().digest
+    slipped = Theatre(1.0)
+    orders(slipped, Kill("r9"))
+    assert slipped.run().digest == Theatre(1.0).run().digest
+    assert list(slipped.core.refused_orders) == ["at 0 s: there is no robot 'r9' to kill"]
     stopped = Theatre(5.0)
     orders(stopped, Stop())
     assert stopped.run().core.step == 0
@@ -134,12 +137,12 @@ def test_every_event_is_in_the_digest() -> None:
 @pytest.mark.parametrize(
     ("event", "error", "sentence"),
     [
-        (Kill("r9"), OrderError, "at 1 s: there is no robot 'r9' to kill"),
-        (Thaw("r1"), OrderError, "at 1 s: cannot thaw r1, which is stepping"),
+        (Kill("r9"), OrderError, "the event at 1 s cannot happen: there is no robot 'r9' to kill"),
+        (Thaw("r1"), OrderError, "the event at 1 s cannot happen: cannot thaw r1, which is stepping"),
         (
             Move("r1", 17.05, 13.0, 0.0),
-            ArenaError,
-            "r1 cannot stand at (17.05, 13): it would overlap r2",
+            OrderError,
+            "the event at 1 s cannot happen: r1 cannot stand at (17.05, 13): it would overlap r2",
         ),
     ],
 )

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace as replace_struct
 
 from actors.runtime.recording import Entry, read_recording
 from deploy import swarm
@@ -142,3 +143,15 @@ def test_isolation_is_on_where_the_platform_allows(tmp_path: Path) -> None:
     words = ("--duration", 2, "--robots", 1)
     assert run(tmp_path / "default", *words)["isolation"] == "full"
     assert run(tmp_path / "off", *words, "--no-isolate")["isolation"] == "credentials"
+
+
+def test_a_world_that_cannot_begin_ends_the_run(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    plan = swarm.plan(load_scenario(None, Overrides(robots=1)), RunOptions(out))
+    spoilt = replace(plan, world=replace_struct(plan.world, step_us=12_345))
+    with pytest.raises(RunFailedError) as caught:
+        swarm.run_processes(spoilt, "forkserver", lambda progress: None)
+    assert str(caught.value) == (
+        "world ended with exit code 2: a step of 12345 µs; it must be a multiple of 10000 µs"
+    )
+    assert gone(out)

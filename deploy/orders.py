@@ -1,0 +1,98 @@
+"""Orders to a run that is going on: what a scenario's events can do, and pause, resume and stop."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from actors.instant import seconds
+from actors.messages import (
+    CONTROL,
+    Control,
+    Freeze,
+    Kill,
+    Move,
+    Obstacle,
+    Order,
+    Pause,
+    Restart,
+    Resume,
+    StartJam,
+    Stop,
+    Thaw,
+)
+from actors.runtime import access, router_file
+from actors.runtime.codec import encode
+from actors.runtime.errors import AcrcError
+from actors.runtime.zenoh_bus import open_mesh
+from deploy.plan import ROUTER_FILE
+
+
+class OrderError(AcrcError):
+    """An order that nobody understands, or a run that takes none."""
+
+
+def _numbers(make: Callable[..., Order], count: int) -> Callable[[Sequence[str]], Order]:
+    def order(words: Sequence[str]) -> Order:
+        values = [float(word) for word in words]
+        if len(values) != count:
+            raise ValueError
+        return make(*values)
+
+    return order
+
+
+def _robot(make: Callable[[str], Order]) -> Callable[[Sequence[str]], Order]:
+    def order(words: Sequence[str]) -> Order:
+        (robot,) = words
+        return make(robot)
+
+    return order
+
+
+def _move(words: Sequence[str]) -> Order:
+    robot, *pose = words
+    return _numbers(lambda x, y, heading: Move(robot, x, y, heading), 3)(pose)
+
+
+_FORMS: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = MappingProxyType({
+    "kill": ("ROBOT", _robot(Kill)),
+    "freeze": ("ROBOT", _robot(Freeze)),
+    "thaw": ("ROBOT", _robot(Thaw)),
+    "restart": ("ROBOT", _robot(Restart)),
+    "move": ("ROBOT X Y HEADING", _move),
+    "jam": ("X Y RADIUS SECONDS", _numbers(lambda x, y, r, s: StartJam(x, y, r, seconds(s)), 4)),
+    "obstacle": ("X Y RADIUS", _numbers(Obstacle, 3)),
+    "pause": ("", _numbers(Pause, 0)),
+    "resume": ("", _numbers(Resume, 0)),
+    "stop": ("", _numbers(Stop, 0)),
+})  # fmt: skip
+"""By verb: what must follow it, and how it is read."""
+
+
+def forms() -> str:
+    """Every order as one types it."""
+    return ", ".join(f"{verb} {words}".strip() for verb, (words, _) in _FORMS.items())
+
+
+def parse(verb: str, words: Sequence[str]) -> Order:
+    """The order that was typed; OrderError if there is none like it."""
+    if verb not in _FORMS:
+        raise OrderError(f"there is no order {verb!r}; it should be one of: {forms()}")
+    shape, read = _FORMS[verb]
+    try:
+        return read(words)
+    except ValueError:
+        given = " ".join([verb, *words])
+        raise OrderError(f"the order {given!r} should read {f'{verb} {shape}'.strip()!r}") from None
+
+
+def send(out: Path, order: Order) -> None:
+    """Give an order to the run that writes to `out`; it is carried out at the next step's start."""
+    file = out / "world" / ROUTER_FILE
+    if not file.is_file():
+        raise OrderError(f"{out}: no run is going on here; name the folder of one that is, over Zenoh")
+    issued = router_file.read(file)
+    config = access.client_config(issued.files["operator"], issued.endpoint("operator"))
+    with open_mesh(config, (), patience_s=5.0) as bus:
+        bus.publish(CONTROL.key(), encode(Control(0, (order,))))

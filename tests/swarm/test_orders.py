@@ -1,0 +1,86 @@
+"""Orders to a run that is going on: carried out at a boundary, recorded, and so replayed."""
+
+import json
+import time
+from pathlib import Path
+
+import pytest
+
+from actors.messages import Freeze, Move, Obstacle, Order, Pause, StartJam
+from deploy import orders
+from deploy.orders import OrderError
+from tests.swarm.command import acrc, leftovers, processes_of, start
+from tests.swarm.test_failures import stepping, until
+
+
+@pytest.mark.parametrize(
+    ("words", "order"),
+    [
+        ("freeze r1", Freeze("r1")),
+        ("move r1 1 -2.5 0", Move("r1", 1.0, -2.5, 0.0)),
+        ("jam 1 2 3 4.5", StartJam(1.0, 2.0, 3.0, 4_500_000)),
+        ("obstacle 1 2 0.3", Obstacle(1.0, 2.0, 0.3)),
+        ("pause", Pause()),
+    ],
+)
+def test_orders_as_typed(words: str, order: Order) -> None:
+    verb, *rest = words.split()
+    assert orders.parse(verb, rest) == order
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (
+            "shout r1",
+            "there is no order 'shout'; it should be one of: kill ROBOT, freeze ROBOT, thaw ROBOT, restart "
+            "ROBOT, move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, obstacle X Y RADIUS, pause, resume, stop",
+        ),
+        ("kill", "the order 'kill' should read 'kill ROBOT'"),
+        ("move r1 a b c", "the order 'move r1 a b c' should read 'move ROBOT X Y HEADING'"),
+        ("pause now", "the order 'pause now' should read 'pause'"),
+    ],
+)
+def test_what_is_no_order(words: str, sentence: str) -> None:
+    verb, *rest = words.split()
+    with pytest.raises(OrderError) as caught:
+        orders.parse(verb, rest)
+    assert str(caught.value) == sentence
+
+
+def test_a_run_is_paused_changed_resumed_stopped_and_replayed(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    process = start("run", "--duration", 100_000, "--out", out, "--json")
+    until(lambda: stepping(out))
+
+    def order(*words: object) -> None:
+        done = acrc("order", out, *words)
+        assert done.returncode == 0, done.stderr
+
+    order("pause")
+    world = out / "world" / "world.mcap"
+    sizes = [world.stat().st_size]
+    until(lambda: (time.sleep(0.2), sizes.append(world.stat().st_size), sizes[-1] == sizes[-2])[2])
+    order("move", "r1", 3.0, 12.0, -1.0)
+    order("restart", "r2")
+    order("resume")
+    until((out / "r2" / "r2.1.mcap").exists)
+    until(lambda: world.stat().st_size > sizes[-1])
+    order("stop")
+    said, _ = process.communicate(timeout=30)
+    assert process.returncode == 0
+    result = json.loads(said)
+    assert result["undelivered"] == result["unread"] == 0
+    assert processes_of(out) == [] and leftovers(out) == []
+    for actor in ("world", "r1", "r2", "r2.1", "radio"):
+        done = acrc("record", "replay", out, actor)
+        assert done.returncode == 0, done.stderr
+    assert acrc("record", "check", out).returncode == 0
+
+
+def test_a_run_that_is_over_takes_no_orders(tmp_path: Path) -> None:
+    done = acrc("order", tmp_path, "stop")
+    assert done.returncode == 1
+    assert done.stderr.strip() == (
+        f"acrc: {tmp_path}: no run is going on here; name the folder of one that is, over Zenoh"
+    )
