@@ -36,11 +36,14 @@ class Topic(Generic[M]):
     def __init__(self, pattern: str, kind: type[M]) -> None:
         self.pattern = pattern
         self.kind = kind
-        self._prefix, _, self._suffix = pattern.partition("{id}")
+        self._keys: dict[str, str] = {}
 
     def key(self, robot: str = "") -> str:
         """The key for `robot`, or the topic's only key."""
-        return f"{self._prefix}{robot}{self._suffix}" if "{id}" in self.pattern else self.pattern
+        key = self._keys.get(robot)
+        if key is None:
+            key = self._keys[robot] = self.pattern.replace("{id}", robot)
+        return key
 
     def __repr__(self) -> str:
         return f"Topic({self.pattern!r}, {self.kind.__name__})"
