@@ -1,6 +1,5 @@
 """What the forkserver imports and compiles once, so that processes start in milliseconds and share memory."""
 
-import gc
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a fork of a process with threads is unsafe
@@ -10,9 +9,9 @@ import actors.robot.__main__
 import actors.world.__main__  # noqa: F401
 from actors.robot import setup as robot_setup
 from actors.runtime.fingerprint import fingerprints
+from actors.runtime.process import settle
 from actors.world.program import KERNELS
 
 fingerprints(KERNELS)
 robot_setup.kernels()
-gc.collect()
-gc.freeze()  # no collection will touch the shared pages, which would copy them
+settle()  # no collection will touch the shared pages, which would copy them

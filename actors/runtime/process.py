@@ -1,7 +1,9 @@
 """What every actor process does around its shell: join the mesh, say Ready, run, leave an honest record."""
 
+import ctypes
 import gc
 import resource
+import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
@@ -96,7 +98,7 @@ def play(
             shell = Shell(part.core, bus, recorder, actor=part.run.actor, open_to=part.open_to)
             if part.ready is not None:
                 shell.send(part.ready)
-            gc.freeze()
+            settle()
             part.drive(shell, bus)
             recorder.note("final", final_note(shell, part, time.process_time()))
         except Exception as error:
@@ -105,6 +107,16 @@ def play(
                 traceback.print_exc()  # a bug: the whole story, into the process's log
             return 1
     return 0
+
+
+def settle() -> None:
+    """Give back what starting up has left over, and keep collections away from what will stay."""
+    gc.collect()
+    if sys.platform == "linux":
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc only
+        if trim is not None:
+            trim(0)
+    gc.freeze()
 
 
 def final_note(shell: Shell, part: Part, cpu_s: float) -> FinalNote:
