@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -72,6 +73,13 @@ class OccupancyGrid:
         """(rows, columns): which cells are occupied or unknown."""
         return np.not_equal(self.cells, FREE)
 
+    @cached_property
+    def clearance(self) -> NDArray[np.float64]:
+        """`distance.clearance` of this grid, read-only: computed once, as the cells never change."""
+        clearance = distance.clearance(self)
+        clearance.setflags(write=False)
+        return clearance
+
     def contains(self, point: Point) -> bool:
         """True where the map has a cell."""
         x, y = self._cells_from_corner(point)
@@ -123,7 +131,7 @@ def passable(grid: OccupancyGrid, clearance: float) -> NDArray[np.bool_]:
     """(rows, columns): the free cells whose centre is at least `clearance`, m, from whatever blocks."""
     if clearance <= grid.resolution / 2:  # what every free cell has
         return grid.free
-    return distance.clearance(grid) >= clearance
+    return grid.clearance >= clearance
 
 
 def outline(grid: OccupancyGrid) -> NDArray[np.float64]:

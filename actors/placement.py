@@ -55,6 +55,11 @@ def areas_named(areas: Sequence[Area], names: Sequence[str]) -> tuple[Area, ...]
     return tuple(known[name] for name in names)
 
 
+def has_free_floor(grid: OccupancyGrid, area: Area) -> bool:
+    """True if the area shares some surface with a free cell."""
+    return _Window(grid, grid.free, area).has_room
+
+
 def draw_points(
     grid: OccupancyGrid,
     count: int,
@@ -80,7 +85,7 @@ def draw_points(
     """
     half_diagonal = grid.resolution * 0.5**0.5
     walkable = _walkable(grid, start, passage)
-    admitted = walkable & (distance.clearance(grid) >= clearance + half_diagonal)
+    admitted = walkable & (grid.clearance >= clearance + half_diagonal)
     windows = [_Window(grid, admitted, area) for area in areas or (_everything(grid),)]
     for window in windows:
         if not window.has_room:
@@ -201,7 +206,7 @@ def _withdraw(grid: OccupancyGrid, admitted: NDArray[np.bool_], point: Point, sp
 
 def _advice(grid: OccupancyGrid, point: Point, radius: float) -> str:
     """What would be right instead of `point`; the margin of 1 cm pays for the two digits that are printed."""
-    row, column = np.nonzero(distance.clearance(grid) >= radius + 0.01)
+    row, column = np.nonzero(grid.clearance >= radius + 0.01)
     if not row.size:
         return "no point of this map is that far from walls"
     x, y = grid.centres()

@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
+from actors import distance
 from actors.geometry import Point
 from actors.grid import Cell, OccupancyGrid, largest_region, outline, reachable
 from tests.floorplan.plans import plan, random_plan
@@ -59,6 +60,14 @@ def test_a_grid_keeps_a_copy_that_nobody_can_change() -> None:
     assert grid.is_free(Point(0.5, 0.5))
     with pytest.raises(ValueError, match="read-only"):
         grid.cells[0, 0] = 2
+
+
+def test_the_clearance_is_computed_once_and_nobody_can_change_it() -> None:
+    grid = plan("...", "..#")
+    assert grid.clearance is grid.clearance
+    assert np.array_equal(grid.clearance, distance.clearance(grid))
+    with pytest.raises(ValueError, match="read-only"):
+        grid.clearance[0, 0] = 7.0
 
 
 def test_what_is_reachable_ends_at_corners_and_at_the_unknown() -> None:
