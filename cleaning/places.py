@@ -1,23 +1,12 @@
-"""Where the original testbed had its places: six areas of the corridor map, and the forty points it drew.
+"""Where the original testbed had its places: the forty points that it drew on the corridor map.
 
-Source: d3scomp/deeco-adaptation-testbed, PositionGenerator and GarbageCollectDemo.
+Source: d3scomp/deeco-adaptation-testbed, PositionGenerator and GarbageCollectDemo. The six areas that it drew
+them in stand in the shipped scenario.
 """
 
 from typing import Final
 
 from actors.geometry import Point
-from actors.placement import Area
-
-AREAS: Final = (
-    Area("Office1", 11.50, 1.00, 13.50, 7.00),
-    Area("Office2", 16.50, 1.00, 18.25, 7.00),
-    Area("Corridor left", 2.25, 11.10, 4.75, 13.75),
-    Area("Corridor centre left", 6.25, 11.10, 14.25, 13.75),
-    Area("Corridor centre right", 15.75, 11.10, 23.75, 13.75),
-    Area("Corridor right", 25.25, 11.10, 28.75, 13.75),
-)
-"""An area is drawn with a probability proportional to its surface, and a point uniformly within it. Some
-points lie nearer to a wall than a robot's radius: they are reached from within 0.5 m."""
 
 GOLDEN: Final[tuple[tuple[Point, ...], ...]] = (
     (
@@ -70,4 +59,5 @@ GOLDEN: Final[tuple[tuple[Point, ...], ...]] = (
     ),
 )
 """The ten places of each of the testbed's four robots, m, to the millimetre: what its generator gives for its
-seed, java.util.Random(42)."""
+seed, java.util.Random(42). Some lie nearer to a wall than a robot's radius: they are reached from within
+0.5 m."""

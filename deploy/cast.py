@@ -10,6 +10,7 @@ from actors.radio.setup import RadioSetup
 from actors.robot_model import load_model
 from actors.world.setup import RobotSetup, WorldSetup
 from cleaning.strategies import entry
+from deploy.areas import check_areas
 from deploy.events import timed_orders
 from deploy.scenario import PlacesTable, RobotTable, Scenario
 from deploy.spots import Figure, check_moves, places, starts
@@ -37,6 +38,7 @@ def cast(scenario: Scenario) -> Cast:
     radio_parameters.preset(scenario.radio.preset)
     grid = load_map(scenario.map)
     figures = [_figure(robot, scenario) for robot in scenario.ids]
+    check_areas(grid, scenario)
     poses = starts(grid, figures, scenario)
     check_moves(grid, figures, scenario)
     robots = tuple(
@@ -85,7 +87,7 @@ def _settled(scenario: Scenario, robots: Sequence[RobotSetup]) -> Scenario:
     )
     return scenario.model_copy(
         update={
-            "robots": scenario.robots.model_copy(update={"start": ()}),
+            "robots": scenario.robots.model_copy(update={"start": (), "areas": None}),
             "places": PlacesTable(preset="listed"),
             "robot": tables,
         }

@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
 
 from actors.robot_model import OdometryKind
 
@@ -26,14 +26,32 @@ def _as_tuples(value: object) -> object:
     return tuple(_as_tuples(item) for item in value) if isinstance(value, list) else value
 
 
+def _growing(span: tuple[float, float]) -> tuple[float, float]:
+    if not span[0] < span[1]:
+        raise ValueError
+    return span
+
+
 _Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 _Pose = Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], BeforeValidator(_as_tuples)]
 _Point = Annotated[tuple[_Coordinate, _Coordinate], BeforeValidator(_as_tuples)]
+_Span = Annotated[
+    tuple[_Coordinate, _Coordinate],
+    BeforeValidator(_as_tuples),
+    AfterValidator(_growing),
+    Right("two numbers [from, to] in m, the first below the second"),
+]
 _A_POSE: Final = "a pose [x, y, heading] in m, m and rad"
 _A_POINT: Final = "a point [x, y] in m"
 _Id = Annotated[str, StringConstraints(pattern=rf"^{ROBOT_ID.pattern}$")]
 _RobotId = Annotated[_Id, Right('the id of a robot, such as "r2"')]
 _Text = Annotated[str, StringConstraints(min_length=1)]
+_Names = Annotated[
+    tuple[_Text, ...],
+    BeforeValidator(_as_tuples),
+    Field(min_length=1),
+    Right('a list of names of areas, such as ["hall"]', item='the name of an area, such as "hall"'),
+]
 _Model = Annotated[
     _Text, Right('the name of a robot model such as "turtlebot2", or the path of a .toml file')
 ]
@@ -84,16 +102,21 @@ class RobotsTable(Table):
         Right(f"a list of poses [x, y, heading] in m, m and rad, at most {MOST_ROBOTS}", item=_A_POSE),
     ] = ()
     """Where r1, r2, … start; robots beyond the list are put somewhere free."""
+    areas: _Names | None = None
+    """Where they are put then: in these areas; absent: anywhere free."""
 
 
 class PlacesTable(Table):
     """[places]: which places the robots have to clean."""
 
     preset: Annotated[
-        Literal["golden", "areas", "free", "listed"], Right('"golden", "areas", "free" or "listed"')
-    ] = "areas"
-    """golden: those of the original testbed for r1 to r4, as areas for the others; areas: drawn in the
-    original's six areas; free: drawn on all reachable floor; listed: every [[robot]] lists its own."""
+        Literal["golden", "areas", "free", "listed"] | None, Right('"golden", "areas", "free" or "listed"')
+    ] = None
+    """areas: drawn in `areas`; free: drawn on all reachable floor; listed: every [[robot]] lists its own;
+    golden: those of the original testbed for r1 to r4, for the others as if absent. Absent: areas if the
+    scenario has any, else free."""
+    areas: _Names | None = None
+    """In which areas, each as often as its surface says; absent: in all of the scenario's."""
     per_robot: Annotated[
         int | None, Field(ge=0, le=MOST_PLACES), Right(f"a whole number from 0 to {MOST_PLACES}")
     ] = None
@@ -105,6 +128,16 @@ class RadioTable(Table):
 
     preset: Annotated[_Text, Right('the name of a radio preset, such as "chapter"')] = "chapter"
     """Name of the radio's parameters."""
+
+
+class AreaTable(Table):
+    """[[area]]: a rectangle of the floor that has a name."""
+
+    name: Annotated[_Text, Right('a name such as "hall"')]
+    x: _Span
+    """From the west edge to the east edge, m."""
+    y: _Span
+    """From the south edge to the north edge, m."""
 
 
 class RobotTable(Table):
@@ -157,6 +190,7 @@ class Scenario(Table):
     robots: RobotsTable = RobotsTable()
     places: PlacesTable = PlacesTable()
     radio: RadioTable = RadioTable()
+    area: Annotated[tuple[AreaTable, ...], BeforeValidator(_as_tuples)] = ()
     robot: Annotated[tuple[RobotTable, ...], BeforeValidator(_as_tuples)] = ()
     event: Annotated[tuple[EventTable, ...], BeforeValidator(_as_tuples)] = ()
 

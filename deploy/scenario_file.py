@@ -9,7 +9,7 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from actors.runtime.errors import AcrcError
-from deploy import events, robot_tables, wording
+from deploy import areas, events, robot_tables, wording
 from deploy.repository import REPOSITORY
 from deploy.scenario import Scenario
 from deploy.usage import OptionError
@@ -69,7 +69,7 @@ def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario
         scenario = Scenario.model_validate(content)
     except ValidationError as error:
         raise _first(error, content, path, options) from None
-    for fault in (robot_tables.fault(scenario), events.fault(scenario)):
+    for fault in (robot_tables.fault(scenario), areas.fault(scenario), events.fault(scenario)):
         if fault:
             raise ScenarioError(f"{path}: {fault}")
     return _with_absolute_paths(scenario, path.resolve().parent)

@@ -45,7 +45,7 @@ def _value(value: object) -> str:
 
 
 def _array(items: Sequence[object]) -> str:
-    """One line for a pose or a point, a line each for a list of them."""
-    if items and all(isinstance(item, Sequence) for item in items):
+    """One line for a pose, a point or names, a line each for a list of poses or points."""
+    if items and all(isinstance(item, tuple) for item in items):
         return "[\n" + "".join(f"    {_value(item)},\n" for item in items) + "]"
     return f"[{', '.join(map(_value, items))}]"

@@ -9,7 +9,8 @@ from actors.placement import PlacementError, check_pose, draw_points
 from actors.randomness import generator
 from actors.robot_model import OdometryKind
 from actors.runtime.errors import AcrcError
-from cleaning.places import AREAS, GOLDEN
+from cleaning.places import GOLDEN
+from deploy import areas
 from deploy.scenario import RobotTable, Scenario
 
 
@@ -85,9 +86,13 @@ def _draw_start(
             keep_off=taken,
             start=floor,
             passage=figure.radius,
+            areas=areas.for_starts(scenario),
         )
     except PlacementError as error:
-        raise SpotError(f"robot {figure.id} finds no start beside {len(taken)} others: {error}") from error
+        where = "" if scenario.robots.areas is None else " in robots.areas"
+        raise SpotError(
+            f"robot {figure.id} finds no start{where} beside {len(taken)} others: {error}"
+        ) from error
     return point
 
 
@@ -121,12 +126,13 @@ def places(
     """The robot's places: its own, or those that the preset means."""
     if figure.own.places is not None:
         return _checked(grid, figure, figure.own.places)
-    preset, index = scenario.places.preset, scenario.ids.index(figure.id)
+    index = scenario.ids.index(figure.id)
     count = spacing.per_robot if scenario.places.per_robot is None else scenario.places.per_robot
-    if preset == "golden" and index < len(GOLDEN):
+    if scenario.places.preset == "golden" and index < len(GOLDEN):
         return _checked(grid, figure, _golden(index, count))
     if count == 0:
         return ()
+    chosen = areas.for_places(scenario)
     try:
         points = draw_points(
             grid,
@@ -136,12 +142,11 @@ def places(
             apart=spacing.apart,
             start=Point(*start[:2]),
             passage=figure.radius,
-            areas=None if preset == "free" else AREAS,
+            areas=chosen,
         )
     except PlacementError as error:
-        raise SpotError(
-            f'robot {figure.id} cannot get its {count} places with places.preset "{preset}": {error}'
-        ) from error
+        where = "on all free floor" if chosen is None else "in places.areas"
+        raise SpotError(f"robot {figure.id} cannot get its {count} places {where}: {error}") from error
     return tuple(map(_to_the_millimetre, points))
 
 

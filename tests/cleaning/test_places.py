@@ -4,7 +4,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from cleaning.places import AREAS, GOLDEN
+from cleaning.places import GOLDEN
+from deploy.areas import for_places
+from deploy.scenario_file import load_scenario
+
+AREAS = for_places(load_scenario()) or ()
 
 
 def java_doubles(seed: int) -> Iterator[float]:

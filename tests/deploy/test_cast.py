@@ -11,11 +11,13 @@ from actors.map_file import load_map
 from actors.messages import Freeze, Kill, Move, Obstacle, Restart, StartJam, Thaw
 from actors.runtime.errors import AcrcError
 from actors.world.setup import TimedOrder
-from cleaning.places import AREAS, GOLDEN
+from cleaning.places import GOLDEN
+from deploy.areas import for_places
 from deploy.cast import Cast, cast
 from deploy.scenario_file import Overrides, load_scenario
 from tests.deploy.faults import MAP, scenario
 
+AREAS = for_places(load_scenario()) or ()
 MOST_ROUNDING = 0.001
 """Drawn points are given to the millimetre, m."""
 
@@ -175,7 +177,7 @@ def test_more_robots_or_places_than_there_is_room_for(tmp_path: Path) -> None:
         " ask for fewer, or for smaller distances."
     )
     assert refusal('[robots]\ncount = 1\n[places]\npreset = "free"', head).startswith(
-        'robot r1 cannot get its 10 places with places.preset "free": there is room for '
+        "robot r1 cannot get its 10 places on all free floor: there is room for "
     )
     assert len(cast(scenario("[robots]\ncount = 1\n[places]\nper_robot = 0", head=head)).world.robots) == 1
 

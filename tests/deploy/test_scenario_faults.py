@@ -78,7 +78,7 @@ def test_a_wrong_value(text: str, sentence: str) -> None:
         ("[run]\nsed = 1", "run.sed is not known; did you mean run.seed?"),
         ("[robot_s]", "robot_s is not known; did you mean robots?"),
         ("[run]\nxyz = 1", "run.xyz is not known; run may hold duration, step_ms, seed, strategy"),
-        ("xyz = 1", "xyz is not known; known are map, run, robots, places, radio, robot, event"),
+        ("xyz = 1", "xyz is not known; known are map, run, robots, places, radio, area, robot, event"),
         ('[[event]]\nat = 1\nkil = "r1"', "event[0].kil is not known; did you mean event[0].kill?"),
     ],
 )

@@ -33,6 +33,9 @@ def _id(table: Any) -> str:
     return str(table["id"])
 
 
+NAMES = ["hall", 'the "lab"', "C:\\"]
+names = some.lists(some.sampled_from(NAMES), min_size=1, unique=True)
+spans = some.tuples(coordinates, coordinates).map(sorted).filter(lambda span: span[0] < span[1])
 scenarios = some.fixed_dictionaries(
     {
         "map": some.from_regex(r"/[a-z\"\\\x7f]{1,9}", fullmatch=True),
@@ -40,8 +43,14 @@ scenarios = some.fixed_dictionaries(
             duration=some.floats(1.0, 1e6), step_ms=some.integers(1, 10).map(lambda n: 10 * n), strategy=texts
         ),
         "robots": tables(
-            count=some.just(3), model=some.just("x"), sensor=maybe(texts), start=some.lists(poses, max_size=3)
+            count=some.just(3),
+            model=some.just("x"),
+            sensor=maybe(texts),
+            start=some.lists(poses, max_size=3),
+            areas=maybe(names),
         ),
+        "places": tables(preset=maybe(some.sampled_from(["areas", "golden"])), areas=maybe(names)),
+        "area": some.tuples(*(tables(name=some.just(name), x=spans, y=spans) for name in NAMES)),
         "robot": some.lists(
             tables(
                 id=some.sampled_from(["r1", "r2", "r3"]),
@@ -83,7 +92,8 @@ def test_nothing_is_left_to_be_drawn_in_what_a_run_writes_down() -> None:
 
 def test_the_text_of_a_small_scenario() -> None:
     small = scenario(
-        "[robots]\ncount = 1\nstart = [[12, 5, 0]]\n[places]\nper_robot = 0\n"
+        "[robots]\ncount = 1\nstart = [[12, 5, 0]]\n[places]\nareas = ['hall']\nper_robot = 0\n"
+        "[[area]]\nname = 'hall'\nx = [1, 2.5]\ny = [-3, 4]\n"
         "[[event]]\nat = 1\nobstacle = [9, 12]\nradius = 0.2\n"
     )
     assert to_toml(small.model_copy(update={"map": "/maps/a.yaml"})) == (
@@ -93,9 +103,11 @@ def test_the_text_of_a_small_scenario() -> None:
         "\n"
         '[robots]\ncount = 1\nmodel = "turtlebot2"\nstart = [\n    [12.0, 5.0, 0.0],\n]\n'
         "\n"
-        '[places]\npreset = "areas"\nper_robot = 0\n'
+        '[places]\nareas = ["hall"]\nper_robot = 0\n'
         "\n"
         '[radio]\npreset = "chapter"\n'
+        "\n"
+        '[[area]]\nname = "hall"\nx = [1.0, 2.5]\ny = [-3.0, 4.0]\n'
         "\n"
         "[[event]]\nat = 1.0\nobstacle = [9.0, 12.0]\nradius = 0.2\n"
     )
