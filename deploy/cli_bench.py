@@ -56,3 +56,18 @@ def steps(
     from benchmarks import steps as whole
 
     whole.run(robots or whole.ROBOTS, seconds, json)
+
+
+@app.command()
+def seeds(
+    robots: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=1, max=1000, help="May be repeated.  [default: 1, 4]"),
+    ] = None,
+    count: Annotated[int, typer.Option("--seeds", metavar="N", min=1, max=10_000, help="Seeds 1 to N.")] = 10,
+    json: _Json = False,
+) -> None:
+    """Run the shipped scenario from many seeds and count places and contacts."""
+    from benchmarks import seeds as by_seed
+
+    by_seed.run(robots or by_seed.ROBOTS, count, json)

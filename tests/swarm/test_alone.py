@@ -1,0 +1,18 @@
+"""A robot alone has nobody in its way: it cleans all of its places in time, from every seed."""
+
+from pathlib import Path
+
+import pytest
+
+from deploy import swarm
+from deploy.options import RunOptions
+from deploy.scenario_file import Overrides, load_scenario
+
+
+@pytest.mark.parametrize("seed", range(1, 11))
+def test_a_robot_alone_cleans_all_its_places(seed: int, tmp_path: Path) -> None:
+    scenario = load_scenario(None, Overrides(robots=1, seed=seed, duration=600.0))
+    plan = swarm.plan(scenario, RunOptions(tmp_path / "out", bus="memory"))
+    result = swarm.run_in_memory(plan, lambda progress: None)
+    assert (result.places_done, result.places_total) == (10, 10)
+    assert result.completion_s is not None and result.completion_s <= 600.0
