@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from actors.robot_model import OdometryKind
 
-MOST_ROBOTS: Final = 1000
+MOST_ROBOTS: Final = 500
 MOST_PLACES: Final = 1000
 ROBOT_ID: Final = re.compile(r"r[1-9][0-9]{0,3}")
 

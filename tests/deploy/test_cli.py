@@ -1,7 +1,6 @@
 """The command line as a person meets it."""
 
 import io
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -90,7 +89,7 @@ RESULT = RunResult(
     digest="d0d0", robots=2, seed=1, simulated_s=600.0, wall_s=12.345, startup_s=0.9, cpu_s=20.0,
     real_time_factor=48.6, places_total=4, places_done=3, completion_s=None,
     per_robot={"r1": RobotResult(2, 2, 311.25), "r2": RobotResult(2, 1, None)},
-    undelivered=0, unread=0, contacts=5, isolation="full", bus="zenoh", out="/o",
+    undelivered=0, unread=0, contacts=5, refused_orders=(), isolation="full", bus="zenoh", out="/o",
     frames={"frames_sent": 10, "frames_cut_off": 0, "copies_heard": 7},
 )  # fmt: skip
 
@@ -118,4 +117,4 @@ def test_messages_that_went_astray_are_said_loudly(capsys: pytest.CaptureFixture
 
 def test_a_result_for_programs(capsys: pytest.CaptureFixture[str]) -> None:
     summary.print_result(RESULT, json=True)
-    assert json.loads(capsys.readouterr().out) == msgspec.to_builtins(RESULT)
+    assert msgspec.json.decode(capsys.readouterr().out, type=RunResult) == RESULT

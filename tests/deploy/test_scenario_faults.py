@@ -30,9 +30,9 @@ ACTIONS = "kill, freeze, thaw, restart, move, jam, obstacle"
         ),
         ("[run]\nseed = -1", "run.seed is -1, but must be a whole number from 0 to 9223372036854775807"),
         ("[run]\nstrategy = 3", 'run.strategy is 3, but must be the name of a strategy, such as "none"'),
-        ("[robots]\ncount = 0", "robots.count is 0, but must be a whole number from 1 to 1000"),
+        ("[robots]\ncount = 0", "robots.count is 0, but must be a whole number from 1 to 500"),
         ('[robots]\nodometry = "gps"', 'robots.odometry is "gps", but must be "exact", "stage" or "kobuki"'),
-        ("[robots]\nstart = 3", f"robots.start is 3, but must be a list of poses {POSES}, at most 1000"),
+        ("[robots]\nstart = 3", f"robots.start is 3, but must be a list of poses {POSES}, at most 500"),
         ("[robots]\nstart = [[1, 2, 3], [1, 2]]", f"robots.start[1] is [1, 2], but must be a pose {POSES}"),
         (
             '[robots]\nstart = [[1, 2, 3], [1, "two", 3]]',
@@ -193,9 +193,9 @@ def test_events_that_follow_one_another() -> None:
 @pytest.mark.parametrize(
     ("overrides", "sentence"),
     [
-        (Overrides(robots="four"), "--robots four: must be a whole number from 1 to 1000"),
-        (Overrides(robots=0), "--robots 0: must be a whole number from 1 to 1000"),
-        (Overrides(robots="3.5"), "--robots 3.5: must be a whole number from 1 to 1000"),
+        (Overrides(robots="four"), "--robots four: must be a whole number from 1 to 500"),
+        (Overrides(robots=0), "--robots 0: must be a whole number from 1 to 500"),
+        (Overrides(robots="3.5"), "--robots 3.5: must be a whole number from 1 to 500"),
         (Overrides(seed="-1"), "--seed -1: must be a whole number from 0 to 9223372036854775807"),
         (Overrides(duration="inf"), "--duration inf: must be a number of seconds above 0, at most 1000000"),
         (Overrides(step="15"), "--step 15: must be a multiple of the 10 ms physics sub-step, from 10 to 100"),

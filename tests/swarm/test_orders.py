@@ -59,13 +59,14 @@ def test_a_run_is_paused_changed_resumed_stopped_and_replayed(tmp_path: Path) ->
 
     order("pause")
     world = out / "world" / "world.mcap"
-    sizes = [world.stat().st_size]
-    until(lambda: (time.sleep(0.2), sizes.append(world.stat().st_size), sizes[-1] == sizes[-2])[2])
+    size = 0
+    while size != (size := world.stat().st_size):
+        time.sleep(0.3)
     order("move", "r1", 3.0, 12.0, -1.0)
     order("restart", "r2")
     order("resume")
     until((out / "r2" / "r2.1.mcap").exists)
-    until(lambda: world.stat().st_size > sizes[-1])
+    until(lambda: world.stat().st_size > size)
     order("stop")
     said, _ = process.communicate(timeout=30)
     assert process.returncode == 0
