@@ -33,6 +33,8 @@ class Plan:
     radio: RadioSetup
     behaviour: str
     """Entry string `module:function` of the robots' behaviour."""
+    strategies: Path
+    """Folder in which a strategy of the user's own is looked for."""
     scenario: str
     """The resolved scenario as TOML."""
     commit: str
@@ -124,7 +126,7 @@ def robot_argv(plan: Plan, robot: RobotSetup, epoch: int, first_step: int) -> tu
         *("--model", str(model) if model.exists() else robot.model),
         *(("--sensor", robot.sensor) if robot.sensor else ()),
         *(f"--start={x!r},{y!r},{heading!r}", "--places", str(folder / "places.toml")),
-        *("--behaviour", plan.behaviour),
+        *("--behaviour", plan.behaviour, "--path", str(plan.strategies)),
     )
 
 

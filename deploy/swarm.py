@@ -69,6 +69,7 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
         world=settled.world,
         radio=settled.radio,
         behaviour=settled.behaviour,
+        strategies=Path.cwd(),
         scenario=to_toml(settled.scenario),
         commit=software(),
         speed=options.speed,

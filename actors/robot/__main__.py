@@ -24,6 +24,7 @@ def main(argv: Sequence[str]) -> int:
     try:
         options = program.parse(argv)
         setup.kernels()  # compiled while the cache can still be written
+        program.look_in(options.path)  # while it can be seen; what is on the path stays readable
         if options.isolate:
             own = options.seat.record.resolve().parent
             isolate(Plan(own=own, hidden=(own.parent,)))

@@ -3,6 +3,7 @@
 import argparse
 import math
 import re
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +36,8 @@ class RobotOptions:
     sensor: str | None
     time: Literal["simulated", "wall"]
     log: Path | None
+    path: tuple[Path, ...]
+    """Folders to look for the behaviour's module in, before Python's own."""
     isolate: bool
     """Shut the process off from everything but the router."""
     seat: Seat
@@ -49,6 +52,7 @@ def build(argv: Sequence[str]) -> tuple[RobotOptions, RobotCore]:
 
 def part(argv: Sequence[str]) -> Part:
     """The robot that `argv` describes, with its connections."""
+    look_in(parse(argv).path)
     options, core = build(argv)
     setup = options.setup
     prints = kernels()
@@ -82,8 +86,23 @@ def parse(argv: Sequence[str]) -> RobotOptions:
         behaviour=given.behaviour,
     )
     return RobotOptions(
-        setup, given.map, given.model, given.sensor, given.time, given.log, given.isolate, seat(given)
+        setup=setup,
+        map=given.map,
+        model=given.model,
+        sensor=given.sensor,
+        time=given.time,
+        log=given.log,
+        path=tuple(given.path),
+        isolate=given.isolate,
+        seat=seat(given),
     )
+
+
+def look_in(folders: Sequence[Path]) -> None:
+    """Let Python find modules in these folders, too."""
+    for folder in folders:
+        if str(folder) not in sys.path:
+            sys.path.insert(0, str(folder))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -106,6 +125,9 @@ def _parser() -> argparse.ArgumentParser:
         "--time", choices=("simulated", "wall"), default="simulated", help="who gives the time"
     )
     parser.add_argument("--log", type=Path, help="file for what the process has to say")
+    parser.add_argument(
+        "--path", type=Path, action="append", default=[], help="folder with the behaviour's module"
+    )
     parser.add_argument("--isolate", action="store_true", help="shut off from all but the router")
     add_seat_options(parser)
     return parser
