@@ -96,6 +96,8 @@ def run(
         )
         raise typer.Exit(interrupt.exit_code) from None
     summary.print_result(result, json=json)
+    if view:
+        summary.print_view(options.out)
 
 
 @app.command(context_settings={"ignore_unknown_options": True})

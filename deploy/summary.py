@@ -1,6 +1,7 @@
 """A run's result for people, or as JSON for programs."""
 
 import sys
+from pathlib import Path
 
 import msgspec
 from rich.console import Console
@@ -31,6 +32,15 @@ def print_result(result: RunResult, *, json: bool) -> None:
             f"{result.undelivered} messages were not delivered and {result.unread} not read", style="bold red"
         )
     console.print(f"digest {result.digest}\nrecorded in {result.out}", highlight=False, soft_wrap=True)
+
+
+def print_view(out: Path) -> None:
+    """Say on standard error what the observer had to say, and how to see the run again."""
+    console = Console(stderr=True, soft_wrap=True, highlight=False)
+    log = out / "view.log"
+    if log.is_file():
+        console.print(log.read_text().strip(), markup=False)
+    console.print(f"To see it again: {Path(sys.executable).parent / 'rerun'} {out / 'view.rrd'}", markup=False)
 
 
 def _table(result: RunResult) -> Table:
