@@ -40,7 +40,8 @@ def print_view(out: Path) -> None:
     log = out / "view.log"
     if log.is_file():
         console.print(log.read_text().strip(), markup=False)
-    console.print(f"To see it again: {Path(sys.executable).parent / 'rerun'} {out / 'view.rrd'}", markup=False)
+    viewer = Path(sys.executable).parent / "rerun"
+    console.print(f"To see it again: {viewer} {out / 'view.rrd'}", markup=False)
 
 
 def _table(result: RunResult) -> Table:
