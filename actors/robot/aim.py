@@ -23,7 +23,7 @@ def fingerprint() -> bytes:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _room(clearance: NDArray[np.float64], frame: NDArray[np.float64], x: float, y: float) -> float:
+def room(clearance: NDArray[np.float64], frame: NDArray[np.float64], x: float, y: float) -> float:
     """Clearance of the cell around a point, 0 outside."""
     row = math.floor((y - frame[1]) / frame[2])
     column = math.floor((x - frame[0]) / frame[2])
@@ -33,7 +33,7 @@ def _room(clearance: NDArray[np.float64], frame: NDArray[np.float64], x: float, 
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _in_sight(
+def in_sight(
     clearance: NDArray[np.float64],
     frame: NDArray[np.float64],
     x: float,
@@ -46,7 +46,7 @@ def _in_sight(
     samples = int(math.hypot(to_x - x, to_y - y) / (0.5 * frame[2])) + 1
     for sample in range(1, samples + 1):
         part = sample / samples
-        if _room(clearance, frame, x + part * (to_x - x), y + part * (to_y - y)) < need:
+        if room(clearance, frame, x + part * (to_x - x), y + part * (to_y - y)) < need:
             return False
     return True
 
@@ -75,11 +75,11 @@ def aim(
         apart = math.hypot(way[i, 0] - x, way[i, 1] - y)
         if apart < least:
             least, nearest = apart, i
-    need = min(need, _room(clearance, frame, x, y))
+    need = min(need, room(clearance, frame, x, y))
     target = min(nearest + 1, way.shape[0] - 1)
     for i in range(target, way.shape[0]):
         if math.hypot(way[i, 0] - x, way[i, 1] - y) > lookahead:
             break
-        if _in_sight(clearance, frame, x, y, way[i, 0], way[i, 1], need):
+        if in_sight(clearance, frame, x, y, way[i, 0], way[i, 1], need):
             target = i
     return nearest, way[target, 0], way[target, 1]

@@ -1,4 +1,4 @@
-"""Follows a path: turns to it on the spot, drives along it, and stops before what the scan shows."""
+"""Follows a path: turns to it on the spot, drives along it, around what stands there, and stops before it."""
 
 import math
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from actors.geometry import STILL, Pose, Twist, wrap
 from actors.instant import Instant
 from actors.robot.aim import aim
+from actors.robot.detour import Detour
 from actors.robot.planning import Ground
 from actors.robot.surroundings import Surroundings
 
@@ -67,6 +68,7 @@ class Driver:
     ) -> None:
         """`radius`: of the body, m; `step`: for how long a command holds, s."""
         self._surroundings = surroundings
+        self._detour = Detour(ground, surroundings, radius, step)
         self._radius = radius
         self._step = step
         self._p = parameters
@@ -101,6 +103,7 @@ class Driver:
             self._frame,
             self._need,
         )
+        x, y = self._detour.around(pose, self._way, self._index, x, y)
         angle = wrap(math.atan2(y - pose.y, x - pose.x) - pose.heading)
         omega = self._turn(angle, velocity.omega)
         wanted = self._speed(angle, pose)

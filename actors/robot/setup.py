@@ -8,7 +8,7 @@ from actors.geometry import Point, Pose
 from actors.grid import OccupancyGrid
 from actors.instant import in_seconds
 from actors.randomness import generator
-from actors.robot import aim, obstruction, potential
+from actors.robot import aim, obstruction, potential, swerve
 from actors.robot.behaviour import load_behaviour
 from actors.robot.core import Parts, RobotCore
 from actors.robot.driving import Driver, DrivingParameters
@@ -85,4 +85,4 @@ def _driving(model: RobotModel) -> DrivingParameters:
 
 def kernels() -> dict[str, str]:
     """Fingerprint of every numeric kernel that a robot computes with, by module; also compiles them all."""
-    return fingerprints((distance, flood, potential, aim, obstruction))
+    return fingerprints((distance, flood, potential, aim, obstruction, swerve))

@@ -9,6 +9,7 @@ from actors.geometry import Pose
 from actors.instant import Instant
 from actors.messages import Odometry, Scan
 from actors.robot.obstruction import free_arc
+from actors.robot.swerve import strangers
 from actors.robot_model import RangeSensor, scan_angles
 from actors.runtime.errors import AcrcError
 
@@ -51,6 +52,23 @@ class Surroundings:
         """How far a disc of `radius` gets forward along an arc of `curvature`, 1/m, at most `horizon`, m."""
         free: float = free_arc(self._ranges, self._rays, self._mount, self._moved, curvature, radius, horizon)
         return free
+
+    def strangers(
+        self,
+        pose: Pose,
+        clearance: NDArray[np.float64],
+        frame: NDArray[np.float64],
+        wall: float,
+        view: float,
+    ) -> NDArray[np.float64]:
+        """Points within `view`, m, of what is not on the map, with the body at `pose`: (k, 2), m, map frame.
+
+        `clearance`, `frame`, `wall` as for the kernel.
+        """
+        found: NDArray[np.float64] = strangers(
+            self._ranges, self._rays, self._mount, self._moved, *pose, clearance, frame, wall, view
+        )
+        return found
 
     def age(self, instant: Instant) -> float:
         """Seconds since the last scan; inf before the first."""

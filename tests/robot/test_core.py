@@ -26,7 +26,7 @@ from actors.messages import (
     Sent,
     Transmit,
 )
-from actors.robot import aim, driving, obstruction, potential, surroundings
+from actors.robot import aim, driving, obstruction, potential, surroundings, swerve
 from actors.robot.behaviour import BehaviourError
 from actors.robot.core import Parts, RobotCore, StepError
 from actors.robot.driving import Driver, DrivingParameters
@@ -266,6 +266,7 @@ def test_equal_inputs_give_equal_outputs() -> None:
 KERNELS = [
     (aim, "aim", driving),
     (obstruction, "free_arc", surroundings),
+    (swerve, "strangers", surroundings),
     (potential, "_potential", potential),
     (potential, "_descent", potential),
 ]

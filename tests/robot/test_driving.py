@@ -35,6 +35,14 @@ class Cockpit:
         self.surroundings.take(NOW, senses.odometry, senses.scan)
 
 
+def dead_end(free: float) -> list[tuple[Point, float]]:
+    """Round obstacles around a robot at (1.5, 1.75), so that it gets `free` forward, and no way around."""
+    ahead = 1.5 + RADIUS + DEFAULTS.gap + free + 0.2
+    return [(Point(ahead, 1.75 + y), 0.2) for y in (0.0, -0.3, 0.3)] + [
+        (Point(1.5 + x, 1.75 + y), 0.2) for x in (0.0, 0.3) for y in (-0.5, 0.5)
+    ]
+
+
 def test_on_the_path_it_drives_straight_and_speeds_up_no_faster_than_the_base_can() -> None:
     cockpit = Cockpit(Pose(1.5, 1.75, 0.0))
     cockpit.see()
@@ -67,7 +75,7 @@ def test_it_slows_down_so_that_it_stops_before_an_obstacle() -> None:
     p = DrivingParameters()
     for free in [0.1, 0.2, 0.3]:
         cockpit = Cockpit(Pose(1.5, 1.75, 0.0))
-        cockpit.see((Point(1.5 + RADIUS + p.gap + free + 0.2, 1.75), 0.2))
+        cockpit.see(*dead_end(free))
         twist, blocked = cockpit.driver.steer(NOW, cockpit.base.pose, Twist(0.5, 0.0, 0.0))
         assert not blocked
         needed = twist.vx * p.delay + twist.vx**2 / (2 * p.braking)
@@ -92,7 +100,7 @@ def test_once_blocked_it_waits_for_more_room_than_it_needed_to_go_on() -> None:
     cockpit = Cockpit(Pose(1.5, 1.75, 0.0))
     blocked = []
     for free in [0.05, 0.0, 0.05, 0.08, 0.05]:
-        cockpit.see((Point(1.5 + RADIUS + 0.08 + free + 0.2, 1.75), 0.2))
+        cockpit.see(*dead_end(free))
         blocked.append(cockpit.driver.steer(NOW, cockpit.base.pose, STILL).blocked)
     assert blocked == [False, True, True, False, False]
 

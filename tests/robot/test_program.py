@@ -80,6 +80,7 @@ def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_wi
         "actors.robot.aim",
         "actors.robot.obstruction",
         "actors.robot.potential",
+        "actors.robot.swerve",
     ]
 
 
