@@ -8,7 +8,7 @@ from pathlib import Path
 def _kernel_cache() -> Path:
     """A folder for compiled kernels that belongs to this very state of the sources.
 
-    numba's own check looks at a kernel's own file only, not at those of the kernels that it calls and inlines:
+    numba itself looks at a kernel's own file only, not at those of the kernels that it calls and inlines:
     after a change there it would go on with the old code, and a run with an old digest.
     """
     here = Path(__file__).parent
