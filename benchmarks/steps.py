@@ -1,5 +1,6 @@
 """What a step costs: swarms over Zenoh and in memory, beside a bare Zenoh ping-pong of as many processes."""
 
+import contextlib
 import json
 import subprocess
 import sys
@@ -35,9 +36,7 @@ class Figures:
     cpu_us: float
     """CPU time of all processes per robot and step, start and end left out, µs."""
     startup_s: float
-    """From a forkserver that is ready to the first step, s; in memory from the command to the first step."""
-    pss_mb: float | None
-    """Mean proportional set size of the robots' processes at the end, MB."""
+    """From the laying out of the run to its first step, the forkserver's own start included, s."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +54,8 @@ class Row:
     full: Figures
     """The shipped scenario over Zenoh."""
     memory: Figures
+    pss_mb: float
+    """Mean proportional set size of the robots' processes, isolated, after 60 simulated seconds, MB."""
 
 
 def run(robots: Sequence[int] = ROBOTS, seconds: float = 60.0, json_output: bool = False) -> list[Row]:
@@ -81,6 +82,7 @@ def _row(count: int, seconds: float) -> Row:
         idle_memory=_measure(IDLE_SCENARIO, count, seconds, "memory"),
         full=_measure(None, count, seconds, "zenoh"),
         memory=_measure(None, count, seconds, "memory"),
+        pss_mb=proportional_set_size(count),
     )
 
 
@@ -115,25 +117,38 @@ def _measure(scenario: Path | None, count: int, seconds: float, bus: str) -> Fig
         out = Path(folder) / "out"
         options = RunOptions(out, bus="memory" if bus == "memory" else "zenoh", json=True)
         plan = swarm.plan(load_scenario(scenario, overrides), options)
-        sizes: list[float] = []
-
-        def weigh(progress: Progress) -> None:
-            if not sizes and in_seconds(progress.instant) >= seconds - 1:
-                sizes.extend(_proportional_set_sizes(out))
-
         if bus == "memory":
             cpu = time.process_time()
             result = swarm.run_in_memory(plan, lambda progress: None)
-            used, pss = time.process_time() - cpu, None
-            steps = result.simulated_s * 10
             # one process: its start, which reads maps and compiles, is told apart by the wall clock
-            used *= result.wall_s / (result.wall_s + result.startup_s)
+            used = (time.process_time() - cpu) * result.wall_s / (result.wall_s + result.startup_s)
         else:
-            result = swarm.run_processes(plan, "forkserver", weigh)
+            result = swarm.run_processes(plan, "forkserver", lambda progress: None)
             used = sum(_stepping_cpu(path) for path in out.glob("*/*.mcap"))
-            steps = result.simulated_s * 10
-            pss = sum(sizes) / len(sizes) if sizes else None
-    return Figures(result.real_time_factor, used / steps / count * 1e6, result.startup_s, pss)
+    steps = result.simulated_s * 10
+    return Figures(result.real_time_factor, used / steps / count * 1e6, result.startup_s)
+
+
+class _Weighed(Exception):  # noqa: N818  # ends a run that has served its purpose
+    """The robots' processes have been weighed."""
+
+
+def proportional_set_size(robots: int, after_s: float = 60.0) -> float:
+    """Mean proportional set size of the robots' processes after so many simulated seconds, MB."""
+    with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
+        out = Path(folder) / "out"
+        overrides = Overrides(robots=robots, duration=36_000)
+        plan = swarm.plan(load_scenario(None, overrides), RunOptions(out, json=True))
+        sizes: list[float] = []
+
+        def weigh(progress: Progress) -> None:
+            if in_seconds(progress.instant) >= after_s:
+                sizes.extend(_proportional_set_sizes(out))
+                raise _Weighed
+
+        with contextlib.suppress(_Weighed):
+            swarm.run_processes(plan, "forkserver", weigh)
+        return sum(sizes) / len(sizes)
 
 
 def _stepping_cpu(recording: Path) -> float:
@@ -202,9 +217,9 @@ def _print(rows: Sequence[Row], seconds: float) -> None:
             f"{row.memory.real_time_factor:.0f}",
             f"{row.memory.real_time_factor / row.full.real_time_factor:.1f}",
             f"{row.full.startup_s:.2f}",
-            "-" if row.full.pss_mb is None else f"{row.full.pss_mb:.1f}",
+            f"{row.pss_mb:.1f}",
         )
-    console = Console()
+    console = Console(width=100)
     console.print(table)
     console.print(speed)
     console.print(
