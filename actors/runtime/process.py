@@ -18,9 +18,9 @@ import zenoh
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Recorder
-from actors.runtime.shell import Shell
+from actors.runtime.shell import Shell, run_shell
 from actors.runtime.tally import ActorDigest
-from actors.runtime.zenoh_bus import ZenohBus, open_mesh, run_shell
+from actors.runtime.zenoh_bus import ZenohBus, open_mesh
 
 ROUTER_PATIENCE_S: Final = 30.0
 """How long a process tries to reach the router."""

@@ -1,5 +1,6 @@
 """Re-executes one actor from its recording: given the same inputs, its outputs must be the same."""
 
+import contextlib
 from collections import deque
 from hashlib import sha256
 from pathlib import Path
@@ -9,12 +10,16 @@ from actors.runtime.bus import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_recording
-from actors.runtime.shell import Shell
+from actors.runtime.shell import Shell, run_shell
 from actors.runtime.tally import is_telemetry
 
 
 class ReplayError(AcrcError):
     """The actor does not do again what it did."""
+
+
+class RecordingEnds(Exception):  # noqa: N818  # no error: the recorded process was ended here
+    """There is no further input in the recording."""
 
 
 class ReplayBus:
@@ -27,18 +32,16 @@ class ReplayBus:
         self._outputs = deque(entry for entry in entries if entry.direction == "out")
         self.compared = 0
 
-    @property
-    def exhausted(self) -> bool:
-        """True once every recorded input has been given."""
-        return not self._inputs
-
     def receive(self, topic: Topic[Message]) -> Delivery:
-        """The next recorded input; it must be on `topic`."""
+        """The next recorded input; it must be on `topic`. RecordingEnds after the last one."""
         delivery = self.poll(topic)
-        if delivery is None:
-            found = self._inputs[0].key if self._inputs else "the end of the recording"
-            raise ReplayError(f"{self._path}: the actor waits for {topic.pattern} where {found} was recorded")
-        return delivery
+        if delivery is not None:
+            return delivery
+        if not self._inputs:
+            raise RecordingEnds
+        raise ReplayError(
+            f"{self._path}: the actor waits for {topic.pattern} where {self._inputs[0].key} was recorded"
+        )
 
     def poll(self, topic: Topic[Message]) -> Delivery | None:
         """The next recorded input if it is on `topic`."""
@@ -61,6 +64,14 @@ class ReplayBus:
             raise ReplayError(self._difference(entry, key, payload))
         self.compared += 1
 
+    def close(self) -> None:
+        """ReplayError if something was recorded that has not been sent again."""
+        if self._outputs:
+            entry = self._outputs[0]
+            raise ReplayError(
+                f"{self._path}: step {entry.step}: does not send again what was recorded on {entry.key}"
+            )
+
     def _difference(self, entry: Entry, key: str, payload: bytes) -> str:
         now = decode(topic_of(key), key, payload)
         then = (
@@ -73,16 +84,9 @@ class ReplayBus:
 
 def replay(shell: Shell, bus: ReplayBus) -> None:
     """Drive `shell`, whose outlet must be `bus`, through the whole recording."""
-    while not shell.finished:
-        for address in shell.open_to():
-            delivery = bus.poll(address.topic)
-            if delivery is not None:
-                shell.deliver(delivery)
-        awaited = shell.pump()
-        if awaited is not None:
-            if bus.exhausted:
-                return  # the recorded process was ended here
-            shell.deliver(bus.receive(awaited.topic))
+    with contextlib.suppress(RecordingEnds):
+        run_shell(shell, bus)
+    bus.close()
 
 
 def topic_of(key: str) -> Topic[Message]:

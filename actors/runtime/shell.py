@@ -4,10 +4,10 @@ import hashlib
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 from actors.messages import Message
-from actors.runtime.bus import Delivery
+from actors.runtime.bus import Bus, Delivery, Outlet
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
@@ -26,13 +26,6 @@ class Clocks(NamedTuple):
     """Since the epoch."""
     cpu_s: float
     """Of the process, since its start."""
-
-
-class Outlet(Protocol):
-    """The sending half of a bus."""
-
-    def publish(self, key: str, payload: bytes) -> None:
-        """Hand `payload` to everyone who listens to `key`."""
 
 
 class Shell:
@@ -151,3 +144,15 @@ class Shell:
 def clocks() -> Clocks:
     """The clocks now; no core ever sees them."""
     return Clocks(time.time(), time.process_time())
+
+
+def run_shell(shell: Shell, bus: Bus, before_pump: Callable[[], None] = lambda: None) -> None:
+    """Drive `shell`, whose outlet is `bus`, until its core has finished."""
+    while not shell.finished:
+        before_pump()
+        for address in shell.open_to():
+            while (delivery := bus.poll(address.topic)) is not None:
+                shell.deliver(delivery)
+        awaited = shell.pump()
+        if awaited is not None:
+            shell.deliver(bus.receive(awaited.topic))

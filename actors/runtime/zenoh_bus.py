@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
 
@@ -12,7 +12,6 @@ from actors.messages import Message, Topic
 from actors.runtime.bus import Delivery
 from actors.runtime.core import Address
 from actors.runtime.errors import AcrcError
-from actors.runtime.shell import Shell
 
 _ONE_THREAD: Final = (
     "(rx: (worker_threads: 1), tx: (handover: rx), app: (handover: rx), acc: (handover: rx), "
@@ -74,15 +73,3 @@ def open_mesh(config: zenoh.Config, listens: Sequence[Address], *, patience_s: f
             time.sleep(0.005)
     with session:
         yield ZenohBus(session, listens)
-
-
-def run_shell(shell: Shell, bus: ZenohBus, before_pump: Callable[[], None] = lambda: None) -> None:
-    """Drive `shell` over `bus` until its core has finished."""
-    while not shell.finished:
-        before_pump()
-        for address in shell.open_to():
-            while (delivery := bus.poll(address.topic)) is not None:
-                shell.deliver(delivery)
-        awaited = shell.pump()
-        if awaited is not None:
-            shell.deliver(bus.receive(awaited.topic))

@@ -14,8 +14,8 @@ from actors.runtime.pace import Pace
 from actors.runtime.patience import patience
 from actors.runtime.process import Part, RunNote
 from actors.runtime.seat import ArgumentParser
-from actors.runtime.shell import Shell
-from actors.runtime.zenoh_bus import ZenohBus, run_shell
+from actors.runtime.shell import Shell, run_shell
+from actors.runtime.zenoh_bus import ZenohBus
 from actors.world import dead_reckoning, drive, rays
 from actors.world.body import Bodies
 from actors.world.core import WorldCore

@@ -178,3 +178,19 @@ def test_a_replay_with_other_code_names_the_first_difference(recorded: tuple[Pat
         "tasks_left=1, reports=()) on swarm/up/r22/drive; recorded was Drive(step=2, vx=2.3, vy=0.0, "
         "omega=0.0, transmits=0, tasks_left=1, reports=())"
     )
+
+
+def test_a_replay_that_sends_too_little_is_noticed(recorded: tuple[Path, list[Shell]]) -> None:
+    folder, _ = recorded
+
+    class Quiet(Answerer):
+        def advance(self, inputs):  # type: ignore[no-untyped-def]
+            outputs = super().advance(inputs)
+            return () if self.step == 4 else outputs
+
+    bus = ReplayBus(folder / "r1.mcap")
+    with pytest.raises(ReplayError) as caught:
+        replay(Shell(Quiet("r1"), bus, Unrecorded(), actor="r1"), bus)
+    assert str(caught.value) == (
+        f"{folder / 'r1.mcap'}: step 3: does not send again what was recorded on swarm/up/r1/drive"
+    )
