@@ -4,6 +4,7 @@ A core opens no file, reads no clock, starts no thread and draws no number that 
 So the same core runs behind Zenoh, in one process over memory, and under a debugger from a recording.
 """
 
+import functools
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol, TypeVar
 
@@ -13,15 +14,13 @@ M = TypeVar("M", bound=Message)
 
 
 class Address(NamedTuple):
-    """One key on the bus: a topic and, where the topic has one, the robot's id ("*" = every robot)."""
+    """One key on the bus; made by `at`."""
 
     topic: Topic[Message]
-    robot: str = ""
-
-    @property
-    def key(self) -> str:
-        """The key as text."""
-        return self.topic.key(self.robot)
+    robot: str
+    """Where the topic has one, the robot's id; "*" = every robot."""
+    key: str
+    """The key as text."""
 
 
 class Output(NamedTuple):
@@ -58,12 +57,13 @@ class Core(Protocol):
 
 def to(topic: Topic[M], message: M, robot: str = "") -> Output:
     """`message` on `topic`; mypy checks that the two fit."""
-    return Output(Address(topic, robot), message)  # type: ignore[arg-type]
+    return Output(at(topic, robot), message)
 
 
+@functools.cache
 def at(topic: Topic[M], robot: str = "") -> Address:
     """The address of `topic` for `robot`."""
-    return Address(topic, robot)  # type: ignore[arg-type]
+    return Address(topic, robot, topic.key(robot))  # type: ignore[arg-type]
 
 
 def read(inputs: Inputs, topic: Topic[M], robot: str = "") -> M:

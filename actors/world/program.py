@@ -16,12 +16,12 @@ from actors.runtime.process import Part, RunNote
 from actors.runtime.seat import ArgumentParser
 from actors.runtime.shell import Shell, run_shell
 from actors.runtime.zenoh_bus import ZenohBus
-from actors.world import dead_reckoning, drive, rays
+from actors.world import dead_reckoning, drive, rays, visits
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
 from actors.world.setup import WorldSetup
 
-KERNELS: Final = (dead_reckoning, drive, rays, distance, flood)
+KERNELS: Final = (dead_reckoning, drive, rays, visits, distance, flood)
 """Modules with numeric kernels that a world computes with."""
 
 

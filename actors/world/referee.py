@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from actors.instant import Instant
 from actors.messages import PlaceReport
 from actors.world.setup import RobotSetup
+from actors.world.visits import visitors
 
 
 class PlaceOutcome(msgspec.Struct, frozen=True):
@@ -42,7 +43,7 @@ class Referee:
         self._numbers = {owner: number for number, owner in enumerate(self._owners)}
         flat = [place for robot in robots for place in robot.places]
         self._places: NDArray[np.float64] = np.array(flat, dtype=np.float64).reshape(-1, 2)
-        self._reach2 = reach**2
+        self._reach = reach
         self._open = np.arange(len(flat))
         self._reached: dict[int, tuple[int, str]] = {}
         self._reported: dict[int, tuple[int, str]] = {}
@@ -56,15 +57,11 @@ class Referee:
         """Take in the robots' true positions, (n, 2) m, in the order of the set-up."""
         if not self._open.size:
             return
-        offsets = self._places[self._open][:, None, :] - positions[None, :, :]
-        near = (offsets * offsets).sum(axis=2) < self._reach2
-        hit = near.any(axis=1)
-        if not hit.any():
-            return
-        for row in np.flatnonzero(hit):
-            number = int(self._open[row])
-            self._reached[number] = (instant, self._ids[int(near[row].argmax())])
-        self._open = self._open[~hit]
+        found = visitors(self._places, self._open, positions, self._reach)
+        if len(found):
+            for number, robot in found.tolist():
+                self._reached[number] = (instant, self._ids[robot])
+            self._open = np.setdiff1d(self._open, found[:, 0], assume_unique=True)
 
     def report(self, robot: str, report: PlaceReport) -> bool:
         """Take in a robot's report; False if there is no such place. The first report of a place counts."""

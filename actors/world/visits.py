@@ -1,0 +1,34 @@
+"""Kernel: which places are within reach of which robot."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+
+def fingerprint() -> bytes:
+    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    places = np.array([[0.0, 0.0], [1.0, 0.5], [5.0, 5.0]])
+    positions = np.array([[1.1, 0.3], [0.1, 0.2], [1.0, 0.4]])
+    found: bytes = visitors(places, np.arange(3), positions, 0.5).tobytes()
+    return found
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def visitors(
+    places: NDArray[np.float64], watched: NDArray[np.int64], positions: NDArray[np.float64], reach: float
+) -> NDArray[np.int64]:
+    """(k, 2): number of a place and index of the first robot less than `reach` away, for all that have one.
+
+    places (m, 2) and positions (n, 2), m; watched (w,): the numbers of the places to look at, in order.
+    """
+    found = np.empty((watched.size, 2), np.int64)
+    count = 0
+    for number in watched:
+        for robot in range(positions.shape[0]):
+            dx = places[number, 0] - positions[robot, 0]
+            dy = places[number, 1] - positions[robot, 1]
+            if dx * dx + dy * dy < reach * reach:
+                found[count, 0], found[count, 1] = number, robot
+                count += 1
+                break
+    return found[:count].copy()
