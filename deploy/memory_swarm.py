@@ -34,6 +34,7 @@ class MemorySwarm:
         self._seats: list[tuple[Program, Part, Shell, Recorder]] = []
         self._shells: list[Shell] = []
         self._core: WorldCore | None = None
+        self._turn: Shell | None = None
         self._pace = None if plan.speed == "max" else Pace(float(plan.speed))
         self.rosters = 0
         """Roster messages received."""
@@ -50,8 +51,7 @@ class MemorySwarm:
                 self._build()
                 run_shells(self._shells, self._hold)
             except Exception as error:
-                for program, _, shell, recorder in self._seats:
-                    recorder.note("failure", failure_note(program.actor, shell.core.step, error))
+                self._note_failure(error)
                 raise
             cpu_s = time.process_time() / len(self._seats)  # one process: everyone gets an equal share
             for _, part, shell, recorder in self._seats:
@@ -83,8 +83,15 @@ class MemorySwarm:
         if part.ready is not None:
             shell.send(part.ready)
 
+    def _note_failure(self, error: Exception) -> None:
+        """In the file of the actor whose turn it was; the others end in the middle, as processes would."""
+        for _, part, shell, recorder in self._seats:
+            if shell is self._turn:
+                recorder.note("failure", failure_note(part.run.actor, shell.core.step, error))
+
     def _hold(self, shell: Shell) -> None:
         assert self._core is not None
+        self._turn = shell
         if self._pace is not None and shell.core is self._core and self._core.opening:
             self._pace.hold(self._core.instant)
 

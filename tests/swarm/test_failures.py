@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace as replace_struct
 
-from actors.runtime.recording import Entry, read_recording
+from actors.runtime.recording import Entry, read_notes, read_recording
 from deploy import swarm
 from deploy.options import RunOptions
 from deploy.scenario_file import Overrides, load_scenario
@@ -88,6 +88,16 @@ def test_an_exception_is_named_with_its_place(tmp_path: Path) -> None:
     log = (out / "r2" / "r2.log").read_text()
     assert "Traceback" in log and "in step 20 (2 s): behaviour 'tests.swarm.saboteur:raises' of r2" in log
     assert gone(out) and last_step(out / "r1" / "r1.mcap") in (19, 20)
+
+
+def test_in_memory_an_exception_is_the_guilty_actors(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = acrc("run", "--strategy", "tests.swarm.saboteur:raises", "--out", out, "--bus", "memory")
+    assert done.returncode == 1
+    assert "ZeroDivisionError: my strategy divides by the number of its friends" in done.stderr
+    failures = {path.stem for path in out.glob("*/*.mcap") if "failure" in read_notes(path)}
+    assert failures == {"r2"}
+    assert last_step(out / "r1" / "r1.mcap") == 20
 
 
 def test_a_hang_is_named_after_the_patience_with_step_actor_and_message(tmp_path: Path) -> None:
