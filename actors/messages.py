@@ -339,6 +339,7 @@ class Progress(Message, frozen=True):
     tasks_left: int
     reports: int
     finished: bool
+    paused: bool = False
 
 
 READY: Final = Topic("swarm/up/{id}/ready", Ready)

@@ -108,7 +108,6 @@ def robot_program(plan: Plan, robot: RobotSetup, order: ProcessOrder, first_step
     argv = (
         *robot_argv(plan, robot, order.epoch, first_step),
         *_seat(plan, robot.id, "", folder / f"{name}.mcap"),
-        *("--time", "simulated"),
         *(("--isolate",) if plan.isolate else ()),
     )
     return Program(robot.id, "actors.robot", argv, folder / f"{name}.log", folder / f"{name}.mcap")

@@ -33,12 +33,17 @@ class Supervisor:
         launcher: Launcher,
         restart: Callable[[ProcessOrder, int], Program],
         on_progress: Callable[[Progress], None],
+        silence_s: float,
     ) -> None:
+        """`silence_s`: how long the world may take no step, s."""
         self._launcher = launcher
         self._restart = restart
         self._on_progress = on_progress
+        self._silence_s = silence_s
         self._children: list[Child] = []
         self._finished_at: float | None = None
+        self._paused = False
+        self._grown = (0, time.monotonic())
         self.rosters = 0
         """Roster messages received."""
 
@@ -62,6 +67,7 @@ class Supervisor:
             self._launcher.wait(self.POLL_S)
             self.check()
             self._take_messages(bus)
+            self._watch_world()
             if self._finished_at and time.monotonic() > self._finished_at + self.FAREWELL_S:
                 names = ", ".join(child.program.actor for child in self._running())
                 raise RunFailedError(f"{names} did not end within {self.FAREWELL_S:g} s of the last step")
@@ -78,6 +84,19 @@ class Supervisor:
         if failed:
             raise RunFailedError(_cause(failed))
 
+    def _watch_world(self) -> None:
+        """RunFailedError if the world, which watches all others, has itself written nothing for too long."""
+        world = next(
+            (child.program.record for child in self._running() if child.program.actor == "world"), None
+        )
+        if world is None or not world.exists():
+            return
+        size, since = world.stat().st_size, self._grown[1]
+        if size != self._grown[0] or self._paused:
+            self._grown = (size, time.monotonic())
+        elif time.monotonic() > since + self._silence_s:
+            raise RunFailedError(f"the world has not taken a step for {self._silence_s:g} s")
+
     def end_all(self) -> None:
         """Ask every process to end, then make it."""
         for number, patience_s in ((signal.SIGTERM, self.GRACE_S), (signal.SIGKILL, self.GRACE_S)):
@@ -93,6 +112,7 @@ class Supervisor:
     def _take_messages(self, bus: Bus) -> None:
         while (progress := _next(bus, PROGRESS)) is not None:
             assert isinstance(progress, Progress)
+            self._paused = progress.paused
             if progress.finished:
                 self._finished_at = time.monotonic()
             self._on_progress(progress)

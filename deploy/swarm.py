@@ -40,6 +40,8 @@ from deploy.version import software
 
 OPERATOR: Final = "operator"
 """Name of the parent process on the mesh."""
+WORLD_GRACE_S: Final = 5.0
+"""How much longer than the world's own patience the parent waits for the world."""
 OnProgress = Callable[[Progress], None]
 
 
@@ -104,7 +106,10 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
     issued = issue_credentials(plan)
     robots = {robot.id: robot for robot in plan.world.robots}
     supervisor = Supervisor(
-        launched, lambda order, step: robot_program(plan, robots[order.robot], order, step), on_progress
+        launched,
+        lambda order, step: robot_program(plan, robots[order.robot], order, step),
+        on_progress,
+        silence_s=plan.patience_s + WORLD_GRACE_S,
     )
     try:
         supervisor.start([world_program(plan), radio_program(plan)])

@@ -1,12 +1,10 @@
 """The observer as a program: `python -m actors.observer --out FOLDER --map FILE --router ENDPOINT …`."""
 
 import os
-import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 
 import msgspec
 
@@ -18,7 +16,7 @@ from actors.runtime.access import client_config
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
-from actors.runtime.parent import die_with_parent
+from actors.runtime.parent import die_with_parent, leave_in_order
 from actors.runtime.process import ROUTER_PATIENCE_S
 from actors.runtime.seat import ArgumentParser
 from actors.runtime.zenoh_bus import open_mesh
@@ -58,7 +56,7 @@ def load_places(path: Path) -> dict[str, list[Point]]:
 
 def main(argv: Sequence[str]) -> int:
     """Show a run until it halts; the exit code."""
-    signal.signal(signal.SIGTERM, _leave)
+    leave_in_order()
     try:
         options = parse(argv)
         if options.with_parent:
@@ -83,11 +81,6 @@ def main(argv: Sequence[str]) -> int:
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2
-
-
-def _leave(number: int, frame: FrameType | None) -> None:
-    """End in order, so that the view's file is finished."""
-    raise SystemExit(128 + number)
 
 
 if __name__ == "__main__":

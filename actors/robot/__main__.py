@@ -1,6 +1,6 @@
 """A robot as a program: `python -m actors.robot --id r1 --map FILE … --router ENDPOINT …`.
 
-The same in simulation, in replay and on a robot; only endpoint and source of time differ.
+The same whoever sends it Senses: time arrives in messages.
 """
 
 import os

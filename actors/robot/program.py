@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final
 
 import msgspec
 
@@ -34,8 +34,6 @@ class RobotOptions:
     map: Path
     model: str
     sensor: str | None
-    time: Literal["simulated", "wall"]
-    log: Path | None
     path: tuple[Path, ...]
     """Folders to look for the behaviour's module in, before Python's own."""
     isolate: bool
@@ -90,8 +88,6 @@ def parse(argv: Sequence[str]) -> RobotOptions:
         map=given.map,
         model=given.model,
         sensor=given.sensor,
-        time=given.time,
-        log=given.log,
         path=tuple(given.path),
         isolate=given.isolate,
         seat=seat(given),
@@ -121,10 +117,6 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--places", type=Path, required=True, help="TOML file: places = [[x, y], ...]")
     parser.add_argument("--behaviour", required=True, help="entry of the behaviour, module:function")
-    parser.add_argument(
-        "--time", choices=("simulated", "wall"), default="simulated", help="who gives the time"
-    )
-    parser.add_argument("--log", type=Path, help="file for what the process has to say")
     parser.add_argument(
         "--path", type=Path, action="append", default=[], help="folder with the behaviour's module"
     )

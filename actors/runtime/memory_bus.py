@@ -20,7 +20,6 @@ class MemoryBus:
     def __init__(self) -> None:
         self._listeners: list[tuple[Address, Callable[[Delivery], None]]] = []
         self._routes: dict[str, list[tuple[Topic[Message], Callable[[Delivery], None]]]] = {}
-        self.dropped = 0
 
     def listen(self, address: Address, deliver: Callable[[Delivery], None]) -> None:
         """Call `deliver` with every message on `address` from now on."""

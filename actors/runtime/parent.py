@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from types import FrameType
 
 from actors.runtime.linux import PR_SET_PDEATHSIG, prctl
 
@@ -19,3 +20,12 @@ def die_with_parent(parent: int, number: signal.Signals = signal.SIGKILL) -> Non
         prctl(PR_SET_PDEATHSIG, number)
     if os.getppid() != parent:
         os.kill(os.getpid(), number)
+
+
+def leave_in_order() -> None:
+    """Let SIGTERM end this process by SystemExit, so that sockets, files and sessions are closed."""
+
+    def leave(number: int, frame: FrameType | None) -> None:
+        raise SystemExit(128 + number)
+
+    signal.signal(signal.SIGTERM, leave)

@@ -4,20 +4,19 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from types import FrameType
 
 from actors.runtime import router_file
 from actors.runtime.access import router_config
 from actors.runtime.credentials import reveal
 from actors.runtime.errors import AcrcError
-from actors.runtime.parent import die_with_parent
+from actors.runtime.parent import die_with_parent, leave_in_order
 from actors.runtime.process import play
 from actors.world.program import Conductor, build, load_setup, parse, part, run_note
 
 
 def main(argv: Sequence[str]) -> int:
     """Conduct a run; the exit code."""
-    signal.signal(signal.SIGTERM, _leave)
+    leave_in_order()
     try:
         options = parse(argv)
         if options.with_parent:
@@ -35,11 +34,6 @@ def main(argv: Sequence[str]) -> int:
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2
-
-
-def _leave(number: int, frame: FrameType | None) -> None:
-    """End in order, so that the router's sockets are removed."""
-    raise SystemExit(128 + number)
 
 
 if __name__ == "__main__":

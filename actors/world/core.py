@@ -259,7 +259,7 @@ class WorldCore:
 
     def _progress(self) -> Progress:
         left = sum(member.tasks_left for member in self._roster.members)
-        return Progress(self._step, self.instant, left, self._referee.reports, self._finished)
+        return Progress(self._step, self.instant, left, self._referee.reports, self._finished, self.paused)
 
     def describe_wait(self, address: Address) -> str:
         """Who and what the world waits for, in the words of the run."""

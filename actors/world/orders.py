@@ -106,6 +106,7 @@ class Orders:
 
     def _end(self, robot: str) -> None:
         member = self._roster[robot]
+        self.starts = [start for start in self.starts if start.robot != robot]
         if member.standing in (Standing.STEPPING, Standing.FROZEN):
             self.ends.append(robot)
         member.standing = Standing.ENDED

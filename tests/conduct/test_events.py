@@ -77,6 +77,14 @@ def test_a_restarted_robot_is_a_new_process_in_a_new_epoch() -> None:
     assert running.undelivered == 0 and running.digest != play.digest
 
 
+def test_of_several_orders_at_one_boundary_the_last_counts() -> None:
+    twice = Theatre(2.0, [(1.0, Restart("r2")), (1.0, Restart("r2"))]).run()
+    assert sorted(twice.acts) == ["r1", "r2", "r2.2"] and steps_of(twice.acts["r2.2"]) == list(range(10, 21))
+    killed = Theatre(2.0, [(1.0, Restart("r2")), (1.0, Kill("r2"))]).run()
+    assert sorted(killed.acts) == ["r1", "r2"] and steps_of(killed.acts["r2"]) == list(range(11))
+    assert twice.undelivered == killed.undelivered == 0
+
+
 def test_a_moved_robot_stands_where_it_was_put() -> None:
     play = Theatre(2.0, [(1.0, Move("r1", 3.0, 12.0, 1.5))], drive=lambda senses: (0.0, 0.0)).run()
     assert (play.truths[9].robots[0].x, play.truths[9].robots[0].y) == (12.0, 13.0)

@@ -30,7 +30,7 @@ def acrc(*arguments: str, cwd: Path = ROOT) -> tuple[int, str, str]:
 
 def test_a_wrong_option_is_one_line_and_exit_code_2() -> None:
     assert acrc("run", "--speed", "fast") == (
-        2, "", 'acrc: --speed fast: must be "max" or a positive number such as 1 or 4\n'
+        2, "", 'acrc: --speed fast: must be "max" or a number from 0.01 on, such as 1 or 4\n'
     )  # fmt: skip
     assert acrc("run", "--step", "15") == (
         2, "", "acrc: --step 15: must be a multiple of the 10 ms physics sub-step, from 10 to 100\n"

@@ -22,11 +22,11 @@ def test_speeds_that_are_right(tmp_path: Path, speed: str) -> None:
     assert run_options(tmp_path, speed=speed).speed == speed
 
 
-@pytest.mark.parametrize("speed", ["fast", "0", "-1", "nan", "inf", "", "1x"])
+@pytest.mark.parametrize("speed", ["fast", "0", "0.009", "-1", "nan", "inf", "", "1x"])
 def test_speeds_that_are_wrong(tmp_path: Path, speed: str) -> None:
     with pytest.raises(OptionError) as caught:
         run_options(tmp_path, speed=speed)
-    assert str(caught.value) == f'--speed {speed}: must be "max" or a positive number such as 1 or 4'
+    assert str(caught.value) == f'--speed {speed}: must be "max" or a number from 0.01 on, such as 1 or 4'
 
 
 def test_choices_that_are_wrong(tmp_path: Path) -> None:

@@ -37,8 +37,6 @@ def argv(tmp_path: Path) -> dict[str, str]:
         "--router": "tcp/127.0.0.1:1",
         "--credentials": str(tmp_path / "credentials"),
         "--record": str(tmp_path / "r1.mcap"),
-        "--time": "wall",
-        "--log": str(tmp_path / "r1.log"),
     }
 
 
@@ -53,8 +51,8 @@ def test_every_option_is_read(argv: dict[str, str], tmp_path: Path) -> None:
     assert (setup.step_us, setup.address, setup.behaviour) == (50_000, 3, "tests.robot.behaviours:keeper")
     assert setup.start == pytest.approx(Pose(12.0, 5.0, 4.0 - math.tau))
     assert setup.places == (Point(12.5, 6.0), Point(9.0, 12.25))
-    assert (options.model, options.sensor, options.time) == ("turtlebot2", "kinect", "wall")
-    assert (options.log, options.map) == (tmp_path / "r1.log", MAPS / "corridor.yaml")
+    assert (options.model, options.sensor) == ("turtlebot2", "kinect")
+    assert options.map == MAPS / "corridor.yaml"
     assert options.seat.record == tmp_path / "r1.mcap"
     assert not options.isolate
 
@@ -97,12 +95,6 @@ def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_wi
         ("--start", "1,2", "--start is '1,2'; it should be three numbers x,y,heading in m and rad"),
         ("--start", "1,2,nan", "--start is '1,2,nan'; it should be three numbers x,y,heading in m and rad"),
         ("--start", "a,2,3", "--start is 'a,2,3'; it should be three numbers x,y,heading in m and rad"),
-        (
-            "--time",
-            "sidereal",
-            "python -m actors.robot: argument --time: invalid choice: 'sidereal' "
-            "(choose from 'simulated', 'wall')",
-        ),
         ("--seed", "x", "python -m actors.robot: argument --seed: invalid int value: 'x'"),
     ],
 )

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace as replace_struct
 
+from actors.messages import Progress
 from actors.runtime.recording import Entry, read_notes, read_recording
 from deploy import swarm
 from deploy.options import RunOptions
@@ -107,6 +108,22 @@ def test_a_hang_is_named_after_the_patience_with_step_actor_and_message(tmp_path
     with pytest.raises(RunFailedError) as caught:
         swarm.run_processes(plan, "forkserver", lambda progress: None)
     assert str(caught.value) == "step 20 (2 s): no Drive from r2 for 1 s"
+    assert gone(out)
+
+
+def test_a_world_that_hangs_is_noticed_by_the_parent(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    plan = swarm.plan(load_scenario(None, Overrides(robots=1, duration=100_000)), RunOptions(out))
+    seen: list[int] = []
+
+    def stop_the_world(progress: Progress) -> None:
+        if not seen:
+            seen.append(process_of(out, "world"))
+            os.kill(seen[0], signal.SIGSTOP)
+
+    with pytest.raises(RunFailedError) as caught:
+        swarm.run_processes(replace(plan, patience_s=0.5), "forkserver", stop_the_world)
+    assert str(caught.value) == "the world has not taken a step for 5.5 s"
     assert gone(out)
 
 
