@@ -1,0 +1,28 @@
+"""The DEECo component model: knowledge, processes and ensembles, as values and functions without I/O."""
+
+from deeco.ensemble import Contact, ensemble
+from deeco.errors import DeecoError, DefinitionError, DeploymentError, ExecutionError
+from deeco.instant import START, Duration, Instant, in_seconds, milliseconds, seconds
+from deeco.knowledge import Knowledge, component, role
+from deeco.process import adaptation, on_change, periodic
+
+__all__ = [
+    "START",
+    "Contact",
+    "DeecoError",
+    "DefinitionError",
+    "DeploymentError",
+    "Duration",
+    "ExecutionError",
+    "Instant",
+    "Knowledge",
+    "adaptation",
+    "component",
+    "ensemble",
+    "in_seconds",
+    "milliseconds",
+    "on_change",
+    "periodic",
+    "role",
+    "seconds",
+]

@@ -1,0 +1,75 @@
+"""Which types knowledge may be made of: those whose values cannot change."""
+
+import types
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from typing import Annotated, Any, Final, Literal, NewType, Union, get_args, get_origin, get_type_hints
+
+_PLAIN: Final = (bool, int, float, str, bytes, types.NoneType)
+_ADVICE: Final = {
+    list: "write tuple[{item}, ...]",
+    bytearray: "write bytes",
+    dict: "write a tuple of pairs",
+    set: "write a sorted tuple, for the order of a set differs from one process to the next",
+    frozenset: "write a sorted tuple, for the order of a set differs from one process to the next",
+}
+
+
+def fault(annotation: Any) -> str | None:
+    """Why values of the type `annotation` may not stand in knowledge, with the remedy; None if they may.
+
+    Allowed are numbers, bool, str, bytes, None, Enum, Literal, tuple, NamedTuple, frozen dataclasses, and
+    unions of them, with NewType and Annotated looked through.
+    """
+    return _fault(annotation, frozenset())
+
+
+def _fault(annotation: Any, inside: frozenset[type]) -> str | None:
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if annotation is None or annotation in _PLAIN or origin is Literal:
+        return None
+    if isinstance(annotation, NewType):
+        return _fault(annotation.__supertype__, inside)
+    if origin in {Union, types.UnionType, tuple, Annotated}:
+        inner = arguments[:1] if origin is Annotated else arguments
+        return _first(tuple(item for item in inner if item is not Ellipsis), inside)
+    if origin is None and isinstance(annotation, type):
+        return _class_fault(annotation, inside)
+    return _refusal(annotation, origin, arguments)
+
+
+def _class_fault(cls: type, inside: frozenset[type]) -> str | None:
+    if issubclass(cls, Enum) or cls in inside:
+        return None
+    inner = inside | {cls}
+    if issubclass(cls, tuple) and hasattr(cls, "_fields"):
+        return _first(tuple(get_type_hints(cls, include_extras=True).values()), inner)
+    if is_dataclass(cls):
+        if not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]  # typeshed has no such field
+            return f"{cls.__name__} is a dataclass that can change; write @dataclass(frozen=True)"
+        hints = get_type_hints(cls, include_extras=True)
+        return _first(tuple(hints[field.name] for field in fields(cls)), inner)
+    if cls is tuple:
+        return "tuple does not say what is in it; write for example tuple[float, ...]"
+    return _refusal(cls, cls, ())
+
+
+def _first(annotations: tuple[Any, ...], inside: frozenset[type]) -> str | None:
+    return next((wrong for item in annotations if (wrong := _fault(item, inside))), None)
+
+
+def _refusal(annotation: Any, origin: Any, arguments: tuple[Any, ...]) -> str:
+    name = describe(annotation)
+    if origin in _ADVICE:
+        item = describe(arguments[0]) if arguments else "float"
+        return f"{name} can change behind everybody's back; {_ADVICE[origin].format(item=item)}"
+    if annotation in {Any, object}:
+        return f"{name} says nothing about what is in it; name the type"
+    return f"{name} may be able to change; use a frozen dataclass, a tuple, a number, a str or an Enum"
+
+
+def describe(annotation: Any) -> str:
+    """A type as one would write it."""
+    if isinstance(annotation, type) and not get_args(annotation):
+        return annotation.__name__
+    return str(annotation).replace("typing.", "")

@@ -1,0 +1,142 @@
+"""Processes: methods of a component that take its knowledge and give its next knowledge.
+
+The decorators only tag: a process stays a plain method that a test can call.
+"""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, TypeVar, get_type_hints
+
+from deeco.errors import DefinitionError
+from deeco.instant import Duration
+
+if TYPE_CHECKING:
+    from deeco.knowledge import Knowledge
+
+F = TypeVar("F", bound=Callable[..., "Knowledge"])
+Fact = Callable[[Any], object]
+"""A method of a role or component, of nothing but the knowledge; a process can run when its value changes."""
+_TAG: Final = "_deeco_schedule"
+_ADAPTATION: Final = "_deeco_adaptation"
+_NONE: Final = Duration(0)
+
+
+@dataclass(frozen=True)
+class Periodic:
+    """At `offset` + whole multiples of `every`; of several at one instant the lower `order` runs first."""
+
+    every: Duration
+    offset: Duration = _NONE
+    order: int = 0
+
+
+@dataclass(frozen=True)
+class OnChange:
+    """Whenever the value of one of the facts differs after a commit."""
+
+    facts: tuple[Fact, ...]
+
+
+Schedule = Periodic | OnChange
+
+
+@dataclass(frozen=True)
+class Process:
+    """One process of a component class."""
+
+    owner: str
+    """Name of the component class."""
+    name: str
+    schedule: Schedule
+    ports: tuple[tuple[str, Any], ...]
+    """Parameters beside the knowledge: name and annotated type, by which a node binds it."""
+    adaptation: bool
+    """True in the adaptation layer, false in the layer that is adapted."""
+
+    def __str__(self) -> str:
+        return f"{self.owner}.{self.name}"
+
+
+def periodic(*, every: Duration, offset: Duration = _NONE, order: int = 0) -> Callable[[F], F]:
+    """Run the method every so often, without drift, from the node's start + `offset` on."""
+    if every <= 0 or offset < 0:
+        raise DefinitionError(
+            f"@periodic(every={every} µs, offset={offset} µs): every should be above 0 and offset at least 0"
+        )
+    return _tag(Periodic(every, offset, order))
+
+
+def on_change(*facts: Fact) -> Callable[[F], F]:
+    """Run the method at once when a fact, such as `Cleaner.is_blocked`, has another value after a commit."""
+    if not facts:
+        raise DefinitionError("@on_change() should name a fact, such as Cleaner.is_blocked")
+    return _tag(OnChange(facts))
+
+
+def adaptation(process: F) -> F:
+    """Say that a process belongs to the adaptation layer: for pictures and explanations, without effect."""
+    setattr(process, _ADAPTATION, True)
+    return process
+
+
+def _tag(schedule: Schedule) -> Callable[[F], F]:
+    def tagged(function: F) -> F:
+        setattr(function, _TAG, schedule)
+        return function
+
+    return tagged
+
+
+def tag_of(function: object) -> Schedule | None:
+    """The schedule that a method was tagged with."""
+    return getattr(function, _TAG, None)
+
+
+def processes_of(cls: type) -> tuple[Process, ...]:
+    """All processes of a component class, those of its bases first.
+
+    A method that overrides a process takes its place; it keeps the schedule unless it has one of its own.
+    Raises DefinitionError for a parameter without a type and for a fact of another class.
+    """
+    schedules: dict[str, Schedule] = {}
+    for base in reversed(cls.__mro__):
+        for name, value in vars(base).items():
+            if schedule := tag_of(value):
+                schedules[name] = schedule
+    return tuple(_process(cls, name, schedule) for name, schedule in schedules.items())
+
+
+def _process(cls: type, name: str, schedule: Schedule) -> Process:
+    function = getattr(cls, name)
+    if isinstance(schedule, OnChange):
+        for fact in schedule.facts:
+            _check_fact(cls, name, fact)
+    layer = any(getattr(vars(base).get(name), _ADAPTATION, False) for base in cls.__mro__)
+    return Process(cls.__name__, name, schedule, ports(function, f"{cls.__name__}.{name}", skip=1), layer)
+
+
+def _check_fact(cls: type, process: str, fact: Fact) -> None:
+    name = getattr(fact, "__name__", repr(fact))
+    if not any(vars(base).get(name) is fact for base in cls.__mro__):
+        raise DefinitionError(
+            f"{cls.__name__}.{process} runs on a change of {getattr(fact, '__qualname__', name)}, "
+            f"which is no method of {cls.__name__} or its roles"
+        )
+
+
+def ports(function: Callable[..., Any], name: str, skip: int) -> tuple[tuple[str, Any], ...]:
+    """The parameters of a function after the first `skip`, with their types; `name` is for errors."""
+    try:
+        hints = get_type_hints(function)
+    except NameError as error:
+        raise DefinitionError(
+            f"{name}: {error}; import the type where the program runs, not under TYPE_CHECKING only"
+        ) from None
+    parameters = list(inspect.signature(function).parameters)[skip:]
+    for parameter in parameters:
+        if parameter not in hints:
+            raise DefinitionError(
+                f"{name}: its parameter {parameter!r} should have a type, by which it is bound"
+            )
+    return tuple((parameter, hints[parameter]) for parameter in parameters)
