@@ -10,9 +10,9 @@
         def boundary(self, sender: Vehicle, here: Vehicle) -> bool: ...
 
 All but `membership` are optional. `membership` names roles; where it names a component on one side, it is
-asked only where that side is local. An exchange names the role of its peer and the component of its own side, and
-gives that side's next knowledge. `boundary` says whether this node relays what the sender published. Parameters
-beyond these are bound by type as those of processes are, `Contact` too.
+asked only where that side is local. An exchange names the role of its peer and the component of its own side,
+and gives that side's next knowledge. `boundary` says whether this node relays what the sender published.
+Parameters beyond these are bound by type as those of processes are, `Contact` too.
 """
 
 from collections.abc import Callable

@@ -19,7 +19,7 @@ from deeco.errors import DefinitionError
 from deeco.process import processes_of, tag_of
 
 _KIND = "_deeco_kind"
-K = TypeVar("K", bound="type[Knowledge]")
+K = TypeVar("K", bound="Knowledge")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,12 +30,8 @@ class Knowledge:
     """Of the component; unique among all components that may ever hear of one another."""
 
 
-def _dataclass(cls: K) -> K:
-    return dataclass(frozen=True, kw_only=True)(cls)
-
-
 @dataclass_transform(frozen_default=True, kw_only_default=True)
-def role(cls: K) -> K:
+def role(cls: type[K]) -> type[K]:
     """Make a class of Knowledge a role: all its fields are published, and peers see nothing else.
 
     Raises DefinitionError if a field's type can change, or if the class has processes.
@@ -54,7 +50,7 @@ def role(cls: K) -> K:
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)
-def component(cls: K) -> K:
+def component(cls: type[K]) -> type[K]:
     """Make a class of Knowledge a component: the fields it adds to its roles stay on its node.
 
     Raises DefinitionError if a field's type can change or if a process is not sound.
@@ -68,10 +64,10 @@ def component(cls: K) -> K:
     return made
 
 
-def _made(cls: K, kind: str) -> K:
+def _made(cls: type[K], kind: str) -> type[K]:
     if not issubclass(cls, Knowledge):
         raise DefinitionError(f"{kind} {cls.__name__} should be a class of Knowledge")
-    made = _dataclass(cls)
+    made = dataclass(frozen=True, kw_only=True)(cls)
     try:
         hints = get_type_hints(made, localns={made.__name__: made}, include_extras=True)
     except NameError as error:
