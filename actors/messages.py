@@ -13,6 +13,8 @@ MESSAGE_VERSION: Final = 1
 FRAME_DATA_LIMIT: Final = 118
 """Data bytes of one radio frame: 127 octets of the PSDU less the 9 that the BEE click's MAC header and FCS
 take (IEEE 802.15.4-2006, aMaxPHYPacketSize)."""
+REASON_LIMIT: Final = 100
+"""Characters of the reason for which a place is given up."""
 NO_ECHO_MM: Final = 0xFFFF
 """The range on the wire, uint16 mm, of a ray that met nothing within the sensor's range."""
 
@@ -98,14 +100,33 @@ class Senses(Message, frozen=True):
     """The last message to this process: no answer is expected."""
 
 
-class PlaceReport(Part, frozen=True):
-    """The robot holds that it has visited a place to be cleaned."""
+class PlaceKey(Part, frozen=True):
+    """Names a place to be cleaned."""
 
     owner: str
     """The robot that the place belonged to at the start of the run."""
     place: int
     """Its index in the owner's list."""
+
+
+class PlaceReport(Part, frozen=True):
+    """The robot holds that it has visited a place to be cleaned."""
+
+    owner: str
+    place: int
+    """As in PlaceKey."""
     instant: int
+
+
+class PlaceGivenUp(Part, frozen=True):
+    """The robot holds that nobody should try for a place any more."""
+
+    owner: str
+    place: int
+    """As in PlaceKey."""
+    instant: int
+    reason: str
+    """For people; at most REASON_LIMIT characters."""
 
 
 class Drive(Message, frozen=True):
@@ -116,9 +137,11 @@ class Drive(Message, frozen=True):
     omega: float
     transmits: int
     """How many frames Transmit carries in this step; 0 = no such message is sent."""
-    tasks_left: int
-    """Places the robot still has to visit, as far as it knows."""
     reports: tuple[PlaceReport, ...] = ()
+    given_up: tuple[PlaceGivenUp, ...] = ()
+    route: tuple[PlaceKey, ...] | None = None
+    """The places that the robot still means to visit, in their order; None: as it last said, and before its
+    first word, those that it was given."""
 
 
 # --- robot and radio ---------------------------------------------------------------------------------------
@@ -336,7 +359,8 @@ class Progress(Message, frozen=True):
     """How far the run is; for people, outside the barrier and outside the digest."""
 
     instant: int
-    tasks_left: int
+    places_left: int
+    """Places in the routes of the robots that take part."""
     reports: int
     finished: bool
     paused: bool = False

@@ -12,7 +12,7 @@ from numpy.random import Generator
 
 from actors.geometry import Point, Pose
 from actors.instant import Instant
-from actors.messages import Outgoing, PlaceReport, RadioEvent
+from actors.messages import Outgoing, PlaceGivenUp, PlaceKey, PlaceReport, RadioEvent
 
 
 class GoalStatus(Enum):
@@ -87,14 +87,17 @@ class View(NamedTuple):
 class Decision:
     """What a behaviour wants done after a step."""
 
-    tasks_left: int
-    """Places still to be visited, as far as the robot knows."""
     goal: Point | GoalOrder = GoalOrder.KEEP
     """A point is a new goal and replaces the present one, also if it is the same point again."""
     frames: tuple[Outgoing, ...] = ()
     """Frames to broadcast, in order of their instants, which lie within the step."""
     reports: tuple[PlaceReport, ...] = ()
     """Places that the robot holds to have visited."""
+    given_up: tuple[PlaceGivenUp, ...] = ()
+    """Places for which nobody should try any more."""
+    route: tuple[PlaceKey, ...] | None = None
+    """The places that the robot still means to visit, in their order; None: as said before, and at first those
+    of its Start."""
 
 
 class Behaviour(Protocol):

@@ -1,0 +1,61 @@
+"""What a process of a component on a robot may ask for, by the type of a parameter.
+
+Beside these a robot's node provides `Instant` (now) and `numpy.random.Generator` (the behaviour's own stream).
+"""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from actors.geometry import Point, Pose
+from actors.instant import Instant
+from actors.messages import PlaceKey
+from actors.robot.ports import Goal
+
+
+class Positioning(Protocol):
+    """Where the robot holds itself to be, and whether it moves."""
+
+    @property
+    def pose(self) -> Pose:
+        """m and rad, map frame, at the start of the step."""
+
+    @property
+    def moving(self) -> bool:
+        """True while the base reports more than a creeping speed."""
+
+
+class Navigation(Protocol):
+    """Drives the robot to one goal at a time; an order takes effect with the next step."""
+
+    @property
+    def goal(self) -> Goal | None:
+        """The last goal and how it stands; None before the first one and after `stop`."""
+
+    def go_to(self, point: Point) -> None:
+        """Make `point`, m in the map frame, the goal, also if it is the goal already: a new attempt."""
+
+    def stop(self) -> None:
+        """Have no goal, and stand."""
+
+
+class PlaceMonitor(Protocol):
+    """Takes down for the result what the robot holds to have come of places; tells the other robots nothing."""
+
+    def visited(self, place: PlaceKey, now: Instant) -> None:
+        """Say that a place has been cleaned."""
+
+    def given_up(self, place: PlaceKey, reason: str, now: Instant) -> None:
+        """Say that nobody is to try for a place any more, and why, in at most 100 characters."""
+
+    def remaining(self, route: Sequence[PlaceKey]) -> None:
+        """Say which places the robot still means to visit, in their order; at first those of its Start."""
+
+
+class FloorPlan(Protocol):
+    """The map as the robot has it."""
+
+    def random_place(self) -> Point:
+        """A point in the areas in which places lie, each as likely as another, where the robot can stand.
+
+        Without areas: on all floor that the robot can reach. Drawn from the behaviour's own stream.
+        """
