@@ -1,6 +1,6 @@
 """What a process of a component on a robot may ask for, by the type of a parameter.
 
-Beside these a robot's node provides `Instant` (now) and `numpy.random.Generator` (the behaviour's own stream).
+Beside these, a node on a robot provides `Instant` (now) and the behaviour's own `numpy.random.Generator`.
 """
 
 from collections.abc import Sequence
@@ -39,7 +39,7 @@ class Navigation(Protocol):
 
 
 class PlaceMonitor(Protocol):
-    """Takes down for the result what the robot holds to have come of places; tells the other robots nothing."""
+    """Takes down, for the result alone, what the robot holds to have come of places."""
 
     def visited(self, place: PlaceKey, now: Instant) -> None:
         """Say that a place has been cleaned."""

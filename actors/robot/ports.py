@@ -96,8 +96,8 @@ class Decision:
     given_up: tuple[PlaceGivenUp, ...] = ()
     """Places for which nobody should try any more."""
     route: tuple[PlaceKey, ...] | None = None
-    """The places that the robot still means to visit, in their order; None: as said before, and at first those
-    of its Start."""
+    """The places that the robot still means to visit, in their order; None: as said before, and at first
+    those of its Start."""
 
 
 class Behaviour(Protocol):
