@@ -117,12 +117,18 @@ def _process(cls: type, name: str, schedule: Schedule) -> Process:
 
 
 def _check_fact(cls: type, process: str, fact: Fact) -> None:
-    name = getattr(fact, "__name__", repr(fact))
-    if not any(vars(base).get(name) is fact for base in cls.__mro__):
+    if not has_fact(cls, fact):
+        name = getattr(fact, "__name__", repr(fact))
         raise DefinitionError(
             f"{cls.__name__}.{process} runs on a change of {getattr(fact, '__qualname__', name)}, "
             f"which is no method of {cls.__name__} or its roles"
         )
+
+
+def has_fact(cls: type, fact: Fact) -> bool:
+    """True if the fact is a method of the class or of one that it builds on, overridden or not."""
+    name = getattr(fact, "__name__", "")
+    return any(vars(base).get(name) is fact for base in cls.__mro__)
 
 
 def ports(function: Callable[..., Any], name: str, skip: int) -> tuple[tuple[str, Any], ...]:

@@ -1,0 +1,227 @@
+"""A node: the components and ensembles of one machine, without clock, socket or thread.
+
+`advance(until, inputs)` takes in what the link has received, does what is planned before `until` in the order
+of its instants, and gives what the link is to send.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+from deeco.agenda import Agenda, Task
+from deeco.binding import Binding
+from deeco.errors import DeploymentError, ExecutionError
+from deeco.instant import START, Duration, Instant, in_seconds
+from deeco.knowledge import Knowledge, roles_of
+from deeco.link import Reception, Transmission
+from deeco.local import BoundProcess, LocalComponent
+from deeco.network import Network, NetworkParameters, News, Surroundings
+from deeco.pairing import Pairing
+from deeco.process import Fact, has_fact
+from deeco.replicas import Replica
+from deeco.schema import RoleBook
+from deeco.statistics import Statistics
+
+CASCADE_LIMIT: Final = 16
+"""So often may processes trigger one another at one instant before the node takes it for a circle."""
+_NONE: Final = Duration(0)
+_ENSEMBLES: Final = 1 << 20
+"""Order of ensembles within an instant, after the processes; they keep their own order among them."""
+_PUBLICATION: Final = 1 << 40
+
+
+class Node:
+    """Runs components; see the module's first lines."""
+
+    def __init__(
+        self,
+        components: Sequence[Knowledge],
+        ensembles: Sequence[object] = (),
+        *,
+        ports: Mapping[Any, object] | None = None,
+        parameters: NetworkParameters | None = None,
+        address: int = 0,
+        epoch: int = 0,
+        start: Instant = START,
+        publish_phase: Duration = _NONE,
+    ) -> None:
+        """Deploy everything.
+
+        `ports` gives, by type, what processes and ensembles may ask for. `address` is the node's on the link;
+        `epoch` grows with each restart of the machine; `publish_phase` is when, after `start`, it publishes
+        first. Raises DeploymentError if a port is missing or a component cannot be run.
+        """
+        parameters = parameters or NetworkParameters()
+        self._statistics = Statistics()
+        self._counters = self._statistics.counters
+        self._now = start
+        self._agenda = Agenda()
+        binding = Binding(ports or {})
+        self._locals = tuple(LocalComponent(value, binding) for value in components)
+        self._by_id = {one.id: one for one in self._locals}
+        if len(self._by_id) < len(self._locals):
+            raise DeploymentError("two components of a node have the same id; each should have its own")
+        self._pairings = tuple(Pairing(one, binding, self._statistics) for one in ensembles)
+        self._network = Network(
+            parameters,
+            RoleBook(self._roles()),
+            Surroundings(frozenset(self._by_id), self._agenda.once, self._passes),
+            address=address,
+            epoch=epoch,
+            statistics=self._statistics,
+        )
+        self._plan_components(start)
+        self._plan_ensembles(start)
+        first = Instant(start + publish_phase)
+        self._agenda.repeat(self._publish, first, parameters.publish_every, _PUBLICATION)
+
+    @property
+    def now(self) -> Instant:
+        """Everything planned before it has been done."""
+        return self._now
+
+    @property
+    def replicas(self) -> tuple[Replica, ...]:
+        """What is known of other nodes' components, in the order of their ids."""
+        return tuple(self._network.replicas)
+
+    def knowledge(self, component: str) -> Knowledge:
+        """The present knowledge of a component of this node."""
+        return self._by_id[component].value
+
+    def outcome(self) -> dict[str, dict[str, int]]:
+        """What has been counted, ready for JSON."""
+        outcome = self._statistics.outcome()
+        outcome["counters"] |= self._network.counters()
+        return outcome
+
+    def advance(self, until: Instant, inputs: Sequence[Reception] = ()) -> list[Transmission]:
+        """Take in `inputs`, then do what is planned before `until`.
+
+        What the link heard before `now` is known from `now` on. An exception of a user's process or ensemble
+        is passed on with a note that says where.
+        """
+        self._network.replicas.forget(self._now)
+        for reception in inputs:
+            for news in self._network.take(reception):
+                self._react(news)
+        self._agenda.run(until)
+        self._now = until
+        return self._network.transmissions()
+
+    def skip(self, to: Instant) -> None:
+        """Do nothing of what is planned before `to`: the machine stood still. Rhythms are kept."""
+        self._counters.skipped += self._agenda.skip(to)
+        self._network.clear()
+        self._now = to
+
+    def _plan_components(self, start: Instant) -> None:
+        for component in self._locals:
+            for process, schedule in component.periodic:
+                task = self._activation(component, process)
+                self._agenda.repeat(task, Instant(start + schedule.offset), schedule.every, schedule.order)
+            for process, trigger in component.triggered:
+                component.watch(trigger.facts, self._triggered(process))
+
+    def _plan_ensembles(self, start: Instant) -> None:
+        for pairing in self._pairings:
+            kind = pairing.type
+            if kind.every is not None:
+                first = Instant(start + kind.offset)
+                self._agenda.repeat(self._evaluation(pairing), first, kind.every, _ENSEMBLES + kind.order)
+            triggered = self._evaluated(pairing)
+            for component in self._locals:
+                facts = [fact for fact in kind.on_change if has_fact(type(component.value), fact)]
+                component.watch(facts, triggered)
+
+    def _activation(self, component: LocalComponent, process: BoundProcess) -> Task:
+        counters, run = self._counters, process.run
+
+        def activate(now: Instant) -> None:
+            self._now = now
+            counters.activations += 1
+            if run(now):
+                counters.commits += 1
+                if component.watched:
+                    self._settle()
+
+        return activate
+
+    def _triggered(self, process: BoundProcess) -> Callable[[], str]:
+        def run() -> str:
+            self._counters.activations += 1
+            self._counters.commits += process.run(self._now)
+            return process.name
+
+        return run
+
+    def _evaluation(self, pairing: Pairing) -> Task:
+        def evaluate(now: Instant) -> None:
+            self._now = now
+            self._evaluate(pairing)
+
+        return evaluate
+
+    def _evaluated(self, pairing: Pairing) -> Callable[[], str]:
+        def evaluate() -> str:
+            pairing.evaluate(self._locals, self._young(pairing), self._now)
+            return pairing.type.name
+
+        return evaluate
+
+    def _evaluate(self, pairing: Pairing) -> None:
+        learnt = pairing.evaluate(self._locals, self._young(pairing), self._now)
+        if any(component.watched for component in learnt):
+            self._settle()
+
+    def _young(self, pairing: Pairing) -> list[Replica]:
+        oldest = pairing.type.max_age
+        return [one for one in self._network.replicas if oldest is None or self._now - one.heard <= oldest]
+
+    def _settle(self) -> None:
+        """Run what changes of facts trigger, until nothing changes any more."""
+        ran: list[str] = []
+        rounds = 0
+        while due := dict.fromkeys(then for component in self._locals for then in component.changes()):
+            if rounds == CASCADE_LIMIT:
+                raise ExecutionError(
+                    f"at {in_seconds(self._now):g} s processes keep triggering each other: {_circle(ran)}"
+                )
+            ran += [then() for then in due]
+            rounds += 1
+
+    def _publish(self, now: Instant) -> None:
+        self._now = now
+        self._network.publish(now, [component.value for component in self._locals])
+
+    def _react(self, news: News) -> None:
+        """Evaluate the ensembles that watch a fact which differs now."""
+        for pairing in self._pairings:
+            if any(_differs(news, fact) for fact in pairing.type.on_change):
+                self._evaluate(pairing)
+
+    def _roles(self) -> tuple[type[Knowledge], ...]:
+        wanted = [kind for one in self._locals for kind in roles_of(type(one.value))]
+        wanted += [kind for pairing in self._pairings for kind in pairing.type.roles]
+        return tuple(dict.fromkeys(wanted))
+
+    def _passes(self, sender: Replica) -> bool:
+        """One ensemble without a boundary, or whose boundary holds, is enough; so is to have no ensemble."""
+        return not self._pairings or any(one.lets_pass(sender, self._locals) for one in self._pairings)
+
+
+def _differs(news: News, fact: Fact) -> bool:
+    return news.before is None or _value(news.before, fact) != _value(news.after, fact)
+
+
+def _value(replica: Replica, fact: Fact) -> object:
+    for one in replica.roles:
+        if has_fact(type(one), fact):
+            return getattr(one, fact.__name__)()
+    return None
+
+
+def _circle(ran: Sequence[str]) -> str:
+    """The last stretch that begins and ends with the same name."""
+    last = ran[-1]
+    begin = max((index for index, name in enumerate(ran[:-1]) if name == last), default=0)
+    return " → ".join(ran[begin:])
