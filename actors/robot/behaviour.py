@@ -6,6 +6,7 @@ from typing import Any, cast
 
 from actors.robot.ports import Behaviour, Start
 from actors.runtime.errors import AcrcError
+from deeco import DeecoError
 
 
 class BehaviourError(AcrcError):
@@ -18,7 +19,10 @@ def load_behaviour(entry: str, start: Start) -> Behaviour:
     Raises BehaviourError if there is no such function or if what it gives is no behaviour. An error inside
     of the user's module or function is his own and is passed on.
     """
-    made = entry_function(entry)(start)
+    try:
+        made = entry_function(entry)(start)
+    except DeecoError as error:
+        raise BehaviourError(f"behaviour {entry!r}: {error}") from error
     if not callable(getattr(made, "advance", None)):
         raise BehaviourError(
             f"behaviour {entry!r} gives a {type(made).__name__}, which has no method advance(view, until)"
@@ -42,6 +46,8 @@ def entry_function(entry: str) -> Callable[[Start], Any]:
         raise BehaviourError(
             f"behaviour {entry!r}: there is no module {missing!r} on Python's path"
         ) from None
+    except DeecoError as error:
+        raise BehaviourError(f"behaviour {entry!r}: {error}") from error
     function = getattr(module, name, None)
     if function is None:
         raise BehaviourError(f"behaviour {entry!r}: module {module_name!r} has no {name!r}")

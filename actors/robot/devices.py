@@ -1,0 +1,79 @@
+"""The robot's side of what its processes ask for; see `actors.robot.equipment`."""
+
+from collections.abc import Sequence
+
+from actors.geometry import Point, Pose
+from actors.instant import Instant
+from actors.messages import PlaceGivenUp, PlaceKey, PlaceReport
+from actors.robot.ports import Goal, GoalOrder, GoalStatus, View
+
+
+class RobotPositioning:
+    """Positioning as of the newest view."""
+
+    def __init__(self, pose: Pose) -> None:
+        self.pose = pose
+        self.moving = False
+
+    def take(self, view: View) -> None:
+        """Take in the view of a new step."""
+        self.pose, self.moving = view.pose, view.moving
+
+
+class RobotNavigation:
+    """Keeps the last order of a step, and shows it as carried out."""
+
+    def __init__(self) -> None:
+        self.goal: Goal | None = None
+        self._order: Point | GoalOrder = GoalOrder.KEEP
+
+    def take(self, view: View) -> None:
+        """Take in the view of a new step."""
+        self.goal = view.goal
+
+    def go_to(self, point: Point) -> None:
+        """Make `point` the goal."""
+        self._order = point
+        self.goal = Goal(point, GoalStatus.ACTIVE)
+
+    def stop(self) -> None:
+        """Have no goal, and stand."""
+        self._order = GoalOrder.CANCEL
+        self.goal = None
+
+    def give(self) -> Point | GoalOrder:
+        """The step's order."""
+        order, self._order = self._order, GoalOrder.KEEP
+        return order
+
+
+class RobotPlaceMonitor:
+    """Collects what is said of places during a step."""
+
+    def __init__(self) -> None:
+        self._reports: list[PlaceReport] = []
+        self._given_up: list[PlaceGivenUp] = []
+        self._route: tuple[PlaceKey, ...] | None = None
+        self._told: tuple[PlaceKey, ...] | None = None
+
+    def visited(self, place: PlaceKey, now: Instant) -> None:
+        """Say that a place has been cleaned."""
+        self._reports.append(PlaceReport(place.owner, place.place, now))
+
+    def given_up(self, place: PlaceKey, reason: str, now: Instant) -> None:
+        """Say that nobody is to try for a place any more, and why."""
+        self._given_up.append(PlaceGivenUp(place.owner, place.place, now, reason))
+
+    def remaining(self, route: Sequence[PlaceKey]) -> None:
+        """Say which places the robot still means to visit, in their order."""
+        self._route = tuple(route)
+
+    def give(self) -> tuple[tuple[PlaceReport, ...], tuple[PlaceGivenUp, ...], tuple[PlaceKey, ...] | None]:
+        """The step's reports, places given up, and the route if it is not what was told before."""
+        reports, self._reports = tuple(self._reports), []
+        given_up, self._given_up = tuple(self._given_up), []
+        route, self._route = self._route, None
+        if route == self._told:
+            return reports, given_up, None
+        self._told = route if route is not None else self._told
+        return reports, given_up, route
