@@ -9,7 +9,7 @@ from typing import Final, Generic, TypeVar
 
 import msgspec
 
-MESSAGE_VERSION: Final = 1
+MESSAGE_VERSION: Final = 2
 FRAME_DATA_LIMIT: Final = 118
 """Data bytes of one radio frame: 127 octets of the PSDU less the 9 that the BEE click's MAC header and FCS
 take (IEEE 802.15.4-2006, aMaxPHYPacketSize)."""

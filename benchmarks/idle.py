@@ -3,11 +3,11 @@
 from actors.instant import Instant
 from actors.robot.ports import Behaviour, Decision, Start, View
 
-NOTHING = Decision(tasks_left=1)
+NOTHING = Decision()
 
 
 class Idle:
-    """Has a task and never does it."""
+    """Has places to clean and never does it."""
 
     def advance(self, view: View, until: Instant) -> Decision:
         """Nothing."""

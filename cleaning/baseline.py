@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from actors.geometry import Point
 from actors.instant import Duration, Instant, milliseconds, seconds
-from actors.messages import Heard, Outgoing, PlaceReport, RadioEvent
+from actors.messages import Heard, Outgoing, PlaceKey, PlaceReport, RadioEvent
 from actors.robot.ports import Behaviour, Decision, GoalOrder, GoalStatus, Start, View
 from cleaning.knowledge import Knowledge, WorkState, pack, unpack
 from cleaning.rhythm import Rhythm
@@ -55,6 +55,7 @@ class Baseline:
 
     def advance(self, view: View, until: Instant) -> Decision:
         """Listen, report what was visited, choose where to go, and publish."""
+        before = self._route
         self._listen(view.radio)
         self._order = GoalOrder.KEEP
         reports: list[PlaceReport] = []
@@ -62,7 +63,9 @@ class Baseline:
             reports += self._visited(view, instant)
             self._choose(view, instant)
         frames = [self._publication(view, now) for now in self._publications.due(view.instant, until)]
-        return Decision(len(self._route), self._order, tuple(frames), tuple(reports))
+        route = tuple(PlaceKey(self._id, index) for index, _ in self._route)
+        said = None if self._route is before else route
+        return Decision(self._order, tuple(frames), tuple(reports), route=said)
 
     def _listen(self, events: tuple[RadioEvent, ...]) -> None:
         for event in events:

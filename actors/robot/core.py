@@ -154,9 +154,7 @@ class RobotCore:
 
     def _outputs(self, decision: Decision, twist: Twist) -> list[Output]:
         frames = len(decision.frames)
-        drive = Drive(
-            self._step, twist.vx, twist.vy, twist.omega, frames, decision.tasks_left, decision.reports
-        )
+        drive = Drive(self._step, *twist, frames, decision.reports, decision.given_up, decision.route)
         if not frames:
             return [to(DRIVE, drive, self._robot)]
         transmit = Transmit(self._step, decision.frames)

@@ -7,7 +7,14 @@ from typing import Final
 
 from actors.geometry import Point
 from actors.instant import Instant
-from actors.messages import FRAME_DATA_LIMIT, Outgoing, PlaceReport
+from actors.messages import (
+    FRAME_DATA_LIMIT,
+    REASON_LIMIT,
+    Outgoing,
+    PlaceGivenUp,
+    PlaceKey,
+    PlaceReport,
+)  # fmt: skip
 from actors.robot.ports import Decision, GoalOrder
 
 _TAGS: Final = 2**32
@@ -21,17 +28,23 @@ class RobotLimits:
     """Frames to be sent; at 250 kbit/s a step of 0.1 s has air time for about as many of 80 bytes."""
     reports: int = 1000
     """Places reported as visited."""
+    given_up: int = 1000
+    """Places given up; no robot is given more places (as a scenario file allows)."""
+    route: int = 10_000
+    """Places that a robot still means to visit: its own, and those that it takes over from others."""
 
 
 def fault(decision: object, begin: Instant, end: Instant, limits: RobotLimits) -> str | None:
     """What is wrong with a behaviour's decision for the step from `begin` to `end`; None if nothing is."""
     if not isinstance(decision, Decision):
         return f"gives a {type(decision).__name__} where a Decision is due"
-    if not isinstance(decision.tasks_left, int) or decision.tasks_left < 0:
-        return f"gives {decision.tasks_left!r} for tasks_left; it should be a whole number from 0 on"
     if not isinstance(decision.goal, GoalOrder) and not _is_point(decision.goal):
         return f"gives {decision.goal!r} for a goal; it should be a Point of finite numbers or a GoalOrder"
-    if decision.reports and (wrong := _reports_fault(decision.reports, limits)):
+    if decision.reports and (wrong := _reports_fault(decision.reports, begin, end, limits)):
+        return wrong
+    if decision.given_up and (wrong := _given_up_fault(decision.given_up, begin, end, limits)):
+        return wrong
+    if decision.route is not None and (wrong := _route_fault(decision.route, limits)):
         return wrong
     return _frames_fault(decision.frames, begin, end, limits) if decision.frames else None
 
@@ -40,11 +53,54 @@ def _is_point(goal: object) -> bool:
     return isinstance(goal, Point) and math.isfinite(goal.x) and math.isfinite(goal.y)
 
 
-def _reports_fault(reports: Sequence[object], limits: RobotLimits) -> str | None:
+def _reports_fault(
+    reports: Sequence[object], begin: Instant, end: Instant, limits: RobotLimits
+) -> str | None:
     if len(reports) > limits.reports:
         return f"reports {len(reports)} places in one step; at most {limits.reports} may be"
-    wrong = [report for report in reports if not isinstance(report, PlaceReport)]
-    return f"gives {wrong[0]!r} for a report; it should be a PlaceReport" if wrong else None
+    for report in reports:
+        if not isinstance(report, PlaceReport):
+            return f"gives {report!r} for a report; it should be a PlaceReport"
+        if not begin <= report.instant < end:
+            return _elsewhen("reports a place", report.instant, begin, end)
+    return None
+
+
+def _given_up_fault(
+    given_up: Sequence[object], begin: Instant, end: Instant, limits: RobotLimits
+) -> str | None:
+    if len(given_up) > limits.given_up:
+        return f"gives {len(given_up)} places up in one step; at most {limits.given_up} may be"
+    for place in given_up:
+        if not isinstance(place, PlaceGivenUp) or not isinstance(place.reason, str):
+            return f"gives {place!r} up; it should be a PlaceGivenUp with a reason in words"
+        if not 0 < len(place.reason) <= REASON_LIMIT:
+            return (
+                f"gives a place up for a reason of {len(place.reason)} characters; "
+                f"it should have 1 to {REASON_LIMIT}"
+            )
+        if not begin <= place.instant < end:
+            return _elsewhen("gives a place up", place.instant, begin, end)
+    return None
+
+
+def _elsewhen(what: str, instant: int, begin: Instant, end: Instant) -> str:
+    return f"{what} at {instant} µs; it should be from {begin} to {end - 1} µs"
+
+
+def _route_fault(route: object, limits: RobotLimits) -> str | None:
+    if not isinstance(route, tuple):
+        return f"gives {route!r} for a route; it should be a tuple of PlaceKey, or None"
+    if len(route) > limits.route:
+        return f"has a route of {len(route)} places; at most {limits.route} may be"
+    seen: set[tuple[str, int]] = set()
+    for place in route:
+        if not isinstance(place, PlaceKey):
+            return f"has {place!r} in its route; it should be a PlaceKey"
+        if (place.owner, place.place) in seen:
+            return f"has place {place.place} of {place.owner!r} twice in its route; each may be there once"
+        seen.add((place.owner, place.place))
+    return None
 
 
 def _frames_fault(

@@ -22,6 +22,9 @@ from actors.messages import (
     Aired,
     Control,
     Drive,
+    PlaceGivenUp,
+    PlaceKey,
+    PlaceReport,
     Progress,
     Ready,
     RobotTruth,
@@ -32,13 +35,17 @@ from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 from actors.world.body import Bodies
 from actors.world.orders import Orders
-from actors.world.referee import Referee
+from actors.world.referee import PlaceOutcome, Referee
 from actors.world.roster import Member, Roster, Standing
 from actors.world.setup import WorldSetup
 
 
 class RollCallError(AcrcError):
     """An actor that cannot take part."""
+
+
+class UnknownPlaceError(AcrcError):
+    """A robot that speaks of a place that there is not."""
 
 
 class Phase(Enum):
@@ -92,9 +99,9 @@ class WorldCore:
         return self._phase is Phase.OPEN
 
     @property
-    def referee(self) -> Referee:
-        """What has been cleaned so far."""
-        return self._referee
+    def places(self) -> tuple[PlaceOutcome, ...]:
+        """What has become of every place so far, in the order of the scenario."""
+        return self._referee.outcomes(self._roster.routes)
 
     @property
     def refused_orders(self) -> Sequence[str]:
@@ -204,7 +211,7 @@ class WorldCore:
     def _over(self) -> bool:
         if self._orders.stop or self.instant >= self._setup.duration_us:
             return True
-        return self._roster.idle and not self._orders.pending and not self._orders.starts
+        return self._referee.settled and not self._orders.pending and not self._orders.starts
 
     def _halt(self) -> list[Output]:
         alive = self._roster.of(Standing.STEPPING, Standing.FROZEN)
@@ -228,21 +235,32 @@ class WorldCore:
         for member in self._roster.of(Standing.STEPPING):
             drive: Drive = read(inputs, DRIVE, member.id)
             self._bodies.command(member.index, drive, self.instant)
-            self._take_reports(member, drive)
+            self._take_word(member, drive)
             transmits[member.id] = drive.transmits
         truths = tuple(self._truth(member, transmits[member.id]) for member in self._roster.members)
         jams, self._orders.jams = tuple(self._orders.jams), []
         self._phase = Phase.MOVE
         return (to(TRUTH, Truth(self._step, self.instant, truths, jams)),)
 
-    def _take_reports(self, member: Member, drive: Drive) -> None:
-        member.tasks_left = drive.tasks_left
+    def _take_word(self, member: Member, drive: Drive) -> None:
+        """Take in what the robot says about places."""
         for report in drive.reports:
-            if not self._referee.report(member.id, report):
-                raise RollCallError(
-                    f"step {self._step}: {member.id} reports place {report.place} of {report.owner!r}, "
-                    "which nobody was given"
-                )
+            self._check(member, "reports", report)
+            self._referee.report(member.id, report)
+        for given_up in drive.given_up:
+            self._check(member, "gives up", given_up)
+            self._referee.give_up(member.id, given_up)
+        if drive.route is not None:
+            for place in drive.route:
+                self._check(member, "has in its route", place)
+            member.route = drive.route
+
+    def _check(self, member: Member, verb: str, place: PlaceKey | PlaceReport | PlaceGivenUp) -> None:
+        if not self._referee.knows(place):
+            raise UnknownPlaceError(
+                f"step {self._step}: {member.id} {verb} place {place.place} of {place.owner!r}, "
+                "which nobody was given"
+            )
 
     def _truth(self, member: Member, transmits: int) -> RobotTruth:
         x, y, heading, vx, vy, omega = self._bodies.truth(member.index)
@@ -258,8 +276,9 @@ class WorldCore:
         return (to(PROGRESS, self._progress()),) if whole else ()
 
     def _progress(self) -> Progress:
-        left = sum(member.tasks_left for member in self._roster.members)
-        return Progress(self._step, self.instant, left, self._referee.reports, self._finished, self.paused)
+        left = {(place.owner, place.place) for route in self._roster.routes.values() for place in route}
+        reports = self._referee.reports
+        return Progress(self._step, self.instant, len(left), reports, self._finished, self.paused)
 
     def describe_wait(self, address: Address) -> str:
         """Who and what the world waits for, in the words of the run."""

@@ -96,8 +96,7 @@ class Orders:
                 member.standing = Standing.STEPPING
             case Restart():
                 self._end(order.robot)
-                member.epoch += 1
-                member.standing = Standing.AWAITED
+                member.begin_anew()
                 self.starts.append(ProcessOrder(member.id, member.epoch))
             case Move():
                 self._bodies.place(member.index, Pose(order.x, order.y, order.heading))

@@ -93,7 +93,7 @@ def part(core: WorldCore, run: RunNote, hold: Callable[[Shell, ZenohBus], None] 
         open_to=core.open_to,
         drive=hold,
         outcome=lambda: {
-            "places": core.referee.outcomes(),
+            "places": core.places,
             "contacts": core.contacts,
             "steps": core.step,
             "refused_orders": core.refused_orders,

@@ -1,13 +1,31 @@
 """Judges, from ground truth, which places were really visited, and keeps who claimed what and when."""
 
+from collections.abc import Mapping, Sequence
+from enum import Enum
+
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.instant import Instant
-from actors.messages import PlaceReport
+from actors.messages import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.world.setup import RobotSetup
 from actors.world.visits import visitors
+
+
+class Verdict(Enum):
+    """What has become of a place, in one word; a report counts more than giving up, whichever came first."""
+
+    DONE = "done"
+    """Reported, and true: some robot had been there by then."""
+    CLAIMED = "claimed"
+    """Reported, and not true."""
+    GIVEN_UP = "given up"
+    """Given up, and never reported."""
+    LOST = "lost"
+    """Neither, and no robot that takes part at the end means to visit it."""
+    OPEN = "open"
+    """Neither, and in the route of a robot that takes part at the end."""
 
 
 class PlaceOutcome(msgspec.Struct, frozen=True):
@@ -23,6 +41,22 @@ class PlaceOutcome(msgspec.Struct, frozen=True):
     reported_at: int | None
     """When a robot first reported it."""
     reported_by: str | None
+    given_up_at: int | None
+    """When a robot first gave it up; some robot may have reported it all the same, before or after."""
+    given_up_by: str | None
+    reason: str | None
+    """Why it was given up, in the words of `given_up_by`."""
+    in_route_of: tuple[str, ...]
+    """The robots with a process whose route holds it at the end, in the order of the scenario."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """What has become of it, in one word."""
+        if self.reported_at is not None:
+            return Verdict.DONE if self.done else Verdict.CLAIMED
+        if self.given_up_at is not None:
+            return Verdict.GIVEN_UP
+        return Verdict.OPEN if self.in_route_of else Verdict.LOST
 
     @property
     def done(self) -> bool:
@@ -33,25 +67,47 @@ class PlaceOutcome(msgspec.Struct, frozen=True):
             and self.reached_at <= self.reported_at
         )
 
+    @property
+    def lost(self) -> bool:
+        """Neither reported nor given up, and in the route of no robot that takes part at the end."""
+        return self.verdict is Verdict.LOST
+
+    @property
+    def settled_at(self) -> int | None:
+        """When it was first reported or given up, whichever came first."""
+        instants = [instant for instant in (self.reported_at, self.given_up_at) if instant is not None]
+        return min(instants, default=None)
+
 
 class Referee:
-    """Watches every step's true positions and every report."""
+    """Watches every step's true positions and every word on what has come of a place."""
 
     def __init__(self, robots: tuple[RobotSetup, ...], reach: float) -> None:
         self._ids = tuple(robot.id for robot in robots)
-        self._owners = [(robot.id, index) for robot in robots for index in range(len(robot.places))]
-        self._numbers = {owner: number for number, owner in enumerate(self._owners)}
+        self._keys = [PlaceKey(robot.id, index) for robot in robots for index in range(len(robot.places))]
+        self._numbers = {(key.owner, key.place): number for number, key in enumerate(self._keys)}
         flat = [place for robot in robots for place in robot.places]
         self._places: NDArray[np.float64] = np.array(flat, dtype=np.float64).reshape(-1, 2)
         self._reach = reach
         self._open = np.arange(len(flat))
         self._reached: dict[int, tuple[int, str]] = {}
         self._reported: dict[int, tuple[int, str]] = {}
+        self._given_up: dict[int, tuple[int, str, str]] = {}
+        self._unsettled = set(range(len(flat)))
 
     @property
     def reports(self) -> int:
         """How many different places have been reported."""
         return len(self._reported)
+
+    @property
+    def settled(self) -> bool:
+        """True once every place has been reported or given up; never if there is none."""
+        return bool(self._keys) and not self._unsettled
+
+    def knows(self, place: PlaceKey | PlaceReport | PlaceGivenUp) -> bool:
+        """True if there is such a place."""
+        return (place.owner, place.place) in self._numbers
 
     def watch(self, instant: Instant, positions: NDArray[np.float64]) -> None:
         """Take in the robots' true positions, (n, 2) m, in the order of the set-up."""
@@ -63,21 +119,48 @@ class Referee:
                 self._reached[number] = (instant, self._ids[robot])
             self._open = np.setdiff1d(self._open, found[:, 0], assume_unique=True)
 
-    def report(self, robot: str, report: PlaceReport) -> bool:
-        """Take in a robot's report; False if there is no such place. The first report of a place counts."""
-        number = self._numbers.get((report.owner, report.place))
-        if number is None:
-            return False
+    def report(self, robot: str, report: PlaceReport) -> None:
+        """Take in a robot's report of a place that there is; the first of a place counts."""
+        number = self._numbers[report.owner, report.place]
         self._reported.setdefault(number, (report.instant, robot))
-        return True
+        self._unsettled.discard(number)
 
-    def outcomes(self) -> tuple[PlaceOutcome, ...]:
-        """What became of every place, in the order of the robots and of their lists."""
-        return tuple(self._outcome(number) for number in range(len(self._owners)))
+    def give_up(self, robot: str, given_up: PlaceGivenUp) -> None:
+        """Take in that a robot gives up a place that there is; the first word on a place counts."""
+        number = self._numbers[given_up.owner, given_up.place]
+        self._given_up.setdefault(number, (given_up.instant, robot, given_up.reason))
+        self._unsettled.discard(number)
 
-    def _outcome(self, number: int) -> PlaceOutcome:
-        owner, place = self._owners[number]
+    def outcomes(self, routes: Mapping[str, Sequence[PlaceKey]]) -> tuple[PlaceOutcome, ...]:
+        """What became of every place, in the order of the robots and of their lists.
+
+        `routes`: where each robot that takes part still means to go, by its id.
+        """
+        holders: dict[tuple[str, int], list[str]] = {}
+        for robot, route in routes.items():
+            for key in route:
+                holders.setdefault((key.owner, key.place), []).append(robot)
+        return tuple(
+            self._outcome(number, tuple(holders.get((key.owner, key.place), ())))
+            for number, key in enumerate(self._keys)
+        )
+
+    def _outcome(self, number: int, in_route_of: tuple[str, ...]) -> PlaceOutcome:
         x, y = (float(value) for value in self._places[number])
         reached_at, reached_by = self._reached.get(number, (None, None))
         reported_at, reported_by = self._reported.get(number, (None, None))
-        return PlaceOutcome(owner, place, x, y, reached_at, reached_by, reported_at, reported_by)
+        given_up_at, given_up_by, reason = self._given_up.get(number, (None, None, None))
+        return PlaceOutcome(
+            owner=self._keys[number].owner,
+            place=self._keys[number].place,
+            x=x,
+            y=y,
+            reached_at=reached_at,
+            reached_by=reached_by,
+            reported_at=reported_at,
+            reported_by=reported_by,
+            given_up_at=given_up_at,
+            given_up_by=given_up_by,
+            reason=reason,
+            in_route_of=in_route_of,
+        )

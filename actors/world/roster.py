@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from enum import Enum
 
+from actors.messages import PlaceKey
 from actors.world.setup import RobotSetup
 
 
@@ -22,25 +23,33 @@ class Member:
 
     id: str
     index: int
+    given: tuple[PlaceKey, ...]
+    """The places that it was given."""
+    route: tuple[PlaceKey, ...]
+    """The places that it still means to visit, as its process last said; before its first word, `given`."""
     standing: Standing = Standing.AWAITED
     epoch: int = 0
     kernels: str = ""
     events: int = 0
     """Radio events that lie in wait for the robot's next step."""
-    tasks_left: int = 1
-    """As the robot last said; before its first word there is work."""
 
     @property
     def alive(self) -> bool:
-        """True while there is a process."""
+        """True while there is a process, frozen or not, or one is under way."""
         return self.standing is not Standing.ENDED
+
+    def begin_anew(self) -> None:
+        """Await a new process: it knows of nothing but the places that it is given."""
+        self.epoch += 1
+        self.standing = Standing.AWAITED
+        self.route = self.given
 
 
 class Roster:
     """All robots of a run, in the order of its set-up."""
 
     def __init__(self, robots: tuple[RobotSetup, ...]) -> None:
-        self.members = tuple(Member(robot.id, index) for index, robot in enumerate(robots))
+        self.members = tuple(_member(robot, index) for index, robot in enumerate(robots))
         self._by_id = {member.id: member for member in self.members}
 
     def __getitem__(self, robot: str) -> Member:
@@ -54,10 +63,11 @@ class Roster:
         return [member for member in self.members if member.standing in standings]
 
     @property
-    def idle(self) -> bool:
-        """True when nobody who takes part has anything left to do."""
-        return all(
-            member.standing is Standing.STEPPING and member.tasks_left == 0
-            for member in self.members
-            if member.alive
-        )
+    def routes(self) -> dict[str, tuple[PlaceKey, ...]]:
+        """The route of each robot that takes part, by its id."""
+        return {member.id: member.route for member in self.members if member.alive}
+
+
+def _member(robot: RobotSetup, index: int) -> Member:
+    given = tuple(PlaceKey(robot.id, place) for place in range(len(robot.places)))
+    return Member(robot.id, index, given, given)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from actors.geometry import Point, Pose
 from actors.instant import Instant
-from actors.messages import Heard, Overflow, PlaceReport, RadioEvent
+from actors.messages import Heard, Overflow, PlaceKey, PlaceReport, RadioEvent
 from actors.randomness import generator
 from actors.robot.behaviour import load_behaviour
 from actors.robot.ports import AbortReason, Decision, Goal, GoalOrder, GoalStatus, Start, View
@@ -34,6 +34,7 @@ class Robot:
         self.now = 0
         self.x = 0.0
         self.goal: Goal | None = None
+        self.decided: list[Decided] = []
 
     def run(self, seconds: float, *radio: RadioEvent) -> list[Decided]:
         decided = []
@@ -45,6 +46,7 @@ class Robot:
                 self.goal = Goal(decision.goal, GoalStatus.ACTIVE)
             self.now += STEP
             radio = ()
+        self.decided += decided
         return decided
 
 
@@ -54,6 +56,12 @@ def goals(decided: list[Decided]) -> list[tuple[int, Point]]:
 
 def reports(decided: list[Decided]) -> list[PlaceReport]:
     return [report for _, d in decided for report in d.reports]
+
+
+def route(robot: Robot) -> list[int]:
+    """The places that it last said it still means to visit; at first, all."""
+    said = [d.route for _, d in robot.decided if d.route is not None]
+    return [key.place for key in said[-1]] if said else list(range(len(PLACES)))
 
 
 def test_it_goes_to_its_places_in_order_and_reports_each() -> None:
@@ -68,7 +76,7 @@ def test_it_goes_to_its_places_in_order_and_reports_each() -> None:
     robot.x = 2.49
     last = robot.run(1)
     assert reports(last) == [PlaceReport("r1", 2, 3_000_000)]
-    assert goals(last) == [] and last[-1].decision.tasks_left == 0
+    assert goals(last) == [] and route(robot) == []
     assert all(d.goal is GoalOrder.KEEP for _, d in last)
 
 
@@ -80,7 +88,8 @@ def test_places_it_passes_are_visited_too() -> None:
     robot.x = 5.0
     assert goals(robot.run(1)) == [(2_000_000, PLACES[1])]
     robot.x = 10.0
-    assert robot.run(1)[-1].decision.tasks_left == 0
+    robot.run(1)
+    assert route(robot) == []
 
 
 def test_a_place_exactly_half_a_metre_away_is_not_visited() -> None:
@@ -96,17 +105,18 @@ def test_it_looks_twice_a_second() -> None:
     assert [report.instant for report in reports(robot.run(2))] == [500_000]
 
 
-def test_tasks_left_counts_down() -> None:
+def test_it_says_its_route_when_that_has_changed() -> None:
     robot = Robot(start())
-    assert {d.tasks_left for _, d in robot.run(1)} == {3}
+    assert {d.route for _, d in robot.run(1)} == {None}
     robot.x = 5.0
-    assert {d.tasks_left for _, d in robot.run(1)} == {2}
+    said = [d.route for _, d in robot.run(1) if d.route is not None]
+    assert said == [(PlaceKey("r1", 1), PlaceKey("r1", 2))]
 
 
-def test_without_places_it_stands_and_has_nothing_left_to_do() -> None:
+def test_without_places_it_stands() -> None:
     robot = Robot(start(places=()))
     decided = robot.run(3)
-    assert goals(decided) == [] and {d.tasks_left for _, d in decided} == {0}
+    assert goals(decided) == [] and reports(decided) == []
 
 
 def test_a_goal_that_was_given_up_is_asked_for_again_after_a_pause() -> None:

@@ -38,14 +38,6 @@ def test_a_quiet_run_ends_at_its_limit_with_everything_delivered() -> None:
     assert [truth.step for truth in play.truths] == list(range(11))
 
 
-def test_the_run_ends_when_nobody_has_anything_left_to_do() -> None:
-    play = Theatre(60.0)
-    for act in play.acts.values():
-        act.steps = 7
-    play.run()
-    assert play.core.step == 8
-
-
 def test_a_killed_robot_leaves_the_barrier_and_its_body_stays() -> None:
     play = Theatre(3.0, [(1.0, Kill("r2"))], talks=("r1", "r2")).run()
     assert steps_of(play.acts["r2"]) == list(range(11)) and play.acts["r2"].senses[-1].halt

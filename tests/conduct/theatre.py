@@ -1,6 +1,7 @@
 """A whole swarm in memory with the real world and radio, and robots that follow a script."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TypeVar
 
 from actors.messages import (
@@ -16,6 +17,9 @@ from actors.messages import (
     Drive,
     Order,
     Outgoing,
+    PlaceGivenUp,
+    PlaceKey,
+    PlaceReport,
     Progress,
     Ready,
     Received,
@@ -42,6 +46,15 @@ STEP = 100_000
 STARTS = {"r1": (12.0, 13.0, 0.0), "r2": (17.0, 13.0, 0.0), "r3": (20.0, 11.0, 0.0)}
 
 
+@dataclass(frozen=True)
+class Says:
+    """What a robot says about places in one step."""
+
+    reports: tuple[PlaceReport, ...] = ()
+    given_up: tuple[PlaceGivenUp, ...] = ()
+    route: tuple[PlaceKey, ...] | None = None
+
+
 class Scripted:
     """Drives as told, sends one frame per step if told, and remembers everything it was given."""
 
@@ -51,7 +64,7 @@ class Scripted:
         self.senses: list[Senses] = []
         self.received: list[Received] = []
         self.talks = False
-        self.steps = 10**9
+        self.says: dict[int, Says] = {}
         self._robot = robot
         self._drive = drive
 
@@ -77,9 +90,9 @@ class Scripted:
             return ()
         v, omega = self._drive(senses)
         frames = (Outgoing(senses.step, senses.instant, b"x" * 20),) if self.talks else ()
-        left = 0 if senses.step >= self.steps else 1
         outputs = [to(TRANSMIT, Transmit(senses.step, frames), self._robot)] if frames else []
-        drive = Drive(senses.step, v, 0.0, omega, len(frames), left)
+        says = self.says.get(senses.step, Says())
+        drive = Drive(senses.step, v, 0.0, omega, len(frames), says.reports, says.given_up, says.route)
         self.step += 1
         return [*outputs, to(DRIVE, drive, self._robot)]
 
@@ -95,9 +108,10 @@ class Theatre:
         drive: Callable[[Senses], tuple[float, float]] = lambda senses: (0.2, 0.0),
         talks: Sequence[str] = (),
         kernels: Mapping[str, str] | None = None,
+        places: tuple[tuple[float, float], ...] = ((15.0, 12.5),),
     ) -> None:
         setups = tuple(
-            RobotSetup(robot, "turtlebot2", None, "exact", STARTS[robot], ((15.0, 12.5),)) for robot in robots
+            RobotSetup(robot, "turtlebot2", None, "exact", STARTS[robot], places) for robot in robots
         )
         timed = tuple(TimedOrder(round(when * 1e6), order) for when, order in events)
         setup = WorldSetup("maps/corridor.yaml", 1, STEP, round(seconds * 1e6), setups, timed)

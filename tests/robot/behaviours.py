@@ -19,7 +19,7 @@ class Scripted:
         self.views.append((view, until))
         if isinstance(self.decision, Exception):
             raise self.decision
-        return self.decision or Decision(3)  # type: ignore[return-value]
+        return self.decision or Decision()  # type: ignore[return-value]
 
 
 def idle(start: Start) -> Behaviour:
@@ -27,7 +27,7 @@ def idle(start: Start) -> Behaviour:
 
 
 def chatty(start: Start) -> Behaviour:
-    return Scripted(Decision(1, Point(1.0, 2.0), (Outgoing(0, 0, b"x"),)))
+    return Scripted(Decision(Point(1.0, 2.0), (Outgoing(0, 0, b"x"),)))
 
 
 def nothing(start: Start) -> None:
@@ -39,4 +39,4 @@ def fails(start: Start) -> Behaviour:
 
 
 def keeper(start: Start) -> Behaviour:
-    return Scripted(Decision(len(start.places), GoalOrder.KEEP))
+    return Scripted(Decision(GoalOrder.KEEP))

@@ -19,6 +19,8 @@ from actors.messages import (
     Message,
     Odometry,
     Outgoing,
+    PlaceGivenUp,
+    PlaceKey,
     PlaceReport,
     Received,
     Scan,
@@ -87,25 +89,27 @@ def test_it_awaits_senses_and_then_received_only_if_there_are_events() -> None:
 
 def test_a_quiet_step_gives_one_drive() -> None:
     robot = Robot()
-    assert robot.take_step() == (to(DRIVE, Drive(0, 0.0, 0.0, 0.0, 0, 3), "r1"),)
+    assert robot.take_step() == (to(DRIVE, Drive(0, 0.0, 0.0, 0.0, 0), "r1"),)
     assert robot.core.step == 1 and not robot.core.finished
 
 
-def test_frames_go_out_before_drive_which_counts_them_and_carries_the_reports() -> None:
+def test_frames_go_out_before_drive_which_counts_them_and_carries_the_word_on_places() -> None:
     frames = (Outgoing(5, 0, b"a"), Outgoing(6, 99_999, bytes(FRAME_DATA_LIMIT)))
     reports = (PlaceReport("r1", 4, 50_000),)
-    robot = Robot(Decision(2, GoalOrder.KEEP, frames, reports))
+    given_up = (PlaceGivenUp("r1", 3, 60_000, "door shut"),)
+    route = (PlaceKey("r2", 7), PlaceKey("r1", 0))
+    robot = Robot(Decision(GoalOrder.KEEP, frames, reports, given_up, route))
     assert robot.take_step() == (
         to(TRANSMIT, Transmit(0, frames), "r1"),
-        to(DRIVE, Drive(0, 0.0, 0.0, 0.0, 2, 2, reports), "r1"),
+        to(DRIVE, Drive(0, 0.0, 0.0, 0.0, 2, reports, given_up, route), "r1"),
     )
 
 
 def test_the_behaviour_sees_pose_motion_goal_and_radio_and_its_goal_drives_the_robot() -> None:
     goal = Point(3.0, 1.0)
-    robot = Robot(Decision(1, goal))
+    robot = Robot(Decision(goal))
     robot.take_step(HEARD, Sent(95, 1))
-    robot.behaviour.decision = Decision(1)
+    robot.behaviour.decision = Decision()
     for _ in range(80):
         robot.take_step()
     views = robot.behaviour.views
@@ -184,63 +188,103 @@ WHERE = "step 4 (0.4 s): behaviour 'my.study:behaviour' of r1 "
     ("decision", "fault"),
     [
         ("go", "gives a str where a Decision is due"),
-        (Decision(-1), "gives -1 for tasks_left; it should be a whole number from 0 on"),
         (
-            Decision(0.5),  # type: ignore[arg-type]
-            "gives 0.5 for tasks_left; it should be a whole number from 0 on",
-        ),
-        (
-            Decision(0, reports=(7,)),  # type: ignore[arg-type]
+            Decision(reports=(7,)),  # type: ignore[arg-type]
             "gives 7 for a report; it should be a PlaceReport",
         ),
         (
-            Decision(0, frames=(b"x",)),  # type: ignore[arg-type]
+            Decision(frames=(b"x",)),  # type: ignore[arg-type]
             "sends b'x'; it should be an Outgoing with bytes",
         ),
         (
-            Decision(0, (1.0, 2.0, 3.0)),  # type: ignore[arg-type]
+            Decision((1.0, 2.0, 3.0)),  # type: ignore[arg-type]
             "gives (1.0, 2.0, 3.0) for a goal; it should be a Point of finite numbers or a GoalOrder",
         ),
         (
-            Decision(0, Point(float("nan"), 2.0)),
+            Decision(Point(float("nan"), 2.0)),
             "gives Point(x=nan, y=2.0) for a goal; it should be a Point of finite numbers or a GoalOrder",
         ),
         (
-            Decision(0, 5),  # type: ignore[arg-type]
+            Decision(5),  # type: ignore[arg-type]
             "gives 5 for a goal; it should be a Point of finite numbers or a GoalOrder",
         ),
         (
-            Decision(0, frames=(Outgoing(0, 400_000, bytes(119)),)),
+            Decision(frames=(Outgoing(0, 400_000, bytes(119)),)),
             "sends a frame of 119 bytes; it should have 1 to 118",
         ),
         (
-            Decision(0, frames=(Outgoing(0, 400_000, b""),)),
+            Decision(frames=(Outgoing(0, 400_000, b""),)),
             "sends a frame of 0 bytes; it should have 1 to 118",
         ),
         (
-            Decision(0, frames=(Outgoing(-1, 400_000, b"x"),)),
+            Decision(frames=(Outgoing(-1, 400_000, b"x"),)),
             "sends a frame with the tag -1; it should be 0 to 4294967295",
         ),
         (
-            Decision(0, frames=(Outgoing(0, 500_000, b"x"),)),
+            Decision(frames=(Outgoing(0, 500_000, b"x"),)),
             "sends a frame at 500000 µs; it should be sent from 400000 to 499999 µs",
         ),
         (
-            Decision(0, frames=(Outgoing(0, 450_000, b"x"), Outgoing(1, 449_999, b"y"))),
+            Decision(frames=(Outgoing(0, 450_000, b"x"), Outgoing(1, 449_999, b"y"))),
             "sends a frame at 449999 µs; it should be sent from 450000 to 499999 µs",
         ),
         (
-            Decision(0, frames=(Outgoing(0, 400_000, b"x"),) * 4),
+            Decision(frames=(Outgoing(0, 400_000, b"x"),) * 4),
             "sends 4 frames in one step; at most 3 may be",
         ),
         (
-            Decision(0, reports=(PlaceReport("r1", 0, 400_000),) * 3),
+            Decision(reports=(PlaceReport("r1", 0, 400_000),) * 3),
             "reports 3 places in one step; at most 2 may be",
+        ),
+        (
+            Decision(reports=(PlaceReport("r1", 0, 399_999),)),
+            "reports a place at 399999 µs; it should be from 400000 to 499999 µs",
+        ),
+        (
+            Decision(given_up=("all",)),  # type: ignore[arg-type]
+            "gives 'all' up; it should be a PlaceGivenUp with a reason in words",
+        ),
+        (
+            Decision(given_up=(PlaceGivenUp("r1", 0, 400_000, None),)),  # type: ignore[arg-type]
+            "gives PlaceGivenUp(owner='r1', place=0, instant=400000, reason=None) up; "
+            "it should be a PlaceGivenUp with a reason in words",
+        ),
+        (
+            Decision(given_up=(PlaceGivenUp("r1", 0, 400_000, ""),)),
+            "gives a place up for a reason of 0 characters; it should have 1 to 100",
+        ),
+        (
+            Decision(given_up=(PlaceGivenUp("r1", 0, 400_000, "x" * 101),)),
+            "gives a place up for a reason of 101 characters; it should have 1 to 100",
+        ),
+        (
+            Decision(given_up=(PlaceGivenUp("r1", 0, 500_000, "shut"),)),
+            "gives a place up at 500000 µs; it should be from 400000 to 499999 µs",
+        ),
+        (
+            Decision(given_up=(PlaceGivenUp("r1", 0, 400_000, "shut"),) * 3),
+            "gives 3 places up in one step; at most 2 may be",
+        ),
+        (
+            Decision(route=[PlaceKey("r1", 0)]),  # type: ignore[arg-type]
+            "gives [PlaceKey(owner='r1', place=0)] for a route; it should be a tuple of PlaceKey, or None",
+        ),
+        (
+            Decision(route=(0,)),  # type: ignore[arg-type]
+            "has 0 in its route; it should be a PlaceKey",
+        ),
+        (
+            Decision(route=(PlaceKey("r2", 1), PlaceKey("r1", 1), PlaceKey("r2", 1))),
+            "has place 1 of 'r2' twice in its route; each may be there once",
+        ),
+        (
+            Decision(route=tuple(PlaceKey("r1", place) for place in range(5))),
+            "has a route of 5 places; at most 4 may be",
         ),
     ],
 )
 def test_what_a_behaviour_must_not_ask_for_is_named(decision: object, fault: str) -> None:
-    robot = Robot(decision, first_step=4, limits=RobotLimits(frames=3, reports=2))
+    robot = Robot(decision, first_step=4, limits=RobotLimits(frames=3, reports=2, given_up=2, route=4))
     with pytest.raises(BehaviourError) as caught:
         robot.take_step()
     assert str(caught.value) == WHERE + fault
@@ -255,9 +299,9 @@ def test_an_error_in_a_behaviour_is_passed_on_with_a_note_of_where() -> None:
 
 def test_equal_inputs_give_equal_outputs() -> None:
     def outputs() -> list[tuple[Output, ...]]:
-        robot = Robot(Decision(1, Point(9.0, 3.0)))
+        robot = Robot(Decision(Point(9.0, 3.0)))
         first = [robot.take_step()]
-        robot.behaviour.decision = Decision(1)
+        robot.behaviour.decision = Decision()
         return first + [robot.take_step() for _ in range(60)]
 
     assert outputs() == outputs()
@@ -286,7 +330,7 @@ def test_fingerprints_call_the_kernels_with_the_types_that_a_robot_does(
     monkeypatch.setattr(caller, name, spy)
     module.fingerprint()
     compiled = len(types)
-    robot = Robot(Decision(1, Point(9.0, 3.0)))
+    robot = Robot(Decision(Point(9.0, 3.0)))
     for _ in range(20):
         robot.take_step()
     assert 0 < compiled < len(types) and len(set(types)) == 1  # so no step waits for the compiler

@@ -49,7 +49,7 @@ class Traveller:
         senses = self.base.senses(step)
         self.seen.take(at_step(step), senses.odometry, senses.scan)
         twist = self.navigation.advance(at_step(step), self.base.pose, self.base.velocity)
-        self.base.drive(Drive(step, *twist, 0, 0))
+        self.base.drive(Drive(step, *twist, 0))
         self.track.append(self.base.pose)
         self.least_gap = min(self.least_gap, self.base.wall_gap())
 

@@ -34,7 +34,7 @@ class Trip:
         senses = self.base.senses(self.step)
         self.surroundings.take(at_step(self.step), senses.odometry, senses.scan)
         twist = self.navigation.advance(at_step(self.step), self.base.pose, self.base.velocity)
-        self.base.drive(Drive(self.step, *twist, 0, 0))
+        self.base.drive(Drive(self.step, *twist, 0))
         self.step += 1
         self.least_gap = min(self.least_gap, self.base.wall_gap())
         return twist

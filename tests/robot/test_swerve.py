@@ -144,7 +144,7 @@ def test_the_fingerprint_calls_the_kernel_with_the_types_that_a_driver_does(
     driver.follow(np.column_stack((np.linspace(1.0, 4.0, 61), np.full(61, 1.75))))
     senses = base.senses(0)
     seen.take(at_step(0), senses.odometry, senses.scan)
-    base.drive(Drive(0, *driver.steer(at_step(0), base.pose, base.velocity).twist, 0, 0))
+    base.drive(Drive(0, *driver.steer(at_step(0), base.pose, base.velocity).twist, 0))
     assert len(types) == 2 and len(set(types)) == 1
 
 

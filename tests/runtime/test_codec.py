@@ -5,14 +5,36 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actors.messages import DRIVE, RECEIVED, Drive, Heard, Message, PlaceReport, Received, Sent, Topic
+from actors.messages import (
+    DRIVE,
+    RECEIVED,
+    Drive,
+    Heard,
+    Message,
+    PlaceGivenUp,
+    PlaceKey,
+    PlaceReport,
+    Received,
+    Sent,
+    Topic,
+)  # fmt: skip
 from actors.runtime.codec import WireError, decode, encode
 
 REALS = st.floats(allow_nan=False, allow_infinity=False)
 COUNTS = st.integers(min_value=0, max_value=2**40)
 REPORTS = st.builds(PlaceReport, st.text(max_size=5), COUNTS, COUNTS)
+GIVEN_UP = st.builds(PlaceGivenUp, st.text(max_size=5), COUNTS, COUNTS, st.text(max_size=9))
+KEYS = st.builds(PlaceKey, st.text(max_size=5), COUNTS)
 DRIVES = st.builds(
-    Drive, COUNTS, REALS, REALS, REALS, COUNTS, COUNTS, st.lists(REPORTS, max_size=3).map(tuple)
+    Drive,
+    COUNTS,
+    REALS,
+    REALS,
+    REALS,
+    COUNTS,
+    st.lists(REPORTS, max_size=3).map(tuple),
+    st.lists(GIVEN_UP, max_size=3).map(tuple),
+    st.none() | st.lists(KEYS, max_size=3).map(tuple),
 )
 HEARD = st.builds(Heard, COUNTS, COUNTS, REALS, COUNTS, st.binary(max_size=118))
 RECEIVEDS = st.builds(
@@ -22,7 +44,7 @@ RECEIVEDS = st.builds(
 
 def packed(*values: object) -> bytes:
     """Version byte and a msgpack array."""
-    return b"\x01" + msgspec.msgpack.encode(values)
+    return b"\x02" + msgspec.msgpack.encode(values)
 
 
 @given(DRIVES)
@@ -48,21 +70,21 @@ def test_any_bytes_decode_or_are_a_wire_error(payload: bytes) -> None:
 @pytest.mark.parametrize(
     ("topic", "payload", "sentence"),
     [
-        (DRIVE, b"", "swarm/k: no bytes where message version 1 was due"),
-        (DRIVE, b"\x07", "swarm/k: version 7 where message version 1 was due"),
-        (DRIVE, packed(3, 0.1, "x", 0.2, 0, 4), "swarm/k: Drive.vy = 'x': expected `float`, got `str`"),
+        (DRIVE, b"", "swarm/k: no bytes where message version 2 was due"),
+        (DRIVE, b"\x07", "swarm/k: version 7 where message version 2 was due"),
+        (DRIVE, packed(3, 0.1, "x", 0.2, 0), "swarm/k: Drive.vy = 'x': expected `float`, got `str`"),
         (
             DRIVE,
-            packed(3, 0.1, 0.0, 0.2, 0, 4, [["r1", 2.5, 4]]),
+            packed(3, 0.1, 0.0, 0.2, 0, [["r1", 2.5, 4]]),
             "swarm/k: Drive.reports[0][1] = 2.5: expected `int`, got `float`",
         ),
-        (DRIVE, packed(3), "swarm/k: Drive = [3]: expected `array` of at least length 6, got 1"),
+        (DRIVE, packed(3), "swarm/k: Drive = [3]: expected `array` of at least length 5, got 1"),
         (
             RECEIVED,
             packed(3, [["shout", 1, 2]]),
             "swarm/k: Received.events[0][0] = 'shout': invalid value 'shout'",
         ),
-        (DRIVE, b"\x01\xc1", "swarm/k: not msgpack after 2 bytes: MessagePack data is malformed: "
+        (DRIVE, b"\x02\xc1", "swarm/k: not msgpack after 2 bytes: MessagePack data is malformed: "
          "invalid opcode '\\xc1' (byte 0)"),
     ],
 )  # fmt: skip

@@ -123,7 +123,7 @@ def test_a_recording_holds_everything_in_order(recorded: tuple[Path, list[Shell]
         *((way, k, k) for k in range(4) for way in ("in", "out")),
         ("in", 4, 4),
     ]
-    assert entries[1].payload == encode(Drive(0, 0.2, 0.0, 0.0, 0, 1))
+    assert entries[1].payload == encode(Drive(0, 0.2, 0.0, 0.0, 0))
     assert read_notes(folder / "r1.mcap") == {"run": '{"text":"first"}', "final": '{"text":"last"}'}
 
 
@@ -175,8 +175,8 @@ def test_a_replay_with_other_code_names_the_first_difference(recorded: tuple[Pat
         replay(Shell(Slower(), bus, Unrecorded(), actor="r22"), bus)
     assert str(caught.value) == (
         f"{folder / 'r22.mcap'}: step 2: sends Drive(step=2, vx=0.0, vy=0.0, omega=0.0, transmits=0, "
-        "tasks_left=1, reports=()) on swarm/up/r22/drive; recorded was Drive(step=2, vx=2.3, vy=0.0, "
-        "omega=0.0, transmits=0, tasks_left=1, reports=())"
+        "reports=(), given_up=(), route=None) on swarm/up/r22/drive; recorded was Drive(step=2, vx=2.3, "
+        "vy=0.0, omega=0.0, transmits=0, reports=(), given_up=(), route=None)"
     )
 
 

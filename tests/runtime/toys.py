@@ -59,4 +59,4 @@ class Answerer:
             return ()
         self.step += 1
         speed = senses.step + len(self._robot) / 10
-        return (to(DRIVE, Drive(senses.step, speed, 0.0, 0.0, 0, 1), self._robot),)
+        return (to(DRIVE, Drive(senses.step, speed, 0.0, 0.0, 0), self._robot),)

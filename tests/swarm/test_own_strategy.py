@@ -11,14 +11,20 @@ from tests.swarm.command import ROOT
 
 OWN = """
 from actors.instant import Instant
+from actors.messages import PlaceGivenUp, PlaceKey
 from actors.robot.ports import Behaviour, Decision, Start, View
 
 class Lazy:
+    def __init__(self, start: Start) -> None:
+        self.robot, self.places = start.robot, len(start.places)
+
     def advance(self, view: View, until: Instant) -> Decision:
-        return Decision(tasks_left=0)
+        keys = tuple(PlaceKey(self.robot, place) for place in range(self.places))
+        given_up = tuple(PlaceGivenUp(k.owner, k.place, view.instant, "too lazy") for k in keys)
+        return Decision(given_up=given_up, route=())
 
 def behaviour(start: Start) -> Behaviour:
-    return Lazy()
+    return Lazy(start)
 """
 
 
@@ -38,4 +44,4 @@ def test_a_file_in_the_working_directory(tmp_path: Path, words: list[str]) -> No
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["simulated_s"] == 0.1  # everybody says at once that nothing is left to do
+    assert json.loads(done.stdout)["simulated_s"] == 0.1  # everybody gives everything up at once

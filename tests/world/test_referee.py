@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from actors.instant import Instant
-from actors.messages import PlaceReport
-from actors.world.referee import PlaceOutcome, Referee
+from actors.messages import PlaceGivenUp, PlaceKey, PlaceReport
+from actors.world.referee import PlaceOutcome, Referee, Verdict
 from actors.world.setup import RobotSetup
 from actors.world.visits import visitors
 
@@ -24,33 +24,79 @@ def at(*points: tuple[float, float]) -> NDArray[np.float64]:
     return np.array(points)
 
 
+def verdicts(referee: Referee) -> list[Verdict]:
+    return [outcome.verdict for outcome in referee.outcomes({})]
+
+
 def test_a_place_is_reached_once_and_by_the_first(referee: Referee) -> None:
     referee.watch(Instant(0), at((0.6, 0.0), (9.0, 9.0)))
     referee.watch(Instant(100), at((0.4, 0.0), (0.0, 0.1)))
     referee.watch(Instant(200), at((0.0, 0.0), (6.0, 0.2)))
-    assert referee.outcomes() == (
-        PlaceOutcome("r1", 0, 0.0, 0.0, 100, "r1", None, None),
-        PlaceOutcome("r1", 1, 3.0, 0.0, None, None, None, None),
-        PlaceOutcome("r2", 0, 6.0, 0.0, 200, "r2", None, None),
+    routes = {"r1": (PlaceKey("r2", 0),), "r2": (PlaceKey("r2", 0), PlaceKey("r1", 1))}
+    assert referee.outcomes(routes) == (
+        PlaceOutcome("r1", 0, 0.0, 0.0, 100, "r1", None, None, None, None, None, ()),
+        PlaceOutcome("r1", 1, 3.0, 0.0, None, None, None, None, None, None, None, ("r2",)),
+        PlaceOutcome("r2", 0, 6.0, 0.0, 200, "r2", None, None, None, None, None, ("r1", "r2")),
     )
 
 
 def test_done_is_reported_and_true_by_then(referee: Referee) -> None:
     referee.watch(Instant(100), at((0.0, 0.0), (9.0, 9.0)))
-    assert referee.report("r1", PlaceReport("r1", 0, 150))  # true
-    assert referee.report("r2", PlaceReport("r1", 1, 150))  # claimed, and nobody had been there
-    assert referee.report("r2", PlaceReport("r2", 0, 150))  # claimed too early
+    referee.report("r1", PlaceReport("r1", 0, 150))  # true
+    referee.report("r2", PlaceReport("r1", 1, 150))  # claimed, and nobody had been there
+    referee.report("r2", PlaceReport("r2", 0, 150))  # claimed too early
     referee.watch(Instant(200), at((6.0, 0.0), (9.0, 9.0)))
-    assert [outcome.done for outcome in referee.outcomes()] == [True, False, False]
+    assert verdicts(referee) == [Verdict.DONE, Verdict.CLAIMED, Verdict.CLAIMED]
+    assert [outcome.done for outcome in referee.outcomes({})] == [True, False, False]
     assert referee.reports == 3
 
 
-def test_the_first_report_counts_and_unknown_places_are_refused(referee: Referee) -> None:
-    assert referee.report("r2", PlaceReport("r1", 0, 10)) and referee.report("r1", PlaceReport("r1", 0, 20))
-    assert referee.outcomes()[0].reported_by == "r2" and referee.outcomes()[0].reported_at == 10
-    assert not referee.report("r1", PlaceReport("r1", 2, 10))
-    assert not referee.report("r1", PlaceReport("r9", 0, 10))
+def test_the_first_report_and_the_first_giving_up_count(referee: Referee) -> None:
+    referee.report("r2", PlaceReport("r1", 0, 10))
+    referee.report("r1", PlaceReport("r1", 0, 20))
+    referee.give_up("r2", PlaceGivenUp("r1", 1, 30, "blocked"))
+    referee.give_up("r1", PlaceGivenUp("r1", 1, 40, "no plan"))
+    reported, given_up, _ = referee.outcomes({})
+    assert (reported.reported_at, reported.reported_by) == (10, "r2")
+    assert (given_up.given_up_at, given_up.given_up_by, given_up.reason) == (30, "r2", "blocked")
     assert referee.reports == 1
+
+
+def test_a_place_that_is_reported_and_given_up_counts_as_reported_whichever_came_first(
+    referee: Referee,
+) -> None:
+    referee.watch(Instant(0), at((0.0, 0.0), (3.0, 0.0)))
+    referee.give_up("r2", PlaceGivenUp("r1", 0, 10, "blocked"))
+    referee.report("r1", PlaceReport("r1", 0, 20))
+    referee.report("r1", PlaceReport("r1", 1, 30))
+    referee.give_up("r2", PlaceGivenUp("r1", 1, 40, "blocked"))
+    assert verdicts(referee) == [Verdict.DONE, Verdict.DONE, Verdict.LOST]
+    assert [outcome.settled_at for outcome in referee.outcomes({})] == [10, 30, None]
+    assert [outcome.given_up_at for outcome in referee.outcomes({})] == [10, 40, None]
+
+
+def test_a_place_is_lost_when_nobody_has_a_word_for_it(referee: Referee) -> None:
+    referee.give_up("r1", PlaceGivenUp("r1", 0, 10, "blocked"))
+    outcomes = referee.outcomes({"r1": (PlaceKey("r1", 1),), "r2": ()})
+    assert [outcome.verdict for outcome in outcomes] == [Verdict.GIVEN_UP, Verdict.OPEN, Verdict.LOST]
+    assert [outcome.lost for outcome in outcomes] == [False, False, True]
+
+
+def test_all_is_settled_when_every_place_is_reported_or_given_up(referee: Referee) -> None:
+    referee.report("r1", PlaceReport("r1", 0, 10))
+    referee.report("r1", PlaceReport("r1", 0, 10))
+    referee.give_up("r1", PlaceGivenUp("r1", 0, 10, "blocked"))
+    referee.give_up("r2", PlaceGivenUp("r2", 0, 10, "blocked"))
+    assert not referee.settled
+    referee.report("r1", PlaceReport("r1", 1, 10))
+    assert referee.settled
+    assert not Referee((robot("r1"),), reach=0.5).settled
+
+
+@pytest.mark.parametrize(("owner", "place"), [("r1", 2), ("r1", -1), ("r2", 1), ("r9", 0)])
+def test_places_that_nobody_was_given_are_not_known(referee: Referee, owner: str, place: int) -> None:
+    assert referee.knows(PlaceReport("r1", 1, 10)) and referee.knows(PlaceKey("r2", 0))
+    assert not referee.knows(PlaceKey(owner, place))
 
 
 def test_the_threshold_itself_is_outside() -> None:
