@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import Any, Final, TypeVar, dataclass_transform
 
 from deeco.errors import DefinitionError
+from deeco.immutability import describe
 from deeco.instant import Duration, Instant
 from deeco.knowledge import Knowledge, is_component, is_role
 from deeco.process import Fact, ports
@@ -101,7 +102,10 @@ def ensemble(
     if every is None and not facts:
         raise DefinitionError("@ensemble() should say when: every=seconds(3), on_change=a fact, or both")
     if (every is not None and every <= 0) or offset < 0 or (max_age is not None and max_age <= 0):
-        raise DefinitionError("@ensemble(): every and max_age should be above 0, and offset at least 0")
+        raise DefinitionError(
+            f"@ensemble(every={every}, offset={offset}, max_age={max_age}), in µs: "
+            "every and max_age should be above 0 and offset at least 0"
+        )
 
     def tagged(cls: type[T]) -> type[T]:
         made = dataclass(frozen=True)(cls)
@@ -115,7 +119,9 @@ def type_of(instance: object) -> EnsembleType:
     """What the class of an ensemble says. Raises DefinitionError for an object that is none."""
     described = getattr(type(instance), _TAG, None)
     if not isinstance(described, EnsembleType):
-        raise DefinitionError(f"{instance!r} is no ensemble; its class should have @ensemble(...)")
+        raise DefinitionError(
+            f"{instance!r} is no ensemble; it should be an instance of a class with @ensemble(...)"
+        )
     return described
 
 
@@ -170,10 +176,12 @@ def _sides(
     if function is None:
         raise DefinitionError(f"ensemble {cls.__name__} has no {name}(self, {first}, {second})")
     where = f"{cls.__name__}.{name}"
-    given = ports(function, where, skip=1)
+    given = ports(cls, function, where, skip=1)
     if tuple(parameter for parameter, _ in given[:2]) != (first, second):
         raise DefinitionError(f"{where}: its first parameters should be self, {first} and {second}")
     for parameter, kind in given[:2]:
         if not (isinstance(kind, type) and (is_role(kind) or is_component(kind))):
-            raise DefinitionError(f"{where}: {parameter} should be a class with @role or @component")
+            raise DefinitionError(
+                f"{where}: {parameter} is a {describe(kind)}; its class should have @role or @component"
+            )
     return given[0][1], given[1][1], given[2:]

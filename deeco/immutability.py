@@ -7,11 +7,11 @@ from typing import Annotated, Any, Final, Literal, NewType, Union, get_args, get
 
 _PLAIN: Final = (bool, int, float, str, bytes, types.NoneType)
 _ADVICE: Final = {
-    list: "write tuple[{item}, ...]",
-    bytearray: "write bytes",
-    dict: "write a tuple of pairs",
-    set: "write a sorted tuple, for the order of a set differs from one process to the next",
-    frozenset: "write a sorted tuple, for the order of a set differs from one process to the next",
+    list: "{name} can change behind everybody's back; write tuple[{item}, ...]",
+    bytearray: "{name} can change behind everybody's back; write bytes",
+    dict: "{name} can change behind everybody's back; write a tuple of pairs",
+    set: "{name} can change, and its order differs from one process to the next; write a sorted tuple",
+    frozenset: "the order of {name} differs from one process to the next; write a sorted tuple",
 }
 
 
@@ -62,10 +62,13 @@ def _refusal(annotation: Any, origin: Any, arguments: tuple[Any, ...]) -> str:
     name = describe(annotation)
     if origin in _ADVICE:
         item = describe(arguments[0]) if arguments else "float"
-        return f"{name} can change behind everybody's back; {_ADVICE[origin].format(item=item)}"
+        return _ADVICE[origin].format(name=name, item=item)
     if annotation in {Any, object}:
         return f"{name} says nothing about what is in it; name the type"
-    return f"{name} may be able to change; use a frozen dataclass, a tuple, a number, a str or an Enum"
+    return (
+        f"{name} is not among the types whose values are known never to change; "
+        "use a number, a str, an Enum, a tuple or a frozen dataclass without type parameters"
+    )
 
 
 def describe(annotation: Any) -> str:

@@ -66,7 +66,10 @@ def component(cls: type[K]) -> type[K]:
 
 def _made(cls: type[K], kind: str) -> type[K]:
     if not issubclass(cls, Knowledge):
-        raise DefinitionError(f"{kind} {cls.__name__} should be a class of Knowledge")
+        raise DefinitionError(
+            f"{kind} {cls.__name__} does not build on Knowledge; "
+            "it should, directly or by way of the roles that it plays"
+        )
     made = dataclass(frozen=True, kw_only=True)(cls)
     try:
         hints = get_type_hints(made, localns={made.__name__: made}, include_extras=True)

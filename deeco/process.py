@@ -113,7 +113,8 @@ def _process(cls: type, name: str, schedule: Schedule) -> Process:
         for fact in schedule.facts:
             _check_fact(cls, name, fact)
     layer = any(getattr(vars(base).get(name), _ADAPTATION, False) for base in cls.__mro__)
-    return Process(cls.__name__, name, schedule, ports(function, f"{cls.__name__}.{name}", skip=1), layer)
+    needed = ports(cls, function, f"{cls.__name__}.{name}", skip=1)
+    return Process(cls.__name__, name, schedule, needed, layer)
 
 
 def _check_fact(cls: type, process: str, fact: Fact) -> None:
@@ -131,10 +132,13 @@ def has_fact(cls: type, fact: Fact) -> bool:
     return any(vars(base).get(name) is fact for base in cls.__mro__)
 
 
-def ports(function: Callable[..., Any], name: str, skip: int) -> tuple[tuple[str, Any], ...]:
-    """The parameters of a function after the first `skip`, with their types; `name` is for errors."""
+def ports(owner: type, function: Callable[..., Any], name: str, skip: int) -> tuple[tuple[str, Any], ...]:
+    """The parameters of a function after the first `skip`, with their types; `name` is for errors.
+
+    `owner` is the class that is being made, which its module does not know yet but annotations may name.
+    """
     try:
-        hints = get_type_hints(function)
+        hints = get_type_hints(function, localns={owner.__name__: owner})
     except NameError as error:
         raise DefinitionError(
             f"{name}: {error}; import the type where the program runs, not under TYPE_CHECKING only"
