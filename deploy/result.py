@@ -1,8 +1,9 @@
 """What a run comes to: gathered from the last records of its processes' files, and nothing else."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
@@ -12,7 +13,9 @@ from actors.runtime.process import FinalNote
 from actors.runtime.recording import read_notes
 from actors.runtime.tally import run_digest
 from actors.world.referee import PlaceOutcome
+from deploy.deeco_result import DeecoResult, NodeOutcome, deeco_result, node_outcome
 from deploy.launch import Program
+from deploy.place_table import counted
 
 
 class ResultError(AcrcError):
@@ -23,10 +26,15 @@ class RobotResult(msgspec.Struct, frozen=True):
     """One robot's part."""
 
     places_total: int
+    """Places that it was given; what follows is about these, whichever robot did or said it."""
     places_done: int
-    """Of its own places: reported by some robot, and ground truth says that one had been there."""
+    """Reported, and ground truth says that some robot had been within reach by then."""
+    places_claimed: int
+    """Reported, whether true or not."""
+    places_given_up: int
+    """Given up, and not reported."""
     completion_s: float | None
-    """When the last of its places was reported; None if not all are done."""
+    """When the last of its places was reported, simulated s; None if not all are done; 0 if it has none."""
 
 
 class RunResult(msgspec.Struct, frozen=True):
@@ -45,8 +53,24 @@ class RunResult(msgspec.Struct, frozen=True):
     real_time_factor: float
     places_total: int
     places_done: int
+    """Reported, and ground truth says that some robot had been within reach by then: the chapter's "number of
+    cleaning tasks that were completed" (7.2.2)."""
+    places_claimed: int
+    """Reported, whether true or not: what the system itself takes for cleaned."""
+    places_given_up: int
+    """Given up by some robot, and reported by none, neither before nor after."""
+    places_lost: int
+    """Neither reported nor given up, and at the end in the route of no robot that still has a process: nobody
+    knows of them any more."""
     completion_s: float | None
-    """When the last place of all was reported, simulated s; None if not all are done."""
+    """When the last place was reported, simulated s: the chapter's "time to complete all the tasks" (7.2.2).
+    None unless all are done."""
+    settled_s: float | None
+    """When the last place was reported or given up, whichever came first for it, simulated s: the chapter's
+    "total running time till system completes or gives up" (7.2.2). None if the run ended before that."""
+    last_reached_s: float | None
+    """When the last of the places that were reported was, simulated s: what the original testbed computes
+    under that name (results/process.py), which knows of no giving up. None if nothing was reported."""
     per_robot: dict[str, RobotResult]
     undelivered: int
     """Messages published less messages received, over all actors."""
@@ -57,7 +81,11 @@ class RunResult(msgspec.Struct, frozen=True):
     refused_orders: tuple[str, ...]
     """Orders from outside that made no sense, a sentence each."""
     frames: dict[str, int]
-    """What became of the radio frames, by cause."""
+    """What became of the radio frames, by cause, and the octets of those that were sent."""
+    radio_bytes_per_robot_s: float
+    """Octets on the air per robot and simulated s: whole frames with their MAC header and FCS."""
+    deeco: DeecoResult
+    """What the robots' nodes of the component model did."""
     isolation: str
     bus: str
     out: str
@@ -88,7 +116,14 @@ class WorldOutcome(msgspec.Struct):
     refused_orders: tuple[str, ...]
 
 
-def gather(programs: Sequence[Program], about: Circumstances) -> RunResult:
+class Gathered(NamedTuple):
+    """The result of a run, and what it says in counts only."""
+
+    result: RunResult
+    places: tuple[PlaceOutcome, ...]
+
+
+def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
     """The result of a run whose processes have all ended as planned."""
     finals = [(program, _final(program.record)) for program in programs if program.record is not None]
     world = next(final for program, final in finals if program.actor == "world")
@@ -103,8 +138,9 @@ def gather(programs: Sequence[Program], about: Circumstances) -> RunResult:
     wall = max(world.ended_s - world.started_s, 1e-9)
     published = sum(final.published for _, final in finals)
     received = sum(final.received for _, final in finals) + about.parent_received
-    done, completion = _completion(outcome.places)
-    return RunResult(
+    frames = msgspec.json.decode(radio.outcome["frames"], type=dict[str, int])
+    places = counted(outcome.places)
+    result = RunResult(
         digest=run_digest([final.digest for _, final in finals]),
         robots=len(about.robots),
         seed=about.seed,
@@ -113,31 +149,45 @@ def gather(programs: Sequence[Program], about: Circumstances) -> RunResult:
         startup_s=round(world.started_s - about.began_s, 3),
         cpu_s=round(sum(final.cpu_s for _, final in finals) + about.parent_cpu_s, 3),
         real_time_factor=round(simulated / wall, 2),
-        places_total=len(outcome.places),
-        places_done=done,
-        completion_s=completion,
+        places_total=places.total,
+        places_done=places.done,
+        places_claimed=places.claimed,
+        places_given_up=places.given_up,
+        places_lost=places.lost,
+        completion_s=places.completion_s,
+        settled_s=places.settled_s,
+        last_reached_s=places.last_reached_s,
         per_robot={robot: _robot_result(robot, outcome.places) for robot in about.robots},
         undelivered=published - received,
         unread=sum(final.unread for _, final in finals),
         contacts=outcome.contacts,
         refused_orders=outcome.refused_orders,
-        frames=msgspec.json.decode(radio.outcome["frames"], type=dict[str, int]),
+        frames=frames,
+        radio_bytes_per_robot_s=_rate(frames["bytes_sent"], len(about.robots) * simulated),
+        deeco=deeco_result(_nodes(finals)),
         isolation=about.isolation,
         bus=about.bus,
         out=str(about.out),
     )
+    return Gathered(result, outcome.places)
 
 
 def _robot_result(robot: str, places: Sequence[PlaceOutcome]) -> RobotResult:
-    own = [place for place in places if place.owner == robot]
-    done, completion = _completion(own)
-    return RobotResult(len(own), done, completion)
+    own = counted([place for place in places if place.owner == robot])
+    return RobotResult(own.total, own.done, own.claimed, own.given_up, own.completion_s)
 
 
-def _completion(places: Sequence[PlaceOutcome]) -> tuple[int, float | None]:
-    """How many are done, and when the last of them was reported, s, if all are."""
-    done = [place.reported_at for place in places if place.done and place.reported_at is not None]
-    return len(done), in_seconds(max(done, default=0)) if len(done) == len(places) else None
+def _nodes(finals: Iterable[tuple[Program, FinalNote]]) -> Iterator[NodeOutcome]:
+    """What the robots' processes, those of restarted robots too, say about their nodes."""
+    for program, final in finals:
+        assert program.record is not None
+        node = None if program.actor in ("world", "radio") else node_outcome(program.record, final.outcome)
+        if node is not None:
+            yield node
+
+
+def _rate(count: int, robot_seconds: float) -> float:
+    return round(count / robot_seconds, 3) if robot_seconds else 0.0
 
 
 def _final(record: Path) -> FinalNote:

@@ -1,13 +1,14 @@
 """A run's result for people, or as JSON for programs."""
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from deploy.result import RunResult
+from deploy.result import RobotResult, RunResult
 
 
 def print_result(result: RunResult, *, json: bool) -> None:
@@ -22,6 +23,8 @@ def print_result(result: RunResult, *, json: bool) -> None:
         f" ({result.real_time_factor:g} x real time, {result.startup_s:.1f} s to start)",
         highlight=False,
     )
+    for sentence in _sentences(result):
+        console.print(sentence, highlight=False)
     frames = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.frames.items() if count)
     console.print(f"radio: {frames or 'silence'}", highlight=False)
     console.print(f"contacts: {result.contacts}", highlight=False)
@@ -45,12 +48,35 @@ def print_view(out: Path) -> None:
 
 
 def _table(result: RunResult) -> Table:
-    table = Table("robot", "places", "done at")
+    """A row per robot and one for all; a column for places given up only where there are any."""
+    gave_up = ("given up",) if result.places_given_up else ()
+    table = Table("robot", "places done", *gave_up, "all done at")
+
+    def add(name: str, of: RobotResult | RunResult) -> None:
+        given_up = (str(of.places_given_up),) if gave_up else ()
+        done = f"{of.places_done} of {of.places_total}"
+        table.add_row(name, done, *given_up, _instant(of.completion_s))
+
     for robot, part in result.per_robot.items():
-        table.add_row(robot, f"{part.places_done} of {part.places_total}", _instant(part.completion_s))
+        add(robot, part)
     table.add_section()
-    table.add_row("all", f"{result.places_done} of {result.places_total}", _instant(result.completion_s))
+    add("all", result)
     return table
+
+
+def _sentences(result: RunResult) -> Iterator[str]:
+    """What else there is to say about the places."""
+    if result.completion_s is None and result.settled_s is not None:
+        yield f"every place was reported or given up by {result.settled_s:.1f} s"
+    if result.places_claimed > result.places_done:
+        untrue = result.places_claimed - result.places_done
+        yield f"{_places(untrue)} reported although no robot had been there"
+    if result.places_lost:
+        yield f"{_places(result.places_lost)} lost: neither reported nor given up, and in nobody's route"
+
+
+def _places(count: int) -> str:
+    return "1 place was" if count == 1 else f"{count} places were"
 
 
 def _instant(completion_s: float | None) -> str:

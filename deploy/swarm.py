@@ -22,6 +22,7 @@ from deploy.cast import cast
 from deploy.launch import Launcher, Program, launcher
 from deploy.memory_swarm import MemorySwarm
 from deploy.options import RunOptions
+from deploy.place_table import write_table
 from deploy.plan import (
     Plan,
     issue_credentials,
@@ -54,7 +55,10 @@ class Interrupted(Exception):  # noqa: N818  # what a person or the system asked
 
 
 def run(scenario: Scenario, options: RunOptions) -> RunResult:
-    """Run the scenario; the result also stands in run.json. AcrcError if it cannot be run to its end."""
+    """Run the scenario; AcrcError if it cannot be run to its end.
+
+    The result also stands in run.json, and what became of every place in places.csv.
+    """
     prepared = plan(scenario, options)
     places = sum(len(robot.places) for robot in prepared.world.robots)
     with progress.shown(prepared.world.duration_us, places, quiet=options.json) as follow:
@@ -146,7 +150,8 @@ def _await_file(supervisor: Supervisor, path: Path) -> None:
 
 
 def _finish(plan: Plan, programs: Sequence[Program], about: Circumstances) -> RunResult:
-    result = gather(programs, about)
+    result, places = gather(programs, about)
+    write_table(places, plan.out / "places.csv")
     (plan.out / "run.json").write_bytes(msgspec.json.format(msgspec.json.encode(result)) + b"\n")
     return result
 

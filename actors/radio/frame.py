@@ -13,9 +13,14 @@ MAC_OCTETS: Final = 9
 (d3scomp/beeclickarm, MRF24J40.cpp)."""
 
 
+def octets(data_bytes: int) -> int:
+    """The size of a frame with so many data bytes: its MAC header, the data and the FCS."""
+    return data_bytes + MAC_OCTETS
+
+
 def airtime_us(data_bytes: int) -> int:
     """The time in the air, µs, of a frame with so many data bytes: 12 symbols and two per PSDU octet."""
-    return (HEADER_SYMBOLS + 2 * (data_bytes + MAC_OCTETS)) * SYMBOL_US
+    return (HEADER_SYMBOLS + 2 * octets(data_bytes)) * SYMBOL_US
 
 
 def size_fault(data_bytes: int) -> str:

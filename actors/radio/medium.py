@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.messages import Heard, Jam, Overflow, RadioEvent, Sent
-from actors.radio.frame import airtime_us
+from actors.radio.frame import airtime_us, octets
 from actors.radio.parameters import RadioParameters
 from actors.radio.path_loss import received_dbm
 from actors.radio.stations import Stations
@@ -144,7 +144,7 @@ class Medium:
     def _end(self, now: int, request: Request) -> None:
         sender = request.station
         fate = self._fate[sender]
-        self._tally.frame("sent")
+        self._tally.sent(octets(len(request.data)))
         self._tally.copies(fate)
         self._notices.append(Notice(sender, Sent(now, request.tag)))
         heard = np.flatnonzero(fate == Fate.HEARD)

@@ -35,12 +35,18 @@ class Tally:
 
     def __init__(self) -> None:
         self._fates = np.zeros(len(Fate), dtype=np.int64)
+        self._bytes_sent = 0
         self._frames = dict.fromkeys(FRAMES, 0)
         self._events = dict.fromkeys(EVENTS, 0)
 
     def frame(self, end: str, number: int = 1) -> None:
         """Count frames that came to the `end`, one of FRAMES."""
         self._frames[end] += number
+
+    def sent(self, octets: int) -> None:
+        """Count a frame of that size, MAC header and FCS included, that has left the antenna whole."""
+        self.frame("sent")
+        self._bytes_sent += octets
 
     def copies(self, fates: NDArray[np.uint8]) -> None:
         """Count what became of one frame at every station."""
@@ -53,9 +59,9 @@ class Tally:
     def counters(self) -> dict[str, int]:
         """All counters by name.
 
-        `frames_*` count frames; `copies_*` count each frame, when it ends, once per other station that was
-        powered when it began: with n stations always on their sum is n - 1 times `frames_sent`; `events_*`
-        count lost events.
+        `frames_*` count frames; `bytes_sent` the octets of those sent, with MAC header and FCS; `copies_*`
+        count each frame, when it ends, once per other station that was powered when it began: with n stations
+        always on their sum is n - 1 times `frames_sent`; `events_*` count lost events.
         """
         frames = {f"frames_{end}": count for end, count in self._frames.items()}
         copies = {
@@ -63,4 +69,5 @@ class Tally:
             for fate in Fate
             if fate is not Fate.NOT_ADDRESSED
         }
+        frames["bytes_sent"] = self._bytes_sent
         return frames | copies | {f"events_{end}": count for end, count in self._events.items()}

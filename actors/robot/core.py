@@ -8,7 +8,7 @@ so a new goal moves the base from the next step on.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, cast
 
 from actors.geometry import Twist
 from actors.instant import Instant, in_seconds
@@ -24,7 +24,7 @@ from actors.messages import (
     Transmit,
 )
 from actors.robot.behaviour import BehaviourError
-from actors.robot.limits import RobotLimits, fault
+from actors.robot.limits import RobotLimits, fault, outcome_fault
 from actors.robot.localisation import Localisation
 from actors.robot.navigation import Navigation
 from actors.robot.ports import Behaviour, Decision, View
@@ -126,6 +126,16 @@ class RobotCore:
         outputs = self._outputs(decision, twist)
         self._step += 1
         return outputs
+
+    def outcome(self) -> dict[str, object]:
+        """What the behaviour has to say about its run, by subject; nothing if it has no method `outcome`."""
+        say = getattr(self._parts.behaviour, "outcome", None)
+        if say is None:
+            return {}
+        outcome = say()
+        if wrong := outcome_fault(outcome):
+            raise BehaviourError(f"step {self._step}: behaviour {self._entry!r} of {self._robot} {wrong}")
+        return cast(dict[str, object], outcome)
 
     def _act(self, senses: Senses, events: tuple[RadioEvent, ...]) -> tuple[Decision, Twist]:
         parts, odometry, instant = self._parts, senses.odometry, Instant(senses.instant)

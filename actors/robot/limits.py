@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import msgspec
+
 from actors.geometry import Point
 from actors.instant import Instant
 from actors.messages import (
@@ -47,6 +49,18 @@ def fault(decision: object, begin: Instant, end: Instant, limits: RobotLimits) -
     if decision.route is not None and (wrong := _route_fault(decision.route, limits)):
         return wrong
     return _frames_fault(decision.frames, begin, end, limits) if decision.frames else None
+
+
+def outcome_fault(outcome: object) -> str | None:
+    """What is wrong with what a behaviour has to say about its run; None if nothing is."""
+    if not isinstance(outcome, dict) or not all(isinstance(subject, str) for subject in outcome):
+        return f"gives {outcome!r} for its outcome; it should be a dict by subject"
+    for subject, value in outcome.items():
+        try:
+            msgspec.json.encode(value)
+        except (TypeError, ValueError) as error:
+            return f"has an outcome that is no JSON, under {subject!r}: {error}"
+    return None
 
 
 def _is_point(goal: object) -> bool:

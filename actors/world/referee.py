@@ -18,8 +18,8 @@ class Verdict(Enum):
 
     DONE = "done"
     """Reported, and true: some robot had been there by then."""
-    CLAIMED = "claimed"
-    """Reported, and not true."""
+    MISTAKEN = "mistaken"
+    """Reported, but nobody had been there by then."""
     GIVEN_UP = "given up"
     """Given up, and never reported."""
     LOST = "lost"
@@ -53,7 +53,7 @@ class PlaceOutcome(msgspec.Struct, frozen=True):
     def verdict(self) -> Verdict:
         """What has become of it, in one word."""
         if self.reported_at is not None:
-            return Verdict.DONE if self.done else Verdict.CLAIMED
+            return Verdict.DONE if self.done else Verdict.MISTAKEN
         if self.given_up_at is not None:
             return Verdict.GIVEN_UP
         return Verdict.OPEN if self.in_route_of else Verdict.LOST

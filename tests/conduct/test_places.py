@@ -23,7 +23,7 @@ def test_the_run_ends_when_every_place_is_reported_or_given_up() -> None:
     play.acts["r1"].says = {3: reported(R1), 7: given_up(R2)}  # whoever it belongs to
     play.run()
     assert play.core.step == 8 and play.progress[-1].finished
-    assert [place.verdict for place in play.core.places] == [Verdict.CLAIMED, Verdict.GIVEN_UP]
+    assert [place.verdict for place in play.core.places] == [Verdict.MISTAKEN, Verdict.GIVEN_UP]
     assert (play.core.places[1].given_up_by, play.core.places[1].reason) == ("r1", "the door is shut")
 
 

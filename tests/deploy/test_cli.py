@@ -11,6 +11,7 @@ from rich.console import Console
 
 from deploy import summary
 from deploy.checks import Check, run_checks
+from deploy.deeco_result import DeecoResult
 from deploy.result import RobotResult, RunResult
 
 ROOT = Path(__file__).parents[2]
@@ -87,8 +88,10 @@ def test_every_check_runs_and_the_failed_ones_are_named(capfd: pytest.CaptureFix
 
 RESULT = RunResult(
     digest="d0d0", robots=2, seed=1, simulated_s=600.0, wall_s=12.345, startup_s=0.9, cpu_s=20.0,
-    real_time_factor=48.6, places_total=4, places_done=3, completion_s=None,
-    per_robot={"r1": RobotResult(2, 2, 311.25), "r2": RobotResult(2, 1, None)},
+    real_time_factor=48.6, places_total=4, places_done=3, places_claimed=3, places_given_up=0, places_lost=0,
+    completion_s=None, settled_s=None, last_reached_s=420.5, radio_bytes_per_robot_s=0.25,
+    per_robot={"r1": RobotResult(2, 2, 2, 0, 311.25), "r2": RobotResult(2, 1, 1, 0, None)},
+    deeco=DeecoResult({}, {}, None, None),
     undelivered=0, unread=0, contacts=5, refused_orders=(), isolation="full", bus="zenoh", out="/o",
     frames={"frames_sent": 10, "frames_cut_off": 0, "copies_heard": 7},
 )  # fmt: skip
@@ -104,10 +107,34 @@ def test_a_result_for_people(capsys: pytest.CaptureFixture[str]) -> None:
         "digest d0d0",
         "recorded in /o",
     ]
-    rows = [line.strip("│ ").split("│") for line in lines if "│" in line]
-    assert [[cell.strip() for cell in row] for row in rows] == [
+    assert cells(lines) == [
         ["r1", "2 of 2", "311.2 s"], ["r2", "1 of 2", "not all"], ["all", "3 of 4", "not all"]
     ]  # fmt: skip
+
+
+def cells(lines: list[str]) -> list[list[str]]:
+    """What stands in the table, row by row."""
+    rows = [line.strip("│ ").split("│") for line in lines if "│" in line]
+    return [[cell.strip() for cell in row] for row in rows]
+
+
+def test_places_given_up_mistaken_or_lost_are_said_where_there_are_any(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    some = msgspec.structs.replace(
+        RESULT, places_total=9, places_claimed=4, places_given_up=3, places_lost=2, settled_s=480.25,
+        per_robot={"r1": RobotResult(2, 2, 2, 0, 311.25), "r2": RobotResult(7, 1, 2, 3, None)},
+    )  # fmt: skip
+    summary.print_result(some, json=False)
+    lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    assert cells(lines) == [
+        ["r1", "2 of 2", "0", "311.2 s"], ["r2", "1 of 7", "3", "not all"], ["all", "3 of 9", "3", "not all"]
+    ]  # fmt: skip
+    assert lines[-7:-4] == [
+        "every place was reported or given up by 480.2 s",
+        "1 place was reported although no robot had been there",
+        "2 places were lost: neither reported nor given up, and in nobody's route",
+    ]
 
 
 def test_messages_that_went_astray_are_said_loudly(capsys: pytest.CaptureFixture[str]) -> None:

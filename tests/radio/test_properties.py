@@ -101,6 +101,8 @@ def test_every_frame_and_every_copy_has_one_outcome(robots: dict[str, Robot], fr
     swarm = played(robots, frames)
     counters = swarm.core.counters()
     assert counters["frames_sent"] + counters["frames_overflowed"] == len(frames)
+    wire = sum(len(frame.data) + 9 for _, _, frame in sendings(swarm, frames))
+    assert counters["bytes_sent"] == wire
     copies = sum(count for name, count in counters.items() if name.startswith("copies_"))
     assert copies == counters["frames_sent"] * (len(NAMES) - 1)
     events: list[RadioEvent] = [event for some in swarm.given.values() for event in some]

@@ -174,6 +174,7 @@ def test_a_killed_robot_cuts_its_frame_and_forgets_its_queue() -> None:
     assert swarm.run([Frame(2 * STEP, "a", 9)])["a"] == [Sent(2 * STEP + 832, 9)]
     counters = swarm.core.counters()
     assert (counters["frames_cut_off"], counters["frames_discarded"], counters["frames_sent"]) == (1, 1, 1)
+    assert counters["bytes_sent"] == 11 + 9  # nothing of the one that was cut off
     assert (counters["copies_lost_powered_off"], counters["copies_heard"]) == (2, 2)
 
 

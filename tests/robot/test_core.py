@@ -51,9 +51,15 @@ HEARD = Heard(90, 2, -60.0, 255, b"hello")
 class Robot:
     """A core, its behaviour, and a base to feed it."""
 
-    def __init__(self, decision: object = None, first_step: int = 0, limits: RobotLimits = LIMITS) -> None:
+    def __init__(
+        self,
+        decision: object = None,
+        first_step: int = 0,
+        limits: RobotLimits = LIMITS,
+        behaviour: Scripted | None = None,
+    ) -> None:
         kind = model()
-        self.behaviour = Scripted(decision)
+        self.behaviour = behaviour or Scripted(decision)
         self.base = FakeBase(TWO_ROOMS, kind, START)
         surroundings = Surroundings(kind.sensor)
         driver = Driver(FLOOR, surroundings, 0.177, 0.1, DrivingParameters())
@@ -295,6 +301,44 @@ def test_an_error_in_a_behaviour_is_passed_on_with_a_note_of_where() -> None:
     with pytest.raises(KeyError) as caught:
         robot.take_step()
     assert caught.value.__notes__ == ["in step 4 (0.4 s): behaviour 'my.study:behaviour' of r1"]
+
+
+class Talkative(Scripted):
+    """Has something to say about its run."""
+
+    said: object = None
+
+    def outcome(self) -> object:
+        return self.said
+
+
+def test_a_behaviour_may_say_something_about_its_run() -> None:
+    robot = Robot()
+    assert robot.core.outcome() == {}  # it need not
+    behaviour = Talkative()
+    behaviour.said = {"study": {"detours": 3}}
+    robot = Robot(behaviour=behaviour)
+    assert robot.core.outcome() == {"study": {"detours": 3}}
+
+
+@pytest.mark.parametrize(
+    ("said", "fault"),
+    [
+        (7, "gives 7 for its outcome; it should be a dict by subject"),
+        ({1: 2}, "gives {1: 2} for its outcome; it should be a dict by subject"),
+        (
+            {"good": 1, "bad": {"x": object}},
+            "has an outcome that is no JSON, under 'bad': Encoding objects of type type is unsupported",
+        ),
+    ],
+)
+def test_an_outcome_that_cannot_be_kept_is_named(said: object, fault: str) -> None:
+    behaviour = Talkative()
+    behaviour.said = said
+    robot = Robot(behaviour=behaviour, first_step=4)
+    with pytest.raises(BehaviourError) as caught:
+        robot.core.outcome()
+    assert str(caught.value) == f"step 4: behaviour 'my.study:behaviour' of r1 {fault}"
 
 
 def test_equal_inputs_give_equal_outputs() -> None:

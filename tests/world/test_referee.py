@@ -46,7 +46,7 @@ def test_done_is_reported_and_true_by_then(referee: Referee) -> None:
     referee.report("r2", PlaceReport("r1", 1, 150))  # claimed, and nobody had been there
     referee.report("r2", PlaceReport("r2", 0, 150))  # claimed too early
     referee.watch(Instant(200), at((6.0, 0.0), (9.0, 9.0)))
-    assert verdicts(referee) == [Verdict.DONE, Verdict.CLAIMED, Verdict.CLAIMED]
+    assert verdicts(referee) == [Verdict.DONE, Verdict.MISTAKEN, Verdict.MISTAKEN]
     assert [outcome.done for outcome in referee.outcomes({})] == [True, False, False]
     assert referee.reports == 3
 

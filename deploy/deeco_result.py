@@ -1,0 +1,94 @@
+"""What the nodes of the component model did in a run, from what each robot's process said at its end."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Final
+
+import msgspec
+
+from actors.runtime.errors import AcrcError
+
+SUBJECT: Final = "deeco"
+"""Under which a robot's last record holds what its node counted."""
+_BIN_MS: Final = 50
+"""Width of the bins that `deeco.statistics` counts the ages of replicas in."""
+_Count = Annotated[int, msgspec.Meta(ge=0)]
+_Bound = Annotated[int, msgspec.Meta(gt=0, multiple_of=_BIN_MS)]
+
+
+class DeecoOutcomeError(AcrcError):
+    """What a robot says about its node is not in the form that it should be."""
+
+
+class NodeOutcome(msgspec.Struct, frozen=True):
+    """What one node counted, from the start of its process to its end."""
+
+    counters: dict[str, _Count]
+    exchanges: dict[str, _Count]
+    """By ensemble: exchanges that changed the local knowledge."""
+    replica_age_ms: dict[_Bound, _Count]
+    """How old the replicas were when they were looked at: count by the upper bound of the bin, ms."""
+
+
+class DeecoResult(msgspec.Struct, frozen=True):
+    """What all nodes counted, over all processes that a robot had; all empty where no robot has a node."""
+
+    counters: dict[str, int]
+    """What the nodes did, dropped or refused, by name."""
+    exchanges: dict[str, int]
+    """How often an exchange of knowledge changed the knowledge of the robot that made it, by ensemble: with
+    the shipped strategies, how often a robot adopted something."""
+    replica_age_mean_s: float | None
+    """Mean age of a replica, each sample taken in the middle of its bin; None without samples."""
+    replica_age_p95_s: float | None
+    """Age that 95 % of the samples do not exceed: the upper bound of the bin of the nearest rank (that is,
+    sample number ceil(0.95 n) in order of age); None without samples."""
+
+
+def node_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NodeOutcome | None:
+    """What a process's last record says about its node; None if it says nothing."""
+    if SUBJECT not in outcome:
+        return None
+    try:
+        return msgspec.json.decode(outcome[SUBJECT], type=NodeOutcome)
+    except msgspec.ValidationError as error:
+        raise DeecoOutcomeError(
+            f"{record}: the outcome {SUBJECT!r} of the behaviour is not that of a node: {error}"
+        ) from None
+
+
+def deeco_result(nodes: Iterable[NodeOutcome]) -> DeecoResult:
+    """What the nodes did together."""
+    counters: Counter[str] = Counter()
+    exchanges: Counter[str] = Counter()
+    ages: Counter[int] = Counter()
+    for node in nodes:
+        counters.update(node.counters)
+        exchanges.update(node.exchanges)
+        ages.update(node.replica_age_ms)
+    return DeecoResult(
+        counters=dict(counters),
+        exchanges=dict(sorted(exchanges.items())),
+        replica_age_mean_s=_mean_s(ages),
+        replica_age_p95_s=_percentile_s(ages, 95),
+    )
+
+
+def _mean_s(ages: Counter[int]) -> float | None:
+    samples = ages.total()
+    if not samples:
+        return None
+    total_ms = sum((bound - _BIN_MS / 2) * count for bound, count in ages.items())
+    return round(total_ms / samples / 1000, 4)
+
+
+def _percentile_s(ages: Counter[int], percent: int) -> float | None:
+    """By the nearest rank."""
+    rank = math.ceil(ages.total() * percent / 100)
+    for bound in sorted(ages):
+        rank -= ages[bound]
+        if rank <= 0 < ages[bound]:
+            return bound / 1000
+    return None
