@@ -1,9 +1,9 @@
-"""What comes of the shipped scenario from one seed to the next: places done, when, and contacts."""
+"""What comes of the shipped scenario from one seed to the next: places done and given up, when, and contacts."""
 
 import json
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
@@ -17,18 +17,22 @@ from deploy.scenario_file import Overrides, load_scenario
 
 ROBOTS: Final = (1, 4)
 SEEDS: Final = 10
+STRATEGIES: Final = ("none",)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One run."""
+    """One run; the fields from `places_done` to `contacts` are those of its RunResult."""
 
+    strategy: str
     robots: int
     seed: int
-    places_done: int
     places_total: int
+    places_done: int
+    places_given_up: int
+    places_lost: int
     completion_s: float | None
-    """When the last place was reported, simulated s; None if not all are done."""
+    settled_s: float | None
     contacts: int
     digest: str
 
@@ -43,6 +47,7 @@ def run(
     seeds: int = SEEDS,
     json_output: bool = False,
     duration: float | None = None,
+    strategies: Sequence[str] = STRATEGIES,
 ) -> list[Outcome]:
     """Run the shipped scenario in memory from each of the seeds 1 to `seeds`; print and give what came of it.
 
@@ -50,9 +55,10 @@ def run(
     """
     console = Console(stderr=True)
     outcomes = []
-    for count in robots:
-        console.print(f"robots {count}, seeds 1 to {seeds} …", highlight=False)
-        outcomes += [_outcome(count, seed, duration) for seed in range(1, seeds + 1)]
+    for strategy in strategies:
+        for count in robots:
+            console.print(f"strategy {strategy}, robots {count}, seeds 1 to {seeds} …", highlight=False)
+            outcomes += [_outcome(strategy, count, seed, duration) for seed in range(1, seeds + 1)]
     if json_output:
         sys.stdout.write(json.dumps([asdict(outcome) for outcome in outcomes]) + "\n")
     else:
@@ -60,50 +66,70 @@ def run(
     return outcomes
 
 
-def _outcome(robots: int, seed: int, duration: float | None) -> Outcome:
-    scenario = load_scenario(None, Overrides(robots=robots, seed=seed, duration=duration))
+def _outcome(strategy: str, robots: int, seed: int, duration: float | None) -> Outcome:
+    overrides = Overrides(robots=robots, seed=seed, duration=duration, strategy=strategy)
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
-        plan = swarm.plan(scenario, RunOptions(Path(folder) / "out", bus="memory", json=True))
+        options = RunOptions(Path(folder) / "out", bus="memory", json=True)
+        plan = swarm.plan(load_scenario(None, overrides), options)
         result = swarm.run_in_memory(plan, lambda progress: None)
     return Outcome(
+        strategy,
         robots,
         seed,
-        result.places_done,
         result.places_total,
+        result.places_done,
+        result.places_given_up,
+        result.places_lost,
         result.completion_s,
+        result.settled_s,
         result.contacts,
         result.digest,
     )
 
 
 def _print(outcomes: Sequence[Outcome]) -> None:
-    table = Table("robots", "seed", "places", "done at", "contacts", title="The shipped scenario, by seed")
-    for before, outcome in zip((None, *outcomes), outcomes, strict=False):
-        if before is not None and before.robots != outcome.robots:
-            table.add_section()
-        table.add_row(
-            str(outcome.robots),
-            str(outcome.seed),
-            f"{outcome.places_done} of {outcome.places_total}",
-            "not all" if outcome.completion_s is None else f"{outcome.completion_s:.1f} s",
-            str(outcome.contacts),
-        )
     console = Console()
-    console.print(table)
-    for count in dict.fromkeys(outcome.robots for outcome in outcomes):
-        runs = [outcome for outcome in outcomes if outcome.robots == count]
-        console.print(_summary(count, runs), highlight=False, soft_wrap=True)
+    for runs in _by_setting(outcomes):
+        console.print(_table(runs))
+    for runs in _by_setting(outcomes):
+        console.print(_summary(runs), highlight=False, soft_wrap=True)
 
 
-def _summary(robots: int, runs: Sequence[Outcome]) -> str:
-    """What all runs with so many robots come to; for one robot, beside the goal."""
-    complete = sum(one.complete for one in runs)
-    done, total = sum(one.places_done for one in runs), sum(one.places_total for one in runs)
-    contacts = sum(one.contacts for one in runs)
-    sentence = (
-        f"robots {robots}: all places in {complete} of {len(runs)} seeds,"
-        f" {done} of {total} places, {contacts} contacts"
+def _table(runs: Sequence[Outcome]) -> Table:
+    """One strategy with one number of robots, a row per seed."""
+    title = f"strategy {runs[0].strategy}, robots {runs[0].robots}"
+    table = Table(
+        *("seed", "places done", "given up", "lost", "done at", "settled at", "contacts"), title=title
     )
-    if robots > 1:
+    for one in runs:
+        done = f"{one.places_done} of {one.places_total}"
+        numbers = (one.seed, done, one.places_given_up, one.places_lost)
+        instants = (_instant(one.completion_s), _instant(one.settled_s))
+        table.add_row(*map(str, numbers), *instants, str(one.contacts))
+    return table
+
+
+def _by_setting(outcomes: Iterable[Outcome]) -> Iterable[Sequence[Outcome]]:
+    """The runs of each strategy with each number of robots."""
+    groups: dict[tuple[str, int], list[Outcome]] = {}
+    for outcome in outcomes:
+        groups.setdefault((outcome.strategy, outcome.robots), []).append(outcome)
+    return groups.values()
+
+
+def _instant(instant_s: float | None) -> str:
+    return "not all" if instant_s is None else f"{instant_s:.1f} s"
+
+
+def _summary(runs: Sequence[Outcome]) -> str:
+    """What all runs of one strategy with so many robots come to; for one robot, beside the goal."""
+    complete = sum(one.complete for one in runs)
+    sentence = (
+        f"{runs[0].strategy}, robots {runs[0].robots}: all places in {complete} of {len(runs)} seeds,"
+        f" {sum(one.places_done for one in runs)} of {sum(one.places_total for one in runs)} places,"
+        f" {sum(one.places_given_up for one in runs)} given up, {sum(one.places_lost for one in runs)} lost,"
+        f" {sum(one.contacts for one in runs)} contacts"
+    )
+    if runs[0].robots > 1:
         return sentence
     return f"{sentence}; goal, all places in every seed: {'met' if complete == len(runs) else 'MISSED'}"

@@ -65,9 +65,12 @@ def seeds(
         typer.Option(metavar="N", min=1, max=1000, help="May be repeated.  [default: 1, 4]"),
     ] = None,
     count: Annotated[int, typer.Option("--seeds", metavar="N", min=1, max=10_000, help="Seeds 1 to N.")] = 10,
+    strategy: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="May be repeated.  [default: none]")
+    ] = None,
     json: _Json = False,
 ) -> None:
     """Run the shipped scenario from many seeds and count places and contacts."""
     from benchmarks import seeds as by_seed
 
-    by_seed.run(robots or by_seed.ROBOTS, count, json)
+    by_seed.run(robots or by_seed.ROBOTS, count, json, strategies=strategy or by_seed.STRATEGIES)
