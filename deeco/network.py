@@ -91,7 +91,7 @@ class Network:
             self._publications += 1
             version = Version(self._epoch, self._publications)
             self._counters.published += 1
-            self._send(now, pack(KnowledgePacket(value.id, version, 0, self._book.pack(value))))
+            self._send(now, pack(KnowledgePacket(value.id, version, 0, self._book.pack(value)), self._limits))
         for replica in self.replicas:
             self._statistics.sample_age(replica.heard, now)
 

@@ -63,7 +63,7 @@ class Node:
         self._pairings = tuple(Pairing(one, binding, self._statistics) for one in ensembles)
         self._network = Network(
             parameters,
-            RoleBook(self._roles()),
+            RoleBook(self._roles(), parameters.link),
             Surroundings(frozenset(self._by_id), self._agenda.once, self._passes),
             address=address,
             epoch=epoch,

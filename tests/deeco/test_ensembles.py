@@ -1,0 +1,225 @@
+"""Who is a member of what, and which side learns."""
+
+from dataclasses import replace
+from typing import Self
+
+import pytest
+
+from deeco import Contact, Instant, Knowledge, component, ensemble, milliseconds, periodic, role, seconds
+from deeco.link import Reception
+from deeco.network import NetworkParameters
+from deeco.node import Node
+from tests.deeco.air import Air
+
+
+@role
+class Vehicle(Knowledge):
+    position: float = 0.0
+    speed: float = 0.0
+
+    def stands(self) -> bool:
+        return self.speed == 0.0
+
+
+@role
+class Loader(Knowledge):
+    load: int = 0
+
+
+@component
+class Truck(Vehicle, Loader):
+    followed: tuple[str, ...] = ()
+    led: tuple[str, ...] = ()
+
+
+@component
+class Car(Vehicle):
+    followed: tuple[str, ...] = ()
+
+
+@ensemble(every=seconds(1), offset=milliseconds(500))
+class Convoy:
+    gap: float = 10.0
+
+    def membership(self, coordinator: Vehicle, member: Vehicle) -> bool:
+        return 0 < coordinator.position - member.position < self.gap
+
+    def at_member(self, coordinator: Vehicle, member: Car) -> Car:
+        return replace(member, followed=(*member.followed, coordinator.id))
+
+
+@ensemble(every=seconds(1), offset=milliseconds(500))
+class Both:
+    def membership(self, coordinator: Loader, member: Vehicle) -> bool:
+        return coordinator.id != member.id
+
+    def at_coordinator(self, coordinator: Truck, member: Vehicle) -> Truck:
+        return replace(coordinator, led=(*coordinator.led, member.id))
+
+    def at_member(self, coordinator: Loader, member: Truck) -> Truck:
+        return replace(member, followed=(*member.followed, coordinator.id))
+
+
+def nodes(*components: Knowledge, ensembles: tuple[object, ...]) -> dict[str, Node]:
+    return {
+        one.id: Node([one], ensembles, address=number, publish_phase=milliseconds(7 * number))
+        for number, one in enumerate(components, start=1)
+    }
+
+
+def test_only_the_local_side_learns_and_only_from_members() -> None:
+    swarm = nodes(
+        Car(id="a", position=9), Car(id="b", position=4), Car(id="c", position=-3), ensembles=(Convoy(),)
+    )
+    Air(swarm).run(seconds(1))
+    known = {name: node.knowledge(name) for name, node in swarm.items()}
+    assert known == {
+        "a": Car(id="a", position=9),
+        "b": Car(id="b", position=4, followed=("a",)),
+        "c": Car(id="c", position=-3, followed=("b",)),
+    }
+    assert swarm["b"].outcome()["exchanges"] == {"Convoy": 1}
+
+
+def test_the_parameters_of_an_ensemble_are_its_fields() -> None:
+    swarm = nodes(Car(id="a", position=9), Car(id="b"), ensembles=(Convoy(gap=5.0),))
+    Air(swarm).run(seconds(1))
+    assert swarm["b"].knowledge("b") == Car(id="b")
+
+
+def test_components_of_one_node_meet_in_both_roles() -> None:
+    node = Node([Truck(id="t"), Car(id="c"), Truck(id="u")], [Both()])
+    node.advance(Instant(seconds(1)))
+    assert node.knowledge("t") == Truck(id="t", led=("c", "u"), followed=("u",))
+    assert node.knowledge("u") == Truck(id="u", led=("t", "c"), followed=("t",))
+    assert node.knowledge("c") == Car(id="c")
+
+
+def test_who_does_not_play_the_role_is_no_member() -> None:
+    swarm = nodes(Car(id="a"), Truck(id="b"), ensembles=(Both(),))
+    Air(swarm).run(seconds(1))
+    assert swarm["a"].outcome()["counters"]["memberships"] == 1, "as the member of b; a cannot coordinate"
+    assert swarm["b"].knowledge("b") == Truck(id="b", led=("a",))
+
+
+def test_a_peer_shows_its_role_only() -> None:
+    seen: list[object] = []
+
+    @ensemble(every=seconds(1))
+    class Watch:
+        def membership(self, coordinator: Vehicle, member: Vehicle) -> bool:
+            seen.append(coordinator if coordinator.id == "peer" else member)
+            return False
+
+        def at_member(self, coordinator: Vehicle, member: Car) -> Car:
+            return member
+
+    node = Node([Car(id="own"), Truck(id="peer", load=3)], [Watch()])
+    node.advance(Instant(1))
+    assert {type(one) for one in seen} == {Vehicle, Truck}, "Truck where it is the local side"
+    assert seen[0] == Vehicle(id="peer")
+
+
+@ensemble(every=seconds(1), offset=milliseconds(500))
+class Local:
+    """Reads what is local to the member."""
+
+    def membership(self, coordinator: Vehicle, member: Truck) -> bool:
+        return not member.led and coordinator.id != member.id
+
+    def at_member(self, coordinator: Vehicle, member: Truck) -> Truck:
+        return replace(member, followed=(*member.followed, coordinator.id))
+
+
+def test_a_membership_that_reads_local_knowledge_is_asked_where_that_is() -> None:
+    swarm = nodes(Truck(id="a"), Truck(id="b", led=("x",)), ensembles=(Local(),))
+    Air(swarm).run(seconds(1))
+    assert swarm["a"].knowledge("a") == Truck(id="a", followed=("b",))
+    assert swarm["b"].knowledge("b") == Truck(id="b", led=("x",))
+    assert [node.outcome()["counters"]["memberships"] for node in swarm.values()] == [1, 1]
+
+
+@ensemble(every=seconds(1))
+class Failing:
+    def membership(self, coordinator: Vehicle, member: Vehicle) -> bool:
+        return 1 / 0 > 0
+
+    def at_member(self, coordinator: Vehicle, member: Car) -> Car:
+        return member
+
+
+def test_an_exception_in_membership_is_not_taken_for_no() -> None:
+    swarm = nodes(Car(id="a"), Car(id="b"), ensembles=(Failing(),))
+    with pytest.raises(ZeroDivisionError) as caught:
+        Air(swarm).run(seconds(2))
+    assert caught.value.__notes__ == ["in ensemble Failing of 'a' and 'b' at 1 s"]
+
+
+def test_old_replicas_take_no_part_and_are_forgotten() -> None:
+    @ensemble(every=seconds(1), max_age=seconds(2))
+    class Fresh:
+        def membership(self, coordinator: Vehicle, member: Vehicle) -> bool:
+            return True
+
+        def at_member(self, coordinator: Vehicle, member: Car) -> Car:
+            return replace(member, followed=(*member.followed, coordinator.id))
+
+    parameters = NetworkParameters(forget_after=seconds(5))
+    a = Node([Car(id="a")], parameters=parameters, address=1)
+    b = Node([Car(id="b")], [Fresh()], parameters=parameters, address=2)
+    (frame,) = a.advance(Instant(seconds(0.1)))
+    air = Air({"b": b})
+    b.advance(Instant(seconds(0.1)))
+    b.advance(Instant(seconds(0.2)), [_heard(frame.data)])
+    air.now = Instant(seconds(0.2))
+    air.run(seconds(4.8))
+    assert b.knowledge("b") == Car(id="b", followed=("a", "a")), "at 1 and 2 s, and no more"
+    assert [replica.id for replica in b.replicas] == ["a"]
+    air.run(seconds(0.3))
+    assert b.replicas == ()
+    assert b.outcome()["counters"]["replicas_forgotten"] == 1
+
+
+def _heard(data: bytes) -> Reception:
+    return Reception(Instant(150_000), 1, data, -70.0)
+
+
+@ensemble(on_change=Vehicle.stands)
+class Jam:
+    """Asked as soon as somebody begins or ceases to stand."""
+
+    def membership(self, coordinator: Vehicle, member: Vehicle, now: Instant) -> bool:
+        return coordinator.stands()
+
+    def at_member(self, coordinator: Vehicle, member: Car, now: Instant, contact: Contact) -> Car:
+        how = f"heard {contact.heard // 1000} {contact.rssi_dbm} {contact.hops}"
+        note = f"{coordinator.id} at {now // 1000} {how}"
+        return replace(member, followed=(*member.followed, note))
+
+
+@component
+class Stopping(Vehicle):
+    @periodic(every=seconds(1))
+    def drive(self, now: Instant) -> Self:
+        return replace(self, speed=0.0 if now >= seconds(2) else 1.0)
+
+
+def test_an_ensemble_runs_when_a_fact_of_a_peer_changes() -> None:
+    a = Node([Stopping(id="a", speed=1.0)], address=1, publish_phase=milliseconds(10))
+    b = Node([Car(id="b", speed=1.0)], [Jam()], address=2)
+    Air({"a": a, "b": b}).run(seconds(4))
+    assert b.knowledge("b") == Car(id="b", speed=1.0, followed=("a at 2100 heard 2010 -60.0 0",))
+    assert b.outcome()["counters"]["memberships"] == 2 * 2, "at the first news and at the change, both roles"
+
+
+@component
+class Waking(Vehicle):
+    @periodic(every=seconds(1), offset=seconds(1))
+    def drive(self) -> Self:
+        return replace(self, speed=0.0)
+
+
+def test_an_ensemble_runs_when_an_own_fact_changes() -> None:
+    node = Node([Waking(id="a", speed=2.0), Car(id="b", speed=1.0)], [Jam()])
+    node.advance(Instant(seconds(3)))
+    assert node.knowledge("b") == Car(id="b", speed=1.0, followed=("a at 1000 heard 1000 None 0",))

@@ -1,0 +1,161 @@
+"""Nodes as proxies: who relays what, when, and how far."""
+
+from collections.abc import Sequence
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deeco import Knowledge, component, ensemble, milliseconds, role, seconds
+from deeco.network import NetworkParameters
+from deeco.node import Node
+from deeco.relaying import RelayParameters
+from tests.deeco.air import Air, Reach
+
+RELAY = RelayParameters()
+
+
+@role
+class Vehicle(Knowledge):
+    position: float = 0.0
+
+
+@component
+class Car(Vehicle):
+    pass
+
+
+@ensemble(every=seconds(100), offset=seconds(50))
+class Near:
+    """Knowledge is of no use farther than 15 m from where it comes from."""
+
+    def membership(self, coordinator: Vehicle, member: Vehicle) -> bool:
+        return False
+
+    def boundary(self, sender: Vehicle, here: Vehicle) -> bool:
+        return abs(sender.position - here.position) <= 15
+
+
+def cars(
+    positions: Sequence[float],
+    relay: RelayParameters | None = RELAY,
+    ensembles: tuple[object, ...] = (),
+) -> dict[str, Node]:
+    return {
+        f"c{number}": Node(
+            [Car(id=f"c{number}", position=position)],
+            ensembles,
+            parameters=NetworkParameters(relay=relay, publish_every=seconds(4)),
+            address=number,
+            publish_phase=milliseconds(10 + 700 * number),
+        )
+        for number, position in enumerate(positions)
+    }
+
+
+def within(metres: float, positions: Sequence[float]) -> Reach:
+    """Strength falls by 5 dB per metre from -40 dBm; nobody hears beyond."""
+
+    def reach(sender: str, receiver: str) -> float | None:
+        gap = abs(positions[int(sender[1:])] - positions[int(receiver[1:])])
+        return -40.0 - 5.0 * gap if gap <= metres else None
+
+    return reach
+
+
+def known(node: Node) -> dict[str, int]:
+    return {one.id: one.contact(node.now).hops for one in node.replicas}
+
+
+LINE = (0.0, 10.0, 20.0, 30.0, 40.0)
+
+
+def run(positions: Sequence[float], nodes: dict[str, Node], metres: float = 10.0) -> Air:
+    air = Air(nodes, within(metres, positions))
+    air.run(seconds(4))
+    return air
+
+
+def total(nodes: dict[str, Node], counter: str) -> int:
+    return sum(node.outcome()["counters"][counter] for node in nodes.values())
+
+
+def test_knowledge_travels_as_far_as_the_hop_limit() -> None:
+    nodes = cars(LINE, RelayParameters(hop_limit=2))
+    run(LINE, nodes)
+    assert known(nodes["c3"]) == {"c0": 2, "c1": 1, "c2": 0, "c4": 0}
+    assert "c0" not in known(nodes["c4"]), "it would take a third relay"
+
+
+def test_without_relaying_only_neighbours_know() -> None:
+    nodes = cars(LINE, None)
+    run(LINE, nodes)
+    assert known(nodes["c2"]) == {"c1": 0, "c3": 0}
+    assert total(nodes, "relayed") == 0
+
+
+def test_the_far_one_relays_first_and_the_near_one_leaves_it_at_that() -> None:
+    positions = (0.0, 1.0, 9.0, 17.0)
+    nodes = cars(positions)
+    air = Air(nodes, within(10.0, positions))
+    air.run(seconds(1.5))  # c0 has published at 10 ms, and c1 at 710 ms
+    relays = [(sender, frame.instant) for sender, frame in air.sent if b"c0" in frame.data][1:]
+    assert [sender for sender, _ in relays] == ["c2", "c3"]
+    assert relays[0][1] < seconds(0.4)
+    assert nodes["c1"].outcome()["counters"]["relays_cancelled"] == 1
+
+
+def test_delay_grows_with_strength() -> None:
+    relay = RelayParameters()
+    delays = [relay.delay(rssi, 0.0) for rssi in (-120.0, -95.0, -80.0, -60.0, -45.0, 0.0)]
+    assert delays == [0, 0, 300_000, 700_000, 1_000_000, 1_000_000]
+    assert relay.delay(None, 0.0) == 500_000
+    assert relay.delay(-95.0, 0.5) == 25_000
+
+
+def test_the_boundary_of_an_ensemble_ends_relaying() -> None:
+    nodes = cars(LINE, RelayParameters(hop_limit=15), (Near(),))
+    run(LINE, nodes)
+    assert "c0" in known(nodes["c2"]), "c1 relays, as it is within 15 m"
+    assert "c0" not in known(nodes["c3"]), "c2 does not"
+
+
+def test_an_ensemble_without_a_boundary_has_everything_relayed() -> None:
+    @ensemble(every=seconds(100), offset=seconds(50))
+    class Anyone:
+        def membership(self, coordinator: Vehicle, member: Vehicle) -> bool:
+            return False
+
+    nodes = cars(LINE, RelayParameters(hop_limit=15), (Near(), Anyone()))
+    run(LINE, nodes)
+    assert "c0" in known(nodes["c3"])
+
+
+def test_newer_knowledge_takes_the_place_of_what_waits() -> None:
+    """c0 publishes every 0.2 s, and is heard so strongly that relaying waits for a second."""
+    fast = Node([Car(id="c0")], parameters=NetworkParameters(publish_every=milliseconds(200)), address=0)
+    slow = cars((0.0, 1.0))["c1"]
+    air = Air({"c0": fast, "c1": slow}, lambda sender, receiver: -30.0)
+    air.run(seconds(4))
+    counters = slow.outcome()["counters"]
+    assert counters["relayed"] == 0 and counters["relays_cancelled"] == 19, "of 20 heard, the last one waits"
+
+
+def test_a_full_queue_refuses_and_counts() -> None:
+    relay = RelayParameters(waiting=1, hop_limit=1)
+    positions = (0.0, 0.5, 1.0, 1.5)
+    nodes = cars(positions, relay)
+    run(positions, nodes)
+    assert total(nodes, "relays_refused") > 0
+
+
+@pytest.mark.parametrize("hops", [1, 3, 15])
+@given(number=st.integers(2, 6))
+def test_a_packet_is_relayed_at_most_once_by_each(hops: int, number: int) -> None:
+    positions = [float(index) for index in range(number)]
+    nodes = cars(positions, RelayParameters(hop_limit=hops))
+    air = Air(nodes, within(100.0, positions))
+    air.run(seconds(3.9))  # one publication each, as the next is due at 4.01 s; 2 nodes still wait
+    assert total(nodes, "published") <= number
+    assert total(nodes, "relayed") <= number * (number - 1)
+    assert len(air.sent) == total(nodes, "published") + total(nodes, "relayed")
