@@ -1,4 +1,4 @@
-"""What comes of the shipped scenario from one seed to the next: places done and given up, when, and contacts."""
+"""What comes of the shipped scenario, by seed: places done, given up and lost, when, and contacts."""
 
 import json
 import sys
