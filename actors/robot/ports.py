@@ -101,7 +101,12 @@ class Decision:
 
 
 class Behaviour(Protocol):
-    """The user's part of a robot; keeps its own state between steps."""
+    """The user's part of a robot; keeps its own state between steps.
+
+    It may also have a method `outcome() -> dict[str, object]`, called once at the end of its process: what it
+    has to say about its run, by subject, in values that JSON can hold. It goes into the last record of the
+    robot's file and takes no part in the run's digest. The subject "deeco" belongs to the component model.
+    """
 
     def advance(self, view: View, until: Instant) -> Decision:
         """Do what is due at instants from `view.instant` on and before `until`.

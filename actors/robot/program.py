@@ -64,7 +64,7 @@ def part(argv: Sequence[str]) -> Part:
         kernels=prints,
     )
     ready = to(READY, Ready(setup.first_step, setup.id, setup.epoch, combined(prints)), setup.id)
-    return Part(core=core, listens=core.listens(), run=run, ready=ready)
+    return Part(core=core, listens=core.listens(), run=run, ready=ready, outcome=core.outcome)
 
 
 def parse(argv: Sequence[str]) -> RobotOptions:
