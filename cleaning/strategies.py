@@ -1,6 +1,8 @@
 """The strategies that can be named on the command line."""
 
-from collections.abc import Mapping
+import importlib.metadata
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final
 
@@ -8,19 +10,74 @@ from actors.runtime.errors import AcrcError
 
 STRATEGIES: Final[Mapping[str, str]] = MappingProxyType({"none": "cleaning.baseline:behaviour"})
 """Entry string of each strategy's behaviour, by the strategy's name; "none" is the naive solution."""
+GROUP: Final = "acrc.strategies"
+"""Entry point group in which an installed distribution registers strategies: name = "module:function"."""
+SHIPPED: Final = "shipped"
+"""Source of the strategies above."""
 
 
 class StrategyError(AcrcError):
-    """A strategy that nobody knows."""
+    """A strategy that nobody knows, or that two have given the same name."""
+
+
+@dataclass(frozen=True)
+class Strategy:
+    """A strategy that can be named."""
+
+    name: str
+    entry: str
+    """Entry string `module:function` of its behaviour."""
+    source: str
+    """Name and version of the distribution that registers it; SHIPPED for those of this project."""
+    fault: str = ""
+    """Why the name cannot be used, in a sentence; empty if it can."""
 
 
 def entry(strategy: str) -> str:
     """The entry string of a strategy, given by its name or as an entry string of one's own."""
     if ":" in strategy:
         return strategy
-    if strategy not in STRATEGIES:
+    known = strategies()
+    for one in known:
+        if one.name == strategy and one.fault:
+            raise StrategyError(f"strategy {one.fault}")
+    entries = {one.name: one.entry for one in known}
+    if strategy not in entries:
         raise StrategyError(
-            f"strategy {strategy!r} is not known; it should be one of {', '.join(sorted(STRATEGIES))}, "
+            f"strategy {strategy!r} is not known; it should be one of {', '.join(sorted(entries))}, "
             "or the entry 'module:function' of your own"
         )
-    return STRATEGIES[strategy]
+    return entries[strategy]
+
+
+def strategies() -> tuple[Strategy, ...]:
+    """The shipped strategies, and those of installed distributions (entry point group GROUP) by name.
+
+    Names that somebody else has, too, stand there with their `fault`; nothing is imported.
+    """
+    shipped = [Strategy(name, entry, SHIPPED) for name, entry in STRATEGIES.items()]
+    installed = sorted(
+        {
+            Strategy(point.name, point.value, _title(point.dist))
+            for point in importlib.metadata.entry_points(group=GROUP)
+        },
+        key=lambda one: (one.name, one.source, one.entry),
+    )
+    everyone = [*shipped, *installed]
+    return tuple(replace(one, fault=_conflict(one, everyone)) for one in everyone)
+
+
+def _title(distribution: importlib.metadata.Distribution | None) -> str:
+    if distribution is None:
+        return "an unknown distribution"
+    return f"{distribution.name} {distribution.version}"
+
+
+def _conflict(strategy: Strategy, everyone: Sequence[Strategy]) -> str:
+    """That others have this name, too, in a sentence; empty if none has."""
+    sources = [one.source for one in everyone if one.name == strategy.name]
+    if len(sources) == 1:
+        return ""
+    registered = " and ".join(source for source in sources if source != SHIPPED)
+    owned = "is the name of a shipped strategy, but " if SHIPPED in sources else ""
+    return f"{strategy.name!r} {owned}is registered by {registered}, too; each must have a name of its own"

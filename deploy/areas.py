@@ -1,13 +1,13 @@
 """The named areas of a scenario: whether they make sense, and which of them a table means."""
 
 import difflib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from actors.grid import OccupancyGrid
 from actors.placement import Area, areas_named, has_free_floor
 from actors.runtime.errors import AcrcError
-from deploy.scenario import Scenario
-from deploy.wording import shown
+from actors.wording import shown
+from deploy.scenario import AreaTable, Scenario
 
 
 class AreaError(AcrcError):
@@ -27,20 +27,27 @@ def fault(scenario: Scenario) -> str | None:
 def for_starts(scenario: Scenario) -> tuple[Area, ...] | None:
     """Where starts are drawn; None: on all free floor."""
     names = scenario.robots.areas
-    return None if names is None else areas_named(tuple(_areas(scenario)), names)
+    return None if names is None else areas_named(tuple(map(_area, scenario.area)), names)
 
 
 def for_places(scenario: Scenario) -> tuple[Area, ...] | None:
     """Where places are drawn; None: on all free floor."""
-    if scenario.places.preset == "free" or not scenario.area:
-        return None
-    areas, names = tuple(_areas(scenario)), scenario.places.areas
-    return areas if names is None else areas_named(areas, names)
+    return tuple(map(_area, of_places(scenario))) or None
+
+
+def of_places(scenario: Scenario) -> tuple[AreaTable, ...]:
+    """The tables of the areas in which places are drawn; none: on all free floor."""
+    if scenario.places.preset == "free":
+        return ()
+    if scenario.places.areas is None:
+        return scenario.area
+    tables = {table.name: table for table in scenario.area}
+    return tuple(tables[name] for name in scenario.places.areas)
 
 
 def check_areas(grid: OccupancyGrid, scenario: Scenario) -> None:
     """Raise AreaError if an area holds no free floor at all."""
-    for index, area in enumerate(_areas(scenario)):
+    for index, area in enumerate(map(_area, scenario.area)):
         if not has_free_floor(grid, area):
             raise AreaError(
                 f"area[{index}] {shown(area.name)} spans x {area.x0:g} to {area.x1:g} and"
@@ -48,10 +55,9 @@ def check_areas(grid: OccupancyGrid, scenario: Scenario) -> None:
             )
 
 
-def _areas(scenario: Scenario) -> Iterator[Area]:
-    for table in scenario.area:
-        (x0, x1), (y0, y1) = table.x, table.y
-        yield Area(table.name, x0, y0, x1, y1)
+def _area(table: AreaTable) -> Area:
+    (x0, x1), (y0, y1) = table.x, table.y
+    return Area(table.name, x0, y0, x1, y1)
 
 
 def _preset(scenario: Scenario) -> str | None:

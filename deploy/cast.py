@@ -10,7 +10,7 @@ from actors.radio.setup import RadioSetup
 from actors.robot_model import load_model
 from actors.world.setup import RobotSetup, WorldSetup
 from cleaning.strategies import entry
-from deploy.areas import check_areas
+from deploy.areas import check_areas, of_places
 from deploy.events import timed_orders
 from deploy.scenario import PlacesTable, RobotTable, Scenario
 from deploy.spots import Figure, check_moves, places, starts
@@ -73,7 +73,10 @@ def _figure(robot: str, scenario: Scenario) -> Figure:
 
 
 def _settled(scenario: Scenario, robots: Sequence[RobotSetup]) -> Scenario:
-    """The scenario with a table for each robot that leaves nothing to be drawn."""
+    """The scenario with a table for each robot that leaves nothing to be drawn.
+
+    Of the areas it keeps those of the places: robots may ask for a random point there.
+    """
     tables = tuple(
         RobotTable(
             id=robot.id,
@@ -89,6 +92,7 @@ def _settled(scenario: Scenario, robots: Sequence[RobotSetup]) -> Scenario:
         update={
             "robots": scenario.robots.model_copy(update={"start": (), "areas": None}),
             "places": PlacesTable(preset="listed"),
+            "area": of_places(scenario),
             "robot": tables,
         }
     )

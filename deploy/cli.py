@@ -51,7 +51,12 @@ def run(
     duration: Annotated[str | None, typer.Option(metavar="S", help="Simulated seconds.")] = None,
     step: Annotated[str | None, typer.Option(metavar="MS", help="Length of a step, 10 to 100 ms.")] = None,
     strategy: Annotated[
-        str | None, typer.Option(metavar="NAME", help="What robots do about being stuck.")
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="What robots do about being stuck: a name that `acrc strategies` lists, or module:function. "
+            "Settings of another one in the scenario are left out.",
+        ),
     ] = None,
     speed: Annotated[str, typer.Option(metavar="X", help="Simulated seconds per second, or max.")] = "max",
     bus: Annotated[
@@ -98,6 +103,16 @@ def run(
     summary.print_result(result, json=json)
     if view:
         summary.print_view(options.out)
+
+
+@app.command()
+def strategies(
+    json: Annotated[bool, typer.Option("--json", help="Print them as JSON, and nothing else.")] = False,
+) -> None:
+    """List the strategies that --strategy knows by name: shipped ones, and those of installed packages."""
+    from deploy.strategy_table import print_strategies
+
+    print_strategies(json=json)
 
 
 @app.command(context_settings={"ignore_unknown_options": True})

@@ -33,8 +33,10 @@ class Plan:
     radio: RadioSetup
     behaviour: str
     """Entry string `module:function` of the robots' behaviour."""
-    strategies: Path
-    """Folder in which a strategy of the user's own is looked for."""
+    modules: tuple[Path, ...]
+    """Folders in which a strategy of the user's own is looked for, the first one first."""
+    adaptation: str
+    """What every robot reads about its strategy and exchange, as TOML."""
     scenario: str
     """The resolved scenario as TOML."""
     commit: str
@@ -70,6 +72,7 @@ def lay_out(plan: Plan) -> None:
         plan.folder(robot.id).mkdir()
         copy_map(Path(plan.world.map), plan.folder(robot.id))
         _write_places(robot, plan.folder(robot.id) / "places.toml")
+        (plan.folder(robot.id) / "adaptation.toml").write_text(plan.adaptation)
         if Path(robot.model).is_file():
             shutil.copy(robot.model, plan.folder(robot.id) / "model.toml")
 
@@ -125,7 +128,8 @@ def robot_argv(plan: Plan, robot: RobotSetup, epoch: int, first_step: int) -> tu
         *("--model", str(model) if model.exists() else robot.model),
         *(("--sensor", robot.sensor) if robot.sensor else ()),
         *(f"--start={x!r},{y!r},{heading!r}", "--places", str(folder / "places.toml")),
-        *("--behaviour", plan.behaviour, "--path", str(plan.strategies)),
+        *("--adaptation", str(folder / "adaptation.toml"), "--behaviour", plan.behaviour),
+        *(word for path in plan.modules for word in ("--path", str(path))),
     )
 
 

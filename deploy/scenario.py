@@ -1,11 +1,23 @@
 """The tables of a scenario file, as they stand in its TOML; lengths in m, angles in rad, times in s."""
 
+import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    StringConstraints,
+)
 
+from actors.robot.adaptation import LONGEST_S, MOST_HOPS, SHORTEST_S
+from actors.robot.ports import Setting
 from actors.robot_model import OdometryKind
 
 MOST_ROBOTS: Final = 500
@@ -30,6 +42,18 @@ def _growing(span: tuple[float, float]) -> tuple[float, float]:
     if not span[0] < span[1]:
         raise ValueError
     return span
+
+
+def _setting(value: object) -> object:
+    """What TOML can hold and what has one value: no date, no array, no table, no infinity."""
+    match value:
+        case bool() | str():
+            return value
+        case int() if -(2**63) <= value < 2**63:
+            return value
+        case float() if math.isfinite(value):
+            return value
+    raise ValueError
 
 
 _Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
@@ -59,6 +83,18 @@ _Sensor = Annotated[_Text, Right('the name of one of the robot model\'s sensors,
 _Odometry = Annotated[OdometryKind, Right('"exact", "stage" or "kobuki"')]
 _Radius = Annotated[float, Field(gt=0, le=1000), Right("a number of metres above 0, at most 1000")]
 _Seconds = Annotated[float, Field(gt=0, le=1e6), Right("a number of seconds above 0, at most 1000000")]
+_Interval = Annotated[
+    float,
+    Field(ge=SHORTEST_S, le=LONGEST_S),
+    Right(f"a number of seconds from {SHORTEST_S} to {LONGEST_S}"),
+]
+_Settings = Annotated[
+    Mapping[str, Annotated[Setting, PlainValidator(_setting)]],
+    Right(
+        "a table [strategy] with the strategy's settings; its name stands in run.strategy",
+        item="true, false, a whole number of 64 bits, a finite number or a text",
+    ),
+]
 
 
 class Table(BaseModel):
@@ -81,7 +117,26 @@ class RunTable(Table):
     seed: Annotated[int, Field(ge=0, lt=2**63), Right("a whole number from 0 to 9223372036854775807")] = 1
     """From which every random stream is derived."""
     strategy: Annotated[_Text, Right('the name of a strategy, such as "none"')] = "none"
-    """Name of the robots' adaptation strategy."""
+    """Name of the robots' adaptation strategy, or the entry "module:function" of one's own."""
+    modules: Annotated[_Text | None, Right("the path of a folder, relative to the scenario file")] = None
+    """Where one's own strategy is looked for, before the working directory; absent: beside the file."""
+
+
+class DeecoTable(Table):
+    """[deeco]: how the nodes of the component model exchange knowledge by radio."""
+
+    publish: _Interval = 1.0
+    """How often each robot publishes its knowledge, s (d3scomp/JDEECo, DefaultKnowledgePublisher)."""
+    relay: Annotated[bool, Right("true or false")] = False
+    """Robots pass on what they hear; off in the original testbed."""
+    hop_limit: Annotated[int, Field(ge=1, le=MOST_HOPS), Right(f"a whole number from 1 to {MOST_HOPS}")] = 3
+    """How often knowledge is passed on at most."""
+    relay_delay: Annotated[
+        float, Field(ge=0, le=LONGEST_S), Right(f"a number of seconds from 0 to {LONGEST_S}")
+    ] = 1.0
+    """The longest wait before knowledge is passed on, that for the strongest signal, s."""
+    forget: _Interval = 30.0
+    """Replicas of robots that were not heard of for so long are dropped, s."""
 
 
 class RobotsTable(Table):
@@ -183,10 +238,13 @@ class EventTable(Table):
 
 
 class Scenario(Table):
-    """A scenario file; `map` and the robot models' files are absolute paths once it has been read."""
+    """A scenario file; all paths in it are absolute once it has been read, and `run.modules` is set."""
 
     map: Annotated[_Text, Right("the path of a map's YAML file, relative to the scenario file")]
     run: RunTable = RunTable()
+    strategy: _Settings = {}
+    """Settings of the strategy that [run] names; what is absent is as the strategy has it."""
+    deeco: DeecoTable = DeecoTable()
     robots: RobotsTable = RobotsTable()
     places: PlacesTable = PlacesTable()
     radio: RadioTable = RadioTable()

@@ -36,7 +36,7 @@ class Overrides:
     step: int | str | None = None
     """Replaces run.step_ms, ms."""
     strategy: str | None = None
-    """Replaces run.strategy."""
+    """Replaces run.strategy; if the file names another one, its table [strategy] is left out, too."""
 
 
 _KEYS: Final = {
@@ -62,7 +62,7 @@ def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario
     """The scenario in the text of the file `path`, as load_scenario gives it."""
     try:
         content = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError, and whole numbers of 4301 digits
         raise ScenarioError(f"{path}: this is no TOML: {error}") from None
     options = _lay_over(content, overrides)
     try:
@@ -93,6 +93,7 @@ def _read(path: Path) -> str:
 def _lay_over(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[str, ...], str]:
     """Set what `overrides` sets in `content`, and give the option that each such key comes from."""
     options: dict[tuple[str, ...], str] = {}
+    _leave_settings_out(content, overrides.strategy)
     for field in fields(overrides):
         value = getattr(overrides, field.name)
         table_name, key = _KEYS[field.name]
@@ -101,6 +102,14 @@ def _lay_over(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[st
             table[key] = value if field.name == "strategy" else _number(value)
             options[table_name, key] = f"--{field.name}"
     return options
+
+
+def _leave_settings_out(content: dict[str, Any], strategy: str | None) -> None:
+    """Drop the table [strategy] if it holds the settings of another strategy than the one that is wished."""
+    run = content.get("run")
+    named = run.get("strategy") if isinstance(run, dict) else None
+    if strategy is not None and named is not None and named != strategy:
+        content.pop("strategy", None)
 
 
 def _number(value: float | str) -> float | str:
@@ -133,10 +142,11 @@ def _with_absolute_paths(scenario: Scenario, folder: Path) -> Scenario:
     def absolute(model: str) -> str:
         return str(folder / model) if model.endswith(".toml") else model
 
+    run = scenario.run.model_copy(update={"modules": str(folder / (scenario.run.modules or "."))})
     robots = scenario.robots.model_copy(update={"model": absolute(scenario.robots.model)})
     others = tuple(
         robot if robot.model is None else robot.model_copy(update={"model": absolute(robot.model)})
         for robot in scenario.robot
     )
     path = str((folder / scenario.map).resolve())
-    return scenario.model_copy(update={"map": path, "robots": robots, "robot": others})
+    return scenario.model_copy(update={"map": path, "run": run, "robots": robots, "robot": others})

@@ -33,9 +33,10 @@ from deploy.plan import (
     robot_program,
     world_program,
 )
+from deploy.rehearsal import rehearse
 from deploy.result import Circumstances, RunResult, gather
 from deploy.scenario import Scenario
-from deploy.scenario_text import to_toml
+from deploy.scenario_text import adaptation, to_toml
 from deploy.supervisor import Supervisor
 from deploy.version import software
 
@@ -68,14 +69,21 @@ def run(scenario: Scenario, options: RunOptions) -> RunResult:
 
 
 def plan(scenario: Scenario, options: RunOptions) -> Plan:
-    """The run that the scenario and the options mean, with everything drawn."""
+    """The run that the scenario and the options mean, with everything drawn.
+
+    The strategy's code runs once in this process; what it raises, but for AcrcError, is its own.
+    """
     settled = cast(scenario)
+    modules = _module_folders(settled.scenario)
+    told = adaptation(settled.scenario)
+    rehearse(settled, told, modules)
     return Plan(
         out=options.out,
         world=settled.world,
         radio=settled.radio,
         behaviour=settled.behaviour,
-        strategies=Path.cwd(),
+        modules=modules,
+        adaptation=told,
         scenario=to_toml(settled.scenario),
         commit=software(),
         speed=options.speed,
@@ -130,6 +138,12 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
         supervisor.end_all()
         remove_credentials(plan)
     return supervisor
+
+
+def _module_folders(scenario: Scenario) -> tuple[Path, ...]:
+    """Where a strategy of one's own may lie: beside the scenario, and where one stands."""
+    own = (Path(scenario.run.modules),) if scenario.run.modules else ()
+    return tuple(dict.fromkeys((*own, Path.cwd())))
 
 
 def _isolated(options: RunOptions) -> bool:

@@ -1,17 +1,14 @@
 """What is wrong with a value in a table, in one sentence: the key, the value, and what would be right."""
 
-import difflib
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import get_args
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from actors import wording
+from actors.wording import shown
 from deploy.scenario import Right
-
-_LONGEST = 60
-"""Characters of a value that a sentence shows."""
 
 
 def sentence(model: type[BaseModel], kind: str, location: Sequence[str | int], content: object) -> str:
@@ -32,11 +29,7 @@ def sentence(model: type[BaseModel], kind: str, location: Sequence[str | int], c
 def unknown_key(table: type[BaseModel], location: Sequence[str | int]) -> str:
     """The last part of `location` is no key of `table`."""
     *parents, name = location
-    near = difflib.get_close_matches(str(name), table.model_fields, n=1)
-    if near:
-        return f"{key(location)} is not known; did you mean {key([*parents, near[0]])}?"
-    where = f"{key(parents)} may hold" if parents else "known are"
-    return f"{key(location)} is not known; {where} {', '.join(table.model_fields)}"
+    return wording.unknown_key(key(parents), str(name), table.model_fields)
 
 
 def right_at(model: type[BaseModel], location: Sequence[str | int]) -> Right:
@@ -62,15 +55,6 @@ def key(location: Sequence[str | int]) -> str:
     for part in location:
         path += f"[{part}]" if isinstance(part, int) else f".{part}" if path else part
     return path
-
-
-def shown(value: object) -> str:
-    """A value as it would stand in the file, cut short where it is long."""
-    try:
-        text = json.dumps(value, ensure_ascii=False)
-    except TypeError:  # a date or a time
-        text = str(value)
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
 def _known_part(model: type[BaseModel], location: Sequence[str | int]) -> Sequence[str | int]:

@@ -4,15 +4,23 @@ A behaviour is made by a function `Start -> Behaviour` in a module of the user's
 such as `cleaning.baseline:behaviour`. What robots share travels in frames of the radio, and in no other way.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import NamedTuple, Protocol
+from types import MappingProxyType
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
 
 from numpy.random import Generator
 
 from actors.geometry import Point, Pose
-from actors.instant import Instant
+from actors.instant import Duration, Instant, seconds
 from actors.messages import Outgoing, PlaceGivenUp, PlaceKey, PlaceReport, RadioEvent
+
+if TYPE_CHECKING:  # the equipment's module builds on this one
+    from actors.robot.equipment import FloorPlan
+
+Setting: TypeAlias = bool | int | float | str
+"""A value in a scenario's table [strategy]."""
 
 
 class GoalStatus(Enum):
@@ -52,6 +60,31 @@ class GoalOrder(Enum):
 
 
 @dataclass(frozen=True)
+class ExchangeSettings:
+    """How nodes of the component model exchange knowledge: a scenario's table [deeco]."""
+
+    publish: Duration = field(default=seconds(1))
+    """How often the own knowledge is published (d3scomp/JDEECo, DefaultKnowledgePublisher)."""
+    relay: bool = False
+    """Pass on what is heard; off in d3scomp/deeco-adaptation-testbed."""
+    hop_limit: int = 3
+    """How often knowledge is passed on at most; own choice: the corridor is three radio ranges long."""
+    relay_delay: Duration = field(default=seconds(1))
+    """The longest wait before passing knowledge on, that for the strongest signal; own choice: one period of
+    publishing, after which there is something newer."""
+    forget: Duration = field(default=seconds(30))
+    """Replicas not heard of for so long are dropped; own choice. JDEECo keeps them for ever."""
+
+
+class _NoFloorPlan:
+    """Stands where nobody has given a robot its map."""
+
+    def random_place(self) -> Point:
+        """There is none."""
+        raise LookupError("this Start was made without a floor plan")
+
+
+@dataclass(frozen=True)
 class Start:
     """What a behaviour is told once, before its first step."""
 
@@ -67,6 +100,12 @@ class Start:
     """The places it has to clean, m, in the order given."""
     generator: Generator
     """The behaviour's own random stream: the only randomness it may use."""
+    settings: Mapping[str, Setting] = field(default_factory=lambda: MappingProxyType({}))
+    """The strategy's numbers where they differ from its own: the scenario's table [strategy]; read-only."""
+    exchange: ExchangeSettings = ExchangeSettings()
+    """How the node exchanges knowledge with others, if there is a node."""
+    floor: "FloorPlan" = field(default_factory=_NoFloorPlan)
+    """The robot's map; what it draws, it draws from `generator`."""
 
 
 class View(NamedTuple):

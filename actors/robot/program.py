@@ -14,6 +14,7 @@ import msgspec
 from actors.geometry import Pose, wrap
 from actors.map_file import load_map
 from actors.messages import READY, Ready
+from actors.robot.adaptation import Adaptation, load_adaptation
 from actors.robot.core import RobotCore
 from actors.robot.places import load_places
 from actors.robot.setup import RobotSetup, floor, kernels, robot
@@ -35,7 +36,7 @@ class RobotOptions:
     model: str
     sensor: str | None
     path: tuple[Path, ...]
-    """Folders to look for the behaviour's module in, before Python's own."""
+    """Folders to look for the behaviour's module in, the first one first, before Python's own."""
     isolate: bool
     """Shut the process off from everything but the router."""
     seat: Seat
@@ -68,7 +69,7 @@ def part(argv: Sequence[str]) -> Part:
 
 
 def parse(argv: Sequence[str]) -> RobotOptions:
-    """The options in `argv`; ArgumentError or PlacesError if they make no sense."""
+    """The options in `argv`, with the files they name; an AcrcError if they make no sense."""
     given = _parser().parse_args(argv)
     if not _ID.fullmatch(given.id):
         raise ArgumentError(f"--id is {given.id!r}; it should be 1 to 32 letters, digits, '-' or '_'")
@@ -82,6 +83,7 @@ def parse(argv: Sequence[str]) -> RobotOptions:
         start=_pose(given.start),
         places=load_places(given.places),
         behaviour=given.behaviour,
+        adaptation=Adaptation() if given.adaptation is None else load_adaptation(given.adaptation),
     )
     return RobotOptions(
         setup=setup,
@@ -96,7 +98,7 @@ def parse(argv: Sequence[str]) -> RobotOptions:
 
 def look_in(folders: Sequence[Path]) -> None:
     """Let Python find modules in these folders, too."""
-    for folder in folders:
+    for folder in reversed(folders):
         if str(folder) not in sys.path:
             sys.path.insert(0, str(folder))
 
@@ -116,6 +118,9 @@ def _parser() -> argparse.ArgumentParser:
         "--start", required=True, help="x,y,heading at switch-on, m and rad; =-1,2,0 if x < 0"
     )
     parser.add_argument("--places", type=Path, required=True, help="TOML file: places = [[x, y], ...]")
+    parser.add_argument(
+        "--adaptation", type=Path, help="TOML file: settings of the strategy and of the exchange, areas"
+    )
     parser.add_argument("--behaviour", required=True, help="entry of the behaviour, module:function")
     parser.add_argument(
         "--path", type=Path, action="append", default=[], help="folder with the behaviour's module"

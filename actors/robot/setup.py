@@ -1,6 +1,7 @@
 """A robot from its parts: which localiser, which driver, whose behaviour."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Final
 
 from actors import distance, flood
@@ -9,9 +10,11 @@ from actors.grid import OccupancyGrid
 from actors.instant import in_seconds
 from actors.randomness import generator
 from actors.robot import aim, obstruction, potential, swerve
+from actors.robot.adaptation import Adaptation
 from actors.robot.behaviour import load_behaviour
 from actors.robot.core import Parts, RobotCore
 from actors.robot.driving import Driver, DrivingParameters
+from actors.robot.floor_plan import ReachableFloor
 from actors.robot.localisation import DeadReckoning
 from actors.robot.navigation import Navigation
 from actors.robot.planning import Ground, Planner, ground
@@ -38,6 +41,7 @@ class RobotSetup:
     places: tuple[Point, ...]
     behaviour: str
     """Entry string `module:function`."""
+    adaptation: Adaptation = field(default_factory=Adaptation)
 
 
 def floor(plan: OccupancyGrid, model: RobotModel) -> Ground:
@@ -45,16 +49,24 @@ def floor(plan: OccupancyGrid, model: RobotModel) -> Ground:
     return ground(plan, model.footprint.circumradius)
 
 
-def robot(setup: RobotSetup, model: RobotModel, floor: Ground) -> RobotCore:
-    """The core of a robot."""
-    start = Start(
+def start(setup: RobotSetup, model: RobotModel, floor: Ground) -> Start:
+    """What the robot's behaviour is told before its first step."""
+    own, told = generator(setup.seed, "behaviour", setup.id, setup.epoch), setup.adaptation
+    return Start(
         robot=setup.id,
         address=setup.address,
         epoch=setup.epoch,
         pose=setup.start,
         places=setup.places,
-        generator=generator(setup.seed, "behaviour", setup.id, setup.epoch),
+        generator=own,
+        settings=MappingProxyType(dict(told.settings)),
+        exchange=told.exchange,
+        floor=ReachableFloor(floor, model.footprint.circumradius, setup.start.point, told.areas, own),
     )
+
+
+def robot(setup: RobotSetup, model: RobotModel, floor: Ground) -> RobotCore:
+    """The core of a robot."""
     surroundings = Surroundings(model.sensor)
     driver = Driver(
         floor, surroundings, model.footprint.circumradius, in_seconds(setup.step_us), _driving(model)
@@ -63,7 +75,7 @@ def robot(setup: RobotSetup, model: RobotModel, floor: Ground) -> RobotCore:
         localisation=DeadReckoning(setup.start),
         surroundings=surroundings,
         navigation=Navigation(Planner(floor), driver),
-        behaviour=load_behaviour(setup.behaviour, start),
+        behaviour=load_behaviour(setup.behaviour, start(setup, model, floor)),
     )
     return RobotCore(
         setup.id, parts, entry=setup.behaviour, first_step=setup.first_step, step_us=setup.step_us

@@ -11,6 +11,8 @@ from tests.deploy.faults import fault
 POSES = "[x, y, heading] in m, m and rad"
 DURATION = "but must be a number of seconds above 0, at most 1000000"
 INSTANT = "but must be a number of seconds from 0 to below the duration"
+SETTING = "but must be true, false, a whole number of 64 bits, a finite number or a text"
+INTERVAL = "but must be a number of seconds from 0.001 to 1000000"
 ACTIONS = "kill, freeze, thaw, restart, move, jam, obstacle"
 
 
@@ -66,6 +68,30 @@ ACTIONS = "kill, freeze, thaw, restart, move, jam, obstacle"
         ("[event]\nat = 1", 'event is {"at": 1}, but must be written as tables [[event]]'),
         ("event = [3]", "event[0] is 3, but must be a table [[event]]"),
         ("run = 3", "run is 3, but must be a table [run]"),
+        (
+            "[run]\nmodules = 3",
+            "run.modules is 3, but must be the path of a folder, relative to the scenario file",
+        ),
+        ("[strategy]\nlease = [1]", f"strategy.lease is [1], {SETTING}"),
+        ("[strategy]\nlease = inf", f"strategy.lease is Infinity, {SETTING}"),
+        ("[strategy]\nlease = 1979-05-27", f"strategy.lease is 1979-05-27, {SETTING}"),
+        ("[strategy.lease]\nlong = 1", f'strategy.lease is {{"long": 1}}, {SETTING}'),
+        ("[strategy]\nlease = 9223372036854775808", f"strategy.lease is 9223372036854775808, {SETTING}"),
+        (
+            "strategy = 'none'",
+            'strategy is "none", but must be a table [strategy] with the strategy\'s settings;'
+            " its name stands in run.strategy",
+        ),
+        ("deeco = 3", "deeco is 3, but must be a table [deeco]"),
+        ("[deeco]\npublish = 0", f"deeco.publish is 0, {INTERVAL}"),
+        ("[deeco]\nforget = 1000001", f"deeco.forget is 1000001, {INTERVAL}"),
+        ("[deeco]\nrelay = 1", "deeco.relay is 1, but must be true or false"),
+        ("[deeco]\nhop_limit = 16", "deeco.hop_limit is 16, but must be a whole number from 1 to 15"),
+        ("[deeco]\nhop_limit = true", "deeco.hop_limit is true, but must be a whole number from 1 to 15"),
+        (
+            "[deeco]\nrelay_delay = -1",
+            "deeco.relay_delay is -1, but must be a number of seconds from 0 to 1000000",
+        ),
     ],
 )
 def test_a_wrong_value(text: str, sentence: str) -> None:
@@ -77,8 +103,13 @@ def test_a_wrong_value(text: str, sentence: str) -> None:
     [
         ("[run]\nsed = 1", "run.sed is not known; did you mean run.seed?"),
         ("[robot_s]", "robot_s is not known; did you mean robots?"),
-        ("[run]\nxyz = 1", "run.xyz is not known; run may hold duration, step_ms, seed, strategy"),
-        ("xyz = 1", "xyz is not known; known are map, run, robots, places, radio, area, robot, event"),
+        ("[run]\nxyz = 1", "run.xyz is not known; run may hold duration, step_ms, seed, strategy, modules"),
+        (
+            "xyz = 1",
+            "xyz is not known; known are map, run, strategy, deeco,"
+            " robots, places, radio, area, robot, event",
+        ),
+        ("[deeco]\nrelays = true", "deeco.relays is not known; did you mean deeco.relay?"),
         ('[[event]]\nat = 1\nkil = "r1"', "event[0].kil is not known; did you mean event[0].kill?"),
     ],
 )
@@ -94,6 +125,7 @@ def test_a_missing_map_and_text_that_is_no_toml() -> None:
         "some.toml: this is no TOML: Expected ']' at the end of a table declaration (at end of document)"
     )
     assert fault("x = " + "[" * 5000, head="").startswith("some.toml: this is no TOML: ")
+    assert fault("x = " + "1" * 5000, head="").startswith("some.toml: this is no TOML: ")
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from deploy.scenario_text import to_toml
 from tests.deploy.faults import scenario
 
 texts = some.text(some.characters(codec="utf-8"), min_size=1, max_size=8)
+finite = some.floats(allow_nan=False, allow_infinity=False)
 coordinates = some.floats(-1e5, 1e5, allow_nan=False)
 points = some.tuples(coordinates, coordinates)
 poses = some.tuples(coordinates, coordinates, coordinates)
@@ -40,7 +41,18 @@ scenarios = some.fixed_dictionaries(
     {
         "map": some.from_regex(r"/[a-z\"\\\x7f]{1,9}", fullmatch=True),
         "run": tables(
-            duration=some.floats(1.0, 1e6), step_ms=some.integers(1, 10).map(lambda n: 10 * n), strategy=texts
+            duration=some.floats(1.0, 1e6),
+            step_ms=some.integers(1, 10).map(lambda n: 10 * n),
+            strategy=texts,
+            modules=some.just("/a/b"),
+        ),
+        "strategy": some.dictionaries(
+            some.text(some.characters(codec="utf-8"), max_size=8),
+            some.booleans() | some.integers(-(2**63), 2**63 - 1) | finite | texts,
+            max_size=4,
+        ),
+        "deeco": tables(
+            publish=some.floats(0.001, 1e6), relay=some.booleans(), hop_limit=some.integers(1, 15)
         ),
         "robots": tables(
             count=some.just(3),
@@ -84,6 +96,13 @@ def test_what_a_run_writes_down_gives_the_same_run() -> None:
     assert to_toml(second.scenario) == written
 
 
+def test_a_type_stays_what_it_was() -> None:
+    settings = scenario("[strategy]\na = true\nb = 1\nc = 1.0\nd = '1'").strategy
+    assert {name: type(value) for name, value in settings.items()} == {
+        "a": bool, "b": int, "c": float, "d": str
+    }  # fmt: skip
+
+
 def test_nothing_is_left_to_be_drawn_in_what_a_run_writes_down() -> None:
     settled = cast(load_scenario(None, Overrides(robots=10))).scenario
     moved = settled.model_copy(update={"run": settled.run.model_copy(update={"seed": 99})})
@@ -92,14 +111,20 @@ def test_nothing_is_left_to_be_drawn_in_what_a_run_writes_down() -> None:
 
 def test_the_text_of_a_small_scenario() -> None:
     small = scenario(
+        "[strategy]\nlease = 3\n'wie lang?' = 'ja'\n[deeco]\nrelay = true\nforget = 5\n"
         "[robots]\ncount = 1\nstart = [[12, 5, 0]]\n[places]\nareas = ['hall']\nper_robot = 0\n"
         "[[area]]\nname = 'hall'\nx = [1, 2.5]\ny = [-3, 4]\n"
         "[[event]]\nat = 1\nobstacle = [9, 12]\nradius = 0.2\n"
     )
-    assert to_toml(small.model_copy(update={"map": "/maps/a.yaml"})) == (
+    run = small.run.model_copy(update={"modules": None})
+    assert to_toml(small.model_copy(update={"map": "/maps/a.yaml", "run": run})) == (
         'map = "/maps/a.yaml"\n'
         "\n"
         '[run]\nduration = 600.0\nstep_ms = 100\nseed = 1\nstrategy = "none"\n'
+        "\n"
+        '[strategy]\nlease = 3\n"wie lang?" = "ja"\n'
+        "\n"
+        "[deeco]\npublish = 1.0\nrelay = true\nhop_limit = 3\nrelay_delay = 1.0\nforget = 5.0\n"
         "\n"
         '[robots]\ncount = 1\nmodel = "turtlebot2"\nstart = [\n    [12.0, 5.0, 0.0],\n]\n'
         "\n"
@@ -120,6 +145,8 @@ def test_paths_are_relative_to_the_file_they_stand_in() -> None:
     )
     read = parse(text, Path("/a/b/some.toml"))
     assert (read.map, read.robots.model) == ("/a/maps/a.yaml", "/a/b/kinds/tall.toml")
+    assert read.run.modules == "/a/b"
+    assert parse('map = "m"\n[run]\nmodules = "../c"', Path("/a/b/some.toml")).run.modules == "/a/b/../c"
     assert [robot.model for robot in read.robot] == ["/flat.toml", "omnibox"]
 
 

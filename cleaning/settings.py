@@ -1,0 +1,120 @@
+"""A strategy's parameters out of a scenario's table [strategy]."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Final, TypeVar, get_type_hints
+
+from actors.instant import Duration, seconds
+from actors.robot.ports import Setting
+from actors.runtime.errors import AcrcError
+from actors.wording import shown, unknown_key
+from deeco import DeecoError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+P = TypeVar("P", bound="DataclassInstance")
+_TABLE: Final = "strategy"
+_REFUSALS: Final = (ValueError, AcrcError, DeecoError)
+
+
+class SettingsError(AcrcError):
+    """Settings that a strategy does not have, or that make no sense in it."""
+
+
+def from_settings(kind: type[P], settings: Mapping[str, Setting]) -> P:
+    """The frozen dataclass `kind` with the fields that `settings` names, the others as it has them.
+
+    Fields may be bool, int, float, str, an Enum, which is given by its value, or a Duration, which is given
+    in seconds; fields of other types cannot be set. A whole number is a float, too, but a bool is no number.
+    A ValueError, AcrcError or DeecoError of its __post_init__ is passed on with the setting that is to blame.
+    Raises SettingsError.
+    """
+    kinds = _settable(kind)
+    values: dict[str, object] = {}
+    for name, value in settings.items():
+        if name not in kinds:
+            raise SettingsError(_unknown(name, kinds))
+        values[name] = _converted(name, value, kinds[name])
+    required = [one.name for one in fields(kind) if one.default is MISSING is one.default_factory]
+    for name in required:
+        if name not in values:
+            raise SettingsError(f"{_TABLE}.{name} is missing, but must be {_right(kinds.get(name))}")
+    return _made(kind, values, settings, required)
+
+
+def _settable(kind: type[Any]) -> dict[str, Any]:
+    """The fields that can be set, with their types."""
+    hints = get_type_hints(kind)
+    names = [field.name for field in fields(kind) if field.init]
+    return {name: hints[name] for name in names if _is_settable(hints[name])}
+
+
+def _is_settable(kind: Any) -> bool:
+    return kind in {bool, int, float, str, Duration} or (isinstance(kind, type) and issubclass(kind, Enum))
+
+
+def _converted(name: str, value: Setting, kind: Any) -> object:
+    """The value as the field wants it."""
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        # compared with its type, for True would be 1
+        member = next((m for m in kind if type(m.value) is type(value) and m.value == value), None)
+        if member is not None:
+            return member
+    elif kind is float or kind is Duration:
+        if isinstance(value, int | float) and not isinstance(value, bool) and _fits(value):
+            return seconds(value) if kind is Duration else float(value)
+    elif type(value) is kind:
+        return value
+    raise SettingsError(f"{_TABLE}.{name} is {shown(value)}, but must be {_right(kind)}")
+
+
+def _fits(value: float) -> bool:
+    """True for what a float can hold."""
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def _right(kind: Any) -> str:
+    """What a field of this type must be."""
+    words = {
+        bool: "true or false",
+        int: "a whole number",
+        float: "a finite number",
+        str: "a text",
+        Duration: "a finite number of seconds",
+    }
+    if kind in words:
+        return words[kind]
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        *others, last = [shown(member.value) for member in kind]
+        return f"{', '.join(others)} or {last}" if others else last
+    return "given by the strategy itself"
+
+
+def _unknown(name: str, kinds: Mapping[str, Any]) -> str:
+    if not kinds:
+        return f"{_TABLE}.{name} is not known; this strategy has no settings"
+    return unknown_key(_TABLE, name, kinds)
+
+
+def _made(
+    kind: type[P], values: Mapping[str, Any], settings: Mapping[str, Setting], required: list[str]
+) -> P:
+    """The parameters; what they refuse is said with the setting that is wrong alone, or with all of them."""
+    try:
+        return kind(**values)
+    except _REFUSALS as error:
+        refusal = error
+    least = {name: values[name] for name in required}
+    for name, value in values.items():
+        try:
+            kind(**least | {name: value})
+        except _REFUSALS as error:
+            raise SettingsError(f"{_TABLE}.{name} is {shown(settings[name])}: {error}") from error
+    all_of_them = ", ".join(f"{_TABLE}.{name} is {shown(value)}" for name, value in settings.items())
+    raise SettingsError(f"{all_of_them}: {refusal}") from refusal
