@@ -1,0 +1,457 @@
+"""Roles become plain tuples and come back as they were; whatever else comes is junk."""
+
+import subprocess
+import sys
+from collections import namedtuple
+from dataclasses import dataclass, field, make_dataclass
+from enum import Enum, Flag, IntEnum
+from types import GenericAlias
+from typing import Annotated, Any, Literal, NamedTuple, NewType, Optional, Union
+
+import msgpack  # type: ignore[import-untyped]
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deeco.errors import DefinitionError, DeploymentError, ExecutionError
+from deeco.knowledge import Knowledge, component, role
+from deeco.parameters import LinkParameters
+from deeco.schema import Resolution, RoleBook, Unpacked, fingerprint
+from tests.deeco.sweepers import BOOK, Mode, Point, Sweeper, robot
+
+Metres = NewType("Metres", float)
+
+
+class Level(IntEnum):
+    LOW = 10
+    HIGH = 20
+
+
+class Colours(Flag):
+    RED = 1
+    BLUE = 2
+
+
+@dataclass(frozen=True)
+class Window:
+    least: int
+    most: int
+    width: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        if self.least > self.most:
+            raise ValueError("least is above most")
+        object.__setattr__(self, "width", self.most - self.least)
+
+
+@dataclass(frozen=True)
+class Tree:
+    children: tuple["Tree", ...]
+
+
+class Pair(NamedTuple):
+    first: int
+    second: str
+
+
+def role_of(name: str = "Sample", **annotations: Any) -> type[Knowledge]:
+    """A role with such fields."""
+    return role(type(name, (Knowledge,), {"__annotations__": annotations, "__qualname__": name}))
+
+
+def played(kind: type[Knowledge]) -> type[Knowledge]:
+    """A component of one role."""
+    return component(type("Player", (kind,), {}))
+
+
+def packed(annotation: Any, value: Any, **limits: Any) -> Any:
+    """One value as it travels in a field of that type."""
+    kind = role_of(value=annotation)
+    fields: dict[str, Any] = {"value": value}
+    ((_, (there,)),) = RoleBook([kind], LinkParameters(**limits)).pack(played(kind)(id="c", **fields))
+    return there
+
+
+def unpacked(annotation: Any, there: Any, **limits: Any) -> Any:
+    """What becomes of a received value in a field of that type; JUNK if nothing."""
+    kind = role_of(value=annotation)
+    got = RoleBook([kind], LinkParameters(**limits)).unpack("c", ((fingerprint(kind), (there,)),))
+    return JUNK if got is None else vars(got.roles[0])["value"]
+
+
+JUNK = object()
+
+
+@pytest.mark.parametrize(
+    ("annotation", "value", "there"),
+    [
+        (bool, True, True),
+        (int, -7, -7),
+        (int, 2**64 - 1, 2**64 - 1),
+        (float, 0.1, 0.1),
+        (float, 3, 3.0),
+        (Metres, 2.5, 2.5),
+        (str, "däck", "däck"),
+        (bytes, b"\0\xff", b"\0\xff"),
+        (None, None, None),
+        (Mode, Mode.BLOCKED, 2),
+        (Level, Level.HIGH, 1),
+        (Literal["b", "a"], "a", 0),
+        (Literal[1, True, None], True, 1),
+        (int | None, None, None),
+        (int | None, 4, 4),
+        (int | str, 4, (0, 4)),
+        (str | int, 4, (0, 4)),
+        (int | str | None, "x", (1, "x")),
+        (float | int, 1, (1, 1)),
+        (float | int, 1.0, (0, 1.0)),
+        (tuple[int, ...] | tuple[str, ...], ("x",), (1, ("x",))),
+        (tuple[int, ...], (1, 2, 3), (1, 2, 3)),
+        (tuple[int, str], (1, "x"), (1, "x")),
+        (tuple[()], (), ()),
+        (Pair, Pair(1, "x"), (1, "x")),
+        (Window, Window(2, 5), (2, 5)),
+        (Annotated[float, Resolution(100)], -0.25, -25),
+        (Annotated[Point | None, Resolution(1000)], Point(1.2345, 2), (1234, 2000)),
+        (tuple[Annotated[Metres, "along", Resolution(10)], float], (1.04, 1.04), (10, 1.04)),
+        (Annotated[tuple[float, Annotated[float, Resolution(10)]], Resolution(2)], (1.5, 1.5), (3, 15)),
+    ],
+)
+def test_every_type_has_its_form(annotation: Any, value: Any, there: Any) -> None:
+    assert repr(packed(annotation, value)) == repr(there)  # repr, for 1 == 1.0 == True
+
+
+def test_the_id_travels_with_the_packet_and_not_with_the_role() -> None:
+    (here,) = BOOK.pack(robot(0))
+    assert here == (
+        fingerprint(Sweeper),
+        ((45123, -12500), 1, ("r13", 3, (34234, -12500), 6), ()),
+    )
+    got = BOOK.unpack("r12", (here,))
+    value = robot(0)
+    expected = Sweeper(
+        id="r12", position=value.position, mode=value.mode, goal=value.goal, claims=value.claims
+    )
+    assert got == Unpacked((expected,), 0)
+    assert type(got.roles[0]) is Sweeper
+
+
+@given(st.integers(-(2**50), 2**50), st.sampled_from([1, 3, 10, 1000, 4096]))
+@settings(derandomize=True, max_examples=150)
+def test_what_is_given_to_the_resolution_comes_back_exactly(steps: int, per_unit: int) -> None:
+    kind = Annotated[float, Resolution(per_unit)]
+    there = packed(kind, steps / per_unit)
+    assert there == steps
+    assert unpacked(kind, there) == steps / per_unit
+
+
+@pytest.mark.parametrize(
+    ("annotation", "value", "sentence"),
+    [
+        (bool, 1, "1 should be True or False"),
+        (int, True, "True should be an int"),
+        (int, 2**64, "18446744073709551616 should be an int of at most 64 bits"),
+        (float, float("nan"), "nan should be a finite float"),
+        (float, float("-inf"), "-inf should be a finite float"),
+        (float, "1", "'1' should be a float"),
+        (float, True, "True should be a float"),
+        (Annotated[float, Resolution(10)], float("inf"), "inf should be a finite float"),
+        (
+            Annotated[float, Resolution(1000)],
+            1e17,
+            "1e+17 should be a float of at most 64 bits in steps of 1/1000",
+        ),
+        (str, b"x", "b'x' should be a str"),
+        (str, "\ud800", "'\\ud800' should be a str that UTF-8 can express"),
+        (str, "ä" * 129, "a str of 258 bytes in UTF-8 should have at most 256 (LinkParameters.most_text)"),
+        (bytes, b"x" * 257, "a bytes of 257 bytes should have at most 256 (LinkParameters.most_text)"),
+        (bytes, "x", "'x' should be a bytes"),
+        (None, 0, "0 should be None"),
+        (Mode, "idle", "'idle' should be a member of Mode"),
+        (Colours, Colours.RED | Colours.BLUE, "<Colours.RED|BLUE: 3> should be a member of Colours"),
+        (Literal["a", "b"], ["a"], "['a'] should be one of 'a', 'b'"),
+        (tuple[int, ...], [1], "[1] should be a tuple"),
+        (
+            tuple[int, ...],
+            (1,) * 65,
+            "a tuple of 65 items should have at most 64 (LinkParameters.most_items)",
+        ),
+        (tuple[int, int], (1,), "(1,) should be a tuple of 2"),
+        (Pair, (1, "x"), "(1, 'x') should be a Pair"),
+        (Window, Pair(1, "x"), "Pair(first=1, second='x') should be a Window"),
+        (int | str, 1.5, "1.5 should be one of int|str"),
+    ],
+)
+def test_what_cannot_travel_is_named(annotation: Any, value: Any, sentence: str) -> None:
+    with pytest.raises(ExecutionError) as error:
+        packed(annotation, value)
+    assert str(error.value) == f"Sample.value of 'c' cannot be published: {sentence}"
+
+
+@pytest.mark.parametrize(
+    ("annotation", "there"),
+    [
+        (bool, 1),
+        (bool, None),
+        (int, True),
+        (int, 1.0),
+        (int, 2**64),
+        (float, 1),
+        (float, float("nan")),
+        (float, float("inf")),
+        (Annotated[float, Resolution(10)], 1.0),
+        (Annotated[float, Resolution(10)], True),
+        (Annotated[float, Resolution(10)], 2**200),
+        (str, b"x"),
+        (str, "ä" * 129),
+        (str, "\ud800" * 100),
+        (bytes, b"x" * 257),
+        (bytes, "x"),
+        (None, 0),
+        (Mode, 3),
+        (Mode, -1),
+        (Mode, True),
+        (Literal["a"], "a"),
+        (int | None, "x"),
+        (int | str, 1),
+        (int | str, (0, "x")),
+        (int | str, (2, 1)),
+        (int | str, (-1, "x")),
+        (int | str, (False, 1)),
+        (int | str, (0, 1, 1)),
+        (tuple[int, ...], [1]),
+        (tuple[int, ...], (1,) * 65),
+        (tuple[int, ...], 7),
+        (tuple[int, str], (1,)),
+        (tuple[int, str], (1, "x", 1)),
+        (Pair, (1,)),
+        (Pair, {}),
+        (Window, (5, 2)),  # its class refuses it
+        (Window, (2, 5, 3)),
+    ],
+)
+def test_what_has_not_its_form_is_junk(annotation: Any, there: Any) -> None:
+    assert unpacked(annotation, there) is JUNK
+
+
+def test_limits_are_parameters() -> None:
+    assert packed(str, "x" * 300, most_text=300) == "x" * 300
+    assert unpacked(tuple[int, ...], (1,) * 100, most_items=100) == (1,) * 100
+    assert unpacked(str, "xx", most_text=1) is JUNK
+
+
+def test_fields_too_many_or_missing_are_junk_and_so_is_a_role_that_comes_twice() -> None:
+    (here,) = BOOK.pack(robot(1))
+    key, fields = here
+    assert BOOK.unpack("r12", ((key, fields[:-1]),)) is None
+    assert BOOK.unpack("r12", ((key, (*fields, 1)),)) is None
+    assert BOOK.unpack("r12", (here, here)) is None
+
+
+def test_a_component_publishes_all_its_roles_and_a_peer_reads_those_it_knows() -> None:
+    first, second = role_of("First", a=int), role_of("Second", b=str)
+    both: type[Knowledge] = component(type("Both", (first, second), {"__annotations__": {"c": float}}))
+    fields: dict[str, Any] = {"a": 1, "b": "x", "c": 0.5}
+    there = RoleBook([first, second]).pack(both(id="r1", **fields))
+    assert there == ((fingerprint(first), (1,)), (fingerprint(second), ("x",)))
+    got = RoleBook([second]).unpack("r1", there)
+    assert got is not None
+    assert got.unknown == 1
+    assert [vars(one) for one in got.roles] == [{"id": "r1", "b": "x"}]
+
+
+def test_a_fingerprint_is_the_same_in_every_process() -> None:
+    script = "from tests.deeco.sweepers import *; from deeco.schema import *; print(fingerprint(Sweeper))"
+    other = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True, text=True)
+    assert int(other.stdout) == fingerprint(Sweeper) == 4_135_324_157
+
+
+def test_a_fingerprint_changes_with_all_that_nodes_must_agree_on() -> None:
+    forms = [
+        role_of(a=int, b=int),
+        role_of(b=int, a=int),
+        role_of("Other", a=int, b=int),
+        role_of(a=int),
+        role_of(a=float),
+        role_of(a=Annotated[float, Resolution(10)]),
+        role_of(a=Annotated[float, Resolution(100)]),
+        role_of(a=int | None),
+        role_of(a=tuple[int, ...]),
+        role_of(a=tuple[int]),
+        role_of(a=Mode),
+        role_of(a=Literal["IDLE", "SWEEPING", "BLOCKED"]),
+        role_of(a=Pair),
+        role_of(a=Window),
+    ]
+    assert len({fingerprint(one) for one in forms}) == len(forms)
+
+
+def test_a_fingerprint_does_not_depend_on_which_order_typing_met_first() -> None:
+    one = Optional[Union[int, str]]  # noqa: UP007, UP045  # typing keeps these, and gives back the first
+    other = Optional[Union[str, int]]  # noqa: UP007, UP045
+    assert (
+        fingerprint(role_of(a=one))
+        == fingerprint(role_of(a=other))
+        == fingerprint(role_of(a=None | str | int))
+    )
+    assert fingerprint(role_of(a=Literal["a", "b"])) == fingerprint(role_of(a=Literal["b", "a"]))
+    assert fingerprint(role_of(a=Metres)) == fingerprint(role_of(a=float))
+
+
+def test_two_roles_that_nobody_could_tell_apart_are_refused() -> None:
+    with pytest.raises(DeploymentError) as error:
+        RoleBook([role_of(a=int), role_of(a=int)])
+    assert str(error.value) == (
+        "tests.deeco.test_schema.Sample and tests.deeco.test_schema.Sample have the same fingerprint "
+        f"on the air, {fingerprint(role_of(a=int)):08x}; one of them should have another name"
+    )
+
+
+def test_a_role_given_twice_is_one() -> None:
+    assert RoleBook([Sweeper, Sweeper]).pack(robot(0)) == BOOK.pack(robot(0))
+
+
+Unmade = make_dataclass("Unmade", [("a", int)], frozen=True, namespace={"__init__": lambda self, z: None})
+Untyped = namedtuple("Untyped", "a b")
+OtherMode: Any = Enum("Mode", "IDLE SWEEPING BLOCKED")  # type: ignore[misc]  # the name is the point
+
+
+@pytest.mark.parametrize(
+    ("annotation", "sentence"),
+    [
+        (Tree, "Tree contains itself; what is published should have an end"),
+        (Unmade, "Unmade is made from z; it should be made from its fields a"),
+        (Untyped, "Untyped.a should have a type"),
+        (
+            Mode | OtherMode,
+            "two alternatives are Mode{IDLE,SWEEPING,BLOCKED}; they should have different names",
+        ),
+    ],
+)
+def test_a_type_that_cannot_travel_is_refused_before_the_first_step(annotation: Any, sentence: str) -> None:
+    with pytest.raises(DeploymentError) as error:
+        RoleBook([role_of(value=annotation)])
+    assert str(error.value) == f"role Sample cannot be published: {sentence}"
+
+
+def test_roles_beyond_the_limits_are_refused_before_the_first_step() -> None:
+    with pytest.raises(DeploymentError) as error:
+        RoleBook([role_of(a=tuple[tuple[tuple[tuple[tuple[int]]]]])], LinkParameters(most_depth=4))
+    assert str(error.value) == (
+        "role Sample cannot be published: it nests its types 5 deep; "
+        "at most 4 may be (LinkParameters.most_depth)"
+    )
+    with pytest.raises(DeploymentError) as error:
+        RoleBook([role_of("Sample", **dict.fromkeys((f"a{index}" for index in range(65)), int))])
+    assert str(error.value) == (
+        "role Sample cannot be published: Sample has 65 fields; at most 64 may be (LinkParameters.most_items)"
+    )
+
+
+def test_a_component_whose_role_the_book_was_not_given_is_refused() -> None:
+    with pytest.raises(DeploymentError) as error:
+        RoleBook([]).pack(robot(0))
+    assert str(error.value) == "Robot plays Sweeper, which the role book should have been given"
+
+
+def test_a_component_with_too_many_roles_is_refused() -> None:
+    first, second = role_of("First", a=int), role_of("Second", b=int)
+    both: type[Knowledge] = component(type("Both", (first, second), {}))
+    fields: dict[str, Any] = {"a": 1, "b": 2}
+    with pytest.raises(DeploymentError) as error:
+        RoleBook([first, second], LinkParameters(most_roles=1)).pack(both(id="c", **fields))
+    assert str(error.value) == "Both plays 2 roles; at most 1 may be (LinkParameters.most_roles)"
+
+
+def test_only_roles_are_published() -> None:
+    with pytest.raises(DeploymentError) as error:
+        fingerprint(played(Sweeper))
+    assert str(error.value) == "Player cannot be published; its class should have @role"
+
+
+@pytest.mark.parametrize("per_unit", [0, -1, True, 0.001])
+def test_a_resolution_is_a_whole_number(per_unit: Any) -> None:
+    with pytest.raises(DefinitionError) as error:
+        Resolution(per_unit)
+    assert str(error.value) == (
+        f"Resolution({per_unit!r}): per_unit should be a whole number of at least 1, "
+        "such as 1000 for millimetres"
+    )
+
+
+def test_a_limit_that_makes_no_sense_is_refused() -> None:
+    with pytest.raises(DeploymentError) as error:
+        LinkParameters(frame_data=9)
+    assert str(error.value) == "LinkParameters.frame_data is 9; it should be 10 to 65535"
+
+
+Typed = tuple[Any, st.SearchStrategy[Any]]
+
+
+def _leaves() -> st.SearchStrategy[Typed]:
+    finite = st.floats(allow_nan=False, allow_infinity=False)
+    cases: list[Typed] = [
+        (bool, st.booleans()),
+        (int, st.integers(-(2**63), 2**64 - 1)),
+        (float, finite),
+        (Metres, finite),
+        (Annotated[float, Resolution(1000)], st.integers(-(10**9), 10**9).map(lambda n: n / 1000)),
+        (str, st.text(max_size=64)),
+        (bytes, st.binary(max_size=256)),
+        (None, st.none()),
+        (Mode, st.sampled_from(Mode)),
+        (Literal["x", 1, None, Level.LOW], st.sampled_from(["x", 1, None, Level.LOW])),
+        (Pair, st.builds(Pair, st.integers(0, 9), st.text(max_size=9))),
+        (Window, st.builds(Window, st.integers(0, 9), st.integers(10, 19))),
+    ]
+    return st.sampled_from(cases)
+
+
+def _around(inner: st.SearchStrategy[Typed]) -> st.SearchStrategy[Typed]:
+    several = st.lists(inner, min_size=1, max_size=3)
+    return st.one_of(inner.map(_sequence), several.map(_row), several.map(_union), several.map(_record))
+
+
+def _sequence(item: Typed) -> Typed:
+    return GenericAlias(tuple, (item[0], ...)), st.lists(item[1], max_size=5).map(tuple)
+
+
+def _row(items: list[Typed]) -> Typed:
+    return GenericAlias(tuple, tuple(one for one, _ in items)), st.tuples(*(values for _, values in items))
+
+
+def _union(items: list[Typed]) -> Typed:
+    union: Any = Union
+    return union[tuple(one for one, _ in items)], st.one_of(*(values for _, values in items))
+
+
+def _record(items: list[Typed]) -> Typed:
+    cls = make_dataclass("Record", [(f"f{i}", one[0]) for i, one in enumerate(items)], frozen=True)
+    return cls, st.builds(cls, *(values for _, values in items))
+
+
+@given(st.data(), st.lists(st.recursive(_leaves(), _around, max_leaves=6), max_size=4))
+@settings(derandomize=True, max_examples=120, deadline=None)
+def test_any_role_of_any_types_comes_back_as_it_was(data: st.DataObject, items: list[Typed]) -> None:
+    kind = role_of(**{f"f{i}": annotation for i, (annotation, _) in enumerate(items)})
+    values = {f"f{i}": data.draw(values) for i, (_, values) in enumerate(items)}
+    book = RoleBook([kind])
+    there = book.pack(played(kind)(id="c", **values))
+    travelled = msgpack.unpackb(msgpack.packb(there), use_list=False)
+    got = book.unpack("c", travelled)
+    assert got == Unpacked((kind(id="c", **values),), 0)
+    assert repr(got.roles[0]) == repr(kind(id="c", **values))  # types, too: 1 == 1.0 == True
+
+
+_ANYTHING = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=9) | st.binary(max_size=9),
+    lambda inner: st.lists(inner, max_size=4).map(tuple) | st.lists(inner, max_size=3),
+    max_leaves=12,
+)
+
+
+@given(_ANYTHING)
+@settings(derandomize=True, max_examples=300)
+def test_whatever_fields_come_nothing_raises(fields: Any) -> None:
+    got = BOOK.unpack("r12", ((fingerprint(Sweeper), fields),))
+    assert got is None or isinstance(got.roles[0], Sweeper)
