@@ -100,6 +100,12 @@ def roles_of(cls: type) -> tuple[type[Knowledge], ...]:
     return tuple(one for one in roles if not any(one in other.__mro__[1:] for other in roles))
 
 
+def roles_under(kind: type[Knowledge]) -> tuple[type[Knowledge], ...]:
+    """A role and all that build on it: who plays one of these plays it."""
+    below = [one for sub in kind.__subclasses__() for one in roles_under(sub)]
+    return tuple(dict.fromkeys([kind, *below] if is_role(kind) else below))
+
+
 def seen_as(value: Knowledge, wanted: type[Knowledge]) -> Knowledge:
     """The knowledge of one role out of a component's: all that a peer may see."""
     return wanted(**{name: getattr(value, name) for name in published(wanted)})

@@ -11,7 +11,7 @@ from deeco.agenda import Agenda, Task
 from deeco.binding import Binding
 from deeco.errors import DeploymentError, ExecutionError
 from deeco.instant import START, Duration, Instant, in_seconds
-from deeco.knowledge import Knowledge, roles_of
+from deeco.knowledge import Knowledge, roles_of, roles_under
 from deeco.link import Reception, Transmission
 from deeco.local import BoundProcess, LocalComponent
 from deeco.network import Network, NetworkParameters, News, Surroundings
@@ -202,7 +202,8 @@ class Node:
     def _roles(self) -> tuple[type[Knowledge], ...]:
         wanted = [kind for one in self._locals for kind in roles_of(type(one.value))]
         wanted += [kind for pairing in self._pairings for kind in pairing.type.roles]
-        return tuple(dict.fromkeys(wanted))
+        known = {(kind.__module__, kind.__qualname__): kind for one in wanted for kind in roles_under(one)}
+        return tuple(known.values())
 
     def _passes(self, sender: Replica) -> bool:
         """One ensemble without a boundary, or whose boundary holds, is enough; so is to have no ensemble."""

@@ -7,7 +7,7 @@ high four, and a msgpack array: component's id, epoch, counter, and for each rol
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-import msgpack  # type: ignore[import-untyped]
+import msgpack
 
 from deeco.errors import ExecutionError
 from deeco.parameters import DEFAULTS, LinkParameters

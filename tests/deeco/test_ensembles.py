@@ -223,3 +223,19 @@ def test_an_ensemble_runs_when_an_own_fact_changes() -> None:
     node = Node([Waking(id="a", speed=2.0), Car(id="b", speed=1.0)], [Jam()])
     node.advance(Instant(seconds(3)))
     assert node.knowledge("b") == Car(id="b", speed=1.0, followed=("a at 1000 heard 1000 None 0",))
+
+
+@role
+class Lorry(Vehicle):
+    axles: int = 2
+
+
+@component
+class Tanker(Lorry):
+    pass
+
+
+def test_who_plays_a_role_that_builds_on_another_plays_that_too() -> None:
+    swarm = nodes(Tanker(id="a", position=9), Car(id="b", position=4), ensembles=(Convoy(),))
+    Air(swarm).run(seconds(1))
+    assert swarm["b"].knowledge("b") == Car(id="b", position=4, followed=("a",))

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-import msgpack  # type: ignore[import-untyped]
+import msgpack
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st

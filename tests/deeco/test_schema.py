@@ -8,7 +8,7 @@ from enum import Enum, Flag, IntEnum
 from types import GenericAlias
 from typing import Annotated, Any, Literal, NamedTuple, NewType, Optional, Union
 
-import msgpack  # type: ignore[import-untyped]
+import msgpack
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
