@@ -1,12 +1,13 @@
 """A strategy's parameters out of a scenario's table [strategy]."""
 
-import math
+import sys
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Final, TypeVar, get_type_hints
 
 from actors.instant import Duration, seconds
+from actors.robot.adaptation import LONGEST_S
 from actors.robot.ports import Setting
 from actors.runtime.errors import AcrcError
 from actors.wording import shown, unknown_key
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
 P = TypeVar("P", bound="DataclassInstance")
 _TABLE: Final = "strategy"
+_LARGEST: Final[Mapping[object, float]] = {float: sys.float_info.max, Duration: LONGEST_S}
+"""Largest magnitude of a number, by the type of its field; in s for a Duration. No NaN passes it."""
 _REFUSALS: Final = (ValueError, AcrcError, DeecoError)
 
 
@@ -64,19 +67,11 @@ def _converted(name: str, value: Setting, kind: Any) -> object:
         if member is not None:
             return member
     elif kind is float or kind is Duration:
-        if isinstance(value, int | float) and not isinstance(value, bool) and _fits(value):
+        if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST[kind]:
             return seconds(value) if kind is Duration else float(value)
     elif type(value) is kind:
         return value
     raise SettingsError(f"{_TABLE}.{name} is {shown(value)}, but must be {_right(kind)}")
-
-
-def _fits(value: float) -> bool:
-    """True for what a float can hold."""
-    try:
-        return math.isfinite(value)
-    except OverflowError:
-        return False
 
 
 def _right(kind: Any) -> str:
@@ -86,7 +81,7 @@ def _right(kind: Any) -> str:
         int: "a whole number",
         float: "a finite number",
         str: "a text",
-        Duration: "a finite number of seconds",
+        Duration: f"a number of seconds, at most {LONGEST_S}",
     }
     if kind in words:
         return words[kind]

@@ -13,8 +13,6 @@ from actors.robot.behaviour import load_behaviour
 from actors.robot.program import look_in
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
-from cleaning.strategies import StrategyError
-from deeco import DeecoError
 from deploy.cast import Cast
 
 
@@ -44,10 +42,9 @@ def rehearse(settled: Cast, text: str, modules: Sequence[Path]) -> None:
             load_behaviour(settled.behaviour, start)
         except AcrcError:
             raise
-        except DeecoError as error:
-            raise StrategyError(f"strategy {name!r}: {error}") from error
         except Exception as error:
-            error.add_note(f"in strategy {name!r} ({settled.behaviour}), made for {robot.id} before the run")
+            which = repr(name) if name == settled.behaviour else f"{name!r}, {settled.behaviour!r},"
+            error.add_note(f"in strategy {which} made for {robot.id} before the run")
             raise
 
 

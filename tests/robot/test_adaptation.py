@@ -1,0 +1,145 @@
+"""What a robot reads about its adaptation, and every way in which the file can be wrong."""
+
+from dataclasses import FrozenInstanceError
+from pathlib import Path
+
+import pytest
+
+from actors.geometry import Point, Pose
+from actors.instant import milliseconds, seconds
+from actors.map_file import load_map
+from actors.placement import Area
+from actors.randomness import generator
+from actors.robot import setup
+from actors.robot.adaptation import Adaptation, AdaptationError, adaptation, load_adaptation
+from actors.robot.ports import ExchangeSettings, Start
+from actors.robot_model import load_model
+
+WHOLE = """
+[strategy]
+lease = 2.5
+tries = 3
+fair = true
+"the mode" = "bold"
+
+[deeco]
+publish = 0.5
+relay = true
+hop_limit = 15
+relay_delay = 0
+forget = 10
+
+[[area]]
+name = "hall"
+x = [11.5, 13.5]
+y = [1, 7]
+"""
+INTERVAL = "but must be a number of seconds from 0.001 to 1000000"
+SPAN = "but must be two numbers [from, to] in m, the first below the second"
+
+
+def test_everything_that_a_file_may_hold() -> None:
+    assert adaptation(WHOLE) == Adaptation(
+        settings={"lease": 2.5, "tries": 3, "fair": True, "the mode": "bold"},
+        exchange=ExchangeSettings(milliseconds(500), True, 15, seconds(0), seconds(10)),
+        areas=(Area("hall", 11.5, 1.0, 13.5, 7.0),),
+    )
+
+
+def test_an_empty_file_says_nothing() -> None:
+    assert adaptation("") == Adaptation()
+    assert ExchangeSettings() == ExchangeSettings(seconds(1), False, 3, seconds(1), seconds(30))
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("strategy = 3", "strategy is 3, but must be a table [strategy]"),
+        ("deeco = 3", "deeco is 3, but must be a table [deeco]"),
+        ("area = 3", "area is 3, but must be a list of tables [[area]]"),
+        ("areas = 3", "areas is not known; did you mean area?"),
+        ("[strategy]\na = nan", "strategy.a is NaN, but must be true, false, a finite number or a text"),
+        ("[strategy]\na = [1]", "strategy.a is [1], but must be true, false, a finite number or a text"),
+        ("[deeco]\npublishing = 1", "deeco.publishing is not known; did you mean deeco.publish?"),
+        (
+            "[deeco]\nx = 1",
+            "deeco.x is not known; deeco may hold publish, relay, hop_limit, relay_delay, forget",
+        ),
+        ("[deeco]\npublish = 0", f"deeco.publish is 0, {INTERVAL}"),
+        ("[deeco]\npublish = true", f"deeco.publish is true, {INTERVAL}"),
+        ("[deeco]\nforget = inf", f"deeco.forget is Infinity, {INTERVAL}"),
+        (
+            "[deeco]\nrelay_delay = -0.1",
+            "deeco.relay_delay is -0.1, but must be a number of seconds from 0 to 1000000",
+        ),
+        ("[deeco]\nrelay = 1", "deeco.relay is 1, but must be true or false"),
+        ("[deeco]\nhop_limit = 0", "deeco.hop_limit is 0, but must be a whole number from 1 to 15"),
+        ("[deeco]\nhop_limit = true", "deeco.hop_limit is true, but must be a whole number from 1 to 15"),
+        ("area = [3]", "area[0] is 3, but must be a table with name, x = [from, to] and y = [from, to]"),
+        (
+            "[[area]]\nname = 'a'\nx = [1, 2]",
+            'area[0] is {"name": "a", "x": [1, 2]}, but must be a table with name, x = [from, to] and'
+            " y = [from, to]",
+        ),
+        ("[[area]]\nname = 1\nx = [1, 2]\ny = [1, 2]", "area[0].name is 1, but must be a text"),
+        ("[[area]]\nname = 'a'\nx = [2, 1]\ny = [1, 2]", f"area[0].x is [2, 1], {SPAN}"),
+        ("[[area]]\nname = 'a'\nx = [1, 2]\ny = [1, true]", f"area[0].y is [1, true], {SPAN}"),
+        ("[strategy", "this is no TOML: Expected ']' at the end of a table declaration (at end of document)"),
+    ],
+)
+def test_a_wrong_file_is_one_sentence(tmp_path: Path, text: str, fault: str) -> None:
+    path = tmp_path / "adaptation.toml"
+    path.write_text(text)
+    with pytest.raises(AdaptationError) as caught:
+        load_adaptation(path)
+    assert str(caught.value) == f"{path}: {fault}"
+
+
+@pytest.mark.parametrize(
+    ("data", "fault"),
+    [
+        (b"#" * 4_000_001, "may have at most 4000000 bytes, and this has more"),
+        (b"a = '\xff'", "byte 5 is not UTF-8"),
+        (b"x = " + b"[" * 5000, "this is no TOML: maximum recursion depth exceeded"),
+        (b"x = " + b"1" * 5000, "this is no TOML: Exceeds the limit (4300 digits) for integer string"),
+    ],
+)
+def test_hostile_bytes_are_one_sentence(tmp_path: Path, data: bytes, fault: str) -> None:
+    path = tmp_path / "adaptation.toml"
+    path.write_bytes(data)
+    with pytest.raises(AdaptationError) as caught:
+        load_adaptation(path)
+    assert str(caught.value).startswith(f"{path}: {fault}")
+
+
+def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(AdaptationError) as caught:
+        load_adaptation(tmp_path / "none.toml")
+    assert str(caught.value) == f"{tmp_path}/none.toml: cannot be read: No such file or directory"
+
+
+def test_the_behaviour_is_told() -> None:
+    floor_plan = load_map(Path(__file__).parents[2] / "maps" / "corridor.yaml")
+    model = load_model("turtlebot2", "chapter")
+    robot = setup.RobotSetup(
+        "r1", 0, 0, 7, 100_000, 1, Pose(12.0, 5.0, 0.0), (), "x:y", adaptation=adaptation(WHOLE)
+    )
+    start = setup.start(robot, model, setup.floor(floor_plan, model))
+    assert dict(start.settings) == {"lease": 2.5, "tries": 3, "fair": True, "the mode": "bold"}
+    assert start.exchange.hop_limit == 15
+    place = start.floor.random_place()
+    assert 11.5 <= place.x <= 13.5 and 1.0 <= place.y <= 7.0
+    twin = generator(7, "behaviour", "r1", 0)
+    twin.random(3)
+    assert start.generator.random() == twin.random()  # the floor draws from the behaviour's own stream
+
+
+def test_what_a_behaviour_is_told_cannot_be_changed() -> None:
+    start = Start("r1", 1, 0, Pose(0.0, 0.0, 0.0), (Point(1.0, 2.0),), generator(1, "behaviour", "r1"))
+    assert (dict(start.settings), start.exchange) == ({}, ExchangeSettings())
+    with pytest.raises(TypeError):
+        start.settings["lease"] = 1  # type: ignore[index]
+    with pytest.raises(FrozenInstanceError):
+        start.exchange.relay = True  # type: ignore[misc]
+    with pytest.raises(LookupError, match="without a floor plan"):
+        start.floor.random_place()
