@@ -70,8 +70,8 @@ class ExchangeSettings:
     hop_limit: int = 3
     """How often knowledge is passed on at most; own choice: the corridor is three radio ranges long."""
     relay_delay: Duration = field(default=seconds(1))
-    """The longest wait before passing knowledge on, that for the strongest signal; own choice: one period of
-    publishing, after which there is something newer."""
+    """The longest wait before passing knowledge on, that for the strongest signal (d3scomp/JDEECo 2,
+    DefaultKnowledgeDataManager)."""
     forget: Duration = field(default=seconds(30))
     """Replicas not heard of for so long are dropped; own choice. JDEECo keeps them for ever."""
 
