@@ -10,16 +10,17 @@ import msgspec
 
 from actors.geometry import Point
 from actors.map_file import load_map
-from actors.messages import TRUTH, Truth
+from actors.messages import DRIVE, TRUTH, Drive, Message, Truth
 from actors.observer.observer import Observer
 from actors.runtime.access import client_config
+from actors.runtime.bus import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.parent import die_with_parent, leave_in_order
 from actors.runtime.process import ROUTER_PATIENCE_S
 from actors.runtime.seat import ArgumentParser
-from actors.runtime.zenoh_bus import open_mesh
+from actors.runtime.zenoh_bus import ZenohBus, open_mesh
 
 
 @dataclass(frozen=True)
@@ -62,16 +63,10 @@ def main(argv: Sequence[str]) -> int:
         if options.with_parent:
             die_with_parent(os.getppid())
         config = client_config(options.credentials, options.router)
-        with open_mesh(config, (at(TRUTH),), patience_s=ROUTER_PATIENCE_S) as bus:
+        with open_mesh(config, (at(TRUTH), at(DRIVE, "*")), patience_s=ROUTER_PATIENCE_S) as bus:
             observer = Observer(options.out, load_map(options.map), load_places(options.places))
             try:
-                while True:
-                    delivery = bus.receive(at(TRUTH).topic)
-                    truth = decode(delivery.topic, delivery.key, delivery.payload)
-                    assert isinstance(truth, Truth)
-                    if truth.halt:
-                        break
-                    observer.truth(truth)
+                _watch(bus, observer)
             finally:
                 summary = observer.close()
                 sys.stdout.write(f"{observer.notice}\n" if observer.notice else "")
@@ -81,6 +76,24 @@ def main(argv: Sequence[str]) -> int:
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2
+
+
+def _watch(bus: ZenohBus, observer: Observer) -> None:
+    """Show everything until the run halts; what robots said comes before the truth that follows it."""
+    while True:
+        truth = _message(bus.receive(at(TRUTH).topic))
+        assert isinstance(truth, Truth)
+        while (delivery := bus.poll(at(DRIVE, "*").topic)) is not None:
+            drive = _message(delivery)
+            assert isinstance(drive, Drive)
+            observer.drive(drive)
+        if truth.halt:
+            return
+        observer.truth(truth)
+
+
+def _message(delivery: Delivery) -> Message:
+    return decode(delivery.topic, delivery.key, delivery.payload)
 
 
 if __name__ == "__main__":

@@ -34,6 +34,8 @@ class Appearance:
     Default: twenty times what a TurtleBot covers between two pictures."""
     palette: tuple[Colour, ...] = PALETTE
     """Colours of the robots in the scenario's order (red, green, blue 0 to 255); then they repeat."""
+    paleness: float = 0.75
+    """How far towards white the colour of a reported place goes, 0 to 1. Default: still to be told apart."""
     label_offset: float = 0.7
     """How far north of its robot a name stands, m; the text has its own size whatever the zoom."""
     paper: int = 205
@@ -42,3 +44,8 @@ class Appearance:
     def colour(self, number: int) -> Colour:
         """The colour of the robot with that number in the scenario."""
         return self.palette[number % len(self.palette)]
+
+    def pale(self, colour: Colour) -> Colour:
+        """The colour of what is done with."""
+        red, green, blue = (round(part + (255 - part) * self.paleness) for part in colour)
+        return red, green, blue

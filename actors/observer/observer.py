@@ -10,7 +10,7 @@ import rerun as rr
 
 from actors.geometry import Point
 from actors.grid import OccupancyGrid
-from actors.messages import Truth
+from actors.messages import Drive, Truth
 from actors.observer import viewer
 from actors.observer.appearance import Appearance
 from actors.observer.layout import blueprint
@@ -35,7 +35,8 @@ class Observer:
     """Draws a run into `out`/view.rrd and, with `window`, live into rerun's viewer.
 
     Give it every Truth that arrives; it draws at most one per `Appearance.period_us` of simulated time.
-    `places` are drawn as crosses in the colour of the robot they belong to.
+    `places` are drawn as crosses in the colour of the robot they belong to, pale once they are reported; of
+    those that are given up one stroke is left.
     """
 
     def __init__(
@@ -75,6 +76,13 @@ class Observer:
             self._waiting = message
         else:
             self._show(message)
+
+    def drive(self, message: Drive) -> None:
+        """Take in what a robot says about places; it shows with the next picture."""
+        for report in message.reports:
+            self._scene.reported(report.owner, report.place)
+        for given_up in message.given_up:
+            self._scene.given_up(given_up.owner, given_up.place)
 
     def close(self) -> Summary:
         """Draw the last truth that came, finish the file, and say how much of the run it holds."""

@@ -36,6 +36,9 @@ class Scene:
         self._recording = recording
         self._appearance = appearance
         self._places = places
+        self._reported: set[tuple[str, int]] = set()
+        self._given_up: set[tuple[str, int]] = set()
+        self._changed: dict[str, None] = {}
         self._trails: dict[str, Trail] = {}
         self._colours: dict[str, Colour] = {}
         self._log_map(grid)
@@ -47,7 +50,21 @@ class Scene:
             if robot.id not in self._trails:
                 self._introduce(robot.id)
             self._place(robot)
+        for owner in self._changed:
+            if owner in self._colours:
+                self._mark(owner)
+        self._changed.clear()
         self._label(truth.robots)
+
+    def reported(self, owner: str, place: int) -> None:
+        """Let a place show from the next picture on that it was reported, given up or not."""
+        self._reported.add((owner, place))
+        self._changed[owner] = None
+
+    def given_up(self, owner: str, place: int) -> None:
+        """Let a place show from the next picture on that it was given up."""
+        self._given_up.add((owner, place))
+        self._changed[owner] = None
 
     def _log_map(self, grid: OccupancyGrid) -> None:
         image = _image(grid, self._appearance.paper)
@@ -80,10 +97,21 @@ class Scene:
         )
         recording.log(f"world/robots/{robot}/body", body, static=True)
         recording.log(f"world/robots/{robot}/nose", nose, static=True)
-        places = self._places.get(robot, ())
-        if places:
-            crosses = rr.LineStrips3D(_crosses(places, 0.5 * radius), colors=[colour], radii=[0.02])
-            recording.log(f"world/places/{robot}", crosses, static=True)
+        self._changed[robot] = None
+
+    def _mark(self, owner: str) -> None:
+        """Draw the places that a robot was given, as they now stand."""
+        colour, arm = self._colours[owner], 0.5 * self._appearance.robot_radius
+        strokes, colours = [], []
+        for number, point in enumerate(self._places.get(owner, ())):
+            reported = (owner, number) in self._reported
+            given_up = not reported and (owner, number) in self._given_up
+            cross = _cross(point, arm)[: 1 if given_up else 2]
+            strokes += cross
+            colours += [self._appearance.pale(colour) if reported else colour] * len(cross)
+        if strokes:
+            marks = rr.LineStrips3D(strokes, colors=colours, radii=[0.02])
+            self._recording.log(f"world/places/{owner}", marks)
 
     def _place(self, robot: RobotTruth) -> None:
         half = robot.heading / 2
@@ -124,10 +152,7 @@ def _image(grid: OccupancyGrid, paper: int) -> NDArray[np.uint8]:
     return np.flipud(values)
 
 
-def _crosses(places: Sequence[Point], arm: float) -> list[list[tuple[float, float, float]]]:
-    """Two strokes for each place."""
-    return [
-        [(x - arm, y - tilt * arm, _PLACE), (x + arm, y + tilt * arm, _PLACE)]
-        for x, y in places
-        for tilt in (1, -1)
-    ]
+def _cross(place: Point, arm: float) -> list[list[tuple[float, float, float]]]:
+    """The two strokes for a place."""
+    x, y = place
+    return [[(x - arm, y - tilt * arm, _PLACE), (x + arm, y + tilt * arm, _PLACE)] for tilt in (1, -1)]

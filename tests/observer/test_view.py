@@ -11,7 +11,7 @@ from rerun.chunk import RrdReader
 
 from actors.geometry import Point
 from actors.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from actors.messages import RobotTruth, Truth
+from actors.messages import Drive, PlaceGivenUp, PlaceReport, RobotTruth, Truth
 from actors.observer import viewer
 from actors.observer.observer import Observer, Summary
 from actors.runtime.errors import AcrcError
@@ -85,6 +85,27 @@ def test_the_file_holds_map_places_robots_and_trajectories_over_time(tmp_path: P
     np.testing.assert_allclose(turned, [0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)], atol=1e-6)
     way = found["/world/trajectories/r1/recent"][-1]["LineStrips3D:strips"][0]
     np.testing.assert_allclose(np.array(way)[:, :2], [[0.1 * i, 4.0] for i in range(5)], atol=1e-6)
+
+
+def test_places_turn_pale_when_reported_and_lose_a_stroke_when_given_up(tmp_path: Path) -> None:
+    places = {"r1": [Point(1.0, 4.0), Point(2.0, 4.0)], "r2": [Point(3.0, 5.0)]}
+    observer = Observer(tmp_path, GRID, places, window=False)
+    observer.truth(truth(0))
+    observer.drive(Drive(1, 0.0, 0.0, 0.0, 0))
+    observer.truth(truth(1))
+    observer.drive(Drive(2, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 1, 200_000),)))
+    observer.drive(Drive(2, 0.0, 0.0, 0.0, 0, (), (PlaceGivenUp("r2", 0, 200_000, "shut"),)))
+    observer.truth(truth(2))
+    observer.drive(Drive(3, 0.0, 0.0, 0.0, 0, (PlaceReport("r2", 0, 300_000),)))
+    observer.truth(truth(3))
+    observer.close()
+    found = rows(tmp_path / "view.rrd")
+    red, pale_red, blue, pale_blue = 0xD62728FF, 0xF5C9C9FF, 0x1F55D6FF, 0xC7D4F5FF
+    first, second = found["/world/places/r1"], found["/world/places/r2"]
+    assert (times(first), times(second)) == ([0.0, 0.2], [0.0, 0.2, 0.3])
+    assert [row["LineStrips3D:colors"] for row in first] == [[red] * 4, [red] * 2 + [pale_red] * 2]
+    assert [row["LineStrips3D:colors"] for row in second] == [[blue] * 2, [blue], [pale_blue] * 2]
+    assert [len(row["LineStrips3D:strips"]) for row in second] == [2, 1, 2]
 
 
 def test_the_map_lies_where_the_grid_says_north_edge_first(tmp_path: Path) -> None:
