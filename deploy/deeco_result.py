@@ -29,7 +29,7 @@ class NodeOutcome(msgspec.Struct, frozen=True):
     exchanges: dict[str, _Count]
     """By ensemble: exchanges that changed the local knowledge."""
     replica_age_ms: dict[_Bound, _Count]
-    """How old the replicas were when they were looked at: count by the upper bound of the bin, ms."""
+    """How long ago each replica had been heard at each own publication: count by the bin's upper bound, ms."""
 
 
 class DeecoResult(msgspec.Struct, frozen=True):
@@ -41,10 +41,11 @@ class DeecoResult(msgspec.Struct, frozen=True):
     """How often an exchange of knowledge changed the knowledge of the robot that made it, by ensemble: with
     the shipped strategies, how often a robot adopted something."""
     replica_age_mean_s: float | None
-    """Mean age of a replica, each sample taken in the middle of its bin; None without samples."""
+    """Mean time since a replica had been heard, over every replica at each publication of its holder; each
+    sample stands in the middle of its bin, 50 ms wide. None without samples."""
     replica_age_p95_s: float | None
-    """Age that 95 % of the samples do not exceed: the upper bound of the bin of the nearest rank (that is,
-    sample number ceil(0.95 n) in order of age); None without samples."""
+    """What 95 % of these samples do not exceed: the upper bound of the bin of the nearest rank, that is of
+    sample number ceil(0.95 n) in order of age. None without samples."""
 
 
 def node_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NodeOutcome | None:

@@ -5,6 +5,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from deeco.instant import Instant, in_seconds, milliseconds
+from deeco.statistics import Statistics
 from deploy.deeco_result import DeecoOutcomeError, DeecoResult, NodeOutcome, deeco_result, node_outcome
 
 RECORD = Path("/o/r1/r1.mcap")
@@ -59,6 +61,22 @@ def test_a_last_record_is_read() -> None:
     given = said(counters={"commits": 1}, exchanges={"Swap": 2}, replica_age_ms={"150": 3})
     assert node_outcome(RECORD, given) == NodeOutcome({"commits": 1}, {"Swap": 2}, {150: 3})
     assert node_outcome(RECORD, {"other": msgspec.Raw(b"[]")}) is None
+
+
+def test_what_a_node_counts_is_what_is_read() -> None:
+    statistics = Statistics()
+    statistics.counters.commits = 4
+    statistics.exchanges["Swap"] += 1
+    true_ages = [milliseconds(age) for age in (0, 49, 50, 120, 999, 1000)]
+    for age in true_ages:
+        statistics.sample_age(Instant(0), Instant(age))
+    said_by_node = {"deeco": msgspec.Raw(msgspec.json.encode(statistics.outcome()))}
+    node = node_outcome(RECORD, said_by_node)
+    assert node is not None
+    result = deeco_result([node])
+    assert (result.counters["commits"], result.exchanges) == (4, {"Swap": 1})
+    assert result.replica_age_mean_s == pytest.approx(in_seconds(sum(true_ages)) / 6, abs=0.025)
+    assert result.replica_age_p95_s == 1.05
 
 
 @pytest.mark.parametrize(
