@@ -2,7 +2,7 @@
 
 import pytest
 
-from cleaning.strategies import StrategyError, entry
+from cleaning.strategies import STRATEGIES, StrategyError, entry
 
 
 def test_a_strategy_is_known_by_its_name_or_by_its_own_entry() -> None:
@@ -14,5 +14,6 @@ def test_an_unknown_strategy_is_one_sentence() -> None:
     with pytest.raises(StrategyError) as caught:
         entry("swap")
     assert str(caught.value) == (
-        "strategy 'swap' is not known; it should be one of none, or the entry 'module:function' of your own"
+        f"strategy 'swap' is not known; it should be one of {', '.join(sorted(STRATEGIES))},"
+        " or the entry 'module:function' of your own"
     )

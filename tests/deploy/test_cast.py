@@ -184,7 +184,7 @@ def test_more_robots_or_places_than_there_is_room_for(tmp_path: Path) -> None:
 
 def test_what_does_not_exist_is_refused() -> None:
     assert refusal('[run]\nstrategy = "prayer"').startswith(
-        "strategy 'prayer' is not known; it should be one of none"
+        "strategy 'prayer' is not known; it should be one of "
     )
     assert (
         refusal('[radio]\npreset = "ether"')

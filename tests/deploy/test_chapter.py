@@ -1,7 +1,10 @@
 """The scenario of the original experiment, against its figures."""
 
 import tomllib
+from dataclasses import fields
 
+from cleaning.parameters import AdaptationParameters
+from cleaning.settings import from_settings
 from deploy.cast import cast
 from deploy.repository import REPOSITORY
 from deploy.scenario_file import load_scenario
@@ -43,9 +46,20 @@ def test_the_figures_are_those_of_the_original() -> None:
     assert (chapter.radio.preset, chapter.deeco.publish, chapter.deeco.relay) == ("chapter", 1.0, True)
 
 
+def test_the_strategys_settings_are_those_of_the_original() -> None:
+    chapter = load_scenario(CHAPTER)
+    assert chapter.run.strategy == "chapter"
+    told = from_settings(AdaptationParameters, chapter.strategy)
+    assert (told.reach, told.still, told.still_checks, told.blocked_checks) == (0.5, 0.01, 3, 6)
+    assert (told.adoption_distance, told.adoption_checks) == (1.5, 1)
+    assert told.adoption_backoff == 10_000_000
+    assert told == AdaptationParameters()  # so that --strategy chapter is the same in every other scenario
+
+
 def test_every_value_stands_in_the_file_and_none_is_left_to_a_default() -> None:
     content = tomllib.loads(CHAPTER.read_text())
     absent = {"modules", "areas"}  # where one's own code and further starts would lie
     for name, table in load_scenario(CHAPTER).model_dump().items():
         if isinstance(table, dict) and name != "strategy":
             assert set(table) - absent == set(content[name]), name
+    assert set(content["strategy"]) == {field.name for field in fields(AdaptationParameters)}

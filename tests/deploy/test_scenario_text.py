@@ -7,10 +7,12 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
+from actors.instant import seconds
+from actors.robot.adaptation import adaptation as robot_adaptation
 from deploy.cast import cast
 from deploy.scenario import Scenario
 from deploy.scenario_file import Overrides, load_scenario, parse
-from deploy.scenario_text import to_toml
+from deploy.scenario_text import adaptation, to_toml
 from tests.deploy.faults import scenario
 
 texts = some.text(some.characters(codec="utf-8"), min_size=1, max_size=8)
@@ -85,6 +87,14 @@ scenarios = some.fixed_dictionaries(
 def test_every_scenario_reads_back_as_it_was_written(content: dict[str, Any]) -> None:
     written = Scenario.model_validate(_as_lists(content))
     assert parse(to_toml(written), Path("/some.toml")) == written
+    told = robot_adaptation(adaptation(written))
+    assert told.settings == written.strategy
+    assert {name: type(value) for name, value in told.settings.items()} == {
+        name: type(value) for name, value in written.strategy.items()
+    }
+    assert told.exchange.publish == seconds(written.deeco.publish)
+    assert told.exchange.relay is written.deeco.relay
+    assert [area.name for area in told.areas] == NAMES
 
 
 def test_what_a_run_writes_down_gives_the_same_run() -> None:
@@ -94,6 +104,27 @@ def test_what_a_run_writes_down_gives_the_same_run() -> None:
     assert asdict(second) == asdict(first) | {"scenario": second.scenario}
     assert second.scenario == first.scenario
     assert to_toml(second.scenario) == written
+
+
+def test_the_text_of_a_robots_adaptation() -> None:
+    text = "[strategy]\nlease = 3\n[places]\nareas = ['hall']\n"
+    text += "".join(
+        f"[[area]]\nname = '{name}'\nx = [8, 12]\ny = [10.5, 13.8]\n" for name in ("yard", "hall")
+    )
+    told = (
+        "# What the robot's strategy is told, and how it exchanges knowledge.\n"
+        "\n"
+        "[strategy]\nlease = 3\n"
+        "\n"
+        "[deeco]\npublish = 1.0\nrelay = false\nhop_limit = 3\nrelay_delay = 1.0\nforget = 30.0\n"
+        "\n"
+        '[[area]]\nname = "hall"\nx = [8.0, 12.0]\ny = [10.5, 13.8]\n'
+    )
+    settled = cast(scenario(text)).scenario
+    assert adaptation(settled) == told
+    assert adaptation(cast(settled).scenario) == told
+    free = cast(scenario(text.replace("areas = ['hall']", "preset = 'free'"))).scenario
+    assert adaptation(free) == told.partition("\n[[area]]")[0]
 
 
 def test_a_type_stays_what_it_was() -> None:

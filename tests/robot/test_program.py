@@ -1,14 +1,17 @@
 """The robot's command line."""
 
+import json
 import math
+import sys
 from pathlib import Path
 
 import pytest
 
 from actors.geometry import Point, Pose
 from actors.messages import READY, SENSES, Ready
+from actors.robot.adaptation import Adaptation
 from actors.robot.places import load_places
-from actors.robot.program import build, parse, part
+from actors.robot.program import build, look_in, parse, part
 from actors.robot.setup import kernels
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
@@ -55,6 +58,22 @@ def test_every_option_is_read(argv: dict[str, str], tmp_path: Path) -> None:
     assert options.map == MAPS / "corridor.yaml"
     assert options.seat.record == tmp_path / "r1.mcap"
     assert not options.isolate
+    assert setup.adaptation == Adaptation()
+
+
+def test_the_adaptation_is_read_from_its_file(argv: dict[str, str], tmp_path: Path) -> None:
+    file = tmp_path / "adaptation.toml"
+    file.write_text("[strategy]\nlease = 3\n")
+    robot = part(flat(argv | {"--adaptation": str(file)}))
+    assert json.loads(robot.run.scenario)["adaptation"]["settings"] == {"lease": 3}
+
+
+def test_the_folder_that_is_named_first_goes_first(
+    argv: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", sys.path[:])
+    look_in(parse([*flat(argv), "--path", "/one", "--path", "/two"]).path)
+    assert sys.path[:2] == ["/one", "/two"]
 
 
 def test_the_core_begins_with_the_step_and_listens_to_its_own_keys(argv: dict[str, str]) -> None:
