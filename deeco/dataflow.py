@@ -2,8 +2,8 @@
 
 Read is every field of the knowledge that is asked for as an attribute, in the function itself and in all
 properties, methods and functions that the knowledge is handed to and whose source is there; written is
-every keyword of `replace(knowledge, ...)`. A branch that never runs counts as well. Whatever goes beyond that
-is not guessed: it stands among the doubts.
+every keyword of `replace(knowledge, ...)`. What never runs counts as well, and so does a field that is read
+only after it was replaced. Whatever goes beyond that is not guessed: it stands among the doubts.
 """
 
 import ast
@@ -99,8 +99,8 @@ class _Reading:
         match node:
             case ast.Return(value=value):
                 self._returned(node, value)
-            case ast.Assign(targets=[ast.Name(id=name)], value=value):
-                self._bind(name, self._value(value))
+            case ast.Assign(targets=[target], value=value):
+                self._assigned(target, value)
             case ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value):
                 self._bind(name, self._value(value))
             case ast.Expr(value=value):
@@ -134,6 +134,18 @@ class _Reading:
             self.strange.append(node)
         else:
             self._given = subject
+
+    def _assigned(self, target: ast.expr, value: ast.expr) -> None:
+        match target, value:
+            case ast.Name(id=name), _:
+                self._bind(name, self._value(value))
+            case ast.Tuple(elts=names), ast.Tuple(elts=values) if len(names) == len(values):
+                for one, other in zip(names, values, strict=True):
+                    self._assigned(one, other)
+            case _:
+                if subject := self._value(value):
+                    self._doubt(f"what is read of {subject.label} by way of `{source.shortened(target)}`")
+                self._value(target)
 
     def _bind(self, name: str, subject: Subject | None) -> None:
         if subject:

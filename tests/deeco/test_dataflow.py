@@ -106,6 +106,12 @@ def in_turn(self: Truck) -> Truck:
     return replace(last, position=0.0).limited()
 
 
+def in_pairs(self: Truck) -> Truck:
+    slower, load = self.limited(), self.load
+    slower, (first, *_) = emptied(slower), load
+    return slower if first else replace(slower, load=load)
+
+
 def in_a_loop(self: Truck) -> Truck:
     state = self
     later: Truck | None = None
@@ -149,6 +155,7 @@ TOLD: list[tuple[Callable[..., Any], tuple[str, ...], tuple[str, ...]]] = [
     (by_function, ("position", "fuel"), ("fuel",)),
     (by_recursion, ("load", "speed"), ("fuel",)),
     (in_turn, ("speed", "fuel"), ("speed", "fuel", "load", "position")),
+    (in_pairs, ("speed", "load", "fuel"), ("speed", "fuel", "load")),
     (in_a_loop, ("speed",), ("load", "fuel")),
     (in_a_nested_function, ("position", "load"), ("load",)),
     (as_a_whole, ALL, ()),
