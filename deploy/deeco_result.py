@@ -29,7 +29,7 @@ class NodeOutcome(msgspec.Struct, frozen=True):
     exchanges: dict[str, _Count]
     """By ensemble: exchanges that changed the local knowledge."""
     replica_age_ms: dict[_Bound, _Count]
-    """How long ago each replica had been heard at each own publication: count by the bin's upper bound, ms."""
+    """Time since each replica was heard, at each own publication: count by the bin's upper bound, ms."""
 
 
 class DeecoResult(msgspec.Struct, frozen=True):
