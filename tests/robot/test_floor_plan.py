@@ -18,6 +18,10 @@ from tests.robot.base import TWO_ROOMS, plan
 
 RADIUS = 0.177
 CORRIDOR = load_map(Path(__file__).parents[2] / "maps" / "corridor.yaml")
+COARSE = OccupancyGrid(
+    np.kron(TWO_ROOMS.cells[::5, ::5], np.ones((2, 2), dtype=np.uint8)), TWO_ROOMS.resolution * 5
+)
+"""The same rooms twice as large, of cells as wide as a robot."""
 WEST = Area("west", 1.0, 1.0, 3.0, 2.0)
 NORTH = Area("north", 2.0, 1.5, 4.0, 2.5)
 """Shares 1 m by 0.5 m with WEST."""
@@ -36,15 +40,15 @@ def within(area: Area, point: Point) -> bool:
     return area.x0 <= point.x <= area.x1 and area.y0 <= point.y <= area.y1
 
 
-@pytest.mark.parametrize("resolution", [0.03125, 0.05, 0.25])
-def test_the_robot_can_stand_and_get_there(resolution: float) -> None:
-    grid = CORRIDOR if resolution == 0.03125 else OccupancyGrid(TWO_ROOMS.cells, 0.05)
-    if resolution == 0.25:
-        grid = OccupancyGrid(np.kron(TWO_ROOMS.cells[::5, ::5], np.ones((2, 2), dtype=np.uint8)), resolution)
-    start = Point(12.0, 5.0) if grid is CORRIDOR else Point(2.0, 2.0)
-    region = reachable(grid, start, RADIUS)
-    for place in draws(floor(grid, start=start), 500):
-        assert point_clearance(grid, place, 1.0) >= RADIUS
+@pytest.mark.parametrize(
+    ("grid", "start", "radius"),
+    [(CORRIDOR, Point(12.0, 5.0), RADIUS), (TWO_ROOMS, START, RADIUS), (COARSE, Point(2.0, 2.0), 0.34)],
+    ids=["corridor", "rooms", "coarse"],
+)
+def test_the_robot_can_stand_and_get_there(grid: OccupancyGrid, start: Point, radius: float) -> None:
+    region = reachable(grid, start, radius)
+    for place in draws(floor(grid, start=start, radius=radius), 500):
+        assert point_clearance(grid, place, 1.0) >= radius
         assert region[grid.cell(place)]
 
 
@@ -65,6 +69,13 @@ def test_points_are_uniform_over_the_union_of_areas() -> None:
     west = np.array([place for place in places if within(WEST, place)])
     assert stats.kstest(west[:, 0], "uniform", args=(1.0, 2.0)).pvalue > 0.01
     assert stats.kstest(west[:, 1], "uniform", args=(1.0, 1.0)).pvalue > 0.01
+
+
+def test_cells_that_an_area_cuts_count_by_what_is_left_of_them() -> None:
+    # the cells meet at x = 1.05: 0.04 m of one and 0.02 m of the other
+    slim = Area("slim", 1.01, 1.0, 1.07, 2.0)
+    xs = [place.x for place in draws(floor(TWO_ROOMS, slim), 2000)]
+    assert stats.kstest(xs, "uniform", args=(1.01, 0.06)).pvalue > 0.01
 
 
 def test_an_area_in_a_wall_counts_as_far_as_the_robot_can_stand_there() -> None:
