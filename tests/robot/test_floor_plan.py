@@ -28,8 +28,10 @@ NORTH = Area("north", 2.0, 1.5, 4.0, 2.5)
 START = Point(1.0, 1.0)
 
 
-def floor(grid: OccupancyGrid, *areas: Area, start: Point = START, robot: str = "r1") -> ReachableFloor:
-    return ReachableFloor(ground(grid, RADIUS), RADIUS, start, areas, generator(5, "behaviour", robot))
+def floor(
+    grid: OccupancyGrid, *areas: Area, start: Point = START, robot: str = "r1", radius: float = RADIUS
+) -> ReachableFloor:
+    return ReachableFloor(ground(grid, radius), radius, start, areas, generator(5, "behaviour", robot))
 
 
 def draws(of: ReachableFloor, count: int) -> list[Point]:
