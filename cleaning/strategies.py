@@ -8,7 +8,13 @@ from typing import Final
 
 from actors.runtime.errors import AcrcError
 
-STRATEGIES: Final[Mapping[str, str]] = MappingProxyType({"none": "cleaning.baseline:behaviour"})
+STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "none": "cleaning.baseline:behaviour",
+        "chapter": "cleaning.chapter:behaviour",
+        "released": "cleaning.chapter:released",
+    }
+)
 """Entry string of each strategy's behaviour, by the strategy's name; "none" is the naive solution."""
 GROUP: Final = "acrc.strategies"
 """Entry point group in which an installed distribution registers strategies: name = "module:function"."""

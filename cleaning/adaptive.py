@@ -1,0 +1,133 @@
+"""The cleaning robot with the chapter's adaptation layer: it notices that it is stuck, and does something."""
+
+from dataclasses import replace
+from typing import Self
+
+from numpy.random import Generator
+
+from actors.geometry import Point
+from actors.messages import PlaceKey
+from actors.robot.equipment import FloorPlan, PlaceMonitor
+from cleaning.cleaner import Cleaner, State
+from cleaning.parameters import AdaptationParameters, Unblock
+from cleaning.place import Claim, Duty
+from cleaning.robot import CleaningRobot
+from deeco import Instant, adaptation, component, periodic, seconds
+
+
+@component
+class AdaptiveCleaningRobot(CleaningRobot):
+    """Finds out that it is blocked, turns elsewhere by itself, and can take places over from others."""
+
+    parameters: AdaptationParameters = AdaptationParameters()
+    before: Point | None = None
+    """Where it was at the check before, m."""
+    still_for: int = 0
+    """Checks in a row at which it wanted to move and had not."""
+    blocked_for: int = 0
+    """Checks in a row at which it was blocked."""
+    tried: tuple[Claim, ...] = ()
+    """For each time that it unblocked itself since it last visited a place: where it was heading for. Kept
+    only if it may give up."""
+    adopted_at: Instant | None = None
+    """When it last took a place over."""
+
+    def set_destination(self, monitor: PlaceMonitor, now: Instant) -> Self:
+        """As without adaptation; to visit a place is to get on."""
+        robot = super().set_destination(monitor, now)
+        return robot if len(robot.settled) == len(self.settled) else replace(robot, tried=())
+
+    @adaptation
+    @periodic(every=seconds(1), order=2)
+    def detect_blocked(self) -> Self:
+        """Blocked is who has a target out of reach and stands still for long enough."""
+        target, p = self.target, self.parameters
+        wants = target is not None and not self.reaches(target)
+        stands = self.before is not None and self.position.distance_to(self.before) < p.still
+        still_for = self.still_for + 1 if wants and stands else 0
+        state = State.BLOCKED if still_for > p.still_checks else State.FREE
+        return replace(self, before=self.position, still_for=still_for, state=state)
+
+    @adaptation
+    @periodic(every=seconds(1), order=3)
+    def auto_unblock(
+        self, floor: FloorPlan, generator: Generator, monitor: PlaceMonitor, now: Instant
+    ) -> Self:
+        """Once it has been blocked for long enough, head for somewhere else, or give the place up."""
+        if not self.is_blocked():
+            return replace(self, blocked_for=0)
+        if self.blocked_for < self.parameters.blocked_checks:
+            return replace(self, blocked_for=self.blocked_for + 1)
+        robot = self._having_tried(monitor, now)._turned(floor, generator)
+        return replace(robot._afresh(), state=State.FREE)
+
+    def adopting(self, duty: Duty, now: Instant) -> Self:
+        """The robot with a place of somebody else's in its route, heading for it at once.
+
+        Itself if it holds the place already, or has settled it.
+        """
+        if self.holds(duty.key) or self.has_settled(duty.key):
+            return self
+        taken = replace(duty, term=duty.term + 1)
+        others = tuple(claim for claim in self.adopted if claim.key != duty.key)
+        robot = replace(
+            self.heading_for(taken),
+            route=(*self.route, taken),
+            former=self.destination,
+            adopted=(*others, taken.claim)[-self.parameters.most_adopted :],
+            adopted_at=now,
+        )
+        return robot._afresh()
+
+    def taken_by(self, peer: Cleaner) -> frozenset[PlaceKey]:
+        """The places of its route that the peer has taken over, with a later word than this robot's own."""
+        heard = {claim.key: claim.term for claim in peer.adopted}
+        return frozenset(
+            duty.key
+            for duty in self.route
+            if duty.key in heard and (heard[duty.key], peer.id) > (duty.term, self.id)
+        )
+
+    def leaving_to(self, peer: Cleaner, now: Instant, *, exchange: bool) -> Self:
+        """The robot without the places that the peer has taken over.
+
+        If it was heading for one, it takes, with `exchange`, the place that the peer left for it, else the
+        first of its route.
+        """
+        gone = self.taken_by(peer)
+        robot, mine = self.without(gone, settled=False), self.destination
+        if mine is None or mine.key not in gone:
+            return robot
+        robot = robot.heading_for(robot.route[0] if robot.route else None)._afresh()
+        offered = peer.former if exchange and _heads_for(peer, mine) else None
+        return robot if offered is None else replace(robot.adopting(offered, now), former=None)
+
+    def _having_tried(self, monitor: PlaceMonitor, now: Instant) -> Self:
+        """The robot after one more attempt at its destination, which it may give up for that."""
+        duty, most = self.destination, self.parameters.attempts
+        if duty is None or not most:
+            return self
+        tried = (*self.tried, duty.claim)
+        if tried.count(duty.claim) < most:
+            return replace(self, tried=tried)
+        reason = f"blocked on the way to it, {most} times without visiting any place meanwhile"
+        return self.given_up(duty, reason, monitor, now)
+
+    def _turned(self, floor: FloorPlan, generator: Generator) -> Self:
+        """The robot on its way to somewhere else, or on a new attempt."""
+        left = len(self.route)
+        if self.parameters.unblock is Unblock.FLOOR and generator.random() * (left + 1) < max(left, 1):
+            return self.sent_to(floor.random_place())
+        if not left:
+            return replace(self, attempt=self.attempt + 1)
+        return self.heading_for(self.route[int(generator.integers(left))])
+
+    def _afresh(self) -> Self:
+        """The robot with a new destination, whose outcome is yet to be seen."""
+        if not self.parameters.recount:
+            return replace(self, blocked_for=0)
+        return replace(self, blocked_for=0, still_for=0, state=State.FREE)
+
+
+def _heads_for(peer: Cleaner, duty: Duty) -> bool:
+    return peer.destination is not None and peer.destination.key == duty.key

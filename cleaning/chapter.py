@@ -1,0 +1,28 @@
+"""The example adaptation of the chapter, as its text has it and as the released code has it."""
+
+from actors.robot.host import host
+from actors.robot.ports import Behaviour, Start
+from cleaning.adaptive import AdaptiveCleaningRobot
+from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
+from cleaning.parameters import AdaptationParameters, ReleasedParameters
+from cleaning.place import duties
+from cleaning.settings import from_settings
+
+
+def behaviour(start: Start) -> Behaviour:
+    """Turn elsewhere when stuck, and exchange destinations with whom one is stuck: the chapter's example."""
+    return _adaptive(start, from_settings(AdaptationParameters, start.settings))
+
+
+def released(start: Start) -> Behaviour:
+    """The same with the thresholds and choices of the released code, without its defects."""
+    return _adaptive(start, from_settings(ReleasedParameters, start.settings))
+
+
+def _adaptive(start: Start, parameters: AdaptationParameters) -> Behaviour:
+    p = parameters
+    robot = AdaptiveCleaningRobot(
+        id=start.robot, position=start.pose.point, route=duties(start), parameters=p
+    )
+    adoption = DestinationAdoption(p.adoption_distance, p.adoption_checks, p.adoption_backoff)
+    return host(start, robot, adoption, AdoptedDestinationRemove(p.exchange))

@@ -1,0 +1,91 @@
+"""A robot's equipment as the tests play it, and robots to go with it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from actors.geometry import Point, Pose
+from actors.instant import Instant, seconds
+from actors.messages import PlaceKey
+from actors.robot.ports import AbortReason, Goal, GoalStatus
+from cleaning.adaptive import AdaptiveCleaningRobot
+from cleaning.place import Duty
+from cleaning.robot import CleaningRobot
+
+NOW = Instant(seconds(100))
+SOMEWHERE = Point(77.0, 7.0)
+"""Where random places are."""
+
+
+@dataclass
+class Base:
+    """Positioning, as the test has it."""
+
+    pose: Pose = field(default=Pose(0.0, 0.0, 0.0))
+    moving: bool = False
+
+
+@dataclass
+class Ways:
+    """Navigation that takes down its orders; None is a stop."""
+
+    goal: Goal | None = None
+    orders: list[Point | None] = field(default_factory=list)
+
+    def go_to(self, point: Point) -> None:
+        self.goal = Goal(point, GoalStatus.ACTIVE)
+        self.orders.append(point)
+
+    def stop(self) -> None:
+        self.goal = None
+        self.orders.append(None)
+
+    def abort(self, reason: AbortReason = AbortReason.BLOCKED) -> None:
+        assert self.goal is not None
+        self.goal = Goal(self.goal.point, GoalStatus.ABORTED, reason)
+
+
+@dataclass
+class Notes:
+    """A place monitor that keeps what it is told."""
+
+    visits: list[PlaceKey] = field(default_factory=list)
+    gone: list[tuple[PlaceKey, str]] = field(default_factory=list)
+    left: tuple[PlaceKey, ...] | None = None
+
+    def visited(self, place: PlaceKey, now: Instant) -> None:
+        self.visits.append(place)
+
+    def given_up(self, place: PlaceKey, reason: str, now: Instant) -> None:
+        assert 0 < len(reason) <= 100
+        self.gone.append((place, reason))
+
+    def remaining(self, route: Sequence[PlaceKey]) -> None:
+        self.left = tuple(route)
+
+
+class Floor:
+    """A floor plan of one point."""
+
+    def random_place(self) -> Point:
+        return SOMEWHERE
+
+
+def duty(x: float, index: int = 0, owner: str = "r1", term: int = 0) -> Duty:
+    return Duty(owner, index, Point(x, 0.0), term)
+
+
+def route(*xs: float, owner: str = "r1") -> tuple[Duty, ...]:
+    return tuple(duty(x, index, owner) for index, x in enumerate(xs))
+
+
+def plain(*xs: float) -> CleaningRobot:
+    """Robot r1 at the origin, with places at these x."""
+    return CleaningRobot(id="r1", position=Point(0.0, 0.0), route=route(*xs))
+
+
+def adaptive(robot: str, at: float, *xs: float) -> AdaptiveCleaningRobot:
+    """A robot at x = `at`, m, on its way to the first of its own places at `xs`."""
+    mine = route(*xs, owner=robot)
+    return AdaptiveCleaningRobot(
+        id=robot, position=Point(at, 0.0), route=mine, destination=mine[0] if mine else None
+    )

@@ -1,0 +1,223 @@
+"""Whatever happens to messages and in whatever order robots act, somebody still means to visit each place.
+
+A message is what a robot published at some time; any robot may hear any of them at any time, any number of
+times, or never: that is loss, delay, repetition and reordering, all at once.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from actors.geometry import Point
+from actors.instant import Instant, seconds
+from actors.messages import PlaceKey
+from actors.randomness import generator
+from actors.robot.ports import AbortReason
+from cleaning.adaptive import AdaptiveCleaningRobot
+from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
+from cleaning.cleaner import Cleaner, State
+from cleaning.parameters import AdaptationParameters, ReleasedParameters
+from cleaning.place import Duty
+from deeco.knowledge import seen_as
+from tests.cleaning.equipment import Floor, Notes, Ways
+
+POINTS = tuple(Point(x, y) for x in (0.0, 1.0) for y in (0.0, 1.0))
+"""So few that places lie on one another, and that robots come by them."""
+IMPATIENT = AdaptationParameters(
+    attempts=2, no_plan_attempts=1, blocked_checks=0, still_checks=0, most_adopted=1
+)
+PRESETS = (AdaptationParameters(), ReleasedParameters(), IMPATIENT, replace(IMPATIENT, exchange=False))
+
+
+class Act(NamedTuple):
+    """What happens next, to which robot, with which number to choose from what there is."""
+
+    what: str
+    robot: int
+    number: int
+
+
+class Swarm:
+    """Robots, everything that they ever published, and what has come of the places."""
+
+    def __init__(self, robots: int, places: int, parameters: AdaptationParameters) -> None:
+        self.notes = Notes()
+        self.robots = [
+            AdaptiveCleaningRobot(
+                id=f"r{number}",
+                position=Point(9.0, 9.0),
+                route=tuple(Duty(f"r{number}", index, POINTS[index % 4]) for index in range(places)),
+                parameters=parameters,
+            )
+            for number in range(robots)
+        ]
+        self.ways = [Ways() for _ in self.robots]
+        self.places = [duty.key for robot in self.robots for duty in robot.route]
+        self.published: list[Cleaner] = []
+        self.now = Instant(0)
+        self._adoption = DestinationAdoption(
+            parameters.adoption_distance, parameters.adoption_checks, parameters.adoption_backoff
+        )
+        self._remove = AdoptedDestinationRemove(parameters.exchange)
+        self._generator = generator(1, "test", "swarm")
+
+    def act(self, act: Act) -> None:
+        index = act.robot % len(self.robots)
+        one: Callable[[int, AdaptiveCleaningRobot, int], AdaptiveCleaningRobot]
+        one = getattr(self, f"_{act.what}")
+        self.robots[index] = one(index, self.robots[index], act.number)
+        self.now = Instant(self.now + seconds(1))
+
+    def _publish(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+        role = seen_as(robot, Cleaner)
+        assert isinstance(role, Cleaner)
+        self.published.append(role)
+        return robot
+
+    def _message(self, robot: AdaptiveCleaningRobot, number: int) -> Cleaner | None:
+        """Any that another robot ever sent, the newest first."""
+        others = [role for role in reversed(self.published) if role.id != robot.id]
+        return others[number % len(others)] if others else None
+
+    def _hear(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+        """Both ensembles, as a node evaluates them."""
+        peer = self._message(robot, number)
+        if peer is None:
+            return robot
+        if self._adoption.membership(peer, robot):
+            robot = self._adoption.at_member(peer, robot, self.now)
+        return self._drop(index, robot, number)
+
+    def _drop(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+        """The second ensemble alone."""
+        peer = self._message(robot, number)
+        if peer is None or not self._remove.membership(peer, robot):
+            return robot
+        return self._remove.at_member(peer, robot, self.now)
+
+    def _adopt(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+        """Without asking who is blocked: as any strategy might."""
+        peer = self._message(robot, number)
+        if peer is None or peer.destination is None:
+            return robot
+        return robot.adopting(peer.destination, self.now)
+
+    def _choose(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+        """Head for any place of the route: as any strategy might."""
+        return robot.heading_for(robot.route[number % len(robot.route)]) if robot.route else robot
+
+    def _move(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+        return replace(robot, position=POINTS[number % 4])
+
+    def _leave(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+        return replace(robot, position=Point(9.0, 9.0))
+
+    def _block(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+        return replace(robot, state=State.BLOCKED, blocked_for=1 + number % 9, still_for=9)
+
+    def _set_destination(
+        self, index: int, robot: AdaptiveCleaningRobot, number: int
+    ) -> AdaptiveCleaningRobot:
+        return robot.set_destination(self.notes, self.now)
+
+    def _detect_blocked(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+        return robot.detect_blocked()
+
+    def _auto_unblock(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+        return robot.auto_unblock(Floor(), self._generator, self.notes, self.now)
+
+    def _drive(self, index: int, robot: AdaptiveCleaningRobot, number: int) -> AdaptiveCleaningRobot:
+        ways = self.ways[index]
+        if ways.goal is not None and number % 4 < 2:
+            ways.abort((AbortReason.NO_PLAN, AbortReason.BLOCKED)[number % 2])
+        return robot.drive(ways, self.notes, self.now)
+
+    def check(self) -> None:
+        held = {duty.key for robot in self.robots for duty in robot.route}
+        over = {*self.notes.visits, *(key for key, _ in self.notes.gone)}
+        assert [key for key in self.places if key not in held | over] == []
+        for robot in self.robots:
+            keys = [duty.key for duty in robot.route]
+            assert len(set(keys)) == len(keys), "no place twice"
+            assert robot.destination is None or robot.destination in robot.route
+            assert robot.former is None or robot.former in robot.route
+            assert len(robot.adopted) <= robot.parameters.most_adopted
+
+
+OFTEN = ("publish", "hear", "drop", "adopt", "choose", "set_destination")
+SELDOM = ("move", "leave", "block", "detect_blocked", "auto_unblock", "drive")
+acts = st.builds(
+    Act,
+    st.sampled_from(OFTEN * 3 + SELDOM),
+    st.integers(0, 4),
+    st.one_of(st.integers(0, 3), st.integers(0, 60)),
+)
+
+
+def play(robots: int, places: int, parameters: AdaptationParameters, story: list[Act]) -> Swarm:
+    swarm = Swarm(robots, places, parameters)
+    for act in story:
+        swarm.act(act)
+        swarm.check()
+    return swarm
+
+
+THERE_AND_BACK = [
+    *(Act("set_destination", robot, 0) for robot in (0, 1)), Act("publish", 0, 0), Act("adopt", 1, 0),
+    Act("publish", 1, 0), Act("drop", 0, 0), Act("adopt", 0, 0), Act("publish", 0, 0), Act("drop", 1, 0),
+    Act("drop", 0, 0), Act("drop", 1, 1),
+]  # fmt: skip
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.integers(2, 5), st.integers(1, 2), st.sampled_from(PRESETS), st.lists(acts, min_size=40, max_size=120)
+)
+@example(2, 1, PRESETS[0], THERE_AND_BACK)
+def test_no_place_is_lost(
+    robots: int, places: int, parameters: AdaptationParameters, story: list[Act]
+) -> None:
+    play(robots, places, parameters, story)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(2, 5), st.sampled_from(PRESETS), st.lists(acts, min_size=20, max_size=60))
+def test_in_the_end_each_place_is_in_one_route_once_everybody_has_heard_everybody(
+    robots: int, parameters: AdaptationParameters, story: list[Act]
+) -> None:
+    swarm = play(robots, 1, replace(parameters, most_adopted=10), story)
+    for _ in range(2 * robots):  # nobody acts any more, and all messages arrive
+        swarm.published.clear()
+        for index in range(robots):
+            swarm.act(Act("publish", index, 0))
+        for index in range(robots):
+            for number in range(robots):
+                swarm._remove = AdoptedDestinationRemove(exchange=False)
+                swarm.act(Act("drop", index, number))
+        swarm.check()
+    holders: dict[PlaceKey, int] = {}
+    for robot in swarm.robots:
+        for duty in robot.route:
+            holders[duty.key] = holders.get(duty.key, 0) + 1
+    over = {*swarm.notes.visits, *(key for key, _ in swarm.notes.gone)}
+    assert all(holders.get(key) == 1 for key in swarm.places if key not in over)
+
+
+def test_it_holds_in_long_stories_in_which_places_change_hands_often() -> None:
+    exchanged, visited, gone = 0, 0, 0
+    for seed in range(150):
+        numbers = generator(seed, "test", "story")
+        whats = OFTEN * 3 + SELDOM if seed % 8 < 4 else OFTEN[:-1]
+        story = [
+            Act(whats[numbers.integers(len(whats))], int(numbers.integers(5)), int(numbers.integers(9)))
+            for _ in range(200)
+        ]
+        story = [Act("set_destination", robot, 0) for robot in range(5)] + story
+        swarm = play(2 + seed % 4, 1 + seed % 2, PRESETS[seed % 4], story)
+        exchanged += max((duty.term for robot in swarm.robots for duty in robot.route), default=0) > 2
+        visited += bool(swarm.notes.visits)
+        gone += bool(swarm.notes.gone)
+    assert min(exchanged, visited, gone) >= 15, "or it would hold of little"
