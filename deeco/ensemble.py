@@ -17,15 +17,24 @@ Parameters beyond these are bound by type as those of processes are, `Contact` t
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar, dataclass_transform
+from typing import Any, Final, Protocol, TypeVar, dataclass_transform
 
 from deeco.errors import DefinitionError
 from deeco.immutability import describe
 from deeco.instant import Duration, Instant
 from deeco.knowledge import Knowledge, is_component, is_role
-from deeco.process import Fact, ports
+from deeco.process import Fact, has_fact, ports
 
-T = TypeVar("T")
+
+class Membership(Protocol):
+    """What the class of an ensemble must have, as far as a type checker can say it."""
+
+    @property
+    def membership(self) -> Callable[..., bool]:
+        """Of coordinator, member and whatever else is bound by type."""
+
+
+T = TypeVar("T", bound=Membership)
 _TAG: Final = "_deeco_ensemble"
 _NONE: Final = Duration(0)
 COORDINATOR: Final = "coordinator"
@@ -139,6 +148,12 @@ def _described(
             f"{cls.__name__}.membership: {coordinator.__name__} and {member.__name__} are components; "
             "one side is always a peer, of which only a role is known"
         )
+    for fact in facts:
+        if not (has_fact(coordinator, fact) or has_fact(member, fact)):
+            raise DefinitionError(
+                f"ensemble {cls.__name__} runs on a change of {getattr(fact, '__qualname__', fact)}, "
+                f"which is no method of {coordinator.__name__} or {member.__name__}"
+            )
     return EnsembleType(
         name=cls.__name__,
         every=every,

@@ -1,11 +1,13 @@
 """Which types knowledge may be made of: those whose values cannot change."""
 
 import types
+import typing
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from typing import Annotated, Any, Final, Literal, NewType, Union, get_args, get_origin, get_type_hints
 
 _PLAIN: Final = (bool, int, float, str, bytes, types.NoneType)
+_BARE_TUPLE: Final = typing.Tuple  # noqa: UP006  # what users of old may write
 _ADVICE: Final = {
     list: "{name} can change behind everybody's back; write tuple[{item}, ...]",
     bytearray: "{name} can change behind everybody's back; write bytes",
@@ -30,6 +32,8 @@ def _fault(annotation: Any, inside: frozenset[type]) -> str | None:
         return None
     if isinstance(annotation, NewType):
         return _fault(annotation.__supertype__, inside)
+    if annotation is _BARE_TUPLE:
+        return _class_fault(tuple, inside)
     if origin in {Union, types.UnionType, tuple, Annotated}:
         inner = arguments[:1] if origin is Annotated else arguments
         return _first(tuple(item for item in inner if item is not Ellipsis), inside)

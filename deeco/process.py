@@ -109,6 +109,10 @@ def processes_of(cls: type) -> tuple[Process, ...]:
 
 def _process(cls: type, name: str, schedule: Schedule) -> Process:
     function = getattr(cls, name)
+    if not callable(function):
+        raise DefinitionError(
+            f"{cls.__name__}.{name} is {function!r}, but overrides a process; it should be a method"
+        )
     if isinstance(schedule, OnChange):
         for fact in schedule.facts:
             _check_fact(cls, name, fact)

@@ -177,6 +177,17 @@ PROCESSES = {
             def stop(self) -> Self:
                 return self
         """,
+    "Lorry.drive is None, but overrides a process; it should be a method": """
+        @component
+        class Base(Vehicle):
+            @periodic(every=seconds(1))
+            def drive(self) -> Self:
+                return self
+
+        @component
+        class Lorry(Base):
+            drive = None
+        """,
     "Lorry.drive: its parameter 'motor' should have a type, by which it is bound": """
         @component
         class Lorry(Vehicle):
@@ -287,6 +298,12 @@ ENSEMBLES = {
 
             def at_coordinator(self, coordinator: Truck, member: Truck) -> Truck:
                 return coordinator
+        """,
+    "ensemble Meeting runs on a change of Truck.is_empty, which is no method of Vehicle or Vehicle": """
+        @ensemble(on_change=Truck.is_empty)
+        class Meeting:
+            def membership(self, coordinator: Vehicle, member: Vehicle) -> bool:
+                return True
         """,
 }
 

@@ -62,6 +62,8 @@ def test_the_twins_differ_in_their_mistakes_only() -> None:
         "return",
         "replace(self, state=State.BLOCKED)",
         "pass",
+        "def membership(self, coordinator: Cleaner, member: Cleaner) -> None:",
+        "coordinator.is_blocked()",
     ]
     assert sum(MARK in line for line in differing) == sum(MARK in line for line in lines("mistaken"))
 
