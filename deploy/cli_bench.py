@@ -74,3 +74,11 @@ def seeds(
     from benchmarks import seeds as by_seed
 
     by_seed.run(robots or by_seed.ROBOTS, count, json, strategies=strategy or by_seed.STRATEGIES)
+
+
+@app.command()
+def deeco(json: _Json = False) -> None:
+    """Measure the component model: memberships, processes, the chapter's robot among peers."""
+    from benchmarks import deeco as model
+
+    model.run(json)
