@@ -124,7 +124,7 @@ def test_extras_come_when_a_command_needs_them_and_stay(clone: Clone) -> None:
     clone.call("run", "--seed", "3", "--view")
     assert clone.extras() == ["observe", "sim"]
     clone.call("test")
-    assert clone.extras() == ["dev", "observe", "sim"]
+    assert clone.extras() == ["dev", "hardware", "observe", "sim"]
     assert {"numba", "pymunk", "rerun-sdk", "pytest"} <= clone.installed()
     calls = clone.pip_calls()
     for command in (["run"], ["run", "--view"], ["check"], ["record", "check", "out"], []):
