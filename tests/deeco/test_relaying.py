@@ -110,7 +110,7 @@ def test_delay_grows_with_strength() -> None:
     delays = [relay.delay(rssi, 0.0) for rssi in (-120.0, -95.0, -80.0, -60.0, -45.0, 0.0)]
     assert delays == [0, 0, 300_000, 700_000, 1_000_000, 1_000_000]
     assert relay.delay(None, 0.0) == 500_000
-    assert relay.delay(-95.0, 0.5) == 25_000
+    assert relay.delay(-95.0, 0.5) == 250_000
 
 
 def test_the_boundary_of_an_ensemble_ends_relaying() -> None:
