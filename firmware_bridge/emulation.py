@@ -1,0 +1,63 @@
+"""Runs an emulated device on a pseudo-terminal, in real time, until the process is told to stop."""
+
+import argparse
+import signal
+import sys
+import time
+from pathlib import Path
+from types import FrameType
+from typing import Final, Protocol
+
+from actors.instant import Instant
+from firmware_bridge.pseudo_terminal import PseudoTerminal
+
+_ROUND_S: Final = 0.002
+"""Longest wait for bytes, s: as fine as the emulated device's own timing."""
+
+
+class EmulatedDevice(Protocol):
+    """A device without I/O."""
+
+    def take(self, now: Instant, data: bytes) -> None:
+        """Bytes from the driver, that end `now`."""
+
+    def run(self, now: Instant) -> bytes:
+        """Let time pass until `now`; the bytes that have left for the driver."""
+
+
+def serve(device: EmulatedDevice, link: Path, what: str) -> None:
+    """Be that device at the path `link` until SIGTERM or SIGINT. Raises LinkError."""
+    stopped = False
+
+    def stop(_signal: int, _frame: FrameType | None) -> None:
+        nonlocal stopped
+        stopped = True
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        with PseudoTerminal(link) as line:
+            sys.stdout.write(f"{what} at {link}; stop with Ctrl+C\n")
+            sys.stdout.flush()
+            begun = time.monotonic_ns()
+            while not stopped:
+                data = line.read(_ROUND_S)
+                now = Instant((time.monotonic_ns() - begun) // 1000)
+                if data:
+                    device.take(now, data)
+                line.write(device.run(now))
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def link_parser(program: str, description: str) -> argparse.ArgumentParser:
+    """A command line with `--link PATH`."""
+    parser = argparse.ArgumentParser(prog=program, description=description)
+    parser.add_argument(
+        "--link",
+        type=Path,
+        required=True,
+        metavar="PATH",
+        help="where to put the link to the pseudo-terminal",
+    )
+    return parser

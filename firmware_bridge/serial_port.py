@@ -1,0 +1,118 @@
+"""A serial port, opened with a sentence for every way in which that fails."""
+
+import errno
+import importlib
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from actors.runtime.errors import AcrcError
+
+_CHUNK: Final = 4096
+"""The most bytes of one reading."""
+
+
+class PortError(AcrcError):
+    """A serial port that cannot be opened, or has gone."""
+
+
+@dataclass(frozen=True)
+class Device:
+    """What hangs on a port, for sentences."""
+
+    name: str
+    """As in "the Kobuki"."""
+    symlink: str
+    """The name that a udev rule gives its port."""
+    baud: int
+
+
+class SerialPort:
+    """An open port, 8 data bits, no parity, 1 stop bit. Reading waits; use it as a context manager."""
+
+    def __init__(self, path: str, device: Device, patience: float = 0.005) -> None:
+        """Open `path`, for us alone; a reading waits up to `patience` s. Raises PortError."""
+        self.path = path
+        self._device = device
+        self._port = _open(path, device, patience)
+        # Else USB adapters of FTDI keep bytes back for 16 ms; a terminal without that mode has no need of it.
+        with suppress(ValueError, OSError, NotImplementedError, AttributeError):
+            self._port.set_low_latency_mode(True)
+
+    def read(self) -> bytes:
+        """What has come, at most 4096 bytes; empty after waiting in vain. Raises PortError when unplugged."""
+        try:
+            data: bytes = self._port.read(min(max(self._port.in_waiting, 1), _CHUNK))
+        except (OSError, TypeError) as error:  # TypeError: pyserial's own, if the port is closed meanwhile
+            raise self._gone(error) from None
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send. Raises PortError when unplugged."""
+        try:
+            self._port.write(data)
+        except (OSError, TypeError) as error:
+            raise self._gone(error) from None
+
+    def set_dtr(self, on: bool) -> None:
+        """Set the line "data terminal ready"; terminals without it are left as they are."""
+        with suppress(OSError):
+            self._port.dtr = on
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._port.close()
+
+    def __enter__(self) -> "SerialPort":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _gone(self, error: Exception) -> PortError:
+        return PortError(
+            f"{self.path}: the {self._device.name} has gone while in use ({_reason(error)}); "
+            "plug its USB cable in again"
+        )
+
+
+def _open(path: str, device: Device, patience: float) -> Any:
+    try:
+        serial = importlib.import_module("serial")
+    except ModuleNotFoundError:
+        raise PortError(
+            f"{path}: the {device.name} cannot be reached without the Python package pyserial; "
+            "install the extra hardware: pip install 'acrc-testbed[hardware]'"
+        ) from None
+    try:
+        return serial.Serial(path, device.baud, timeout=patience, write_timeout=1.0, exclusive=True)
+    except (OSError, ValueError) as error:
+        raise PortError(f"{path}: {_why(path, device, error)}") from None
+
+
+def _why(path: str, device: Device, error: Exception) -> str:
+    """What is wrong, and what would help."""
+    number = getattr(error, "errno", None)
+    if number in {errno.ENOENT, errno.ENXIO, errno.ENODEV}:
+        if path == device.symlink:
+            return (
+                f"there is no such port; plug in the {device.name} and switch it on, and if it has another "
+                "name, as without a udev rule, give that, e.g. /dev/ttyUSB0"
+            )
+        return f"there is no such port; plug in the {device.name} and switch it on, or give its right port"
+    if number in {errno.EACCES, errno.EPERM}:
+        return (
+            "this user may not open it; join its group with `sudo usermod -aG dialout $USER` and log in "
+            "again, or give the port to everyone by a udev rule"
+        )
+    if number in {errno.EBUSY, errno.EAGAIN}:
+        return f"another program has the port open; end it, as only one can talk to the {device.name}"
+    if number in {errno.ENOTTY, errno.EISDIR, errno.EINVAL} or (number is None and Path(path).exists()):
+        return f"this is no serial port; the {device.name} should be at {device.symlink} or e.g. /dev/ttyUSB0"
+    return f"the port cannot be opened ({_reason(error)}); plug in the {device.name} again"
+
+
+def _reason(error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    return errno.errorcode.get(number, str(number)) if number is not None else str(error)
