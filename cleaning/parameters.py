@@ -43,7 +43,7 @@ class CleaningParameters:
             if isinstance(value, int) and value < 0:
                 raise ValueError("it should be at least 0")
         if self.no_plan_attempts > 1 and not self.retry:
-            raise ValueError("without retry navigation is asked only once, so it should be 0 or 1")
+            raise ValueError("without retry there is one attempt, so it should be 0 or 1")
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,85 @@
+"""The shipped strategies: what they are made of, and what a scenario may set in them."""
+
+from dataclasses import fields, replace
+
+import pytest
+
+from actors.geometry import Point, Pose
+from actors.instant import seconds
+from actors.randomness import generator
+from actors.robot.behaviour import load_behaviour
+from actors.robot.ports import Setting, Start
+from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, Unblock
+from cleaning.place import Duty, duties
+from cleaning.settings import SettingsError, from_settings
+from cleaning.strategies import STRATEGIES, entry
+
+START = Start(
+    "r1", 1, 0, Pose(1.0, 2.0, 0.0), (Point(5.0, 0.0), Point(9.0, 0.0)), generator(3, "behaviour", "r1", 0)
+)
+
+
+@pytest.mark.parametrize("name", STRATEGIES)
+def test_each_shipped_strategy_can_be_made_and_says_in_a_line_what_it_does(name: str) -> None:
+    load_behaviour(entry(name), START)
+    module, function = STRATEGIES[name].split(":")
+    made = getattr(__import__(module, fromlist=[function]), function)
+    first = made.__doc__.splitlines()[0]
+    assert first.endswith(".") and len(first) < 110
+
+
+def test_the_presets_differ_in_what_text_and_code_differ_in() -> None:
+    text, code = AdaptationParameters(), ReleasedParameters()
+    differing = {
+        one.name: (getattr(text, one.name), getattr(code, one.name))
+        for one in fields(text)
+        if getattr(text, one.name) != getattr(code, one.name)
+    }
+    assert differing == {
+        "retry": (True, False),
+        "unblock": (Unblock.QUEUE, Unblock.FLOOR),
+        "recount": (True, False),
+        "adoption_distance": (1.5, 3.0),
+        "exchange": (True, False),
+    }
+
+
+def test_a_scenario_sets_them_by_name() -> None:
+    made = from_settings(
+        ReleasedParameters, {"unblock": "queue", "adoption_backoff": 2.5, "attempts": 4, "retry": True}
+    )
+    assert made == replace(
+        ReleasedParameters(), unblock=Unblock.QUEUE, adoption_backoff=seconds(2.5), attempts=4, retry=True
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings", "sentence"),
+    [
+        (CleaningParameters, {"reach": 0}, "strategy.reach is 0: it should be above 0"),
+        (AdaptationParameters, {"attempts": -1}, "strategy.attempts is -1: it should be at least 0"),
+        (
+            AdaptationParameters,
+            {"adoption_backoff": -1},
+            "strategy.adoption_backoff is -1: it should be at least 0",
+        ),
+        (AdaptationParameters, {"most_adopted": 65}, "strategy.most_adopted is 65: it should be 1 to 64"),
+        (AdaptationParameters, {"unblock": "x"}, 'strategy.unblock is "x", but must be "queue" or "floor"'),
+        (
+            ReleasedParameters,
+            {"no_plan_attempts": 2},
+            "strategy.no_plan_attempts is 2: without retry there is one attempt, so it should be 0 or 1",
+        ),
+    ],
+)  # fmt: skip
+def test_what_makes_no_sense_is_said_in_a_sentence(
+    kind: type[CleaningParameters], settings: dict[str, Setting], sentence: str
+) -> None:
+    with pytest.raises(SettingsError) as caught:
+        from_settings(kind, settings)
+    assert str(caught.value) == sentence
+
+
+def test_a_restarted_robot_takes_its_places_anew_with_a_word_later_than_all_before() -> None:
+    assert duties(START) == (Duty("r1", 0, Point(5.0, 0.0), 0), Duty("r1", 1, Point(9.0, 0.0), 0))
+    assert [duty.term for duty in duties(replace(START, epoch=2))] == [2000, 2000]
