@@ -1,4 +1,4 @@
-"""What comes of the shipped scenario, by seed: places done, given up and lost, when, and contacts."""
+"""What comes of a scenario, by strategy and seed: places done, given up and lost, when, and contacts."""
 
 import json
 import sys
@@ -43,22 +43,25 @@ class Outcome:
 
 
 def run(
-    robots: Sequence[int] = ROBOTS,
+    robots: Sequence[int] = (),
     seeds: int = SEEDS,
     json_output: bool = False,
     duration: float | None = None,
     strategies: Sequence[str] = STRATEGIES,
+    scenario: Path | None = None,
 ) -> list[Outcome]:
-    """Run the shipped scenario in memory from each of the seeds 1 to `seeds`; print and give what came of it.
+    """Run a scenario in memory from each of the seeds 1 to `seeds`; print and give what came of it.
 
-    `duration`: simulated s of each run; None: as in the scenario.
+    `robots`: numbers of robots; none: as many as the scenario has, or ROBOTS of the shipped one. `duration`:
+    simulated s of each run; None: as in the scenario. `scenario`: None: the shipped one.
     """
+    robots = robots or ((load_scenario(scenario).robots.count,) if scenario else ROBOTS)
     console = Console(stderr=True)
     outcomes = []
     for strategy in strategies:
         for count in robots:
             console.print(f"strategy {strategy}, robots {count}, seeds 1 to {seeds} …", highlight=False)
-            outcomes += [_outcome(strategy, count, seed, duration) for seed in range(1, seeds + 1)]
+            outcomes += [_outcome(scenario, strategy, count, seed, duration) for seed in range(1, seeds + 1)]
     if json_output:
         sys.stdout.write(json.dumps([asdict(outcome) for outcome in outcomes]) + "\n")
     else:
@@ -66,11 +69,11 @@ def run(
     return outcomes
 
 
-def _outcome(strategy: str, robots: int, seed: int, duration: float | None) -> Outcome:
+def _outcome(scenario: Path | None, strategy: str, robots: int, seed: int, duration: float | None) -> Outcome:
     overrides = Overrides(robots=robots, seed=seed, duration=duration, strategy=strategy)
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         options = RunOptions(Path(folder) / "out", bus="memory", json=True)
-        plan = swarm.plan(load_scenario(None, overrides), options)
+        plan = swarm.plan(load_scenario(scenario, overrides), options)
         result = swarm.run_in_memory(plan, lambda progress: None)
     return Outcome(
         strategy,
@@ -121,6 +124,13 @@ def _instant(instant_s: float | None) -> str:
     return "not all" if instant_s is None else f"{instant_s:.1f} s"
 
 
+def _median(runs: Sequence[Outcome]) -> str:
+    """When half of the runs were settled; nothing where fewer ever were, which no median can tell."""
+    settled = sorted(one.settled_s for one in runs if one.settled_s is not None)
+    half = (len(runs) + 1) // 2
+    return f", half of the seeds settled by {settled[half - 1]:.1f} s" if len(settled) >= half else ""
+
+
 def _summary(runs: Sequence[Outcome]) -> str:
     """What all runs of one strategy with so many robots come to; for one robot, beside the goal."""
     complete = sum(one.complete for one in runs)
@@ -128,7 +138,7 @@ def _summary(runs: Sequence[Outcome]) -> str:
         f"{runs[0].strategy}, robots {runs[0].robots}: all places in {complete} of {len(runs)} seeds,"
         f" {sum(one.places_done for one in runs)} of {sum(one.places_total for one in runs)} places,"
         f" {sum(one.places_given_up for one in runs)} given up, {sum(one.places_lost for one in runs)} lost,"
-        f" {sum(one.contacts for one in runs)} contacts"
+        f" {sum(one.contacts for one in runs)} contacts{_median(runs)}"
     )
     if runs[0].robots > 1:
         return sentence

@@ -24,8 +24,8 @@ class RelayParameters:
     longest: Duration = field(default=seconds(1))
     """Wait at the strongest signal. Default: that of JDEECo 2 (gossip.rebroadcast.delay, 1000 ms)."""
     spread: Duration = field(default=milliseconds(500))
-    """Two nodes that hear a packet equally well wait differently by up to so long. Default: five steps of 100 ms:
-    only at a step's start does a node learn that another one has relayed meanwhile."""
+    """Two nodes that hear a packet equally well wait differently by up to so long. Default: five steps of
+    100 ms; only at a step's start does a node learn that another one has relayed meanwhile."""
     weakest_dbm: float = -95.0
     """At this strength and below there is no wait, dBm. Default: the sensitivity of the MRF24J40 (Microchip
     DS39776C)."""

@@ -129,9 +129,12 @@ def order(
 
 @app.command(context_settings=_PASS_ON)
 def test(context: typer.Context) -> None:
-    """Run the tests; whatever follows goes to pytest."""
+    """Run the tests, or those of your own that you name; whatever follows goes to pytest."""
+    words = [_absolute(word) for word in context.args]
+    here = str(Path.cwd())
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (here, os.environ.get("PYTHONPATH"))))
     os.chdir(REPOSITORY)
-    os.execv(sys.executable, [sys.executable, "-m", "pytest", *context.args])
+    os.execv(sys.executable, [sys.executable, "-m", "pytest", *words])
 
 
 @app.command()
@@ -139,6 +142,12 @@ def check() -> None:
     """Check form, faults, types and imports of the sources."""
     if not run_checks(REPOSITORY, Console()):
         raise typer.Exit(1)
+
+
+def _absolute(word: str) -> str:
+    """An argument that names a file, or a test in one, as it is found from any folder."""
+    path, colons, name = word.partition("::")
+    return f"{Path(path).absolute()}{colons}{name}" if Path(path).exists() else word
 
 
 def _new_folder(scenario: Path) -> Path:

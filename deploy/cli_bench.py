@@ -60,9 +60,15 @@ def steps(
 
 @app.command()
 def seeds(
+    scenario: Annotated[
+        Path | None,
+        typer.Argument(metavar="SCENARIO.toml", help="What to run.  [default: scenarios/corridor.toml]"),
+    ] = None,
     robots: Annotated[
         list[int] | None,
-        typer.Option(metavar="N", min=1, max=1000, help="May be repeated.  [default: 1, 4]"),
+        typer.Option(
+            metavar="N", min=1, max=500, help="May be repeated.  [default: the scenario's; shipped: 1, 4]"
+        ),
     ] = None,
     count: Annotated[int, typer.Option("--seeds", metavar="N", min=1, max=10_000, help="Seeds 1 to N.")] = 10,
     strategy: Annotated[
@@ -70,10 +76,10 @@ def seeds(
     ] = None,
     json: _Json = False,
 ) -> None:
-    """Run the shipped scenario from many seeds and count places and contacts."""
+    """Run a scenario from many seeds, with each strategy, and count places and contacts."""
     from benchmarks import seeds as by_seed
 
-    by_seed.run(robots or by_seed.ROBOTS, count, json, strategies=strategy or by_seed.STRATEGIES)
+    by_seed.run(robots or (), count, json, strategies=strategy or by_seed.STRATEGIES, scenario=scenario)
 
 
 @app.command()

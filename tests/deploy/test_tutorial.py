@@ -1,0 +1,68 @@
+"""docs/tutorial.md runs as it stands: its files are written, its commands typed; they show what it says."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "tutorial.md").read_text()
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """What each command of the page prints, in a folder with its files."""
+    folder = tmp_path_factory.mktemp("clone")
+    for name in ("scenarios", "maps"):
+        (folder / name).symlink_to(ROOT / name)
+    for block in blocks("python"):
+        comment, _, text = block.partition("\n")
+        path = folder / comment.removeprefix("# ")
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+    return {command.strip(): typed(folder, command) for command in blocks("sh")}
+
+
+def typed(folder: Path, command: str) -> str:
+    """What a command prints on standard output; it must succeed."""
+    program, *words = shlex.split(command)
+    assert program == "./acrc"
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "deploy", *words],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "200"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, f"{command}: {done.stdout}{done.stderr}"
+    return done.stdout
+
+
+@pytest.mark.timeout(240)
+def test_the_page_shows_what_it_says(said: dict[str, str]) -> None:
+    without, tested, mine, measured = said.values()
+    assert "0 of 6" in without
+    assert "2 passed" in tested
+    assert "6 of 6" in mine
+    summary = {line.partition(",")[0]: line for line in measured.splitlines() if "all places in" in line}
+    assert list(summary) == ["none", "chapter", "my_study.yielding:behaviour"]
+    assert "all places in 0 of 5 seeds" in summary["none"]
+    settled = [float(re.findall(r"settled by ([\d.]+) s", line)[0]) for line in list(summary.values())[1:]]
+    assert "all places in 5 of 5 seeds" in summary["chapter"]
+    assert "all places in 5 of 5 seeds" in summary["my_study.yielding:behaviour"]
+    assert settled[1] < min(60.0, settled[0]), "within a minute, and sooner than the chapter's exchange"
+
+
+def test_the_links_of_the_page_lead_somewhere() -> None:
+    links = re.findall(r"\]\((?!https?:)([^)#]+)", PAGE)
+    assert len(links) >= 3
+    assert [link for link in links if not (ROOT / "docs" / link).exists()] == []
