@@ -37,6 +37,9 @@ def test_the_scenario_is_hard_enough(reference: dict[str, object]) -> None:
     assert isinstance(reference["contacts"], int) and reference["contacts"] >= 100
     frames = reference["frames"]
     assert isinstance(frames, dict) and frames["copies_heard"] > 100 and frames["copies_lost_jammed"] > 0
+    model = reference["deeco"]
+    assert isinstance(model, dict) and model["counters"]["relayed"] > 100
+    assert min(model["exchanges"].values()) > 5 and len(model["exchanges"]) == 2
 
 
 @pytest.mark.parametrize(
@@ -61,9 +64,8 @@ def test_one_digest(
     result = run(out, CROWD, *words, before=before)
     assert result["digest"] == reference["digest"]
     assert result["undelivered"] == result["unread"] == 0
-    assert {key: result[key] for key in ("places_done", "contacts", "frames", "per_robot")} == {
-        key: reference[key] for key in ("places_done", "contacts", "frames", "per_robot")
-    }
+    told = ("places_done", "places_lost", "contacts", "frames", "deeco", "per_robot")
+    assert {key: result[key] for key in told} == {key: reference[key] for key in told}
     assert processes_of(out) == [] and leftovers(out) == []
 
 
