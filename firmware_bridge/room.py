@@ -1,5 +1,6 @@
 """An empty room with four walls, for emulated devices: what a sensor sees in it, what a body runs into."""
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -33,6 +34,16 @@ class Room:
             np.where(c == 0, np.inf, along_x), np.where(s == 0, np.inf, along_y)
         )
         return nearest
+
+    def touched(self, point: Point, radius: float) -> list[float]:
+        """Directions of the walls that a disc of `radius` touches, rad."""
+        gaps = {
+            0.0: self.width - radius - point.x,
+            math.pi / 2: self.depth - radius - point.y,
+            math.pi: point.x - radius,
+            -math.pi / 2: point.y - radius,
+        }
+        return [direction for direction, gap in gaps.items() if gap < 1e-6]
 
     def held(self, point: Point, radius: float) -> Point:
         """The nearest point at which a disc of `radius` fits in."""

@@ -1,0 +1,319 @@
+"""An emulated Kobuki on the wire: takes commands' bytes, moves a body, and sends what its sensors would say.
+
+Its encoders and gyro err as the simulated world's do (actors.world.odometry). It keeps driving as it was last
+told, as if there were no watchdog in its firmware, and no safety controller either: the worst case.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+from numpy.random import Generator
+
+from actors.geometry import Pose
+from actors.instant import START, Instant, in_seconds
+from actors.world.odometry import KobukiErrors
+from firmware_bridge.kobuki import frame, motion
+from firmware_bridge.kobuki import packets as wire_packets
+from firmware_bridge.kobuki.body import Body, Truth
+from firmware_bridge.kobuki.frame import FrameReader
+from firmware_bridge.kobuki.packets import (
+    UDID,
+    BaseControl,
+    Basic,
+    Cliff,
+    Command,
+    ControllerInfo,
+    Current,
+    DockingIR,
+    Feedback,
+    Firmware,
+    GeneralInput,
+    GetGain,
+    Hardware,
+    Inertial,
+    RawGyro,
+    RequestExtra,
+    SetGain,
+    Version,
+)
+from firmware_bridge.kobuki.wire import decode_commands, encode_feedback
+
+EXACT: Final = KobukiErrors(
+    gyro_noise_deg=0.0, gyro_bias_deg=0.0, gyro_walk_deg=0.0, wheel_scale=0.0, slip=0.0
+)
+"""Only the wire's own resolution."""
+_BYTE_US: Final = 10e6 / 115_200
+_GAINS_SINCE: Final = Version(1, 2, 0)
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """What kind of base is emulated, and where its counters stand when it is switched on."""
+
+    errors: KobukiErrors = EXACT
+    hardware: Version = Version(1, 0, 4)  # noqa: RUF009 - frozen
+    firmware: Version = Version(1, 1, 4)  # noqa: RUF009
+    udid: UDID = UDID((1, 2, 3))  # noqa: RUF009
+    stamp_ms: int = 0
+    left_ticks: int = 0
+    right_ticks: int = 0
+    angle: float = 0.0
+    """Of the gyro, rad."""
+
+
+@dataclass
+class Faults:
+    """What is wrong with the base; set and cleared by whoever tests."""
+
+    silent: bool = False
+    """Sends nothing."""
+    deaf: bool = False
+    """Hears nothing, and does what it was told last."""
+    scramble: float = 0.0
+    """Share of the bytes sent that are replaced, lost or doubled."""
+    bumper: int = 0
+    """Bits that are pressed whatever the body touches."""
+    cliff: int = 0
+    wheel_drop: int = 0
+    """The base is lifted: its wheels turn in the air."""
+    gyro: Literal["works", "frozen", "absent"] = "works"
+    battery: float = 16.0
+    """V."""
+    buttons: int = 0
+    charger: int = 0
+
+
+@dataclass
+class _Wheels:
+    """What the base's own sensors have counted, errors included."""
+
+    left: float = 0.0
+    right: float = 0.0
+    angle: float = 0.0
+    bias: float = 0.0
+    rate: float = 0.0
+
+
+@dataclass
+class _Sending:
+    """A frame on the wire: when it began, µs, and how much of it has left."""
+
+    begun: float
+    data: bytes
+    left: int = field(default=0)
+
+
+class EmulatedKobuki:
+    """One base, switched on at the instant `started`; every random thing comes from `generator`."""
+
+    def __init__(
+        self,
+        body: Body,
+        generator: Generator,
+        parameters: BaseParameters = BaseParameters(),
+        started: Instant = START,
+    ) -> None:
+        self._body = body
+        self._generator = generator
+        self._p = parameters
+        self._started = started
+        self._reader = FrameReader(decode_commands)
+        self._now = started
+        self._feedbacks = 0
+        self._pose = body.truth().pose
+        errors = parameters.errors
+        left, right, bias = generator.standard_normal(3).tolist()
+        self._scale = (1 + left * errors.wheel_scale, 1 + right * errors.wheel_scale)
+        self._wheels = _Wheels(bias=bias * math.radians(errors.gyro_bias_deg))
+        self._extra: list[Feedback] = []
+        self._gains = ControllerInfo(0, 100_000, 100, 2_000)
+        self._frozen: Inertial | None = None
+        self._line: deque[_Sending] = deque(maxlen=64)
+        self._line_free = float(started)
+        self.faults = Faults()
+        self.outputs = wire_packets.POWER_RAILS
+        """Digital outputs, power rails and LEDs, as last set."""
+        self.heard: deque[tuple[Instant, Command]] = deque(maxlen=1024)
+        """The last commands and when they came."""
+
+    @property
+    def reception(self) -> frame.Reception:
+        """Frames and noise of the commands' bytes."""
+        return self._reader.reception
+
+    def take(self, now: Instant, data: bytes) -> None:
+        """Bytes from the driver, that end `now`."""
+        if self.faults.deaf:
+            return
+        for commands in self._reader.take(data):
+            for command in commands:
+                self.heard.append((now, command))
+                self._obey(command)
+
+    def run(self, now: Instant) -> bytes:
+        """Let time pass until `now`; the bytes that have left for the driver, at 11 520 a second."""
+        self._body.advance(now)
+        truth = self._body.truth()
+        period = self._p.errors.feedback
+        while self._started + (self._feedbacks + 1) * period <= now:
+            self._feedbacks += 1
+            at = Instant(self._started + self._feedbacks * period)
+            self._measure(truth, at, now)
+            self._feed_back(at)
+        self._measure(truth, now, now)
+        return self._left(now)
+
+    # --- motion ---
+
+    def _obey(self, command: Command) -> None:
+        if isinstance(command, BaseControl):
+            self._body.drive(*((0.0, 0.0) if self.faults.wheel_drop else motion.velocity(command)))
+        elif isinstance(command, wire_packets.GeneralOutput):
+            self.outputs = command.flags
+        elif isinstance(command, RequestExtra):
+            self._answer(command.flags)
+        elif self._p.firmware >= _GAINS_SINCE:
+            if isinstance(command, SetGain):
+                self._gains = ControllerInfo(command.user, command.p, command.i, command.d)
+            elif isinstance(command, GetGain):
+                self._extra.append(self._gains)
+
+    def _answer(self, flags: int) -> None:
+        if flags & wire_packets.HARDWARE_REQUEST:
+            self._extra.append(Hardware(self._p.hardware))
+        if flags & wire_packets.FIRMWARE_REQUEST:
+            self._extra.append(Firmware(self._p.firmware))
+        if flags & wire_packets.UDID_REQUEST:
+            self._extra.append(self._p.udid)
+
+    def _measure(self, truth: Truth, until: Instant, now: Instant) -> None:
+        """Count the motion from the last measurement to `until`, the body being at `truth` only `now`."""
+        if until == self._now:
+            return
+        share = (until - self._now) / (now - self._now)
+        forward, turn = _motion(self._pose, truth.pose)
+        forward, turn = forward * share, turn * share
+        course = self._pose.heading + turn / 2
+        chord = forward * _chord(turn)
+        self._pose = (
+            truth.pose
+            if until == now
+            else self._pose._replace(
+                x=self._pose.x + chord * math.cos(course),
+                y=self._pose.y + chord * math.sin(course),
+                heading=self._pose.heading + turn,
+            )
+        )
+        time = in_seconds(until - self._now)
+        self._now = until
+        errors, wheels = self._p.errors, self._wheels
+        noise = self._generator.standard_normal(4).tolist()
+        left, right = forward - turn * errors.track / 2, forward + turn * errors.track / 2
+        wheels.left += left * self._scale[0] + noise[0] * errors.slip * math.sqrt(abs(left))
+        wheels.right += right * self._scale[1] + noise[1] * errors.slip * math.sqrt(abs(right))
+        seen = turn + wheels.bias * time + noise[2] * math.radians(errors.gyro_noise_deg) * math.sqrt(time)
+        wheels.angle += seen
+        wheels.rate = seen / time
+        wheels.bias += noise[3] * math.radians(errors.gyro_walk_deg) * math.sqrt(time)
+
+    # --- feedback ---
+
+    def _feed_back(self, at: Instant) -> None:
+        """Put one feedback on the wire."""
+        payload = b"".join(encode_feedback(packet) for packet in self._packets(at))
+        data = frame.encode(payload)
+        if self.faults.scramble:
+            data = self._scrambled(data)
+        if self.faults.silent:
+            return
+        begun = max(float(at), self._line_free)
+        self._line_free = begun + len(data) * _BYTE_US
+        self._line.append(_Sending(begun, data))
+
+    def _packets(self, at: Instant) -> list[Feedback]:
+        per_tick = self._p.errors.tick_um * 1e-6
+        basic = Basic(
+            stamp_ms=(self._p.stamp_ms + (at - self._started) // 1000) & 0xFFFF,
+            bumper=self._body.bumper() | self.faults.bumper,
+            wheel_drop=self.faults.wheel_drop,
+            cliff=self.faults.cliff,
+            left_ticks=(self._p.left_ticks + math.floor(self._wheels.left / per_tick)) & 0xFFFF,
+            right_ticks=(self._p.right_ticks + math.floor(self._wheels.right / per_tick)) & 0xFFFF,
+            left_pwm=0,
+            right_pwm=0,
+            buttons=self.faults.buttons,
+            charger=self.faults.charger,
+            battery_dv=round(10 * self.faults.battery),
+            overcurrent=0,
+        )
+        inertial, raw = self._gyro()
+        floor = [200 if self.faults.cliff & bit else 2000 for bit in (1, 2, 4)]
+        extra, self._extra = self._extra, []
+        return [
+            basic,
+            DockingIR(0, 0, 0),
+            *([] if self.faults.gyro == "absent" else [inertial]),
+            Cliff(*floor),
+            Current(0, 0),
+            *([] if self.faults.gyro == "absent" else [raw]),
+            GeneralInput(0, (0, 0, 0, 0)),
+            *extra,
+        ]
+
+    def _gyro(self) -> tuple[Inertial, RawGyro]:
+        resolution = math.radians(self._p.errors.gyro_resolution_deg)
+        angle = math.remainder(self._p.angle + self._wheels.angle, math.tau)
+        rate = math.degrees(self._wheels.rate)
+        inertial = Inertial(round(angle / resolution), _within(rate * 100))
+        if self.faults.gyro == "frozen":
+            inertial = self._frozen = self._frozen or inertial
+        else:
+            self._frozen = None
+        z = _within(rate / 0.00875)
+        return inertial, RawGyro(self._feedbacks & 0xFF, ((0, 0, z), (0, 0, z)))
+
+    def _scrambled(self, data: bytes) -> bytes:
+        damaged = bytearray()
+        chances = self._generator.random((len(data), 3)).tolist()
+        for byte, (chance, kind, value) in zip(data, chances, strict=True):
+            other = int(256 * value)
+            if chance >= self.faults.scramble:
+                damaged.append(byte)
+            elif kind < 1 / 3:
+                damaged.append(other)
+            elif kind < 2 / 3:
+                damaged += bytes((byte, byte))
+        return bytes(damaged)
+
+    def _left(self, now: Instant) -> bytes:
+        """The bytes whose last bit has left by `now`."""
+        out = bytearray()
+        while self._line:
+            sending = self._line[0]
+            gone = max(0, min(len(sending.data), math.floor((now - sending.begun) / _BYTE_US)))
+            out += sending.data[sending.left : gone]
+            sending.left = max(gone, sending.left)
+            if sending.left < len(sending.data):
+                break
+            self._line.popleft()
+        return bytes(out)
+
+
+def _motion(before: Pose, after: Pose) -> tuple[float, float]:
+    """The arc from one pose to the next: length, m, and turn, rad."""
+    turn = math.remainder(after.heading - before.heading, math.tau)
+    course = before.heading + turn / 2
+    chord = math.cos(course) * (after.x - before.x) + math.sin(course) * (after.y - before.y)
+    return chord / _chord(turn), turn
+
+
+def _chord(turn: float) -> float:
+    """Of an arc that turns so much, per its length."""
+    return math.sin(turn / 2) / (turn / 2) if turn else 1.0
+
+
+def _within(value: float) -> int:
+    """Rounded, as far as an int16 goes."""
+    return max(-0x8000, min(0x7FFF, round(value)))

@@ -1,0 +1,302 @@
+"""The driver of a Kobuki without I/O: bytes from the base in, events and bytes to the base out.
+
+A shell calls, every few milliseconds and whenever bytes have come: `take` with the bytes, also with none;
+then writes what `due` gives. One base control goes out per feedback, 50 a second, as kobuki_driver does; a
+base hears 150 a second well and 200 not (yujinrobot/kobuki, issue 140).
+"""
+
+import dataclasses
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Final, TypeVar
+
+from actors.instant import Duration, Instant, in_seconds, milliseconds
+from actors.runtime.errors import AcrcError
+from firmware_bridge.kobuki import frame, motion
+from firmware_bridge.kobuki import packets as wire_packets
+from firmware_bridge.kobuki.battery import BatteryParameters, level
+from firmware_bridge.kobuki.events import (
+    BatteryChanged,
+    Changed,
+    Event,
+    Fed,
+    Found,
+    Identified,
+    Identity,
+    Lost,
+    Sense,
+    StopsChanged,
+)
+from firmware_bridge.kobuki.frame import FrameReader, Reception
+from firmware_bridge.kobuki.odometry import KobukiOdometry, OdometryParameters
+from firmware_bridge.kobuki.packets import (
+    POWER_RAILS,
+    UDID,
+    Basic,
+    Cliff,
+    Command,
+    ControllerInfo,
+    Current,
+    DockingIR,
+    Feedback,
+    Firmware,
+    GeneralInput,
+    GeneralOutput,
+    Hardware,
+    Inertial,
+    Melody,
+    RawGyro,
+    RequestExtra,
+    SetGain,
+    Sound,
+    SoundSequence,
+    Unknown,
+    Version,
+)
+from firmware_bridge.kobuki.safety import Allowed, SafetyParameters, SafetyStop
+from firmware_bridge.kobuki.wire import decode_feedback, encode_command
+
+F = TypeVar(
+    "F",
+    Basic,
+    DockingIR,
+    Inertial,
+    Cliff,
+    Current,
+    Hardware,
+    Firmware,
+    RawGyro,
+    GeneralInput,
+    UDID,
+    ControllerInfo,
+    Unknown,
+)
+
+_ASK_ALL: Final = wire_packets.HARDWARE_REQUEST | wire_packets.FIRMWARE_REQUEST | wire_packets.UDID_REQUEST
+_NOTE_S: Final = 2.75e-6
+_GAINS_SINCE: Final = Version(1, 2, 0)
+
+
+class KobukiError(AcrcError):
+    """A base that cannot do what is asked of it."""
+
+
+class Colour(Enum):
+    """Of an LED; the values are those of LED 1."""
+
+    OFF = 0
+    RED = wire_packets.LED1_RED
+    GREEN = wire_packets.LED1_GREEN
+    ORANGE = wire_packets.LED1_RED | wire_packets.LED1_GREEN
+
+
+@dataclass(frozen=True)
+class DriverParameters:
+    """How the driver treats a base."""
+
+    overdue: Duration = milliseconds(40)  # noqa: RUF009 - a NewType makes no object
+    """A base control is sent after so long even without feedback; own choice, two feedbacks."""
+    repeat: Duration = milliseconds(1000)  # noqa: RUF009
+    """Outputs and unanswered requests are sent again so often: nothing on this wire is acknowledged."""
+    requests: int = 5
+    """How often a base is asked for its versions and id before it is left alone."""
+    safety: SafetyParameters = field(default_factory=SafetyParameters)
+    odometry: OdometryParameters = field(default_factory=OdometryParameters)
+    battery: BatteryParameters = field(default_factory=BatteryParameters)
+
+
+class KobukiDriver:
+    """One base on one wire."""
+
+    def __init__(self, started: Instant, parameters: DriverParameters = DriverParameters()) -> None:
+        self._p = parameters
+        self._reader = FrameReader(decode_feedback)
+        self._safety = SafetyStop(started, parameters.safety)
+        self._heard: Instant = started
+        self._sent: Instant = Instant(started - parameters.overdue)
+        self._fed = False
+        self._latest: dict[type[Feedback], Feedback] = {}
+        self._outputs = POWER_RAILS
+        self._outputs_due = self._request_due = started
+        self._requests_left = parameters.requests
+        self._queue: dict[type[Command], bytes] = {}
+        self._pressed = 0
+        self._told: list[Event] = []
+        self._senses: dict[Sense, int] = {}
+        self._battery: BatteryChanged | None = None
+        self.odometry = KobukiOdometry(parameters.odometry)
+        self.identity = Identity()
+        self.found = False
+        """True while the base sends feedback."""
+        self.allowed = Allowed(0.0, 0.0, ())
+        """What the safety stop gave last."""
+
+    # --- from the base ---
+
+    def take(self, now: Instant, data: bytes) -> list[Event]:
+        """The events of the bytes that have come, and of time having passed."""
+        for packets in self._reader.take(data):
+            self._feedback(now, packets)
+        if self.found and now - self._heard > self._p.safety.feedback_silence:
+            self.found = False
+            self.odometry.stand()
+            self._told.append(Lost(now, self._heard))
+        told, self._told = self._told, []
+        return told
+
+    def latest(self, kind: type[F]) -> F | None:
+        """The packet of that kind that came last, e.g. `latest(DockingIR)`."""
+        packet = self._latest.get(kind)
+        assert packet is None or isinstance(packet, kind)
+        return packet
+
+    def pressed(self) -> int:
+        """Bumper bits that were set at any time since the last call, as for Senses.bumper."""
+        bits, basic = self._pressed, self.latest(Basic)
+        self._pressed = basic.bumper if basic is not None and self.found else 0
+        return bits
+
+    @property
+    def reception(self) -> Reception:
+        """Frames and noise so far."""
+        return self._reader.reception
+
+    @property
+    def late_commands(self) -> int:
+        """Commands that were overtaken by newer ones, and left out."""
+        return self._safety.late_commands
+
+    def waiting(self, now: Instant) -> str | None:
+        """What to tell a person while there is no base; None while there is one."""
+        if self.found:
+            return None
+        return (
+            f"no feedback from the Kobuki for {in_seconds(now - self._heard):.1f} s: it should be "
+            "switched on, its USB cable plugged in, and its battery charged"
+        )
+
+    # --- to the base ---
+
+    def command(self, now: Instant, v: float, omega: float, issued: Instant | None = None) -> None:
+        """Want `v` m/s forward and `omega` rad/s counter-clockwise from now on; the safety stop decides.
+
+        `issued`: when it was decided, if that is not now.
+        """
+        self._safety.wish(now, now if issued is None else issued, v, omega)
+
+    def due(self, now: Instant) -> bytes:
+        """The bytes to write now: often none, else a base control and at most one other command."""
+        if not self._fed and now - self._sent < self._p.overdue:
+            return b""
+        self._fed, self._sent = False, now
+        before, self.allowed = self.allowed, self._safety.allowed(now)
+        if self.allowed.stops != before.stops:
+            self._told.append(StopsChanged(now, self.allowed.stops))
+        control = motion.base_control(self.allowed.v, self.allowed.omega)
+        return _framed(control) + self._other(now)
+
+    def farewell(self) -> bytes:
+        """The last bytes to write: stand, whatever was wanted."""
+        return _framed(motion.base_control(0.0, 0.0))
+
+    def light(self, now: Instant, led: int, colour: Colour) -> None:
+        """Set LED 1 or 2."""
+        assert led in {1, 2}
+        shift = 2 * (led - 1)
+        self._outputs &= ~(Colour.ORANGE.value << shift)
+        self._outputs |= colour.value << shift
+        self._outputs_due = now
+
+    def tone(self, frequency_hz: float, duration_ms: int) -> None:
+        """Play a tone of up to 255 ms. Raises WireMisuseError for one that cannot be."""
+        note = round(1 / (frequency_hz * _NOTE_S)) if frequency_hz > 0 else 0
+        self._queue[Sound] = _framed(Sound(note, duration_ms))
+
+    def play(self, melody: Melody) -> None:
+        """Play one of the base's own sounds."""
+        self._queue[SoundSequence] = _framed(SoundSequence(melody))
+
+    def set_gains(self, p: float, i: float, d: float) -> None:
+        """Use these gains for the wheels; the factory's are 100, 0.1 and 2.
+
+        Raises KobukiError for firmware that cannot.
+        """
+        firmware = self.identity.firmware
+        if firmware is None or firmware < _GAINS_SINCE:
+            said = "has not said its firmware's version" if firmware is None else f"has firmware {firmware}"
+            raise KobukiError(
+                f"the Kobuki {said}; its wheels' gains can be set from firmware {_GAINS_SINCE} on, "
+                "which kobuki.readthedocs.io tells how to install"
+            )
+        self._queue[SetGain] = _framed(SetGain(1, *(round(1000 * gain) for gain in (p, i, d))))
+
+    # --- within ---
+
+    def _feedback(self, now: Instant, packets: list[Feedback]) -> None:
+        basic = next((packet for packet in packets if isinstance(packet, Basic)), None)
+        inertial = next((packet for packet in packets if isinstance(packet, Inertial)), None)
+        if basic is not None and not self.found:
+            self._meet(now)
+        self._latest.update({type(packet): packet for packet in packets})
+        for packet in packets:
+            self._identify(now, packet)
+        if basic is None:
+            return
+        self._heard, self._fed = now, True
+        self._safety.sense(now, basic, inertial)
+        self.odometry.take(now, basic, inertial)
+        self._pressed |= basic.bumper
+        self._told.append(Fed(now, tuple(packets)))
+        self._notice(now, basic)
+
+    def _meet(self, now: Instant) -> None:
+        """A base has appeared, perhaps another, perhaps one that was switched off and on."""
+        self.found = True
+        self.identity = Identity()
+        self._requests_left = self._p.requests
+        self._outputs_due = self._request_due = now
+        self._told.append(Found(now))
+
+    def _identify(self, now: Instant, packet: Feedback) -> None:
+        before = self.identity
+        if isinstance(packet, Hardware):
+            self.identity = dataclasses.replace(before, hardware=packet.version)
+        elif isinstance(packet, Firmware):
+            self.identity = dataclasses.replace(before, firmware=packet.version)
+        elif isinstance(packet, UDID):
+            self.identity = dataclasses.replace(before, udid=packet)
+        if self.identity.complete and not before.complete:
+            self._told.append(Identified(now, self.identity))
+
+    def _notice(self, now: Instant, basic: Basic) -> None:
+        """Tell what has changed since the feedback before."""
+        for sense in Sense:
+            value = getattr(basic, sense.value)
+            before = self._senses.get(sense, 0)
+            if value != before:
+                self._told.append(Changed(now, sense, before, value))
+            self._senses[sense] = value
+        volts = basic.battery_dv / 10
+        known = None if self._battery is None else self._battery.level
+        here = level(volts, known, self._p.battery)
+        if here is not known:
+            self._battery = BatteryChanged(now, volts, here)
+            self._told.append(self._battery)
+
+    def _other(self, now: Instant) -> bytes:
+        """The most urgent other command, or nothing."""
+        if now >= self._outputs_due:
+            self._outputs_due = Instant(now + self._p.repeat)
+            return _framed(GeneralOutput(self._outputs))
+        if self._queue:
+            return self._queue.pop(next(iter(self._queue)))
+        wanted = self.found and not self.identity.complete and self._requests_left > 0
+        if wanted and now >= self._request_due:
+            self._requests_left -= 1
+            self._request_due = Instant(now + self._p.repeat)
+            return _framed(RequestExtra(_ASK_ALL))
+        return b""
+
+
+def _framed(command: Command) -> bytes:
+    return frame.encode(encode_command(command))

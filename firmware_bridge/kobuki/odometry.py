@@ -1,0 +1,196 @@
+"""Where a Kobuki has got to: way from its wheels' encoders, heading from its gyro.
+
+Source: kobuki-base/kobuki_core, src/driver/diff_drive.cpp, and kobuki_node, odometry, which does the same.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from actors.geometry import wrap
+from actors.instant import Instant, in_seconds
+from actors.messages import Odometry
+from firmware_bridge.kobuki.motion import METRES_PER_TICK, TRACK
+from firmware_bridge.kobuki.packets import Basic, Inertial
+
+_CENTIDEGREE: Final = math.radians(0.01)
+
+
+@dataclass(frozen=True)
+class OdometryParameters:
+    """How a base's numbers are read."""
+
+    track: float = TRACK
+    """Between the wheels, m."""
+    metres_per_tick: float = METRES_PER_TICK
+    """m."""
+    fastest: float = 2.0
+    """A wheel that seems to have turned faster has not: the numbers are damaged, m/s. Own choice, twice what
+    a wheel can do at 0.7 m/s while turning."""
+    fastest_turn: float = 12.0
+    """The same for the gyro, rad/s. Own choice, twice what its rate's field can say."""
+    slack: float = 0.02
+    """Added to the time between two stamps when judging speeds, s: the stamp is not taken with the ticks."""
+    longest_gap: float = 3.0
+    """Between two feedbacks; after a longer one ticks are ambiguous, s: at 0.7 m/s half their circle of
+    65536 is 4 s."""
+    frozen_turn: float = 0.2
+    """The gyro counts as frozen once its numbers stay the same while the wheels turn the base by so much,
+    rad. Own choice: its noise alone moves them."""
+    frozen_feedbacks: int = 25
+    """And for so many feedbacks."""
+
+
+@dataclass
+class OdometryCounts:
+    """What was wrong with the feedback."""
+
+    repeated: int = 0
+    """Same stamp as before: nothing to learn."""
+    implausible: int = 0
+    """Moved faster than a base can: left out, the next is compared with the last that was right."""
+    restarts: int = 0
+    """The base's counters began anew; what it moved meanwhile is not known."""
+    gaps: int = 0
+    """Too long without feedback; the same."""
+    on_wheels: int = 0
+    """Feedbacks whose turn was taken from the wheels, for want of a gyro."""
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """The numbers of one feedback that motion shows in."""
+
+    arrived: Instant
+    stamp_ms: int
+    left: int
+    right: int
+    angle: Inertial | None
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """Between two readings."""
+
+    time: float
+    left: float
+    right: float
+    turn: float | None
+
+
+class KobukiOdometry:
+    """Adds up feedback to a pose in the frame of the first one."""
+
+    def __init__(self, parameters: OdometryParameters = OdometryParameters()) -> None:
+        self._p = parameters
+        self._last: _Reading | None = None
+        self._odd: _Reading | None = None
+        """The reading that was left out last: if the next agrees with it, the base has restarted."""
+        self._x = self._y = 0.0
+        self._v = self._omega = 0.0
+        self._unmoved = 0
+        self._owed = 0.0
+        """Turn of the wheels since the gyro's numbers last changed, rad."""
+        self._frozen = False
+        self.heading = 0.0
+        """Turned since the first feedback, unwrapped, rad."""
+        self.counts = OdometryCounts()
+
+    @property
+    def gyro_used(self) -> bool:
+        """False while the heading comes from the wheels."""
+        return self._last is not None and self._last.angle is not None and not self._frozen
+
+    def read(self) -> Odometry:
+        """Pose since the first feedback, and velocity between the last two."""
+        return Odometry(self._x, self._y, wrap(self.heading), self._v, 0.0, self._omega)
+
+    def stand(self) -> None:
+        """Nothing is heard of the base: say no velocity that may long be over."""
+        self._v = self._omega = 0.0
+
+    def take(self, now: Instant, basic: Basic, inertial: Inertial | None) -> None:
+        """Take in one feedback that arrived `now`; `inertial`: None where it carried none."""
+        reading = _Reading(now, basic.stamp_ms, basic.left_ticks, basic.right_ticks, inertial)
+        if self._last is None:
+            self._last = reading
+            return
+        if in_seconds(now - self._last.arrived) > self._p.longest_gap:
+            self.counts.gaps += 1
+            self._begin_again(reading)
+            return
+        motion = self._between(self._last, reading)
+        if motion.time == 0:
+            self.counts.repeated += 1
+        elif self._plausible(motion):
+            self._odd = None
+            self._add(motion, reading)
+            self._last = reading
+        elif self._odd is not None and self._plausible(self._between(self._odd, reading)):
+            self.counts.restarts += 1
+            self._begin_again(reading)
+        else:
+            self.counts.implausible += 1
+            self._odd = reading
+
+    def _begin_again(self, reading: _Reading) -> None:
+        """Go on from here, as if nothing had moved."""
+        self._last, self._odd = reading, None
+        self._v = self._omega = 0.0
+        self._unmoved, self._owed, self._frozen = 0, 0.0, False
+
+    def _between(self, before: _Reading, after: _Reading) -> _Motion:
+        turn = None
+        if before.angle is not None and after.angle is not None:
+            turn = wrap((after.angle.angle_cdeg - before.angle.angle_cdeg) * _CENTIDEGREE)
+        return _Motion(
+            ((after.stamp_ms - before.stamp_ms) & 0xFFFF) / 1000,
+            _signed(after.left - before.left) * self._p.metres_per_tick,
+            _signed(after.right - before.right) * self._p.metres_per_tick,
+            turn,
+        )
+
+    def _plausible(self, motion: _Motion) -> bool:
+        time = motion.time + self._p.slack
+        return (
+            0 < motion.time <= self._p.longest_gap
+            and max(abs(motion.left), abs(motion.right)) <= self._p.fastest * time
+            and abs(motion.turn or 0.0) <= self._p.fastest_turn * time
+        )
+
+    def _add(self, motion: _Motion, reading: _Reading) -> None:
+        turn = self._turn(motion, reading)
+        forward = (motion.left + motion.right) / 2
+        self._x += forward * math.cos(self.heading + turn / 2)
+        self._y += forward * math.sin(self.heading + turn / 2)
+        self.heading += turn
+        self._v, self._omega = forward / motion.time, turn / motion.time
+
+    def _turn(self, motion: _Motion, reading: _Reading) -> float:
+        """The gyro's, unless it is absent or frozen; then the wheels'."""
+        assert self._last is not None
+        by_wheels = (motion.right - motion.left) / self._p.track
+        if motion.turn is None:
+            self.counts.on_wheels += 1
+            self._unmoved, self._owed, self._frozen = 0, 0.0, False
+            return by_wheels
+        if reading.angle != self._last.angle:
+            thawed = self._frozen  # and may jump to where it should have been, which the wheels have said
+            self._unmoved, self._owed, self._frozen = 0, 0.0, False
+            self.counts.on_wheels += thawed
+            return by_wheels if thawed else motion.turn
+        if self._frozen:
+            self.counts.on_wheels += 1
+            return by_wheels
+        self._unmoved += 1
+        self._owed += by_wheels
+        self._frozen = self._unmoved >= self._p.frozen_feedbacks and abs(self._owed) >= self._p.frozen_turn
+        if not self._frozen:
+            return motion.turn
+        self.counts.on_wheels += 1
+        return self._owed
+
+
+def _signed(difference: int) -> int:
+    """A difference of two uint16 counters that wrap, as int16."""
+    return ((difference + 0x8000) & 0xFFFF) - 0x8000

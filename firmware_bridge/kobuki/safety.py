@@ -1,0 +1,241 @@
+"""The safety stop: which velocity a Kobuki may really be given, and why not the one that was wanted.
+
+It stands between every command and the wire and knows nothing of who commands: no adaptation, no setting
+and no message goes round it, and its times can be made stricter but never laxer. The firmware of a Kobuki
+does not stop by itself on bumper, cliff or wheel drop since 1.1.2, so this does.
+
+Rules, each for as long as its cause lasts and a moment longer where said:
+- bumper or cliff: no wheel turns forward until the sensor is released; backing off is allowed, also in arcs;
+- wheel drop: nothing moves until both wheels carry the base again and it has then stood still for a while;
+- no feedback: nothing moves until feedback has come for a while without such a silence;
+- a command older than 0.2 s is never driven, whether it came late or none came after it, nor is one that
+  is no finite number;
+- otherwise speeds and accelerations are limited.
+A stop acts at once, without a ramp; after it the base speeds up from standing.
+"""
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Final
+
+from actors.instant import Duration, Instant, milliseconds
+from firmware_bridge.kobuki.motion import TRACK
+from firmware_bridge.kobuki.packets import Basic, Inertial
+from firmware_bridge.kobuki.ramp import Ramp, RampParameters
+
+_FEEDBACK_SILENCE: Final = milliseconds(100)
+_COMMAND_AGE: Final = milliseconds(200)
+_STILLNESS: Final = milliseconds(500)
+_SPEED: Final = 0.7
+_TURN_RATE: Final = math.pi
+_EDGE: Final = TRACK / 2 + 0.002
+"""The smallest radius of backing off, m: half the track, and what rounding to whole mm may take away."""
+
+
+class Cause(Enum):
+    """Why a base does not do what is wanted."""
+
+    NO_FEEDBACK = "no feedback from the base"
+    LINK_RECOVERING = "feedback from the base has only just come back"
+    WHEEL_DROP = "a wheel hangs in the air"
+    PUT_DOWN = "just put down: waiting until it stands still"
+    BUMPER = "the bumper is pressed: backward only"
+    CLIFF = "a cliff is ahead: backward only"
+    NO_COMMAND = "no command for too long"
+    STALE_COMMAND = "the command is too old"
+    BAD_COMMAND = "the command is no finite number"
+
+
+_BACKWARD_ONLY: Final = frozenset({Cause.BUMPER, Cause.CLIFF})
+
+
+@dataclass(frozen=True)
+class Stop:
+    """One cause that holds now."""
+
+    cause: Cause
+    since: Instant
+    bits: int = 0
+    """Of the sensor, as in the feedback; 0 where there is none."""
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """What may be driven now: m/s forward, rad/s counter-clockwise; and all causes that hold it back."""
+
+    v: float
+    omega: float
+    stops: tuple[Stop, ...]
+
+    @property
+    def standing(self) -> bool:
+        """True if a cause allows no motion at all."""
+        return any(stop.cause not in _BACKWARD_ONLY for stop in self.stops)
+
+
+@dataclass(frozen=True)
+class SafetyParameters:
+    """Times and limits of the safety stop."""
+
+    feedback_silence: Duration = _FEEDBACK_SILENCE
+    """After so long without feedback the link counts as dead; kobuki_driver: 100 ms. At most that."""
+    feedback_recovery: Duration = milliseconds(100)  # noqa: RUF009 - a NewType makes no object
+    """How long feedback must have come again before the base moves; own choice, five feedbacks."""
+    command_age: Duration = _COMMAND_AGE
+    """The oldest command that is driven; two steps. At most 0.2 s."""
+    stillness: Duration = milliseconds(1000)  # noqa: RUF009
+    """How long a base that was put down must stand still before it moves; own choice. At least 0.5 s."""
+    still_ticks: int = 2
+    """Ticks that an encoder may change between two feedbacks while standing still; own choice, 0.17 mm."""
+    still_rate_cdeg: int = 200
+    """The same for the gyro's rate, 0.01°/s; own choice, far above its noise."""
+    speed: float = _SPEED
+    """The highest, m/s; Kobuki user guide."""
+    turn_rate: float = _TURN_RATE
+    """The highest, rad/s; Kobuki user guide: 180°/s (above 110°/s the gyro is less exact)."""
+    ramp: RampParameters = field(default_factory=RampParameters)
+
+    def __post_init__(self) -> None:
+        for name, value, lowest, highest in (
+            ("feedback_silence", self.feedback_silence, 1, _FEEDBACK_SILENCE),
+            ("feedback_recovery", self.feedback_recovery, 0, math.inf),
+            ("command_age", self.command_age, 1, _COMMAND_AGE),
+            ("stillness", self.stillness, _STILLNESS, math.inf),
+            ("still_ticks", self.still_ticks, 0, 10),
+            ("still_rate_cdeg", self.still_rate_cdeg, 0, 1000),
+            ("speed", self.speed, 0, _SPEED),
+            ("turn_rate", self.turn_rate, 0, _TURN_RATE),
+        ):
+            if not lowest <= value <= highest:
+                raise ValueError(f"{name} is {value}; it should be in {lowest}..{highest}")
+
+
+@dataclass(frozen=True)
+class _Wish:
+    arrived: Instant
+    issued: Instant
+    v: float
+    omega: float
+
+
+class SafetyStop:
+    """Feed it every feedback and every command; ask it before every byte that moves the base."""
+
+    def __init__(self, started: Instant, parameters: SafetyParameters = SafetyParameters()) -> None:
+        self._p = parameters
+        self._started = started
+        self._basic: Basic | None = None
+        self._heard = started
+        self._silent_until: Instant | None = None
+        """The first feedback after a silence; None before the very first."""
+        self._moved = started
+        """When the base last did not stand still; kept while it has been dropped."""
+        self._dropped = False
+        self._wish: _Wish | None = None
+        self._since: dict[Cause, Instant] = {}
+        self._ramp = Ramp(parameters.ramp)
+        self.late_commands = 0
+        """Commands that were older than one before them, and left out."""
+
+    def sense(self, now: Instant, basic: Basic, inertial: Inertial | None) -> None:
+        """Take in one feedback of the base."""
+        if self._silent_until is None or now - self._heard > self._p.feedback_silence:
+            self._silent_until = now
+        if basic.wheel_drop:
+            self._dropped = True
+        if basic.wheel_drop or not self._still(basic, inertial):
+            self._moved = now
+        self._basic, self._heard = basic, now
+
+    def wish(self, now: Instant, issued: Instant, v: float, omega: float) -> None:
+        """Take in a command made at `issued` that arrived `now`; one made before the last is left out.
+
+        What claims to come from the future counts as made now.
+        """
+        issued = min(issued, now)
+        if self._wish is not None and issued < self._wish.issued:
+            self.late_commands += 1
+            return
+        self._wish = _Wish(now, issued, v, omega)
+
+    def allowed(self, now: Instant) -> Allowed:
+        """What may be driven from now on. Call it with every base control: the ramp goes on with it."""
+        stops = self._stops(now)
+        standing = any(stop.cause not in _BACKWARD_ONLY for stop in stops)
+        if standing or self._wish is None:
+            self._ramp.halt(now)
+            return Allowed(0.0, 0.0, stops)
+        v, omega = self._limited(self._wish.v, self._wish.omega)
+        if not stops:
+            return Allowed(*self._ramp.towards(now, v, omega), stops)
+        if self._ramp.v + abs(self._ramp.omega) * TRACK / 2 > 0:
+            self._ramp.halt(now)
+        v, omega = _backward(*self._ramp.towards(now, *_backward(v, omega)))
+        self._ramp.set(now, v, omega)
+        return Allowed(v, omega, stops)
+
+    def _stops(self, now: Instant) -> tuple[Stop, ...]:
+        """All causes that hold, in the order of Cause."""
+        causes = self._causes(now)
+        self._since = {cause: self._since.get(cause, now) for cause in causes}
+        return tuple(Stop(cause, self._since[cause], causes[cause]) for cause in Cause if cause in causes)
+
+    def _causes(self, now: Instant) -> dict[Cause, int]:
+        """Each cause with its sensor's bits."""
+        causes: dict[Cause, int] = {}
+        if self._basic is None or now - self._heard > self._p.feedback_silence:
+            causes[Cause.NO_FEEDBACK] = 0
+        elif self._silent_until is not None and now - self._silent_until < self._p.feedback_recovery:
+            causes[Cause.LINK_RECOVERING] = 0
+        if self._basic is not None:
+            causes |= self._sensed(now, self._basic)
+        wish = self._wish
+        if wish is None or now - wish.arrived > self._p.command_age:
+            causes[Cause.NO_COMMAND] = 0
+        elif now - wish.issued > self._p.command_age:
+            causes[Cause.STALE_COMMAND] = 0
+        elif not (math.isfinite(wish.v) and math.isfinite(wish.omega)):
+            causes[Cause.BAD_COMMAND] = 0
+        return causes
+
+    def _sensed(self, now: Instant, basic: Basic) -> dict[Cause, int]:
+        causes = {}
+        if basic.wheel_drop:
+            causes[Cause.WHEEL_DROP] = basic.wheel_drop
+        elif self._dropped:
+            if self._heard - self._moved < self._p.stillness:
+                causes[Cause.PUT_DOWN] = 0
+            else:
+                self._dropped = False
+        if basic.bumper:
+            causes[Cause.BUMPER] = basic.bumper
+        if basic.cliff:
+            causes[Cause.CLIFF] = basic.cliff
+        return causes
+
+    def _still(self, basic: Basic, inertial: Inertial | None) -> bool:
+        """True if the base has not moved since the last feedback."""
+        if self._basic is None:
+            return False
+        left = (basic.left_ticks - self._basic.left_ticks) & 0xFFFF
+        right = (basic.right_ticks - self._basic.right_ticks) & 0xFFFF
+        ticks = max(min(left, 0x10000 - left), min(right, 0x10000 - right))
+        turning = inertial is not None and abs(inertial.rate_cdeg) > self._p.still_rate_cdeg
+        return ticks <= self._p.still_ticks and not turning
+
+    def _limited(self, v: float, omega: float) -> tuple[float, float]:
+        """The same arc, but no faster than the base can."""
+        share = 1.0
+        if abs(v) > self._p.speed:
+            share = self._p.speed / abs(v)
+        if abs(omega) * share > self._p.turn_rate:
+            share = self._p.turn_rate / abs(omega)
+        return v * share, omega * share
+
+
+def _backward(v: float, omega: float) -> tuple[float, float]:
+    """The nearest velocity at which no wheel turns forward; none at all for one that goes forward."""
+    v = min(v, 0.0)
+    bound = -v / _EDGE
+    return v, max(-bound, min(bound, omega))

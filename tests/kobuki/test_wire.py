@@ -1,0 +1,200 @@
+"""Bytes of commands and feedback, computed by hand, both ways; and what strange bytes do."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from firmware_bridge.kobuki import frame
+from firmware_bridge.kobuki.frame import FrameReader
+from firmware_bridge.kobuki.packets import (
+    UDID,
+    BaseControl,
+    Basic,
+    Cliff,
+    Command,
+    ControllerInfo,
+    Current,
+    DockingIR,
+    Feedback,
+    Firmware,
+    GeneralInput,
+    GeneralOutput,
+    GetGain,
+    Hardware,
+    Inertial,
+    RawGyro,
+    RequestExtra,
+    SetGain,
+    Sound,
+    SoundSequence,
+    Unknown,
+    Version,
+)
+from firmware_bridge.kobuki.wire import (
+    WireMisuseError,
+    decode_commands,
+    decode_feedback,
+    encode_command,
+    encode_feedback,
+)
+
+COMMANDS = [
+    # 06^01^04^64 = 67
+    (BaseControl(100, 0), "aa 55 06 01 04 64 00 00 00 67"),
+    # -100 = ff9c, 1: 06^01^04^9c^ff^01 = 61
+    (BaseControl(-100, 1), "aa 55 06 01 04 9c ff 01 00 61"),
+    # 440 Hz: 1 / (440 * 2.75e-6) = 826 = 033a, 200 ms = c8: 05^03^03^3a^03^c8 = f4
+    (Sound(826, 200), "aa 55 05 03 03 3a 03 c8 f4"),
+    (SoundSequence(4), "aa 55 03 04 01 04 02"),
+    # all three: 000b: 04^09^02^0b = 04
+    (RequestExtra(0x0B), "aa 55 04 09 02 0b 00 04"),
+    # rails and LED 1 green: 02f0: 04^0c^02^f0^02 = f8
+    (GeneralOutput(0x02F0), "aa 55 04 0c 02 f0 02 f8"),
+    # 100000 = 000186a0, 100 = 64, 2000 = 07d0: 0f^0d^0d^01^a0^86^01^64^d0^07 = 9a
+    (SetGain(1, 100_000, 100, 2_000), "aa 55 0f 0d 0d 01 a0 86 01 00 64 00 00 00 d0 07 00 00 9a"),
+    (GetGain(), "aa 55 03 0e 01 00 0c"),
+]
+FEEDBACK = [
+    (
+        Basic(0x1234, 1, 2, 4, 0xFFFE, 3, -5, 6, 1, 6, 164, 2),
+        "01 0f 34 12 01 02 04 fe ff 03 00 fb 06 01 06 a4 02",
+    ),
+    (DockingIR(1, 2, 16), "03 03 01 02 10"),
+    (Inertial(-9000, 250), "04 07 d8 dc fa 00 00 00 00"),
+    (Cliff(2000, 2001, 4095), "05 06 d0 07 d1 07 ff 0f"),
+    (Current(7, 255), "06 02 07 ff"),
+    (Hardware(Version(1, 0, 4)), "0a 04 04 00 01 00"),
+    (Firmware(Version(1, 1, 4)), "0b 04 04 01 01 00"),
+    # raw x = 5, y = -7, z = 9: the robot's x = 7, y = 5
+    (RawGyro(8, ((7, 5, 9),)), "0d 08 08 03 05 00 f9 ff 09 00"),
+    (GeneralInput(3, (1, 2, 3, 4095)), "10 10 03 00 01 00 02 00 03 00 ff 0f 00 00 00 00 00 00"),
+    (UDID((1, 2, 0xFFFFFFFF)), "13 0c 01 00 00 00 02 00 00 00 ff ff ff ff"),
+    (ControllerInfo(0, 100_000, 100, 2_000), "15 0d 00 a0 86 01 00 64 00 00 00 d0 07 00 00"),
+    (Unknown(99, b"\x07"), "63 01 07"),
+]
+
+
+@pytest.mark.parametrize(("command", "wire"), COMMANDS)
+def test_a_command_has_these_bytes(command: Command, wire: str) -> None:
+    assert frame.encode(encode_command(command)) == bytes.fromhex(wire)
+    assert FrameReader(decode_commands).take(bytes.fromhex(wire)) == [[command]]
+
+
+@pytest.mark.parametrize(("feedback", "wire"), FEEDBACK)
+def test_a_feedback_packet_has_these_bytes(feedback: Feedback, wire: str) -> None:
+    assert encode_feedback(feedback) == bytes.fromhex(wire)
+    assert decode_feedback(bytes.fromhex(wire)) == [feedback]
+
+
+@pytest.mark.parametrize(
+    ("wire", "feedback"),
+    [
+        ("0a 02 68 00", Hardware(Version(1, 0, 4))),  # 104
+        ("0b 02 7b 00", Firmware(Version(1, 0, 0))),  # 123
+        ("0b 02 6e 00", Firmware(Version(1, 1, 0))),  # 110
+        ("0b 02 74 27", Firmware(Version(1, 1, 0))),  # 10100
+        ("0b 02 6f 00", Firmware(Version(1, 1, 1))),  # 111
+        ("0b 02 75 27", Firmware(Version(1, 1, 1))),  # 10101
+    ],
+)
+def test_old_firmware_says_its_versions_in_two_bytes(wire: str, feedback: Feedback) -> None:
+    assert decode_feedback(bytes.fromhex(wire)) == [feedback]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [BaseControl(0x8000, 0), BaseControl(0, -0x8001), Sound(-1, 0), Sound(0, 256), SetGain(1, -1, 0, 0)],
+)
+def test_numbers_that_do_not_fit_are_our_own_misuse(command: Command) -> None:
+    with pytest.raises(WireMisuseError):
+        encode_command(command)
+
+
+def test_payloads_of_impossible_length_are_our_own_misuse() -> None:
+    with pytest.raises(WireMisuseError, match=r"^a payload of 161 bytes; it should have 3 to 160$"):
+        frame.encode(bytes(161))
+
+
+INT16 = st.integers(-0x8000, 0x7FFF)
+UINT16 = st.integers(0, 0xFFFF)
+UINT8 = st.integers(0, 0xFF)
+UINT32 = st.integers(0, 0xFFFFFFFF)
+VERSIONS = st.builds(Version, UINT8, UINT8, UINT8)
+READINGS = st.lists(st.tuples(st.integers(-0x7FFF, 0x7FFF), INT16, INT16), max_size=3).map(tuple)
+ANY_FEEDBACK: st.SearchStrategy[Feedback] = st.one_of(
+    st.builds(
+        Basic, UINT16, UINT8, UINT8, UINT8, UINT16, UINT16, *[st.integers(-128, 127)] * 2, *[UINT8] * 4
+    ),
+    st.builds(DockingIR, UINT8, UINT8, UINT8),
+    st.builds(Inertial, INT16, INT16),
+    st.builds(Cliff, UINT16, UINT16, UINT16),
+    st.builds(Hardware, VERSIONS),
+    st.builds(Firmware, VERSIONS),
+    st.builds(RawGyro, UINT8, READINGS),
+    st.builds(GeneralInput, UINT16, st.tuples(UINT16, UINT16, UINT16, UINT16)),
+    st.builds(UDID, st.tuples(UINT32, UINT32, UINT32)),
+    st.builds(ControllerInfo, UINT8, UINT32, UINT32, UINT32),
+    st.builds(Unknown, st.integers(30, 255), st.binary(min_size=1, max_size=20)),
+)
+ANY_COMMAND: st.SearchStrategy[Command] = st.one_of(
+    st.builds(BaseControl, INT16, INT16),
+    st.builds(Sound, UINT16, UINT8),
+    st.builds(SoundSequence, UINT8),
+    st.builds(RequestExtra, UINT16),
+    st.builds(GeneralOutput, UINT16),
+    st.builds(SetGain, UINT8, UINT32, UINT32, UINT32),
+    st.builds(GetGain, UINT8),
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(st.lists(ANY_FEEDBACK, min_size=1, max_size=6), max_size=4),
+    st.lists(ANY_COMMAND, min_size=1, max_size=5),
+    st.integers(1, 40),
+)
+def test_whatever_is_said_is_heard_however_it_is_cut(
+    feedbacks: list[list[Feedback]], commands: list[Command], chunk: int
+) -> None:
+    wire = b"".join(frame.encode(b"".join(map(encode_feedback, packets))) for packets in feedbacks)
+    reader = FrameReader(decode_feedback)
+    heard = [p for at in range(0, len(wire), chunk) for p in reader.take(wire[at : at + chunk])]
+    assert heard == feedbacks
+    assert reader.reception.skipped == 0
+    payload = b"".join(map(encode_command, commands))
+    assert FrameReader(decode_commands).take(frame.encode(payload)) == [commands]
+
+
+RIGHT = bytes.fromhex("aa 55 06 01 04 64 00 00 00 67")
+
+
+def counts_of(wire: str | bytes) -> tuple[int, int, int, int, int]:
+    reader = FrameReader(decode_commands)
+    reader.take(bytes.fromhex(wire) if isinstance(wire, str) else wire)
+    r = reader.reception
+    return r.frames, r.noise, r.bad_length, r.bad_checksum, r.malformed
+
+
+def test_noise_is_skipped_and_counted_by_its_cause() -> None:
+    assert counts_of(b"\x00\xaa\x11" + RIGHT) == (1, 3, 0, 0, 0)
+    # the header's first byte is skipped for its cause, what follows until the next header is noise
+    assert counts_of(b"\xaa\x55\x00" + RIGHT) == (1, 2, 1, 0, 0)
+    assert counts_of(b"\xaa\x55\xff" + RIGHT) == (1, 2, 1, 0, 0)
+    assert counts_of(RIGHT[:-1] + b"\x66" + RIGHT) == (1, 9, 0, 1, 0)
+    assert counts_of("aa 55 03 63 01 00 61" + RIGHT.hex()) == (1, 6, 0, 0, 1)  # there is no command 99
+    assert counts_of("aa 55 03 01 04 00 06" + RIGHT.hex()) == (1, 6, 0, 0, 1)  # longer than its payload
+
+
+def test_a_frame_within_what_looked_like_one_is_found() -> None:
+    assert counts_of(b"\xaa\x55\x09" + RIGHT) == (1, 2, 0, 1, 0)
+
+
+def test_an_unfinished_frame_waits_and_no_more_than_one_is_kept() -> None:
+    reader = FrameReader(decode_commands)
+    assert reader.take(RIGHT[:-1]) == []
+    assert reader.pending == 9
+    assert reader.take(RIGHT[-1:]) == [[BaseControl(100, 0)]]
+    reader.take(b"\xaa\x55\xa0" + bytes(150))
+    assert reader.pending == 153
+    reader.take(bytes(10_000))
+    assert reader.pending == 0
