@@ -1,0 +1,111 @@
+"""Depth images read as scans: the nearest thing in a few rows round the middle of the picture.
+
+Geometry as in ROS depthimage_to_laserscan; but the columns of an image are not at equal angles, so the rays
+of the robot's model are filled by angle and none counts twice.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.instant import Instant
+from actors.messages import Scan
+from actors.robot_model import RangeSensor as SensorModel
+from actors.runtime.errors import AcrcError
+from firmware_bridge.range_sensors.sensor import REACH, Rays
+
+
+class DepthError(AcrcError):
+    """A depth camera that cannot serve the robot's model."""
+
+
+@dataclass(frozen=True)
+class DepthCamera:
+    """A pinhole camera that looks horizontally."""
+
+    width: int = 640
+    """Columns."""
+    height: int = 480
+    """Rows."""
+    field_of_view_deg: float = 58.0
+    """Between the outer edges of the outer columns, degrees; ASUS Xtion and its like."""
+    centre_x: float | None = None
+    """Column of the optical axis, counted from the middle of the first; None: the image's middle."""
+    centre_y: float | None = None
+    """The same of the rows."""
+    scan_height: int = 1
+    """How many rows round the axis are read; depthimage_to_laserscan: 1."""
+    range_min: float = 0.45
+    """Nearer than this a value is none, m; depthimage_to_laserscan."""
+    range_max: float = 10.0
+    """The same for farther, m."""
+
+    @property
+    def focal_length(self) -> float:
+        """In columns."""
+        return self.width / 2 / math.tan(math.radians(self.field_of_view_deg) / 2)
+
+    @property
+    def slopes(self) -> NDArray[np.float64]:
+        """How far to the right of the axis each column looks, per metre ahead: (width,)."""
+        centre = (self.width - 1) / 2 if self.centre_x is None else self.centre_x
+        return (np.arange(self.width, dtype=np.float64) - centre) / self.focal_length
+
+    @property
+    def rows(self) -> slice:
+        """Those that are read."""
+        centre = (self.height - 1) / 2 if self.centre_y is None else self.centre_y
+        first = math.ceil(centre - self.scan_height / 2)
+        return slice(first, first + self.scan_height)
+
+
+class DepthScanner:
+    """Makes scans of depth images; a RangeSensor."""
+
+    def __init__(self, model: SensorModel, camera: DepthCamera = DepthCamera()) -> None:
+        """Raises DepthError if the camera does not see as far round as the model's rays go."""
+        self._camera = camera
+        self._rays = Rays(model)
+        slopes = camera.slopes
+        self._angles = -np.arctan(slopes)
+        self._lengths = np.hypot(1, slopes) / 1000
+        first, last = self._rays.angles[[0, -1]]
+        if self._angles[-1] - REACH > first or self._angles[0] + REACH < last:
+            raise DepthError(
+                f"the camera sees {camera.field_of_view_deg:g}°, but the robot model's sensor has rays over "
+                f"{model.field_of_view_deg:g}°; it should be a sensor that sees no more than the camera"
+            )
+        if not 0 <= camera.rows.start < camera.rows.stop <= camera.height:
+            raise DepthError(
+                f"{camera.scan_height} rows round the camera's axis are to be read, "
+                f"but the image has {camera.height}; scan_height should fit in"
+            )
+        self._scan: Scan | None = None
+        self.missed = 0
+        """Scans that nobody fetched before the next."""
+
+    def take(self, stamp: Instant, depth: NDArray[np.uint16]) -> None:
+        """An image that was taken at `stamp`: (height, width), mm along the axis; 0 = nothing measured."""
+        camera = self._camera
+        if depth.shape != (camera.height, camera.width):
+            raise DepthError(
+                f"a depth image has {depth.shape[1]} columns and {depth.shape[0]} rows; "
+                f"it should have {camera.width} and {camera.height}"
+            )
+        self.missed += self._scan is not None
+        self._scan = self._rays.scan(stamp, self._angles, self.ranges(depth))
+
+    def ranges(self, depth: NDArray[np.uint16]) -> NDArray[np.float64]:
+        """The nearest valid range of each column: (width,), m; inf = none."""
+        camera = self._camera
+        ranges = depth[camera.rows] * self._lengths
+        ranges[(ranges < camera.range_min) | (ranges > camera.range_max)] = np.inf
+        nearest: NDArray[np.float64] = ranges.min(axis=0)
+        return nearest
+
+    def scan(self) -> Scan | None:
+        """As for RangeSensor."""
+        scan, self._scan = self._scan, None
+        return scan

@@ -1,0 +1,243 @@
+"""An RPLIDAR A1 without I/O: asks for its health and its kind, makes it scan, and reads its turns as scans.
+
+A shell calls, every few milliseconds and whenever bytes have come: `take` with the bytes, also with none;
+then writes what `due` gives. On the adapter of an A1 the motor turns while the line DTR is off.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.instant import Duration, Instant, in_seconds, milliseconds
+from actors.messages import Scan
+from actors.robot_model import RangeSensor as SensorModel
+from firmware_bridge.range_sensors import rplidar_wire as wire
+from firmware_bridge.range_sensors.rplidar_wire import (
+    FULL_TURN_Q6,
+    Descriptor,
+    Health,
+    Info,
+    Request,
+    SampleReader,
+)
+from firmware_bridge.range_sensors.sensor import Rays
+from firmware_bridge.serial_port import Device, SerialPort
+
+RPLIDAR = Device(name="RPLIDAR", symlink="/dev/rplidar", baud=115_200)
+
+
+@dataclass(frozen=True)
+class RplidarParameters:
+    """How the lidar is mounted, and how long it is waited for."""
+
+    zero_deg: float = 0.0
+    """Where its zero points in the frame of the model's sensor, degrees counter-clockwise."""
+    upside_down: bool = False
+    """Seen from above its angles grow clockwise; hanging upside down they grow counter-clockwise."""
+    patience: Duration = milliseconds(1000)  # noqa: RUF009 - a NewType makes no object
+    """Without an answer or a sample for so long it is started again; own choice, five turns."""
+    pause: Duration = milliseconds(20)  # noqa: RUF009
+    """After stopping it; application notes: at least 1 ms."""
+    reset: Duration = milliseconds(2000)  # noqa: RUF009
+    """After resetting it; application notes: at least 2 ms, but an A1 first prints a greeting."""
+    fewest: int = 90
+    """Samples of a turn that is a scan; own choice, a quarter of what an A1 gives. Others are left out."""
+    most: int = 8192
+    """The same upwards: the start of a turn was lost."""
+    widest_gap_deg: float = 10.0
+    """The same for the angle between neighbouring samples, degrees; own choice, ten samples. A sample without
+    an echo is sent too, so a gap is a loss, and must not look like free floor."""
+
+
+class Phase(Enum):
+    """What the lidar is doing, or asked for."""
+
+    STOPPING = "being stopped"
+    RESETTING = "being reset"
+    HEALTH = "asked for its health"
+    INFO = "asked what it is"
+    STARTING = "being started"
+    SCANNING = "scanning"
+
+
+@dataclass
+class RplidarCounts:
+    """How it went."""
+
+    scans: int = 0
+    thin: int = 0
+    """Turns with too few or too many samples, or with a gap."""
+    missed: int = 0
+    """Scans that nobody fetched before the next."""
+    starts: int = 0
+    """How often it was started from the beginning."""
+    skipped: int = 0
+    """Bytes before a descriptor that belonged to nothing."""
+
+
+class Rplidar:
+    """One lidar on one wire; a RangeSensor."""
+
+    def __init__(
+        self, model: SensorModel, started: Instant, parameters: RplidarParameters = RplidarParameters()
+    ) -> None:
+        self._p = parameters
+        self._rays = Rays(model)
+        self._zero = math.radians(parameters.zero_deg)
+        self._turning = math.radians(1 / 64) * (1 if parameters.upside_down else -1)
+        self._pending = bytearray()
+        self._asked = False
+        self._samples = SampleReader()
+        self._turn: list[tuple[int, int]] | None = None
+        """Angle and distance of each sample of this turn; None before the first turn's start."""
+        self._turn_began = started
+        self._scan: Scan | None = None
+        self._alive = started
+        """The last time that it said something right."""
+        self.phase = Phase.STOPPING
+        self._entered = started
+        self.counts = RplidarCounts()
+        self.health: Health | None = None
+        self.info: Info | None = None
+
+    @property
+    def samples(self) -> wire.SampleCounts:
+        """What the last start has brought."""
+        return self._samples.counts
+
+    def scan(self) -> Scan | None:
+        """As for RangeSensor; stamped in the middle of the turn."""
+        scan, self._scan = self._scan, None
+        return scan
+
+    def waiting(self, now: Instant) -> str | None:
+        """What to tell a person while there are no scans; None while there are."""
+        if self.health is not None and self.health.status == 2:
+            return (
+                f"the RPLIDAR says that it is broken (error {self.health.code}); unplug it and plug it in "
+                "again, and see that nothing holds its motor"
+            )
+        if self.phase is Phase.SCANNING and now - self._alive <= self._p.patience:
+            return None
+        return (
+            f"no scan from the RPLIDAR for {in_seconds(now - self._alive):.1f} s; it should be plugged in, "
+            f"and its head should turn (it is {self.phase.value})"
+        )
+
+    def take(self, now: Instant, data: bytes) -> None:
+        """Bytes that have come, also none."""
+        if self.phase is Phase.SCANNING:
+            self._sampled(now, data)
+            return
+        self._pending += data
+        if self.phase in {Phase.STOPPING, Phase.RESETTING}:
+            self._pending.clear()  # the rest of a scan, or a greeting
+        elif self.phase is Phase.HEALTH:
+            self._answered(now, wire.HEALTH)
+        elif self.phase is Phase.INFO:
+            self._answered(now, wire.INFO)
+        elif self.phase is Phase.STARTING and self._described(wire.SCANNING):
+            rest = bytes(self._pending[wire.DESCRIPTOR_SIZE :])
+            self._enter(Phase.SCANNING, now)
+            self._sampled(now, rest)
+
+    def due(self, now: Instant) -> bytes:
+        """The bytes to write now."""
+        waited = now - self._entered
+        rest = {Phase.STOPPING: self._p.pause, Phase.RESETTING: self._p.reset}.get(self.phase)
+        if rest is not None:
+            if self._asked and waited >= rest:
+                self._enter(Phase.HEALTH, now)
+        elif max(self._entered, self._alive) + self._p.patience < now:
+            self._enter(Phase.STOPPING, now)
+        if self._asked:
+            return b""
+        self._asked = True
+        return _REQUESTS[self.phase].bytes
+
+    def farewell(self) -> bytes:
+        """The last bytes to write."""
+        return Request.STOP.bytes
+
+    def _enter(self, phase: Phase, now: Instant) -> None:
+        self.phase = phase
+        self._entered = now
+        self._asked = phase is Phase.SCANNING
+        self._pending.clear()
+        if phase is Phase.STARTING:
+            self.counts.starts += 1
+            self._samples = SampleReader()
+            self._turn = None
+
+    def _described(self, wanted: Descriptor) -> bool:
+        """Look for that descriptor; once found, what follows it is pending."""
+        at = self._pending.find(wanted.encode())
+        skipped = at if at >= 0 else max(0, len(self._pending) - wire.DESCRIPTOR_SIZE + 1)
+        self.counts.skipped += skipped
+        del self._pending[:skipped]
+        return at >= 0
+
+    def _answered(self, now: Instant, wanted: Descriptor) -> None:
+        """Take the answer in, once it is whole, and go on."""
+        if not self._described(wanted) or len(self._pending) < wire.DESCRIPTOR_SIZE + wanted.length:
+            return
+        data = bytes(self._pending[wire.DESCRIPTOR_SIZE : wire.DESCRIPTOR_SIZE + wanted.length])
+        self._alive = now
+        if wanted is wire.INFO:
+            self.info = Info.decode(data)
+            self._enter(Phase.STARTING, now)
+            return
+        self.health = Health.decode(data)
+        self._enter(Phase.RESETTING if self.health.status == 2 else Phase.INFO, now)
+
+    def _sampled(self, now: Instant, data: bytes) -> None:
+        samples = self._samples.take(data)
+        if samples:
+            self._alive = now
+        for sample in samples:
+            if sample.start:
+                self._turned(now)
+                self._turn, self._turn_began = [], now
+            if self._turn is not None and len(self._turn) <= self._p.most:
+                self._turn.append((sample.angle_q6, sample.distance_q2))
+
+    def _turned(self, now: Instant) -> None:
+        """A turn has ended."""
+        if self._turn is None:
+            return
+        turn = np.array(self._turn, np.float64).reshape(-1, 2)
+        if not self._whole(turn[:, 0]):
+            self.counts.thin += 1
+            return
+        angles = self._zero + self._turning * turn[:, 0]
+        stamp = Instant((self._turn_began + now) // 2)
+        self.counts.scans += 1
+        self.counts.missed += self._scan is not None
+        self._scan = self._rays.scan(stamp, angles, turn[:, 1] / 4000)
+
+    def _whole(self, angles_q6: NDArray[np.float64]) -> bool:
+        """True if a turn has samples enough, all round."""
+        if not self._p.fewest <= angles_q6.size <= self._p.most:
+            return False
+        around = np.sort(angles_q6 % FULL_TURN_Q6)
+        gaps = np.diff(around, append=around[0] + FULL_TURN_Q6)
+        return bool(gaps.max() <= self._p.widest_gap_deg * 64)
+
+
+_REQUESTS = {
+    Phase.STOPPING: Request.STOP,
+    Phase.RESETTING: Request.RESET,
+    Phase.HEALTH: Request.HEALTH,
+    Phase.INFO: Request.INFO,
+    Phase.STARTING: Request.SCAN,
+}
+
+
+def open_port(path: str = RPLIDAR.symlink) -> SerialPort:
+    """The lidar's port, 115200 baud, its motor turning. Raises PortError."""
+    port = SerialPort(path, RPLIDAR)
+    port.set_dtr(False)
+    return port

@@ -1,0 +1,83 @@
+"""What every range sensor of a robot is: a source of scans along the rays of the robot's model."""
+
+import math
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.instant import Instant
+from actors.messages import NO_ECHO_MM, Scan
+from actors.robot_model import RangeSensor as SensorModel
+
+REACH: Final = math.radians(1.0)
+"""How far from a ray a sample may lie and still speak for it where no sample hits the ray's own share of the
+circle; own choice: a lidar of 360 samples fills 640 rays, and a sector without samples stays without."""
+
+
+class RangeSensor(Protocol):
+    """Gives each sweep once."""
+
+    def scan(self) -> Scan | None:
+        """The last sweep, if it has not been given yet; the ranges are those of the model's rays."""
+
+
+class Rays:
+    """The rays of a sensor's model, and how samples at any other angles become their ranges."""
+
+    def __init__(self, model: SensorModel, reach: float = REACH) -> None:
+        self._model = model
+        self._reach = reach
+        turned = model.increment * np.arange(model.rays, dtype=np.float64)
+        self.angles: NDArray[np.float64] = model.first_angle + turned
+        """(rays,), in the sensor's own frame, counter-clockwise, rad."""
+
+    def scan(self, stamp: Instant, angles: NDArray[np.float64], ranges: NDArray[np.float64]) -> Scan:
+        """The scan that samples make; `angles`, `ranges`: (n,), rad in the sensor's own frame, m.
+
+        A range that is not finite or not above 0 is no echo. A ray gets the smallest range of the samples
+        nearest to it, else that of the nearest sample within reach, else no echo. As in the simulated world,
+        what is nearer than the model's range gives no echo, but hides what is behind it.
+        """
+        ranges = np.where(np.isfinite(ranges) & (ranges > 0), ranges, np.inf)
+        found = self._nearest(angles, ranges)
+        echo = (found >= self._model.range_min) & (found <= self._model.range_max)
+        report = np.full(found.size, NO_ECHO_MM, "<u2")
+        report[echo] = np.floor(found[echo] * 1000 + 0.5)
+        return Scan(stamp, report.tobytes())
+
+    def _nearest(self, angles: NDArray[np.float64], ranges: NDArray[np.float64]) -> NDArray[np.float64]:
+        """For each ray, m; inf = nothing."""
+        model = self._model
+        found = np.full(model.rays, np.inf)
+        if not angles.size:
+            return found
+        middle = model.first_angle + model.increment * (model.rays - 1) / 2
+        aside = np.remainder(angles - middle + math.pi, math.tau) - math.pi
+        ray = np.floor(aside / model.increment + model.rays / 2).astype(np.int64)
+        if model.full_circle:
+            ray %= model.rays
+        within = (ray >= 0) & (ray < model.rays)
+        np.minimum.at(found, ray[within], ranges[within])
+        hit = np.zeros(model.rays, np.bool_)
+        hit[ray[within]] = True
+        if not hit.all():
+            found[~hit] = self._beside(self.angles[~hit], angles, ranges)
+        return found
+
+    def _beside(
+        self, rays: NDArray[np.float64], angles: NDArray[np.float64], ranges: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """The range of the nearest sample within reach of each direction in `rays`, m; inf = none."""
+        around = np.remainder(angles, math.tau)
+        order = np.argsort(around, kind="stable")
+        around, ranges = around[order], ranges[order]
+        wanted = np.remainder(rays, math.tau)
+        after = np.searchsorted(around, wanted) % around.size
+        before = after - 1
+        ahead = np.remainder(around[after] - wanted, math.tau)
+        behind = np.remainder(wanted - around[before], math.tau)
+        ahead, behind = np.minimum(ahead, math.tau - ahead), np.minimum(behind, math.tau - behind)
+        nearest = np.where(ahead < behind, ranges[after], ranges[before])
+        found: NDArray[np.float64] = np.where(np.minimum(ahead, behind) <= self._reach, nearest, np.inf)
+        return found

@@ -1,0 +1,291 @@
+"""An RPLIDAR A1: its bytes, its start, its turns as scans, noise, failures; and one on a pseudo-terminal."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+import firmware_bridge
+from actors.geometry import Pose
+from actors.instant import START, Instant, milliseconds
+from actors.messages import NO_ECHO_MM, Scan
+from actors.robot_model import RangeSensor as SensorModel
+from actors.robot_model import load_model
+from firmware_bridge.range_sensors.rplidar import Phase, Rplidar, RplidarParameters, open_port
+from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, Sight
+from firmware_bridge.range_sensors.rplidar_wire import (
+    HEALTH,
+    INFO,
+    SCANNING,
+    Health,
+    Info,
+    Request,
+    Sample,
+    SampleReader,
+)
+from firmware_bridge.range_sensors.sensor import Rays
+from firmware_bridge.room import Room
+from firmware_bridge.serial_port import PortError
+
+CHAPTER = load_model("turtlebot2", "chapter").sensor
+ROOM = Room(6.0, 4.0)
+HERE = Pose(2.0, 1.2, 0.4)
+
+
+def room(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    return ROOM.ranges(HERE, angles)
+
+
+def test_bytes() -> None:
+    assert Request.SCAN.bytes == bytes.fromhex("a5 20")
+    assert Request.STOP.bytes == bytes.fromhex("a5 25")
+    assert SCANNING.encode() == bytes.fromhex("a5 5a 05 00 00 40 81")
+    assert INFO.encode() == bytes.fromhex("a5 5a 14 00 00 00 04")
+    assert HEALTH.encode() == bytes.fromhex("a5 5a 03 00 00 00 06")
+    # 90 degrees = 5760/64: 5760 * 2 + 1 = 2d01; 1 m = 4000/4 mm = 0fa0; quality 15, turn's start: 3c | 1
+    assert Sample(True, 15, 5760, 4000).encode() == bytes.fromhex("3d 01 2d a0 0f")
+    assert Sample(False, 15, 5760, 4000).encode() == bytes.fromhex("3e 01 2d a0 0f")
+    assert Health(1, 0x1234).encode() == bytes.fromhex("01 34 12")
+    info = Info(0x18, (1, 29), 7, bytes(range(16)))
+    assert info.encode() == bytes.fromhex("18 1d 01 07") + bytes(range(16))
+    assert Info.decode(info.encode()) == info
+    assert Health.decode(bytes.fromhex("01 34 12")) == Health(1, 0x1234)
+
+
+STEPS = st.tuples(st.booleans(), st.integers(0, 63), st.integers(-320, 1280), st.integers(0, 65535))
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 23039), st.lists(STEPS, min_size=6, max_size=60), st.integers(1, 30))
+def test_samples_are_read_however_they_are_cut(
+    angle: int, steps: list[tuple[bool, int, int, int]], chunk: int
+) -> None:
+    samples = []
+    for start, quality, on, distance in steps:
+        angle = (angle + on) % 23040
+        samples.append(Sample(start, quality, angle, distance))
+    wire = b"".join(sample.encode() for sample in samples)
+    reader = SampleReader()
+    read = [s for at in range(0, len(wire), chunk) for s in reader.take(wire[at : at + chunk])]
+    assert read == samples
+    assert reader.counts.skipped == 0
+
+
+def test_a_reader_that_lost_its_place_finds_it_again() -> None:
+    samples = [Sample(k == 0, 15, 64 * k, 4000 + 7 * k) for k in range(300)]
+    wire = b"".join(sample.encode() for sample in samples)
+    reader = SampleReader()
+    broken = wire[:502] + wire[503:]  # one byte lost within the 101st
+    read = reader.take(broken)
+    assert read[:100] == samples[:100]
+    assert len(read) >= 295
+    assert len([sample for sample in read if sample not in samples]) <= 1
+    assert reader.counts.skipped >= 4
+
+
+class Rig:
+    """Lidar and driver, every 5 ms."""
+
+    def __init__(
+        self, sight: Sight = room, model: SensorModel = CHAPTER, parameters: RplidarParameters | None = None
+    ) -> None:
+        self.now = START
+        self.device = EmulatedRplidar(sight)
+        self.lidar = Rplidar(model, START, parameters or RplidarParameters())
+        self.scans: list[Scan] = []
+        self.noise = np.random.default_rng(3)
+        self.scramble = 0.0
+
+    def run(self, seconds: float) -> None:
+        end = self.now + round(seconds * 1e6)
+        while self.now < end:
+            self.now = Instant(self.now + milliseconds(5))
+            data = self.device.run(self.now)
+            if self.scramble:
+                kept = self.noise.random(len(data)) >= self.scramble
+                data = bytes(byte for byte, keep in zip(data, kept.tolist(), strict=True) if keep)
+            self.lidar.take(self.now, data)
+            self.device.take(self.now, self.lidar.due(self.now))
+            scan = self.lidar.scan()
+            if scan is not None:
+                self.scans.append(scan)
+
+
+def metres(scan: Scan) -> NDArray[np.float64]:
+    ranges = np.frombuffer(scan.ranges_mm, "<u2")
+    found: NDArray[np.float64] = np.where(ranges == NO_ECHO_MM, np.nan, ranges / 1000)
+    return found
+
+
+def test_it_starts_and_sees_the_room_along_the_models_rays() -> None:
+    rig = Rig()
+    rig.run(3.0)
+    assert rig.lidar.info == Info(0x18, (1, 29), 7, bytes(range(16)))
+    assert rig.lidar.health == Health(0)
+    assert rig.lidar.waiting(rig.now) is None
+    assert 14 <= len(rig.scans) <= 16  # 5.5 turns a second, the first not whole
+    truth = room(Rays(CHAPTER).angles)
+    seen = metres(rig.scans[-1])
+    within = truth < 6.4
+    assert np.isfinite(seen[within]).all()  # 364 samples reach all 640 rays
+    assert np.nanmedian(np.abs(seen - truth)) < 0.01
+    # A sample speaks for rays up to half its distance to the next, 0.5 degrees, away.
+    assert np.nanmax(np.abs(seen - truth)[within]) < 0.12
+    assert rig.lidar.counts.starts == 1
+    assert rig.lidar.samples.skipped == 0
+
+
+def test_scans_are_stamped_in_the_middle_of_their_turn() -> None:
+    rig = Rig()
+    rig.run(2.0)
+    apart = np.diff([scan.stamp for scan in rig.scans])
+    assert np.abs(apart - 1e6 / 5.5).max() <= 5000
+    assert 0.4 / 5.5 < (rig.now - rig.scans[-1].stamp) / 1e6 < 1.6 / 5.5
+
+
+@pytest.mark.parametrize(
+    ("upside_down", "zero_deg", "wanted_deg"), [(False, 0.0, 60.0), (True, 0.0, -60.0), (False, 90.0, 150.0)]
+)
+def test_its_mounting_turns_what_it_sees(upside_down: bool, zero_deg: float, wanted_deg: float) -> None:
+    """Something at 60 degrees counter-clockwise of the lidar's own zero, its top up."""
+
+    def post(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        aside = np.remainder(angles - math.radians(60) + math.pi, math.tau) - math.pi
+        return np.where(np.abs(aside) < math.radians(2), 1.0, np.inf)
+
+    rig = Rig(post, parameters=RplidarParameters(upside_down=upside_down, zero_deg=zero_deg))
+    rig.run(1.5)
+    rays = np.degrees(Rays(CHAPTER).angles)
+    hit = rays[np.isfinite(metres(rig.scans[-1]))]
+    assert hit.mean() == pytest.approx(wanted_deg, abs=0.6)
+    assert hit.max() - hit.min() < 6
+
+
+def test_noise_costs_samples_but_no_scan() -> None:
+    rig = Rig()
+    rig.run(1.0)
+    rig.scramble = 0.002
+    rig.run(10.0)
+    assert len(rig.scans) > 50
+    assert rig.lidar.samples.skipped > 50
+    assert rig.lidar.counts.starts == 1
+    truth = room(Rays(CHAPTER).angles)
+    assert np.nanmedian(np.abs(metres(rig.scans[-1]) - truth)) < 0.01
+
+
+def test_a_lidar_that_falls_silent_is_started_again() -> None:
+    rig = Rig()
+    rig.run(1.0)
+    rig.device.silent = True
+    rig.run(3.0)
+    assert rig.lidar.phase is not Phase.SCANNING
+    sentence = rig.lidar.waiting(rig.now)
+    assert sentence is not None
+    assert sentence.startswith("no scan from the RPLIDAR for 3.0 s; it should be plugged in, and its head ")
+    rig.device.silent = False
+    before = len(rig.scans)
+    rig.run(3.0)
+    assert len(rig.scans) > before + 5
+    assert rig.lidar.counts.starts == 2
+
+
+def test_one_that_scans_already_is_stopped_first() -> None:
+    rig = Rig()
+    rig.device.take(START, Request.SCAN.bytes)
+    rig.run(2.0)
+    assert len(rig.scans) > 5
+
+
+def test_an_ill_lidar_is_reset_and_says_what_is_wrong() -> None:
+    rig = Rig()
+    rig.device.health = Health(2, 7)
+    rig.run(3.0)
+    assert rig.lidar.waiting(rig.now) == (
+        "the RPLIDAR says that it is broken (error 7); unplug it and plug it in again, "
+        "and see that nothing holds its motor"
+    )
+    assert rig.scans == []
+    rig.device.health = Health(0)  # the reset has helped
+    rig.run(4.0)
+    assert rig.lidar.waiting(rig.now) is None
+    assert len(rig.scans) > 3
+
+
+def test_turns_with_too_few_or_too_many_samples_are_no_scans() -> None:
+    rig = Rig(parameters=RplidarParameters(fewest=400))
+    rig.run(2.0)
+    assert rig.scans == []
+    assert rig.lidar.counts.thin > 5
+    rig = Rig(parameters=RplidarParameters(most=300))
+    rig.run(2.0)
+    assert rig.scans == []
+    assert rig.lidar.counts.thin > 5
+
+
+def test_a_turn_with_a_gap_is_no_scan_as_it_would_look_like_free_floor() -> None:
+    lidar = Rplidar(CHAPTER, START)
+    lidar.phase = Phase.SCANNING
+    for turn in range(4):
+        lost = 15 if turn == 1 else 5
+        samples = [Sample(k == 0, 15, 64 * k, 4000) for k in range(360) if not 100 <= k < 100 + lost]
+        lidar.take(Instant(182_000 * turn), b"".join(sample.encode() for sample in samples))
+    assert lidar.counts.scans == 2
+    assert lidar.counts.thin == 1
+
+
+def test_whatever_comes_nothing_is_raised_and_little_is_kept() -> None:
+    rig = Rig()
+    for _ in range(2000):
+        rig.now = Instant(rig.now + milliseconds(5))
+        rig.lidar.take(rig.now, rig.noise.bytes(100))
+        rig.lidar.due(rig.now)
+    assert len(rig.lidar._pending) < 50
+    assert len(rig.lidar._samples._pending) < 200
+
+
+def test_a_missing_lidar() -> None:
+    with pytest.raises(PortError) as failure:
+        open_port("/dev/no_lidar")
+    assert str(failure.value) == (
+        "/dev/no_lidar: there is no such port; plug in the RPLIDAR and switch it on, or give its right port"
+    )
+
+
+def test_an_emulated_lidar_in_a_process_of_its_own(tmp_path: Path) -> None:
+    link = tmp_path / "rplidar"
+    command = [sys.executable, "-m", "firmware_bridge.range_sensors.emulate", "--link", str(link)]
+    root = Path(firmware_bridge.__file__).parent.parent
+    with subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == f"an RPLIDAR A1 at {link}; stop with Ctrl+C\n"
+            scan = _first_scan(str(link))
+        finally:
+            os.kill(process.pid, signal.SIGTERM)
+        assert process.wait(10) == 0
+    assert scan is not None
+    assert metres(scan)[319] == pytest.approx(3.0, abs=0.01)  # ahead, from the middle of 6 m
+
+
+def _first_scan(path: str) -> Scan | None:
+    """In real time; gives up after 30 s."""
+    with open_port(path) as port:
+        begun = time.monotonic_ns()
+        now, lidar = START, Rplidar(CHAPTER, START)
+        scan = None
+        while now < 30_000_000 and scan is None:
+            now = Instant((time.monotonic_ns() - begun) // 1000)
+            lidar.take(now, port.read())
+            port.write(lidar.due(now))
+            scan = lidar.scan()
+        port.write(lidar.farewell())
+    return scan
