@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -61,7 +62,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except DeecoError as error:
         print(f"deeco.explain: {error}", file=sys.stderr)  # noqa: T201
         return 2
-    print("\n".join(mermaid(subjects) if options.mermaid else text(subjects)))  # noqa: T201
+    try:
+        print("\n".join(mermaid(subjects) if options.mermaid else text(subjects)), flush=True)  # noqa: T201
+    except BrokenPipeError:  # whoever reads it has had enough, as `head` has
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 
