@@ -4,6 +4,7 @@ from actors.robot.host import host
 from actors.robot.ports import Behaviour, Start
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
+from cleaning.making_way import MakingWay
 from cleaning.parameters import AdaptationParameters, ReleasedParameters
 from cleaning.place import duties
 from cleaning.settings import from_settings
@@ -25,4 +26,5 @@ def _adaptive(start: Start, parameters: AdaptationParameters) -> Behaviour:
         id=start.robot, position=start.pose.point, route=duties(start), parameters=p
     )
     adoption = DestinationAdoption(p.adoption_distance, p.adoption_checks, p.adoption_backoff)
-    return host(start, robot, adoption, AdoptedDestinationRemove(p.exchange))
+    further = (MakingWay(p.adoption_distance),) if p.make_way else ()
+    return host(start, robot, adoption, AdoptedDestinationRemove(p.exchange), *further)

@@ -77,6 +77,9 @@ class AdaptationParameters(CleaningParameters):
     exchange: bool = True
     """Who loses its destination to a robot takes the one which that robot left for it: the text's "and vice
     versa". In the code each side adopts for itself, and whoever is later finds its own destination."""
+    make_way: bool = False
+    """Who wants nowhere any more goes to some random place when a blocked robot is near, as near as for an
+    adoption. Own addition: in text and code a robot that is done stands in the way for good."""
     most_adopted: int = 10
     """So many adoptions are published, the newest: with ten, knowledge fills a frame and begins a second. The
     code publishes all."""

@@ -10,10 +10,11 @@ from actors.messages import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.cleaner import Cleaner, State
+from cleaning.making_way import MakingWay
 from cleaning.parameters import AdaptationParameters, ReleasedParameters
 from cleaning.place import Claim
 from deeco.knowledge import seen_as
-from tests.cleaning.equipment import NOW, Notes, Ways, adaptive, duty, route
+from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Notes, Ways, adaptive, duty, route
 
 P = AdaptationParameters()
 ADOPTION = DestinationAdoption(P.adoption_distance, P.adoption_checks, P.adoption_backoff)
@@ -135,6 +136,19 @@ def test_who_loses_the_last_place_stops() -> None:
     assert (r2.destination, r2.route) == (None, ())
     r2.drive(ways, notes, NOW)
     assert ways.orders == [Point(-5.0, 0.0), None]
+
+
+def test_who_is_done_makes_way_for_who_is_blocked_near_by() -> None:
+    ensemble, idle = MakingWay(1.5), adaptive("r2", 1.0)
+    assert ensemble.membership(seen(R1), idle)
+    assert ensemble.at_member(seen(R1), idle, Floor()).waypoint == SOMEWHERE
+    for peer, member in (
+        (replace(seen(R1), state=State.FREE), idle),
+        (replace(seen(R1), position=Point(-0.6, 0.0)), idle),
+        (seen(R1), R2),
+        (seen(R1), idle.sent_to(SOMEWHERE)),
+    ):
+        assert not ensemble.membership(peer, member)
 
 
 # --- defects of the released code --------------------------------------------------------------------------
