@@ -136,7 +136,7 @@ def meeting(ensemble: type, cls: type[Knowledge]) -> Part | None:
 
 def rhythm_of(kind: EnsembleType) -> str:
     """When an ensemble is evaluated."""
-    times = [_rhythm(Periodic(kind.every, kind.offset, kind.order))] if kind.every is not None else []
+    times = [_rhythm(Periodic(kind.every, kind.offset))] if kind.every is not None else []
     times += [_change(kind.on_change)] if kind.on_change else []
     age = "" if kind.max_age is None else f", by news of the last {in_seconds(kind.max_age):g} s"
     return " and ".join(times) + age

@@ -71,7 +71,6 @@ class EnsembleType:
     name: str
     every: Duration | None
     offset: Duration
-    order: int
     on_change: tuple[Fact, ...]
     max_age: Duration | None
     """Older replicas take no part; None: as long as the node keeps them."""
@@ -98,7 +97,6 @@ def ensemble(
     *,
     every: Duration | None = None,
     offset: Duration = _NONE,
-    order: int = 0,
     on_change: Fact | tuple[Fact, ...] = (),
     max_age: Duration | None = None,
 ) -> Callable[[type[T]], type[T]]:
@@ -118,7 +116,7 @@ def ensemble(
 
     def tagged(cls: type[T]) -> type[T]:
         made = dataclass(frozen=True)(cls)
-        setattr(made, _TAG, _described(made, every, offset, order, facts, max_age))
+        setattr(made, _TAG, _described(made, every, offset, facts, max_age))
         return made
 
     return tagged
@@ -138,7 +136,6 @@ def _described(
     cls: type,
     every: Duration | None,
     offset: Duration,
-    order: int,
     facts: tuple[Fact, ...],
     max_age: Duration | None,
 ) -> EnsembleType:
@@ -158,7 +155,6 @@ def _described(
         name=cls.__name__,
         every=every,
         offset=offset,
-        order=order,
         on_change=facts,
         max_age=max_age,
         coordinator=coordinator,

@@ -25,7 +25,7 @@ CASCADE_LIMIT: Final = 16
 """So often may processes trigger one another at one instant before the node takes it for a circle."""
 _NONE: Final = Duration(0)
 _ENSEMBLES: Final = 1 << 20
-"""Order of ensembles within an instant, after the processes; they keep their own order among them."""
+"""Order of ensembles within an instant: after the processes, and among them as deployed."""
 _PUBLICATION: Final = 1 << 40
 
 
@@ -127,7 +127,7 @@ class Node:
             kind = pairing.type
             if kind.every is not None:
                 first = Instant(start + kind.offset)
-                self._agenda.repeat(self._evaluation(pairing), first, kind.every, _ENSEMBLES + kind.order)
+                self._agenda.repeat(self._evaluation(pairing), first, kind.every, _ENSEMBLES)
             triggered = self._evaluated(pairing)
             for component in self._locals:
                 facts = [fact for fact in kind.on_change if has_fact(type(component.value), fact)]
