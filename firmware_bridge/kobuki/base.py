@@ -98,9 +98,9 @@ class _Wheels:
 
 @dataclass
 class _Sending:
-    """A frame on the wire: when it began, µs, and how much of it has left."""
+    """A frame on the wire: when it began, and how much of it has left."""
 
-    begun: float
+    begun: Instant
     data: bytes
     left: int = field(default=0)
 
@@ -131,7 +131,6 @@ class EmulatedKobuki:
         self._gains = ControllerInfo(0, 100_000, 100, 2_000)
         self._frozen: Inertial | None = None
         self._line: deque[_Sending] = deque(maxlen=64)
-        self._line_free = float(started)
         self.faults = Faults()
         self.outputs = wire_packets.POWER_RAILS
         """Digital outputs, power rails and LEDs, as last set."""
@@ -228,9 +227,7 @@ class EmulatedKobuki:
             data = self._scrambled(data)
         if self.faults.silent:
             return
-        begun = max(float(at), self._line_free)
-        self._line_free = begun + len(data) * _BYTE_US
-        self._line.append(_Sending(begun, data))
+        self._line.append(_Sending(at, data))  # at most 164 bytes, 14 ms: the one before has left
 
     def _packets(self, at: Instant) -> list[Feedback]:
         per_tick = self._p.errors.tick_um * 1e-6

@@ -155,7 +155,7 @@ class KobukiOdometry:
         return (
             0 < motion.time <= self._p.longest_gap
             and max(abs(motion.left), abs(motion.right)) <= self._p.fastest * time
-            and abs(motion.turn or 0.0) <= self._p.fastest_turn * time
+            and (self._frozen or abs(motion.turn or 0.0) <= self._p.fastest_turn * time)
         )
 
     def _add(self, motion: _Motion, reading: _Reading) -> None:

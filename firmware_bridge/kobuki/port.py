@@ -1,15 +1,17 @@
-"""Where a Kobuki is plugged in."""
+"""Where a Kobuki is plugged in.
+
+The name /dev/kobuki, and bytes passed on every millisecond, come from this line, without its breaks, in
+/etc/udev/rules.d/60-kobuki.rules:
+
+    SUBSYSTEM=="tty", ATTRS{idVendor}=="0403", ATTRS{idProduct}=="6001", ATTRS{serial}=="kobuki*",
+    GROUP="dialout", MODE="0660", ATTR{device/latency_timer}="1", SYMLINK+="kobuki"
+"""
 
 from typing import Final
 
 from firmware_bridge.serial_port import Device, SerialPort
 
 KOBUKI: Final = Device(name="Kobuki", symlink="/dev/kobuki", baud=115_200)
-UDEV_RULE: Final = (
-    'SUBSYSTEM=="tty", ATTRS{idVendor}=="0403", ATTRS{idProduct}=="6001", ATTRS{serial}=="kobuki*", '
-    'GROUP="dialout", MODE="0660", ATTR{device/latency_timer}="1", SYMLINK+="kobuki"'
-)
-"""For /etc/udev/rules.d/60-kobuki.rules: the name /dev/kobuki, and bytes passed on every millisecond."""
 
 
 def open_port(path: str = KOBUKI.symlink) -> SerialPort:

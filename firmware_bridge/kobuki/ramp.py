@@ -21,6 +21,12 @@ class RampParameters:
     """More time than this between two commands counts as this; own choice, three feedbacks: a host that
     slept makes no jump."""
 
+    def __post_init__(self) -> None:
+        for name in ("speed_up", "slow_down", "turn_up", "turn_down"):
+            value = getattr(self, name)
+            if not 0 < value <= 10:
+                raise ValueError(f"{name} is {value}; it should be above 0 and at most 10")
+
 
 class Ramp:
     """The velocity that was last sent, and how far it may go from there."""

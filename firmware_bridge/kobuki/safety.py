@@ -169,9 +169,8 @@ class SafetyStop:
         v, omega = self._limited(self._wish.v, self._wish.omega)
         if not stops:
             return Allowed(*self._ramp.towards(now, v, omega), stops)
-        if self._ramp.v + abs(self._ramp.omega) * TRACK / 2 > 0:
-            self._ramp.halt(now)
-        v, omega = _backward(*self._ramp.towards(now, *_backward(v, omega)))
+        ramped = self._ramp.towards(now, *_backward(v, omega))
+        v, omega = _backward(*ramped)  # no ramp down from going forward
         self._ramp.set(now, v, omega)
         return Allowed(v, omega, stops)
 

@@ -80,9 +80,13 @@ def test_a_lost_base_is_told_and_asked_anew_when_it_is_back() -> None:
     assert 100_000 < lost.instant - lost.since <= 110_000
     assert rig.driver.odometry.read().vx == 0.0
     rig.base.faults.silent = False
-    rig.run(1.0)
+    rig.base.outputs = 0  # it was switched off and on
+    rig.run(0.1)
+    assert rig.base.outputs == POWER_RAILS
+    rig.run(0.5)
     assert len([event for event in rig.told if isinstance(event, Found)]) == 2
     assert len(heard(rig, RequestExtra)) == 2
+    assert rig.driver.identity.complete
 
 
 def test_base_control_goes_out_once_per_feedback_and_never_too_often() -> None:

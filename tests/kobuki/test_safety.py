@@ -10,6 +10,7 @@ from actors.geometry import Pose
 from actors.instant import START, Instant, milliseconds
 from firmware_bridge.kobuki.motion import velocity, wheel_speeds
 from firmware_bridge.kobuki.packets import BaseControl, Basic, Inertial
+from firmware_bridge.kobuki.ramp import Ramp, RampParameters
 from firmware_bridge.kobuki.safety import Allowed, Cause, SafetyParameters, SafetyStop
 from firmware_bridge.room import Room
 from tests.kobuki.drives import Rig
@@ -142,6 +143,9 @@ def test_a_command_from_the_future_does_not_last_longer() -> None:
     assert story.causes == []
     story.go(220, None)
     assert story.causes == [Cause.NO_COMMAND]
+    story.go(100, -0.4)  # nor keeps out those that follow
+    assert story.causes == []
+    assert story.allowed.v < 0
 
 
 def test_a_command_that_was_overtaken_is_left_out() -> None:
@@ -195,6 +199,17 @@ def test_no_setting_makes_it_laxer(lax: dict[str, float], sentence: str) -> None
     with pytest.raises(ValueError, match=r".*") as failure:
         SafetyParameters(**lax)  # type: ignore[arg-type]
     assert str(failure.value) == sentence
+
+
+def test_a_ramp_makes_no_jump_after_a_pause() -> None:
+    ramp = Ramp(RampParameters())
+    assert ramp.towards(START, 1.0, 1.0) == (0.0, 0.0)
+    assert ramp.towards(Instant(5_000_000), 1.0, 1.0) == pytest.approx((0.3 * 0.06, 3.5 * 0.06))
+
+
+def test_a_ramp_is_finite() -> None:
+    with pytest.raises(ValueError, match=r"^speed_up is inf; it should be above 0 and at most 10$"):
+        RampParameters(speed_up=math.inf)
 
 
 STEP = st.tuples(

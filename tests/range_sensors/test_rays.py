@@ -91,3 +91,27 @@ def test_what_is_too_near_hides_what_is_behind_it() -> None:
 
 def test_millimetres_are_rounded_as_in_the_simulated_world() -> None:
     assert seen(CIRCLE, [(0, 1.2344), (45, 1.2346)])[3:5] == [1234, 1235]
+
+
+def by_hand(model: SensorModel, samples: list[tuple[float, float]], reach: float) -> list[int]:
+    """The same, ray by ray, in the plainest words."""
+    found = []
+    for ray in Rays(model).angles.tolist():
+        aside = [(abs(math.remainder(angle - ray, math.tau)), metres) for angle, metres in samples]
+        own = [metres for angle, metres in aside if angle < model.increment / 2]
+        angle, nearest = min(aside)
+        best = min(own) if own else nearest if angle <= reach else math.inf
+        found.append(math.floor(1000 * best + 0.5) if model.range_min <= best <= model.range_max else NONE)
+    return found
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize(
+    "model", [sensor(360.0, 97), sensor(360.0, 8), sensor(120.0, 50, 0.3), sensor(58.0, 7)]
+)
+def test_any_samples_give_what_they_give_by_hand(model: SensorModel, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    samples = np.column_stack((rng.uniform(-7, 7, 60), rng.uniform(0.01, 6.0, 60)))
+    scan = Rays(model, reach=0.05).scan(Instant(0), samples[:, 0], samples[:, 1])
+    pairs = [(angle, metres) for angle, metres in samples.tolist()]
+    assert np.frombuffer(scan.ranges_mm, "<u2").tolist() == by_hand(model, pairs, 0.05)

@@ -149,7 +149,8 @@ def test_scans_are_stamped_in_the_middle_of_their_turn() -> None:
     rig.run(2.0)
     apart = np.diff([scan.stamp for scan in rig.scans])
     assert np.abs(apart - 1e6 / 5.5).max() <= 5000
-    assert 0.4 / 5.5 < (rig.now - rig.scans[-1].stamp) / 1e6 < 1.6 / 5.5
+    middles = [scan.stamp / 1e6 * 5.5 % 1 for scan in rig.scans]  # it turned from the instant 0 on
+    assert middles == pytest.approx([0.5] * len(middles), abs=0.04)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,97 @@
+"""The emulated base: attached to a body that a world moves, in the room, and as a program."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actors.geometry import Pose
+from actors.instant import START, Instant
+from firmware_bridge.kobuki import emulate
+from firmware_bridge.kobuki.base import BaseParameters, EmulatedKobuki
+from firmware_bridge.kobuki.body import Truth, Unicycle
+from firmware_bridge.kobuki.driver import KobukiDriver
+from firmware_bridge.kobuki.packets import GetGain, SetGain, Version
+from firmware_bridge.room import Room
+from tests.kobuki.drives import Rig
+
+
+class Passenger:
+    """A body that a world moves in steps of its own."""
+
+    def __init__(self, mover: Unicycle) -> None:
+        self._mover = mover
+        self.wanted = (0.0, 0.0)
+
+    def drive(self, v: float, omega: float) -> None:
+        self.wanted = (v, omega)
+
+    def advance(self, now: Instant) -> None:
+        """The world does it."""
+
+    def truth(self) -> Truth:
+        return self._mover.truth()
+
+    def bumper(self) -> int:
+        return 0
+
+
+def test_a_body_that_a_world_moves_in_long_steps_is_measured_as_if_it_moved_evenly() -> None:
+    world = Unicycle(Pose(5.0, 5.0, 1.0), Room(20.0, 20.0))
+    body = Passenger(world)
+    base = EmulatedKobuki(body, np.random.default_rng(1))
+    driver = KobukiDriver(START)
+    now = START
+    for _ in range(80):
+        now = Instant(now + 100_000)
+        world.advance(now)
+        driver.take(now, base.run(now))
+        driver.command(now, 0.4, 0.5)
+        base.take(now, driver.due(now))
+        world.drive(*body.wanted)
+    truth = Pose(5.0, 5.0, 1.0).relative(world.truth().pose)
+    odometry = driver.odometry.read()
+    assert (odometry.vx, odometry.omega) == pytest.approx((0.4, 0.5), abs=0.012)
+    # The last feedback is still on the wire: 8 ms of driving.
+    assert (odometry.x, odometry.y) == pytest.approx((truth.x, truth.y), abs=0.012)
+    assert driver.odometry.counts.implausible == 0
+
+
+@pytest.mark.parametrize(("heading", "bits"), [(0.0, 2), (1.0, 1), (-1.0, 4), (3.0, 0), (0.785, 1 | 4)])
+def test_the_bumper_has_three_sectors(heading: float, bits: int) -> None:
+    corner = heading == 0.785
+    body = Unicycle(Pose(3.8, 3.8 if corner else 2.0, heading), Room(4.0, 4.0))
+    body.drive(0.3 if heading < 2 else -0.3, 0.0)
+    body.advance(Instant(2_000_000))
+    assert body.bumper() == bits
+
+
+def test_a_lifted_base_does_not_move_and_a_deaf_one_drives_on() -> None:
+    rig = Rig()
+    rig.base.faults.wheel_drop = 3
+    rig.run(1.0, (0.3, 0.0))
+    rig.base.faults.wheel_drop = 0
+    rig.run(4.0, (0.3, 0.0))
+    assert rig.body.truth().v == pytest.approx(0.3)
+    rig.base.faults.deaf = True
+    rig.run(1.0)  # the driver says stand; only a watchdog in the base could help
+    assert rig.driver.allowed.v == 0.0
+    assert rig.body.truth().v == pytest.approx(0.3)
+
+
+def test_new_firmware_tells_its_gains() -> None:
+    base = EmulatedKobuki(Unicycle(), np.random.default_rng(1), BaseParameters(firmware=Version(1, 2, 0)))
+    base._obey(SetGain(1, 50_000, 200, 3_000))
+    base._obey(GetGain())
+    assert len(base.run(Instant(40_000))) == 2 * 81 + 15 - 81  # of the second feedback nothing has left yet
+
+
+def test_a_link_that_cannot_be_made_ends_the_program(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_text("kept")
+    assert emulate.main(["--link", str(path), "--noisy", "--seed", "3"]) == 2
+    assert capsys.readouterr().err == (
+        f"{path}: there is something that is no link; give a path where a link can be made\n"
+    )
