@@ -1,6 +1,5 @@
 """Runs an emulated device on a pseudo-terminal, in real time, until the process is told to stop."""
 
-import argparse
 import signal
 import sys
 import time
@@ -9,6 +8,7 @@ from types import FrameType
 from typing import Final, Protocol
 
 from actors.instant import Instant
+from actors.runtime.seat import ArgumentParser
 from firmware_bridge.pseudo_terminal import PseudoTerminal
 
 _ROUND_S: Final = 0.002
@@ -50,9 +50,9 @@ def serve(device: EmulatedDevice, link: Path, what: str) -> None:
             signal.signal(number, handler)
 
 
-def link_parser(program: str, description: str) -> argparse.ArgumentParser:
-    """A command line with `--link PATH`."""
-    parser = argparse.ArgumentParser(prog=program, description=description)
+def link_parser(program: str, description: str) -> ArgumentParser:
+    """A command line with `--link PATH`, whose errors are ArgumentErrors."""
+    parser = ArgumentParser(prog=program, description=description)
     parser.add_argument(
         "--link",
         type=Path,

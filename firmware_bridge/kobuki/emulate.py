@@ -16,10 +16,12 @@ def main(argv: Sequence[str]) -> int:
     parser = link_parser("python -m firmware_bridge.kobuki.emulate", "A Kobuki in an empty room.")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the errors of its sensors")
     parser.add_argument("--noisy", action="store_true", help="encoders and gyro err as real ones do")
-    options = parser.parse_args(argv)
-    parameters = BaseParameters(errors=KobukiErrors() if options.noisy else EXACT)
-    base = EmulatedKobuki(Unicycle(), generator(options.seed, "kobuki", "emulated"), parameters)
     try:
+        options = parser.parse_args(argv)
+        if options.seed < 0:
+            parser.error(f"argument --seed: {options.seed} is negative; it should be 0 or more")
+        parameters = BaseParameters(errors=KobukiErrors() if options.noisy else EXACT)
+        base = EmulatedKobuki(Unicycle(), generator(options.seed, "kobuki", "emulated"), parameters)
         serve(base, options.link, "a Kobuki")
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")

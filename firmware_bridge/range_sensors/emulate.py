@@ -13,9 +13,9 @@ from firmware_bridge.room import EMPTY
 def main(argv: Sequence[str]) -> int:
     """Be a lidar in the middle of an empty room until told to stop; the exit code."""
     parser = link_parser("python -m firmware_bridge.range_sensors.emulate", "A lidar in an empty room.")
-    options = parser.parse_args(argv)
     here = Pose(*EMPTY.middle, 0.0)
     try:
+        options = parser.parse_args(argv)
         serve(EmulatedRplidar(lambda angles: EMPTY.ranges(here, angles)), options.link, "an RPLIDAR A1")
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")

@@ -86,6 +86,20 @@ def test_new_firmware_tells_its_gains() -> None:
     assert len(base.run(Instant(40_000))) == 2 * 81 + 15 - 81  # of the second feedback nothing has left yet
 
 
+@pytest.mark.parametrize(
+    ("argv", "sentence"),
+    [
+        ([], "the following arguments are required: --link"),
+        (["--link", "x", "--seed", "-1"], "argument --seed: -1 is negative; it should be 0 or more"),
+    ],
+)
+def test_a_wrong_command_line_is_one_sentence(
+    argv: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert emulate.main(argv) == 2
+    assert capsys.readouterr().err == f"python -m firmware_bridge.kobuki.emulate: {sentence}\n"
+
+
 def test_a_link_that_cannot_be_made_ends_the_program(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
