@@ -5,9 +5,10 @@ here. Keys: `swarm/up/<id>/…` from a robot, `swarm/down/<id>/…` to it, `swar
 All instants are microseconds of the run's time; positions are metres in the map frame, angles radians.
 """
 
-from typing import Final, Generic, TypeVar
+from typing import Final
 
-import msgspec
+from actors.board import BoardNote
+from actors.topic import Message, Part, Topic
 
 MESSAGE_VERSION: Final = 2
 FRAME_DATA_LIMIT: Final = 118
@@ -17,38 +18,6 @@ REASON_LIMIT: Final = 100
 """Characters of the reason for which a place is given up."""
 NO_ECHO_MM: Final = 0xFFFF
 """The range on the wire, uint16 mm, of a ray that met nothing within the sensor's range."""
-
-
-class Message(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """A value that travels between actors; `step` is the step it belongs to."""
-
-    step: int
-
-
-class Part(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
-    """A value inside a message."""
-
-
-M = TypeVar("M", bound=Message)
-
-
-class Topic(Generic[M]):
-    """A key, or a family of keys with one robot id in it, and the type of what travels there."""
-
-    def __init__(self, pattern: str, kind: type[M]) -> None:
-        self.pattern = pattern
-        self.kind = kind
-        self._keys: dict[str, str] = {}
-
-    def key(self, robot: str = "") -> str:
-        """The key for `robot`, or the topic's only key."""
-        key = self._keys.get(robot)
-        if key is None:
-            key = self._keys[robot] = self.pattern.replace("{id}", robot)
-        return key
-
-    def __repr__(self) -> str:
-        return f"Topic({self.pattern!r}, {self.kind.__name__})"
 
 
 # --- readiness ---------------------------------------------------------------------------------------------
@@ -204,7 +173,14 @@ class Refused(Part, frozen=True, tag="refused"):
     reason: str
 
 
-RadioEvent = Heard | Sent | AccessFailure | Overflow | Refused
+class Unconfirmed(Part, frozen=True, tag="unconfirmed"):
+    """Nobody knows whether the frame `tag` has left: a board had it and never said. Not in simulation."""
+
+    instant: int
+    tag: int
+
+
+RadioEvent = Heard | Sent | AccessFailure | Overflow | Refused | Unconfirmed
 
 
 class Received(Message, frozen=True):
@@ -366,6 +342,15 @@ class Progress(Message, frozen=True):
     paused: bool = False
 
 
+# --- what a radio board tells beside radio -----------------------------------------------------------------
+
+
+class Board(Message, frozen=True):
+    """News from a radio board, for people: outside the barrier. `step` is not used."""
+
+    notes: tuple[BoardNote, ...]
+
+
 READY: Final = Topic("swarm/up/{id}/ready", Ready)
 SENSES: Final = Topic("swarm/down/{id}/senses", Senses)
 DRIVE: Final = Topic("swarm/up/{id}/drive", Drive)
@@ -377,7 +362,9 @@ AIRED: Final = Topic("swarm/infra/aired", Aired)
 CONTROL: Final = Topic("swarm/infra/control", Control)
 ROSTER: Final = Topic("swarm/infra/roster", Roster)
 PROGRESS: Final = Topic("swarm/infra/progress", Progress)
+BOARD: Final = Topic("swarm/infra/board", Board)
 
 TOPICS: Final[tuple[Topic[Message], ...]] = (
     READY, SENSES, DRIVE, TRANSMIT, RECEIVED, RADIO_READY, TRUTH, AIRED, CONTROL, ROSTER, PROGRESS,
+    BOARD,
 )  # type: ignore[assignment]  # fmt: skip

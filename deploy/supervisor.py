@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterable
 
 import msgspec
 
-from actors.messages import PROGRESS, ROSTER, Message, ProcessOrder, Progress, Roster, Topic
+from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress, Roster
 from actors.runtime.bus import Bus
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import FailureNote
 from actors.runtime.recording import RecordingError, read_notes
+from actors.topic import Message, Topic
 from deploy.launch import Child, Launcher, Program
 
 

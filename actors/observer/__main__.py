@@ -10,7 +10,7 @@ import msgspec
 
 from actors.geometry import Point
 from actors.map_file import load_map
-from actors.messages import DRIVE, TRUTH, Drive, Message, Truth
+from actors.messages import DRIVE, TRUTH, Drive, Truth
 from actors.observer.observer import Observer
 from actors.runtime.access import client_config
 from actors.runtime.bus import Delivery
@@ -21,6 +21,7 @@ from actors.runtime.parent import die_with_parent, leave_in_order
 from actors.runtime.process import ROUTER_PATIENCE_S
 from actors.runtime.seat import ArgumentParser
 from actors.runtime.zenoh_bus import ZenohBus, open_mesh
+from actors.topic import Message
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from typing import Any, Final
 from numpy.random import Generator
 
 from actors.instant import START, Duration, Instant
-from actors.messages import AccessFailure, Heard, Outgoing, Overflow, RadioEvent, Refused, Sent
+from actors.messages import AccessFailure, Heard, Outgoing, Overflow, RadioEvent, Refused, Sent, Unconfirmed
 from actors.robot import devices
 from actors.robot.behaviour import BehaviourError
 from actors.robot.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning
@@ -34,6 +34,7 @@ _FATES: Final[Mapping[type[Any], str]] = {
     AccessFailure: "frames_access_failure",
     Overflow: "frames_overflow",
     Refused: "frames_refused",
+    Unconfirmed: "frames_unconfirmed",
 }
 
 

@@ -12,7 +12,7 @@ from typing import Any, Final
 import msgspec
 import zenoh
 
-from actors.messages import AIRED, CONTROL, RADIO_READY, RECEIVED, TRANSMIT, TRUTH
+from actors.messages import AIRED, BOARD, CONTROL, RADIO_READY, RECEIVED, TRANSMIT, TRUTH
 from actors.runtime import credentials
 from actors.runtime.credentials import AccessError, Credentials, unix_endpoint, unnamed
 
@@ -38,7 +38,7 @@ def robot_grant(robot: str) -> Grant:
 _EVERYTHING: Final = ["swarm/**"]
 _OTHER_GRANTS: Final = {
     "radio": Grant(
-        publish=[RECEIVED.key("*"), RADIO_READY.key(), AIRED.key()],
+        publish=[RECEIVED.key("*"), RADIO_READY.key(), AIRED.key(), BOARD.key()],
         subscribe=[TRANSMIT.key("*"), TRUTH.key()],
         receive=[TRANSMIT.key("*"), TRUTH.key()],
         see_subscribers=["swarm/down/**", "swarm/infra/**"],

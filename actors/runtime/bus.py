@@ -2,7 +2,7 @@
 
 from typing import NamedTuple, Protocol
 
-from actors.messages import Message, Topic
+from actors.topic import Message, Topic
 
 
 class Delivery(NamedTuple):

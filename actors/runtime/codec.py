@@ -5,8 +5,9 @@ from typing import Any, Final
 
 import msgspec
 
-from actors.messages import MESSAGE_VERSION, TOPICS, Message, Topic
+from actors.messages import MESSAGE_VERSION, TOPICS
 from actors.runtime.errors import AcrcError
+from actors.topic import Message, Topic
 
 _PREFIX: Final = bytes([MESSAGE_VERSION])
 _ENCODER: Final = msgspec.msgpack.Encoder()

@@ -8,7 +8,7 @@ import functools
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol, TypeVar
 
-from actors.messages import Message, Topic
+from actors.topic import Message, Topic
 
 M = TypeVar("M", bound=Message)
 

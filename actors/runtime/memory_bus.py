@@ -3,11 +3,11 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from actors.messages import Message, Topic
 from actors.runtime.bus import Delivery
 from actors.runtime.core import Address
 from actors.runtime.errors import AcrcError
 from actors.runtime.shell import Shell
+from actors.topic import Message, Topic
 
 
 class StalledError(AcrcError):

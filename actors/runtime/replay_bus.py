@@ -5,13 +5,14 @@ from collections import deque
 from hashlib import sha256
 from pathlib import Path
 
-from actors.messages import TOPICS, Message, Topic
+from actors.messages import TOPICS
 from actors.runtime.bus import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_recording
 from actors.runtime.shell import Shell, run_shell
 from actors.runtime.tally import is_telemetry
+from actors.topic import Message, Topic
 
 
 class ReplayError(AcrcError):

@@ -6,19 +6,8 @@ from typing import Final
 
 import msgspec
 
-from actors.messages import (
-    AIRED,
-    CONTROL,
-    DRIVE,
-    PROGRESS,
-    RECEIVED,
-    ROSTER,
-    SENSES,
-    TRANSMIT,
-    TRUTH,
-    Message,
-    Topic,
-)
+from actors.messages import AIRED, CONTROL, DRIVE, PROGRESS, RECEIVED, ROSTER, SENSES, TRANSMIT, TRUTH
+from actors.topic import Message, Topic
 
 _DIGESTED: Final = frozenset(
     topic.pattern for topic in (SENSES, RECEIVED, DRIVE, TRANSMIT, TRUTH, AIRED, CONTROL, ROSTER)

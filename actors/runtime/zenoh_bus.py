@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import zenoh
 
-from actors.messages import Message, Topic
 from actors.runtime.bus import Delivery
 from actors.runtime.core import Address
 from actors.runtime.errors import AcrcError
+from actors.topic import Message, Topic
 
 _ONE_THREAD: Final = (
     "(rx: (worker_threads: 1), tx: (handover: rx), app: (handover: rx), acc: (handover: rx), "

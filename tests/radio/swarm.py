@@ -10,7 +10,6 @@ from actors.messages import (
     TRUTH,
     Aired,
     Jam,
-    Message,
     Outgoing,
     RadioEvent,
     Received,
@@ -21,6 +20,7 @@ from actors.messages import (
 from actors.radio.core import RadioCore
 from actors.radio.program import build
 from actors.radio.setup import RadioSetup
+from actors.topic import Message
 
 STEP = 100_000
 

@@ -16,7 +16,6 @@ from actors.messages import (
     TRANSMIT,
     Drive,
     Heard,
-    Message,
     Odometry,
     Outgoing,
     PlaceGivenUp,
@@ -39,6 +38,7 @@ from actors.robot.planning import Planner, ground
 from actors.robot.ports import Decision, Goal, GoalOrder, GoalStatus
 from actors.robot.surroundings import ScanError, Surroundings
 from actors.runtime.core import Output, at, to
+from actors.topic import Message
 from tests.robot.base import TWO_ROOMS, FakeBase, model
 from tests.robot.behaviours import Scripted
 

@@ -5,20 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actors.messages import (
-    DRIVE,
-    RECEIVED,
-    Drive,
-    Heard,
-    Message,
-    PlaceGivenUp,
-    PlaceKey,
-    PlaceReport,
-    Received,
-    Sent,
-    Topic,
-)  # fmt: skip
+from actors.messages import DRIVE, RECEIVED, Drive, Heard, PlaceGivenUp, PlaceKey, PlaceReport, Received, Sent
 from actors.runtime.codec import WireError, decode, encode
+from actors.topic import Message, Topic
 
 REALS = st.floats(allow_nan=False, allow_infinity=False)
 COUNTS = st.integers(min_value=0, max_value=2**40)

@@ -1,0 +1,37 @@
+"""What every message is, and on which key which message travels."""
+
+from typing import Generic, TypeVar
+
+import msgspec
+
+
+class Message(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """A value that travels between actors; `step` is the step it belongs to."""
+
+    step: int
+
+
+class Part(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+    """A value inside a message."""
+
+
+M = TypeVar("M", bound=Message)
+
+
+class Topic(Generic[M]):
+    """A key, or a family of keys with one robot id in it, and the type of what travels there."""
+
+    def __init__(self, pattern: str, kind: type[M]) -> None:
+        self.pattern = pattern
+        self.kind = kind
+        self._keys: dict[str, str] = {}
+
+    def key(self, robot: str = "") -> str:
+        """The key for `robot`, or the topic's only key."""
+        key = self._keys.get(robot)
+        if key is None:
+            key = self._keys[robot] = self.pattern.replace("{id}", robot)
+        return key
+
+    def __repr__(self) -> str:
+        return f"Topic({self.pattern!r}, {self.kind.__name__})"
