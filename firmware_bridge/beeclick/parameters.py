@@ -1,0 +1,99 @@
+"""What the link to a board can be told."""
+
+from dataclasses import dataclass, field
+from typing import Final
+
+from actors.instant import Duration, milliseconds, seconds
+from firmware_bridge.beeclick.commands import SetAddress, SetChannel, SetPower, Setting
+from firmware_bridge.beeclick.signal import power_setting
+from firmware_bridge.beeclick.wire import LONGEST_COMMAND, MisuseError
+
+_FIRST_CHANNEL: Final = 11
+_LAST_CHANNEL: Final = 26
+_DURATIONS: Final = (
+    *("answer_timeout", "sync_interval", "slow_sync_interval", "give_up", "probe_interval", "stall"),
+)
+
+
+@dataclass(frozen=True)
+class BoardSettings:
+    """How a board is set up. Raises MisuseError for what it cannot be."""
+
+    address: int
+    """Short address of the robot's transceiver, 0 to 0xFFFD; each robot needs its own."""
+    channel: int = 26
+    """Of IEEE 802.15.4 in the 2.4 GHz band, 11 to 26. Default: the one that Wi-Fi leaves alone most."""
+    pan: int = 0xBABA
+    """PAN id, 0 to 0xFFFE; frames of others are not passed on. Default: that of the original robots
+    (d3scomp/beeclickarmROS)."""
+    power_dbm: float = -10.0
+    """Transmit power, dBm. Default: what the firmware sets at its start (MRF24J40.cpp: RFCON3 = 0x40)."""
+
+    def __post_init__(self) -> None:
+        _check("short address", self.address, 0, 0xFFFD)
+        _check("PAN id", self.pan, 0, 0xFFFE)
+        _check("channel", self.channel, _FIRST_CHANNEL, _LAST_CHANNEL)
+        power_setting(self.power_dbm)
+
+    def commands(self) -> tuple[Setting, ...]:
+        """What the board is to be told; the address first, with which it can be asked whether it listens."""
+        return (
+            SetAddress(self.pan, self.address),
+            SetChannel(self.channel - _FIRST_CHANNEL),
+            SetPower(power_setting(self.power_dbm)),
+        )
+
+
+@dataclass(frozen=True)
+class BeeClickParameters:
+    """Time-outs and bounds of the link to a board."""
+
+    in_flight: int = 4
+    """Packets that the board has and has not confirmed. Default: as the original host library
+    (AbstractComm.java); with nine the firmware confirms one that never left."""
+    transmit_queue: int = 7
+    """Packets that may wait behind the one in the air, on the board and here. Default: as in the simulated
+    radio (actors.radio.parameters)."""
+    answer_timeout: Duration = field(default=seconds(1.0))
+    """For an echo or a confirmation, µs. Default: the board's button holds everything up for 0.70 s, and four
+    packets take 0.17 s where every one finds the channel busy to the last try."""
+    sync_interval: Duration = field(default=milliseconds(80))
+    """Between two SYNCs while bytes come, µs. Default: noise over, one comes within 100 ms; an answer that
+    waits behind four packets, 22 ms, is there before the next."""
+    quick_syncs: int = 4
+    """So many SYNCs are sent at that interval though no byte comes. Default: a board that its button holds up
+    gets five in 0.70 s; at the seventh it would hang, its answers filling their ring."""
+    slow_sync_interval: Duration = field(default=milliseconds(800))
+    """Between the SYNCs after them, µs. Default: a little longer than the button holds a board up."""
+    give_up: Duration = field(default=seconds(1.0))
+    """A board that has answered no SYNC for so long counts as silent, and what it has as unknown, µs.
+    Default: as answer_timeout."""
+    probe_interval: Duration = field(default=seconds(1.0))
+    """After so long without an answer the board is asked whether it still listens, µs. Default: own choice; a
+    board that has restarted is set up again within twice that."""
+    stall: Duration = field(default=milliseconds(50))
+    """A message that stops in its middle for so long never goes on, µs. Default: own choice, above the 16 ms
+    for which USB adapters keep bytes back."""
+    filler: int = LONGEST_COMMAND
+    """Bytes that are no command, ahead of each SYNC. Default: as many as end whatever command the board
+    believes to be in; 2.8 ms on the line."""
+    drop_bad_fcs: bool = False
+    """Drop packets whose frame check sequence does not hold any more when they arrive here. Default: they are
+    counted only, as it is taken from the firmware's source, not from a board, that it is handed on right."""
+
+    def __post_init__(self) -> None:
+        _check("number of packets in flight", self.in_flight, 1, 7)
+        _check("number of waiting packets", self.transmit_queue, 0, 10_000)
+        _check("number of quick SYNCs", self.quick_syncs, 1, 10_000)
+        _check("number of filler bytes", self.filler, 1, 10_000)
+        for name in _DURATIONS:
+            _check(f"duration {name} in µs", getattr(self, name), 1, 2**40)
+
+
+def _check(what: str, value: int, least: int, most: int) -> None:
+    if not least <= value <= most:
+        raise MisuseError(f"The board's {what} is {value}; it must be {least} to {most}.")
+
+
+DEFAULTS: Final = BeeClickParameters()
+"""Of a link that is given no others."""

@@ -1,0 +1,66 @@
+"""A link whose board the test plays itself."""
+
+from collections.abc import Iterable
+
+from actors.instant import Instant
+from firmware_bridge.beeclick import answers, commands
+from firmware_bridge.beeclick.answers import AddressSet, Answer, ChannelSet, PacketSent, PowerSet
+from firmware_bridge.beeclick.commands import Command, SendPacket
+from firmware_bridge.beeclick.events import Event
+from firmware_bridge.beeclick.link import Link, Phase
+from firmware_bridge.beeclick.parameters import DEFAULTS, BeeClickParameters, BoardSettings
+from firmware_bridge.beeclick.wire import SYNC_PATTERN
+
+SYNC = b"\xff" * DEFAULTS.filler + SYNC_PATTERN
+ECHOES = (AddressSet(0xBABA, 0x0103), ChannelSet(15), PowerSet(-100))
+
+
+def said(parts: Iterable[Answer | bytes]) -> bytes:
+    """What a board says, noise included."""
+    return b"".join(part if isinstance(part, bytes) else answers.encode(part) for part in parts)
+
+
+class Host:
+    """A link and the time; plays both sides."""
+
+    def __init__(self, parameters: BeeClickParameters = DEFAULTS) -> None:
+        self.now = Instant(0)
+        self.link = Link(BoardSettings(0x0103), parameters)
+        self.link.connect(self.now)
+
+    def hear(self, *parts: Answer | bytes, after: int = 0) -> list[Event]:
+        """What follows if the board says that, so many µs later."""
+        self.now = Instant(self.now + after)
+        return self.link.take(self.now, said(parts))
+
+    def due(self) -> bytes:
+        return self.link.due(self.now)
+
+    def commands(self) -> list[Command]:
+        """What the board is told now."""
+        data, found = self.due(), []
+        while data:
+            size = commands.size(data)
+            assert size is not None
+            found.append(commands.decode(data[:size]))
+            data = data[size:]
+        return found
+
+    def get_ready(self) -> "Host":
+        """The exchange at the start."""
+        assert self.due() == SYNC
+        assert self.hear(SYNC_PATTERN) == []
+        assert len(self.commands()) == 3
+        self.hear(*ECHOES)
+        assert self.link.phase is Phase.READY
+        return self
+
+    def send(self, *tags: int) -> list[int]:
+        """Send packets, one per tag, and give the board what it takes; the packets' numbers."""
+        for tag in tags:
+            assert self.link.send(self.now, tag, bytes([tag] * 3)) == []
+        return [command.number for command in self.commands() if isinstance(command, SendPacket)]
+
+
+def confirm(number: int, failed: bool = False) -> PacketSent:
+    return PacketSent(number, failed)

@@ -1,0 +1,354 @@
+import numpy as np
+import pytest
+
+from actors.instant import START, Duration, Instant, milliseconds, seconds
+from actors.radio.frame import airtime_us
+from firmware_bridge.beeclick import answers, commands
+from firmware_bridge.beeclick.answers import (
+    AddressSet,
+    Answer,
+    ChannelSet,
+    Moisture,
+    Notes,
+    PacketSent,
+    PowerSet,
+    ReceivedPacket,
+    Sentence,
+    Synchronised,
+    Warmth,
+)
+from firmware_bridge.beeclick.board import Board, BoardParameters
+from firmware_bridge.beeclick.commands import (
+    Command,
+    SendPacket,
+    SetAddress,
+    SetChannel,
+    SetPower,
+    Synchronise,
+)
+from firmware_bridge.beeclick.emulate import standing
+from firmware_bridge.beeclick.medium import Air, AirParameters, advance
+from firmware_bridge.beeclick.signal import frame_check, mac_header
+from firmware_bridge.beeclick.wire import SYNC_PATTERN, byte_time
+
+
+class Bench:
+    """A board whose host the test plays, alone in the air unless others are put there."""
+
+    def __init__(self, boards: int = 1, csma: bool = False, distance: float = 2.0) -> None:
+        self.now = START
+        self.air = Air(np.random.default_rng(1), AirParameters(csma=csma))
+        for number in range(boards):
+            self.air.add(Board(self.air, START), standing(number * distance, 0.0))
+        self.board = self.air.boards[0]
+        self.log = bytearray()
+
+    def tell(self, *parts: Command | bytes, board: int = 0) -> None:
+        data = b"".join(part if isinstance(part, bytes) else commands.encode(part) for part in parts)
+        self.air.boards[board].take(self.now, data)
+
+    def wait(self, duration: int) -> bytes:
+        """What the first board says meanwhile."""
+        self.now = Instant(self.now + duration)
+        advance(self.air, self.now)
+        return self.board.run(self.now)
+
+    def said(self, duration: int = 20_000) -> list[Answer]:
+        data, at, found = self.wait(duration), 0, []
+        while (one := answers.read(data, at, len(data))) is not None:
+            answer, at = one
+            found.append(answer)
+        assert at == len(data)
+        return found
+
+    def sync(self, board: int = 0) -> None:
+        self.tell(b"\xff", Synchronise(), board=board)
+        self.wait(2_000)
+        self.air.boards[board].run(self.now)
+
+
+def packets(count: int, size: int = 10) -> list[Command]:
+    return [SendPacket(number, bytes([number]) * size) for number in range(count)]
+
+
+# --- in and out of step ----------------------------------------------------------------------------------
+
+
+def test_a_board_out_of_step_obeys_nothing_and_yet_is_not_silent() -> None:
+    bench = Bench()
+    bench.tell(SetAddress(1, 2), SetChannel(3))
+    assert bench.said(seconds(1.3)) == []
+    assert bench.said(seconds(0.1)) == [Warmth(215)]
+    assert bench.board.address == 0
+
+
+def test_a_sync_is_answered_by_a_sync() -> None:
+    bench = Bench()
+    bench.tell(Synchronise(), SetAddress(1, 2), SetChannel(3), SetPower(-63))
+    assert bench.said() == [Synchronised(), AddressSet(1, 2), ChannelSet(3), PowerSet(-63)]
+    bench.tell(Synchronise())
+    assert bench.said() == [Synchronised()]
+
+
+def test_a_stray_zero_makes_it_miss_a_sync_and_filler_helps() -> None:
+    bench = Bench()
+    bench.tell(b"\x00", Synchronise())
+    assert bench.said() == []
+    bench.tell(b"\x00\xff", Synchronise())
+    assert bench.said() == [Synchronised()]
+
+
+def test_in_step_an_unknown_type_puts_it_out_of_step() -> None:
+    bench = Bench()
+    bench.sync()
+    bench.tell(b"\x05", SetChannel(1))
+    assert bench.said() == []
+    bench.tell(Synchronise(), SetChannel(1))
+    assert bench.said() == [Synchronised(), ChannelSet(1)]
+
+
+def test_filler_ends_any_command_that_it_believes_to_be_in() -> None:
+    bench = Bench()
+    for begun in (
+        b"\x01",
+        b"\x01\xff",
+        b"\x01\x76" + bytes(50),
+        b"\x02",
+        b"\x03\x00",
+        b"\x04\x01",
+        b"\x00He",
+    ):
+        bench.sync()
+        bench.tell(begun, b"\xff" * 261, Synchronise())
+        assert bench.wait(60_000).endswith(SYNC_PATTERN), begun
+
+
+# --- the rings -------------------------------------------------------------------------------------------
+
+
+def test_six_commands_wait_while_it_is_held_up() -> None:
+    bench = Bench()
+    bench.sync()
+    bench.board.press(bench.now)
+    bench.tell(*(SetChannel(code) for code in range(6)))
+    assert bench.said(seconds(1))[1:] == [ChannelSet(code) for code in range(6)]
+
+
+def test_a_seventh_hangs_it_as_the_answers_fill_their_ring() -> None:
+    bench = Bench()
+    bench.sync()
+    bench.board.press(bench.now)
+    bench.tell(*(SetChannel(code) for code in range(7)))
+    assert bench.wait(seconds(1)) == b""
+    assert bench.board.hung
+
+
+def test_an_eighth_takes_all_of_them_with_it() -> None:
+    bench = Bench()
+    bench.sync()
+    bench.board.press(bench.now)
+    bench.tell(*(SetChannel(code) for code in range(8)))
+    (notes,) = bench.said(seconds(1))
+    assert isinstance(notes, Notes)
+    assert bench.board.commands.overflows == 1
+
+
+def test_eight_packets_are_borne_with_one_in_the_air() -> None:
+    bench = Bench()
+    bench.sync()
+    bench.tell(SendPacket(0, bytes(118)), *(SendPacket(number, b"x") for number in range(1, 8)))
+    assert bench.said() == [PacketSent(number, failed=False) for number in range(8)]
+    assert bench.board.commands.overflows == 1  # it looked empty, but for the one in the air
+
+
+def test_a_ninth_packet_is_confirmed_in_place_of_the_one_in_the_air() -> None:
+    bench = Bench()
+    bench.sync()
+    bench.tell(*packets(1, size=118))
+    bench.wait(byte_time(124))
+    bench.tell(*(SendPacket(number, b"x") for number in range(1, 9)))
+    assert bench.said() == [PacketSent(8, failed=False)]
+    assert bench.air.counters["frames"] == 1
+
+
+def test_an_answer_ring_that_is_full_hangs_the_board() -> None:
+    bench = Bench()
+    frame = mac_header(1, 2) + bytes(118)
+    whole = frame + frame_check(frame).to_bytes(2, "little")
+    for _ in range(7):
+        bench.board.heard(bench.now, whole, 0, 0)
+    assert not bench.board.hung
+    bench.board.heard(bench.now, whole, 0, 0)
+    assert bench.board.hung
+    bench.tell(Synchronise())
+    assert bench.wait(seconds(1)) == b""
+    bench.board.reboot(bench.now)
+    bench.tell(Synchronise())
+    assert bench.said() == [Synchronised()]
+
+
+def test_a_length_beyond_the_last_slot_crashes_it() -> None:
+    bench = Bench()
+    bench.tell(b"\xff", Synchronise(), *(SetChannel(1) for _ in range(6)))
+    bench.said()
+    bench.tell(b"\x01\xff", bytes(200))
+    assert bench.wait(20_000) == b""
+    assert bench.board.hung
+
+
+# --- packets ---------------------------------------------------------------------------------------------
+
+
+def test_nothing_behind_a_packet_is_done_while_it_is_in_the_air() -> None:
+    bench = Bench()
+    bench.sync()
+    bench.tell(SendPacket(5, bytes(118)), SetChannel(1))
+    heard = byte_time(124) + 1
+    assert bench.said(heard + airtime_us(118)) == []
+    assert bench.said(200) == [PacketSent(5, failed=False), ChannelSet(1)]
+
+
+def test_a_channel_that_is_never_clear_fails_a_packet() -> None:
+    bench = Bench(boards=6, csma=True)
+    for number in range(6):
+        bench.sync(number)
+    failed = 0
+    for round_ in range(40):
+        for number in range(1, 6):
+            bench.tell(*packets(4, size=118), board=number)
+        bench.tell(SendPacket(round_, b"me, too"))
+        (sent,) = (a for a in bench.said(150_000) if isinstance(a, PacketSent))
+        failed += sent.failed
+    assert 0 < failed < 40
+    assert bench.air.counters["access_failures"] >= failed
+
+
+def test_a_packet_is_heard_by_those_in_range_and_on_the_channel() -> None:
+    bench = Bench(boards=4, distance=30.0)
+    for number in (1, 2, 3):
+        bench.sync(number)
+        bench.tell(SetChannel(3 if number == 2 else 0), SetAddress(0xBABA, number), board=number)
+    bench.said()
+    bench.tell(SendPacket(1, b"hello"), board=1)
+    (packet,) = (a for a in bench.said() if isinstance(a, ReceivedPacket))
+    assert (packet.pan, packet.address, packet.data) == (0xBABA, 1, b"hello")
+    assert packet.fcs == frame_check(mac_header(0xBABA, 1) + b"hello")
+    assert [b.counters["heard"] for b in bench.air.boards] == [1, 0, 0, 0]  # 2: channel, 3: 60 m
+
+
+def test_overlapping_packets_collide() -> None:
+    bench = Bench(boards=3)
+    for number in (1, 2):
+        bench.sync(number)
+    for number in (1, 2):
+        bench.tell(SendPacket(1, b"hello"), board=number)
+    assert bench.said() == []
+    assert bench.air.counters["collisions"] == 1
+
+
+def test_a_stronger_board_reaches_farther() -> None:
+    bench = Bench(boards=2, distance=70.0)
+    bench.sync(1)
+    bench.tell(SendPacket(1, b"weak"), board=1)
+    assert bench.said() == []
+    bench.tell(SetPower(0), SendPacket(2, b"strong"), board=1)
+    (packet,) = bench.said()
+    assert isinstance(packet, ReceivedPacket)
+    assert packet.data == b"strong"
+
+
+def test_frames_that_are_no_bee_clicks_are_dropped() -> None:
+    bench = Bench()
+    frame = b"\x41\x88\x00" + bytes(20)
+    bench.board.heard(bench.now, frame, 100, 100)
+    bench.board.heard(bench.now, b"\x01\x80\x00", 100, 100)
+    assert bench.said() == []
+    assert bench.board.counters["foreign"] == 2
+
+
+@pytest.mark.parametrize(("asked", "dbm"), [(-100, -10.0), (-120, -16.3), (-7, -6.3), (-4, 0.0)])
+def test_the_power_echo_is_what_was_asked_for_not_what_is_sent(asked: int, dbm: float) -> None:
+    bench = Bench()
+    bench.sync()
+    bench.tell(SetPower(asked))
+    assert bench.said() == [PowerSet(asked)]
+    assert bench.board.power_dbm == dbm
+
+
+def test_the_channel_is_not_checked_and_the_echo_is_raw() -> None:
+    bench = Bench()
+    bench.sync()
+    bench.tell(b"\x02\x0f\x02\x2f")
+    assert bench.wait(1_000) == b"\x03\x0f\x03\x2f"
+    assert bench.board.channel == 15
+
+
+# --- the rest --------------------------------------------------------------------------------------------
+
+
+def test_sensors_speak_in_pairs() -> None:
+    bench = Bench()
+    times: list[tuple[int, Answer]] = []
+    for _ in range(500):
+        times += [(bench.now, answer) for answer in bench.said(10_000)]
+    assert times == [
+        (1_380_000, Warmth(215)),
+        (1_730_000, Moisture(400)),
+        (3_090_000, Warmth(215)),
+        (3_440_000, Moisture(400)),
+        (4_800_000, Warmth(215)),
+    ]
+
+
+def test_a_missing_sensor_gives_the_ends_of_its_range() -> None:
+    bench = Bench()
+    board = Board(bench.air, START, BoardParameters(temperature=-397, humidity=-20))
+    assert board.run(Instant(0)) == b""
+    board.run(Instant(1_400_000))
+    board.settle(Instant(1_800_000))
+    assert board.run(Instant(1_900_000)).endswith(bytes.fromhex("09ecff"))
+
+
+def test_the_button_holds_everything_up_and_then_notes_come() -> None:
+    bench = Bench()
+    bench.sync()
+    bench.tell(SetAddress(0xBABA, 0x0103))
+    bench.said()
+    bench.board.press(bench.now)
+    bench.tell(SetChannel(1))
+    assert bench.said(milliseconds(699)) == []
+    notes, channel = bench.said(milliseconds(20))
+    assert isinstance(notes, Notes)
+    assert "panId: baba\nsAddr: 0103\n" in notes.text.decode()
+    assert channel == ChannelSet(1)
+
+
+def test_only_rmc_sentences_are_passed_on() -> None:
+    bench = Bench()
+    bench.board.gps(bench.now, b"$GPGGA,1")
+    bench.board.gps(bench.now, b"$GPRMC,1,V")
+    assert bench.said() == [Sentence(b"$GPRMC,1,V")]
+
+
+def test_a_restart_loses_the_settings_and_the_sync_but_not_the_voice() -> None:
+    bench = Bench(boards=2)
+    bench.sync()
+    bench.tell(SetAddress(0xBABA, 5), SetChannel(0))
+    bench.said()
+    bench.tell(*packets(3, size=118))
+    bench.wait(3_000)
+    bench.board.reboot(bench.now)
+    assert (bench.board.pan, bench.board.address, bench.board.channel) == (0, 0, 0)
+    bench.tell(SetChannel(4))
+    assert bench.said(seconds(1.3)) == []
+    assert bench.air.boards[1].counters["heard"] == 0  # what was in the air was cut off
+    assert bench.said(seconds(0.1)) == [Warmth(215)]
+
+
+def test_bytes_leave_at_the_lines_pace() -> None:
+    bench = Bench()
+    bench.tell(Synchronise())
+    came = byte_time(13)
+    assert bench.wait(came) == b""
+    assert len(bench.wait(byte_time(5))) in (4, 5)
+    assert bench.wait(Duration(1_000)).endswith(b"here!")

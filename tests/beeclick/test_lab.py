@@ -1,0 +1,223 @@
+import numpy as np
+
+from actors.instant import START, Instant, milliseconds, seconds
+from actors.messages import Heard, Sent
+from benchmarks.beeclick import soak, throughput
+from deeco.fragments import Fragmenter
+from deeco.reassembly import Reassembly
+from firmware_bridge.beeclick.board import Board
+from firmware_bridge.beeclick.emulate import standing
+from firmware_bridge.beeclick.events import Down, Info, PacketEnd, Unconfirmed, Up
+from firmware_bridge.beeclick.lab import Desk, Lab
+from firmware_bridge.beeclick.line import Disturbance
+from firmware_bridge.beeclick.link import Link, Phase
+from firmware_bridge.beeclick.medium import Air, AirParameters
+from firmware_bridge.beeclick.parameters import BeeClickParameters, BoardSettings
+
+QUICK = BeeClickParameters(
+    answer_timeout=milliseconds(100), probe_interval=milliseconds(100), sync_interval=milliseconds(40)
+)
+
+
+def lab(boards: int, seed: int = 1, parameters: BeeClickParameters | None = None, poll: int = 1_000) -> Lab:
+    rng = np.random.default_rng(seed)
+    air = Air(rng, AirParameters(csma=True))
+    desks = []
+    for number in range(boards):
+        board = Board(air, START)
+        air.add(board, standing(2.0 * number, 0.0))
+        desks.append(Desk(Link(BoardSettings(number + 1), parameters or BeeClickParameters()), board))
+    return Lab(air, desks, rng, milliseconds(poll / 1_000))
+
+
+def ends(desk: Desk) -> list[tuple[str, int]]:
+    return [(type(e).__name__, e.tag) for e in desk.events if isinstance(e, PacketEnd)]
+
+
+def test_robots_hear_one_another() -> None:
+    room = lab(3)
+    room.run(milliseconds(50))
+    assert [desk.link.phase for desk in room.desks] == [Phase.READY] * 3
+    for desk, text in zip(room.desks, (b"one", b"two", b"three"), strict=True):
+        desk.send(room.now, 7, text)
+    room.run(milliseconds(50))
+    for number, desk in enumerate(room.desks):
+        assert ends(desk) == [("Sent", 7)]
+        heard = {(e.sender, e.data) for e in desk.events if isinstance(e, Heard)}
+        assert heard == {(1, b"one"), (2, b"two"), (3, b"three")} - {
+            (number + 1, (b"one", b"two", b"three")[number])
+        }
+
+
+def test_a_restarted_board_is_set_up_again_and_its_packets_are_unconfirmed() -> None:
+    room = lab(2)
+    desk = room.desks[0]
+    room.run(milliseconds(50))
+    for tag in range(4):
+        desk.send(room.now, tag, bytes(118))
+    room.run(milliseconds(7))
+    desk.board.reboot(room.now)
+    room.run(seconds(1.2))
+    assert desk.link.phase is Phase.READY
+    assert (desk.board.pan, desk.board.address, desk.board.channel) == (0xBABA, 1, 15)
+    kinds = {tag: kind for kind, tag in ends(desk)}
+    assert sorted(kinds) == [0, 1, 2, 3]
+    assert [kinds[tag] for tag in (1, 2, 3)] == ["Unconfirmed"] * 3
+    assert [e.cause for e in desk.events if isinstance(e, Down)] == ["no_confirmation"]
+
+
+def test_an_idle_restarted_board_is_set_up_again_within_two_seconds() -> None:
+    room = lab(1)
+    (desk,) = room.desks
+    room.run(milliseconds(1_500))
+    desk.board.reboot(room.now)
+    room.run(milliseconds(2_020))
+    assert desk.link.phase is Phase.READY
+    assert desk.board.address == 1
+
+
+def test_the_button_costs_no_packet() -> None:
+    room = lab(2)
+    desk = room.desks[0]
+    room.run(milliseconds(50))
+    for tag in range(8):
+        desk.send(room.now, tag, bytes(100))
+    room.run(milliseconds(8))
+    desk.board.press(room.now)
+    room.run(seconds(1))
+    assert ends(desk) == [("Sent", tag) for tag in range(8)]
+    assert len(desk.of(Info)) == 1
+    assert not desk.of(Down)
+
+
+def test_the_button_does_no_harm_to_a_board_that_is_being_found() -> None:
+    for delay in range(0, 400, 20):
+        room = lab(1)
+        (desk,) = room.desks
+        room.run(milliseconds(50))
+        desk.board.reboot(room.now)
+        room.run(milliseconds(1_700 + delay))
+        desk.board.press(room.now)
+        room.run(seconds(3))
+        assert not desk.board.hung
+        assert desk.link.phase is Phase.READY
+
+
+def test_a_cable_that_is_pulled_and_put_in_again() -> None:
+    room = lab(2)
+    desk = room.desks[0]
+    room.run(milliseconds(50))
+    for tag in range(6):
+        desk.send(room.now, tag, bytes(118))
+    room.run(milliseconds(2))
+    desk.unplug(room.now)
+    assert ends(desk) == [("Unconfirmed", tag) for tag in range(4)]
+    room.run(milliseconds(300))
+    desk.plug(room.now)
+    room.run(milliseconds(50))
+    assert ends(desk)[4:] == [("Sent", 4), ("Sent", 5)]
+    assert [type(e) for e in desk.of(Up, Down)] == [Up, Down, Up]
+
+
+def test_a_hung_board_is_silent_until_it_is_reset() -> None:
+    room = lab(1)
+    (desk,) = room.desks
+    room.run(milliseconds(50))
+    desk.board.hung = True
+    room.run(seconds(4))
+    assert [e.cause for e in desk.events if isinstance(e, Down)] == ["no_echo", "silent"]
+    desk.board.reboot(room.now)
+    room.run(milliseconds(900))
+    assert desk.link.phase is Phase.READY
+
+
+def test_a_thousand_restarts_lose_no_packet_from_the_books() -> None:
+    room = lab(1, parameters=QUICK, poll=10_000)
+    (desk,) = room.desks
+    rng = np.random.default_rng(5)
+    tag = 0
+    books: dict[int, str] = {}
+    room.run(milliseconds(50))
+    for _ in range(1_000):
+        for _ in range(int(rng.integers(0, 6))):
+            desk.send(room.now, tag, b"x" * 60)
+            tag += 1
+        room.run(milliseconds(float(rng.integers(1, 40))))
+        desk.board.reboot(room.now)
+        room.run(milliseconds(260))
+        assert desk.link.phase is Phase.READY
+        for kind, one in ends(desk):
+            assert one not in books
+            books[one] = kind
+        desk.events.clear()
+    desk.unplug(room.now)
+    assert len(books) + len(ends(desk)) + desk.link.waiting == tag
+    assert {"Sent", "Unconfirmed"} <= set(books.values())
+    assert desk.link.counters["ups"] == 1_001
+
+
+def test_noise_of_two_hundred_thousand_bytes_is_borne() -> None:
+    result = soak(200_000, seed=3)
+    assert (result.reported_twice, result.unreported, result.invented) == (0, 0, 0)
+    assert result.sent > 500
+    assert result.unconfirmed > 100
+    assert result.most_back_ms <= 100 or result.most_bytes_back <= 300
+    assert result.most_kept < 300
+
+
+def test_the_link_carries_what_line_and_air_can() -> None:
+    assert throughput(118, seconds(1)).share >= 0.95
+    assert throughput(1, seconds(1)).share >= 0.95
+
+
+def test_what_the_line_damages_in_a_packet_the_components_checksum_finds() -> None:
+    room = lab(2)
+    sender, receiver = room.desks
+    room.run(milliseconds(50))
+    fragmenter, reassembly = Fragmenter(1), Reassembly()
+    rng = np.random.default_rng(1)
+    wanted = [rng.bytes(40) for _ in range(60)]
+    got: list[bytes] = []
+    receiver.to_host = Disturbance(change=0.005)
+    for number, packet in enumerate(wanted):
+        (frame,) = fragmenter.frames([packet])
+        sender.send(room.now, number, frame)
+        room.run(milliseconds(100))
+    for event in receiver.events:
+        if isinstance(event, Heard):
+            got += reassembly.take(Instant(event.instant), event.sender, event.data)
+    assert set(got) <= set(wanted)
+    assert reassembly.counters()["bad_checksum"] > 0
+    assert receiver.link.counters["bad_fcs"] >= reassembly.counters()["bad_checksum"]
+    assert len(got) > 30
+
+
+def test_the_same_seed_gives_the_same_events() -> None:
+    def events() -> list[str]:
+        room = lab(3, seed=9)
+        for desk in room.desks:
+            desk.to_host = desk.to_board = Disturbance(0.001, 0.001, 0.001)
+        for round_ in range(300):
+            for desk in room.desks:
+                desk.send(room.now, round_, bytes(50))
+            room.run(milliseconds(5))
+        return [repr(event) for desk in room.desks for event in desk.events]
+
+    assert events() == events()
+
+
+def test_a_link_that_meets_a_running_board_waits_for_its_packets() -> None:
+    """A host that has been restarted finds its own earlier packets still on the board."""
+    room = lab(1)
+    (desk,) = room.desks
+    room.run(milliseconds(50))
+    for tag in range(4):
+        desk.send(room.now, tag, bytes(118))
+    room.run(milliseconds(3))
+    desk.link = Link(BoardSettings(1))
+    desk.link.connect(room.now)
+    desk.events.clear()
+    room.run(milliseconds(80))
+    assert [type(e) for e in desk.events] == [Up]
+    assert not desk.of(Sent, Unconfirmed)
+    assert desk.board.counters["transmitted"] >= 4

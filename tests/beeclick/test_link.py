@@ -1,0 +1,400 @@
+import pytest
+
+from actors.instant import Instant, milliseconds, seconds
+from actors.messages import AccessFailure, Heard, Overflow, Refused, Sent
+from firmware_bridge.beeclick.answers import (
+    AddressSet,
+    ChannelSet,
+    Moisture,
+    Notes,
+    PacketSent,
+    ReceivedPacket,
+    Sentence,
+    Warmth,
+)
+from firmware_bridge.beeclick.commands import SendPacket, SetAddress, SetChannel, SetPower
+from firmware_bridge.beeclick.events import Down, Fix, Humidity, Info, Temperature, Unconfirmed, Up
+from firmware_bridge.beeclick.link import Phase
+from firmware_bridge.beeclick.parameters import BeeClickParameters
+from firmware_bridge.beeclick.signal import frame_check, mac_header
+from firmware_bridge.beeclick.wire import SYNC_PATTERN
+from tests.beeclick.hosts import ECHOES, SYNC, Host, confirm
+
+
+def packet(data: bytes, pan: int = 0xBABA, address: int = 7) -> ReceivedPacket:
+    return ReceivedPacket(pan, address, 138, 200, frame_check(mac_header(pan, address) + data), data)
+
+
+# --- start -----------------------------------------------------------------------------------------------
+
+
+def test_a_link_starts_with_a_sync_and_the_set_up_confirmed_by_echoes() -> None:
+    host = Host()
+    assert host.due() == SYNC
+    assert host.due() == b""
+    assert host.hear(SYNC_PATTERN, after=6_000) == []
+    assert host.commands() == [SetAddress(0xBABA, 0x0103), SetChannel(15), SetPower(-100)]
+    assert host.hear(*ECHOES[:2]) == []
+    assert host.link.phase is Phase.SETTING
+    assert host.hear(ECHOES[2]) == [Up(host.now)]
+    assert host.link.counters.nonzero() == {"answers": 4, "syncs": 1, "ups": 1}
+
+
+def test_nothing_is_believed_before_the_first_sync_answer() -> None:
+    host = Host()
+    host.due()
+    assert host.hear(Warmth(215), packet(b"old"), ECHOES[0], b"\x00Hel", SYNC_PATTERN) == []
+    assert host.link.phase is Phase.SETTING
+    assert host.link.counters["junk_bytes"] == 3 + 13 + 5 + 4
+    assert host.link.counters["heard"] == 0
+
+
+def test_what_follows_a_sync_answer_is_believed() -> None:
+    host = Host()
+    host.due()
+    assert host.hear(SYNC_PATTERN, Warmth(215)) == [Temperature(host.now, 21.5, valid=True)]
+
+
+def test_a_sync_is_repeated_until_it_is_answered() -> None:
+    host = Host()
+    assert host.due() == SYNC
+    for _ in range(3):
+        assert host.hear(after=79_999) == []
+        assert host.due() == b""
+        host.hear(after=1)
+        assert host.due() == SYNC
+    host.hear(SYNC_PATTERN)
+    assert len(host.commands()) == 3
+    host.hear(SYNC_PATTERN * 2, *ECHOES)  # the answers to the others
+    assert host.link.phase is Phase.READY
+    assert host.link.counters["late_sync"] == 2
+
+
+def test_packets_wait_for_the_set_up() -> None:
+    host = Host()
+    assert host.link.send(host.now, 1, b"early") == []
+    assert host.due() == SYNC
+    host.hear(SYNC_PATTERN)
+    assert len(host.commands()) == 3
+    host.hear(*ECHOES)
+    (command,) = host.commands()
+    assert isinstance(command, SendPacket)
+    assert command.data == b"early"
+
+
+def test_a_wrong_echo_begins_everything_anew() -> None:
+    host = Host()
+    host.due()
+    host.hear(SYNC_PATTERN)
+    host.due()
+    host.hear(AddressSet(0xBABA, 0x0104))
+    assert host.link.phase is Phase.SYNCING
+    assert host.link.counters["strange_echo"] == 1
+
+
+def test_a_missing_echo_begins_everything_anew() -> None:
+    host = Host()
+    host.due()
+    host.hear(SYNC_PATTERN)
+    host.due()
+    host.hear(ECHOES[0], ECHOES[2])
+    assert host.link.phase is Phase.SYNCING
+    host.hear(after=80_000)
+    assert host.due() == SYNC
+
+
+# --- packets ---------------------------------------------------------------------------------------------
+
+
+def test_at_most_four_packets_are_in_flight() -> None:
+    host = Host().get_ready()
+    numbers = host.send(0, 1, 2, 3, 4, 5)
+    assert len(set(numbers)) == 4
+    assert (host.link.in_flight, host.link.waiting) == (4, 2)
+    assert host.hear(confirm(numbers[0])) == [Sent(host.now, 0)]
+    (fifth,) = host.send()
+    assert host.hear(*(confirm(n) for n in [*numbers[1:], fifth])) == [
+        Sent(host.now, t) for t in (1, 2, 3, 4)
+    ]
+
+
+def test_a_packet_is_sent_or_has_failed() -> None:
+    host = Host().get_ready()
+    first, second = host.send(10, 11)
+    assert host.hear(confirm(first, failed=True), confirm(second), after=5) == [
+        AccessFailure(host.now, 10),
+        Sent(host.now, 11),
+    ]
+
+
+def test_a_packet_of_the_wrong_size_is_refused() -> None:
+    host = Host().get_ready()
+    assert host.link.send(host.now, 1, bytes(119)) == [
+        Refused(host.now, 1, "The frame has 119 data bytes; it must have 1 to 118.")
+    ]
+    assert host.link.send(host.now, 2, b"") == [
+        Refused(host.now, 2, "The frame has 0 data bytes; it must have 1 to 118.")
+    ]
+    assert host.due() == b""
+    assert host.link.counters["refused"] == 2
+
+
+def test_beyond_the_queue_the_new_packet_is_dropped() -> None:
+    host = Host().get_ready()
+    events = [event for tag in range(10) for event in host.link.send(host.now, tag, b"x")]
+    assert events == [Overflow(host.now, 8), Overflow(host.now, 9)]
+    assert len(host.send()) == 4
+    assert host.link.send(host.now, 10, b"x") == [Overflow(host.now, 10)]
+    assert host.link.counters["overflowed"] == 3
+
+
+def test_a_later_confirmation_settles_the_earlier_packets() -> None:
+    host = Host().get_ready()
+    first, second = host.send(1, 2)
+    assert host.hear(confirm(second)) == [Unconfirmed(host.now, 1, "answer_skipped"), Sent(host.now, 2)]
+    assert host.hear(confirm(first)) == []  # never twice
+    assert host.link.counters["late_confirmation"] == 1
+    assert host.link.phase is Phase.READY
+
+
+def test_a_confirmation_that_comes_twice_counts_once() -> None:
+    host = Host().get_ready()
+    (number,) = host.send(1)
+    assert host.hear(confirm(number), confirm(number)) == [Sent(host.now, 1)]
+
+
+def test_a_confirmation_of_no_packet_is_noise() -> None:
+    host = Host().get_ready()
+    host.send(1)
+    events = host.hear(PacketSent(0x12345678, failed=False))
+    assert events == [Down(host.now, "strange_confirmation")]
+    assert host.link.counters["strange_confirmation"] == 1
+    assert host.link.phase is Phase.SYNCING
+
+
+# --- out of step -----------------------------------------------------------------------------------------
+
+
+def test_confirmations_ahead_of_the_sync_answer_count() -> None:
+    host = Host().get_ready()
+    numbers = host.send(1, 2, 3, 4)
+    assert host.hear(after=seconds(1)) == [Down(host.now, "no_confirmation")]
+    assert host.due() == SYNC
+    assert host.hear(confirm(numbers[0]), confirm(numbers[1], failed=True)) == [
+        Sent(host.now, 1),
+        AccessFailure(host.now, 2),
+    ]
+    assert host.hear(SYNC_PATTERN) == [
+        Unconfirmed(host.now, 3, "answer_skipped"),
+        Unconfirmed(host.now, 4, "answer_skipped"),
+    ]
+    assert len(host.commands()) == 3
+    assert host.hear(*ECHOES) == [Up(host.now)]
+
+
+def test_confirmations_within_noise_count() -> None:
+    host = Host().get_ready()
+    numbers = host.send(1, 2, 3, 4)
+    assert host.hear(b"\xee") == [Down(host.now, "unknown_type")]
+    host.hear(after=80_000)
+    assert host.due() == SYNC
+    noise = b"\x01\x70\x02" + confirm_bytes(numbers[1])[:5] + b"\x09"
+    assert host.hear(confirm(numbers[0]), noise, confirm(numbers[1]), b"\x02", SYNC_PATTERN) == [
+        Sent(host.now, 1),
+        Sent(host.now, 2),
+        Unconfirmed(host.now, 3, "answer_skipped"),
+        Unconfirmed(host.now, 4, "answer_skipped"),
+    ]
+
+
+def confirm_bytes(number: int) -> bytes:
+    return b"\x02" + number.to_bytes(4, "little") + b"\x00"
+
+
+def test_noise_while_nothing_is_in_flight_invents_nothing() -> None:
+    host = Host().get_ready()
+    (number,) = host.send(1)
+    host.hear(confirm(number))
+    assert host.hear(b"\xee", confirm(number), confirm(number + 1)) == [Down(host.now, "unknown_type")]
+
+
+HEAD = b"\x01\x70\xba\xba\x07\x00\x8a\xc8\x00\x00"
+"""Of a packet of 112 bytes that never come."""
+
+
+def test_an_answer_that_swallows_the_sync_answer_is_given_up() -> None:
+    host = Host().get_ready()
+    (number,) = host.send(1)
+    host.hear(after=seconds(1))
+    assert host.due() == SYNC
+    assert host.hear(HEAD, confirm(number), SYNC_PATTERN) == [Sent(host.now, 1)]
+    assert host.link.counters["swallowed_sync"] == 1
+    assert len(host.commands()) == 3
+
+
+def test_what_a_given_up_answer_has_swallowed_is_looked_through() -> None:
+    host = Host().get_ready()
+    (number,) = host.send(1)
+    assert host.hear(HEAD, confirm(number)) == []
+    assert host.hear(after=50_000) == [Down(host.now, "stalled"), Sent(host.now, 1)]
+
+
+def test_an_answer_that_stops_in_its_middle_is_given_up() -> None:
+    host = Host().get_ready()
+    assert host.hear(b"\x01\x70\xba", after=10) == []
+    assert host.link.wake() == host.now + milliseconds(50)
+    assert host.hear(after=milliseconds(50)) == [Down(host.now, "stalled")]
+
+
+def test_a_board_that_does_not_listen_any_more_is_found_by_asking() -> None:
+    host = Host().get_ready()
+    assert host.link.wake() == host.now + seconds(1)
+    host.hear(packet(b"news"), after=seconds(1))  # hearing others does not prove that it hears us
+    assert host.commands() == [SetAddress(0xBABA, 0x0103)]
+    assert host.hear(after=seconds(1)) == [Down(host.now, "no_echo")]
+    assert host.due() == SYNC
+    assert host.link.counters["probes"] == 1
+
+
+def test_a_board_that_listens_is_asked_again_and_again() -> None:
+    host = Host().get_ready()
+    for _ in range(3):
+        assert host.hear(after=seconds(1)) == []
+        assert host.commands() == [SetAddress(0xBABA, 0x0103)]
+        assert host.hear(ECHOES[0], after=1_000) == []
+    assert host.link.phase is Phase.READY
+
+
+def test_a_silent_board_is_reported_once_and_asked_on() -> None:
+    host = Host().get_ready()
+    host.send(1)
+    host.link.send(host.now, 9, b"later")
+    host.due()
+    events, syncs = [], []
+    for _ in range(50):
+        events += host.hear(after=80_000)
+        if host.due():
+            syncs.append(host.now)
+    assert events == [
+        Down(Instant(1_040_000), "no_confirmation"),
+        Down(Instant(2_080_000), "silent"),
+        Unconfirmed(Instant(2_080_000), 1, "silent"),
+        Unconfirmed(Instant(2_080_000), 9, "silent"),
+    ]
+    # Four, then slowly: the button holds a board up for 0.70 s, and seven commands would hang it.
+    assert syncs == [1_040_000, 1_120_000, 1_200_000, 1_280_000, 2_080_000, 2_880_000, 3_680_000]
+    host.hear(SYNC_PATTERN)
+    assert len(host.commands()) == 3
+    assert host.hear(*ECHOES) == [Up(host.now)]
+
+
+def test_noise_that_shows_brings_the_next_sync_forward() -> None:
+    host = Host()
+    for _ in range(4):
+        host.due()
+        host.hear(after=80_000)
+    assert host.due() == b""
+    assert host.link.wake() == 1_000_000  # then it is given up; the next SYNC at 1.04 s
+    host.hear(b"\x77")
+    assert host.due() == SYNC
+
+
+def test_without_a_port_what_is_in_flight_is_unconfirmed_and_the_rest_waits() -> None:
+    host = Host().get_ready()
+    numbers = host.send(1, 2, 3, 4, 5)
+    assert host.link.lost(host.now) == [
+        Down(host.now, "lost"),
+        *(Unconfirmed(host.now, tag, "lost") for tag in (1, 2, 3, 4)),
+    ]
+    assert host.hear(confirm(numbers[0])) == []
+    assert (host.due(), host.link.wake(), host.link.waiting) == (b"", None, 1)
+    host.link.connect(host.now)
+    assert host.due() == SYNC
+    # What the board still had to say of the time before is of no interest any more.
+    assert host.hear(confirm(numbers[1]), SYNC_PATTERN) == []
+    host.due()
+    host.hear(*ECHOES)
+    (fifth,) = host.send()
+    assert host.hear(confirm(fifth)) == [Sent(host.now, 5)]
+
+
+def test_syncs_keep_their_distance() -> None:
+    host = Host().get_ready()
+    host.hear(b"\xee", after=1_000)
+    assert host.due() == b""
+    assert host.link.wake() == 80_000
+
+
+def test_a_host_that_was_held_up_reads_before_it_judges() -> None:
+    host = Host().get_ready()
+    (number,) = host.send(1)
+    assert host.hear(confirm(number), after=seconds(5)) == [Sent(host.now, 1)]
+    assert host.link.phase is Phase.READY
+
+
+# --- what the board says unasked -------------------------------------------------------------------------
+
+
+def test_a_packet_is_heard_with_its_signal() -> None:
+    host = Host().get_ready()
+    assert host.hear(packet(b"hello", address=0x0A0B)) == [Heard(host.now, 0x0A0B, -60.0, 200, b"hello")]
+    assert host.link.counters["bad_fcs"] == 0
+
+
+def test_packets_of_other_networks_are_not_passed_on() -> None:
+    host = Host().get_ready()
+    assert host.hear(packet(b"hello", pan=1)) == []
+    assert host.link.counters["other_pan"] == 1
+
+
+def test_a_packet_from_the_own_address_is_counted() -> None:
+    host = Host().get_ready()
+    assert len(host.hear(packet(b"hello", address=0x0103))) == 1
+    assert host.link.counters["own_address"] == 1
+
+
+@pytest.mark.parametrize("drop", [False, True])
+def test_a_damaged_packet_is_counted_and_dropped_if_wanted(drop: bool) -> None:
+    host = Host(BeeClickParameters(drop_bad_fcs=drop)).get_ready()
+    damaged = ReceivedPacket(0xBABA, 7, 138, 200, packet(b"hello").fcs, b"hellp")
+    assert len(host.hear(damaged)) == (not drop)
+    assert host.link.counters["bad_fcs"] == 1
+
+
+def test_sensors_that_are_missing_are_told_from_those_that_measure() -> None:
+    host = Host().get_ready()
+    assert host.hear(
+        Warmth(-396), Warmth(-397), Warmth(6156), Moisture(0), Moisture(1000), Moisture(-20)
+    ) == [
+        Temperature(host.now, -39.6, valid=True),
+        Temperature(host.now, -39.7, valid=False),
+        Temperature(host.now, 615.6, valid=False),
+        Humidity(host.now, 0.0, valid=True),
+        Humidity(host.now, 100.0, valid=True),
+        Humidity(host.now, -2.0, valid=False),
+    ]
+    assert host.link.counters["bad_sensor"] == 3
+
+
+def test_a_position_is_passed_on_and_a_damaged_one_is_not() -> None:
+    host = Host().get_ready()
+    text = b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A"
+    (fix,) = host.hear(Sentence(text))
+    assert isinstance(fix, Fix)
+    assert fix.valid
+    assert fix.latitude == pytest.approx(48.1173)
+    assert host.hear(Sentence(text.replace(b"4807", b"4808"))) == []
+    assert host.link.counters["bad_sentence"] == 1
+    assert host.link.phase is Phase.READY
+
+
+def test_the_boards_notes_are_passed_on() -> None:
+    host = Host().get_ready()
+    assert host.hear(Notes("txCount: 1\ntemperature: 21 °C\n".encode())) == [
+        Info(host.now, "txCount: 1\ntemperature: 21 °C\n")
+    ]
+
+
+def test_a_strange_channel_echo_is_noise() -> None:
+    host = Host().get_ready()
+    assert host.hear(ChannelSet(3)) == [Down(host.now, "strange_echo")]

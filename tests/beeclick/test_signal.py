@@ -1,0 +1,64 @@
+import pytest
+
+from firmware_bridge.beeclick.signal import (
+    frame_check,
+    mac_header,
+    power_setting,
+    radiated,
+    rssi_code,
+    rssi_dbm,
+)
+
+
+@pytest.mark.parametrize(
+    ("code", "dbm"),
+    [(0, -90), (5, -87), (37, -80), (89, -70), (138, -60), (193, -50), (239, -40), (255, -35)],
+)
+def test_a_signal_strength_code_is_so_many_dbm(code: int, dbm: float) -> None:
+    assert rssi_dbm(code) == dbm
+    assert rssi_code(dbm) == code
+
+
+def test_codes_between_those_of_the_table_lie_between() -> None:
+    values = [rssi_dbm(code) for code in range(256)]
+    assert values == sorted(values)
+    assert len(set(values)) == 256
+    assert rssi_dbm(41) == pytest.approx(-80 + 4 / 6)
+
+
+def test_beyond_its_range_the_chip_gives_the_ends() -> None:
+    assert (rssi_code(-120.0), rssi_code(10.0)) == (0, 255)
+
+
+def test_code_and_dbm_agree_to_half_a_code() -> None:
+    for tenths in range(-900, -350):
+        assert abs(rssi_dbm(rssi_code(tenths / 10)) - tenths / 10) <= 0.51
+
+
+@pytest.mark.parametrize(
+    ("asked", "made"),
+    [
+        *((0, 0), (-4, 0), (-5, -5), (-6, -5), (-7, -63), (-12, -63), (-63, -63), (-99, -63)),
+        *((-100, -100), (-105, -105), (-120, -163), (-300, -300), (-363, -363), (-305, -305)),
+    ],
+)
+def test_the_firmware_makes_another_power_of_most(asked: int, made: int) -> None:
+    assert radiated(asked) == made
+
+
+def test_only_powers_that_the_firmware_gets_right_are_asked_for() -> None:
+    right = [asked for asked in range(-363, 1) if radiated(asked) == asked]
+    assert right == sorted(-10 * large - small for large in (0, 10, 20, 30) for small in (0, 5, 63))
+    assert [power_setting(asked / 10) for asked in right] == right
+
+
+def test_the_frame_check_sequence_is_the_standards() -> None:
+    # The catalogue's check value of CRC-16/KERMIT, which is the same sum.
+    assert frame_check(b"123456789") == 0x2189
+    # The example of IEEE 802.15.4-2006, 7.2.1.9: header and sum of an acknowledgement, first bit first.
+    header = bytes(int(bits[::-1], 2) for bits in ("01000000", "00000000", "01010110"))
+    assert f"{frame_check(header):016b}"[::-1] == "0010011110011110"
+
+
+def test_a_frame_begins_as_the_firmware_makes_it() -> None:
+    assert mac_header(0xBABA, 0x0103) == bytes.fromhex("01 80 00 ba ba 03 01")
