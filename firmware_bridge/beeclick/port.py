@@ -28,6 +28,9 @@ class BoardPort(SerialPort):
         self._pending = b""
         os.set_blocking(self.fileno(), False)
 
+    def __enter__(self) -> "BoardPort":
+        return self
+
     @property
     def is_idle(self) -> bool:
         """True if all that was written is with the system: only then `Link.due` is to be asked for more."""
