@@ -55,6 +55,11 @@ class SerialPort:
         except (OSError, TypeError) as error:
             raise self._gone(error) from None
 
+    def fileno(self) -> int:
+        """The file descriptor, to wait for."""
+        number: int = self._port.fileno()
+        return number
+
     def set_dtr(self, on: bool) -> None:
         """Set the line "data terminal ready"; terminals without it are left as they are."""
         with suppress(OSError):

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 import zenoh
@@ -20,7 +20,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell, run_shell
 from actors.runtime.tally import ActorDigest
-from actors.runtime.zenoh_bus import ZenohBus, open_mesh
+from actors.runtime.zenoh_bus import ZenohBus, open_session
 
 ROUTER_PATIENCE_S: Final = 30.0
 """How long a process tries to reach the router."""
@@ -78,7 +78,9 @@ class Part:
     run: RunNote
     ready: Output | None = None
     open_to: Callable[[], Sequence[Address]] = tuple
-    drive: Callable[[Shell, ZenohBus], None] = run_shell
+    bus: Callable[[zenoh.Session, Sequence[Address]], Any] = ZenohBus
+    """Which kind of bus `drive` waits on."""
+    drive: Callable[[Shell, Any], None] = run_shell
     outcome: Callable[[], dict[str, object]] = dict
 
 
@@ -93,7 +95,8 @@ def play(
         recorder = stack.enter_context(Recorder(record, part.run.step_us))
         recorder.note("run", part.run)
         try:
-            bus = stack.enter_context(open_mesh(config, part.listens, patience_s=ROUTER_PATIENCE_S))
+            session = stack.enter_context(open_session(config, ROUTER_PATIENCE_S))
+            bus = part.bus(session, part.listens)
             on_listening()
             shell = Shell(part.core, bus, recorder, actor=part.run.actor, open_to=part.open_to)
             if part.ready is not None:

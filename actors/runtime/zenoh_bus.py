@@ -60,6 +60,13 @@ def _delivery(topic: Topic[Message], sample: zenoh.Sample) -> Delivery:
 @contextmanager
 def open_mesh(config: zenoh.Config, listens: Sequence[Address], *, patience_s: float) -> Iterator[ZenohBus]:
     """A bus over a new session; tries again for `patience_s` while the router is not there yet."""
+    with open_session(config, patience_s) as session:
+        yield ZenohBus(session, listens)
+
+
+@contextmanager
+def open_session(config: zenoh.Config, patience_s: float) -> Iterator[zenoh.Session]:
+    """A new session for a bus; tries again for `patience_s` while the router is not there yet."""
     os.environ.setdefault("ZENOH_RUNTIME", _ONE_THREAD)  # read when the process opens its first session
     zenoh.init_log_from_env_or("error")
     deadline = time.monotonic() + patience_s
@@ -72,4 +79,4 @@ def open_mesh(config: zenoh.Config, listens: Sequence[Address], *, patience_s: f
                 raise MeshError(f"no session with the router within {patience_s:g} s: {error}") from None
             time.sleep(0.005)
     with session:
-        yield ZenohBus(session, listens)
+        yield session

@@ -1,0 +1,156 @@
+"""The base as a program: `python -m firmware_bridge.onboard.base --setup FILE --router FILE --record FILE`.
+
+It is the router of its robot, as the world is that of a simulated swarm.
+"""
+
+import functools
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+import msgspec
+
+from actors.instant import Instant
+from actors.robot_model import load_model
+from actors.runtime import router_file
+from actors.runtime.access import router_config
+from actors.runtime.credentials import reveal
+from actors.runtime.errors import AcrcError
+from actors.runtime.parent import die_with_parent
+from actors.runtime.process import Part, RunNote, play
+from actors.runtime.seat import ArgumentParser
+from actors.runtime.shell import Shell
+from actors.runtime.waking_bus import WakingBus
+from firmware_bridge.kobuki import port as kobuki_port
+from firmware_bridge.kobuki.driver import KobukiDriver
+from firmware_bridge.onboard.base_core import BaseCore
+from firmware_bridge.onboard.clock import Clock
+from firmware_bridge.onboard.conduct import conduct
+from firmware_bridge.onboard.setup import BaseSetup, load
+from firmware_bridge.onboard.vehicle import TurtleBot
+from firmware_bridge.range_sensors import rplidar
+
+
+@dataclass(frozen=True)
+class BaseOptions:
+    """The base's command line."""
+
+    setup: Path
+    router: Path
+    """JSON file with the actors that the router knows."""
+    record: Path
+    commit: str
+    with_parent: bool
+
+
+def parse(argv: Sequence[str]) -> BaseOptions:
+    """The options in `argv`; ArgumentError if they make no sense."""
+    parser = ArgumentParser(
+        prog="python -m firmware_bridge.onboard.base", description="Drives a TurtleBot 2."
+    )
+    parser.add_argument("--setup", required=True, type=Path, help="JSON file with the base's set-up")
+    parser.add_argument("--router", required=True, type=Path, help="JSON file with whom the router knows")
+    parser.add_argument("--record", required=True, type=Path, help="MCAP file to write")
+    parser.add_argument("--commit", default="", help="version of the software, for the first record")
+    parser.add_argument("--with-parent", action="store_true", help="end when the starting process ends")
+    return BaseOptions(**vars(parser.parse_args(argv)))
+
+
+def turtlebot(setup: BaseSetup, now: Instant) -> TurtleBot:
+    """The vehicle on the ports of the set-up."""
+    base = functools.partial(kobuki_port.open_port, setup.base)
+    if setup.range is None:
+        return TurtleBot(base, KobukiDriver(now))
+    model = load_model(setup.model, setup.sensor)
+    lidar = rplidar.Rplidar(model.sensor, now)
+    return TurtleBot(base, KobukiDriver(now), functools.partial(rplidar.open_port, setup.range), lidar)
+
+
+class Base:
+    """The base process around its core."""
+
+    def __init__(self, setup: BaseSetup, clock: Clock) -> None:
+        now = clock.now()
+        self._clock = clock
+        self._vehicle = turtlebot(setup, now)
+        self.core = BaseCore(setup.robot, setup.step_us, now, self._vehicle)
+        self._stopped = False
+
+    def drive(self, shell: Shell, bus: WakingBus) -> None:
+        """Run until told to stop; the vehicle stands when this returns or raises."""
+        core = self.core
+        before = signal.signal(signal.SIGTERM, self._stop)
+        try:
+            conduct(shell, bus, core, self, self._clock, lambda: core.wake, self._timely)
+        finally:
+            self._vehicle.close()
+            signal.signal(signal.SIGTERM, before)
+
+    @property
+    def wake(self) -> Instant | None:
+        """As the vehicle says."""
+        return self._vehicle.wake
+
+    def descriptors(self) -> Sequence[int]:
+        """What to wait for."""
+        return self._vehicle.descriptors()
+
+    def serve(self, now: Instant) -> None:
+        """Read what has come, write what is due."""
+        self._vehicle.serve(now)
+        if self._stopped:
+            self.core.stop()
+
+    def _timely(self) -> bool:
+        return self._stopped or self.core.now >= self.core.wake
+
+    def _stop(self, _number: int, _frame: FrameType | None) -> None:
+        self._stopped = True
+
+
+def part(base: Base, setup: BaseSetup, argv: Sequence[str], commit: str) -> Part:
+    """The base and its connections."""
+    run = RunNote(
+        actor="base",
+        argv=tuple(argv),
+        seed=0,
+        step_us=setup.step_us,
+        commit=commit,
+        scenario=msgspec.json.encode(setup).decode(),
+        kernels={},
+    )
+    return Part(
+        core=base.core,
+        listens=base.core.listens(),
+        run=run,
+        bus=WakingBus,
+        drive=base.drive,
+        outcome=base.core.outcome,
+    )
+
+
+def main(argv: Sequence[str]) -> int:
+    """Drive a robot until told to stop; the exit code."""
+    try:
+        options = parse(argv)
+        if options.with_parent:
+            die_with_parent(os.getppid(), signal.SIGTERM)
+        setup = load(options.setup, BaseSetup)
+        issued = router_file.read(options.router)
+        base = Base(setup, Clock())
+        process = part(base, setup, argv, options.commit)
+        try:
+            return play(process, options.record, router_config(issued), lambda: reveal(issued))
+        finally:
+            router_file.remove(options.router)
+    except AcrcError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

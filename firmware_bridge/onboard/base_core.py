@@ -1,0 +1,269 @@
+"""The base of a robot as an actor: conducts the robot's steps by the clock, as the world does in simulation.
+
+The same keys and messages as the world's, with one difference: nobody is waited for. A step begins at its
+instant on a fixed grid. If the robot has not answered the step before, this one is left out and counted; if
+the bridge does not say in time what it has heard, the robot hears it a step later.
+
+The core is told the time, an input that a recording does not hold: what is executed again is the robot, from
+what it received.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Final, Protocol
+
+from actors.instant import Duration, Instant, milliseconds
+from actors.messages import (
+    AIRED,
+    CONTROL,
+    DRIVE,
+    PROGRESS,
+    RADIO_READY,
+    READY,
+    SENSES,
+    TRUTH,
+    Aired,
+    Control,
+    Drive,
+    Odometry,
+    Pause,
+    Progress,
+    Ready,
+    Resume,
+    RobotTruth,
+    Scan,
+    Senses,
+    Stop,
+    Truth,
+)
+from actors.runtime.core import Address, Inputs, Output, at, read, to
+from actors.topic import Message
+
+AIR_PATIENCE: Final[Duration] = milliseconds(20)
+"""How long a step waits for the bridge: a fifth of a step; a bridge on the same machine takes about one."""
+
+
+class Vehicle(Protocol):
+    """What the base can sense and do."""
+
+    def odometry(self) -> Odometry:
+        """Pose since it was switched on, and velocity."""
+
+    def bumper(self) -> int:
+        """Bits as in Senses, of the time since the last call."""
+
+    def scan(self) -> Scan | None:
+        """The last sweep, once."""
+
+    def command(self, now: Instant, vx: float, omega: float) -> None:
+        """Want a velocity, m/s and rad/s; what stops it is the vehicle's own affair."""
+
+
+class BaseCore:
+    """One robot's steps; `expect` announces each message, and without one an advance takes in the time."""
+
+    def __init__(self, robot: str, step_us: int, begin: Instant, vehicle: Vehicle) -> None:
+        """`begin`: the instant of step 0."""
+        self.now = begin
+        self.finished = False
+        self.overruns = 0
+        """Steps that were left out because the robot had not answered."""
+        self.late_air = 0
+        """Steps for which the bridge's word came too late."""
+        self.stale = 0
+        """Drive messages of another step than the present one."""
+        self.lateness_ms: Counter[int] = Counter()
+        """Steps by whole milliseconds from a step's instant to the robot's answer."""
+        self._robot = robot
+        self._step_us = step_us
+        self._begin = begin
+        self._vehicle = vehicle
+        self._step = 0
+        self._sensed: int | None = None
+        """The step whose Senses went out last."""
+        self._expected: Address | None = None
+        self._robot_there = self._radio_there = self._busy = self._asked = self._paused = False
+        self._opening: int | None = None
+        """The step that waits for the bridge."""
+        self._air_due = begin
+        self._events = 0
+        self._transmits = 0
+        self._stopping = False
+        self._reports = self._left = 0
+
+    @property
+    def step(self) -> int:
+        """The step of the grid that has begun last."""
+        return self._step
+
+    @property
+    def next_tick(self) -> Instant:
+        """When the next step begins."""
+        return Instant(self._begin + (self._step + 1) * self._step_us)
+
+    @property
+    def wake(self) -> Instant:
+        """When an advance is due, if no message comes before."""
+        return min(self.next_tick, self._air_due) if self._opening is not None else self.next_tick
+
+    def listens(self) -> Sequence[Address]:
+        """Every address that a message may come in on."""
+        robot = self._robot
+        return (at(READY, robot), at(RADIO_READY), at(DRIVE, robot), at(AIRED), at(CONTROL))
+
+    def expect(self, key: str) -> None:
+        """The next advance takes the message that has come on that key."""
+        self._expected = next(address for address in self.listens() if address.key == key)
+
+    def missing(self, have: Inputs) -> Sequence[Address]:
+        """What was announced by `expect`."""
+        expected = self._expected
+        return () if expected is None or expected.key in have else (expected,)
+
+    def advance(self, inputs: Inputs) -> Sequence[Output]:
+        """Take in one message, or the passing of time."""
+        self._expected = None
+        if not inputs:
+            return self._time()
+        (key,) = inputs
+        message: Message = inputs[key]
+        match message:
+            case Drive():
+                return self._drive(read(inputs, DRIVE, self._robot))
+            case Aired():
+                return self._aired(message)
+            case Ready():
+                return self._ready(message)
+            case Control():
+                return self._control(message)
+            case _:
+                return ()
+
+    def stop(self) -> None:
+        """The next advance without a message is the last."""
+        self._stopping = True
+
+    def _halt(self) -> Sequence[Output]:
+        """The last messages: to the robot, and to the bridge."""
+        self.finished = True
+        self._vehicle.command(self.now, 0.0, 0.0)
+        senses = self._senses_of(self._step, halt=True)
+        truth = Truth(self._step, self._instant(self._step), (), halt=True)
+        return (to(SENSES, senses, self._robot), to(TRUTH, truth), to(PROGRESS, self._progress()))
+
+    def outcome(self) -> dict[str, object]:
+        """How punctual it was."""
+        return {
+            "steps": self._step,
+            "overruns": self.overruns,
+            "late_air": self.late_air,
+            "stale_drives": self.stale,
+            "lateness_ms": {str(late): count for late, count in sorted(self.lateness_ms.items())},
+        }
+
+    def _time(self) -> Sequence[Output]:
+        if self._stopping:
+            return self._halt()
+        outputs: list[Output] = []
+        if self._opening is not None and self.now >= self._air_due:
+            self.late_air += 1
+            outputs += self._open(self._opening)
+        if self.now >= self.next_tick:
+            self._step = (self.now - self._begin) // self._step_us
+            outputs += self._tick()
+        return outputs
+
+    def _tick(self) -> Sequence[Output]:
+        if not self._robot_there or self._paused:
+            return ()
+        if self._busy or self._opening is not None:
+            self.overruns += 1
+            return ()
+        waits = self._radio_there and self._sensed is not None and not self._events
+        if not waits:
+            return self._open(self._step)
+        self._opening, self._air_due = self._step, Instant(self.now + AIR_PATIENCE)
+        if self._asked:
+            return ()
+        self._asked = True
+        assert self._sensed is not None
+        truth = Truth(self._sensed, self._instant(self._sensed), (self._truth(),))
+        return (to(TRUTH, truth),)
+
+    def _open(self, step: int) -> list[Output]:
+        self._opening, self._busy, self._sensed = None, True, step
+        outputs = [to(SENSES, self._senses_of(step), self._robot)]
+        if self._instant(step) % 1_000_000 < self._step_us:
+            outputs.append(to(PROGRESS, self._progress()))
+        return outputs
+
+    def _senses_of(self, step: int, halt: bool = False) -> Senses:
+        vehicle, events = self._vehicle, self._events
+        self._events = 0
+        scan = None if halt else vehicle.scan()
+        instant = self._instant(step)
+        return Senses(step, instant, events, vehicle.odometry(), vehicle.bumper(), scan, halt)
+
+    def _drive(self, drive: Drive) -> Sequence[Output]:
+        if drive.step != self._sensed or not self._busy:
+            self.stale += 1
+            return ()
+        self._busy = False
+        late = self.now - self._instant(drive.step)
+        self.lateness_ms[late // 1000] += 1
+        if not self._paused:
+            self._vehicle.command(self.now, drive.vx, drive.omega)
+        self._transmits = drive.transmits
+        self._reports += len(drive.reports)
+        self._left = self._left if drive.route is None else len(drive.route)
+        return ()
+
+    def _aired(self, aired: Aired) -> Sequence[Output]:
+        self._asked = False
+        self._events += sum(count.events for count in aired.counts if count.id == self._robot)
+        return self._open(self._opening) if self._opening is not None else ()
+
+    def _ready(self, ready: Ready) -> Sequence[Output]:
+        if ready.actor == self._robot:
+            self._robot_there, self._busy, self._opening, self._events = True, False, None, 0
+        else:
+            self._radio_there, self._asked = True, False
+        return ()
+
+    def _control(self, control: Control) -> Sequence[Output]:
+        for order in control.orders:
+            match order:
+                case Stop():
+                    return self._halt()
+                case Pause():
+                    self._paused = True
+                    self._vehicle.command(self.now, 0.0, 0.0)
+                case Resume():
+                    self._paused = False
+                case _:
+                    pass  # orders to a simulated world
+        return ()
+
+    def _truth(self) -> RobotTruth:
+        """What stands in truth's place: the base knows no more than its odometry."""
+        odometry = self._vehicle.odometry()
+        return RobotTruth(
+            self._robot,
+            odometry.x,
+            odometry.y,
+            odometry.heading,
+            odometry.vx,
+            odometry.vy,
+            odometry.omega,
+            stepping=True,
+            powered=True,
+            transmits=self._transmits,
+        )
+
+    def _instant(self, step: int) -> Instant:
+        return Instant(self._begin + step * self._step_us)
+
+    def _progress(self) -> Progress:
+        return Progress(
+            self._step, self._instant(self._step), self._left, self._reports, self.finished, self._paused
+        )

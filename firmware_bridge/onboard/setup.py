@@ -1,0 +1,46 @@
+"""What a base and a bridge are started with: JSON files, written by whoever starts the robot."""
+
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from actors.runtime.errors import AcrcError
+
+S = TypeVar("S", bound=msgspec.Struct)
+
+
+class BaseSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Everything a base needs to know."""
+
+    robot: str
+    model: str
+    """Name of a shipped robot model, or the path of a model file."""
+    sensor: str | None
+    step_us: int
+    base: str
+    """Path of the Kobuki's port."""
+    range: str | None
+    """Path of the lidar's port; None = there is none."""
+
+
+class BridgeSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Everything a bridge needs to know."""
+
+    robot: str
+    step_us: int
+    radio: str
+    """Path of the board's port."""
+    address: int
+    pan: int
+    channel: int
+    """11 to 26."""
+    power_dbm: float
+
+
+def load(path: Path, kind: type[S]) -> S:
+    """The set-up in a JSON file. Raises AcrcError."""
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=kind)
+    except (OSError, msgspec.DecodeError) as error:
+        raise AcrcError(f"{path}: no {kind.__name__}: {error}") from None
