@@ -88,3 +88,25 @@ def deeco(json: _Json = False) -> None:
     from benchmarks import deeco as model
 
     model.run(json)
+
+
+@app.command()
+def beeclick(
+    size: Annotated[int, typer.Option("--bytes", metavar="N", min=1, help="Of noise and talk.")] = 10_000_000,
+    json: _Json = False,
+) -> None:
+    """Soak the link to a BEE-click board in scrambled bytes, and measure what it carries."""
+    from benchmarks import beeclick as boards
+
+    boards.run(size, json)
+
+
+@app.command()
+def kobuki(
+    size: Annotated[int, typer.Option("--bytes", metavar="N", min=1, help="Of noise and talk.")] = 10_000_000,
+    json: _Json = False,
+) -> None:
+    """Soak the driver of a Kobuki in scrambled bytes."""
+    from benchmarks import kobuki as bases
+
+    bases.run(size, json)

@@ -69,12 +69,17 @@ def lay_out(plan: Plan) -> None:
     places = {robot.id: robot.places for robot in plan.world.robots}
     (plan.folder("world") / "places.json").write_bytes(msgspec.json.encode(places))
     for robot in plan.world.robots:
-        plan.folder(robot.id).mkdir()
-        copy_map(Path(plan.world.map), plan.folder(robot.id))
-        _write_places(robot, plan.folder(robot.id) / "places.toml")
-        (plan.folder(robot.id) / "adaptation.toml").write_text(plan.adaptation)
-        if Path(robot.model).is_file():
-            shutil.copy(robot.model, plan.folder(robot.id) / "model.toml")
+        lay_out_robot(plan, robot)
+
+
+def lay_out_robot(plan: Plan, robot: RobotSetup) -> None:
+    """Write the files that one robot reads."""
+    plan.folder(robot.id).mkdir()
+    copy_map(Path(plan.world.map), plan.folder(robot.id))
+    _write_places(robot, plan.folder(robot.id) / "places.toml")
+    (plan.folder(robot.id) / "adaptation.toml").write_text(plan.adaptation)
+    if Path(robot.model).is_file():
+        shutil.copy(robot.model, plan.folder(robot.id) / "model.toml")
 
 
 def copy_map(map_file: Path, folder: Path) -> None:
@@ -100,7 +105,7 @@ def world_program(plan: Plan) -> Program:
 def radio_program(plan: Plan) -> Program:
     """The radio's program."""
     folder = plan.folder("radio")
-    argv = ("--setup", str(folder / "setup.json"), *_seat(plan, "world", "radio", folder / "radio.mcap"))
+    argv = ("--setup", str(folder / "setup.json"), *seat_argv(plan, "world", "radio", folder / "radio.mcap"))
     return Program("radio", "actors.radio", argv, folder / "radio.log", folder / "radio.mcap")
 
 
@@ -110,7 +115,7 @@ def robot_program(plan: Plan, robot: RobotSetup, order: ProcessOrder, first_step
     name = robot.id if order.epoch == 0 else f"{robot.id}.{order.epoch}"
     argv = (
         *robot_argv(plan, robot, order.epoch, first_step),
-        *_seat(plan, robot.id, "", folder / f"{name}.mcap"),
+        *seat_argv(plan, robot.id, "", folder / f"{name}.mcap"),
         *(("--isolate",) if plan.isolate else ()),
     )
     return Program(robot.id, "actors.robot", argv, folder / f"{name}.log", folder / f"{name}.mcap")
@@ -158,7 +163,8 @@ def observer_program(plan: Plan) -> Program:
     return Program("observer", "actors.observer", argv, plan.out / "view.log", None)
 
 
-def _seat(plan: Plan, folder: str, user: str, record: Path) -> tuple[str, ...]:
+def seat_argv(plan: Plan, folder: str, user: str, record: Path) -> tuple[str, ...]:
+    """The options that every client has; the router's socket, and `user`'s credentials, lie in `folder`."""
     place = plan.folder(folder).resolve()
     secret = place / (f"{user}.credentials" if user else "credentials")
     return (

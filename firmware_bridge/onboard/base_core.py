@@ -147,8 +147,9 @@ class BaseCore:
         """The last messages: to the robot, and to the bridge."""
         self.finished = True
         self._vehicle.command(self.now, 0.0, 0.0)
-        senses = self._senses_of(self._step, halt=True)
-        truth = Truth(self._step, self._instant(self._step), (), halt=True)
+        last = self._step if self._sensed is None else max(self._step, self._sensed + 1)
+        senses = self._senses_of(last, halt=True)
+        truth = Truth(last, self._instant(last), (), halt=True)
         return (to(SENSES, senses, self._robot), to(TRUTH, truth), to(PROGRESS, self._progress()))
 
     def outcome(self) -> dict[str, object]:

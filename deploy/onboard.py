@@ -1,0 +1,132 @@
+"""A robot's own processes: base, bridge, and the robot program with the argv that simulation gives it."""
+
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from actors.messages import ProcessOrder
+from actors.runtime import credentials, router_file
+from actors.runtime.credentials import Credentials
+from actors.world.setup import RobotSetup
+from deploy.launch import Program
+from deploy.plan import ROUTER_FILE, OutFolderError, Plan, lay_out_robot, robot_program, seat_argv
+from firmware_bridge.onboard.setup import BaseSetup, BridgeSetup
+
+BASE: Final = "base"
+BRIDGE: Final = "radio"
+OPERATORS: Final = ("radio", "observer", "operator")
+
+
+@dataclass(frozen=True)
+class Ports:
+    """Where a robot's devices are plugged in, and how its board is set up."""
+
+    base: str
+    radio: str
+    range: str | None
+    pan: int
+    channel: int
+    power_dbm: float
+
+
+@dataclass(frozen=True)
+class Onboard:
+    """One robot, ready to be laid out; `plan` has this robot alone."""
+
+    plan: Plan
+    ports: Ports
+    epoch: int
+    """How often the robot has been switched on before."""
+    debug_port: int | None = None
+    """Wait there for a debugger, and end without one."""
+
+    @property
+    def robot(self) -> RobotSetup:
+        """The one robot."""
+        (robot,) = self.plan.world.robots
+        return robot
+
+
+def lay_out(onboard: Onboard) -> None:
+    """Write the files that the processes read; the folder must be new or empty."""
+    plan, robot, ports = onboard.plan, onboard.robot, onboard.ports
+    if plan.out.exists() and (not plan.out.is_dir() or any(plan.out.iterdir())):
+        raise OutFolderError(f"--out {plan.out}: exists and is not an empty folder; name a new one")
+    plan.out.mkdir(parents=True, exist_ok=True)
+    (plan.out / "scenario.toml").write_text(plan.scenario)
+    lay_out_robot(plan, robot)
+    base = BaseSetup(robot.id, robot.model, robot.sensor, plan.world.step_us, ports.base, ports.range)
+    bridge = BridgeSetup(
+        robot.id,
+        plan.world.step_us,
+        ports.radio,
+        plan.address(robot.id),
+        ports.pan,
+        ports.channel,
+        ports.power_dbm,
+    )
+    for actor, setup in ((BASE, base), (BRIDGE, bridge)):
+        plan.folder(actor).mkdir()
+        (plan.folder(actor) / "setup.json").write_bytes(msgspec.json.format(msgspec.json.encode(setup)))
+
+
+def issue(onboard: Onboard) -> Credentials:
+    """Draw new passwords: the robot's lies in its folder, all others in the base's."""
+    plan = onboard.plan
+    issued = credentials.issue({onboard.robot.id: plan.folder(onboard.robot.id)}, plan.folder(BASE))
+    router_file.write(plan.folder(BASE) / ROUTER_FILE, issued)
+    return issued
+
+
+def withdraw(onboard: Onboard) -> None:
+    """Remove what is left of passwords and sockets."""
+    router_file.remove(onboard.plan.folder(BASE) / ROUTER_FILE)
+
+
+def base_program(onboard: Onboard, start: int) -> Program:
+    """The base's program; `start` counts its starts."""
+    plan, folder = onboard.plan, onboard.plan.folder(BASE)
+    name = _numbered(BASE, start)
+    argv = (
+        *("--setup", str(folder / "setup.json"), "--router", str(folder / ROUTER_FILE)),
+        *("--record", str(folder / f"{name}.mcap"), "--commit", plan.commit, "--with-parent"),
+    )
+    log, record = folder / f"{name}.log", folder / f"{name}.mcap"
+    return Program(BASE, "firmware_bridge.onboard.base", argv, log, record)
+
+
+def bridge_program(onboard: Onboard, start: int) -> Program:
+    """The bridge's program."""
+    plan, folder = onboard.plan, onboard.plan.folder(BRIDGE)
+    name = _numbered(BRIDGE, start)
+    record = folder / f"{name}.mcap"
+    argv = ("--setup", str(folder / "setup.json"), *seat_argv(plan, BASE, "radio", record))
+    return Program(BRIDGE, "firmware_bridge.onboard.bridge", argv, folder / f"{name}.log", record)
+
+
+def onboard_robot_program(onboard: Onboard, start: int) -> Program:
+    """The robot's program, as in simulation; under a debugger if one is wanted."""
+    order = ProcessOrder(onboard.robot.id, onboard.epoch + start)
+    program = robot_program(onboard.plan, onboard.robot, order, first_step=0)
+    if onboard.debug_port is None:
+        return program
+    waiting = ("--listen", str(onboard.debug_port), "-m", program.module)
+    return replace(program, module="debugpy", argv=(*waiting, *program.argv))
+
+
+def next_epoch(runs: Path, robot: str) -> int:
+    """How often this robot has been switched on before; counted in a file that stays on its disk."""
+    runs.mkdir(parents=True, exist_ok=True)
+    counter = runs / f"{robot}.epoch"
+    epoch = int(counter.read_text()) + 1 if counter.is_file() else 0
+    fresh = counter.with_suffix(".new")
+    fresh.write_text(f"{epoch}\n")
+    shutil.move(fresh, counter)
+    return epoch
+
+
+def _numbered(actor: str, start: int) -> str:
+    return actor if start == 0 else f"{actor}.{start}"

@@ -1,0 +1,146 @@
+"""The bridge: frames to the board at their instants, news from it at each step, nothing dropped silently."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from actors.board import LinkState, Temperature
+from actors.instant import Duration, Instant, milliseconds, seconds
+from actors.messages import (
+    TRANSMIT,
+    TRUTH,
+    Aired,
+    Board,
+    EventCount,
+    Heard,
+    Outgoing,
+    Overflow,
+    Received,
+    Sent,
+    Transmit,
+    Truth,
+    Unconfirmed,
+)
+from actors.runtime.core import Address, at
+from actors.topic import Message
+from firmware_bridge.beeclick import board as emulated
+from firmware_bridge.beeclick.link import Link
+from firmware_bridge.beeclick.medium import Air, Place, advance
+from firmware_bridge.beeclick.parameters import BoardSettings
+from firmware_bridge.onboard.bridge_core import MOST_PLANNED, BridgeCore
+
+POLL = milliseconds(1)
+
+
+def standing(x: float) -> Place:
+    return lambda now: (x, 0.0)
+
+
+class Room:
+    """Bridges with boards in one room, in virtual time."""
+
+    def __init__(self, robots: int = 2) -> None:
+        self.now = Instant(0)
+        self.air = Air(np.random.default_rng(1))
+        self.bridges: list[BridgeCore] = []
+        self.boards: list[emulated.Board] = []
+        for number in range(robots):
+            link = Link(BoardSettings(number + 1))
+            board = emulated.Board(self.air, self.now)
+            self.air.add(board, standing(float(number)))
+            link.connect(self.now)
+            self.boards.append(board)
+            self.bridges.append(BridgeCore(f"r{number + 1}", link))
+        self.run(seconds(0.2))
+        self.news = [[output.message for output in bridge.advance({})] for bridge in self.bridges]
+
+    def run(self, duration: Duration) -> None:
+        until = self.now + duration
+        while self.now < until:
+            self.now = Instant(self.now + POLL)
+            advance(self.air, self.now)
+            for bridge, board in zip(self.bridges, self.boards, strict=True):
+                bridge.now = self.now
+                bridge.hear(board.run(self.now))
+                board.take(self.now, bridge.due())
+
+    def give(self, robot: int, address: Address, message: Message) -> list[Message]:
+        bridge = self.bridges[robot]
+        bridge.expect(address.key)
+        assert [one.key for one in bridge.missing({})] == [address.key]
+        return [output.message for output in bridge.advance({address.key: message})]
+
+    def transmit(self, robot: int, *frames: tuple[int, float, bytes]) -> None:
+        planned = tuple(Outgoing(tag, self.now + milliseconds(later), data) for tag, later, data in frames)
+        assert self.give(robot, at(TRANSMIT, f"r{robot + 1}"), Transmit(1, planned)) == []
+
+    def step(self, robot: int, step: int) -> Sequence[Message]:
+        return self.give(robot, at(TRUTH), Truth(step, self.now, ()))
+
+
+def test_a_frame_goes_out_at_its_instant_and_is_heard_by_the_other() -> None:
+    room = Room()
+    begun = room.now
+    room.transmit(0, (7, 30, b"hello"))
+    room.run(milliseconds(100))
+    received, aired = room.step(0, 4)
+    assert isinstance(received, Received) and received.step == 5
+    (sent,) = received.events
+    assert isinstance(sent, Sent) and sent.tag == 7
+    assert 30_000 <= sent.instant - begun < 45_000
+    assert aired == Aired(4, (EventCount("r1", 1),))
+    received, aired = room.step(1, 4)
+    assert isinstance(received, Received)
+    (heard,) = received.events
+    assert isinstance(heard, Heard) and (heard.sender, heard.data) == (1, b"hello")
+    assert -90 < heard.rssi_dbm < -35 and 0 <= heard.lqi <= 255
+
+
+def test_a_step_without_events_sends_the_count_only() -> None:
+    room = Room()
+    assert room.step(0, 9) == [Aired(9, ())]
+
+
+def test_the_board_pulled_out_leaves_nothing_in_doubt_but_what_it_had() -> None:
+    room = Room()
+    room.transmit(0, (1, 0, bytes(118)), (2, 0, bytes(118)))
+    room.run(milliseconds(3))
+    room.bridges[0].now = room.now
+    room.bridges[0].lost()
+    received, _ = room.step(0, 1)
+    assert isinstance(received, Received)
+    assert {type(event) for event in received.events} == {Unconfirmed}
+    assert [event.tag for event in received.events if isinstance(event, Unconfirmed)] == [1, 2]
+
+
+def test_too_many_frames_that_wait_for_their_instants_overflow() -> None:
+    room = Room()
+    room.transmit(0, *((tag, 1000.0 + tag, b"x") for tag in range(MOST_PLANNED + 2)))
+    received, _ = room.step(0, 1)
+    assert isinstance(received, Received)
+    assert [event.tag for event in received.events if isinstance(event, Overflow)] == [
+        MOST_PLANNED,
+        MOST_PLANNED + 1,
+    ]
+    assert room.bridges[0].dropped_frames == 2
+
+
+def test_news_of_the_board_is_for_people() -> None:
+    room = Room(1)
+    room.run(seconds(3))
+    (bridge,) = room.bridges
+    assert bridge.has_news
+    (output,) = bridge.advance({})
+    assert isinstance(output.message, Board)
+    assert Temperature in [type(note) for note in output.message.notes]
+    (board,) = room.news[0]
+    assert isinstance(board, Board)
+    (up,) = board.notes
+    assert isinstance(up, LinkState) and up.up
+    assert not bridge.has_news and list(bridge.advance({})) == []
+
+
+def test_it_ends_with_the_base() -> None:
+    room = Room(1)
+    assert room.give(0, at(TRUTH), Truth(5, room.now, (), halt=True)) == []
+    assert room.bridges[0].finished
