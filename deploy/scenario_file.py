@@ -1,6 +1,5 @@
 """Reads a scenario file, lays the command line's wishes over it, and says what is wrong in one sentence."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -9,14 +8,12 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from actors.runtime.errors import AcrcError
-from deploy import areas, events, robot_tables, wording
+from deploy import areas, events, robot_tables, toml_file, wording
 from deploy.repository import REPOSITORY
 from deploy.scenario import Scenario
 from deploy.usage import OptionError
 
 DEFAULT_SCENARIO: Final = REPOSITORY / "scenarios" / "corridor.toml"
-LARGEST_FILE: Final = 1_000_000
-"""Bytes of a scenario file; 1000 robots with 10 places each need half of that."""
 
 
 class ScenarioError(AcrcError):
@@ -55,15 +52,12 @@ def load_scenario(path: Path | None = None, overrides: Overrides = Overrides()) 
     Paths in it are absolute. Raises ScenarioError, or OptionError where a value of `overrides` is wrong.
     """
     path = DEFAULT_SCENARIO if path is None else path
-    return parse(_read(path), path, overrides)
+    return parse(toml_file.read(path, "scenario", ScenarioError), path, overrides)
 
 
 def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario:
     """The scenario in the text of the file `path`, as load_scenario gives it."""
-    try:
-        content = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError, and whole numbers of 4301 digits
-        raise ScenarioError(f"{path}: this is no TOML: {error}") from None
+    content = toml_file.tables(text, path, ScenarioError)
     options = _lay_over(content, overrides)
     try:
         scenario = Scenario.model_validate(content)
@@ -73,21 +67,6 @@ def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario
         if fault:
             raise ScenarioError(f"{path}: {fault}")
     return _with_absolute_paths(scenario, path.resolve().parent)
-
-
-def _read(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise ScenarioError(
-                f"{path}: a scenario file may have at most {LARGEST_FILE} bytes, but this has more"
-            )
-        return content.decode("utf-8")
-    except OSError as error:
-        raise ScenarioError(f"{path}: the scenario file cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise ScenarioError(f"{path}: byte {error.start} of the scenario file is not UTF-8") from None
 
 
 def _lay_over(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[str, ...], str]:

@@ -8,7 +8,7 @@ from pydantic.fields import FieldInfo
 
 from actors import wording
 from actors.wording import shown
-from deploy.scenario import Right
+from deploy.kinds import Right
 
 
 def sentence(model: type[BaseModel], kind: str, location: Sequence[str | int], content: object) -> str:
