@@ -49,14 +49,18 @@ class Onboard:
         (robot,) = self.plan.world.robots
         return robot
 
+    def folder(self, actor: str) -> Path:
+        """Of the base or the bridge: beside the robot's own, from which the robot sees neither."""
+        return self.plan.folder(f"{self.robot.id}.{actor}")
+
 
 def lay_out(onboard: Onboard) -> None:
-    """Write the files that the processes read; the folder must be new or empty."""
+    """Write the files that the processes read; the robot must have no folder there yet."""
     plan, robot, ports = onboard.plan, onboard.robot, onboard.ports
-    if plan.out.exists() and (not plan.out.is_dir() or any(plan.out.iterdir())):
-        raise OutFolderError(f"--out {plan.out}: exists and is not an empty folder; name a new one")
+    own = plan.folder(robot.id)
+    if own.exists():
+        raise OutFolderError(f"--out {plan.out}: already has a folder of {robot.id}; name a new one")
     plan.out.mkdir(parents=True, exist_ok=True)
-    (plan.out / "scenario.toml").write_text(plan.scenario)
     lay_out_robot(plan, robot)
     base = BaseSetup(robot.id, robot.model, robot.sensor, plan.world.step_us, ports.base, ports.range)
     bridge = BridgeSetup(
@@ -69,27 +73,27 @@ def lay_out(onboard: Onboard) -> None:
         ports.power_dbm,
     )
     for actor, setup in ((BASE, base), (BRIDGE, bridge)):
-        plan.folder(actor).mkdir()
-        (plan.folder(actor) / "setup.json").write_bytes(msgspec.json.format(msgspec.json.encode(setup)))
+        onboard.folder(actor).mkdir()
+        (onboard.folder(actor) / "setup.json").write_bytes(msgspec.json.format(msgspec.json.encode(setup)))
 
 
 def issue(onboard: Onboard) -> Credentials:
     """Draw new passwords: the robot's lies in its folder, all others in the base's."""
     plan = onboard.plan
-    issued = credentials.issue({onboard.robot.id: plan.folder(onboard.robot.id)}, plan.folder(BASE))
-    router_file.write(plan.folder(BASE) / ROUTER_FILE, issued)
+    issued = credentials.issue({onboard.robot.id: plan.folder(onboard.robot.id)}, onboard.folder(BASE))
+    router_file.write(onboard.folder(BASE) / ROUTER_FILE, issued)
     return issued
 
 
 def withdraw(onboard: Onboard) -> None:
     """Remove what is left of passwords and sockets."""
-    router_file.remove(onboard.plan.folder(BASE) / ROUTER_FILE)
+    router_file.remove(onboard.folder(BASE) / ROUTER_FILE)
 
 
 def base_program(onboard: Onboard, start: int) -> Program:
     """The base's program; `start` counts its starts."""
-    plan, folder = onboard.plan, onboard.plan.folder(BASE)
-    name = _numbered(BASE, start)
+    plan, folder = onboard.plan, onboard.folder(BASE)
+    name = _numbered(folder.name, start)
     argv = (
         *("--setup", str(folder / "setup.json"), "--router", str(folder / ROUTER_FILE)),
         *("--record", str(folder / f"{name}.mcap"), "--commit", plan.commit, "--with-parent"),
@@ -100,10 +104,14 @@ def base_program(onboard: Onboard, start: int) -> Program:
 
 def bridge_program(onboard: Onboard, start: int) -> Program:
     """The bridge's program."""
-    plan, folder = onboard.plan, onboard.plan.folder(BRIDGE)
-    name = _numbered(BRIDGE, start)
+    plan, folder = onboard.plan, onboard.folder(BRIDGE)
+    name = _numbered(folder.name, start)
     record = folder / f"{name}.mcap"
-    argv = ("--setup", str(folder / "setup.json"), *seat_argv(plan, BASE, "radio", record))
+    argv = (
+        "--setup",
+        str(folder / "setup.json"),
+        *seat_argv(plan, onboard.folder(BASE).name, "radio", record),
+    )
     return Program(BRIDGE, "firmware_bridge.onboard.bridge", argv, folder / f"{name}.log", record)
 
 

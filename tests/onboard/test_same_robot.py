@@ -1,0 +1,56 @@
+"""The robot on board is the robot of the simulation: the same program, told the same."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from actors.messages import ProcessOrder
+from deploy import onboard, plan, swarm
+from deploy.onboard import Onboard, Ports
+from deploy.options import RunOptions
+from deploy.plan import OutFolderError, Plan
+from deploy.scenario_file import load_scenario
+
+ROOT = Path(__file__).parents[2]
+PORTS = Ports("/dev/kobuki", "/dev/beeclick", "/dev/rplidar", 0xBABA, 26, 0.0)
+
+
+@pytest.fixture
+def alone(tmp_path: Path) -> Plan:
+    """The head-on scenario, for r1 only."""
+    whole = swarm.plan(load_scenario(ROOT / "scenarios" / "head_on.toml"), RunOptions(tmp_path / "out"))
+    return replace(whole, world=msgspec.structs.replace(whole.world, robots=whole.world.robots[:1]))
+
+
+def test_argv_and_module_are_those_of_the_simulation(alone: Plan) -> None:
+    robot = alone.world.robots[0]
+    on_board = onboard.onboard_robot_program(Onboard(alone, PORTS, epoch=0), start=0)
+    assert on_board == plan.robot_program(alone, robot, ProcessOrder("r1", 0), first_step=0)
+
+
+def test_a_debugger_changes_who_runs_it_and_nothing_else(alone: Plan) -> None:
+    plain = onboard.onboard_robot_program(Onboard(alone, PORTS, epoch=0), start=0)
+    debugged = onboard.onboard_robot_program(Onboard(alone, PORTS, 0, debug_port=5678), start=0)
+    assert debugged.module == "debugpy"
+    assert debugged.argv == ("--listen", "5678", "-m", plain.module, *plain.argv)
+
+
+def test_what_the_robot_reads_is_the_same_and_base_and_bridge_lie_beside_it(
+    alone: Plan, tmp_path: Path
+) -> None:
+    simulated = replace(alone, out=tmp_path / "simulated")
+    plan.lay_out(simulated)
+    onboard.lay_out(Onboard(alone, PORTS, epoch=0))
+    assert sorted(path.name for path in alone.out.iterdir()) == ["r1", "r1.base", "r1.radio"]
+    for path in (simulated.out / "r1").iterdir():
+        assert (alone.out / "r1" / path.name).read_bytes() == path.read_bytes()
+    with pytest.raises(OutFolderError) as refused:
+        onboard.lay_out(Onboard(alone, PORTS, epoch=0))
+    assert str(refused.value) == f"--out {alone.out}: already has a folder of r1; name a new one"
+
+
+def test_each_time_that_it_is_switched_on_is_another_epoch(tmp_path: Path) -> None:
+    assert [onboard.next_epoch(tmp_path / "runs", "r1") for _ in range(3)] == [0, 1, 2]
+    assert onboard.next_epoch(tmp_path / "runs", "r2") == 0
