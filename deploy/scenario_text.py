@@ -1,5 +1,6 @@
 """A scenario as the text of a TOML file, and what of it goes onto a robot's disk."""
 
+from deploy.kinds import Table
 from deploy.scenario import Scenario
 from deploy.toml_text import document
 
@@ -9,7 +10,7 @@ def to_toml(scenario: Scenario) -> str:
     return document(scenario.model_dump(exclude_none=True))
 
 
-def adaptation(settled: Scenario) -> str:
-    """The text of every robot's adaptation.toml, out of a scenario that leaves nothing to be drawn."""
+def adaptation(settled: Table) -> str:
+    """The text of every robot's adaptation.toml, of a fleet, or a scenario that leaves nothing to draw."""
     content = settled.model_dump(include={"strategy", "deeco", "area"})
     return "# What the robot's strategy is told, and how it exchanges knowledge.\n\n" + document(content)

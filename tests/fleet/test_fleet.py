@@ -1,0 +1,190 @@
+"""The fleet file: what it says, and every fault of it in one sentence."""
+
+from pathlib import Path
+
+import pytest
+
+from actors.robot.adaptation import adaptation
+from deploy.fleet import FleetError, load_fleet
+from tests.fleet.texts import HEAD, OFFICE, ROBOT, ROOT, fault, fleet, robot
+
+POWER = "0, -0.5 or -6.3 dBm, or one of them less 10, 20 or 30, which is what the firmware can set"
+LISTEN = '"tls/HOST:PORT", such as "tls/0.0.0.0:7447"'
+
+
+def test_the_shipped_fleet_is_three_turtlebots_on_the_corridor() -> None:
+    office = load_fleet(OFFICE)
+    assert [(robot.id, robot.address, robot.model) for robot in office.robots] == [
+        ("r1", 1, "turtlebot2"),
+        ("r2", 2, "turtlebot2"),
+        ("r3", 3, "turtlebot2"),
+    ]
+    assert office.path == OFFICE
+    assert office.map == ROOT / "maps" / "corridor.yaml"
+    assert office.keys_of("r2") == ROOT / "fleets" / "office-keys" / "r2"
+    assert office.robot("r2").start == (17.5, 5.0, 0.0)
+    assert office.run.strategy == "chapter"
+
+
+def test_what_is_absent_is_as_the_original_robots_had_it() -> None:
+    one = fleet()
+    assert (one.radio.pan, one.radio.channel, one.radio.power_db) == (0xBABA, 11, 0.0)
+    assert (one.step_ms, one.seed, one.run.strategy) == (100, 1, "none")
+    assert one.run.modules == str(ROOT)
+    (robot,) = one.robots
+    assert (robot.model, robot.sensor, robot.range, robot.listen) == ("turtlebot2", None, None, None)
+    assert robot.listen_host is None and not robot.listens_everywhere
+
+
+def test_paths_are_relative_to_the_file_wherever_one_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "fleets").mkdir()
+    file = tmp_path / "fleets" / "mine.toml"
+    file.write_text(
+        'map = "../maps/floor.yaml"\nkeys = "secret"\n[run]\nmodules = "own"\n'
+        + robot(1, 'model = "models/wide.toml"')
+    )
+    monkeypatch.chdir(tmp_path)
+    mine = load_fleet(Path("fleets/mine.toml"))
+    assert mine.path == file
+    assert mine.map == tmp_path / "maps" / "floor.yaml"
+    assert mine.keys == tmp_path / "fleets" / "secret"
+    assert mine.run.modules == str(tmp_path / "fleets" / "own")
+    assert mine.robot("r1").model == str(tmp_path / "fleets" / "models" / "wide.toml")
+
+
+def test_robots_read_strategy_exchange_and_areas_as_in_a_simulation() -> None:
+    told = adaptation(
+        fleet(
+            '[strategy]\nreach = 0.5\n[deeco]\nrelay = true\n[[area]]\nname = "A"\nx = [0, 1]\ny = [2, 3]\n'
+            + ROBOT
+        ).adaptation
+    )
+    assert told.settings == {"reach": 0.5}
+    assert told.exchange.relay
+    assert [area.name for area in told.areas] == ["A"]
+
+
+@pytest.mark.parametrize(
+    ("listen", "host", "everywhere"),
+    [
+        ("tls/0.0.0.0:7447", "0.0.0.0", True),
+        ("tls/[::]:7447", "::", True),
+        ("tls/192.168.1.12:1", "192.168.1.12", False),
+        ("tls/[fe80::1]:65535", "fe80::1", False),
+        ("tls/r2.local:7447", "r2.local", False),
+    ],
+)
+def test_a_robot_knows_where_it_listens(listen: str, host: str, everywhere: bool) -> None:
+    one = fleet(robot(1, f'listen = "{listen}"')).robot("r1")
+    assert (one.listen_host, one.listens_everywhere) == (host, everywhere)
+
+
+def test_a_robot_that_is_not_in_the_fleet_is_told_from_those_that_are() -> None:
+    with pytest.raises(FleetError) as caught:
+        fleet(robot(1) + robot(3)).robot("r2")
+    assert str(caught.value) == f'{ROOT}/some.toml: there is no robot "r2" in the fleet; it has r1, r3'
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "robot is missing, but must be written as tables [[robot]]"),
+        ("robot = []", "robot is [], but must be written as tables [[robot]]"),
+        ("step_ms = 15" + ROBOT, "step_ms is 15, but must be a multiple of 10 ms, from 10 to 100"),
+        ("[run]\nstrateg = 1" + ROBOT, "run.strateg is not known; did you mean run.strategy?"),
+        ("[robots]\ncount = 1" + ROBOT, "robots is not known; did you mean robot?"),
+        ("[radio]\npan = 0xFFFF" + ROBOT, "radio.pan is 65535, but must be a whole number from 0 to 0xFFFE"),
+        ("[radio]\nchannel = 27" + ROBOT, "radio.channel is 27, but must be a whole number from 11 to 26"),
+        (
+            "[radio]\nchannel = true" + ROBOT,
+            "radio.channel is true, but must be a whole number from 11 to 26",
+        ),
+        ("[radio]\npower_db = 1" + ROBOT, f"radio.power_db is 1, but must be {POWER}"),
+        ("[radio]\npower_db = -5.0" + ROBOT, f"radio.power_db is -5.0, but must be {POWER}"),
+        ("[radio]\npower_db = -40.0" + ROBOT, f"radio.power_db is -40.0, but must be {POWER}"),
+        (
+            robot(1, "address = 0xFFFE"),
+            "robot[0].address is 65534, but must be a whole number from 0 to 0xFFFD",
+        ),
+        (robot(1, 'id = "R1"'), 'robot[0].id is "R1", but must be the id of a robot, such as "r2"'),
+        (
+            robot(1, 'id = "operator"'),
+            'robot[0].id is "operator", but must be the id of a robot, such as "r2"',
+        ),
+        (
+            robot(1, "start = [1, 2]"),
+            "robot[0].start is [1, 2], but must be a pose [x, y, heading] in m, m and rad",
+        ),
+        (
+            robot(1, "places = [[1, 2], [3]]"),
+            "robot[0].places[1] is [3], but must be a point [x, y] in m",
+        ),
+        (
+            ROBOT.replace("places = [[12.2, 5.9]]", ""),
+            "robot[0].places is missing, but must be a list of points [x, y] in m, at most 1000",
+        ),
+        (
+            robot(1, 'base = "kobuki"'),
+            'robot[0].base is "kobuki", but must be the path of a port, such as "/dev/kobuki"',
+        ),
+        (
+            robot(1, 'radio = "/dev/bee\\nclick"'),
+            'robot[0].radio is "/dev/bee\\nclick", but must be the path of a port, such as "/dev/beeclick"',
+        ),
+        (
+            robot(1, 'range = "kinect"'),
+            'robot[0].range is "kinect", but must be the path of a lidar\'s port, such as "/dev/rplidar", '
+            'or "openni"',
+        ),
+        (
+            robot(1, 'listen = "tcp/0.0.0.0:7447"'),
+            f'robot[0].listen is "tcp/0.0.0.0:7447", but must be {LISTEN}',
+        ),
+        (robot(1, 'listen = "tls/0.0.0.0:0"'), f'robot[0].listen is "tls/0.0.0.0:0", but must be {LISTEN}'),
+        (robot(1, 'listen = "tls/[1:2]:7447"'), f'robot[0].listen is "tls/[1:2]:7447", but must be {LISTEN}'),
+        (robot(1, 'listen = "tls/a b:7447"'), f'robot[0].listen is "tls/a b:7447", but must be {LISTEN}'),
+        (
+            robot(1) + robot(1, "address = 2"),
+            'robot[1].id is "r1" once more, but each robot must have an id of its own',
+        ),
+        (
+            robot(1) + robot(2, "address = 1"),
+            "robot[1].address is 1 as that of r1, but each robot must have an address of its own",
+        ),
+        (
+            robot(1, 'range = "/dev/kobuki"'),
+            'robot[0].range is "/dev/kobuki" as robot[0].base, but each device must have its own port',
+        ),
+        (
+            '[[area]]\nname = "A"\nx = [0, 1]\ny = [0, 1]\n' * 2 + ROBOT,
+            'area[1].name is "A" once more, but each area must have a name of its own',
+        ),
+        ("[deeco]\nhop_limit = 16" + ROBOT, "deeco.hop_limit is 16, but must be a whole number from 1 to 15"),
+    ],
+)
+def test_a_fault_is_one_sentence(text: str, sentence: str) -> None:
+    assert fault(text) == sentence
+
+
+def test_two_robots_may_have_ports_of_the_same_names_for_each_has_a_computer_of_its_own() -> None:
+    assert fault(robot(1) + robot(2)) == "nothing was wrong"
+
+
+def test_a_fleet_needs_a_map() -> None:
+    assert fault(ROBOT, head="") == (
+        "map is missing, but must be the path of a map's YAML file, relative to the fleet file"
+    )
+
+
+def test_a_file_that_is_not_there_or_no_toml_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FleetError) as missing:
+        load_fleet(tmp_path / "f.toml")
+    assert (
+        str(missing.value) == f"{tmp_path}/f.toml: the fleet file cannot be read: No such file or directory"
+    )
+    (tmp_path / "f.toml").write_text(HEAD + "= 3")
+    with pytest.raises(FleetError) as broken:
+        load_fleet(tmp_path / "f.toml")
+    assert str(broken.value) == f"{tmp_path}/f.toml: this is no TOML: Invalid statement (at line 2, column 1)"

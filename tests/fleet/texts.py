@@ -1,0 +1,39 @@
+"""Fleet texts for the tests."""
+
+from pathlib import Path
+
+from deploy.fleet import Fleet, FleetError, parse
+
+ROOT = Path(__file__).parents[2]
+OFFICE = ROOT / "fleets" / "office.toml"
+HEAD = 'map = "maps/corridor.yaml"\n'
+ROBOT = """
+[[robot]]
+id = "r1"
+address = 1
+start = [12.0, 5.0, 0.0]
+places = [[12.2, 5.9]]
+base = "/dev/kobuki"
+radio = "/dev/beeclick"
+"""
+
+
+def fleet(text: str = ROBOT, head: str = HEAD, path: Path = ROOT / "some.toml") -> Fleet:
+    """The fleet with the text behind the line that names the map, as if it lay beside the maps."""
+    return parse(head + text, path)
+
+
+def fault(text: str, head: str = HEAD) -> str:
+    """The sentence that refuses the text, without the file's name."""
+    try:
+        parse(head + text, Path("some.toml"))
+    except FleetError as error:
+        return str(error).removeprefix("some.toml: ")
+    return "nothing was wrong"
+
+
+def robot(number: int, more: str = "") -> str:
+    """A robot's table, with lines that replace or come to those of ROBOT."""
+    lines = ROBOT.replace('"r1"', f'"r{number}"').replace("address = 1", f"address = {number}").splitlines()
+    keys = {line.partition(" =")[0] for line in more.splitlines()}
+    return "\n".join([line for line in lines if line.partition(" =")[0] not in keys] + [more]) + "\n"
