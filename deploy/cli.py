@@ -92,10 +92,11 @@ def run(
     chosen = load_scenario(scenario, overrides)
 
     from deploy import summary, swarm
+    from deploy.signals import Interrupted
 
     try:
         result = swarm.run(chosen, options)
-    except swarm.Interrupted as interrupt:
+    except Interrupted as interrupt:
         Console(stderr=True, soft_wrap=True, highlight=False).print(
             f"acrc: ended from outside; what was recorded is in {options.out}"
         )
@@ -113,6 +114,39 @@ def strategies(
     from deploy.strategy_table import print_strategies
 
     print_strategies(json=json)
+
+
+@app.command()
+def onboard(
+    fleet: Annotated[Path, typer.Argument(metavar="FLEET.toml", help="Which robots there are.")],
+    robot: Annotated[str, typer.Option(metavar="ID", help="Which of them this is.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="New folder for the recordings.  [default: in runs/]")
+    ] = None,
+    isolate: Annotated[
+        bool | None,
+        typer.Option(
+            "--isolate/--no-isolate",
+            help="Shut the robot's process off from all but base and bridge.  [default: where it can be]",
+        ),
+    ] = None,
+    debugpy: Annotated[
+        int | None, typer.Option(metavar="PORT", min=1, max=65535, help="Let a debugger in there.")
+    ] = None,
+) -> None:
+    """Be a robot: drive the TurtleBot and the radio board that are plugged in, until told to stop."""
+    from deploy import onboard_run
+    from deploy.fleet import load_fleet
+    from deploy.signals import Interrupted
+
+    console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    folder = out.absolute() if out else onboard_run.new_folder(Path("runs"))
+    options = onboard_run.OnboardOptions(folder, isolate, debugpy)
+    try:
+        onboard_run.run(onboard_run.prepare(load_fleet(fleet), robot, options), console.print)
+    except Interrupted as interrupt:
+        console.print(f"acrc: ended from outside; what was recorded is in {folder}")
+        raise typer.Exit(interrupt.exit_code) from None
 
 
 @app.command(context_settings={"ignore_unknown_options": True})

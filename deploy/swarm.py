@@ -1,12 +1,9 @@
 """A whole run: from a scenario to processes over the mesh or cores in memory, and to the result."""
 
-import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import FrameType
 from typing import Final
 
 import msgspec
@@ -37,6 +34,7 @@ from deploy.rehearsal import rehearse
 from deploy.result import Circumstances, RunResult, gather
 from deploy.scenario import Scenario
 from deploy.scenario_text import adaptation, to_toml
+from deploy.signals import signals_as_interrupts
 from deploy.supervisor import Supervisor
 from deploy.version import software
 
@@ -45,14 +43,6 @@ OPERATOR: Final = "operator"
 WORLD_GRACE_S: Final = 5.0
 """How much longer than the world's own patience the parent waits for the world."""
 OnProgress = Callable[[Progress], None]
-
-
-class Interrupted(Exception):  # noqa: N818  # what a person or the system asked for is no error
-    """The run was ended from outside; `exit_code` is 128 + the signal's number."""
-
-    def __init__(self, exit_code: int) -> None:
-        super().__init__(exit_code)
-        self.exit_code = exit_code
 
 
 def run(scenario: Scenario, options: RunOptions) -> RunResult:
@@ -97,7 +87,7 @@ def run_in_memory(plan: Plan, on_progress: OnProgress, bus: MemoryBus | None = N
     began = time.time()
     lay_out(plan)
     swarm = MemorySwarm(plan, bus or MemoryBus(), on_progress)
-    with _signals_as_interrupts():
+    with signals_as_interrupts():
         swarm.run()
     return _finish(plan, swarm.programs, _circumstances(plan, began, "memory", swarm.rosters))
 
@@ -106,7 +96,7 @@ def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
     """Run every actor as a process of its own; none is left when this returns or raises."""
     began = time.time()
     lay_out(plan)
-    with _signals_as_interrupts(), launcher(spawn) as launched:
+    with signals_as_interrupts(), launcher(spawn) as launched:
         supervisor = _supervise(plan, launched, on_progress)
     about = _circumstances(plan, began, "zenoh", supervisor.rosters)
     about = replace(about, parent_cpu_s=time.process_time())
@@ -183,19 +173,3 @@ def _circumstances(plan: Plan, began: float, bus: str, rosters: int) -> Circumst
         parent_cpu_s=0.0,
         parent_received=rosters,
     )
-
-
-@contextmanager
-def _signals_as_interrupts() -> Iterator[None]:
-    """Ctrl-C, SIGTERM and SIGHUP become Interrupted, so that what was started is ended in order."""
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        raise Interrupted(128 + number)
-
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = [signal.signal(number, interrupt) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)

@@ -30,9 +30,11 @@ from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.onboard.base_core import BaseCore
 from firmware_bridge.onboard.clock import Clock
 from firmware_bridge.onboard.conduct import conduct
-from firmware_bridge.onboard.setup import BaseSetup, load
-from firmware_bridge.onboard.vehicle import TurtleBot
+from firmware_bridge.onboard.setup import OPENNI, BaseSetup, load
+from firmware_bridge.onboard.vehicle import DepthRanger, Lidar, Ranger, TurtleBot
 from firmware_bridge.range_sensors import rplidar
+from firmware_bridge.range_sensors.depth import DepthScanner
+from firmware_bridge.range_sensors.openni import OpenNICamera
 
 
 @dataclass(frozen=True)
@@ -61,13 +63,18 @@ def parse(argv: Sequence[str]) -> BaseOptions:
 
 
 def turtlebot(setup: BaseSetup, now: Instant) -> TurtleBot:
-    """The vehicle on the ports of the set-up."""
+    """The vehicle on the ports of the set-up. Raises an AcrcError for a camera that is not there."""
     base = functools.partial(kobuki_port.open_port, setup.base)
+    return TurtleBot(base, KobukiDriver(now), _ranger(setup, now))
+
+
+def _ranger(setup: BaseSetup, now: Instant) -> Ranger | None:
     if setup.range is None:
-        return TurtleBot(base, KobukiDriver(now))
+        return None
     model = load_model(setup.model, setup.sensor)
-    lidar = rplidar.Rplidar(model.sensor, now)
-    return TurtleBot(base, KobukiDriver(now), functools.partial(rplidar.open_port, setup.range), lidar)
+    if setup.range == OPENNI:
+        return DepthRanger(OpenNICamera(), DepthScanner(model.sensor))
+    return Lidar(functools.partial(rplidar.open_port, setup.range), rplidar.Rplidar(model.sensor, now))
 
 
 class Base:

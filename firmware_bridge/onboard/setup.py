@@ -1,12 +1,14 @@
 """What a base and a bridge are started with: JSON files, written by whoever starts the robot."""
 
 from pathlib import Path
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import msgspec
 
 from actors.runtime.errors import AcrcError
 
+OPENNI: Final = "openni"
+"""The range sensor that is no port: a depth camera, found by itself."""
 S = TypeVar("S", bound=msgspec.Struct)
 
 
@@ -21,7 +23,7 @@ class BaseSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     base: str
     """Path of the Kobuki's port."""
     range: str | None
-    """Path of the lidar's port; None = there is none."""
+    """Path of the lidar's port, or OPENNI; None = there is none."""
 
 
 class BridgeSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -1,113 +1,88 @@
-"""A TurtleBot 2 with its range sensor: ports, drivers, and what the base core senses and does by them."""
+"""A TurtleBot 2 with its range sensor: what the base core senses and does by them."""
 
 import sys
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from actors.instant import Instant, in_seconds, seconds
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.instant import Instant, in_seconds
 from actors.messages import Odometry, Scan
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.events import Fed
+from firmware_bridge.onboard.wire import Wire
+from firmware_bridge.range_sensors.depth import DepthScanner
 from firmware_bridge.range_sensors.rplidar import Rplidar
-from firmware_bridge.serial_port import PortError, SerialPort
-
-_RETRY = seconds(1)
-"""A port that is not there is tried again so often."""
+from firmware_bridge.serial_port import SerialPort
 
 
-class WireDriver(Protocol):
-    """What a Kobuki's and a lidar's driver have in common."""
-
-    def due(self, now: Instant) -> bytes:
-        """The bytes to write now."""
-
-    def farewell(self) -> bytes:
-        """The last bytes to write."""
-
-
-class Wire:
-    """One device on one port, which may come and go."""
-
-    def __init__(
-        self, open_port: Callable[[], SerialPort], driver: WireDriver, take: Callable[[Instant, bytes], None]
-    ) -> None:
-        """`take`: gives the driver what has come."""
-        self._open = open_port
-        self._driver = driver
-        self._take = take
-        self._port: SerialPort | None = None
-        self._retry_at = Instant(0)
-        self._said = ""
+class Ranger(Protocol):
+    """A range sensor that is plugged in."""
 
     def descriptors(self) -> Sequence[int]:
         """What to wait for."""
-        return () if self._port is None else (self._port.fileno(),)
 
     def serve(self, now: Instant) -> None:
-        """Read what has come, write what is due; open the port anew if it has gone."""
-        if self._port is None:
-            self._connect(now)
-        data = self._exchange(lambda port: port.read()) or b""
-        self._take(now, data)
-        if due := self._driver.due(now):
-            self._exchange(lambda port: port.write(due))
+        """Take in what it has measured."""
+
+    def scan(self) -> Scan | None:
+        """The last sweep, once."""
 
     def close(self) -> None:
-        """Say farewell to the device, and give the port back."""
-        last = self._driver.farewell()
-        self._exchange(lambda port: port.write(last))
-        if self._port is not None:
-            self._port.close()
+        """Let it rest."""
 
-    def _connect(self, now: Instant) -> None:
-        if now < self._retry_at:
-            return
-        self._retry_at = Instant(now + _RETRY)
-        try:
-            self._port = self._open()
-            self._say("")
-        except PortError as error:
-            self._say(str(error))
 
-    def _exchange(self, what: Callable[[SerialPort], bytes | None]) -> bytes | None:
-        if self._port is None:
-            return None
-        try:
-            return what(self._port)
-        except PortError as error:
-            self._say(str(error))
-            self._port.close()
-            self._port = None
-            return None
+class Lidar:
+    """An RPLIDAR on a port."""
 
-    def _say(self, sentence: str) -> None:
-        """Each thing once, into the process's log."""
-        if sentence and sentence != self._said:
-            sys.stderr.write(f"{sentence}\n")
-            sys.stderr.flush()
-        self._said = sentence
+    def __init__(self, open_port: Callable[[], SerialPort], driver: Rplidar) -> None:
+        self._wire = Wire(open_port, driver, driver.take)
+        self.descriptors = self._wire.descriptors
+        self.serve = self._wire.serve
+        self.close = self._wire.close
+        self.scan = driver.scan
+
+
+class Camera(Protocol):
+    """Gives depth images."""
+
+    def read(self, patience: float) -> NDArray[np.uint16] | None:
+        """The next image, mm; None if there is none after `patience` s."""
+
+    def close(self) -> None:
+        """Give the camera back."""
+
+
+class DepthRanger:
+    """A depth camera; it has no descriptor, and is looked at whenever the base is served."""
+
+    def __init__(self, camera: Camera, scanner: DepthScanner) -> None:
+        self._camera = camera
+        self._scanner = scanner
+        self.scan = scanner.scan
+        self.close = camera.close
+
+    def descriptors(self) -> Sequence[int]:
+        """None."""
+        return ()
+
+    def serve(self, now: Instant) -> None:
+        """Take in an image if there is a new one."""
+        image = self._camera.read(0.0)
+        if image is not None:
+            self._scanner.take(now, image)
 
 
 class TurtleBot:
-    """A Kobuki, and a lidar if there is one."""
+    """A Kobuki, and a range sensor if there is one."""
 
     def __init__(
-        self,
-        base: Callable[[], SerialPort],
-        kobuki: KobukiDriver,
-        ranger: Callable[[], SerialPort] | None = None,
-        lidar: Rplidar | None = None,
+        self, base: Callable[[], SerialPort], kobuki: KobukiDriver, ranger: Ranger | None = None
     ) -> None:
         self._kobuki = kobuki
-        self._lidar = lidar
-        self._wires = [Wire(base, kobuki, self._feed)]
-        if ranger is not None and lidar is not None:
-            self._wires.append(Wire(ranger, lidar, lidar.take))
-
-    @property
-    def found(self) -> bool:
-        """True while the Kobuki sends feedback."""
-        return self._kobuki.found
+        self._wire = Wire(base, kobuki, self._feed)
+        self._ranger = ranger
 
     @property
     def wake(self) -> Instant | None:
@@ -116,17 +91,19 @@ class TurtleBot:
 
     def descriptors(self) -> Sequence[int]:
         """What to wait for."""
-        return [number for wire in self._wires for number in wire.descriptors()]
+        return [*self._wire.descriptors(), *(self._ranger.descriptors() if self._ranger else ())]
 
     def serve(self, now: Instant) -> None:
         """Read what has come, write what is due."""
-        for wire in self._wires:
-            wire.serve(now)
+        self._wire.serve(now)
+        if self._ranger is not None:
+            self._ranger.serve(now)
 
     def close(self) -> None:
         """Stand, whatever was wanted."""
-        for wire in self._wires:
-            wire.close()
+        self._wire.close()
+        if self._ranger is not None:
+            self._ranger.close()
 
     def odometry(self) -> Odometry:
         """Pose since it was switched on, and velocity."""
@@ -138,7 +115,7 @@ class TurtleBot:
 
     def scan(self) -> Scan | None:
         """The last sweep, once."""
-        return None if self._lidar is None else self._lidar.scan()
+        return None if self._ranger is None else self._ranger.scan()
 
     def command(self, now: Instant, vx: float, omega: float) -> None:
         """Want a velocity; the safety stop has the last word."""

@@ -1,0 +1,106 @@
+"""A robot on board: from the fleet file to running processes, until it is told to stop."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from actors.geometry import Point
+from actors.instant import milliseconds
+from actors.map_file import load_map
+from actors.placement import check_pose
+from actors.radio.setup import RadioSetup
+from actors.robot_model import load_model
+from actors.runtime import isolation
+from actors.world.setup import RobotSetup, WorldSetup
+from cleaning.strategies import entry
+from deploy import onboard as layout
+from deploy.fleet import Fleet, FleetRobot
+from deploy.launch import launcher
+from deploy.onboard import Onboard, Ports
+from deploy.onboard_watch import Watch
+from deploy.plan import Plan
+from deploy.signals import signals_as_interrupts
+from deploy.version import software
+
+FOREVER: Final = 2**62
+"""µs; a robot's run has no end of its own."""
+_LOOK_S: Final = 0.5
+
+
+@dataclass(frozen=True)
+class OnboardOptions:
+    """The options of `acrc onboard`."""
+
+    out: Path
+    """Absolute path of the folder for everything that the robot writes; must have none of this robot yet."""
+    isolate: bool | None = None
+    """As for a run; None: where the machine can, and no debugger is wanted."""
+    debug_port: int | None = None
+
+
+def prepare(fleet: Fleet, name: str, options: OnboardOptions) -> Onboard:
+    """What is to be run for the robot `name`. Raises an AcrcError if anything does not exist or fit."""
+    robot = fleet.robot(name)
+    model = load_model(robot.model, robot.sensor)
+    check_pose(load_map(str(fleet.map)), Point(*robot.start[:2]), model.footprint.circumradius, name)
+    ports = Ports(
+        robot.base,
+        robot.radio,
+        robot.range,
+        fleet.radio.pan,
+        fleet.radio.channel,
+        fleet.radio.power_db,
+    )
+    epoch = layout.next_epoch(options.out.parent, name)
+    return Onboard(_plan(fleet, robot, options), ports, epoch, options.debug_port)
+
+
+def run(prepared: Onboard, say: Callable[[str], None]) -> None:
+    """Run until a signal comes, which ends it as Interrupted, or the budget of restarts is used up."""
+    layout.lay_out(prepared)
+    with signals_as_interrupts(), launcher("exec") as launched:
+        watch = Watch(prepared, launched, say)
+        try:
+            watch.start()
+            say(f"{prepared.robot.id} is running; it records into {prepared.plan.out}")
+            while True:
+                watch.look(_LOOK_S)
+        finally:
+            watch.end()
+            layout.withdraw(prepared)
+
+
+def new_folder(runs: Path) -> Path:
+    """A folder in `runs` named after the time in UTC, which does not exist yet."""
+    return (runs / time.strftime("%Y%m%d-%H%M%S", time.gmtime())).absolute()
+
+
+def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> Plan:
+    step_us = milliseconds(fleet.step_ms)
+    model = load_model(robot.model, robot.sensor)
+    body = RobotSetup(
+        robot.id,
+        robot.model,
+        model.sensor_name,
+        model.odometry,
+        robot.start,
+        robot.places,
+    )
+    wanted = options.isolate
+    if wanted and (reason := isolation.available()) is not None:
+        raise isolation.IsolationError(reason)
+    able = isolation.available() is None and options.debug_port is None
+    return Plan(
+        out=options.out,
+        world=WorldSetup(str(fleet.map), fleet.seed, step_us, FOREVER, (body,)),
+        radio=RadioSetup(fleet.seed, step_us, ((robot.id, robot.address),), "beeclick"),
+        behaviour=entry(fleet.run.strategy),
+        modules=(Path(fleet.run.modules),) if fleet.run.modules else (),
+        adaptation=fleet.adaptation,
+        scenario="",
+        commit=software(),
+        speed="1",
+        isolate=able if wanted is None else wanted,
+    )

@@ -1,0 +1,150 @@
+"""A robot on board, its devices emulated on pseudo-terminals: it drives, records, stops, and is replayed."""
+
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from actors.messages import SENSES, Senses
+from actors.runtime.codec import decode
+from actors.runtime.recording import Note, read_notes, read_recording
+from tests.swarm.command import ACRC, ROOT, acrc, leftovers, processes_of
+
+FLEET = """
+map = "{root}/maps/corridor.yaml"
+[run]
+strategy = "chapter"
+[[robot]]
+id = "r1"
+address = 1
+start = [12.0, 13.0, 0.0]
+places = [[20.0, 12.5], [4.0, 12.5]]
+base = "{links}/base"
+radio = "{links}/board1"
+range = "{links}/range"
+"""
+
+
+@pytest.fixture
+def links(tmp_path: Path) -> Iterator[Path]:
+    """Where emulated devices are plugged in: a Kobuki and a lidar in an empty room, and two boards."""
+    folder = tmp_path / "links"
+    folder.mkdir()
+    devices = [
+        subprocess.Popen([sys.executable, "-m", *words], cwd=ROOT, stdout=subprocess.DEVNULL)
+        for words in (
+            ("firmware_bridge.kobuki.emulate", "--link", f"{folder}/base"),
+            ("firmware_bridge.range_sensors.emulate", "--link", f"{folder}/range"),
+            ("firmware_bridge.beeclick.emulate", "--boards", "2", "--links", str(folder)),
+        )
+    ]
+    deadline = time.monotonic() + 30
+    while not all((folder / name).is_symlink() for name in ("base", "range", "board1")):
+        assert time.monotonic() < deadline, "an emulated device did not start"
+        time.sleep(0.05)
+    yield folder
+    for device in devices:
+        device.terminate()
+    for device in devices:
+        device.wait(10)
+
+
+def onboard(folder: Path, out: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [*ACRC, "onboard", str(folder), "--robot", "r1", "--out", str(out)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
+
+
+def until(path: Path, steps: int, patience_s: float = 60.0) -> None:
+    """Wait until a robot has recorded so many steps."""
+    deadline = time.monotonic() + patience_s
+    while len(senses(path)) < steps:
+        assert time.monotonic() < deadline, f"{path} has not got {steps} steps within {patience_s} s"
+        time.sleep(0.3)
+
+
+def senses(path: Path) -> list[Senses]:
+    if not path.exists():
+        return []
+    key = SENSES.key("r1")
+    found = [
+        decode(SENSES, key, entry.payload)  # type: ignore[arg-type]
+        for entry in read_recording(path)
+        if not isinstance(entry, Note) and entry.key == key and entry.payload is not None
+    ]
+    return [one for one in found if isinstance(one, Senses)]
+
+
+def test_it_drives_records_stops_and_is_executed_again(links: Path, tmp_path: Path) -> None:
+    fleet, out = tmp_path / "fleet.toml", tmp_path / "runs" / "one"
+    fleet.write_text(FLEET.format(root=ROOT, links=links))
+    running = onboard(fleet, out)
+    try:
+        until(out / "r1" / "r1.mcap", steps=60)
+        os.kill(running.pid, signal.SIGTERM)
+        _, said = running.communicate(timeout=30)
+    finally:
+        running.kill()
+    assert running.returncode == 128 + signal.SIGTERM
+    assert said.splitlines()[-1] == f"acrc: ended from outside; what was recorded is in {out}"
+    heard = senses(out / "r1" / "r1.mcap")
+    assert heard[-1].halt and any(one.scan is not None for one in heard)
+    assert max(abs(one.odometry.vx) for one in heard) > 0.1, "it drove"
+    gaps = {later.instant - sooner.instant for sooner, later in itertools.pairwise(heard[:-1])}
+    assert all(gap > 0 and gap % 100_000 == 0 for gap in gaps), "on the grid of its steps"
+    base = json.loads(read_notes(out / "r1.base" / "r1.base.mcap")["final"])
+    assert base["outcome"]["steps"] >= 60
+    board = json.loads(read_notes(out / "r1.radio" / "r1.radio.mcap")["final"])["outcome"]["board"]
+    assert board["sent"] >= 3 and board["ups"] == 1
+    again = acrc("record", "replay", out, "r1")
+    assert again.returncode == 0 and "all equal to the recorded ones" in again.stdout, again.stderr
+    assert processes_of(out) == [] and leftovers(out) == []
+
+
+def test_a_robot_that_dies_is_started_again_and_a_base_takes_all_along(links: Path, tmp_path: Path) -> None:
+    fleet, out = tmp_path / "fleet.toml", tmp_path / "runs" / "one"
+    fleet.write_text(FLEET.format(root=ROOT, links=links))
+    running = onboard(fleet, out)
+    try:
+        until(out / "r1" / "r1.mcap", steps=5)
+        kill("actors.robot", out)
+        until(out / "r1" / "r1.1.mcap", steps=5)
+        kill("firmware_bridge.onboard.base", out)
+        until(out / "r1" / "r1.2.mcap", steps=5)
+        os.kill(running.pid, signal.SIGTERM)
+        _, said = running.communicate(timeout=30)
+    finally:
+        running.kill()
+    lines = said.splitlines()
+    assert "r1 has ended: by signal SIGKILL" in lines
+    assert any(line.startswith("base has ended: by signal SIGKILL") for line in lines)
+    assert processes_of(out) == [] and leftovers(out) == []
+
+
+def kill(module: str, out: Path) -> None:
+    """Kill the process of that module."""
+    for process in processes_of(out):
+        command = Path(f"/proc/{process}/cmdline").read_bytes().decode(errors="replace").split("\0")
+        if module in command:
+            os.kill(process, signal.SIGKILL)
+            return
+    raise AssertionError(f"no process of {module}")
+
+
+def test_what_is_missing_is_one_sentence(tmp_path: Path) -> None:
+    fleet = tmp_path / "fleet.toml"
+    fleet.write_text(FLEET.format(root=ROOT, links="/dev"))
+    refused = acrc("onboard", fleet, "--robot", "r7", "--out", tmp_path / "out")
+    assert refused.returncode == 1 and refused.stdout == ""
+    assert refused.stderr == f'acrc: {fleet}: there is no robot "r7" in the fleet; it has r1\n'
