@@ -62,7 +62,9 @@ def lay_out(onboard: Onboard) -> None:
         raise OutFolderError(f"--out {plan.out}: already has a folder of {robot.id}; name a new one")
     plan.out.mkdir(parents=True, exist_ok=True)
     lay_out_robot(plan, robot)
-    base = BaseSetup(robot.id, robot.model, robot.sensor, plan.world.step_us, ports.base, ports.range)
+    base = BaseSetup(
+        robot.id, robot.model, robot.sensor, robot.start, plan.world.step_us, ports.base, ports.range
+    )
     bridge = BridgeSetup(
         robot.id,
         plan.world.step_us,

@@ -14,6 +14,7 @@ from types import FrameType
 
 import msgspec
 
+from actors.geometry import Pose
 from actors.instant import Instant
 from actors.robot_model import load_model
 from actors.runtime import router_file
@@ -84,7 +85,7 @@ class Base:
         now = clock.now()
         self._clock = clock
         self._vehicle = turtlebot(setup, now)
-        self.core = BaseCore(setup.robot, setup.step_us, now, self._vehicle)
+        self.core = BaseCore(setup.robot, setup.step_us, now, Pose(*setup.start), self._vehicle)
         self._stopped = False
 
     def drive(self, shell: Shell, bus: WakingBus) -> None:

@@ -8,10 +8,12 @@ The core is told the time, an input that a recording does not hold: what is exec
 what it received.
 """
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import Final, Protocol
 
+from actors.geometry import Pose
 from actors.instant import Duration, Instant, milliseconds
 from actors.messages import (
     AIRED,
@@ -62,8 +64,8 @@ class Vehicle(Protocol):
 class BaseCore:
     """One robot's steps; `expect` announces each message, and without one an advance takes in the time."""
 
-    def __init__(self, robot: str, step_us: int, begin: Instant, vehicle: Vehicle) -> None:
-        """`begin`: the instant of step 0."""
+    def __init__(self, robot: str, step_us: int, begin: Instant, start: Pose, vehicle: Vehicle) -> None:
+        """`begin`: the instant of step 0; `start`: where the base was switched on, in the map frame."""
         self.now = begin
         self.finished = False
         self.overruns = 0
@@ -77,6 +79,7 @@ class BaseCore:
         self._robot = robot
         self._step_us = step_us
         self._begin = begin
+        self._start = start
         self._vehicle = vehicle
         self._step = 0
         self._sensed: int | None = None
@@ -246,20 +249,12 @@ class BaseCore:
         return ()
 
     def _truth(self) -> RobotTruth:
-        """What stands in truth's place: the base knows no more than its odometry."""
+        """What stands in truth's place, for those who watch: where odometry alone holds the robot to be."""
         odometry = self._vehicle.odometry()
-        return RobotTruth(
-            self._robot,
-            odometry.x,
-            odometry.y,
-            odometry.heading,
-            odometry.vx,
-            odometry.vy,
-            odometry.omega,
-            stepping=True,
-            powered=True,
-            transmits=self._transmits,
-        )
+        x, y, heading = self._start.compose(Pose(odometry.x, odometry.y, odometry.heading))
+        c, s = math.cos(heading), math.sin(heading)
+        vx, vy = c * odometry.vx - s * odometry.vy, s * odometry.vx + c * odometry.vy
+        return RobotTruth(self._robot, x, y, heading, vx, vy, odometry.omega, True, True, self._transmits)
 
     def _instant(self, step: int) -> Instant:
         return Instant(self._begin + step * self._step_us)

@@ -19,6 +19,8 @@ class BaseSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     model: str
     """Name of a shipped robot model, or the path of a model file."""
     sensor: str | None
+    start: tuple[float, float, float]
+    """Where it is switched on: x, y in m and heading in rad, map frame."""
     step_us: int
     base: str
     """Path of the Kobuki's port."""

@@ -1,9 +1,11 @@
 """The base conducts its robot by the clock: what it sends when, and what it does with what comes late."""
 
+import math
 from collections.abc import Sequence
 
 import pytest
 
+from actors.geometry import Pose
 from actors.instant import Instant
 from actors.messages import (
     AIRED,
@@ -30,6 +32,7 @@ from actors.topic import Message
 from firmware_bridge.onboard.base_core import AIR_PATIENCE, BaseCore
 
 STEP = 100_000
+START = Pose(10.0, 5.0, math.pi / 2)
 BEGIN = 1_700_000_000_000_000
 
 
@@ -57,7 +60,7 @@ class Stage:
 
     def __init__(self) -> None:
         self.vehicle = Vehicle()
-        self.core = BaseCore("r1", STEP, Instant(BEGIN), self.vehicle)
+        self.core = BaseCore("r1", STEP, Instant(BEGIN), START, self.vehicle)
 
     def at(
         self, time_us: int, address: Address | None = None, message: Message | None = None
@@ -102,6 +105,10 @@ def test_a_step_begins_at_its_instant_and_the_answer_drives_the_robot_at_once() 
     (truth,) = stage.at(2 * STEP)
     assert isinstance(truth, Truth)
     assert (truth.step, truth.instant, truth.robots[0].transmits) == (1, BEGIN + STEP, 3)
+    (robot,) = truth.robots
+    assert (robot.x, robot.y) == pytest.approx((8.0, 6.0)), "odometry, from where it was switched on"
+    assert robot.heading == pytest.approx(math.pi / 2 + 0.5)
+    assert math.hypot(robot.vx, robot.vy) == pytest.approx(0.1)
     (senses,) = stage.aired(2 * STEP + 1_000, 1, events=2)
     assert isinstance(senses, Senses)
     assert (senses.step, senses.instant, senses.events) == (2, BEGIN + 2 * STEP, 2)
