@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import msgspec
 import zenoh
 
 from actors.messages import AIRED, BOARD, CONTROL, RADIO_READY, RECEIVED, TRANSMIT, TRUTH
 from actors.runtime import credentials
 from actors.runtime.credentials import AccessError, Credentials, unix_endpoint, unnamed
+from actors.runtime.session_config import session_config, set_value
 
 
 @dataclass(frozen=True)
@@ -59,12 +59,12 @@ def router_config(issued: Credentials, endpoints: Sequence[str] = ()) -> zenoh.C
     The actors find its sockets after `credentials.reveal` only.
     """
     sockets = dict.fromkeys(unix_endpoint(unnamed(socket)) for socket in issued.sockets.values())
-    config = _config("router")
-    _set(config, "listen/endpoints", [*sockets, *endpoints])
+    config = session_config("router")
+    set_value(config, "listen/endpoints", [*sockets, *endpoints])
     # Without this the router sleeps half a second when it is opened.
-    _set(config, "scouting/delay", 0)
-    _set(config, "transport/auth/usrpwd", {"dictionary_file": str(issued.dictionary)})
-    _set(config, "access_control", access_rules(issued.robots, issued.others))
+    set_value(config, "scouting/delay", 0)
+    set_value(config, "transport/auth/usrpwd", {"dictionary_file": str(issued.dictionary)})
+    set_value(config, "access_control", access_rules(issued.robots, issued.others))
     return config
 
 
@@ -74,44 +74,51 @@ def client_config(credentials_file: Path, endpoint: str) -> zenoh.Config:
     Raises AccessError where `credentials_file` cannot be read or does not hold `user:password`.
     """
     user, password = credentials.read(credentials_file)
-    config = _config("client")
-    _set(config, "connect/endpoints", [endpoint])
-    _set(config, "listen/endpoints", [])
-    _set(config, "transport/auth/usrpwd", {"user": user, "password": password})
+    config = session_config("client")
+    set_value(config, "connect/endpoints", [endpoint])
+    set_value(config, "listen/endpoints", [])
+    set_value(config, "transport/auth/usrpwd", {"user": user, "password": password})
     return config
 
 
-def access_rules(robots: Sequence[str], others: Sequence[str]) -> dict[str, Any]:
+def access_rules(
+    robots: Sequence[str], others: Sequence[str], certified: Sequence[str] = ()
+) -> dict[str, Any]:
     """Zenoh's `access_control` section: nothing passes but what the actors' grants allow.
 
-    Raises AccessError for an actor that there is no grant for.
+    `robots` and `others` are known by their user names, `certified` by the common names of their TLS
+    certificates. Raises AccessError for an actor that there is no grant for.
     """
-    for other in others:
-        if other not in _OTHER_GRANTS:
-            raise AccessError(
-                f"there are no access rules for {other!r}; there are for {', '.join(_OTHER_GRANTS)}"
-            )
-    grants = {robot: robot_grant(robot) for robot in robots}
-    grants |= {other: _OTHER_GRANTS[other] for other in others}
+    admitted = [(robot, "usernames", robot, robot_grant(robot)) for robot in robots]
+    admitted += [(other, "usernames", other, _other_grant(other)) for other in others]
+    admitted += [(f"certified {name}", "cert_common_names", name, _other_grant(name)) for name in certified]
     rules: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
-    for actor, grant in grants.items():
+    for subject, _, _, grant in admitted:
         own = [
-            _rule(f"{actor} publishes", "ingress", "put", grant.publish),
-            _rule(f"{actor} subscribes", "ingress", "declare_subscriber", grant.subscribe),
-            _rule(f"{actor} receives", "egress", "put", grant.receive),
-            _rule(f"{actor} sees subscribers", "egress", "declare_subscriber", grant.see_subscribers),
+            _rule(f"{subject} publishes", "ingress", "put", grant.publish),
+            _rule(f"{subject} subscribes", "ingress", "declare_subscriber", grant.subscribe),
+            _rule(f"{subject} receives", "egress", "put", grant.receive),
+            _rule(f"{subject} sees subscribers", "egress", "declare_subscriber", grant.see_subscribers),
         ]
         own = [rule for rule in own if rule["key_exprs"]]
         rules += own
-        policies.append({"rules": [rule["id"] for rule in own], "subjects": [actor]})
+        policies.append({"rules": [rule["id"] for rule in own], "subjects": [subject]})
     return {
         "enabled": True,
         "default_permission": "deny",
         "rules": rules,
-        "subjects": [{"id": actor, "usernames": [actor]} for actor in grants],
+        "subjects": [{"id": subject, known_by: [name]} for subject, known_by, name, _ in admitted],
         "policies": policies,
     }
+
+
+def _other_grant(actor: str) -> Grant:
+    if actor not in _OTHER_GRANTS:
+        raise AccessError(
+            f"there are no access rules for {actor!r}; there are for {', '.join(_OTHER_GRANTS)}"
+        )
+    return _OTHER_GRANTS[actor]
 
 
 def _rule(name: str, flow: str, message: str, keys: Sequence[str]) -> dict[str, Any]:
@@ -122,23 +129,3 @@ def _rule(name: str, flow: str, message: str, keys: Sequence[str]) -> dict[str, 
         "messages": [message],
         "key_exprs": list(keys),
     }
-
-
-def _config(mode: str) -> zenoh.Config:
-    config = zenoh.Config()
-    _set(config, "mode", mode)
-    _set(config, "scouting/multicast/enabled", False)
-    # Gossip would tell clients of each other, and they would connect past the rules.
-    _set(config, "scouting/gossip/enabled", False)
-    # Stamps would be the wall clock's, in recordings that have to be equal run for run.
-    _set(config, "timestamping/enabled", False)
-    _set(config, "transport/shared_memory/enabled", False)
-    # Messages go out on the thread that sends them: two context switches fewer per step and robot. One
-    # priority is enough, for the barrier has at most a handful of messages on a link.
-    _set(config, "transport/unicast/lowlatency", True)
-    _set(config, "transport/unicast/qos/enabled", False)
-    return config
-
-
-def _set(config: zenoh.Config, key: str, value: object) -> None:
-    config.insert_json5(key, msgspec.json.encode(value).decode())

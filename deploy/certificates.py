@@ -1,0 +1,122 @@
+"""The fleet's certificate authority and what it signs: X.509 version 3 (RFC 5280), ECDSA on P-256.
+
+Every private key is drawn where the authority is made and travels to its machine by hand.
+"""
+
+import ipaddress
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric.ec import (
+    SECP256R1,
+    EllipticCurvePrivateKey,
+    generate_private_key,
+)
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID, ObjectIdentifier
+
+SERVER = ExtendedKeyUsageOID.SERVER_AUTH
+"""Purpose of a robot: it may be connected to. It may not connect, so its key opens no other robot."""
+CLIENT = ExtendedKeyUsageOID.CLIENT_AUTH
+"""Purpose of a laptop: it may connect."""
+_BACKDATED = timedelta(days=1)
+"""Robots' clocks may be behind."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A private key and the certificate of its public key."""
+
+    private_key: EllipticCurvePrivateKey
+    certificate: x509.Certificate
+
+    @property
+    def private_pem(self) -> bytes:
+        """The private key, PKCS #8 in PEM, not encrypted."""
+        return self.private_key.private_bytes(
+            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+        )
+
+    @property
+    def certificate_pem(self) -> bytes:
+        """The certificate in PEM."""
+        return self.certificate.public_bytes(serialization.Encoding.PEM)
+
+
+def authority(name: str, now: datetime, days: int) -> Pair:
+    """A new authority of that common name; it signs itself, and may sign machines but no other authority."""
+    key = generate_private_key(SECP256R1())
+    builder = _builder(_named(name), _named(name), key, now, days)
+    builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+    builder = builder.add_extension(_usage(signs_certificates=True), critical=True)
+    return Pair(key, builder.sign(key, hashes.SHA256()))
+
+
+def machine(
+    issuer: Pair, name: str, purpose: ObjectIdentifier, hosts: Sequence[str], now: datetime, days: int
+) -> Pair:
+    """A new key for one machine, certified under its common name, for one purpose: SERVER or CLIENT.
+
+    `hosts`: names and addresses under which it is connected to.
+    """
+    key = generate_private_key(SECP256R1())
+    builder = _builder(_named(name), issuer.certificate.subject, key, now, days)
+    builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+    builder = builder.add_extension(_usage(signs_certificates=False), critical=True)
+    builder = builder.add_extension(x509.ExtendedKeyUsage([purpose]), critical=False)
+    if hosts:
+        names = x509.SubjectAlternativeName([general_name(host) for host in hosts])
+        builder = builder.add_extension(names, critical=False)
+    signer = x509.AuthorityKeyIdentifier.from_issuer_public_key(issuer.private_key.public_key())
+    builder = builder.add_extension(signer, critical=False)
+    return Pair(key, builder.sign(issuer.private_key, hashes.SHA256()))
+
+
+def general_name(host: str) -> x509.DNSName | x509.IPAddress:
+    """An address or a DNS name as a certificate holds it."""
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        return x509.DNSName(host)
+
+
+def common_name(certificate: x509.Certificate) -> str:
+    """The common name of whom it was made for; empty if it has none."""
+    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    return str(names[0].value) if names else ""
+
+
+def read(pem: bytes) -> x509.Certificate:
+    """The certificate in PEM. Raises ValueError for anything else."""
+    return x509.load_pem_x509_certificate(pem)
+
+
+def _builder(
+    subject: x509.Name, issuer: x509.Name, key: EllipticCurvePrivateKey, now: datetime, days: int
+) -> x509.CertificateBuilder:
+    begin = now.astimezone(UTC)
+    builder = x509.CertificateBuilder(subject_name=subject, issuer_name=issuer)
+    builder = builder.public_key(key.public_key()).serial_number(x509.random_serial_number())
+    builder = builder.not_valid_before(begin - _BACKDATED).not_valid_after(begin + timedelta(days=days))
+    own = x509.SubjectKeyIdentifier.from_public_key(key.public_key())
+    return builder.add_extension(own, critical=False)
+
+
+def _named(common_name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
+
+
+def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
+    return x509.KeyUsage(
+        digital_signature=not signs_certificates,
+        key_cert_sign=signs_certificates,
+        crl_sign=signs_certificates,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        encipher_only=False,
+        decipher_only=False,
+    )

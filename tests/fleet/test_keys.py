@@ -1,0 +1,175 @@
+"""The fleet's authority and certificates: what is in them, and which files lie where for whose eyes."""
+
+import ipaddress
+import stat
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, EllipticCurvePublicKey
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from cryptography.x509.verification import PolicyBuilder, Store
+
+from actors.runtime.credentials import AccessError
+from actors.runtime.errors import AcrcError
+from actors.runtime.tls import Keys, load_keys
+from deploy import certificates
+from deploy.keys import FleetKeys, hosts_of, issue
+from tests.fleet.texts import ROOT, fleet, robot
+
+NOW = datetime(2030, 5, 1, 12, tzinfo=UTC)
+FLEET = fleet(
+    robot(1, 'listen = "tls/0.0.0.0:7447"')
+    + robot(2, 'listen = "tls/192.168.1.12:7447"')
+    + robot(3, 'listen = "tls/r3.office.example:7447"')
+    + robot(4)
+)
+
+
+def made(out: Path) -> FleetKeys:
+    return issue(FLEET, out, {"r1": ["192.168.1.11", "fd00::11"]}, now=NOW, days=30)
+
+
+def certificate(folder: Path, name: str = "certificate.pem") -> x509.Certificate:
+    return certificates.read((folder / name).read_bytes())
+
+
+def test_every_machine_gets_a_folder_of_its_own_and_the_authority_stays(tmp_path: Path) -> None:
+    keys = made(tmp_path / "keys")
+    assert keys.home == tmp_path / "keys" / "authority"
+    assert keys.valid_until == datetime(2030, 5, 31, 12, tzinfo=UTC)
+    assert [(one.machine, one.folder) for one in keys.machines] == [
+        (name, tmp_path / "keys" / name) for name in ("r1", "r2", "r3", "r4", "operator")
+    ]
+    assert sorted(path.name for path in keys.home.iterdir()) == ["authority.pem", "key.pem"]
+    for one in keys.machines:
+        assert load_keys(one.folder) == Keys(
+            one.folder / "authority.pem", one.folder / "certificate.pem", one.folder / "key.pem"
+        )
+        assert (one.folder / "authority.pem").read_bytes() == (keys.home / "authority.pem").read_bytes()
+    assert [path.name for path in tmp_path.iterdir()] == ["keys"]
+
+
+def test_private_keys_are_for_their_owners_eyes_and_for_no_repository(tmp_path: Path) -> None:
+    keys = made(tmp_path / "keys")
+    folders = [keys.home, *(one.folder for one in keys.machines)]
+    private = [folder / "key.pem" for folder in folders]
+    assert {stat.S_IMODE(path.stat().st_mode) for path in private} == {0o600}
+    assert {stat.S_IMODE(path.stat().st_mode) for path in folders} == {0o700}
+    assert len({path.read_bytes() for path in private}) == 6
+    assert (tmp_path / "keys" / ".gitignore").read_text().endswith("\n*\n")
+
+
+def test_names_purposes_and_dates_are_in_the_certificates(tmp_path: Path) -> None:
+    keys = made(tmp_path / "keys")
+    authority = certificate(keys.home, "authority.pem")
+    assert certificates.common_name(authority) == "fleet some"
+    assert authority.extensions.get_extension_for_class(x509.BasicConstraints).value == x509.BasicConstraints(
+        ca=True, path_length=0
+    )
+    for one in keys.machines:
+        own = certificate(one.folder)
+        own.verify_directly_issued_by(authority)
+        assert certificates.common_name(own) == one.machine
+        assert own.not_valid_before_utc == NOW - timedelta(days=1)
+        assert own.not_valid_after_utc == keys.valid_until
+        assert not own.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
+        purpose = own.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
+        assert list(purpose) == [certificates.CLIENT if one.machine == "operator" else certificates.SERVER]
+        public = own.public_key()
+        assert isinstance(public, EllipticCurvePublicKey) and isinstance(public.curve, SECP256R1)
+        private = load_pem_private_key((one.folder / "key.pem").read_bytes(), password=None)
+        assert private.public_key() == public
+
+
+def test_a_certificate_holds_for_the_robots_names_and_addresses(tmp_path: Path) -> None:
+    keys = made(tmp_path / "keys")
+    hosts = {one.machine: one.hosts for one in keys.machines}
+    assert hosts == {
+        "r1": ("r1", "r1.local", "192.168.1.11", "fd00::11"),
+        "r2": ("r2", "r2.local", "192.168.1.12"),
+        "r3": ("r3", "r3.local", "r3.office.example"),
+        "r4": ("r4", "r4.local"),
+        "operator": (),
+    }
+    store = Store([certificate(keys.home, "authority.pem")])
+    for one in keys.machines[:-1]:
+        for host in one.hosts:
+            policy = PolicyBuilder().store(store).time(NOW)
+            policy.build_server_verifier(certificates.general_name(host)).verify(certificate(one.folder), [])
+    address = x509.IPAddress(ipaddress.ip_address("192.168.1.12"))
+    with pytest.raises(x509.verification.VerificationError):
+        PolicyBuilder().store(store).time(NOW).build_server_verifier(address).verify(
+            certificate(tmp_path / "keys" / "r1"), []
+        )
+
+
+def test_a_robot_that_listens_everywhere_and_has_no_address_is_pointed_out(tmp_path: Path) -> None:
+    assert [one.listens_unnamed for one in made(tmp_path / "one").machines] == [False] * 5
+    bare = issue(FLEET, tmp_path / "two", {}, now=NOW, days=30)
+    assert [one.listens_unnamed for one in bare.machines] == [True, False, False, False, False]
+
+
+def test_keys_are_never_overwritten(tmp_path: Path) -> None:
+    keys = made(tmp_path / "keys")
+    before = (keys.home / "key.pem").read_bytes()
+    with pytest.raises(AcrcError) as caught:
+        made(tmp_path / "keys")
+    assert str(caught.value) == (
+        f"{tmp_path}/keys: exists already; move it away to give the whole fleet new keys, or name another "
+        "folder with --out"
+    )
+    assert (keys.home / "key.pem").read_bytes() == before
+
+
+def test_all_keys_are_made_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise ValueError("in the middle")
+
+    monkeypatch.setattr("deploy.certificates.machine", fail)
+    with pytest.raises(ValueError, match="in the middle"):
+        made(tmp_path / "keys")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(AcrcError) as caught:
+        made(tmp_path / "file" / "keys")
+    assert str(caught.value) == f"{tmp_path}/file/keys: the folder cannot be made: File exists"
+
+
+@pytest.mark.parametrize("days", [0, 3651])
+def test_days_have_bounds(days: int, tmp_path: Path) -> None:
+    with pytest.raises(AcrcError) as caught:
+        issue(FLEET, tmp_path / "keys", {}, now=NOW, days=days)
+    assert str(caught.value) == f"--days {days}: must be a whole number from 1 to 3650"
+
+
+def test_hosts_are_given_by_robot() -> None:
+    assert hosts_of(["r2=a.example", "r2=10.0.0.2", "r1=fd00::1"], FLEET) == {
+        "r2": ["a.example", "10.0.0.2"],
+        "r1": ["fd00::1"],
+    }
+
+
+@pytest.mark.parametrize("word", ["r2", "r2=", "r2=a b", "=10.0.0.1", "r2=é", "r2=-a"])
+def test_a_host_that_is_none_is_refused(word: str) -> None:
+    with pytest.raises(AcrcError) as caught:
+        hosts_of([word], FLEET)
+    expected = f"--host {word}: must be a robot's id and its name or address, such as r2=192.168.1.12"
+    if word.startswith("="):
+        expected = f'{ROOT}/some.toml: there is no robot "" in the fleet; it has r1, r2, r3, r4'
+    assert str(caught.value) == expected
+
+
+def test_keys_that_are_not_there_are_missed_by_name(tmp_path: Path) -> None:
+    keys = made(tmp_path / "keys")
+    (keys.machines[1].folder / "key.pem").unlink()
+    with pytest.raises(AccessError) as caught:
+        load_keys(keys.machines[1].folder)
+    assert str(caught.value) == (
+        f"{tmp_path}/keys/r2/key.pem cannot be read (No such file or directory); `acrc deploy keys` makes "
+        "the keys of all machines, and this machine needs a copy of its own folder"
+    )
