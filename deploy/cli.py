@@ -12,6 +12,7 @@ from rich.console import Console
 from actors.runtime.errors import AcrcError
 from deploy.checks import run_checks
 from deploy.cli_bench import app as bench
+from deploy.cli_collect import collect
 from deploy.cli_record import app as record
 from deploy.repository import REPOSITORY
 from deploy.usage import OptionError
@@ -26,6 +27,7 @@ app = typer.Typer(
 )
 app.add_typer(bench, name="bench", help="Measure how fast and how true the parts are.")
 app.add_typer(record, name="record", help="Check and replay what a run has recorded.")
+app.command()(collect)
 _PASS_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
 
 

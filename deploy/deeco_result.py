@@ -69,11 +69,12 @@ def deeco_result(nodes: Iterable[NodeOutcome]) -> DeecoResult:
         counters.update(node.counters)
         exchanges.update(node.exchanges)
         ages.update(node.replica_age_ms)
+    p95_ms = nearest_rank(ages, 95)
     return DeecoResult(
         counters=dict(counters),
         exchanges=dict(sorted(exchanges.items())),
         replica_age_mean_s=_mean_s(ages),
-        replica_age_p95_s=_percentile_s(ages, 95),
+        replica_age_p95_s=None if p95_ms is None else p95_ms / 1000,
     )
 
 
@@ -85,11 +86,11 @@ def _mean_s(ages: Counter[int]) -> float | None:
     return round(total_ms / samples / 1000, 4)
 
 
-def _percentile_s(ages: Counter[int], percent: int) -> float | None:
-    """By the nearest rank."""
-    rank = math.ceil(ages.total() * percent / 100)
-    for bound in sorted(ages):
-        rank -= ages[bound]
-        if rank <= 0 < ages[bound]:
-            return bound / 1000
+def nearest_rank(counts: Counter[int], percent: int) -> int | None:
+    """What `percent` of the counted values do not exceed: sample number ceil(percent n / 100) in order."""
+    rank = math.ceil(counts.total() * percent / 100)
+    for value in sorted(counts):
+        rank -= counts[value]
+        if rank <= 0 < counts[value]:
+            return value
     return None

@@ -59,9 +59,7 @@ class Plan:
 
 def lay_out(plan: Plan) -> None:
     """Write the files that the actors read; the folder must be new or empty."""
-    if plan.out.exists() and (not plan.out.is_dir() or any(plan.out.iterdir())):
-        raise OutFolderError(f"--out {plan.out}: exists and is not an empty folder; name a new one")
-    plan.out.mkdir(parents=True, exist_ok=True)
+    make_folder(plan.out)
     (plan.out / "scenario.toml").write_text(plan.scenario)
     for actor, setup in (("world", plan.world), ("radio", plan.radio)):
         plan.folder(actor).mkdir()
@@ -70,6 +68,13 @@ def lay_out(plan: Plan) -> None:
     (plan.folder("world") / "places.json").write_bytes(msgspec.json.encode(places))
     for robot in plan.world.robots:
         lay_out_robot(plan, robot)
+
+
+def make_folder(out: Path) -> None:
+    """Make the folder for the results; OutFolderError if there is something already."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise OutFolderError(f"--out {out}: exists and is not an empty folder; name a new one")
+    out.mkdir(parents=True, exist_ok=True)
 
 
 def lay_out_robot(plan: Plan, robot: RobotSetup) -> None:

@@ -163,7 +163,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         contacts=outcome.contacts,
         refused_orders=outcome.refused_orders,
         frames=frames,
-        radio_bytes_per_robot_s=_rate(frames["bytes_sent"], len(about.robots) * simulated),
+        radio_bytes_per_robot_s=rate(frames["bytes_sent"], len(about.robots) * simulated),
         deeco=deeco_result(_nodes(finals)),
         isolation=about.isolation,
         bus=about.bus,
@@ -186,7 +186,8 @@ def _nodes(finals: Iterable[tuple[Program, FinalNote]]) -> Iterator[NodeOutcome]
             yield node
 
 
-def _rate(count: int, robot_seconds: float) -> float:
+def rate(count: int, robot_seconds: float) -> float:
+    """Octets per robot and second; 0 if there was no time."""
     return round(count / robot_seconds, 3) if robot_seconds else 0.0
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from enum import Enum
+from typing import Protocol
 
 import msgspec
 import numpy as np
@@ -9,7 +10,6 @@ from numpy.typing import NDArray
 
 from actors.instant import Instant
 from actors.messages import PlaceGivenUp, PlaceKey, PlaceReport
-from actors.world.setup import RobotSetup
 from actors.world.visits import visitors
 
 
@@ -18,6 +18,8 @@ class Verdict(Enum):
 
     DONE = "done"
     """Reported, and true: some robot had been there by then."""
+    CLAIMED = "claimed"
+    """Reported, where nobody watched whether it is true: not in simulation."""
     MISTAKEN = "mistaken"
     """Reported, but nobody had been there by then."""
     GIVEN_UP = "given up"
@@ -79,10 +81,22 @@ class PlaceOutcome(msgspec.Struct, frozen=True):
         return min(instants, default=None)
 
 
+class Owner(Protocol):
+    """A robot, as far as its places go."""
+
+    @property
+    def id(self) -> str:
+        """Its name."""
+
+    @property
+    def places(self) -> tuple[tuple[float, float], ...]:
+        """The places that it was given, m, map frame."""
+
+
 class Referee:
     """Watches every step's true positions and every word on what has come of a place."""
 
-    def __init__(self, robots: tuple[RobotSetup, ...], reach: float) -> None:
+    def __init__(self, robots: Sequence[Owner], reach: float) -> None:
         self._ids = tuple(robot.id for robot in robots)
         self._keys = [PlaceKey(robot.id, index) for robot in robots for index in range(len(robot.places))]
         self._numbers = {(key.owner, key.place): number for number, key in enumerate(self._keys)}

@@ -1,0 +1,30 @@
+"""The recordings of several robots of one outing, gathered into one result in one time."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from deploy.outing_clocks import OutingClocks
+from deploy.outing_files import read_outing
+from deploy.outing_places import outing_places
+from deploy.outing_result import OutingResult, outing_result
+from deploy.place_table import write_table
+from deploy.plan import make_folder
+
+
+def collect(folders: Sequence[Path], out: Path | None = None) -> OutingResult:
+    """The result of an outing from its robots' folders; AcrcError if they do not make up one outing.
+
+    With `out`, a new or empty folder, it also stands there in run.json, and what became of every place in
+    places.csv.
+    """
+    outing = read_outing(folders)
+    clocks = OutingClocks(outing)
+    told = outing_places(outing, clocks)
+    result = outing_result(outing, clocks, told, out)
+    if out is not None:
+        make_folder(out)
+        write_table(told.places, out / "places.csv")
+        (out / "run.json").write_bytes(msgspec.json.format(msgspec.json.encode(result)) + b"\n")
+    return result
