@@ -1,0 +1,171 @@
+"""The service and the udev rules of a robot; systemd's own verifiers judge them, too, where there are any."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from actors.runtime.errors import AcrcError
+from deploy.fleet import load_fleet
+from deploy.udev_rules import rules
+from deploy.units import service, write
+from tests.fleet.texts import OFFICE, ROOT, fleet, robot
+from tests.fleet.unit_file import effect, read_rules, read_unit, words
+
+ACRC = ROOT / "acrc"
+KOBUKI = {"SUBSYSTEM": "tty", "idVendor": "0403", "idProduct": "6001", "serial": "kobuki_A1B2"}
+FTDI = {"SUBSYSTEM": "tty", "idVendor": "0403", "idProduct": "6001"}
+CP2102 = {"SUBSYSTEM": "tty", "idVendor": "10c4", "idProduct": "ea60", "serial": "0001"}
+MINE = {"GROUP=": "dialout", "MODE=": "0660", "TAG+=": "systemd"}
+FAST = {"ATTR{device/latency_timer}=": "1"}
+
+
+def unit(more: str = "", path: Path = OFFICE, program: Path = ACRC) -> dict[str, dict[str, list[str]]]:
+    loaded = fleet(robot(2, more), path=path)
+    return read_unit(service(loaded, loaded.robot("r2"), program=program, user="robot"))
+
+
+def test_the_service_is_the_robot_from_switching_on_and_is_not_restarted_for_ever() -> None:
+    sections = unit()
+    assert words(sections["Service"]["ExecStart"][0]) == [str(ACRC), "onboard", str(OFFICE), "--robot", "r2"]
+    expected = {
+        "User": "robot",
+        "SupplementaryGroups": "dialout",
+        "Restart": "on-failure",
+        "SuccessExitStatus": "143",
+        "StandardOutput": "journal",
+        "SyslogIdentifier": "acrc-r2",
+    }
+    assert {key: sections["Service"][key] for key in expected} == {k: [v] for k, v in expected.items()}
+    assert sections["Unit"]["StartLimitBurst"] == ["5"]
+    assert sections["Unit"]["StartLimitIntervalSec"] == ["300"]
+    assert sections["Install"]["WantedBy"] == ["multi-user.target"]
+
+
+def test_it_waits_for_its_devices_but_for_no_network() -> None:
+    sections = unit('base = "/dev/ttyUSB0"\nradio = "/dev/robot-1/bee click"\nrange = "openni"')
+    assert sections["Unit"]["Wants"] == [r"dev-ttyUSB0.device dev-robot\x2d1-bee\x20click.device"]
+    assert sections["Unit"]["After"] == [
+        r"time-set.target dev-ttyUSB0.device dev-robot\x2d1-bee\x20click.device"
+    ]
+    everywhere = unit('listen = "tls/0.0.0.0:7447"')
+    assert everywhere["Unit"]["After"] == ["time-set.target dev-kobuki.device dev-beeclick.device"]
+
+
+def test_only_an_address_of_its_own_to_listen_at_is_waited_for() -> None:
+    sections = unit('listen = "tls/192.168.1.12:7447"')
+    assert sections["Unit"]["Wants"] == ["dev-kobuki.device dev-beeclick.device network-online.target"]
+    assert sections["Unit"]["After"][0].startswith("time-set.target network-online.target dev-kobuki")
+
+
+def test_the_sandbox_leaves_devices_namespaces_and_compiled_kernels_alone() -> None:
+    own = unit()["Service"]
+    assert own["DevicePolicy"] == ["closed"]
+    assert own["DeviceAllow"] == ["char-ttyUSB rw", "char-ttyACM rw"]
+    assert own["ReadWritePaths"] == [str(ROOT)]
+    assert (
+        not {
+            "RestrictNamespaces",
+            "MemoryDenyWriteExecute",
+            "PrivateDevices",
+            "PrivateNetwork",
+            "PrivateUsers",
+            "SystemCallFilter",
+        }
+        & own.keys()
+    )
+    assert unit('range = "openni"')["Service"]["DeviceAllow"][2:] == ["char-usb_device rw"]
+
+
+def test_paths_with_all_that_means_something_to_systemd_stay_what_they_are() -> None:
+    folder = Path('/home/a b/50% "off" $HOME/back\\slash')
+    own = unit(path=folder / "fleet.toml", program=folder / "acrc")["Service"]
+    assert words(own["ExecStart"][0]) == [
+        str(folder / "acrc"), "onboard", str(folder / "fleet.toml"), "--robot", "r2"
+    ]  # fmt: skip
+    assert own["ReadWritePaths"] == [r'"/home/a b/50%% \"off\" $HOME/back\\slash"']
+
+
+def test_a_user_must_be_one(tmp_path: Path) -> None:
+    office = load_fleet(OFFICE)
+    with pytest.raises(AcrcError) as caught:
+        write(office, office.robot("r1"), tmp_path, program=ACRC, user="me\nExecStart=/bin/sh")
+    assert str(caught.value) == "--user me\nExecStart=/bin/sh: must be the name of a user of this computer"
+
+
+def test_a_folder_that_cannot_be_written_to_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    office = load_fleet(OFFICE)
+    with pytest.raises(AcrcError) as caught:
+        write(office, office.robot("r1"), tmp_path / "file", program=ACRC, user="robot")
+    assert str(caught.value) == f"{tmp_path}/file: the units cannot be written: File exists"
+
+
+@pytest.mark.parametrize(
+    ("device", "expected"),
+    [
+        (KOBUKI, MINE | FAST | {"SYMLINK+=": "kobuki"}),
+        (FTDI, MINE | FAST | {"SYMLINK+=": "beeclick"}),
+        (FTDI | {"serial": "A50285BI"}, MINE | FAST | {"SYMLINK+=": "beeclick"}),
+        (CP2102, MINE | {"SYMLINK+=": "rplidar"}),
+        ({"SUBSYSTEM": "tty", "idVendor": "2341", "idProduct": "0043"}, {}),
+        ({"SUBSYSTEM": "tty"}, {}),
+        (KOBUKI | {"SUBSYSTEM": "usb"}, {}),
+    ],
+)
+def test_every_device_gets_its_name_and_no_other(device: dict[str, str], expected: dict[str, str]) -> None:
+    made = read_rules(rules(load_fleet(OFFICE).robot("r2")))
+    assert effect(made, device) == expected
+    assert effect(made, device, action="remove") == {}
+
+
+def test_a_port_with_the_kernels_name_gets_none_and_a_lidar_that_is_not_there_no_rule() -> None:
+    one = fleet(robot(1, 'base = "/dev/ttyUSB0"\nradio = "/dev/robot/bee"')).robot("r1")
+    made = read_rules(rules(one))
+    assert effect(made, KOBUKI) == MINE | FAST
+    assert effect(made, FTDI) == MINE | FAST | {"SYMLINK+=": "robot/bee"}
+    assert effect(made, CP2102) == {}
+    assert effect(read_rules(rules(fleet(robot(1, 'range = "openni"')).robot("r1"))), CP2102) == {}
+
+
+@pytest.mark.parametrize(
+    "port",
+    ["/dev/ttyACM0", "/dev/pts/3", "/dev/serial/by-id/x", "/dev/bus/usb/001", "/tmp/kobuki", "/dev/a b"],
+)
+def test_what_a_rule_cannot_or_must_not_name_it_does_not(port: str) -> None:
+    text = rules(fleet(robot(1, f'base = "{port}"')).robot("r1"))
+    assert [rule["SYMLINK+="] for rule in read_rules(text) if "SYMLINK+=" in rule] == ["beeclick"]
+
+
+@pytest.mark.parametrize("name", ["r1", "r2"])
+def test_systemds_own_verifiers_have_nothing_to_say_where_they_are_installed(
+    name: str, tmp_path: Path
+) -> None:
+    loaded = fleet(
+        robot(1, 'range = "/dev/rplidar"') + robot(2, 'listen = "tls/10.0.0.2:7447"\nrange = "openni"')
+    )
+    written = write(loaded, loaded.robot(name), tmp_path, program=ACRC, user="root")
+    read_unit(written.service_file.read_text())
+    read_rules(written.rules_file.read_text())
+    if shutil.which("systemd-analyze"):
+        code, said = verdict("systemd-analyze", "verify", "--man=no", written.service_file)
+        assert (code, [line for line in said.splitlines() if str(written.service_file) in line]) == (0, [])
+    if shutil.which("udevadm") and verdict("udevadm", "verify", "--help")[0] == 0:  # from systemd 254 on
+        assert verdict("udevadm", "verify", "--resolve-names=never", written.rules_file)[0] == 0
+
+
+def test_systemds_verifier_would_notice_where_it_is_installed(tmp_path: Path) -> None:
+    file = tmp_path / "bad.service"
+    file.write_text("[Service]\nExecStart=/bin/true\nRestrt=always\n")
+    with pytest.raises(ValueError, match="Restrt=always"):
+        read_unit(file.read_text())
+    if shutil.which("systemd-analyze"):
+        assert "'Restrt'" in verdict("systemd-analyze", "verify", "--man=no", file)[1]
+
+
+def verdict(*command: object) -> tuple[int, str]:
+    done = subprocess.run(
+        [str(word) for word in command], capture_output=True, text=True, check=False, timeout=60
+    )
+    return done.returncode, done.stdout + done.stderr
