@@ -63,7 +63,14 @@ def lay_out(onboard: Onboard) -> None:
     plan.out.mkdir(parents=True, exist_ok=True)
     lay_out_robot(plan, robot)
     base = BaseSetup(
-        robot.id, robot.model, robot.sensor, robot.start, plan.world.step_us, ports.base, ports.range
+        robot.id,
+        robot.model,
+        robot.sensor,
+        robot.start,
+        len(robot.places),
+        plan.world.step_us,
+        ports.base,
+        ports.range,
     )
     bridge = BridgeSetup(
         robot.id,

@@ -36,6 +36,10 @@ class PseudoTerminal:
             os.close(self._driver)
             raise
 
+    def fileno(self) -> int:
+        """The device's end; readable when the driver has written."""
+        return self._device
+
     def read(self, patience: float) -> bytes:
         """What the driver has written; waits up to `patience` s for it."""
         ready, _, _ = select.select([self._device], [], [], max(patience, 0.0))

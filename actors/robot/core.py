@@ -142,7 +142,7 @@ class RobotCore:
         pose = parts.localisation.update(odometry, senses.scan).pose
         parts.surroundings.take(instant, odometry, senses.scan)
         velocity = Twist(odometry.vx, odometry.vy, odometry.omega)
-        twist = parts.navigation.advance(instant, pose, velocity)
+        twist = parts.navigation.advance(instant, pose, velocity, senses.bumper != 0)
         moving = parts.moving.exceeded_by(velocity)
         view = View(instant, pose, moving, parts.navigation.goal, events)
         decision = self._decide(view, Instant(instant + self._step_us))

@@ -28,6 +28,13 @@ class NavigationParameters:
     """The goal is given up where the robot stays for so long ... (move_base oscillation_timeout)"""
     oscillation_distance: float = 0.2
     """... within so many metres (move_base oscillation_distance)."""
+    retreat: float = 0.15
+    """So far the robot backs away from what its bumper has touched, m: room to turn beside it. Own choice;
+    move_base knows no bumper, and a Kobuki that touches something lets no wheel turn forward."""
+    retreat_speed: float = 0.1
+    """m/s; slow, for it does not see what it backs into."""
+    retreat_patience: Duration = field(default=seconds(3))
+    """So long one retreat may take; twice what it takes with free wheels."""
 
 
 @dataclass
@@ -46,6 +53,15 @@ class _Pursuit:
     """Since when nothing but blocked steps."""
 
 
+@dataclass(frozen=True)
+class _Retreat:
+    """Backing away from what has been touched."""
+
+    begun: Instant
+    touched: Point
+    """Where the robot was then."""
+
+
 class Navigation:
     """Drives the robot to one goal after the other."""
 
@@ -57,6 +73,7 @@ class Navigation:
         self._p = parameters
         self._goal: Goal | None = None
         self._pursuit: _Pursuit | None = None
+        self._retreat: _Retreat | None = None
 
     @property
     def goal(self) -> Goal | None:
@@ -70,14 +87,23 @@ class Navigation:
         self._pursuit = None
         self._goal = None if order is GoalOrder.CANCEL else Goal(order, GoalStatus.ACTIVE)
 
-    def advance(self, instant: Instant, pose: Pose, velocity: Twist) -> Twist:
-        """The velocity to command from now on; `velocity` is the base's own."""
+    def advance(self, instant: Instant, pose: Pose, velocity: Twist, bumped: bool = False) -> Twist:
+        """The velocity to command from now on.
+
+        `velocity` is the base's own; `bumped`: its bumper touches something.
+        """
         if self._goal is None or self._goal.status is not GoalStatus.ACTIVE:
+            self._retreat = None
             return STILL
+        if self._retreats(instant, pose, bumped):
+            return Twist(-self._p.retreat_speed, 0.0, 0.0)
+        return self._pursue(self._goal.point, instant, pose, velocity)
+
+    def _pursue(self, goal: Point, instant: Instant, pose: Pose, velocity: Twist) -> Twist:
         if self._pursuit is None:
             self._pursuit = _Pursuit(instant, pose.point, instant)
             self._driver.begin()
-        end = self._plan(self._pursuit, self._goal.point, instant, pose)
+        end = self._plan(self._pursuit, goal, instant, pose)
         if end is None:
             return STILL
         if end.distance_to(pose.point) <= self._p.tolerance:
@@ -92,6 +118,18 @@ class Navigation:
         elif instant - self._pursuit.blocked >= self._p.controller_patience * (1 + self._p.recoveries):
             return self._close(GoalStatus.ABORTED, AbortReason.BLOCKED)
         return steering.twist
+
+    def _retreats(self, instant: Instant, pose: Pose, bumped: bool) -> bool:
+        """True while the robot has to back away."""
+        if self._retreat is None:
+            if not bumped:
+                return False
+            self._retreat = _Retreat(instant, pose.point)
+        gone = self._retreat.touched.distance_to(pose.point)
+        if gone < self._p.retreat and instant - self._retreat.begun < self._p.retreat_patience:
+            return True
+        self._retreat = None
+        return False
 
     def _plan(self, pursuit: _Pursuit, goal: Point, instant: Instant, pose: Pose) -> Point | None:
         """The end of a path that is fresh enough; None while there is none, and once the goal is given up."""

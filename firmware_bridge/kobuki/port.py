@@ -14,6 +14,9 @@ from firmware_bridge.serial_port import Device, SerialPort
 KOBUKI: Final = Device(name="Kobuki", symlink="/dev/kobuki", baud=115_200)
 
 
-def open_port(path: str = KOBUKI.symlink) -> SerialPort:
-    """The base's port, 115200 baud. Raises PortError with one sentence that says what would help."""
-    return SerialPort(path, KOBUKI)
+def open_port(path: str = KOBUKI.symlink, patience: float = 0.005) -> SerialPort:
+    """The base's port, 115200 baud; a reading waits up to `patience` s.
+
+    Raises PortError with one sentence that says what would help.
+    """
+    return SerialPort(path, KOBUKI, patience)

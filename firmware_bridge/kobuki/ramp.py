@@ -7,12 +7,13 @@ from actors.instant import Duration, Instant, in_seconds, milliseconds
 
 @dataclass(frozen=True)
 class RampParameters:
-    """How quickly the velocity may change; kobuki_driver, defaults of its acceleration limiter."""
+    """How quickly the velocity may change; kobuki_driver's defaults, but for braking."""
 
     speed_up: float = 0.3
     """m/s²."""
-    slow_down: float = 0.36
-    """The same, towards standing."""
+    slow_down: float = 0.6
+    """The same, towards standing. Own choice: half as much again as the robot plans its stops with, 0.4
+    (actors.robot.driving); with kobuki_driver's 0.36 it would come to stand later than it means to."""
     turn_up: float = 3.5
     """rad/s²."""
     turn_down: float = 4.2

@@ -65,7 +65,7 @@ def parse(argv: Sequence[str]) -> BaseOptions:
 
 def turtlebot(setup: BaseSetup, now: Instant) -> TurtleBot:
     """The vehicle on the ports of the set-up. Raises an AcrcError for a camera that is not there."""
-    base = functools.partial(kobuki_port.open_port, setup.base)
+    base = functools.partial(kobuki_port.open_port, setup.base, patience=0.0)
     return TurtleBot(base, KobukiDriver(now), _ranger(setup, now))
 
 
@@ -75,7 +75,9 @@ def _ranger(setup: BaseSetup, now: Instant) -> Ranger | None:
     model = load_model(setup.model, setup.sensor)
     if setup.range == OPENNI:
         return DepthRanger(OpenNICamera(), DepthScanner(model.sensor))
-    return Lidar(functools.partial(rplidar.open_port, setup.range), rplidar.Rplidar(model.sensor, now))
+    return Lidar(
+        functools.partial(rplidar.open_port, setup.range, patience=0.0), rplidar.Rplidar(model.sensor, now)
+    )
 
 
 class Base:
@@ -85,7 +87,7 @@ class Base:
         now = clock.now()
         self._clock = clock
         self._vehicle = turtlebot(setup, now)
-        self.core = BaseCore(setup.robot, setup.step_us, now, Pose(*setup.start), self._vehicle)
+        self.core = BaseCore(setup.robot, setup.step_us, now, Pose(*setup.start), setup.places, self._vehicle)
         self._stopped = False
 
     def drive(self, shell: Shell, bus: WakingBus) -> None:

@@ -64,8 +64,13 @@ class Vehicle(Protocol):
 class BaseCore:
     """One robot's steps; `expect` announces each message, and without one an advance takes in the time."""
 
-    def __init__(self, robot: str, step_us: int, begin: Instant, start: Pose, vehicle: Vehicle) -> None:
-        """`begin`: the instant of step 0; `start`: where the base was switched on, in the map frame."""
+    def __init__(
+        self, robot: str, step_us: int, begin: Instant, start: Pose, places: int, vehicle: Vehicle
+    ) -> None:
+        """`begin`: the instant of step 0; `start`: where the base was switched on, in the map frame.
+
+        `places`: how many the robot has to clean at first.
+        """
         self.now = begin
         self.finished = False
         self.overruns = 0
@@ -92,7 +97,8 @@ class BaseCore:
         self._events = 0
         self._transmits = 0
         self._stopping = False
-        self._reports = self._left = 0
+        self._reports = 0
+        self._left = places
 
     @property
     def step(self) -> int:

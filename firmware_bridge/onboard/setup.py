@@ -21,6 +21,8 @@ class BaseSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sensor: str | None
     start: tuple[float, float, float]
     """Where it is switched on: x, y in m and heading in rad, map frame."""
+    places: int
+    """How many it has to clean at first."""
     step_us: int
     base: str
     """Path of the Kobuki's port."""

@@ -60,7 +60,7 @@ class Stage:
 
     def __init__(self) -> None:
         self.vehicle = Vehicle()
-        self.core = BaseCore("r1", STEP, Instant(BEGIN), START, self.vehicle)
+        self.core = BaseCore("r1", STEP, Instant(BEGIN), START, 10, self.vehicle)
 
     def at(
         self, time_us: int, address: Address | None = None, message: Message | None = None

@@ -215,3 +215,30 @@ def test_two_robots_head_on_in_a_door_both_stop_and_give_up() -> None:
         assert trip.navigation.goal.reason is AbortReason.BLOCKED
         assert trip.standing()
     assert 0.02 < least < 0.2
+
+
+def test_a_robot_that_touches_something_backs_away_and_goes_on() -> None:
+    trip = Trip(Pose(1.0, 1.0, 0.0))
+    trip.navigation.take(FAR)
+    for _ in range(10):
+        trip.take_step()
+    touched = trip.base.pose
+    senses = trip.base.senses(trip.step)
+    trip.surroundings.take(at_step(trip.step), senses.odometry, senses.scan)
+    twist = trip.navigation.advance(at_step(trip.step), touched, trip.base.velocity, bumped=True)
+    assert twist == Twist(-0.1, 0.0, 0.0)
+    trip.until(lambda: trip.base.pose.point.distance_to(touched.point) >= 0.15, 3)
+    assert trip.base.pose.x < touched.x - 0.14, "backward, as the robot faces east"
+    trip.until(trip.closed, 30)
+    assert trip.navigation.goal == Goal(FAR, SUCCEEDED)
+
+
+def test_a_retreat_that_leads_nowhere_ends_and_a_robot_without_a_goal_does_not_retreat() -> None:
+    trip = Trip(Pose(1.0, 1.0, 0.0))
+    still, pose = Twist(0.0, 0.0, 0.0), Pose(1.0, 1.0, 0.0)
+    assert trip.navigation.advance(at_step(0), pose, still, bumped=True) == still
+    trip.navigation.take(FAR)
+    backward = [
+        trip.navigation.advance(at_step(step), pose, still, bumped=step == 1).vx < 0 for step in range(1, 40)
+    ]
+    assert backward == [True] * 30 + [False] * 9

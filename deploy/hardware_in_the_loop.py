@@ -1,0 +1,150 @@
+"""A swarm whose robots speak serial bytes only: processes as on board, emulated devices, wall time."""
+
+import signal
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from actors.instant import in_seconds
+from actors.messages import PROGRESS, Progress
+from actors.runtime import access
+from actors.runtime.codec import decode
+from actors.runtime.core import at
+from actors.runtime.credentials import unix_endpoint
+from actors.runtime.errors import AcrcError
+from actors.runtime.process import ROUTER_PATIENCE_S
+from actors.runtime.zenoh_bus import ZenohBus, open_mesh
+from deploy import onboard as layout
+from deploy.launch import Child, Launcher, Program, launcher
+from deploy.onboard import Onboard, Ports
+from deploy.onboard_watch import Watch
+from deploy.plan import OutFolderError, Plan
+from deploy.signals import signals_as_interrupts
+from firmware_bridge.laboratory.setup import LaboratorySetup
+
+LABORATORY: Final = "laboratory"
+PAN: Final = 0xBABA
+CHANNEL: Final = 26
+_PATIENCE_S: Final = 60.0
+"""How long the emulated devices may take to be there."""
+OnProgress = Callable[[Progress], None]
+
+
+class LaboratoryError(AcrcError):
+    """Emulated devices that did not start, or did not last."""
+
+
+def run(plan: Plan, spawn: str, on_progress: OnProgress) -> None:
+    """Run until everything is done, or to the limit; what came of it lies in the plan's folder."""
+    if plan.out.exists() and (not plan.out.is_dir() or any(plan.out.iterdir())):
+        raise OutFolderError(f"--out {plan.out}: exists and is not an empty folder; name a new one")
+    folder = plan.folder(LABORATORY)
+    folder.mkdir(parents=True)
+    (plan.out / "scenario.toml").write_text(plan.scenario)
+    with signals_as_interrupts(), launcher(spawn) as launched, ExitStack() as stack:
+        room = _Room(plan, launched)
+        stack.callback(room.end)
+        room.start()
+        robots = [_robot(plan, index, folder) for index in range(len(plan.world.robots))]
+        watches = [_watch(one, launched, stack) for one in robots]
+        buses = [_listen(one, stack) for one in robots]
+        _follow(plan, watches, buses, room, on_progress)
+
+
+class _Room:
+    """The process with the emulated devices."""
+
+    def __init__(self, plan: Plan, launched: Launcher) -> None:
+        folder = plan.folder(LABORATORY)
+        self._launched = launched
+        self._folder = folder
+        self._child: Child | None = None
+        setup = LaboratorySetup(plan.world, plan.radio.robots, plan.radio.preset)
+        (folder / "setup.json").write_bytes(msgspec.json.format(msgspec.json.encode(setup)))
+
+    def start(self) -> None:
+        """Start it, and stay until the devices are plugged in."""
+        folder = self._folder
+        argv = (
+            *("--setup", str(folder / "setup.json"), "--links", str(folder / "links")),
+            *("--result", str(folder / "result.json"), "--with-parent"),
+        )
+        log = folder / "laboratory.log"
+        program = Program(LABORATORY, "firmware_bridge.laboratory", argv, log, None)
+        self._child = self._launched.start(program)
+        deadline = time.monotonic() + _PATIENCE_S
+        while "ready" not in (log.read_text() if log.is_file() else "").split("\n"):
+            self._launched.wait(0.05)
+            self.check()
+            if time.monotonic() > deadline:
+                raise LaboratoryError(f"the emulated devices were not there within {_PATIENCE_S:g} s")
+
+    def check(self) -> None:
+        """Raise LaboratoryError if it has ended."""
+        assert self._child is not None
+        if self._child.exit_code is not None:
+            raise LaboratoryError(
+                f"the emulated devices ended with exit code {self._child.exit_code}; "
+                f"{self._folder / 'laboratory.log'} says why"
+            )
+
+    def end(self) -> None:
+        """Have it write what came of it, and end."""
+        if self._child is None:
+            return
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            self._child.send(number)
+            deadline = time.monotonic() + Watch.GRACE_S
+            while self._child.exit_code is None and time.monotonic() < deadline:
+                self._launched.wait(0.05)
+
+
+def _robot(plan: Plan, index: int, folder: Path) -> Onboard:
+    robot = plan.world.robots[index]
+    alone = replace(
+        plan,
+        world=msgspec.structs.replace(plan.world, robots=(robot,)),
+        radio=msgspec.structs.replace(plan.radio, robots=((robot.id, plan.address(robot.id)),)),
+    )
+    links = folder / "links" / robot.id
+    ports = Ports(str(links / "base"), str(links / "radio"), str(links / "range"), PAN, CHANNEL, -10.0)
+    return Onboard(alone, ports, epoch=0)
+
+
+def _watch(robot: Onboard, launched: Launcher, stack: ExitStack) -> Watch:
+    layout.lay_out(robot)
+    watch = Watch(robot, launched, lambda sentence: None)
+    stack.callback(layout.withdraw, robot)
+    stack.callback(watch.end)
+    watch.start()
+    return watch
+
+
+def _listen(robot: Onboard, stack: ExitStack) -> ZenohBus:
+    folder = robot.folder(layout.BASE).resolve()
+    config = access.client_config(folder / "operator.credentials", unix_endpoint(folder / "router.sock"))
+    return stack.enter_context(open_mesh(config, (at(PROGRESS),), patience_s=ROUTER_PATIENCE_S))
+
+
+def _follow(
+    plan: Plan, watches: Sequence[Watch], buses: Sequence[ZenohBus], room: _Room, on_progress: OnProgress
+) -> None:
+    """Until nobody has a place left, or to the limit."""
+    begun = time.monotonic()
+    left = [len(robot.places) for robot in plan.world.robots]
+    reports = [0] * len(left)
+    while (elapsed := time.monotonic() - begun) < in_seconds(plan.world.duration_us) and any(left):
+        for watch in watches:
+            watch.look(0.02)
+        room.check()
+        for index, bus in enumerate(buses):
+            while (delivery := bus.poll(at(PROGRESS).topic)) is not None:
+                progress = decode(delivery.topic, delivery.key, delivery.payload)
+                assert isinstance(progress, Progress)
+                left[index], reports[index] = progress.places_left, progress.reports
+        on_progress(Progress(0, round(1e6 * elapsed), sum(left), sum(reports), False))
