@@ -237,7 +237,7 @@ _REQUESTS = {
 
 
 def open_port(path: str = RPLIDAR.symlink, patience: float = 0.005) -> SerialPort:
-    """The lidar's port, 115200 baud, its motor turning; a reading waits up to `patience` s. Raises PortError."""
+    """The lidar's port, 115200 baud, its motor turning; a read waits up to `patience` s. Raises PortError."""
     port = SerialPort(path, RPLIDAR, patience)
     port.set_dtr(False)
     return port
