@@ -34,7 +34,7 @@ def decode(topic: Topic[Message], key: str, payload: bytes) -> Message:
         message: Message = _DECODERS[topic.kind].decode(memoryview(payload)[1:])
     except msgspec.ValidationError as error:
         raise WireError(_explain(topic, key, payload[1:], str(error))) from None
-    except msgspec.DecodeError as error:
+    except ValueError as error:  # msgspec.DecodeError, and text that is not UTF-8
         raise WireError(f"{key}: not msgpack after {len(payload)} bytes: {error}") from None
     return message
 
@@ -44,7 +44,7 @@ def _explain(topic: Topic[Message], key: str, body: bytes, reason: str) -> str:
     reason, _, path = reason.partition(" - at `$")
     try:
         value = msgspec.msgpack.decode(body)
-    except msgspec.DecodeError:
+    except ValueError:
         return f"{key}: {topic.kind.__name__} does not decode: {reason}"
     name = topic.kind.__name__
     fields: tuple[str, ...] = topic.kind.__struct_fields__

@@ -75,6 +75,8 @@ def test_any_bytes_decode_or_are_a_wire_error(payload: bytes) -> None:
         ),
         (DRIVE, b"\x02\xc1", "swarm/k: not msgpack after 2 bytes: MessagePack data is malformed: "
          "invalid opcode '\\xc1' (byte 0)"),
+        (DRIVE, packed(3, 0.1, 0.0, 0.2, 0, [["r1", 2, 4]]).replace(b"r1", b"\xde1"), "swarm/k: not msgpack "
+         "after 38 bytes: 'utf-8' codec can't decode byte 0xde in position 0: invalid continuation byte"),
     ],
 )  # fmt: skip
 def test_the_error_names_key_field_and_value(topic: Topic[Message], payload: bytes, sentence: str) -> None:
