@@ -17,10 +17,14 @@ def collect(
         Path | None,
         typer.Option(metavar="DIR", help="New folder for run.json and places.csv.  [default: print only]"),
     ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="What the laboratory of emulated devices says truly happened."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")] = False,
 ) -> None:
     """Gather what robots have recorded on an outing: align their clocks, and say what came of it."""
     from deploy import collect as recordings
     from deploy.outing_summary import print_outing
 
-    print_outing(recordings.collect(folders, out), json=json)
+    print_outing(recordings.collect(folders, out, truth), json=json)

@@ -9,19 +9,23 @@ from deploy.outing_clocks import OutingClocks
 from deploy.outing_files import read_outing
 from deploy.outing_places import outing_places
 from deploy.outing_result import OutingResult, outing_result
+from deploy.outing_truth import read_truth, with_truth
 from deploy.place_table import write_table
 from deploy.plan import make_folder
 
 
-def collect(folders: Sequence[Path], out: Path | None = None) -> OutingResult:
+def collect(folders: Sequence[Path], out: Path | None = None, truth: Path | None = None) -> OutingResult:
     """The result of an outing from its robots' folders; AcrcError if they do not make up one outing.
 
     With `out`, a new or empty folder, it also stands there in run.json, and what became of every place in
-    places.csv.
+    places.csv. `truth`: the result of the laboratory that the robots were in.
     """
+    true = None if truth is None else read_truth(truth)
     outing = read_outing(folders)
     clocks = OutingClocks(outing)
     told = outing_places(outing, clocks)
+    if true is not None:
+        told = with_truth(told, true, clocks)
     result = outing_result(outing, clocks, told, out)
     if out is not None:
         make_folder(out)

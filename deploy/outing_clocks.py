@@ -83,6 +83,12 @@ class OutingClocks:
         pairs = zip(self._clocks, self._chosen, strict=True)
         return min(chosen.fit.reference(clock.first) for clock, chosen in pairs)
 
+    @property
+    def span(self) -> int:
+        """From there to the last step of all, µs."""
+        pairs = zip(self._clocks, self._chosen, strict=True)
+        return max(chosen.fit.reference(clock.last) for clock, chosen in pairs) - self.begin
+
     def instant(self, log: RobotLog, moment: Moment) -> int:
         """What the reference showed when the base's clock showed `moment`, µs."""
         return self._chosen[self._stretches.clock(log, moment)].fit.reference(moment.instant)

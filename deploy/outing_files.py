@@ -128,7 +128,7 @@ def _first_record(path: Path, notes: list[str]) -> RunNote | None:
         return None
     try:
         return msgspec.json.decode(first.json, type=RunNote)
-    except msgspec.DecodeError as error:
+    except ValueError as error:
         notes.append(f"{path}: the first record is not that of an actor: {error}; left out")
         return None
 
@@ -137,7 +137,7 @@ def _identity(run: RunNote) -> Identity | None:
     """Whose recording it is; None if it is no robot's."""
     try:
         return msgspec.json.decode(run.scenario, type=Identity)
-    except msgspec.DecodeError:
+    except ValueError:
         return None
 
 
@@ -175,7 +175,7 @@ def _take_base(path: Path, run: RunNote, outing: Outing) -> None:
             outing.notes.append(f"{path}: has no last record, so the lateness that it counted is not known")
             return
         outcome = msgspec.json.decode(final, type=_Outcome).outcome
-    except (AcrcError, msgspec.DecodeError) as error:
+    except (AcrcError, ValueError) as error:
         outing.notes.append(f"{path}: its first or last record is not that of a base: {error}")
         return
     outing.lateness_ms.setdefault(robot, Counter()).update(outcome.lateness_ms)
@@ -206,8 +206,8 @@ def _said_of(log: RobotLog) -> Iterator[str]:
     elif log.failure is not None:
         yield f"{log.path}: {log.identity.id} failed in step {log.failure.step}: {log.failure.cause}"
     elif log.final is None:
-        until = f"step {log.ticks[-1].step}" if log.ticks else "before its first step"
-        yield f"{log.path}: cut short at {until}, without a last record, as by switching off"
+        until = f"at step {log.ticks[-1].step}" if log.ticks else "before its first step"
+        yield f"{log.path}: cut short {until}, without a last record, as by switching off"
     if log.hashed_drives:
         yield (
             f"{log.path}: {log.hashed_drives} answers are known by their hash only, and so what they say of "

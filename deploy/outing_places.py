@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from actors.instant import Duration, in_seconds, seconds
+from actors.instant import Duration, seconds
 from actors.messages import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.world.referee import PlaceOutcome, Referee, Verdict
 from deploy.outing_clocks import OutingClocks
@@ -37,6 +37,8 @@ class OutingPlaces(NamedTuple):
     """In the order of robots and lists; x and y are NaN where only the place's number is known."""
     notes: tuple[str, ...]
     """What is not known, a sentence each."""
+    contacts: int | None = None
+    """Contacts that truly began; None: nobody watched, and so not where the robots were either."""
 
 
 @dataclass(frozen=True)
@@ -136,9 +138,3 @@ def _notes(unknown: dict[str, tuple[tuple[float, float], ...]], outside: int) ->
         )
     if outside:
         yield f"{outside} words were about places that there are not, and are left out"
-
-
-def last_step_s(outing: Outing, clocks: OutingClocks) -> float:
-    """When the last robot began its last step, s since the outing's begin."""
-    ends = [_end(log, clocks) for log in outing.all_logs() if log.ticks]
-    return in_seconds(Duration(max(ends) - clocks.begin))

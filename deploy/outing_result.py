@@ -13,7 +13,7 @@ from deploy.deeco_result import DeecoResult, deeco_result, nearest_rank
 from deploy.outing_clocks import ClockReport, OutingClocks
 from deploy.outing_deeco import node_account
 from deploy.outing_files import Outing
-from deploy.outing_places import OutingPlaces, last_step_s
+from deploy.outing_places import OutingPlaces
 from deploy.place_table import counted
 from deploy.result import rate
 from deploy.robot_log import FATES, RobotLog
@@ -38,7 +38,7 @@ class RobotOuting(msgspec.Struct, frozen=True):
     places_claimed: int
     places_given_up: int
     completion_s: float | None
-    """When the last of its places was reported; None if not all were; 0 if it has none."""
+    """When the last of its places was reported, as for all; 0 if it has none."""
     reports: int
     """Places, whosever, of which it said that it had visited them."""
     gave_up: int
@@ -67,7 +67,7 @@ class OutingResult(msgspec.Struct, frozen=True):
     places_given_up: int
     places_lost: int
     completion_s: float | None
-    """When the last place was reported; None unless all were, be it true or not."""
+    """When the last place was reported; None unless all were, and truly so if somebody watched."""
     settled_s: float | None
     last_reached_s: float | None
     per_robot: dict[str, RobotOuting]
@@ -96,20 +96,19 @@ def outing_result(outing: Outing, clocks: OutingClocks, told: OutingPlaces, out:
     robot_seconds = sum(one.to_s - one.from_s for parts in stretches.values() for one in parts)
     return OutingResult(
         robots=len(outing.logs),
-        duration_s=last_step_s(outing, clocks),
+        duration_s=in_seconds(Duration(clocks.span)),
         places_total=places.total,
-        places_done=None,
+        places_done=None if told.contacts is None else places.done,
         places_claimed=places.claimed,
         places_given_up=places.given_up,
         places_lost=places.lost,
-        completion_s=_completion(told.places),
+        completion_s=_completion(told.places) if told.contacts is None else places.completion_s,
         settled_s=places.settled_s,
         last_reached_s=places.last_reached_s,
         per_robot={
-            robot: _robot(robot, outing, told.places, frames[robot], stretches[robot])
-            for robot in outing.logs
+            robot: _robot(robot, outing, told, frames[robot], stretches[robot]) for robot in outing.logs
         },
-        contacts=None,
+        contacts=told.contacts,
         frames=dict(whole),
         radio_bytes_per_robot_s=rate(whole["bytes_sent"], robot_seconds),
         deeco=deeco_result(account.node for account in accounts if account.node is not None),
@@ -122,20 +121,20 @@ def outing_result(outing: Outing, clocks: OutingClocks, told: OutingPlaces, out:
 def _robot(
     robot: str,
     outing: Outing,
-    places: Sequence[PlaceOutcome],
+    told: OutingPlaces,
     frames: dict[str, int],
     clock: tuple[ClockReport, ...],
 ) -> RobotOuting:
-    own = [place for place in places if place.owner == robot]
+    own = [place for place in told.places if place.owner == robot]
     part, logs = counted(own), outing.logs[robot]
     drives = [drive for log in logs for _, drive in log.drives]
     lateness = outing.lateness_ms.get(robot)
     return RobotOuting(
         places_total=part.total,
-        places_done=None,
+        places_done=None if told.contacts is None else part.done,
         places_claimed=part.claimed,
         places_given_up=part.given_up,
-        completion_s=_completion(own),
+        completion_s=_completion(own) if told.contacts is None else part.completion_s,
         reports=sum(len(drive.reports) for drive in drives),
         gave_up=sum(len(drive.given_up) for drive in drives),
         frames=frames,

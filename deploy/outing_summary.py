@@ -29,14 +29,10 @@ def print_outing(result: OutingResult, *, json: bool) -> None:
 def _table(result: OutingResult) -> Table:
     """A row per robot and one for all; columns for what nobody has only where somebody has it."""
     gave_up, late = result.places_given_up > 0, any(map(_lateness, result.per_robot.values()))
-    table = Table("robot", "places reported", *(("given up",) if gave_up else ()), "all reported at")
-    for name in (
-        "frames sent",
-        "heard",
-        *(("late p50, p99",) if late else ()),
-        f"clock against {result.reference}",
-    ):
+    table = Table("robot", "reported", *(("given up",) if gave_up else ()), "all at")
+    for name in ("sent", "heard", *(("late p50, p99",) if late else ())):
         table.add_column(name)
+    table.add_column(f"clock against {result.reference}", no_wrap=True)
 
     def add(name: str, of: RobotOuting | OutingResult, lateness: str, clock: str) -> None:
         table.add_row(
@@ -71,13 +67,15 @@ def _clock(stretches: tuple[ClockReport, ...], *, is_reference: bool) -> str:
 def _stretch(clock: ClockReport) -> str:
     if clock.error_s is None:
         return "unknown"
-    return f"{clock.offset_s:+.4f} s, {clock.drift_ppm:+.1f} ppm, ± {clock.error_s * 1000:.2f} ms"
+    return f"{clock.offset_s:+.4f} s ± {clock.error_s * 1000:.2f} ms"
 
 
 def _sentences(result: OutingResult) -> Iterator[str]:
     yield f"{result.duration_s:.1f} s from the first step of all to the last"
     if result.completion_s is None and result.settled_s is not None:
         yield f"every place was reported or given up by {result.settled_s:.1f} s"
+    if result.places_done is not None:
+        yield f"truly: {result.places_done} of {result.places_total} places done, {result.contacts} contacts"
     if result.places_lost:
         places = "1 place was" if result.places_lost == 1 else f"{result.places_lost} places were"
         yield f"{places} lost: neither reported nor given up, and in nobody's route"

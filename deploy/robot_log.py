@@ -45,6 +45,10 @@ FATES: Final[Mapping[type[Any], str]] = {
 """By kind of event, the name under which it is counted; as the radio of a simulated run calls it, too."""
 
 
+_LATEST_US: Final = 1 << 60
+"""36 000 years: beyond what any clock shows, and well within 64 bits."""
+
+
 class Identity(msgspec.Struct, frozen=True):
     """What a robot's first record says of it, as far as it is needed here."""
 
@@ -123,8 +127,10 @@ def read_log(path: Path, identity: Identity, kept: Mapping[bytes, bytes]) -> Rob
     try:
         for item in read_recording(path):
             reader.take(item)
-    except (AcrcError, msgspec.DecodeError) as error:
+    except RecordingError as error:
         reader.log.damage = str(error)
+    except (AcrcError, ValueError) as error:
+        reader.log.damage = f"{path}: {error}"
     return reader.log
 
 
@@ -160,7 +166,7 @@ class _Reader:
             return
         message: Message = decode(topic, entry.key, payload)  # type: ignore[arg-type]
         if isinstance(message, Senses):
-            log.ticks.append(Tick(message.step, message.instant))
+            log.ticks.append(Tick(message.step, self._checked(message.instant)))
         elif log.ticks:
             self._within_step(message)
         else:
@@ -185,15 +191,20 @@ class _Reader:
     def _tick(self) -> int:
         return len(self.log.ticks) - 1
 
+    def _checked(self, instant: int) -> int:
+        if abs(instant) > _LATEST_US:
+            raise RecordingError(f"{self.log.path}: damaged: an instant is {instant} µs, as no clock shows")
+        return instant
+
     def _hand(self, frame: Outgoing) -> None:
-        sent = SentFrame(Moment(self._tick, frame.instant), frame.data)
+        sent = SentFrame(Moment(self._tick, self._checked(frame.instant)), frame.data)
         self.log.sent.append(sent)
         self._under_way[frame.tag] = sent
 
     def _event(self, event: RadioEvent) -> None:
         log = self.log
         log.events[FATES[type(event)]] += 1
-        moment = Moment(self._tick, event.instant)
+        moment = Moment(self._tick, self._checked(event.instant))
         if isinstance(event, Heard):
             log.heard.append(HeardFrame(moment, event.sender, event.data))
             return
