@@ -13,6 +13,8 @@ from actors.runtime.errors import AcrcError
 from deploy.checks import run_checks
 from deploy.cli_bench import app as bench
 from deploy.cli_collect import collect
+from deploy.cli_deploy import app as deploy
+from deploy.cli_deploy import doctor
 from deploy.cli_record import app as record
 from deploy.repository import REPOSITORY
 from deploy.usage import OptionError
@@ -27,6 +29,8 @@ app = typer.Typer(
 )
 app.add_typer(bench, name="bench", help="Measure how fast and how true the parts are.")
 app.add_typer(record, name="record", help="Check and replay what a run has recorded.")
+app.add_typer(deploy, name="deploy", help="Make keys for a fleet, and units for a robot's computer.")
+app.command()(doctor)
 app.command()(collect)
 _PASS_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
 

@@ -132,6 +132,14 @@ def test_extras_come_when_a_command_needs_them_and_stay(clone: Clone) -> None:
     assert clone.pip_calls() == calls
 
 
+def test_keys_come_with_what_hardware_needs_and_the_doctor_installs_nothing_of_his_own(clone: Clone) -> None:
+    clone.call("doctor")
+    assert clone.extras() == []
+    clone.call("deploy", "keys", "fleet.toml")
+    assert clone.extras() == ["hardware"]
+    assert {"cryptography", "pyserial"} <= clone.installed()
+
+
 @pytest.mark.parametrize("name", ["constraints.txt", "pyproject.toml"])
 def test_a_change_of_the_pins_repeats_the_installation_with_all_that_was_there(
     clone: Clone, name: str

@@ -6,9 +6,10 @@ KNOWN = {
     "Unit": "Description Wants After StartLimitIntervalSec StartLimitBurst",
     "Service": "Type User SupplementaryGroups StateDirectory WorkingDirectory ExecStart Restart RestartSec "
     "KillMode SuccessExitStatus TimeoutStopSec Nice StandardOutput StandardError SyslogIdentifier "
-    "DevicePolicy DeviceAllow ProtectSystem ReadWritePaths PrivateTmp NoNewPrivileges CapabilityBoundingSet ProtectClock "
-    "ProtectControlGroups ProtectHostname ProtectKernelLogs ProtectKernelModules ProtectKernelTunables "
-    "RestrictAddressFamilies RestrictRealtime RestrictSUIDSGID LockPersonality SystemCallArchitectures",
+    "DevicePolicy DeviceAllow ProtectSystem ReadWritePaths PrivateTmp NoNewPrivileges CapabilityBoundingSet "
+    "ProtectClock ProtectControlGroups ProtectHostname ProtectKernelLogs ProtectKernelModules "
+    "ProtectKernelTunables RestrictAddressFamilies RestrictRealtime RestrictSUIDSGID "
+    "LockPersonality SystemCallArchitectures",
     "Install": "WantedBy",
 }
 """systemd.unit(5), systemd.service(5), systemd.exec(5), systemd.kill(5), systemd.resource-control(5)."""

@@ -1,0 +1,122 @@
+"""The commands as a person meets them."""
+
+import json
+import stat
+from pathlib import Path
+
+import pytest
+
+from actors.runtime.tls import load_keys
+from tests.deploy.test_cli import acrc
+from tests.fleet.texts import OFFICE, ROOT
+
+UNNAMED = (
+    "acrc: {0} listens at all its addresses, but its certificate holds for names only; to reach it by an "
+    "address, give that: --host {0}=192.168.1.12\n"
+)
+
+
+@pytest.fixture
+def office(tmp_path: Path) -> Path:
+    """The shipped fleet file, where keys may be made beside it."""
+    text = OFFICE.read_text().replace("../maps", str(ROOT / "maps"))
+    file = tmp_path / "office.toml"
+    file.write_text(text)
+    return file
+
+
+def test_keys_are_made_beside_the_fleet_file_and_each_has_a_goal(office: Path) -> None:
+    code, out, err = acrc("deploy", "keys", str(office), "--host", "r1=10.0.0.1", "--host", "r2=10.0.0.2")
+    assert code == 0
+    assert err == UNNAMED.format("r3")
+    keys = office.parent / "office-keys"
+    lines = out.splitlines()
+    assert lines[:4] == [
+        f"{keys}/authority",
+        "  stays with you, and off the robots: whoever has it can make keys of this fleet",
+        f"{keys}/r1",
+        f"  to r1:{keys}/r1; holds for r1, r1.local, 10.0.0.1",
+    ]
+    assert lines[8:10] == [
+        f"{keys}/operator",
+        "  to the laptop of whoever watches and stops the robots",
+    ]
+    assert lines[10].startswith("All hold until 20")
+    for machine in ("r1", "r2", "r3", "operator"):
+        assert stat.S_IMODE(load_keys(keys / machine).private_key.stat().st_mode) == 0o600
+
+
+def test_keys_that_are_there_stay(office: Path) -> None:
+    assert acrc("deploy", "keys", str(office))[0] == 0
+    keys = office.parent / "office-keys"
+    before = (keys / "r1" / "key.pem").read_bytes()
+    assert acrc("deploy", "keys", str(office)) == (
+        1,
+        "",
+        f"acrc: {keys}: exists already; move it away to give the whole fleet new keys, or name another "
+        "folder with --out\n",
+    )
+    assert (keys / "r1" / "key.pem").read_bytes() == before
+
+
+def test_a_wrong_option_of_keys_is_one_line_and_exit_code_2(office: Path) -> None:
+    assert acrc("deploy", "keys", str(office), "--days", "0") == (
+        2,
+        "",
+        "acrc: --days 0: must be a whole number from 1 to 3650\n",
+    )
+
+
+def test_units_are_written_and_installed_by_nobody_but_you(office: Path, tmp_path: Path) -> None:
+    out = tmp_path / "units"
+    code, said, err = acrc("deploy", "units", str(office), "--robot", "r2", "--out", str(out), "--user", "me")
+    assert (code, err) == (0, "")
+    assert sorted(path.name for path in out.iterdir()) == ["60-acrc.rules", "acrc-r2.service"]
+    service = (out / "acrc-r2.service").read_text()
+    assert f"\nExecStart={ROOT}/acrc onboard {office} --robot r2\n" in service
+    assert "\nUser=me\n" in service
+    assert f"  sudo install -m 644 {out}/60-acrc.rules /etc/udev/rules.d/\n" in said
+    assert "  sudo systemctl enable --now acrc-r2.service\n" in said
+
+
+def test_a_robot_that_is_not_in_the_fleet_gets_no_units(office: Path, tmp_path: Path) -> None:
+    assert acrc("deploy", "units", str(office), "--robot", "r9", "--out", str(tmp_path / "units")) == (
+        1,
+        "",
+        f'acrc: {office}: there is no robot "r9" in the fleet; it has r1, r2, r3\n',
+    )
+    assert not (tmp_path / "units").exists()
+
+
+def test_the_doctor_finds_what_is_wrong_and_says_so_by_its_exit_code(office: Path) -> None:
+    code, out, err = acrc("doctor", str(office), "--robot", "r2")
+    assert (code, err) == (1, "")
+    assert "wrong  base               /dev/kobuki: there is no such port, and no Kobuki is seen; " in out
+    code, out, _ = acrc("doctor", str(office), "--robot", "r2", "--json")
+    report = json.loads(out)
+    assert (code, report["robot"], report["ok"]) == (1, "r2", False)
+    assert {"subject", "ok", "text"} == set(report["findings"][0])
+
+
+def test_the_doctor_needs_fleet_and_robot_or_neither(office: Path) -> None:
+    assert acrc("doctor", str(office)) == (
+        2,
+        "",
+        "acrc: --robot: must say which of the robots this computer is: r1, r2, r3\n",
+    )
+    assert acrc("doctor", "--robot", "r2") == (
+        2,
+        "",
+        "acrc: --robot r2: needs the fleet file, too, as in acrc doctor fleet.toml --robot r2\n",
+    )
+
+
+def test_help_says_what_each_command_is_for() -> None:
+    for words, line in (
+        (["deploy", "keys"], "Make the keys of a fleet: its certificate authority"),
+        (["deploy", "units"], "Write the systemd service of a robot and the udev rules"),
+        (["doctor"], "Say what is wrong with this computer, and how to put it right"),
+    ):
+        code, out, _ = acrc(*words, "--help")
+        assert code == 0
+        assert line in out

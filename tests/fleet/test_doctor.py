@@ -1,0 +1,352 @@
+"""What the doctor says of a computer, sentence by sentence, without one; and of this one, as it comes."""
+
+import re
+import subprocess
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from deploy.doctor import computer, consultation, ports
+from deploy.doctor import robot as robot_checks
+from deploy.doctor.findings import Finding, well, wrong
+from deploy.doctor.machine import Certified, Kernels, Machine, Membership, UsbPort
+from deploy.doctor.this_machine import ThisMachine
+from deploy.fleet import load_fleet
+from firmware_bridge.kobuki.port import KOBUKI
+from firmware_bridge.pseudo_terminal import PseudoTerminal
+from tests.fleet.patient import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2, Patient
+from tests.fleet.texts import OFFICE, ROOT, fleet, robot
+
+PINS = """\
+# Some words.
+
+# [base]
+numpy==2.2.6; python_version < "3.14"
+numpy==2.5.5; python_version >= "3.14"
+rich==15.0.0
+
+# [sim]
+pymunk==7.3.1
+
+# [hardware]
+cryptography==50.0.2
+pyserial==3.5
+"""
+HEALTHY = Patient(versions={"numpy": "2.2.6", "rich": "15.0.0", "cryptography": "50.0.2", "pyserial": "3.5"})
+OFFICE_FLEET = load_fleet(OFFICE)
+R2 = OFFICE_FLEET.robot("r2")
+
+
+def only(found: Iterable[Finding]) -> Finding:
+    (finding,) = found
+    return finding
+
+
+def test_a_healthy_computer_is_told_so() -> None:
+    assert list(computer.packages(HEALTHY, PINS, ("base", "hardware"))) == [
+        well("packages base", "all 2 are those that were tested"),
+        well("packages sim", "not all installed, and not needed here"),
+        well("packages hardware", "all 2 are those that were tested"),
+    ]
+    assert only(computer.clock(HEALTHY)) == well(
+        "clock", "2030-05-01 12:00 UTC, synchronised, off by at most 12 ms"
+    )
+    assert only(computer.disk(HEALTHY)) == well("disk", "20.0 GB are free at /home/robot")
+    assert only(computer.kernels(HEALTHY)) == well("kernels", "all compiled, loaded in 0.4 s")
+    assert only(computer.namespaces(HEALTHY)).ok
+    assert only(ports.group(HEALTHY)) == well("group", "robot may open the ports of the group dialout")
+    assert list(ports.ports(HEALTHY, R2)) == [
+        well("base", "/dev/kobuki opens, at /dev/ttyUSB0"),
+        well("radio", "/dev/beeclick opens, at /dev/ttyUSB1"),
+        well("range", "/dev/rplidar opens, at /dev/ttyUSB2"),
+    ]
+
+
+def test_packages_that_are_missing_or_others_than_those_tested_are_named() -> None:
+    bare = HEALTHY.but(versions={"numpy": "2.2.5", "rich": "15.0.0", "pyserial": "3.5"})
+    assert list(computer.packages(bare, PINS, ("base", "hardware"))) == [
+        wrong(
+            "packages base",
+            "numpy is 2.2.5, but was tested as 2.2.6; remove .venv, and the next ./acrc makes it anew",
+        ),
+        well("packages sim", "not all installed, and not needed here"),
+        wrong("packages hardware", "cryptography missing; `./acrc deploy --help` installs what is"),
+    ]
+
+
+def test_each_python_has_pins_of_its_own() -> None:
+    newer = HEALTHY.but(python=(3, 14), versions={"numpy": "2.5.5", "rich": "15.0.0"})
+    assert next(iter(computer.packages(newer, PINS, ()))).ok
+    assert not next(iter(computer.packages(newer.but(python=(3, 13)), PINS, ()))).ok
+
+
+def test_the_pins_of_this_project_are_all_read() -> None:
+    text = (ROOT / "constraints.txt").read_text()
+    sections = {finding.subject: finding.text for finding in computer.packages(ThisMachine(), text, ())}
+    assert list(sections) == [f"packages {name}" for name in ("base", "sim", "observe", "hardware", "dev")]
+    assert sections["packages hardware"] == "all 4 are those that were tested"
+
+
+def test_a_clock_that_was_never_set_or_that_nothing_keeps_right_is_wrong() -> None:
+    assert only(computer.clock(HEALTHY.but(time=datetime(1970, 1, 1, tzinfo=UTC)))) == wrong(
+        "clock",
+        'it shows the year 1970; set it with `sudo date --set="2026-01-31 12:00"`, or connect the computer '
+        "to a network with time",
+    )
+    assert only(computer.clock(HEALTHY.but(error=None))) == wrong(
+        "clock",
+        "it shows 2030-05-01 12:00 UTC, but nothing keeps it right; connect the computer to a network and "
+        "run `sudo timedatectl set-ntp true`",
+    )
+
+
+def test_a_full_disk_kernels_that_cannot_be_kept_and_no_namespaces_are_wrong() -> None:
+    assert only(computer.disk(HEALTHY.but(free=1_940_000_000))) == wrong(
+        "disk", "1.9 GB are free at /home/robot, but 2.0 should be; remove old recordings"
+    )
+    cache = Path("/clone/actors/__pycache__/kernels-1")
+    assert only(computer.kernels(HEALTHY.but(kernel_state=Kernels(cache, False, 40.0, 20)))) == wrong(
+        "kernels",
+        f"compiled ones cannot be kept, as robot may not write to {cache}; `sudo chown -R robot "
+        f"{cache.parent}` allows it",
+    )
+    assert only(computer.kernels(HEALTHY.but(kernel_state=Kernels(cache, True, 40.2, 20)))) == well(
+        "kernels", "20 compiled just now, in 40 s, and kept"
+    )
+    assert only(computer.namespaces(HEALTHY.but(isolation="no; allow it"))) == wrong(
+        "namespaces", "no; allow it"
+    )
+
+
+@pytest.mark.parametrize(
+    ("state", "text"),
+    [
+        (
+            Membership(exists=False, listed=False, in_force=False),
+            "there is no group dialout; `sudo groupadd dialout`, `sudo usermod -aG dialout robot`, then log "
+            "in again",
+        ),
+        (
+            Membership(exists=True, listed=False, in_force=False),
+            "robot is not in the group dialout; `sudo usermod -aG dialout robot`, then log in again",
+        ),
+        (
+            Membership(exists=True, listed=True, in_force=False),
+            "robot is in the group dialout only from the next login; log in again",
+        ),
+    ],
+)
+def test_whoever_may_not_open_ports_is_told_how_to(state: Membership, text: str) -> None:
+    assert only(ports.group(HEALTHY.but(group=state))) == wrong("group", text)
+
+
+@pytest.mark.parametrize(
+    ("machine", "text"),
+    [
+        (
+            HEALTHY.but(names={}, plugged=()),
+            "/dev/kobuki: there is no such port, and no Kobuki is seen; plug it in and switch it on",
+        ),
+        (
+            HEALTHY.but(names={}, plugged=(BOARD_AT_1, LIDAR_AT_2)),
+            "/dev/kobuki: there is no such port, and no Kobuki is seen; plug it in and switch it on",
+        ),
+        (
+            HEALTHY.but(names={}),
+            "/dev/kobuki: there is no such port, but /dev/ttyUSB0 looks like the Kobuki; install the udev "
+            "rules that `acrc deploy units` writes, then plug it in again",
+        ),
+        (
+            HEALTHY.but(names={"/dev/kobuki": LIDAR_AT_2}),
+            "/dev/kobuki: 10c4:ea60 is plugged in there, which is no Kobuki; the name of the Kobuki's own "
+            "port should stand in the fleet file",
+        ),
+        (
+            HEALTHY.but(held={"/dev/kobuki": ["minicom (PID 812)"]}),
+            "/dev/kobuki: minicom (PID 812) has the port open, so the Kobuki cannot be tried; end it, unless "
+            "it is this very robot",
+        ),
+        (HEALTHY.but(port_faults={"/dev/kobuki": "as the port says"}), "as the port says"),
+    ],
+)
+def test_a_base_that_cannot_be_reached_is_told_why(machine: Patient, text: str) -> None:
+    assert next(iter(ports.ports(machine, R2))) == wrong("base", text)
+
+
+def test_a_port_with_the_kernels_name_needs_no_rule_but_its_right_number() -> None:
+    one = fleet(robot(1, 'base = "/dev/ttyUSB1"')).robot("r1")
+    assert next(iter(ports.ports(HEALTHY.but(names={}), one))) == wrong(
+        "base",
+        "/dev/ttyUSB1: there is no such port, but /dev/ttyUSB0 looks like the Kobuki; give that as its port",
+    )
+    there = HEALTHY.but(names={"/dev/ttyUSB1": UsbPort("/dev/ttyUSB1", "0403", "6001", "kobuki_X")})
+    assert next(iter(ports.ports(there, one))) == well("base", "/dev/ttyUSB1 opens")
+
+
+def test_board_and_lidar_are_found_by_their_chips() -> None:
+    _, radio, lidar = ports.ports(HEALTHY.but(names={}), R2)
+    assert "/dev/ttyUSB1 looks like the BEE-click board" in radio.text
+    assert "/dev/ttyUSB2 looks like the RPLIDAR" in lidar.text
+    _, radio, _ = ports.ports(HEALTHY.but(names={}, plugged=(KOBUKI_AT_0,)), R2)
+    assert "no BEE-click board is seen" in radio.text
+
+
+def test_an_emulated_port_may_be_held_open_by_its_emulator() -> None:
+    emulated = HEALTHY.but(names={"/dev/kobuki": None}, held={"/dev/kobuki": ["python3 (PID 3)"]})
+    assert next(iter(ports.ports(emulated, R2))) == well("base", "/dev/kobuki opens")
+
+
+def test_a_camera_must_be_usable_and_see_as_far_round_as_the_model_says() -> None:
+    narrow = fleet(robot(1, 'range = "openni"\nsensor = "chapter"')).robot("r1")
+    assert list(ports.ports(HEALTHY, narrow))[-1].subject == "radio"
+    assert only(ports.camera(HEALTHY, narrow)) == wrong(
+        "range",
+        "the camera sees 58°, but the robot model's sensor has rays over 360°; it should be a sensor that "
+        "sees no more than the camera",
+    )
+    assert only(ports.camera(HEALTHY.but(camera="install it"), narrow)) == wrong("range", "install it")
+    assert list(ports.camera(HEALTHY, R2)) == []
+
+
+def test_map_start_places_and_behaviour_of_every_shipped_robot_are_well() -> None:
+    for one in OFFICE_FLEET.robots:
+        found = [*robot_checks.floor(OFFICE_FLEET, one), *robot_checks.behaviour(OFFICE_FLEET, one)]
+        assert [(finding.subject, finding.ok) for finding in found] == [
+            ("map", True),
+            ("start", True),
+            ("places", True),
+            ("behaviour", True),
+        ]
+
+
+def test_a_map_that_cannot_be_read_is_all_that_is_said_of_the_floor() -> None:
+    lost = fleet(head='map = "maps/nowhere.yaml"\n')
+    assert list(robot_checks.floor(lost, lost.robot("r1"))) == [
+        wrong("map", f"{ROOT}/maps/nowhere.yaml: the map cannot be read: No such file or directory.")
+    ]
+
+
+def test_a_start_in_a_wall_or_in_another_robot_and_a_place_in_a_wall_are_wrong() -> None:
+    one = fleet(robot(1, "start = [0, 0, 0]\nplaces = [[12.2, 5.9], [0, 0]]") + robot(2))
+    _, start, places = robot_checks.floor(one, one.robot("r1"))
+    assert not start.ok
+    assert start.text.startswith("robot 'r1' at (0.00, 0.00) is not on free floor, but must be at least ")
+    assert places == wrong("places", "place 1 at (0, 0) is not free, but must be on free floor")
+    two = fleet(robot(1) + robot(2, "start = [12.1, 5.0, 0.0]"))
+    assert list(robot_checks.floor(two, two.robot("r2")))[1] == wrong(
+        "start", "r2 would stand 0.10 m from r1, but must be at least 0.35 m off"
+    )
+
+
+def test_a_strategy_that_cannot_be_made_is_told_why(tmp_path: Path) -> None:
+    unknown = fleet('[run]\nstrategy = "chaptr"' + robot(1))
+    assert only(robot_checks.behaviour(unknown, unknown.robot("r1"))).text.startswith(
+        "strategy 'chaptr' is not known; it should be one of "
+    )
+    (tmp_path / "broken_strategy.py").write_text("def made(start):\n    raise KeyError('reach')\n")
+    own = fleet(f'[run]\nstrategy = "broken_strategy:made"\nmodules = "{tmp_path}"' + robot(1))
+    assert only(robot_checks.behaviour(own, own.robot("r1"))) == wrong(
+        "behaviour", "strategy 'broken_strategy:made' fails with KeyError: 'reach'; mend its code"
+    )
+
+
+@pytest.mark.parametrize(
+    ("machine", "ok", "text"),
+    [
+        (HEALTHY, True, "{folder}/certificate.pem holds until 2031-01-01"),
+        (
+            HEALTHY.but(time=datetime(2032, 1, 1, tzinfo=UTC)),
+            False,
+            "{folder}/certificate.pem holds from 2030-01-01 to 2031-01-01, but it is 2032-01-01 here; set "
+            "the clock, or make new keys with `acrc deploy keys`",
+        ),
+        (
+            HEALTHY.but(key_mode=0o644),
+            False,
+            "{folder}/key.pem can be read by others; `chmod 600 {folder}/key.pem`",
+        ),
+    ],
+)
+def test_keys_must_hold_today_for_this_robot_and_nobody_elses_eyes(
+    machine: Patient, ok: bool, text: str, tmp_path: Path
+) -> None:
+    certified = Certified("r1", datetime(2030, 1, 1, tzinfo=UTC), datetime(2031, 1, 1, tzinfo=UTC))
+    listening = fleet(robot(1, 'listen = "tls/0.0.0.0:7447"'), head=f'keys = "{tmp_path}"\nmap = "m.yaml"\n')
+    folder = tmp_path / "r1"
+    missing = only(robot_checks.keys(machine, listening, listening.robot("r1")))
+    assert missing.text.startswith(f"{folder}/authority.pem cannot be read (No such file or directory); ")
+    folder.mkdir()
+    for name in ("authority.pem", "certificate.pem", "key.pem"):
+        (folder / name).touch()
+    found = only(robot_checks.keys(machine.but(certified=certified), listening, listening.robot("r1")))
+    assert found == Finding("keys", ok, text.format(folder=folder))
+    swapped = machine.but(certified=Certified("r2", certified.begins, certified.ends))
+    assert only(robot_checks.keys(swapped, listening, listening.robot("r1"))) == wrong(
+        "keys", f"{folder}/certificate.pem is that of r2; the folder of r1 belongs here"
+    )
+    assert list(robot_checks.keys(machine, fleet(), fleet().robot("r1"))) == []
+
+
+def test_this_computer_answers_everything_that_it_is_asked(tmp_path: Path) -> None:
+    machine: Machine = ThisMachine()
+    assert machine.exists(str(tmp_path)) and not machine.exists(str(tmp_path / "nothing"))
+    assert machine.usb_port("/dev/null") is None
+    assert all(port.vendor for port in machine.usb_ports())
+    assert machine.port_fault(str(tmp_path / "no"), KOBUKI) == (
+        f"{tmp_path}/no: there is no such port; plug in the Kobuki and switch it on, or give its right port"
+    )
+    assert not machine.membership("no-such-group").exists
+    assert machine.now().tzinfo is UTC
+    error = machine.clock_error()
+    assert error is None or error >= 0
+    assert machine.free_bytes() > 0
+    assert machine.version_of("pydantic") is not None and machine.version_of("no-such-package") is None
+    (tmp_path / "file").touch(mode=0o640)
+    assert machine.mode(tmp_path / "file") == 0o640
+    with pytest.raises(ValueError):
+        machine.certificate(tmp_path / "file")
+    assert machine.kernels().can_be_kept
+
+
+def test_a_port_that_this_computer_has_is_opened_and_whoever_has_it_is_found(tmp_path: Path) -> None:
+    machine = ThisMachine()
+    link = tmp_path / "kobuki"
+    with PseudoTerminal(link) as terminal:
+        assert machine.port_fault(str(link), KOBUKI) is None
+        assert machine.holders(str(link)) == []
+        script = f"exec 3<>{terminal.port}; echo has it; read line"
+        with subprocess.Popen(
+            ["/bin/sh", "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as holder:
+            assert holder.stdout is not None
+            assert holder.stdout.readline() == "has it\n"
+            assert machine.holders(str(link)) == [f"sh (PID {holder.pid})"]
+            holder.communicate("")
+
+
+def test_what_was_found_is_printed_and_the_answer_is_whether_all_is_well(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    versions = {
+        name: version
+        for name, version in re.findall(
+            r"^([\w.-]+)==([^;\s]+)", (ROOT / "constraints.txt").read_text(), re.M
+        )
+        if not (name in {"llvmlite", "numba", "numpy"} and version in {"0.50.0", "0.68.1", "2.5.5"})
+    }
+    well_off = HEALTHY.but(versions=versions)
+    assert consultation.consult(None, None, json=False, machine=well_off)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "ok     packages base      all 21 are those that were tested"
+    assert lines[-1] == "all 9 are well"
+    assert not consultation.consult(OFFICE, "r2", json=False, machine=well_off.but(free=0))
+    lines = capsys.readouterr().out.splitlines()
+    assert "wrong  disk               0.0 GB are free at /home/robot, but 2.0 should be" in lines[6]
+    assert lines[-1] == "2 of 18 are wrong"  # the disk, and keys that were never made
+    assert not consultation.consult(OFFICE, "r2", json=True, machine=well_off)
+    report = msgspec.json.decode(capsys.readouterr().out, type=consultation.Report)
+    assert (report.robot, report.ok, len(report.findings)) == ("r2", False, 18)
+    assert [finding.subject for finding in report.findings if not finding.ok] == ["keys"]
