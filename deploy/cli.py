@@ -86,6 +86,12 @@ def run(
         ),
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show the run while it goes on.")] = False,
+    hardware: Annotated[
+        bool,
+        typer.Option(
+            "--hardware-in-the-loop", help="Robots as on board, their devices emulated; in wall time."
+        ),
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")] = False,
 ) -> None:
     """Run a swarm and say what came of it. Options replace what the scenario says."""
@@ -94,13 +100,27 @@ def run(
 
     overrides = Overrides(robots, seed, duration, step, strategy)
     out = out or _new_folder(scenario or DEFAULT_SCENARIO)
-    options = run_options(out, speed=speed, bus=bus, spawn=spawn, isolate=isolate, view=view, json=json)
+    options = run_options(
+        out,
+        speed=speed,
+        bus=bus,
+        spawn=spawn,
+        isolate=isolate,
+        view=view,
+        hardware=hardware,
+        json=json,
+    )
     chosen = load_scenario(scenario, overrides)
 
     from deploy import summary, swarm
     from deploy.signals import Interrupted
 
     try:
+        if hardware:
+            from deploy import hardware_in_the_loop, outing_summary
+
+            outing_summary.print_outing(hardware_in_the_loop.run(chosen, options), json=json)
+            return
         result = swarm.run(chosen, options)
     except Interrupted as interrupt:
         Console(stderr=True, soft_wrap=True, highlight=False).print(

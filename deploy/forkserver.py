@@ -7,6 +7,7 @@ and keeps running when its parent is killed, see docs/decisions.
 """
 
 import importlib
+import importlib.util
 import json
 import os
 import selectors
@@ -48,10 +49,17 @@ def serve(channel: socket.socket) -> None:
 
 
 def enter(module: str, argv: Sequence[str], log: Path) -> int:
-    """Run `main(argv)` of the module's `__main__`, as exec would; its exit code."""
+    """Run `main(argv)` of the module, or of a package's `__main__`, as exec would; its exit code."""
     open_log(log)
-    code: int = importlib.import_module(f"{module}.__main__").main(argv)
+    code: int = importlib.import_module(_program(module)).main(argv)
     return code
+
+
+def _program(module: str) -> str:
+    """What `python -m module` executes."""
+    spec = importlib.util.find_spec(module)
+    is_package = spec is not None and spec.submodule_search_locations is not None
+    return f"{module}.__main__" if is_package else module
 
 
 def _fork(module: str, argv: Sequence[str], log: Path, private: Sequence[int]) -> int:

@@ -20,10 +20,15 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.process import ROUTER_PATIENCE_S
 from actors.runtime.zenoh_bus import ZenohBus, open_mesh
 from deploy import onboard as layout
+from deploy import progress, swarm
+from deploy.collect import collect
 from deploy.launch import Child, Launcher, Program, launcher
 from deploy.onboard import Onboard, Ports
 from deploy.onboard_watch import Watch
-from deploy.plan import OutFolderError, Plan
+from deploy.options import RunOptions
+from deploy.outing_result import OutingResult
+from deploy.plan import Plan, make_folder
+from deploy.scenario import Scenario
 from deploy.signals import signals_as_interrupts
 from firmware_bridge.laboratory.setup import LaboratorySetup
 
@@ -39,13 +44,28 @@ class LaboratoryError(AcrcError):
     """Emulated devices that did not start, or did not last."""
 
 
-def run(plan: Plan, spawn: str, on_progress: OnProgress) -> None:
-    """Run until everything is done, or to the limit; what came of it lies in the plan's folder."""
-    if plan.out.exists() and (not plan.out.is_dir() or any(plan.out.iterdir())):
-        raise OutFolderError(f"--out {plan.out}: exists and is not an empty folder; name a new one")
-    folder = plan.folder(LABORATORY)
-    folder.mkdir(parents=True)
+def run(scenario: Scenario, options: RunOptions) -> OutingResult:
+    """Run the scenario until everything is done, or to its limit, and gather what came of it.
+
+    The result also stands in run.json, and what became of every place in places.csv.
+    """
+    plan = swarm.plan(scenario, options)
+    _lay_out(plan)
+    places = sum(len(robot.places) for robot in plan.world.robots)
+    with progress.shown(plan.world.duration_us, places, quiet=options.json) as follow:
+        _run_processes(plan, options.spawn, follow)
+    folders = [plan.folder(robot.id) for robot in plan.world.robots]
+    return collect(folders, truth=plan.folder(LABORATORY) / "result.json", out=plan.out / "result")
+
+
+def _lay_out(plan: Plan) -> None:
+    make_folder(plan.out)
+    plan.folder(LABORATORY).mkdir()
     (plan.out / "scenario.toml").write_text(plan.scenario)
+
+
+def _run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> None:
+    folder = plan.folder(LABORATORY)
     with signals_as_interrupts(), launcher(spawn) as launched, ExitStack() as stack:
         room = _Room(plan, launched)
         stack.callback(room.end)

@@ -30,6 +30,8 @@ class RunOptions:
     the machine can, with processes to shut off."""
     view: bool = False
     """Show the run while it goes on."""
+    hardware: bool = False
+    """Robots as on board, with emulated devices, in wall time."""
     json: bool = False
     """Print the result as JSON on standard output, and nothing else."""
 
@@ -42,6 +44,7 @@ def run_options(  # one for each option of the command line
     spawn: str = "forkserver",
     isolate: bool | None = None,
     view: bool = False,
+    hardware: bool = False,
     json: bool = False,
 ) -> RunOptions:
     """The options as they stand on the command line, checked. Raises OptionError."""
@@ -55,9 +58,23 @@ def run_options(  # one for each option of the command line
         )
     if view and bus == "memory":
         raise OptionError("--view: needs the mesh to look on, and with --bus memory there is none")
+    if hardware and (bus == "memory" or view or _speed(speed) not in {"max", "1"}):
+        raise OptionError(
+            "--hardware-in-the-loop: runs processes in wall time; "
+            "must stand without --bus memory, --view, and a --speed other than 1"
+        )
     if out.exists() and not out.is_dir():
         raise OptionError(f"--out {out}: is a file; must be a folder that is new or empty")
-    return RunOptions(out.absolute(), _speed(speed), cast(Bus, bus), cast(Spawn, spawn), isolate, view, json)
+    return RunOptions(
+        out.absolute(),
+        _speed(speed),
+        cast(Bus, bus),
+        cast(Spawn, spawn),
+        isolate,
+        view,
+        hardware,
+        json,
+    )
 
 
 def _speed(text: str) -> str:
