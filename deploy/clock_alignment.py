@@ -4,7 +4,8 @@ Errors come from the residuals, by the sandwich estimator with the frames of a s
 Robust Statistics, 1981, 6.3), and are stated for all clocks at once.
 
 What no frame can tell: a robot whose stamps are all later than the others' by as much looks like one whose
-clock is ahead. Only that a frame is not heard before it was handed over bounds that; see Fit.surely_within.
+clock is ahead. So the parameters say how unlike robots are, and only that no frame is heard before it was
+handed over bounds that; see Fit.surely_within.
 """
 
 import math
@@ -40,9 +41,11 @@ class Fit(NamedTuple):
     """Standard deviations to the stated error."""
     limit: float
     """How far the clock could be moved at most before some frame is heard before it was handed over, µs; inf:
-    no frames say so. Assumes no lag and no noise."""
-    limit_factor: float
-    """Standard deviations of the drift to the stated error of the limit."""
+    no frames say so. Takes for granted that nothing is stamped before it happens."""
+    normal_factor: float
+    """As `factor`, for what is normally distributed."""
+    unlike: float
+    """Standard deviation of how much later one robot's stamps are than another's, µs."""
 
     def reference(self, instant: int) -> int:
         """What the reference shows when this clock shows `instant`."""
@@ -51,10 +54,11 @@ class Fit(NamedTuple):
 
     def error(self, instant: int) -> float:
         """Bound of the error of `reference`, µs, with the confidence of the parameters for all clocks."""
-        return min(self.likely_within(instant), self.surely_within(instant))
+        likely = math.hypot(self.scatter(instant), self.normal_factor * self.unlike)
+        return min(likely, self.surely_within(instant))
 
-    def likely_within(self, instant: int) -> float:
-        """What the residuals say, if the stamps of all robots lag alike, µs."""
+    def scatter(self, instant: int) -> float:
+        """The share of it that the residuals tell: all, if the stamps of all robots lag alike; µs."""
         since = (instant - self.origin) / 1e6
         offset, both, drift = self.variance
         return self.factor * math.sqrt(max(0.0, offset + 2 * since * both + since**2 * drift))
@@ -62,7 +66,7 @@ class Fit(NamedTuple):
     def surely_within(self, instant: int) -> float:
         """What cause and effect say, whatever the lags, µs; inf = nothing."""
         since = abs(instant - self.origin) / 1e6
-        return self.limit + self.limit_factor * since * math.sqrt(self.variance[2])
+        return self.limit + self.normal_factor * since * math.sqrt(self.variance[2])
 
 
 class Alignment(NamedTuple):
@@ -101,7 +105,8 @@ def align(frames: Sequence[Frame], clocks: int, parameters: AlignmentParameters)
                 variance=(float(part[0, 0]), float(part[0, 1]), float(part[1, 1])),
                 factor=quantile(1 - tail, max(1, blocks - 2)),
                 limit=limits[clock],
-                limit_factor=quantile(1 - tail, math.inf),
+                normal_factor=quantile(1 - tail, math.inf),
+                unlike=parameters.unlike_us,
             )
         )
     return Alignment(tuple(fits), noise)

@@ -35,6 +35,9 @@ class AlignmentParameters:
     of 100 octets is 3.4 ms on the air, after about as much of CSMA/CA (IEEE 802.15.4-2006, 250 kbit/s)."""
     lag_spread_us: float = 10_000.0
     """Standard deviation of these: about the latency timer of a USB serial port, 16 ms (FTDI AN232B-04)."""
+    unlike_us: float = 700.0
+    """Standard deviation of how much later one robot's stamps are than another's, which frames do not tell:
+    between three robots on one machine with emulated boards 0.4 to 0.9 ms were measured."""
     noise_us: float = 5_000.0
     """Of a stamp where nothing is known yet; n frames reduce it to a n-th."""
     resolution_us: float = 16.0

@@ -28,10 +28,13 @@ class ClockReport(msgspec.Struct, frozen=True):
     drift_ppm: float
     """By how much it runs faster."""
     error_s: float | None
-    """How far aligned instants are off at most, with 95 % for all robots together, if the radio boards of all
-    lag alike; None: unknown, because no frame connects the clock with the reference."""
+    """How far aligned instants are off at most, with 95 % for all robots together; None: unknown, because no
+    frame connects the clock with the reference."""
+    scatter_s: float | None
+    """The share of it that the frames themselves tell; the rest is that robots' hosts and radio boards may be
+    unequally late (AlignmentParameters.unlike_us)."""
     surely_within_s: float | None
-    """How far they are off at most whatever the boards' lags; None: unknown."""
+    """How far they are off at most however late whose board is; None: unknown."""
     frames: int
     """Frames that it has in common with other clocks."""
 
@@ -154,10 +157,11 @@ class OutingClocks:
     def _report(self, number: int, begin: int) -> ClockReport:
         clock, (fit, known) = self._clocks[number], self._chosen[number]
         first, last = fit.reference(clock.first), fit.reference(clock.last)
-        error = surely = 0.0
+        error = scatter = surely = 0.0
         if number != self._main:
             ends = (clock.first, clock.last)
             error = max(fit.error(end) for end in ends) + clock.doubt
+            scatter = max(fit.scatter(end) for end in ends)
             surely = max(fit.surely_within(end) for end in ends) + clock.doubt
         return ClockReport(
             from_s=(first - begin) / 1e6,
@@ -165,6 +169,7 @@ class OutingClocks:
             offset_s=(clock.first - first) / 1e6,
             drift_ppm=round(fit.drift_ppm, 3),
             error_s=round(error / 1e6, 6) if known else None,
+            scatter_s=round(scatter / 1e6, 6) if known else None,
             surely_within_s=round(surely / 1e6, 6) if known and math.isfinite(surely) else None,
             frames=self._fits[number].frames,
         )
