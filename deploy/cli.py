@@ -175,6 +175,33 @@ def onboard(
         raise typer.Exit(interrupt.exit_code) from None
 
 
+@app.command()
+def watch(
+    endpoints: Annotated[
+        list[str],
+        typer.Argument(metavar="ENDPOINT…", help="Where robots listen, such as tls/192.168.1.12:7447."),
+    ],
+    keys: Annotated[Path, typer.Option(metavar="DIR", help="The operator's keys, by acrc deploy keys.")],
+    stop: Annotated[bool, typer.Option("--stop", help="Stop these robots for good, and end.")] = False,
+    pause: Annotated[bool, typer.Option("--pause", help="Let them stand until --resume, and end.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Let them go on, and end.")] = False,
+) -> None:
+    """See how robots on board get on, from a laptop; or stop them."""
+    from actors.messages import Pause, Resume, Stop
+    from deploy import watch as laptop
+
+    wishes = [kind() for kind, wished in ((Stop, stop), (Pause, pause), (Resume, resume)) if wished]
+    if len(wishes) > 1:
+        raise OptionError("--stop, --pause, --resume: one at a time")
+    if wishes:
+        laptop.give(endpoints, keys, wishes[0])
+        return
+    try:
+        laptop.watch(endpoints, keys)
+    except KeyboardInterrupt:
+        raise typer.Exit(130) from None
+
+
 @app.command(context_settings={"ignore_unknown_options": True})
 def order(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder of a run that is going on.")],

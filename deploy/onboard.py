@@ -30,6 +30,10 @@ class Ports:
     pan: int
     channel: int
     power_dbm: float
+    listen: str | None = None
+    """Where the operator's laptop may connect; None = nowhere."""
+    keys: str | None = None
+    """Folder with the robot's own keys."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +75,8 @@ def lay_out(onboard: Onboard) -> None:
         plan.world.step_us,
         ports.base,
         ports.range,
+        ports.listen,
+        ports.keys,
     )
     bridge = BridgeSetup(
         robot.id,

@@ -52,21 +52,24 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions) -> Onboard:
         fleet.radio.pan,
         fleet.radio.channel,
         fleet.radio.power_db,
+        robot.listen,
+        None if robot.listen is None else str(fleet.keys_of(name)),
     )
     epoch = layout.next_epoch(options.out.parent, name)
     return Onboard(_plan(fleet, robot, options), ports, epoch, options.debug_port)
 
 
 def run(prepared: Onboard, say: Callable[[str], None]) -> None:
-    """Run until a signal comes, which ends it as Interrupted, or the budget of restarts is used up."""
+    """Run until the operator stops it, a signal comes (Interrupted), or the budget of restarts is used up."""
     layout.lay_out(prepared)
     with signals_as_interrupts(), launcher("exec") as launched:
         watch = Watch(prepared, launched, say)
         try:
             watch.start()
             say(f"{prepared.robot.id} is running; it records into {prepared.plan.out}")
-            while True:
-                watch.look(_LOOK_S)
+            while watch.look(_LOOK_S):
+                pass
+            say(f"{prepared.robot.id} was told to stop")
         finally:
             watch.end()
             layout.withdraw(prepared)

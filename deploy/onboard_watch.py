@@ -66,12 +66,18 @@ class Watch:
         self._start(layout.BRIDGE)
         self._start(self._onboard.robot.id)
 
-    def look(self, patience_s: float) -> None:
-        """Wait so long, and start again what has ended. Raises OnboardError once the budget is used up."""
+    def look(self, patience_s: float) -> bool:
+        """Wait so long, and start again what has ended; False once the base has ended as it was told to.
+
+        Raises OnboardError when the budget is used up.
+        """
         self._launcher.wait(patience_s)
         ended = [name for name, child in self._children.items() if child.exit_code is not None]
         if not ended:
-            return
+            return True
+        if self._children[layout.BASE].exit_code == 0:
+            self.end()
+            return False
         for name in ended:
             self._say(f"{name} has ended: {_cause(self._children[name])}")
         self._spend(ended[0])
@@ -79,9 +85,10 @@ class Watch:
             self.end()
             layout.withdraw(self._onboard)
             self.start()
-            return
+            return True
         for name in ended:
             self._start(name)
+        return True
 
     def end(self) -> None:
         """Stop the vehicle, and end all processes."""

@@ -97,6 +97,13 @@ def listening_router_config(
     return config
 
 
+def onboard_router_config(issued: Credentials, keys: Path, listen: str | None) -> zenoh.Config:
+    """The session of a robot's base: for a laptop, too, with the keys in the folder, if it is to listen."""
+    if listen is None:
+        return router_config(issued)
+    return listening_router_config(issued, load_keys(keys), [listen])
+
+
 def laptop_config(keys: Keys, endpoint: str) -> zenoh.Config:
     """The session of a laptop: it connects to a robot's `endpoint`, `tls/HOST:PORT`, and to nothing else.
 

@@ -18,13 +18,13 @@ from actors.geometry import Pose
 from actors.instant import Instant
 from actors.robot_model import load_model
 from actors.runtime import router_file
-from actors.runtime.access import router_config
 from actors.runtime.credentials import reveal
 from actors.runtime.errors import AcrcError
 from actors.runtime.parent import die_with_parent
 from actors.runtime.process import Part, RunNote, play
 from actors.runtime.seat import ArgumentParser
 from actors.runtime.shell import Shell
+from actors.runtime.tls import onboard_router_config
 from actors.runtime.waking_bus import WakingBus
 from firmware_bridge.kobuki import port as kobuki_port
 from firmware_bridge.kobuki.driver import KobukiDriver
@@ -153,8 +153,9 @@ def main(argv: Sequence[str]) -> int:
         issued = router_file.read(options.router)
         base = Base(setup, Clock())
         process = part(base, setup, argv, options.commit)
+        router = onboard_router_config(issued, Path(setup.keys or ""), setup.listen)
         try:
-            return play(process, options.record, router_config(issued), lambda: reveal(issued))
+            return play(process, options.record, router, lambda: reveal(issued))
         finally:
             router_file.remove(options.router)
     except AcrcError as error:

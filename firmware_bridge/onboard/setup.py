@@ -28,6 +28,10 @@ class BaseSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Path of the Kobuki's port."""
     range: str | None
     """Path of the lidar's port, or OPENNI; None = there is none."""
+    listen: str | None = None
+    """Where the operator's laptop may connect, `tls/HOST:PORT`; None = nowhere."""
+    keys: str | None = None
+    """Folder with the robot's own keys; needed to listen."""
 
 
 class BridgeSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -4,6 +4,7 @@ import itertools
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -129,6 +130,39 @@ def test_a_robot_that_dies_is_started_again_and_a_base_takes_all_along(links: Pa
     lines = said.splitlines()
     assert "r1 has ended: by signal SIGKILL" in lines
     assert any(line.startswith("base has ended: by signal SIGKILL") for line in lines)
+    assert processes_of(out) == [] and leftovers(out) == []
+
+
+def test_the_operator_watches_and_stops_it_over_tls(links: Path, tmp_path: Path) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tls/127.0.0.1:{probe.getsockname()[1]}"
+    fleet, out = tmp_path / "fleet.toml", tmp_path / "runs" / "one"
+    fleet.write_text(FLEET.format(root=ROOT, links=links) + f'listen = "{endpoint}"\n')
+    made = acrc("deploy", "keys", fleet)
+    assert made.returncode == 0, made.stderr
+    keys = tmp_path / "fleet-keys" / "operator"
+    running = onboard(fleet, out)
+    watcher = None
+    try:
+        until(out / "r1" / "r1.mcap", steps=5)
+        watcher = subprocess.Popen(
+            [*ACRC, "watch", endpoint, "--keys", str(keys)], stdout=subprocess.PIPE, text=True, cwd=ROOT
+        )
+        assert watcher.stdout is not None
+        line = next(line for line in watcher.stdout if "places left" in line)
+        assert line.startswith(f"{endpoint}  step ") and line.endswith("2 places left, 0 reported, running\n")
+        stopped = acrc("watch", endpoint, "--keys", keys, "--stop")
+        assert (stopped.returncode, stopped.stdout, stopped.stderr) == (0, "", "")
+        _, said = running.communicate(timeout=30)
+    finally:
+        running.kill()
+        if watcher is not None:
+            watcher.kill()
+            watcher.wait()
+    assert running.returncode == 0, said
+    assert said.splitlines()[-1] == "r1 was told to stop"
+    assert senses(out / "r1" / "r1.mcap")[-1].halt
     assert processes_of(out) == [] and leftovers(out) == []
 
 
