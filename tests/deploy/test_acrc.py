@@ -140,6 +140,13 @@ def test_keys_come_with_what_hardware_needs_and_the_doctor_installs_nothing_of_h
     assert {"cryptography", "pyserial"} <= clone.installed()
 
 
+def test_robots_on_board_and_in_the_loop_come_with_what_hardware_needs(clone: Clone) -> None:
+    clone.call("onboard", "fleet.toml", "--robot", "r1")
+    assert clone.extras() == ["hardware"]
+    clone.call("run", "scenario.toml", "--hardware-in-the-loop")
+    assert clone.extras() == ["hardware", "sim"]
+
+
 @pytest.mark.parametrize("name", ["constraints.txt", "pyproject.toml"])
 def test_a_change_of_the_pins_repeats_the_installation_with_all_that_was_there(
     clone: Clone, name: str
