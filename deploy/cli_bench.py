@@ -110,3 +110,11 @@ def kobuki(
     from benchmarks import kobuki as bases
 
     bases.run(size, json)
+
+
+@app.command()
+def onboard(json: _Json = False) -> None:
+    """Run three robots as on board, in wall time, without any network between them."""
+    from benchmarks import onboard as robots
+
+    robots.run(json)

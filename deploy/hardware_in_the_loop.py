@@ -44,16 +44,17 @@ class LaboratoryError(AcrcError):
     """Emulated devices that did not start, or did not last."""
 
 
-def run(scenario: Scenario, options: RunOptions) -> OutingResult:
+def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = None) -> OutingResult:
     """Run the scenario until everything is done, or to its limit, and gather what came of it.
 
-    The result also stands in run.json, and what became of every place in places.csv.
+    The result also stands in run.json, and what became of every place in places.csv. `launched` starts the
+    processes; None: as the options say.
     """
     plan = swarm.plan(scenario, options)
     _lay_out(plan)
     places = sum(len(robot.places) for robot in plan.world.robots)
     with progress.shown(plan.world.duration_us, places, quiet=options.json) as follow:
-        _run_processes(plan, options.spawn, follow)
+        _run_processes(plan, launched or launcher(options.spawn), follow)
     folders = [plan.folder(robot.id) for robot in plan.world.robots]
     return collect(folders, truth=plan.folder(LABORATORY) / "result.json", out=plan.out / "result")
 
@@ -64,9 +65,9 @@ def _lay_out(plan: Plan) -> None:
     (plan.out / "scenario.toml").write_text(plan.scenario)
 
 
-def _run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> None:
+def _run_processes(plan: Plan, launching: Launcher, on_progress: OnProgress) -> None:
     folder = plan.folder(LABORATORY)
-    with signals_as_interrupts(), launcher(spawn) as launched, ExitStack() as stack:
+    with signals_as_interrupts(), launching as launched, ExitStack() as stack:
         room = _Room(plan, launched)
         stack.callback(room.end)
         room.start()

@@ -138,7 +138,9 @@ class ForkLauncher:
 class ExecLauncher:
     """Children by exec, in a session of their own so that a terminal's Ctrl-C passes them by."""
 
-    def __init__(self) -> None:
+    def __init__(self, before: Sequence[str] = ()) -> None:
+        """`before`: words in front of every command, such as `unshare --net`; must end in exec."""
+        self._before = before
         self._running: list[tuple[Child, subprocess.Popen[bytes]]] = []
 
     def __enter__(self) -> Self:
@@ -153,7 +155,7 @@ class ExecLauncher:
         """Start one program."""
         with program.log.open("ab") as log:
             process = subprocess.Popen(
-                [sys.executable, "-m", program.module, *program.argv],
+                [*self._before, sys.executable, "-m", program.module, *program.argv],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,

@@ -1,5 +1,6 @@
 """A robot on board: from the fleet file to running processes, until it is told to stop."""
 
+import importlib.util
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from deploy import onboard as layout
 from deploy.fleet import Fleet, FleetRobot
 from deploy.launch import launcher
 from deploy.onboard import Onboard, Ports
-from deploy.onboard_watch import Watch
+from deploy.onboard_watch import OnboardError, Watch
 from deploy.plan import Plan
 from deploy.signals import signals_as_interrupts
 from deploy.version import software
@@ -42,6 +43,11 @@ class OnboardOptions:
 
 def prepare(fleet: Fleet, name: str, options: OnboardOptions) -> Onboard:
     """What is to be run for the robot `name`. Raises an AcrcError if anything does not exist or fit."""
+    if options.debug_port is not None and importlib.util.find_spec("debugpy") is None:
+        raise OnboardError(
+            f"--debugpy {options.debug_port}: the Python package debugpy is not installed; "
+            "`.venv/bin/python -m ensurepip` and `.venv/bin/python -m pip install debugpy` bring it"
+        )
     robot = fleet.robot(name)
     model = load_model(robot.model, robot.sensor)
     check_pose(load_map(str(fleet.map)), Point(*robot.start[:2]), model.footprint.circumradius, name)

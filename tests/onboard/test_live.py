@@ -182,3 +182,10 @@ def test_what_is_missing_is_one_sentence(tmp_path: Path) -> None:
     refused = acrc("onboard", fleet, "--robot", "r7", "--out", tmp_path / "out")
     assert refused.returncode == 1 and refused.stdout == ""
     assert refused.stderr == f'acrc: {fleet}: there is no robot "r7" in the fleet; it has r1\n'
+    blind = acrc("onboard", fleet, "--robot", "r1", "--out", tmp_path / "out", "--debugpy", 5678)
+    assert blind.returncode == 1
+    assert blind.stderr == (
+        "acrc: --debugpy 5678: the Python package debugpy is not installed; "
+        "`.venv/bin/python -m ensurepip` and `.venv/bin/python -m pip install debugpy` bring it\n"
+    )
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,41 @@
+"""Three robots whose processes have no network at all: their boards are the only way from one to another."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks import onboard
+from tests.swarm.command import ROOT
+
+SCENARIO = f"""
+map = "{ROOT}/maps/corridor.yaml"
+[run]
+strategy = "chapter"
+[robots]
+count = 3
+[[robot]]
+id = "r1"
+start = [8.0, 12.5, 0.0]
+places = [[8.9, 12.5]]
+[[robot]]
+id = "r2"
+start = [11.0, 12.5, 0.0]
+places = [[11.9, 12.5]]
+[[robot]]
+id = "r3"
+start = [17.0, 12.5, 0.0]
+places = [[17.9, 12.5]]
+"""
+
+
+def test_three_robots_talk_by_serial_bytes_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scenario = tmp_path / "three.toml"
+    scenario.write_text(SCENARIO)
+    figures = onboard.run(task=onboard.OnboardTask(scenario=scenario, robots=3, duration=60.0))
+    assert (figures["places_done"], figures["places_total"], figures["contacts"]) == (3, 3, 0)
+    heard = figures["copies_heard"]
+    assert isinstance(heard, dict) and sorted(heard) == ["r1", "r2", "r3"] and min(heard.values()) > 0
+    again = figures["executed_again"]
+    assert isinstance(again, dict)
+    assert all(word.endswith("messages, all equal") for word in again.values())
+    assert "goal, 99 % of the steps answered within 20 ms: " in capsys.readouterr().out
