@@ -1,87 +1,38 @@
 """`python -m firmware_bridge.laboratory --setup FILE --links DIR --result FILE`: until told to stop.
 
 Each robot's devices are at DIR/<robot>/base, radio and range; "ready" on standard output says that they are.
+Each line on standard input lets something go wrong (`unplug r2 radio`; laboratory.faults knows what else) and
+is answered by a line: "ok", or what is wrong with it.
 """
 
+import gc
 import os
-import select
 import signal
 import sys
-import time
-from collections import Counter
 from collections.abc import Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from types import FrameType
 from typing import Final
 
 import msgspec
 
-from actors.instant import Duration, Instant, in_seconds, seconds
+from actors.instant import seconds
+from actors.randomness import generator
 from actors.runtime.errors import AcrcError
+from actors.runtime.fingerprint import fingerprints
 from actors.runtime.parent import die_with_parent
-from actors.runtime.seat import ArgumentParser
-from firmware_bridge.laboratory.laboratory import DEVICES, Laboratory
-from firmware_bridge.laboratory.setup import LaboratoryResult, LaboratorySetup
-from firmware_bridge.pseudo_terminal import PseudoTerminal
+from actors.runtime.seat import ArgumentError, ArgumentParser
+from actors.world import dead_reckoning, drive, rays, visits
+from firmware_bridge.laboratory.laboratory import DEVICES, Jack, Laboratory
+from firmware_bridge.laboratory.lines import Lines
+from firmware_bridge.laboratory.real_time import RealTime, Wishes
+from firmware_bridge.laboratory.setup import LaboratorySetup, LaboratorySetupError, load
 
-_ROUND_S: Final = 0.002
-"""Longest wait for bytes: as the emulated devices alone have it."""
-_MOST_BEHIND: Final[Duration] = seconds(0.5)
-"""More than this is not made up, for then nobody would be served meanwhile; it is left out and counted."""
+_KERNELS: Final = (dead_reckoning, drive, rays, visits)
 
 
-class Room:
-    """A laboratory with its pseudo-terminals, against the clock."""
-
-    def __init__(self, laboratory: Laboratory, links: Path, stack: ExitStack) -> None:
-        self._laboratory = laboratory
-        self._lines: dict[tuple[str, str], PseudoTerminal] = {}
-        for robot in dict.fromkeys(robot for robot, _ in laboratory.devices):
-            (links / robot).mkdir(parents=True, exist_ok=True)
-            for device in DEVICES:
-                line = PseudoTerminal(links / robot / device)
-                self._lines[robot, device] = stack.enter_context(line)
-        self._behind: Counter[int] = Counter()
-        self._left_out = 0
-        self._began_ns = time.monotonic_ns()
-        self._began_us = time.time_ns() // 1000
-
-    def serve(self) -> None:
-        """Wait a little for bytes, then let as much time pass as has passed."""
-        by_number = {line.fileno(): key for key, line in self._lines.items()}
-        ready, _, _ = select.select(list(by_number), [], [], _ROUND_S)
-        for number in ready:
-            key = by_number[number]
-            if data := self._lines[key].read(0.0):
-                self._laboratory.devices[key].take(self._laboratory.now, data)
-        now = self._now()
-        late = now - self._laboratory.now
-        self._behind[min(late // 1000, 1000)] += 1
-        if late > _MOST_BEHIND:
-            self._left_out += late - _MOST_BEHIND
-            now = Instant(now - (late - _MOST_BEHIND))
-        self._laboratory.advance(now, self._send)
-
-    def result(self) -> LaboratoryResult:
-        """What has happened so far."""
-        laboratory = self._laboratory
-        return LaboratoryResult(
-            began_us=self._began_us,
-            simulated_s=in_seconds(laboratory.now),
-            contacts=laboratory.contacts,
-            places=laboratory.referee.outcomes({}),
-            lines={f"{robot} {device}": line.lost for (robot, device), line in self._lines.items()},
-            boards=laboratory.boards,
-            behind_ms={str(late): count for late, count in sorted(self._behind.items())},
-            lost_ms=self._left_out // 1000,
-        )
-
-    def _send(self, robot: str, device: str, data: bytes) -> None:
-        self._lines[robot, device].write(data)
-
-    def _now(self) -> Instant:
-        return Instant((time.monotonic_ns() - self._began_ns) // 1000 - self._left_out)
+class ResultError(AcrcError):
+    """A result that cannot be written."""
 
 
 def main(argv: Sequence[str]) -> int:
@@ -91,36 +42,60 @@ def main(argv: Sequence[str]) -> int:
     def stop(number: int, _frame: FrameType | None) -> None:
         stopped.append(number)
 
+    before = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         parser = ArgumentParser(prog="python -m firmware_bridge.laboratory", description="Plays hardware.")
         parser.add_argument("--setup", required=True, type=Path, help="JSON file with the set-up")
         parser.add_argument("--links", required=True, type=Path, help="folder for the devices' ports")
         parser.add_argument("--result", required=True, type=Path, help="JSON file to write at the end")
+        parser.add_argument("--duration", type=float, help="end after so many seconds  [default: when told]")
         parser.add_argument("--with-parent", action="store_true", help="end when the starting process ends")
         options = parser.parse_args(argv)
+        if options.duration is not None and not 0 <= options.duration <= 1e6:
+            raise ArgumentError(f"--duration is {options.duration:g} s; it should be 0 to a million")
         if options.with_parent:
             die_with_parent(os.getppid(), signal.SIGTERM)
-        setup = _load(options.setup)
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, stop)
-        with ExitStack() as stack:
-            room = Room(Laboratory(setup), options.links, stack)
+        laboratory, lines = _build(load(options.setup), options.links)
+        duration = None if options.duration is None else seconds(options.duration)
+        fingerprints(_KERNELS)  # all kernels compiled before the clock runs
+        with lines:
+            gc.collect()
+            gc.freeze()
+            loop = RealTime(laboratory, lines, Wishes(_standard_input()), duration)
             sys.stdout.write("ready\n")
             sys.stdout.flush()
-            while not stopped:
-                room.serve()
-            options.result.write_bytes(msgspec.json.format(msgspec.json.encode(room.result())))
+            loop.run(lambda: bool(stopped))
+            _write(options.result, msgspec.json.encode(loop.result()))
         return 0
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
-def _load(path: Path) -> LaboratorySetup:
+def _build(setup: LaboratorySetup, links: Path) -> tuple[Laboratory, Lines]:
+    if not setup.world.robots:
+        raise LaboratorySetupError("a laboratory without robots; there should be one at least")
+    jacks = [Jack(robot.id, device) for robot in setup.world.robots for device in DEVICES]
+    noise = generator(setup.world.seed, "laboratory lines", "")
+    return Laboratory(setup), Lines(links, jacks, noise)
+
+
+def _standard_input() -> int | None:
+    """Its descriptor, if there is one."""
     try:
-        return msgspec.json.decode(path.read_bytes(), type=LaboratorySetup)
-    except (OSError, msgspec.DecodeError) as error:
-        raise AcrcError(f"{path}: no set-up of a laboratory: {error}") from None
+        return None if sys.stdin is None else sys.stdin.fileno()
+    except (OSError, ValueError):  # a test's, or closed
+        return None
+
+
+def _write(path: Path, result: bytes) -> None:
+    try:
+        path.write_bytes(msgspec.json.format(result))
+    except OSError as error:
+        raise ResultError(f"{path}: cannot be written ({error.strerror}); give another file") from None
 
 
 if __name__ == "__main__":

@@ -1,69 +1,95 @@
-"""Bodies, boards and lines of a laboratory, without clock and I/O: `advance` says what has to go out."""
+"""Bodies and devices of a laboratory, without clock and I/O: told what time it is, it says what goes out."""
 
 from collections.abc import Callable, Mapping
-from typing import Final
+from pathlib import Path
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from actors.instant import Instant
+from actors.instant import START, Instant
+from actors.map_file import load_map
 from actors.radio.parameters import preset
 from actors.randomness import generator
 from actors.robot_model import load_model
 from actors.world.body import Bodies
 from actors.world.odometry import KobukiErrors
 from actors.world.physics import SUBSTEP
-from actors.world.referee import Referee
+from actors.world.referee import PlaceOutcome, Referee
+from firmware_bridge.beeclick import medium
 from firmware_bridge.beeclick.board import Board
-from firmware_bridge.beeclick.medium import Air, AirParameters, Place, advance
-from firmware_bridge.emulation import EmulatedDevice
+from firmware_bridge.beeclick.medium import Air, AirParameters, Place
 from firmware_bridge.kobuki.base import EXACT, BaseParameters, EmulatedKobuki
 from firmware_bridge.laboratory.robot_body import RobotBody
 from firmware_bridge.laboratory.setup import LaboratorySetup
+from firmware_bridge.laboratory.sights import LIDAR, Sights
 from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar
 
-DEVICES: Final = ("base", "radio", "range")
+BASE: Final = "base"
+RADIO: Final = "radio"
+RANGE: Final = "range"
+DEVICES: Final = (BASE, RADIO, RANGE)
+
+
+class Jack(NamedTuple):
+    """Where a device is plugged in."""
+
+    robot: str
+    device: str
+    """One of DEVICES."""
+
+
+Out = Callable[[Jack, bytes], None]
+
+
+class Hardware(NamedTuple):
+    """One robot's devices."""
+
+    body: RobotBody
+    base: EmulatedKobuki
+    board: Board
+    lidar: EmulatedRplidar
 
 
 class Laboratory:
-    """The hardware of all robots; time begins at 0."""
+    """The hardware of all robots; time begins at 0.
+
+    Bodies, bases and lidars go from sub-step to sub-step of the physics, boards and air through every
+    instant: a driver of a base does not notice 10 ms, the host of a board does.
+    """
 
     def __init__(self, setup: LaboratorySetup) -> None:
-        world = setup.world
+        """Raises AcrcError for what does not exist or does not fit."""
+        world, seed = setup.world, setup.world.seed
         self._bodies = Bodies(world)
         self._referee = Referee(world.robots, world.reach)
-        seed = world.seed
+        models = [load_model(robot.model, robot.sensor) for robot in world.robots]
+        noise = [generator(seed, "laboratory range", robot.id) for robot in world.robots]
+        self._sights = Sights(load_map(Path(world.map)), models, noise)
         self._air = Air(generator(seed, "laboratory air", ""), AirParameters(preset(setup.radio)))
-        self._robots: list[RobotBody] = []
-        self._devices: dict[tuple[str, str], EmulatedDevice] = {}
-        self._boards: dict[str, Board] = {}
-        for index, robot in enumerate(world.robots):
-            model = load_model(robot.model, robot.sensor)
-            body = RobotBody(self._bodies, index, model.sensor)
-            errors = KobukiErrors() if robot.odometry == "kobuki" else EXACT
-            random = generator(seed, "laboratory base", robot.id)
-            board = self._boards[robot.id] = Board(self._air, Instant(0))
-            self._air.add(board, self._place(index))
-            self._robots.append(body)
-            self._devices[robot.id, "base"] = EmulatedKobuki(body, random, BaseParameters(errors))
-            self._devices[robot.id, "radio"] = board
-            self._devices[robot.id, "range"] = EmulatedRplidar(body.sight)
-        self._now = Instant(0)
-        self._watch()
+        self.robots: Mapping[str, Hardware] = {
+            robot.id: self._hardware(index, generator(seed, "laboratory base", robot.id), robot.odometry)
+            for index, robot in enumerate(world.robots)
+        }
+        """The devices of each robot."""
+        self._now = self._instant = START
+        self._travelled = np.zeros(len(models))
+        self._look()
 
     @property
     def now(self) -> Instant:
-        """Up to when everything has happened."""
+        """Up to when the bodies have moved."""
         return self._now
 
     @property
-    def devices(self) -> Mapping[tuple[str, str], EmulatedDevice]:
-        """Every device by robot and by one of DEVICES; bytes for one go to its `take`."""
-        return self._devices
+    def instant(self) -> Instant:
+        """Up to when the boards have lived, at most a sub-step later."""
+        return self._instant
 
     @property
-    def referee(self) -> Referee:
-        """What has truly been reached."""
-        return self._referee
+    def wake(self) -> Instant:
+        """When something happens next that `advance` would have to make happen."""
+        wakes = (self._air.wake(), *(board.wake() for board in self._air.boards))
+        return min((at for at in wakes if at is not None), default=self._due)
 
     @property
     def contacts(self) -> int:
@@ -71,31 +97,77 @@ class Laboratory:
         return self._bodies.contacts
 
     @property
-    def boards(self) -> dict[str, dict[str, int]]:
-        """Each board's counters by robot."""
-        return {robot: dict(board.counters) for robot, board in self._boards.items()}
+    def places(self) -> tuple[PlaceOutcome, ...]:
+        """Which have truly been reached, when and by whom."""
+        return self._referee.outcomes({})
 
-    def advance(self, until: Instant, out: Callable[[str, str, bytes], None]) -> None:
-        """Let time pass in sub-steps of the physics; `out` gets what a robot's device sends."""
-        while self._now + SUBSTEP <= until:
-            self._bodies.move(self._now, SUBSTEP)
-            self._now = Instant(self._now + SUBSTEP)
-            self._watch()
-            advance(self._air, self._now)
-            for (robot, device), emulated in self._devices.items():
-                if data := emulated.run(self._now):
-                    out(robot, device, data)
+    @property
+    def air(self) -> Mapping[str, int]:
+        """Counters of the boards' medium."""
+        return self._air.counters
 
-    def _watch(self) -> None:
-        self._referee.watch(self._now, self._bodies.positions)
-        for body in self._robots:
-            body.sense(self._now)
+    def pose(self, robot: str) -> tuple[float, float, float]:
+        """Where it truly is: x, y in m and heading in rad, map frame."""
+        return self._bodies.truth(self._index(robot))[:3]
+
+    def travelled(self, robot: str) -> float:
+        """Length of its way so far, m."""
+        return float(self._travelled[self._index(robot)])
+
+    def take(self, jack: Jack, now: Instant, data: bytes) -> None:
+        """Bytes that have come on a line; they belong to the sub-step or the instant that `advance` is at."""
+        robot = self.robots[jack.robot]
+        if jack.device == RADIO:
+            robot.board.take(now, data)
+        elif jack.device == BASE:
+            robot.base.take(self._now, data)
+        else:
+            robot.lidar.take(self._now, data)
+
+    def advance(self, until: Instant, out: Out) -> None:
+        """Let time pass; `out` gets what the devices send."""
+        while self._due <= until:
+            self._move()
+            for name, robot in self.robots.items():
+                out(Jack(name, BASE), robot.base.run(self._now))
+                out(Jack(name, RANGE), robot.lidar.run(self._now))
+        self._instant = until
+        medium.advance(self._air, until)
+        for name, robot in self.robots.items():
+            out(Jack(name, RADIO), robot.board.run(until))
+
+    @property
+    def _due(self) -> Instant:
+        return Instant(self._now + SUBSTEP)
+
+    def _move(self) -> None:
+        for robot in self.robots.values():
+            robot.body.hold(self._now)
+        self._bodies.move(self._now, SUBSTEP)
+        self._now = self._due
+        before = self._sights.poses[:, :2].copy()
+        self._look()
+        self._travelled += np.hypot(*(self._sights.poses[:, :2] - before).T)
+
+    def _look(self) -> None:
+        for index in range(len(self.robots)):
+            self._sights.poses[index] = self._bodies.truth(index)[:3]
+        self._referee.watch(self._now, self._sights.poses[:, :2])
+
+    def _hardware(self, index: int, random: np.random.Generator, odometry: str) -> Hardware:
+        body = RobotBody(self._bodies, index)
+        errors = KobukiErrors() if odometry == "kobuki" else EXACT
+        board = Board(self._air, START)
+        self._air.add(board, self._place(index))
+        base = EmulatedKobuki(body, random, BaseParameters(errors))
+        return Hardware(body, base, board, EmulatedRplidar(self._sights.of(index), LIDAR))
 
     def _place(self, index: int) -> Place:
-        bodies = self._bodies
-
         def place(_: Instant) -> tuple[float, float]:
-            x, y = np.asarray(bodies.positions[index]).tolist()
+            x, y, *_rest = self._bodies.truth(index)
             return x, y
 
         return place
+
+    def _index(self, robot: str) -> int:
+        return list(self.robots).index(robot)

@@ -1,129 +1,194 @@
-"""The laboratory in virtual time: real drivers on emulated devices, and what truly happens beside it."""
+"""The laboratory without clock and lines: its time, its determinism, its faults."""
 
-from collections.abc import Callable
+import math
+from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from actors.instant import Duration, Instant, milliseconds, seconds
-from actors.messages import NO_ECHO_MM, Heard, Scan, Sent
-from actors.robot_model import load_model
-from actors.world.body import Bodies
-from actors.world.setup import RobotSetup, WorldSetup
-from firmware_bridge.beeclick.events import Event
-from firmware_bridge.beeclick.link import Link
-from firmware_bridge.beeclick.parameters import BoardSettings
+from actors.instant import START, Instant
+from actors.runtime.errors import AcrcError
+from actors.world.physics import SUBSTEP
+from firmware_bridge.kobuki import frame
 from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.laboratory.laboratory import DEVICES, Laboratory
-from firmware_bridge.laboratory.setup import LaboratorySetup
-from firmware_bridge.range_sensors.rplidar import Rplidar
+from firmware_bridge.kobuki.motion import base_control
+from firmware_bridge.kobuki.safety import Cause
+from firmware_bridge.kobuki.wire import encode_command
+from firmware_bridge.laboratory.faults import Bench, FaultError
+from firmware_bridge.laboratory.laboratory import BASE, DEVICES, RADIO, RANGE, Jack, Laboratory
+from firmware_bridge.laboratory.lines import Lines
+from firmware_bridge.range_sensors.rplidar_wire import Request
+from tests.laboratory.hosts import setup
 
-CORRIDOR = Path(__file__).parents[2] / "maps" / "corridor.yaml"
-STARTS = {"r1": (8.0, 12.5, 0.0), "r2": (12.0, 12.5, 0.0)}
-SENSOR = load_model("turtlebot2", "chapter").sensor
-
-
-def setup() -> LaboratorySetup:
-    robots = tuple(
-        RobotSetup(name, "turtlebot2", "chapter", "exact", start, ((9.0, 12.5),))
-        for name, start in STARTS.items()
-    )
-    world = WorldSetup(str(CORRIDOR), 1, 100_000, 60_000_000, robots)
-    return LaboratorySetup(world, (("r1", 1), ("r2", 2)), "beeclick")
+FAST = frame.encode(encode_command(base_control(0.4, 0.3)))
 
 
-class Bench:
-    """A laboratory with a host for each device of each robot."""
+class Wire:
+    """Keeps what has gone out."""
 
     def __init__(self) -> None:
-        self.laboratory = Laboratory(setup())
-        begin = Instant(0)
-        self.bases = {name: KobukiDriver(begin) for name in STARTS}
-        self.lidars = {name: Rplidar(SENSOR, begin) for name in STARTS}
-        self.links = {name: Link(BoardSettings(number)) for number, name in enumerate(STARTS, start=1)}
-        self.events: dict[str, list[Event]] = {name: [] for name in STARTS}
-        self.scans: list[Scan] = []
-        for link in self.links.values():
-            link.connect(begin)
+        self.bytes: dict[Jack, bytes] = defaultdict(bytes)
 
-    def run(self, duration: Duration, every: Callable[[Instant], None] = lambda now: None) -> None:
-        until = self.laboratory.now + duration
-        while self.laboratory.now < until:
-            now = Instant(self.laboratory.now + milliseconds(10))
-            every(now)
-            for name in STARTS:
-                self._to_devices(name, now)
-            self.laboratory.advance(now, self._from_device)
-            if scan := self.lidars["r1"].scan():
-                self.scans.append(scan)
-
-    def _to_devices(self, name: str, now: Instant) -> None:
-        due = {"base": self.bases[name].due(now), "range": self.lidars[name].due(now)}
-        due["radio"] = self.links[name].due(now)
-        for device in DEVICES:
-            if due[device]:
-                self.laboratory.devices[name, device].take(now, due[device])
-
-    def _from_device(self, name: str, device: str, data: bytes) -> None:
-        now = self.laboratory.now
-        match device:
-            case "base":
-                self.bases[name].take(now, data)
-            case "range":
-                self.lidars[name].take(now, data)
-            case _:
-                self.events[name] += self.links[name].take(now, data)
+    def __call__(self, jack: Jack, data: bytes) -> None:
+        self.bytes[jack] += data
 
 
-def test_a_base_that_is_driven_by_its_bytes_moves_its_body_and_knows_how_far() -> None:
-    bench = Bench()
-    bench.run(seconds(0.5))
-    bench.run(seconds(4), lambda now: bench.bases["r1"].command(now, 0.3, 0.0))
-    bench.run(seconds(2))
-    odometry = bench.bases["r1"].odometry.read()
-    assert odometry.vx == pytest.approx(0.0, abs=0.01)
-    assert 0.8 < odometry.x < 1.3
-    places = bench.laboratory.referee.outcomes({})
-    assert places[0].reached_by == "r1", "its place is a metre ahead"
-    assert places[0].reached_at is not None and 1_000_000 < places[0].reached_at < 4_500_000
-    assert bench.laboratory.contacts == 0
+def driven(round_ms: int) -> tuple[Laboratory, Wire]:
+    """Two seconds in which r1 was told once to drive, and its lidar to scan, in rounds of that length."""
+    laboratory, wire = Laboratory(setup(2, "kobuki")), Wire()
+    laboratory.take(Jack("r1", BASE), START, FAST)
+    laboratory.take(Jack("r1", RANGE), START, Request.SCAN.bytes)
+    for at in range(0, 2001, round_ms):
+        laboratory.advance(Instant(1000 * at), wire)
+    return laboratory, wire
 
 
-def test_a_lidar_sees_what_the_simulated_sensor_sees() -> None:
-    bench = Bench()
-    bench.run(seconds(1.5))
-    assert len(bench.scans) >= 3
-    simulated = Bodies(setup().world).senses(0, 0, Instant(0), 0, False).scan
-    assert simulated is not None
-    seen, true = (np.frombuffer(one.ranges_mm, "<u2").astype(float) for one in (bench.scans[-1], simulated))
-    both = (seen != NO_ECHO_MM) & (true != NO_ECHO_MM)
-    assert both.mean() > 0.5
-    assert np.median(np.abs(seen[both] - true[both])) <= 30, "mm"
-    ahead = round((0.0 - SENSOR.first_angle) / SENSOR.increment) % SENSOR.rays
-    assert seen[ahead] / 1000 == pytest.approx(4.0 - 0.177, abs=0.15), "the other robot"
+def test_what_happens_does_not_depend_on_how_often_one_looks() -> None:
+    (often, by_often), (seldom, by_seldom) = driven(1), driven(40)
+    assert often.now == seldom.now == Instant(2_000_000)
+    assert often.pose("r1") == seldom.pose("r1")
+    assert by_often.bytes == by_seldom.bytes
+    assert len(by_often.bytes[Jack("r1", RANGE)]) == 7 + 5 * 3960
 
 
-def test_boards_hear_one_another_where_their_robots_are() -> None:
-    bench = Bench()
-    bench.run(seconds(0.5))
-    bench.links["r1"].send(bench.laboratory.now, 5, b"knowledge")
-    bench.run(seconds(0.2))
-    assert [event.tag for event in bench.events["r1"] if isinstance(event, Sent)] == [5]
-    (heard,) = [event for event in bench.events["r2"] if isinstance(event, Heard)]
-    assert (heard.sender, heard.data) == (1, b"knowledge")
-    counters = bench.laboratory.boards
-    assert counters["r1"]["transmitted"] == counters["r2"]["heard"] == 1
+def test_a_base_that_nobody_talks_to_any_more_drives_on() -> None:
+    laboratory, _ = driven(10)
+    assert laboratory.travelled("r1") > 0.4 * 2 - 0.4**2  # half of the ramp, at 1 m/s², doubled
+    assert laboratory.travelled("r2") == 0.0
 
 
-def test_two_that_meet_touch_and_their_bumpers_say_so() -> None:
-    bench = Bench()
-    bench.run(seconds(0.5))
+def test_time_goes_in_whole_sub_steps_and_boards_live_through_the_rest() -> None:
+    laboratory = Laboratory(setup(1))
+    laboratory.advance(Instant(SUBSTEP + 3000), Wire())
+    assert laboratory.now == Instant(SUBSTEP)
+    assert laboratory.instant == SUBSTEP + 3000
+    assert laboratory.wake == Instant(1_370_000)  # the board's first temperature
 
-    def towards(now: Instant) -> None:
-        bench.bases["r1"].command(now, 0.4, 0.0)
 
-    bench.run(seconds(12), towards)
-    assert bench.laboratory.contacts == 1
-    assert bench.bases["r1"].allowed.stops and bench.bases["r1"].pressed() == 2
-    assert bench.bases["r1"].odometry.read().x == pytest.approx(4.0 - 2 * 0.177, abs=0.05)
+# --- faults ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def laboratory() -> Laboratory:
+    return Laboratory(setup(2))
+
+
+@pytest.fixture
+def lines(tmp_path: Path) -> Iterator[Lines]:
+    jacks = [Jack(robot, device) for robot in ("r1", "r2") for device in DEVICES]
+    with Lines(tmp_path, jacks, np.random.default_rng(1)) as lines:
+        yield lines
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("lift", "there is no robot ''; it should be one of r1, r2"),
+        ("lift r3", "there is no robot 'r3'; it should be one of r1, r2"),
+        ("lift r1 high", "'lift r1 high' has a wrong number of words; it should be 'lift ROBOT'"),
+        (
+            "scramble r1 base",
+            "'scramble r1 base' has a wrong number of words; it should be 'scramble ROBOT DEVICE SHARE'",
+        ),
+        ("scramble r1 base 2", "'2' is not a share; it should be a number from 0 to 1"),
+        ("scramble r1 base nan", "'nan' is not a share; it should be a number from 0 to 1"),
+        ("battery r1 much", "'much' is not a voltage; it should be a number from 0 to 25.5"),
+        ("press r1 nose", "there is no 'nose' here; it should be one of bumper, left, centre, right, radio"),
+        ("reboot r1 base", "there is no 'base' here; it should be one of radio"),
+        ("unplug r1 power", "there is no 'power' here; it should be one of base, radio, range"),
+        ("plug r1 base", "the base of r1 is plugged in already; unplug it first"),
+    ],
+)
+def test_what_cannot_be_done_is_told(laboratory: Laboratory, lines: Lines, line: str, sentence: str) -> None:
+    with pytest.raises(FaultError) as caught:
+        Bench(laboratory, lines).do(line)
+    assert str(caught.value) == sentence
+
+
+def test_an_unknown_verb_is_told(laboratory: Laboratory, lines: Lines) -> None:
+    with pytest.raises(AcrcError) as caught:
+        Bench(laboratory, lines).do("explode r1")
+    assert str(caught.value) == (
+        "there is no 'explode'; it should be one of battery, deafen, edge, gps, gyro, heal, lift, lower, "
+        "plug, press, reboot, release, scramble, sicken, silence, unplug"
+    )
+
+
+def stops(laboratory: Laboratory, driver: KobukiDriver, duration_ms: int = 500) -> set[Cause]:
+    """Why r1 stands after so long, though its driver wants to drive."""
+    jack, begun = Jack("r1", BASE), laboratory.now
+    for at in range(begun, begun + 1000 * duration_ms, SUBSTEP):
+        now, wire = Instant(at + SUBSTEP), Wire()
+        laboratory.advance(now, wire)
+        driver.take(now, wire.bytes[jack])
+        driver.command(now, 0.2, 0.0)
+        laboratory.take(jack, now, driver.due(now))
+    return {stop.cause for stop in driver.allowed.stops}
+
+
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        ("press r1 bumper", Cause.BUMPER),
+        ("lift r1", Cause.WHEEL_DROP),
+        ("edge r1", Cause.CLIFF),
+        ("silence r1 base", Cause.NO_FEEDBACK),
+    ],
+)
+def test_a_fault_stops_the_driver_and_healing_lets_it_go(
+    laboratory: Laboratory, lines: Lines, fault: str, cause: Cause
+) -> None:
+    bench, driver = Bench(laboratory, lines), KobukiDriver(START)
+    assert stops(laboratory, driver) == set()
+    bench.do(fault)
+    assert cause in stops(laboratory, driver)
+    bench.do("heal r1")
+    stops(laboratory, driver, 3000)
+    driven_by_then = laboratory.travelled("r1")
+    stops(laboratory, driver)
+    assert laboratory.travelled("r1") > driven_by_then
+
+
+def test_a_deaf_base_drives_on_and_a_lifted_one_does_not(laboratory: Laboratory, lines: Lines) -> None:
+    bench, wire = Bench(laboratory, lines), Wire()
+    laboratory.take(Jack("r1", BASE), START, FAST)
+    laboratory.advance(Instant(500_000), wire)
+    bench.do("deafen r1")
+    laboratory.take(Jack("r1", BASE), START, frame.encode(encode_command(base_control(0.0, 0.0))))
+    before = laboratory.travelled("r1")
+    laboratory.advance(Instant(1_000_000), wire)
+    assert laboratory.travelled("r1") - before == pytest.approx(0.2, abs=0.05)
+    bench.do("lift r1")
+    laboratory.advance(Instant(2_000_000), wire)
+    before = laboratory.travelled("r1")
+    laboratory.advance(Instant(2_500_000), wire)
+    assert laboratory.travelled("r1") == before
+
+
+def test_a_scrambled_line_is_noticed_and_a_healed_one_is_clean(lines: Lines) -> None:
+    jack = Jack("r1", RADIO)
+    sent = bytes(range(256)) * 8
+    lines.scramble(jack, 0.1)
+    with lines.path(jack).open("rb", buffering=0) as host:
+        lines.send(jack, sent)
+        damaged = host.read(4096)
+        lines.scramble(jack, 0.0)
+        lines.send(jack, sent)
+        assert host.read(4096) == sent
+    assert damaged != sent
+    assert math.isclose(len(damaged), len(sent), rel_tol=0.05)
+
+
+def test_what_nobody_reads_is_counted_also_when_the_cable_has_been_out(lines: Lines) -> None:
+    jack = Jack("r2", RANGE)
+    for _ in range(100):
+        lines.send(jack, bytes(4096))
+    unread = lines.unread(jack)
+    assert unread > 200_000
+    lines.unplug(jack)
+    lines.send(jack, bytes(4096))
+    assert lines.read(jack) == b""
+    lines.plug(jack)
+    assert lines.unread(jack) == unread

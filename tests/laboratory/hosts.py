@@ -1,0 +1,202 @@
+"""A laboratory as a process of its own, and hosts for the devices in it."""
+
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+import msgspec
+
+from actors.instant import Instant
+from actors.messages import Scan
+from actors.robot_model import OdometryKind, load_model
+from actors.world.setup import RobotSetup, WorldSetup
+from firmware_bridge.beeclick.events import Event
+from firmware_bridge.beeclick.link import Link
+from firmware_bridge.beeclick.parameters import BoardSettings
+from firmware_bridge.beeclick.port import BoardPort
+from firmware_bridge.kobuki import port as kobuki_port
+from firmware_bridge.kobuki.driver import DriverParameters, KobukiDriver
+from firmware_bridge.kobuki.odometry import OdometryParameters
+from firmware_bridge.laboratory.setup import LaboratoryResult, LaboratorySetup
+from firmware_bridge.range_sensors import rplidar
+from firmware_bridge.range_sensors.rplidar import Rplidar
+
+ROOT = Path(__file__).parents[2]
+PATIENCE_S = 60.0
+STARTS = ((12.0, 12.5, 0.0), (14.0, 12.5, 3.0), (16.0, 12.0, 1.0))
+
+
+def setup(robots: int, odometry: OdometryKind = "exact") -> LaboratorySetup:
+    """Robots r1, r2, … in the corridor, each with a place 0.6 m in front of r1."""
+    bodies = tuple(
+        RobotSetup(f"r{number}", "turtlebot2", None, odometry, start, ((12.6, 12.5),))
+        for number, start in enumerate(STARTS[:robots], start=1)
+    )
+    world = WorldSetup(str(ROOT / "maps/corridor.yaml"), 1, 100_000, 1_000_000, bodies)
+    addresses = tuple((body.id, number) for number, body in enumerate(bodies, start=1))
+    return LaboratorySetup(world, addresses, "beeclick")
+
+
+def now() -> Instant:
+    return Instant(time.monotonic_ns() // 1000)
+
+
+class Running:
+    """A laboratory's process; leaving the context ends it, if it has not been ended."""
+
+    def __init__(self, folder: Path, built_from: LaboratorySetup, *options: str) -> None:
+        self.links, self.result = folder / "links", folder / "result.json"
+        file = folder / "setup.json"
+        file.write_bytes(msgspec.json.encode(built_from))
+        paths = ("--setup", str(file), "--links", str(self.links), "--result", str(self.result))
+        self._errors = (folder / "errors.log").open("w+")
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "firmware_bridge.laboratory", *paths, *options],
+            cwd=ROOT,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            text=True,
+            bufsize=1,
+        )
+
+    def __enter__(self) -> Self:
+        assert self._heard() == "ready"
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.wait(PATIENCE_S)
+        for stream in (self._process.stdin, self._process.stdout):
+            assert stream is not None
+            stream.close()
+        self._errors.close()
+
+    @property
+    def complaints(self) -> str:
+        """What it has written to standard error; after the end."""
+        return Path(self._errors.name).read_text()
+
+    def pause(self, duration_s: float) -> None:
+        """Keep it from running for so long."""
+        self._process.send_signal(signal.SIGSTOP)
+        time.sleep(duration_s)
+        self._process.send_signal(signal.SIGCONT)
+
+    def path(self, robot: str, device: str) -> Path:
+        return self.links / robot / device
+
+    def say(self, line: str) -> str:
+        """The answer."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{line}\n")
+        return self._heard()
+
+    def end(self, number: int | None = signal.SIGTERM) -> LaboratoryResult:
+        """What it says in the end; `number` None: it ends by itself."""
+        if number is not None:
+            self._process.send_signal(number)
+        assert self._process.wait(PATIENCE_S) == 0
+        return msgspec.json.decode(self.result.read_bytes(), type=LaboratoryResult)
+
+    def _heard(self) -> str:
+        assert self._process.stdout is not None
+        ready, _, _ = select.select([self._process.stdout], [], [], PATIENCE_S)
+        assert ready, "the laboratory says nothing"
+        return self._process.stdout.readline().rstrip("\n")
+
+
+class Host(Protocol):
+    """Whoever looks after one line."""
+
+    def serve(self) -> None:
+        """Read what has come, write what is due; waits a few milliseconds at most."""
+
+
+def until(condition: Callable[[], bool], *hosts: Host) -> None:
+    """Serve until that is so."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, "nothing came of it in time"
+        for host in hosts:
+            host.serve()
+        time.sleep(0.001)
+
+
+class BaseHost:
+    """A Kobuki's host, that keeps commanding the same."""
+
+    def __init__(self, path: Path) -> None:
+        self._port = kobuki_port.open_port(str(path))
+        # A test that is not given the processor for seconds should see late bytes, not another base.
+        odometry = OdometryParameters(longest_gap=20.0)
+        self.driver = KobukiDriver(now(), DriverParameters(odometry=odometry))
+        self.wanted = (0.0, 0.0)
+
+    def serve(self) -> None:
+        at = now()
+        self.driver.take(at, self._port.read())
+        self.driver.command(at, *self.wanted)
+        if data := self.driver.due(at):
+            self._port.write(data)
+
+    def close(self) -> None:
+        self._port.close()
+
+
+class LidarHost:
+    """A lidar's host, that keeps the last scans."""
+
+    def __init__(self, path: Path) -> None:
+        self._port = rplidar.open_port(str(path))
+        self._lidar = Rplidar(load_model("turtlebot2").sensor, now())
+        self.scans: list[Scan] = []
+
+    @property
+    def counts(self) -> rplidar.RplidarCounts:
+        return self._lidar.counts
+
+    def serve(self) -> None:
+        at = now()
+        self._lidar.take(at, self._port.read())
+        if data := self._lidar.due(at):
+            self._port.write(data)
+        if (scan := self._lidar.scan()) is not None:
+            self.scans.append(scan)
+
+    def close(self) -> None:
+        self._port.close()
+
+
+class BoardHost:
+    """A board's host, that keeps the events."""
+
+    def __init__(self, path: Path, address: int) -> None:
+        self._port = BoardPort(str(path))
+        self.link = Link(BoardSettings(address))
+        self.link.connect(now())
+        self.events: list[Event] = []
+
+    def serve(self) -> None:
+        at = now()
+        self.events += self.link.take(at, self._port.read())
+        if self._port.is_idle:
+            self._port.write(self.link.due(at))
+
+    def send(self, tag: int, data: bytes) -> None:
+        self.events += self.link.send(now(), tag, data)
+
+    def of(self, kind: type[Event]) -> list[Event]:
+        return [event for event in self.events if isinstance(event, kind)]
+
+    def close(self) -> None:
+        self._port.close()

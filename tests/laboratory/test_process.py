@@ -1,0 +1,210 @@
+"""The laboratory as a process, with hosts at its pseudo-terminals, in real time."""
+
+import math
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from actors.geometry import Pose
+from actors.instant import START
+from actors.messages import NO_ECHO_MM, Heard, Scan, Sent
+from actors.world.body import Bodies
+from firmware_bridge.beeclick.events import Up
+from firmware_bridge.beeclick.port import PortError
+from firmware_bridge.laboratory.__main__ import main
+from firmware_bridge.laboratory.setup import LaboratorySetup
+from firmware_bridge.laboratory.sights import LIDAR
+from tests.laboratory.hosts import ROOT, STARTS, BaseHost, BoardHost, LidarHost, Running, setup, until
+
+
+def millimetres(scan: Scan) -> NDArray[np.int64]:
+    return np.frombuffer(scan.ranges_mm, "<u2").astype(np.int64)
+
+
+def test_a_robot_sees_what_the_world_shows_and_drives_as_far_as_its_base_says(tmp_path: Path) -> None:
+    built_from = setup(2)
+    with Running(tmp_path, built_from) as laboratory:
+        lidar = LidarHost(laboratory.path("r1", "range"))
+        base = BaseHost(laboratory.path("r1", "base"))
+        until(lambda: len(lidar.scans) >= 2 and base.driver.found, lidar, base)
+        base.wanted = (0.2, 0.4)
+        until(lambda: base.driver.odometry.heading > 1.2, lidar, base)
+        base.wanted = (-0.1, 0.0)
+        until(lambda: base.driver.odometry.read().vx < -0.09, lidar, base)
+        base.wanted = (0.0, 0.0)
+        until(lambda: base.driver.odometry.read().vx == 0.0, lidar, base)
+        began_waiting = base.driver.reception.frames
+        until(lambda: base.driver.reception.frames > began_waiting + 10, lidar, base)
+        odometry = base.driver.odometry.read()
+        lidar.close()
+        base.close()
+        result = laboratory.end()
+
+    world = Bodies(built_from.world).senses(0, 0, START, 0, False).scan
+    assert world is not None
+    seen, true = millimetres(lidar.scans[0]), millimetres(world)
+    true[true > 1000 * LIDAR.range_max] = NO_ECHO_MM
+    both = (seen != NO_ECHO_MM) & (true != NO_ECHO_MM)
+    assert both.sum() > 0.95 * (true != NO_ECHO_MM).sum() > 500
+    assert np.median(np.abs(seen - true)[both]) <= 30
+    ahead = 319  # of the 640 rays this one points to r2
+    assert true[ahead] == pytest.approx(2000 + 100 - 177, abs=10)  # the sensor stands 0.1 m behind the middle
+    assert seen[ahead] == pytest.approx(true[ahead], abs=30)
+
+    truth = result.robots["r1"]
+    believed = Pose(*STARTS[0]).compose(Pose(odometry.x, odometry.y, odometry.heading))
+    assert math.dist(believed.point, truth.pose[:2]) < 0.01 * truth.travelled + 0.002
+    assert believed.heading == pytest.approx(truth.pose[2], abs=math.radians(0.5))
+    assert truth.travelled > 0.5
+    assert result.bases["r1"]["skipped"] == 0
+    assert [place.reached_by for place in result.places] == ["r1", "r1"]
+    assert all(place.reached_at for place in result.places)
+    assert result.robots["r2"].pose == STARTS[1]
+    assert sum(result.behind_ms.values()) == pytest.approx(
+        100 * result.simulated_s - result.lost_ms / 10, abs=60
+    )
+
+
+def test_boards_hear_each_other_and_come_back_after_the_cable_was_out(tmp_path: Path) -> None:
+    with Running(tmp_path, setup(2)) as laboratory:
+        path = laboratory.path("r2", "radio")
+        first, second = BoardHost(laboratory.path("r1", "radio"), 1), BoardHost(path, 2)
+        until(lambda: bool(first.of(Up) and second.of(Up)), first, second)
+        first.send(7, b"to all")  # one after the other: at once they may collide
+        until(lambda: bool(first.of(Sent) and second.of(Heard)), first, second)
+        (heard,) = second.of(Heard)
+        assert isinstance(heard, Heard)
+        assert heard.data == b"to all"
+        assert heard.sender == 1
+        second.send(8, b"to the others")
+        until(lambda: bool(second.of(Sent) and first.of(Heard)), first, second)
+
+        assert laboratory.say("unplug r2 radio") == "ok"
+        assert not path.is_symlink()
+        with pytest.raises(PortError):
+            until(lambda: False, second)
+        second.close()
+        first.send(9, b"unheard")
+        until(lambda: len(first.of(Sent)) == 2, first)
+        assert laboratory.say("unplug r2 radio") == "the radio of r2 is not plugged in; plug it first"
+
+        assert laboratory.say("plug r2 radio") == "ok"
+        assert laboratory.say("reboot r2 radio") == "ok"
+        again = BoardHost(path, 2)
+        until(lambda: bool(again.of(Up)), first, again)
+        again.send(10, b"back")
+        until(lambda: len(first.of(Heard)) == 2, first, again)
+        first.close()
+        again.close()
+        result = laboratory.end(signal.SIGINT)
+    assert not laboratory.links.exists()
+    boards = [result.boards[robot] for robot in ("r1", "r2")]
+    assert [(board["address"], board["channel"], board["reboots"]) for board in boards] == [
+        (1, 26, 0),
+        (2, 26, 1),
+    ]
+    assert result.air["frames"] == 4
+
+
+def test_time_that_cannot_be_made_up_is_left_out_and_counted(tmp_path: Path) -> None:
+    with Running(tmp_path, setup(1), "--duration", "3") as laboratory:
+        laboratory.pause(1.5)
+        result = laboratory.end(None)
+    assert result.lost_ms >= 900  # of the pause all but half a second, and some slack
+    assert result.simulated_s == 3.0
+    assert sum(result.behind_ms.values()) == 300
+    assert "ms behind; " in laboratory.complaints
+    assert not laboratory.links.exists()
+
+
+def test_it_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
+    file = tmp_path / "setup.json"
+    file.write_bytes(msgspec.json.encode(setup(1)))
+    words = f"--setup {file} --links {tmp_path}/links --result {tmp_path}/result.json --with-parent"
+    command = f"{sys.executable} -m firmware_bridge.laboratory {words} & wait"
+    with subprocess.Popen(["sh", "-c", command], cwd=ROOT, stdout=subprocess.PIPE) as parent:
+        assert parent.stdout is not None
+        assert parent.stdout.readline() == b"ready\n"
+        assert (tmp_path / "links/r1/base").readlink().parent == Path("/dev/pts")
+        parent.kill()
+        assert parent.stdout.read() == b""  # closed: nobody is left who could write to it
+    assert (tmp_path / "result.json").is_file()
+    assert not (tmp_path / "links").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("{}", "no set-up of a laboratory: Object missing required field `world`"),
+        (None, "cannot be read (No such file or directory); give a JSON file"),
+    ],
+)
+def test_a_set_up_that_is_none_is_told(
+    text: str | None, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "setup.json"
+    if text is not None:
+        file.write_text(text)
+    assert main(["--setup", str(file), "--links", str(tmp_path), "--result", str(tmp_path / "r")]) == 2
+    assert capsys.readouterr().err == f"{file}: {sentence}\n"
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (
+            {"addresses": (("r1", 1),)},
+            "robots r1, r2 and addresses of r1; each robot should have one name and one address",
+        ),
+        ({"radio": "loud"}, "Radio preset 'loud' is unknown; known are chapter, beeclick."),
+    ],
+)
+def test_a_set_up_that_does_not_fit_is_told(
+    change: dict[str, object], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "setup.json"
+    given = msgspec.json.decode(msgspec.json.encode(setup(2))) | change
+    file.write_bytes(msgspec.json.encode(given))
+    assert main(["--setup", str(file), "--links", str(tmp_path), "--result", str(tmp_path / "r")]) == 2
+    assert capsys.readouterr().err == f"{sentence}\n"
+
+
+def test_links_that_cannot_be_are_told_and_nothing_stays(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, links = tmp_path / "setup.json", tmp_path / "links"
+    file.write_bytes(msgspec.json.encode(setup(2)))
+    (links / "r2").mkdir(parents=True)
+    (links / "r2" / "radio").write_text("mine")
+    assert main(["--setup", str(file), "--links", str(links), "--result", str(tmp_path / "r")]) == 2
+    assert capsys.readouterr().err == (
+        f"{links}/r2/radio: there is something that is no link; give a path where a link can be made\n"
+    )
+    assert [path.relative_to(links) for path in links.rglob("*")] == [Path("r2"), Path("r2/radio")]
+
+
+def test_a_robot_is_a_folder() -> None:
+    with pytest.raises(Exception) as caught:
+        LaboratorySetup(
+            msgspec.structs.replace(
+                setup(1).world,
+                robots=(msgspec.structs.replace(setup(1).world.robots[0], id="../r1"),),
+            ),
+            (("../r1", 1),),
+            "beeclick",
+        )
+    assert str(caught.value) == (
+        "a robot '../r1'; its name should do as a folder's and as a word of a command"
+    )
+
+
+def test_a_duration_that_is_none_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("--setup", str(tmp_path), "--links", str(tmp_path), "--result", str(tmp_path / "r"))
+    assert main([*words, "--duration", "nan"]) == 2
+    assert capsys.readouterr().err == "--duration is nan s; it should be 0 to a million\n"
