@@ -84,6 +84,7 @@ class Bridge:
         if self._port is None:
             self._connect(now)
         if self._port is None:
+            self.core.due()  # frames whose instants have come wait with the link, which holds few
             return
         try:
             self.core.hear(self._port.read())
