@@ -1,0 +1,72 @@
+"""Scans with the pose that they were made at: the odometry's, at the scan's own stamp."""
+
+from collections import deque
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.geometry import Pose, wrap
+from actors.instant import Instant
+from actors.messages import Odometry, Scan
+from actors.robot_model import RangeSensor
+from actors.runtime.errors import AcrcError
+
+_KEPT: Final = 128
+"""So many poses are remembered: more than a second at the shortest step."""
+
+
+class ScanError(AcrcError):
+    """A scan that this robot's sensor cannot have made."""
+
+
+class Sweep(NamedTuple):
+    """One scan, and where it was made."""
+
+    ranges_mm: NDArray[np.uint16]
+    """(rays,), read-only, mm; NO_ECHO_MM where a ray met nothing."""
+    pose: Pose
+    """The body's when the scan was made, m and rad, odometry frame."""
+
+
+class Sweeps:
+    """Gives each scan the pose of its stamp, between those that the odometry gave before and after it."""
+
+    def __init__(self, sensor: RangeSensor) -> None:
+        self._rays = sensor.rays
+        self._track: deque[tuple[Instant, Pose]] = deque(maxlen=_KEPT)
+
+    def take(self, instant: Instant, odometry: Odometry, scan: Scan | None) -> Sweep | None:
+        """The scan that arrived at a step's start, if one did. Raises ScanError for a wrong number of rays.
+
+        A stamp beyond what is remembered, or in the future, gets the nearest pose that is known.
+        """
+        self._track.append((instant, Pose(odometry.x, odometry.y, odometry.heading)))
+        if scan is None:
+            return None
+        if len(scan.ranges_mm) != 2 * self._rays:
+            raise ScanError(
+                f"a scan of {len(scan.ranges_mm)} bytes arrived; the {self._rays} rays of the robot's "
+                f"range sensor give {2 * self._rays}"
+            )
+        return Sweep(np.frombuffer(scan.ranges_mm, "<u2"), self._at(scan.stamp))
+
+    def _at(self, stamp: int) -> Pose:
+        later, after = self._track[-1]
+        for instant, pose in reversed(self._track):
+            if instant <= stamp:
+                if instant == later or stamp >= later:
+                    return pose
+                return _between(pose, after, (stamp - instant) / (later - instant))
+            later, after = instant, pose
+        return after
+
+
+def _between(first: Pose, second: Pose, share: float) -> Pose:
+    """The pose at a share of the way from the first to the second."""
+    turn = wrap(second.heading - first.heading)
+    return Pose(
+        first.x + share * (second.x - first.x),
+        first.y + share * (second.y - first.y),
+        wrap(first.heading + share * turn),
+    )

@@ -1,0 +1,51 @@
+"""Scans get the pose of their stamp, and no other."""
+
+import math
+
+import pytest
+
+from actors.geometry import Pose
+from actors.instant import Instant
+from actors.messages import Odometry, Scan
+from actors.robot.sweep import ScanError, Sweeps
+from tests.robot.base import model
+
+KIND = model(rays=8)
+RANGES = bytes(range(16))
+
+
+def _odometry(x: float, heading: float = 0.0) -> Odometry:
+    return Odometry(x, 0.0, heading, 0.0, 0.0, 0.0)
+
+
+def _sweeps(*poses: tuple[int, float, float]) -> Sweeps:
+    sweeps = Sweeps(KIND.sensor)
+    for instant, x, heading in poses:
+        assert sweeps.take(Instant(instant), _odometry(x, heading), None) is None
+    return sweeps
+
+
+@pytest.mark.parametrize(
+    ("stamp", "x"),
+    [(300, 3.0), (250, 2.5), (200, 2.0), (125, 1.25), (100, 1.0), (20, 1.0), (999, 3.0)],
+    ids=["now", "between", "at a step", "in the step before", "at the first", "before it", "in the future"],
+)
+def test_pose_is_that_of_the_stamp(stamp: int, x: float) -> None:
+    sweeps = _sweeps((100, 1.0, 0.0), (200, 2.0, 0.0))
+    sweep = sweeps.take(Instant(300), _odometry(3.0), Scan(stamp, RANGES))
+    assert sweep is not None
+    assert sweep.pose == Pose(x, 0.0, 0.0)
+    assert sweep.ranges_mm.tobytes() == RANGES
+
+
+def test_heading_goes_the_short_way_round() -> None:
+    sweeps = _sweeps((0, 0.0, math.pi - 0.1))
+    sweep = sweeps.take(Instant(100), _odometry(0.0, 0.1 - math.pi), Scan(75, RANGES))
+    assert sweep is not None
+    assert sweep.pose.heading == pytest.approx(0.05 - math.pi)
+
+
+def test_another_number_of_rays_is_refused() -> None:
+    with pytest.raises(ScanError) as raised:
+        Sweeps(KIND.sensor).take(Instant(0), _odometry(0.0), Scan(0, RANGES + b"12"))
+    assert str(raised.value) == ("a scan of 18 bytes arrived; the 8 rays of the robot's range sensor give 16")
