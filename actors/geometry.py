@@ -1,7 +1,7 @@
 """Points and poses in the plane: x east, y north, angles in (−π, π], metres and radians (REP 103)."""
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 
 class Point(NamedTuple):
@@ -41,6 +41,11 @@ class Pose(NamedTuple):
         c, s = math.cos(self.heading), math.sin(self.heading)
         dx, dy = other.x - self.x, other.y - self.y
         return Pose(c * dx + s * dy, c * dy - s * dx, wrap(other.heading - self.heading))
+
+
+Covariance: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
+"""Of x, y and heading, row by row: m², m·rad, rad²."""
+CERTAIN: Final[Covariance] = (0.0,) * 9
 
 
 class Twist(NamedTuple):

@@ -10,7 +10,7 @@ from typing import Final
 from actors.board import BoardNote
 from actors.topic import Message, Part, Topic
 
-MESSAGE_VERSION: Final = 2
+MESSAGE_VERSION: Final = 3
 FRAME_DATA_LIMIT: Final = 118
 """Data bytes of one radio frame: 127 octets of the PSDU less the 9 that the BEE click's MAC header and FCS
 take (IEEE 802.15.4-2006, aMaxPHYPacketSize)."""
@@ -111,6 +111,9 @@ class Drive(Message, frozen=True):
     route: tuple[PlaceKey, ...] | None = None
     """The places that the robot still means to visit, in their order; None: as it last said, and before its
     first word, those that it was given."""
+    pose: tuple[float, float, float] | None = None
+    """Where the robot held itself to be at the step's start: x, y, heading, map frame. For the record, for
+    observers and to measure; nobody steers by it."""
 
 
 # --- robot and radio ---------------------------------------------------------------------------------------

@@ -13,8 +13,15 @@ from actors.runtime.process import FinalNote
 from actors.runtime.recording import read_notes
 from actors.runtime.tally import run_digest
 from actors.world.referee import PlaceOutcome
+from actors.world.whereabouts import PoseError
 from deploy.deeco_result import DeecoResult, NodeOutcome, deeco_result, node_outcome
 from deploy.launch import Program
+from deploy.navigation_result import (
+    NavigationOutcome,
+    NavigationResult,
+    navigation_outcome,
+    navigation_result,
+)
 from deploy.place_table import counted
 
 
@@ -35,6 +42,8 @@ class RobotResult(msgspec.Struct, frozen=True):
     """Given up, and not reported."""
     completion_s: float | None
     """When the last of its places was reported, simulated s; None if not all are done; 0 if it has none."""
+    pose_error: PoseError
+    """How far it was from where it held itself to be."""
 
 
 class RunResult(msgspec.Struct, frozen=True):
@@ -86,6 +95,8 @@ class RunResult(msgspec.Struct, frozen=True):
     """Octets on the air per robot and simulated s: whole frames with their MAC header and FCS."""
     deeco: DeecoResult
     """What the robots' nodes of the component model did."""
+    navigation: NavigationResult
+    """What became of the goals that behaviours gave to navigation."""
     isolation: str
     bus: str
     out: str
@@ -114,6 +125,7 @@ class WorldOutcome(msgspec.Struct):
     contacts: int
     steps: int
     refused_orders: tuple[str, ...]
+    pose_errors: dict[str, PoseError]
 
 
 class Gathered(NamedTuple):
@@ -157,7 +169,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         completion_s=places.completion_s,
         settled_s=places.settled_s,
         last_reached_s=places.last_reached_s,
-        per_robot={robot: _robot_result(robot, outcome.places) for robot in about.robots},
+        per_robot={robot: _robot_result(robot, outcome) for robot in about.robots},
         undelivered=published - received,
         unread=sum(final.unread for _, final in finals),
         contacts=outcome.contacts,
@@ -165,6 +177,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         frames=frames,
         radio_bytes_per_robot_s=rate(frames["bytes_sent"], len(about.robots) * simulated),
         deeco=deeco_result(_nodes(finals)),
+        navigation=navigation_result(_navigations(finals)),
         isolation=about.isolation,
         bus=about.bus,
         out=str(about.out),
@@ -172,9 +185,10 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
     return Gathered(result, outcome.places)
 
 
-def _robot_result(robot: str, places: Sequence[PlaceOutcome]) -> RobotResult:
-    own = counted([place for place in places if place.owner == robot])
-    return RobotResult(own.total, own.done, own.claimed, own.given_up, own.completion_s)
+def _robot_result(robot: str, outcome: WorldOutcome) -> RobotResult:
+    own = counted([place for place in outcome.places if place.owner == robot])
+    error = outcome.pose_errors[robot]
+    return RobotResult(own.total, own.done, own.claimed, own.given_up, own.completion_s, error)
 
 
 def _nodes(finals: Iterable[tuple[Program, FinalNote]]) -> Iterator[NodeOutcome]:
@@ -184,6 +198,15 @@ def _nodes(finals: Iterable[tuple[Program, FinalNote]]) -> Iterator[NodeOutcome]
         node = None if program.actor in ("world", "radio") else node_outcome(program.record, final.outcome)
         if node is not None:
             yield node
+
+
+def _navigations(finals: Iterable[tuple[Program, FinalNote]]) -> Iterator[NavigationOutcome]:
+    """What the robots' processes, those of restarted robots too, say about their navigation."""
+    for program, final in finals:
+        assert program.record is not None
+        said = navigation_outcome(program.record, final.outcome)
+        if said is not None:
+            yield said
 
 
 def rate(count: int, robot_seconds: float) -> float:

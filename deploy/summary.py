@@ -1,5 +1,6 @@
 """A run's result for people, or as JSON for programs."""
 
+import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,6 +29,8 @@ def print_result(result: RunResult, *, json: bool) -> None:
     frames = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.frames.items() if count)
     console.print(f"radio: {frames or 'silence'}", highlight=False)
     console.print(f"contacts: {result.contacts}", highlight=False)
+    for sentence in _navigation(result):
+        console.print(sentence, highlight=False)
     for sentence in result.refused_orders:
         console.print(f"order refused {sentence}", style="bold red", highlight=False, markup=False)
     if result.undelivered or result.unread:
@@ -73,6 +76,27 @@ def _sentences(result: RunResult) -> Iterator[str]:
         yield f"{_places(untrue)} reported although no robot had been there"
     if result.places_lost:
         yield f"{_places(result.places_lost)} lost: neither reported nor given up, and in nobody's route"
+
+
+def _navigation(result: RunResult) -> Iterator[str]:
+    """How well the robots knew where they were, and what became of their goals."""
+    errors = [part.pose_error for part in result.per_robot.values() if part.pose_error.samples]
+    if errors:
+        samples = sum(error.samples for error in errors)
+        rmse = math.sqrt(sum(error.rmse**2 * error.samples for error in errors) / samples)
+        lost = sum(error.times_lost for error in errors)
+        yield (
+            f"localisation: {rmse:.2f} m from the truth (rmse), at most "
+            f"{max(error.greatest for error in errors):.2f} m; lost {_times(lost)}"
+        )
+    goals = result.navigation
+    if goals.goals:
+        gave_up = ", ".join(f"{count} for {reason}" for reason, count in goals.aborted.items() if count)
+        yield f"goals: {goals.goals} given, {goals.succeeded} reached, aborted {gave_up or 'none'}"
+
+
+def _times(count: int) -> str:
+    return "never" if count == 0 else "once" if count == 1 else f"{count} times"
 
 
 def _places(count: int) -> str:

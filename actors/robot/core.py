@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, cast
 
-from actors.geometry import Twist
+from actors.geometry import Pose, Twist
 from actors.instant import Instant, in_seconds
 from actors.messages import (
     DRIVE,
@@ -122,8 +122,7 @@ class RobotCore:
         if senses.halt:
             self._finished = True
             return ()
-        decision, twist = self._act(senses, events)
-        outputs = self._outputs(decision, twist)
+        outputs = self._outputs(*self._act(senses, events))
         self._step += 1
         return outputs
 
@@ -137,17 +136,18 @@ class RobotCore:
             raise BehaviourError(f"step {self._step}: behaviour {self._entry!r} of {self._robot} {wrong}")
         return cast(dict[str, object], outcome)
 
-    def _act(self, senses: Senses, events: tuple[RadioEvent, ...]) -> tuple[Decision, Twist]:
+    def _act(self, senses: Senses, events: tuple[RadioEvent, ...]) -> tuple[Decision, Twist, Pose]:
         parts, odometry, instant = self._parts, senses.odometry, Instant(senses.instant)
-        pose = parts.localisation.update(odometry, senses.scan).pose
+        estimate = parts.localisation.update(odometry, senses.scan)
+        pose = estimate.pose
         parts.surroundings.take(instant, odometry, senses.scan)
         velocity = Twist(odometry.vx, odometry.vy, odometry.omega)
         twist = parts.navigation.advance(instant, pose, velocity, senses.bumper != 0)
         moving = parts.moving.exceeded_by(velocity)
-        view = View(instant, pose, moving, parts.navigation.goal, events)
+        view = View(instant, pose, moving, parts.navigation.goal, events, estimate.covariance)
         decision = self._decide(view, Instant(instant + self._step_us))
         parts.navigation.take(decision.goal)
-        return decision, twist
+        return decision, twist, pose
 
     def _decide(self, view: View, until: Instant) -> Decision:
         try:
@@ -162,9 +162,10 @@ class RobotCore:
     def _where(self, instant: int) -> str:
         return f"step {self._step} ({in_seconds(instant):g} s): behaviour {self._entry!r} of {self._robot}"
 
-    def _outputs(self, decision: Decision, twist: Twist) -> list[Output]:
+    def _outputs(self, decision: Decision, twist: Twist, pose: Pose) -> list[Output]:
+        said = (decision.reports, decision.given_up, decision.route)
         frames = len(decision.frames)
-        drive = Drive(self._step, *twist, frames, decision.reports, decision.given_up, decision.route)
+        drive = Drive(self._step, *twist, frames, *said, (pose.x, pose.y, pose.heading))
         if not frames:
             return [to(DRIVE, drive, self._robot)]
         transmit = Transmit(self._step, decision.frames)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from actors.geometry import Point, Pose
+from actors.geometry import CERTAIN, Point, Pose
 from actors.instant import Instant
 from actors.messages import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.robot.ports import Goal, GoalOrder, GoalStatus, View
@@ -13,11 +13,22 @@ class RobotPositioning:
 
     def __init__(self, pose: Pose) -> None:
         self.pose = pose
+        self.covariance = CERTAIN
         self.moving = False
+        self._peers: tuple[Point, ...] | None = None
 
     def take(self, view: View) -> None:
         """Take in the view of a new step."""
-        self.pose, self.moving = view.pose, view.moving
+        self.pose, self.covariance, self.moving = view.pose, view.covariance, view.moving
+
+    def disregard(self, peers: Sequence[Point]) -> None:
+        """Do not believe range readings that end at other robots."""
+        self._peers = tuple(peers)
+
+    def give(self) -> tuple[Point, ...] | None:
+        """What was said in the step of where others are; None if nothing was."""
+        peers, self._peers = self._peers, None
+        return peers
 
 
 class RobotNavigation:
@@ -26,6 +37,7 @@ class RobotNavigation:
     def __init__(self) -> None:
         self.goal: Goal | None = None
         self._order: Point | GoalOrder = GoalOrder.KEEP
+        self._paused: bool | None = None
 
     def take(self, view: View) -> None:
         """Take in the view of a new step."""
@@ -41,10 +53,19 @@ class RobotNavigation:
         self._order = GoalOrder.CANCEL
         self.goal = None
 
-    def give(self) -> Point | GoalOrder:
-        """The step's order."""
+    def pause(self) -> None:
+        """Stand, and keep the goal."""
+        self._paused = True
+
+    def resume(self) -> None:
+        """Go on to the goal."""
+        self._paused = False
+
+    def give(self) -> tuple[Point | GoalOrder, bool | None]:
+        """The step's order, and whether to stand; None if nothing was said of that."""
         order, self._order = self._order, GoalOrder.KEEP
-        return order
+        paused, self._paused = self._paused, None
+        return order, paused
 
 
 class RobotPlaceMonitor:

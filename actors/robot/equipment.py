@@ -6,7 +6,7 @@ Beside these, a node on a robot provides `Instant` (now) and the behaviour's own
 from collections.abc import Sequence
 from typing import Protocol
 
-from actors.geometry import Point, Pose
+from actors.geometry import Covariance, Point, Pose
 from actors.instant import Instant
 from actors.messages import PlaceKey
 from actors.robot.ports import Goal
@@ -20,8 +20,18 @@ class Positioning(Protocol):
         """m and rad, map frame, at the start of the step."""
 
     @property
+    def covariance(self) -> Covariance:
+        """How far the pose is to be trusted: of x, y and heading, row by row, m², m·rad, rad²."""
+
+    @property
     def moving(self) -> bool:
         """True while the base reports more than a creeping speed."""
+
+    def disregard(self, peers: Sequence[Point]) -> None:
+        """From the next step on, do not believe range readings that end at other robots, which are there.
+
+        m, map frame. They replace those given before; none at all: believe every reading.
+        """
 
 
 class Navigation(Protocol):
@@ -29,13 +39,19 @@ class Navigation(Protocol):
 
     @property
     def goal(self) -> Goal | None:
-        """The last goal and how it stands; None before the first one and after `stop`."""
+        """The last goal, how it stands and why; None before the first one and after `stop`."""
 
     def go_to(self, point: Point) -> None:
         """Make `point`, m in the map frame, the goal, also if it is the goal already: a new attempt."""
 
     def stop(self) -> None:
         """Have no goal, and stand."""
+
+    def pause(self) -> None:
+        """Stand, and keep the goal, also one that is given later, until `resume`."""
+
+    def resume(self) -> None:
+        """Go on to the goal, with all patience anew."""
 
 
 class PlaceMonitor(Protocol):

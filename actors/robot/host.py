@@ -74,7 +74,8 @@ class _Hosted:
             raise BehaviourError(str(error)) from error
         frames = self._frames(sent, view.instant)
         reports, given_up, route = self._monitor.give()
-        return Decision(self._navigation.give(), frames, reports, given_up, route)
+        goal, paused = self._navigation.give()
+        return Decision(goal, frames, reports, given_up, route, paused, self._positioning.give())
 
     def outcome(self) -> dict[str, object]:
         """What node and link have counted."""

@@ -34,6 +34,8 @@ class RobotLimits:
     """Places given up; no robot is given more places (as a scenario file allows)."""
     route: int = 10_000
     """Places that a robot still means to visit: its own, and those that it takes over from others."""
+    peers: int = 1000
+    """Other robots whose echoes are disregarded; more than a swarm has."""
 
 
 def fault(decision: object, begin: Instant, end: Instant, limits: RobotLimits) -> str | None:
@@ -42,13 +44,14 @@ def fault(decision: object, begin: Instant, end: Instant, limits: RobotLimits) -
         return f"gives a {type(decision).__name__} where a Decision is due"
     if not isinstance(decision.goal, GoalOrder) and not _is_point(decision.goal):
         return f"gives {decision.goal!r} for a goal; it should be a Point of finite numbers or a GoalOrder"
-    if decision.reports and (wrong := _reports_fault(decision.reports, begin, end, limits)):
-        return wrong
-    if decision.given_up and (wrong := _given_up_fault(decision.given_up, begin, end, limits)):
-        return wrong
-    if decision.route is not None and (wrong := _route_fault(decision.route, limits)):
-        return wrong
-    return _frames_fault(decision.frames, begin, end, limits) if decision.frames else None
+    if decision.paused not in (None, True, False):
+        return f"gives {decision.paused!r} for paused; it should be True, False or None"
+    wrong = _word_fault(decision, begin, end, limits)
+    if wrong is None and decision.peers:
+        wrong = _peers_fault(decision.peers, limits)
+    if wrong is None and decision.frames:
+        wrong = _frames_fault(decision.frames, begin, end, limits)
+    return wrong
 
 
 def outcome_fault(outcome: object) -> str | None:
@@ -61,6 +64,15 @@ def outcome_fault(outcome: object) -> str | None:
         except (TypeError, ValueError) as error:
             return f"has an outcome that is no JSON, under {subject!r}: {error}"
     return None
+
+
+def _word_fault(decision: Decision, begin: Instant, end: Instant, limits: RobotLimits) -> str | None:
+    """What is wrong with what is said about places."""
+    if decision.reports and (wrong := _reports_fault(decision.reports, begin, end, limits)):
+        return wrong
+    if decision.given_up and (wrong := _given_up_fault(decision.given_up, begin, end, limits)):
+        return wrong
+    return None if decision.route is None else _route_fault(decision.route, limits)
 
 
 def _is_point(goal: object) -> bool:
@@ -114,6 +126,17 @@ def _route_fault(route: object, limits: RobotLimits) -> str | None:
         if (place.owner, place.place) in seen:
             return f"has place {place.place} of {place.owner!r} twice in its route; each may be there once"
         seen.add((place.owner, place.place))
+    return None
+
+
+def _peers_fault(peers: object, limits: RobotLimits) -> str | None:
+    if not isinstance(peers, tuple):
+        return f"gives {peers!r} for peers; it should be a tuple of Points, or None"
+    if len(peers) > limits.peers:
+        return f"gives {len(peers)} peers; at most {limits.peers} may be"
+    for peer in peers:
+        if not _is_point(peer):
+            return f"has {peer!r} among its peers; it should be a Point of finite numbers"
     return None
 
 

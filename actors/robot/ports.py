@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
 
 from numpy.random import Generator
 
-from actors.geometry import Point, Pose
+from actors.geometry import CERTAIN, Covariance, Point, Pose
 from actors.instant import Duration, Instant, seconds
 from actors.messages import Outgoing, PlaceGivenUp, PlaceKey, PlaceReport, RadioEvent
 
@@ -37,9 +37,24 @@ class AbortReason(Enum):
     NO_PLAN = "no plan"
     """No way leads there on the map."""
     BLOCKED = "blocked"
-    """Something stood in the way for too long."""
+    """The driver found no valid trajectory for too long."""
     NO_PROGRESS = "no progress"
-    """The robot moved, but did not get away from where it was."""
+    """The robot did not get away from where it was."""
+
+
+class Phase(Enum):
+    """What navigation is about while a goal is active; the first ones as in move_base."""
+
+    PLANNING = "planning"
+    """It has no way to the goal, and looks for one."""
+    CONTROLLING = "controlling"
+    """It has a way, and the driver a valid trajectory."""
+    OBSTRUCTED = "obstructed"
+    """It has a way, but the driver no valid trajectory, so the robot stands."""
+    RETREATING = "retreating"
+    """It backs away from what its bumper has touched."""
+    PAUSED = "paused"
+    """The behaviour lets it stand."""
 
 
 class Goal(NamedTuple):
@@ -49,6 +64,10 @@ class Goal(NamedTuple):
     status: GoalStatus
     reason: AbortReason | None = None
     """Set with ABORTED only."""
+    phase: Phase | None = None
+    """Set with ACTIVE only."""
+    since: Instant | None = None
+    """When `phase` began; set with it."""
 
 
 class GoalOrder(Enum):
@@ -120,6 +139,8 @@ class View(NamedTuple):
     """None before the first goal and after CANCEL."""
     radio: tuple[RadioEvent, ...]
     """What the transceiver had to say since the last step, in order of its instants; junk included."""
+    covariance: Covariance = CERTAIN
+    """How far the pose is to be trusted."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +158,12 @@ class Decision:
     route: tuple[PlaceKey, ...] | None = None
     """The places that the robot still means to visit, in their order; None: as said before, and at first
     those of its Start."""
+    paused: bool | None = None
+    """True: stand, and keep the goal, whichever it is; False: go on, with all patience anew; None: as before,
+    and at first go on."""
+    peers: tuple[Point, ...] | None = None
+    """Where other robots are held to be, m, map frame: the localiser disregards range readings that end
+    there. They replace the ones given before; None: as before, and at first none."""
 
 
 class Behaviour(Protocol):
@@ -144,7 +171,8 @@ class Behaviour(Protocol):
 
     It may also have a method `outcome() -> dict[str, object]`, called once at the end of its process: what it
     has to say about its run, by subject, in values that JSON can hold. It goes into the last record of the
-    robot's file and takes no part in the run's digest. The subject "deeco" belongs to the component model.
+    robot's file and takes no part in the run's digest. The subject "deeco" belongs to the component model,
+    "localisation" and "navigation" belong to the robot.
     """
 
     def advance(self, view: View, until: Instant) -> Decision:

@@ -38,6 +38,7 @@ from actors.world.orders import Orders
 from actors.world.referee import PlaceOutcome, Referee
 from actors.world.roster import Member, Roster, Standing
 from actors.world.setup import WorldSetup
+from actors.world.whereabouts import PoseError, Whereabouts
 
 
 class RollCallError(AcrcError):
@@ -66,6 +67,7 @@ class WorldCore:
         self._bodies = bodies
         self._roster = Roster(setup.robots)
         self._referee = Referee(setup.robots, setup.reach)
+        self._whereabouts = Whereabouts(len(setup.robots))
         self._orders = Orders(setup.events, self._roster, bodies)
         self._step = 0
         self._phase = Phase.ROLL_CALL
@@ -102,6 +104,11 @@ class WorldCore:
     def places(self) -> tuple[PlaceOutcome, ...]:
         """What has become of every place so far, in the order of the scenario."""
         return self._referee.outcomes(self._roster.routes)
+
+    @property
+    def pose_errors(self) -> dict[str, PoseError]:
+        """How far each robot's own idea of where it is has lain from the truth, by robot."""
+        return {member.id: self._whereabouts.error(member.index) for member in self._roster.members}
 
     @property
     def refused_orders(self) -> Sequence[str]:
@@ -232,12 +239,16 @@ class WorldCore:
 
     def _close(self, inputs: Inputs) -> Sequence[Output]:
         transmits = dict.fromkeys((member.id for member in self._roster.members), 0)
+        held: dict[int, tuple[float, float, float] | None] = {}
         for member in self._roster.of(Standing.STEPPING):
             drive: Drive = read(inputs, DRIVE, member.id)
             self._bodies.command(member.index, drive, self.instant)
             self._take_word(member, drive)
+            held[member.index] = drive.pose
             transmits[member.id] = drive.transmits
         truths = tuple(self._truth(member, transmits[member.id]) for member in self._roster.members)
+        for robot, pose in held.items():
+            self._whereabouts.take(robot, pose, truths[robot])
         jams, self._orders.jams = tuple(self._orders.jams), []
         self._phase = Phase.MOVE
         return (to(TRUTH, Truth(self._step, self.instant, truths, jams)),)

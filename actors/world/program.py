@@ -95,6 +95,7 @@ def part(core: WorldCore, run: RunNote, hold: Callable[[Shell, ZenohBus], None] 
         outcome=lambda: {
             "places": core.places,
             "contacts": core.contacts,
+            "pose_errors": core.pose_errors,
             "steps": core.step,
             "refused_orders": core.refused_orders,
         },

@@ -9,9 +9,11 @@ import msgspec
 import pytest
 from rich.console import Console
 
+from actors.world.whereabouts import PoseError
 from deploy import summary
 from deploy.checks import Check, run_checks
 from deploy.deeco_result import DeecoResult
+from deploy.navigation_result import NavigationResult
 from deploy.result import RobotResult, RunResult
 
 ROOT = Path(__file__).parents[2]
@@ -86,12 +88,15 @@ def test_every_check_runs_and_the_failed_ones_are_named(capfd: pytest.CaptureFix
     assert output.getvalue().splitlines()[-1] == "all 1 checks passed: good"
 
 
+NEAR = PoseError(3, 0.04, 0.1, 0.0, 0.0, 0, False)
+ASTRAY = PoseError(1, 1.0, 1.234, 1.0, 1.0, 1, True)
 RESULT = RunResult(
     digest="d0d0", robots=2, seed=1, simulated_s=600.0, wall_s=12.345, startup_s=0.9, cpu_s=20.0,
     real_time_factor=48.6, places_total=4, places_done=3, places_claimed=3, places_given_up=0, places_lost=0,
     completion_s=None, settled_s=None, last_reached_s=420.5, radio_bytes_per_robot_s=0.25,
-    per_robot={"r1": RobotResult(2, 2, 2, 0, 311.25), "r2": RobotResult(2, 1, 1, 0, None)},
+    per_robot={"r1": RobotResult(2, 2, 2, 0, 311.25, NEAR), "r2": RobotResult(2, 1, 1, 0, None, ASTRAY)},
     deeco=DeecoResult({}, {}, None, None),
+    navigation=NavigationResult(7, 3, {"blocked": 2, "no plan": 0, "no progress": 1}, 4, 0, {}, 9.5),
     undelivered=0, unread=0, contacts=5, refused_orders=(), isolation="full", bus="zenoh", out="/o",
     frames={"frames_sent": 10, "frames_cut_off": 0, "copies_heard": 7},
 )  # fmt: skip
@@ -100,10 +105,12 @@ RESULT = RunResult(
 def test_a_result_for_people(capsys: pytest.CaptureFixture[str]) -> None:
     summary.print_result(RESULT, json=False)
     lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
-    assert lines[-5:] == [
+    assert lines[-7:] == [
         "600 s simulated in 12.3 s (48.6 x real time, 0.9 s to start)",
         "radio: frames sent 10, copies heard 7",
         "contacts: 5",
+        "localisation: 0.50 m from the truth (rmse), at most 1.23 m; lost once",
+        "goals: 7 given, 3 reached, aborted 2 for blocked, 1 for no progress",
         "digest d0d0",
         "recorded in /o",
     ]
@@ -123,14 +130,14 @@ def test_places_given_up_mistaken_or_lost_are_said_where_there_are_any(
 ) -> None:
     some = msgspec.structs.replace(
         RESULT, places_total=9, places_claimed=4, places_given_up=3, places_lost=2, settled_s=480.25,
-        per_robot={"r1": RobotResult(2, 2, 2, 0, 311.25), "r2": RobotResult(7, 1, 2, 3, None)},
+        per_robot={"r1": RobotResult(2, 2, 2, 0, 311.25, NEAR), "r2": RobotResult(7, 1, 2, 3, None, NEAR)},
     )  # fmt: skip
     summary.print_result(some, json=False)
     lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     assert cells(lines) == [
         ["r1", "2 of 2", "0", "311.2 s"], ["r2", "1 of 7", "3", "not all"], ["all", "3 of 9", "3", "not all"]
     ]  # fmt: skip
-    assert lines[-7:-4] == [
+    assert lines[-9:-6] == [
         "every place was reported or given up by 480.2 s",
         "1 place was reported although no robot had been there",
         "2 places were lost: neither reported nor given up, and in nobody's route",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numba import typeof
 
-from actors.geometry import Point, Pose
+from actors.geometry import CERTAIN, Point, Pose
 from actors.instant import Instant
 from actors.messages import (
     DRIVE,
@@ -95,7 +95,7 @@ def test_it_awaits_senses_and_then_received_only_if_there_are_events() -> None:
 
 def test_a_quiet_step_gives_one_drive() -> None:
     robot = Robot()
-    assert robot.take_step() == (to(DRIVE, Drive(0, 0.0, 0.0, 0.0, 0), "r1"),)
+    assert robot.take_step() == (to(DRIVE, Drive(0, 0.0, 0.0, 0.0, 0, pose=START), "r1"),)
     assert robot.core.step == 1 and not robot.core.finished
 
 
@@ -107,7 +107,7 @@ def test_frames_go_out_before_drive_which_counts_them_and_carries_the_word_on_pl
     robot = Robot(Decision(GoalOrder.KEEP, frames, reports, given_up, route))
     assert robot.take_step() == (
         to(TRANSMIT, Transmit(0, frames), "r1"),
-        to(DRIVE, Drive(0, 0.0, 0.0, 0.0, 2, reports, given_up, route), "r1"),
+        to(DRIVE, Drive(0, 0.0, 0.0, 0.0, 2, reports, given_up, route, START), "r1"),
     )
 
 
@@ -120,7 +120,7 @@ def test_the_behaviour_sees_pose_motion_goal_and_radio_and_its_goal_drives_the_r
         robot.take_step()
     views = robot.behaviour.views
     first, until = views[0]
-    assert first == (0, START, False, None, (HEARD, Sent(95, 1))) and until == 100_000
+    assert first == (0, START, False, None, (HEARD, Sent(95, 1)), CERTAIN) and until == 100_000
     assert views[1][0].goal == Goal(goal, GoalStatus.ACTIVE)
     assert views[1][0].radio == () and views[1][0].instant == 100_000
     assert any(view.moving for view, _ in views)

@@ -1,0 +1,91 @@
+"""What the robots' navigation has been through in a run, from what each robot's process said at its end."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Final
+
+import msgspec
+
+from actors.runtime.errors import AcrcError
+
+SUBJECT: Final = "navigation"
+"""Under which a robot's last record holds what its navigation counted."""
+_Count = Annotated[int, msgspec.Meta(ge=0)]
+
+
+class NavigationOutcomeError(AcrcError):
+    """What a robot says about its navigation is not in the form that it should be."""
+
+
+class NavigationOutcome(msgspec.Struct, frozen=True):
+    """What one robot's navigation counted, from the start of its process to its end."""
+
+    goals: _Count
+    succeeded: _Count
+    cancelled: _Count
+    recoveries: _Count
+    retreats: _Count
+    aborted: dict[str, _Count]
+    """By reason."""
+    no_valid_trajectory: tuple[tuple[_Count, _Count, str], ...]
+    """Spells in which the driver found none: begin and end, µs, and how each ended."""
+    no_valid_trajectory_unlisted: _Count
+    """Further ones."""
+
+
+class NavigationResult(msgspec.Struct, frozen=True):
+    """What the navigation of all robots did, over all processes that a robot had."""
+
+    goals: int
+    """Points that behaviours asked for, the same one again included."""
+    succeeded: int
+    """Goals reached."""
+    aborted: dict[str, int]
+    """Goals that navigation gave up, by reason: "no plan", "blocked" (no valid trajectory for too long) or
+    "no progress". The others were replaced or taken back, or open at the end."""
+    recoveries: int
+    """How often marks farther away were forgotten to try once more."""
+    retreats: int
+    """How often a robot backed away from what its bumper had touched."""
+    no_valid_trajectory: dict[str, int]
+    """Spells in which the driver found no valid trajectory, by how they ended: by "itself", with an "abort",
+    with another "order", with the "run", or "unlisted" where there were too many to say."""
+    no_valid_trajectory_s: float
+    """How long those listed lasted together, s."""
+
+
+def navigation_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NavigationOutcome | None:
+    """What a process's last record says about its navigation; None if it says nothing."""
+    if SUBJECT not in outcome:
+        return None
+    try:
+        return msgspec.json.decode(outcome[SUBJECT], type=NavigationOutcome)
+    except msgspec.ValidationError as error:
+        raise NavigationOutcomeError(
+            f"{record}: the outcome {SUBJECT!r} is not that of a robot's navigation: {error}"
+        ) from None
+
+
+def navigation_result(outcomes: Iterable[NavigationOutcome]) -> NavigationResult:
+    """What the navigation of all robots did together."""
+    counts: Counter[str] = Counter()
+    aborted: Counter[str] = Counter()
+    spells: Counter[str] = Counter()
+    lasted_us = 0
+    for outcome in outcomes:
+        for name in ("goals", "succeeded", "recoveries", "retreats"):
+            counts[name] += getattr(outcome, name)
+        aborted.update(outcome.aborted)
+        spells.update(ending for _, _, ending in outcome.no_valid_trajectory)
+        spells["unlisted"] += outcome.no_valid_trajectory_unlisted
+        lasted_us += sum(end - begin for begin, end, _ in outcome.no_valid_trajectory)
+    return NavigationResult(
+        goals=counts["goals"],
+        succeeded=counts["succeeded"],
+        aborted=dict(sorted(aborted.items())),
+        recoveries=counts["recoveries"],
+        retreats=counts["retreats"],
+        no_valid_trajectory={ending: count for ending, count in sorted(spells.items()) if count},
+        no_valid_trajectory_s=lasted_us / 1_000_000,
+    )
