@@ -138,7 +138,8 @@ class RobotCore:
 
     def _act(self, senses: Senses, events: tuple[RadioEvent, ...]) -> tuple[Decision, Twist, Pose]:
         parts, odometry, instant = self._parts, senses.odometry, Instant(senses.instant)
-        estimate = parts.localisation.update(odometry, senses.scan)
+        here = Pose(odometry.x, odometry.y, odometry.heading)
+        estimate = parts.localisation.update(here, None)  # dead reckoning needs no scan
         pose = estimate.pose
         parts.surroundings.take(instant, odometry, senses.scan)
         velocity = Twist(odometry.vx, odometry.vy, odometry.omega)

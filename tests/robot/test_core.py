@@ -382,6 +382,6 @@ def test_fingerprints_call_the_kernels_with_the_types_that_a_robot_does(
 
 def test_dead_reckoning_composes_start_and_odometry() -> None:
     localisation = DeadReckoning(Pose(2.0, 3.0, np.pi / 2))
-    pose, covariance = localisation.update(Odometry(1.0, 0.5, np.pi, 0, 0, 0), None)
+    pose, covariance = localisation.update(Pose(1.0, 0.5, np.pi), None)
     assert pose == pytest.approx((1.5, 4.0, -np.pi / 2))
     assert covariance == (0.0,) * 9

@@ -1,0 +1,34 @@
+"""Where the robot is: dead reckoning, and a particle filter on the floor plan."""
+
+from typing import Final
+
+from actors.robot.localisation import beams, histogram, measurement, motion, resampling
+from actors.robot.localisation.amcl import Amcl
+from actors.robot.localisation.dead_reckoning import DeadReckoning
+from actors.robot.localisation.estimate import (
+    CERTAIN,
+    Covariance,
+    Estimate,
+    Localisation,
+    LocalisationError,
+)
+from actors.robot.localisation.likelihood_field import LikelihoodField, likelihood_field
+from actors.robot.localisation.parameters import PRESETS, AmclParameters
+
+KERNELS: Final = (beams, histogram, measurement, motion, resampling)
+"""The modules with numeric kernels."""
+
+__all__ = [
+    "CERTAIN",
+    "KERNELS",
+    "PRESETS",
+    "Amcl",
+    "AmclParameters",
+    "Covariance",
+    "DeadReckoning",
+    "Estimate",
+    "LikelihoodField",
+    "Localisation",
+    "LocalisationError",
+    "likelihood_field",
+]

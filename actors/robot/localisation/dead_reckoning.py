@@ -1,0 +1,25 @@
+"""Localisation without a map: the odometry is believed."""
+
+from collections.abc import Sequence
+
+from actors.geometry import Point, Pose
+from actors.robot.localisation.estimate import CERTAIN, Estimate
+from actors.robot.sweep import Sweep
+
+
+class DeadReckoning:
+    """The pose at switch-on, moved as the odometry says: as exact as that."""
+
+    def __init__(self, start: Pose) -> None:
+        self._start = start
+
+    def update(self, here: Pose, sweep: Sweep | None) -> Estimate:
+        """The odometry's pose in the frame of the start pose; the covariance is 0, for it knows no better."""
+        return Estimate(self._start.compose(here), CERTAIN)
+
+    def mask(self, peers: Sequence[Point]) -> None:
+        """Without effect, as no beam is believed."""
+
+    def outcome(self) -> dict[str, object]:
+        """Nothing to say."""
+        return {}

@@ -1,0 +1,40 @@
+"""What a localiser is asked, and what it answers."""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple, Protocol
+
+from actors.geometry import Point, Pose
+from actors.robot.sweep import Sweep
+from actors.runtime.errors import AcrcError
+
+Covariance = tuple[float, float, float, float, float, float, float, float, float]
+"""Of x, y and heading, row by row: m², m·rad, rad²."""
+
+CERTAIN: Final[Covariance] = (0.0,) * 9
+
+
+class LocalisationError(AcrcError):
+    """A map or parameters that nobody can localise with."""
+
+
+class Estimate(NamedTuple):
+    """Where the robot holds itself to be, and how far it trusts that."""
+
+    pose: Pose
+    covariance: Covariance
+
+
+class Localisation(Protocol):
+    """Keeps track of the robot's pose in the map frame."""
+
+    def update(self, here: Pose, sweep: Sweep | None) -> Estimate:
+        """The estimate at a step's start: `here` is the odometry's pose then, `sweep` the scan that came."""
+
+    def mask(self, peers: Sequence[Point]) -> None:
+        """From now on, believe no beam that ends at one of these points of the map frame, m.
+
+        They replace the former ones; without any, all beams are believed.
+        """
+
+    def outcome(self) -> dict[str, object]:
+        """What can be said about the whole run, JSON-able, by subject."""

@@ -1,0 +1,80 @@
+"""The map as a particle filter sees it: how far the nearest wall is from any point, and where floor is."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from actors import distance
+from actors.grid import OccupancyGrid
+from actors.robot.localisation.estimate import LocalisationError
+
+LEVELS: Final = 256
+"""Distances are kept in so many steps, one byte each, so that the whole map stays in a processor's cache."""
+_RING: Final = 2
+"""Rings of cells around the map: the inner one is wall, and the outer one stands for everything beyond."""
+
+
+@dataclass(frozen=True, eq=False)
+class LikelihoodField:
+    """Made once per map; never changes, so that all robots of a process may share it."""
+
+    levels: NDArray[np.uint8]
+    """(rows + 4, columns + 4): distance from a cell's centre to that of the nearest wall's cell, in steps of
+    `max_distance` / 255; 255 where it is farther. Two rings lie around the map's own cells."""
+    frame: NDArray[np.float64]
+    """(3,): x and y of the south-west corner of `levels`, and the side of a cell, m."""
+    max_distance: float
+    """Distances end here, m."""
+    floor: NDArray[np.float64]
+    """(k, 2): the south-west corners of the free cells, m."""
+
+    @property
+    def distances(self) -> NDArray[np.float64]:
+        """(256,): the distance that each level stands for, m."""
+        return np.linspace(0.0, self.max_distance, LEVELS, dtype=np.float64)
+
+    def poses(self, generator: Generator, count: int) -> NDArray[np.float64]:
+        """Poses drawn evenly over the free floor and all headings: (3, count), x, y, heading."""
+        draws = generator.random((3, count))
+        corners = self.floor[generator.integers(len(self.floor), size=count)]
+        side = self.frame[2]
+        drawn: NDArray[np.float64] = np.stack(
+            (
+                corners[:, 0] + side * draws[0],
+                corners[:, 1] + side * draws[1],
+                np.pi - 2 * np.pi * draws[2],
+            )
+        )
+        return drawn
+
+
+def likelihood_field(plan: OccupancyGrid, max_distance: float) -> LikelihoodField:
+    """The field of a floor plan, with distances up to `max_distance`, m.
+
+    Walls are what blocks in the plan: what is not free, and its edge. Beyond the edge the nearest wall counts
+    as infinitely far (as amcl: ros-planning/navigation, amcl_laser.cpp, LikelihoodFieldModel). Raises
+    LocalisationError for a plan without free floor and a distance not above 0.
+    """
+    if not max_distance > 0:
+        raise LocalisationError(
+            f"the likelihood field should end at max_distance {max_distance:g} m; it must be above 0 m"
+        )
+    rows, columns = np.nonzero(plan.free)
+    if not rows.size:
+        raise LocalisationError(
+            f"the map of {plan.rows} x {plan.columns} cells has no free cell; a robot needs floor to be on"
+        )
+    walls = np.pad(plan.blocking, 1, constant_values=True)
+    metres = np.sqrt(distance.squared_distance(walls)) * plan.resolution
+    inner = np.rint(np.minimum(metres / max_distance, 1.0) * (LEVELS - 1)).astype(np.uint8)
+    levels = np.pad(inner, _RING - 1, constant_values=LEVELS - 1)
+    west, south = plan.origin.x, plan.origin.y
+    offset = _RING * plan.resolution
+    frame = np.array([west - offset, south - offset, plan.resolution])
+    floor = np.column_stack((west + columns * plan.resolution, south + rows * plan.resolution))
+    for shared in (levels, frame, floor):
+        shared.setflags(write=False)
+    return LikelihoodField(levels, frame, max_distance, floor)

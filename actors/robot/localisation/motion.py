@@ -1,0 +1,103 @@
+"""The motion model of a differential drive: what a step of the odometry may have been in truth.
+
+`sample_motion_model_odometry` of Thrun, Burgard and Fox, "Probabilistic Robotics", 2005, table 5.6, in the
+two forms that ros-planning/navigation, amcl_odom.cpp, has: "diff-corrected" is the book's, "diff" hands the
+variances on as standard deviations (its issue 20).
+"""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from actors.geometry import Pose, wrap
+from actors.robot.localisation.parameters import AmclParameters
+
+_TURN_ON_THE_SPOT: Final = 0.01
+"""With less of a way than this, m, its direction says nothing (amcl_odom.cpp)."""
+
+
+class Step(NamedTuple):
+    """A step of the odometry: a turn towards where it leads, the way there, and the turn left to do."""
+
+    turn: float
+    """rad."""
+    way: float
+    """m, ≥ 0: a robot that backs has turned by π before and turns by π after."""
+    last_turn: float
+    """rad."""
+
+
+class Spread(NamedTuple):
+    """Standard deviations of a step's parts: rad, m, rad."""
+
+    turn: float
+    way: float
+    last_turn: float
+
+
+def step(before: Pose, after: Pose) -> Step:
+    """The step that leads from one pose of the odometry to the other."""
+    moved = before.relative(after)
+    way = math.hypot(moved.x, moved.y)
+    turn = math.atan2(moved.y, moved.x) if way >= _TURN_ON_THE_SPOT else 0.0
+    return Step(turn, way, wrap(moved.heading - turn))
+
+
+def spread(made: Step, parameters: AmclParameters) -> Spread:
+    """How uncertain the parts of a step are. Backing is no less certain than driving ahead."""
+    turn, last_turn = _sharpness(made.turn), _sharpness(made.last_turn)
+    way = made.way * made.way
+    variances = (
+        parameters.alpha1 * turn * turn + parameters.alpha2 * way,
+        parameters.alpha3 * way + parameters.alpha4 * (turn * turn + last_turn * last_turn),
+        parameters.alpha1 * last_turn * last_turn + parameters.alpha2 * way,
+    )
+    if parameters.odometry_model == "diff":
+        return Spread(*variances)
+    return Spread(*map(math.sqrt, variances))
+
+
+def _sharpness(turn: float) -> float:
+    return min(abs(turn), abs(wrap(turn - math.pi)))
+
+
+def move(
+    poses: NDArray[np.float64], count: int, made: Step, spread: Spread, normals: NDArray[np.float64]
+) -> None:
+    """Move the first `count` of `poses`, (3, capacity), each by its own sample of a step.
+
+    `normals`: (3, ≥ count), standard normal. Headings end up in [−π, π].
+    """
+    _move(poses, count, *made, *spread, normals)
+
+
+def fingerprint() -> bytes:
+    """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
+    poses = np.linspace(-3.0, 3.0, 60, dtype=np.float64).reshape(3, 20)
+    normals = np.cos(np.arange(60.0)).reshape(3, 20)
+    move(poses, 19, Step(0.3, 0.25, -0.1), Spread(0.1, 0.05, 0.1), normals)
+    return poses.tobytes()
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _move(
+    poses: NDArray[np.float64],
+    count: int,
+    turn: float,
+    way: float,
+    last_turn: float,
+    turn_spread: float,
+    way_spread: float,
+    last_turn_spread: float,
+    normals: NDArray[np.float64],
+) -> None:
+    for i in range(count):
+        bearing = poses[2, i] + turn + turn_spread * normals[0, i]
+        gone = way + way_spread * normals[1, i]
+        poses[0, i] += gone * math.cos(bearing)
+        poses[1, i] += gone * math.sin(bearing)
+        heading = bearing + last_turn + last_turn_spread * normals[2, i]
+        poses[2, i] = heading - 2 * math.pi * np.rint(heading / (2 * math.pi))

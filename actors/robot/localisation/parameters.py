@@ -1,0 +1,141 @@
+"""Every number of the particle filter, and the sets of them that have a name."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final, Literal, get_args
+
+from actors.robot.localisation.estimate import LocalisationError
+
+OdometryModel = Literal["diff", "diff-corrected"]
+Weighting = Literal["cubes", "product"]
+
+
+@dataclass(frozen=True)
+class AmclParameters:
+    """Augmented Monte Carlo localisation; defaults as d3scomp/ROSRemote, simulation/robot.launch, has them.
+
+    Where nothing else stands, a field is amcl's of the same meaning (wiki.ros.org/amcl). Raises
+    LocalisationError for a value that makes no sense.
+    """
+
+    min_particles: int = 500
+    """So many are kept at least."""
+    max_particles: int = 2000
+    """So many are kept at most, and at the start."""
+    kld_error: float = 0.05
+    """ε: the particles may differ so far from what they stand for (Kullback-Leibler distance)."""
+    kld_quantile: float = 0.99
+    """z: upper quantile of the standard normal distribution for the probability that they do not. amcl's
+    parameter kld_z is this quantile, though it is mostly set like a probability: 0.99 means 84 %."""
+    odometry_model: OdometryModel = "diff"
+    """Whether alphas give standard deviations ("diff", ROS 1) or variances ("diff-corrected", the book)."""
+    alpha1: float = 0.2
+    """Noise of turning due to turning."""
+    alpha2: float = 0.2
+    """Noise of turning due to driving, 1/m²."""
+    alpha3: float = 0.2
+    """Noise of driving due to driving."""
+    alpha4: float = 0.2
+    """Noise of driving due to turning, m²."""
+    weighting: Weighting = "cubes"
+    """What makes one weight of the beams' p: 1 + Σp³ (amcl's "likelihood_field") or Πp
+    ("likelihood_field_prob")."""
+    sharpness: float = 1.0
+    """The product is taken to this power, as neighbouring beams are not independent ("Probabilistic
+    Robotics", 6.3.4)."""
+    beams: int = 60
+    """So many beams of a scan are looked at, at equal angles; all, if it has fewer."""
+    z_hit: float = 0.5
+    """Share of beams that end at a wall of the map."""
+    z_rand: float = 0.5
+    """Share of beams that end anywhere within the sensor's range."""
+    sigma_hit: float = 0.2
+    """Standard deviation of a beam's end from the wall, m."""
+    max_distance: float = 2.0
+    """All that is farther from walls is as unlikely as this, m; amcl's laser_likelihood_max_dist."""
+    beam_skip: bool = False
+    """With "product": drop beams that few particles agree with, while the particles are together."""
+    beam_skip_distance: float = 0.5
+    """A particle agrees with a beam that ends, seen from it, so near a wall, m."""
+    beam_skip_threshold: float = 0.3
+    """A beam with which a smaller share of the particles agrees is dropped,"""
+    beam_skip_error_threshold: float = 0.9
+    """but none is if this share of the beams, or more, would be."""
+    peer_radius: float = 0.45
+    """A beam that ends so near a masked peer is not believed, m; own choice: two bodies' radii and 0.1 m."""
+    update_distance: float = 0.25
+    """A scan counts only after so much way, m,"""
+    update_angle: float = 0.2
+    """or so much turning, rad, since the last one that did."""
+    resample_interval: int = 1
+    """Particles are drawn anew at every so many-th scan that counts."""
+    recovery_slow: float = 0.0
+    """Decay of the slow average of the fit, per scan that counts; 0: none are ever put elsewhere."""
+    recovery_fast: float = 0.0
+    """Decay of the fast average; new poses are tried where it falls below the slow one."""
+    start_spread: float = 0.5
+    """Standard deviation of the start's x and y, m; amcl's initial_cov_xx and _yy are its square."""
+    start_turn_spread: float = math.pi / 12
+    """Standard deviation of the start's heading, rad; amcl's initial_cov_aa is its square."""
+
+    def __post_init__(self) -> None:
+        for name, known in (("odometry_model", OdometryModel), ("weighting", Weighting)):
+            if getattr(self, name) not in get_args(known):
+                _refuse(name, getattr(self, name), f"be one of {', '.join(get_args(known))}")
+        for name, least in _LEAST.items():
+            if not least <= getattr(self, name) < math.inf:
+                _refuse(name, getattr(self, name), f"be at least {least:g}")
+        for name in _POSITIVE:
+            if not 0 < getattr(self, name) < math.inf:
+                _refuse(name, getattr(self, name), "be above 0")
+        for name in _SHARES:
+            if not 0 <= getattr(self, name) <= 1:
+                _refuse(name, getattr(self, name), "lie in 0 to 1")
+        if self.max_particles < self.min_particles:
+            _refuse("max_particles", self.max_particles, f"be at least min_particles {self.min_particles}")
+
+
+_LEAST: Final = {
+    **dict.fromkeys(("min_particles", "beams", "resample_interval"), 1),
+    **dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "kld_quantile", "beam_skip_distance"), 0),
+    **dict.fromkeys(
+        ("peer_radius", "update_distance", "update_angle", "start_spread", "start_turn_spread"), 0
+    ),
+}
+_POSITIVE: Final = ("kld_error", "sharpness", "sigma_hit", "max_distance", "z_rand")
+"""z_rand, as no beam may be impossible: the logarithm of its p would be infinite."""
+_SHARES: Final = (
+    "z_hit",
+    "z_rand",
+    "beam_skip_threshold",
+    "beam_skip_error_threshold",
+    "recovery_slow",
+    "recovery_fast",
+)
+
+
+def _refuse(name: str, value: object, right: str) -> None:
+    raise LocalisationError(f"the localiser's {name} is {value!r}; it should {right}")
+
+
+_ROBUST: Final = AmclParameters(
+    odometry_model="diff-corrected",
+    alpha1=0.005,
+    alpha2=0.005,
+    alpha3=0.005,
+    alpha4=0.005,
+    weighting="product",
+    sharpness=0.3,
+    beam_skip=True,
+    recovery_slow=0.001,
+    recovery_fast=0.1,
+    start_spread=0.2,
+    start_turn_spread=0.1,
+)
+
+PRESETS: Final[Mapping[str, AmclParameters]] = MappingProxyType(
+    {"chapter": AmclParameters(), "robust": _ROBUST}
+)
+"""`chapter`: what the chapter's robots ran. `robust`: what keeps track among other robots best."""
