@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from actors import distance, flood
 from actors.geometry import Point
 from actors.grid import FREE, OCCUPIED, Cell, OccupancyGrid
+from actors.robot.cell_distance import squared_within
+from actors.robot.inflation import INSCRIBED, Inflation
 from actors.robot.potential import UNREACHABLE, descent, potential
 
 
@@ -25,10 +27,13 @@ class PlanningParameters:
     """Walls farther away than this cost nothing, m (costmap_2d inflation_radius)."""
     scaling: float = 10.0
     """How fast the cost falls with the distance to a wall, 1/m (costmap_2d cost_scaling_factor)."""
-    neutral: int = 10
-    """Cost of a cell far from walls; a fifth of navfn's 50, to keep the numbers small."""
-    wall: int = 151
-    """What the cell that just touches a wall costs on top; a fifth of 3.0 * 252 (cost_factor, costmap_2d)."""
+    neutral: int = 50
+    """Cost of a cell far from walls (navfn, COST_NEUTRAL)."""
+    factor: float = 3.0
+    """What a cell costs on the cost map, up to 252, counts so many times (the files' cost_factor)."""
+    wall: float = 0.1
+    """What is marked nearer than this to a wall of the map is taken for it, m; own choice: cells, and what
+    the pose may err."""
     tolerance: float = 0.5
     """A goal where the robot cannot stand becomes the nearest point, within so many m, where it can
     (navfn default_tolerance); the same holds for the start."""
@@ -46,6 +51,8 @@ class Ground:
     """(rows, columns): at least so far is the nearest wall, m."""
     costs: NDArray[np.int32]
     """(rows, columns), > 0; 0 where the body's centre may not be."""
+    radius: float
+    """Of the body, m."""
     reach: float
     """The clearance that the body's centre needs, m."""
 
@@ -58,13 +65,48 @@ def ground(
     clearance = _coarse(distance.clearance(plan), factor)
     reach = radius + parameters.margin
     passable = clearance >= reach
-    near = parameters.wall * np.exp(-parameters.scaling * (clearance - radius))
-    near[clearance > parameters.inflation_radius] = 0.0
-    costs = np.where(passable, parameters.neutral + np.rint(near), 0).astype(np.int32)
+    costs = np.where(passable, _costs(clearance, radius, parameters), 0).astype(np.int32)
     cells = np.where(passable, FREE, OCCUPIED).astype(np.uint8)
     for shared in (clearance, costs):
         shared.setflags(write=False)
-    return Ground(OccupancyGrid(cells, plan.resolution * factor, plan.origin), clearance, costs, reach)
+    return Ground(
+        OccupancyGrid(cells, plan.resolution * factor, plan.origin), clearance, costs, radius, reach
+    )
+
+
+def _costs(distance: NDArray[np.float64], radius: float, parameters: PlanningParameters) -> NDArray[np.int32]:
+    """What a cell costs so far from what it must not touch, m."""
+    inflation = Inflation(radius, parameters.inflation_radius, parameters.scaling)
+    cost_map = np.minimum(inflation.costs(distance), INSCRIBED - 1)
+    return parameters.neutral + np.rint(parameters.factor * cost_map).astype(np.int32)
+
+
+def occupied(
+    ground: Ground, marks: NDArray[np.float64], parameters: PlanningParameters = PlanningParameters()
+) -> NDArray[np.int32]:
+    """The ground's costs with more things on it than the floor plan shows; the very same without any.
+
+    `marks`: (k, 2), m, map frame. What is near a wall of the map is taken for the wall.
+    """
+    cell, (rows, columns) = ground.grid.resolution, ground.costs.shape
+    column, row = np.floor((marks - np.array(ground.grid.origin)) / cell).astype(np.intp).T
+    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    row, column = row[inside], column[inside]
+    strange = ground.clearance[row, column] >= parameters.wall
+    row, column = row[strange], column[strange]
+    if not row.size:
+        return ground.costs
+    reach = math.ceil(max(parameters.inflation_radius, ground.reach) / cell)
+    bottom, left = max(int(row.min()) - reach, 0), max(int(column.min()) - reach, 0)
+    window = np.s_[bottom : int(row.max()) + reach + 1, left : int(column.max()) + reach + 1]
+    costs = ground.costs.copy()
+    marked = np.zeros(costs[window].shape, np.uint8)
+    marked[row - bottom, column - left] = 1
+    distance = cell * np.sqrt(squared_within(marked, reach).astype(np.float64))
+    higher = np.maximum(costs[window], _costs(distance, ground.radius, parameters))
+    costs[window] = np.where((costs[window] > 0) & (distance >= ground.reach), higher, 0)
+    costs.setflags(write=False)  # as the ground's: the kernels are compiled for that
+    return costs
 
 
 def _coarse(fine: NDArray[np.float64], factor: int) -> NDArray[np.float64]:
@@ -85,29 +127,39 @@ class Planner:
         self._region = np.zeros(ground.costs.shape, dtype=np.bool_)
         self._fields: OrderedDict[Cell, NDArray[np.int32]] = OrderedDict()
 
-    def path(self, start: Point, goal: Point) -> NDArray[np.float64] | None:
+    def path(
+        self, start: Point, goal: Point, marks: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64] | None:
         """The way from `start` to `goal`, or to the nearest point within the tolerance; None without one.
 
         (n, 2), n ≥ 1, m in the map frame: centres of neighbouring cells, but for the last point, which is
-        the goal itself where the body has room there.
+        the goal itself where the body has room there. `marks`: (k, 2), m, map frame: what else is in the way.
         """
-        grid = self._ground.grid
-        first = self._nearest(grid.free, start)
+        grid, ground = self._ground.grid, self._ground
+        costs = ground.costs if marks is None else occupied(ground, marks, self._parameters)
+        first = self._nearest(costs > 0, start)
         if first is None:
             return None
-        if not self._region[first]:
-            self._region = flood.flood(grid.free, *first)
-        last = self._nearest(self._region, goal)
+        region = self._around(costs, first)
+        last = self._nearest(region, goal)
         if last is None:
             return None
-        field = self._field(last)
+        field = self._field(last) if costs is ground.costs else potential(costs, *last)
         assert field[first] != UNREACHABLE
-        cells = descent(self._ground.costs, field, *first)
+        cells = descent(costs, field, *first)
         x, y = grid.centres()
         way = np.column_stack((x[cells[:, 1]], y[cells[:, 0]]))
         if last == grid.cell(goal):
             way[-1] = goal
         return way
+
+    def _around(self, costs: NDArray[np.int32], start: Cell) -> NDArray[np.bool_]:
+        """The floor that is connected to the start."""
+        if costs is not self._ground.costs:
+            return flood.flood(costs > 0, *start)
+        if not self._region[start]:
+            self._region = flood.flood(costs > 0, *start)
+        return self._region
 
     def _nearest(self, admitted: NDArray[np.bool_], point: Point) -> Cell | None:
         """The admitted cell around `point`, or the nearest one within the tolerance."""
