@@ -59,6 +59,23 @@ def steps(
 
 
 @app.command()
+def swarm(
+    robots: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=1, max=500, help="May be repeated.  [default: 4, 10, 20, 50]"),
+    ] = None,
+    seconds: Annotated[float, typer.Option(metavar="S", min=1, max=3600, help="Simulated time.")] = 60.0,
+    repeat: Annotated[int, typer.Option(metavar="N", min=1, max=100, help="Runs whose median counts.")] = 3,
+    json: _Json = False,
+) -> None:
+    """Measure the whole stack with many robots: speed, CPU by part and how it grows, memory."""
+    from benchmarks import full_swarm
+    from benchmarks.swarm_task import SwarmTask
+
+    full_swarm.run(SwarmTask(tuple(robots or SwarmTask.robots), seconds, repeat), json)
+
+
+@app.command()
 def seeds(
     scenario: Annotated[
         Path | None,
@@ -118,3 +135,42 @@ def onboard(json: _Json = False) -> None:
     from benchmarks import onboard as robots
 
     robots.run(json)
+
+
+@app.command()
+def localisation(
+    cell: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME", help="Part of it: alone, realistic, tracking, mask, global, kidnapped, cpu."
+        ),
+    ] = None,
+    seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="Runs per cell.")] = 20,
+    runs: Annotated[
+        int, typer.Option(metavar="N", min=1, max=10_000, help="Runs per cell that has a goal.")
+    ] = 100,
+    seconds: Annotated[float, typer.Option(metavar="S", min=1, max=3600, help="Of a course.")] = 240.0,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", min=1, max=256, help="Processes.  [default: one per processor]")
+    ] = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Only write the course of the first such cell, from --seed."),
+    ] = None,
+    seed: Annotated[int, typer.Option(metavar="N", min=1, help="Of the course for --log.")] = 1,
+    source: Annotated[
+        Path | None, typer.Option("--from", metavar="FILE", help="Only feed the filter with such a log.")
+    ] = None,
+    json: _Json = False,
+) -> None:
+    """Measure how well the robot keeps track of where it is, beside the truth."""
+    from benchmarks.localisation import cells, command
+
+    other = REPOSITORY / "maps" / "apartment.yaml"
+    extent = cells.Extent(seeds, runs, seconds)
+    if log is not None:
+        command.write_log(log, CORRIDOR, other, cell or (), seed, extent)
+    elif source is not None:
+        command.run_log(source, seeds, json)
+    else:
+        command.run(CORRIDOR, other, cell or (), extent, workers, json)

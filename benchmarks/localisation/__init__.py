@@ -1,0 +1,1 @@
+"""How well the robot's localisation keeps track, beside the truth of the world's own sensing and odometry."""

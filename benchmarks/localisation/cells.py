@@ -1,0 +1,140 @@
+"""What is measured: cells, each one kind of course with one localisation, over many seeds."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Final
+
+from actors.runtime.errors import AcrcError
+from benchmarks.localisation.course import CourseSetup
+from benchmarks.localisation.filters import Arm, Preset
+
+PRESETS: Final[tuple[Preset, ...]] = ("chapter", "robust")
+AFTER: Final = (10.0, 30.0, 60.0)
+"""So long after it was put anywhere a robot may have found itself, s."""
+CARRIED_AT: Final = 30.0
+"""The kidnapped robot is carried then, s."""
+
+
+class CellError(AcrcError):
+    """Cells that do not exist."""
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What a cell should come to: no robot lost, and this error at most."""
+
+    rmse: float
+    """m."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Courses that differ by their seed only, with one localisation."""
+
+    section: str
+    course: CourseSetup
+    """Of seed 0, which stands for any."""
+    arm: Arm
+    runs: int
+    """The seeds 1 to this are run."""
+    goal: Goal | None = None
+
+    @property
+    def name(self) -> str:
+        """What it is called: section/map/view/odometry/robots/preset, then what else is special."""
+        course, arm = self.course, self.arm
+        robots = f"{course.robots}{'-at-times' if course.at_times else ''}"
+        parts = [self.section, Path(course.plan).stem, view(course), course.base, robots, arm.preset]
+        if self.section == "mask":
+            parts.append("on" if arm.masked else "off")
+        if arm.recovery is not None:
+            parts.append("recovery" if arm.recovery else "no-recovery")
+        return "/".join(parts)
+
+
+def view(course: CourseSetup) -> str:
+    """The field of view in degrees."""
+    return "360" if course.view == "chapter" else "58"
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How much is measured."""
+
+    seeds: int = 20
+    """Runs per cell."""
+    runs: int = 100
+    """Runs per cell that has a goal."""
+    seconds: float = 240.0
+    """Of a course."""
+    after: tuple[float, ...] = AFTER
+    carried_at: float = CARRIED_AT
+
+
+def cells(corridor: str, other: str, extent: Extent) -> list[Cell]:
+    """Every cell, on the corridor and, where it matters, on the other map, which has no symmetry."""
+    course = CourseSetup(corridor, 0, seconds=extent.seconds)
+    found = [*_goals(course, extent), *_tracking(course, extent), *_mask(course, extent)]
+    for plan in (corridor, other):
+        found += _from_nowhere(replace(course, plan=plan, base="kobuki"), extent)
+    return found
+
+
+def chosen(everything: Iterable[Cell], patterns: Sequence[str]) -> list[Cell]:
+    """The cells of which the name, or its beginning up to a slash, matches a pattern; all without patterns.
+
+    Raises CellError for a pattern that none matches.
+    """
+    everything = list(everything)
+    for pattern in patterns:
+        if not any(_matches(cell, pattern) for cell in everything):
+            sections = ", ".join(dict.fromkeys(cell.section for cell in everything))
+            raise CellError(
+                f"no cell is called {pattern!r}; right is one of {sections}, or a pattern such as "
+                "'tracking/*/360/*/4/robust'"
+            )
+    return [cell for cell in everything if not patterns or any(_matches(cell, p) for p in patterns)]
+
+
+def _matches(cell: Cell, pattern: str) -> bool:
+    return fnmatchcase(cell.name, pattern) or fnmatchcase(cell.name, f"{pattern}/*")
+
+
+def _goals(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
+    """The two cells with goals, and the chapter's preset beside the second, which has none."""
+    for preset in PRESETS:
+        yield Cell("alone", course, Arm(preset), extent.runs, Goal(0.08))
+    among = replace(course, base="kobuki", robots=4, at_times=True)
+    yield Cell("realistic", among, Arm("robust"), extent.runs, Goal(0.15))
+    yield Cell("realistic", among, Arm("chapter"), extent.runs)
+
+
+def _tracking(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
+    for seen in ("chapter", "kinect"):
+        for base in ("exact", "kobuki"):
+            for robots in (0, 4, 10):
+                for preset in PRESETS:
+                    setup = replace(course, view=seen, base=base, robots=robots)
+                    yield Cell("tracking", setup, Arm(preset), extent.seeds)
+
+
+def _mask(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
+    for seen in ("chapter", "kinect"):
+        for robots, at_times in ((4, True), (2, False), (4, False), (10, False)):
+            for preset in PRESETS:
+                for masked in (False, True):
+                    setup = replace(course, view=seen, base="kobuki", robots=robots, at_times=at_times)
+                    yield Cell("mask", setup, Arm(preset, masked=masked), extent.seeds)
+
+
+def _from_nowhere(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
+    longest = max(extent.after)
+    everywhere = replace(course, seconds=longest)
+    carried = replace(course, seconds=extent.carried_at + longest, carried_at=extent.carried_at)
+    for preset in PRESETS:
+        for recovery in (False, True):
+            arm = Arm(preset, recovery=recovery)
+            yield Cell("global", everywhere, replace(arm, placed=False), extent.seeds)
+            yield Cell("kidnapped", carried, arm, extent.seeds)

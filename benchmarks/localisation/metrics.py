@@ -1,0 +1,138 @@
+"""How far a localisation was off, how well it knew, and what it cost: one run's figures."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+BEYOND: Final = 0.5
+"""An error above this counts as time off, m."""
+LOST: Final = 1.0
+"""A robot so far off at the end of its course is lost, m."""
+NEES_BOUNDS: Final = (0.2158, 9.3484)
+"""The two-sided 95 % bounds of χ² with three degrees of freedom (quantiles 0.025 and 0.975)."""
+FOUND: Final = (0.5, math.radians(15.0))
+"""Nearer than both, m and rad, a robot that was lost has found itself."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """What a localisation said all along a course."""
+
+    poses: Floats
+    """(n, 3): x, y, heading, m and rad, map frame."""
+    covariances: Floats
+    """(n, 3, 3)."""
+    costs: Floats
+    """(n,), CPU s of each call."""
+    outcome: dict[str, object]
+    """What the localisation says of itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One run beside the truth."""
+
+    seed: int
+    errors: NDArray[np.float32]
+    """(n,), m: distance from the true position, at every odometry pose, nothing aligned."""
+    turns: NDArray[np.float32]
+    """(n,), rad ≥ 0: how far the heading was off."""
+    nees: NDArray[np.float32]
+    """(n,): normalised estimation error squared; inf where the covariance is singular."""
+    costs: NDArray[np.float32]
+    """(m,), CPU s of the calls that weighed a scan."""
+    outcome: dict[str, object]
+
+    @property
+    def rmse(self) -> float:
+        """Root of the mean square error, m: the absolute trajectory error."""
+        return math.sqrt(self.mean_square)
+
+    @property
+    def mean_square(self) -> float:
+        """m²."""
+        return float(np.mean(np.square(self.errors, dtype=np.float64)))
+
+    @property
+    def lost(self) -> bool:
+        """True if the end finds it more than LOST off."""
+        return bool(self.errors[-1] > LOST)
+
+    def found(self, step: int) -> bool:
+        """True if it is within FOUND at that step; steps beyond the last are the last."""
+        step = min(step, len(self.errors) - 1)
+        return bool(self.errors[step] <= FOUND[0] and self.turns[step] <= FOUND[1])
+
+    def figures(self) -> dict[str, Any]:
+        """The run in JSON."""
+        low, high = NEES_BOUNDS
+        return {
+            "seed": self.seed,
+            "rmse": self.rmse,
+            "median": float(np.median(self.errors)),
+            "max": float(self.errors.max()),
+            "share_beyond": float(np.mean(self.errors > BEYOND)),
+            "end": float(self.errors[-1]),
+            "lost": self.lost,
+            "nees_median": finite(np.median(self.nees)),
+            "nees_below": float(np.mean(self.nees < low)),
+            "nees_above": float(np.mean(self.nees > high)),
+            "updates": len(self.costs),
+            "cpu_us_mean": finite(1e6 * self.costs.mean()) if self.costs.size else None,
+            "cpu_us_min": finite(1e6 * self.costs.min()) if self.costs.size else None,
+            "outcome": self.outcome,
+        }
+
+
+def beside_truth(seed: int, truth: Floats, odometry: Floats, track: Track) -> Run:
+    """The run's errors. `truth`, `odometry`: (n, 3), m and rad."""
+    off = track.poses - truth
+    off[:, 2] -= math.tau * np.rint(off[:, 2] / math.tau)
+    return Run(
+        seed,
+        np.hypot(off[:, 0], off[:, 1]).astype(np.float32),
+        np.abs(off[:, 2]).astype(np.float32),
+        nees(off, track.covariances).astype(np.float32),
+        track.costs[weighed(odometry, track.poses)].astype(np.float32),
+        track.outcome,
+    )
+
+
+def weighed(odometry: Floats, poses: Floats) -> NDArray[np.bool_]:
+    """(n,): which calls did more than to move the estimate as the odometry moved; both arrays (n, 3)."""
+    turn = poses[:, 2] - odometry[:, 2]
+    c, s = np.cos(turn), np.sin(turn)
+    x = poses[:, 0] - c * odometry[:, 0] + s * odometry[:, 1]
+    y = poses[:, 1] - s * odometry[:, 0] - c * odometry[:, 1]
+    frame = np.column_stack([x, y, c, s])
+    changed = np.ones(len(frame), np.bool_)
+    changed[1:] = np.abs(np.diff(frame, axis=0)).max(axis=1) > 1e-9
+    return changed
+
+
+def nees(off: Floats, covariances: Floats) -> Floats:
+    """Normalised estimation error squared eᵀ P⁻¹ e: (n,) of errors (n, 3) and covariances (n, 3, 3).
+
+    inf where P is not positive definite, to which even no error at all is no excuse (Bar-Shalom, Li and
+    Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 5.4.2).
+    """
+    values = np.full(len(off), math.inf)
+    # scaled to a unit diagonal first, as m² and rad² may be worlds apart
+    scale = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0))
+    sound = (scale > 0).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
+    scale, unit = scale[sound], off[sound] / scale[sound]
+    correlation = covariances[sound] / (scale[:, :, None] * scale[:, None, :])
+    definite = np.linalg.eigvalsh(correlation)[:, 0] > 1e-9
+    solved = np.linalg.solve(correlation[definite], unit[definite][:, :, None])[:, :, 0]
+    values[np.flatnonzero(sound)[definite]] = np.einsum("ij,ij->i", unit[definite], solved)
+    return values
+
+
+def finite(value: Any) -> float | None:
+    """The value for JSON, which has no infinity: None then."""
+    return float(value) if math.isfinite(value) else None

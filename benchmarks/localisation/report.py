@@ -1,0 +1,121 @@
+"""The figures as tables."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from benchmarks.localisation.cells import Cell, view
+from benchmarks.localisation.metrics import BEYOND, FOUND, LOST, Run
+from benchmarks.localisation.summary import Share, Summary, share
+
+FROM_NOWHERE = ("global", "kidnapped")
+"""Sections in which the question is whether the robot finds itself."""
+FIGURES = (
+    "runs", "rmse", "median run", "median", "max", f"> {BEYOND:g} m", "lost", "NEES", "low/high", "µs",
+)  # fmt: skip
+TITLES = {
+    "alone": "alone: nobody near",
+    "realistic": "realistic: four others near for 15 s of every minute",
+    "tracking": "tracking: others near all the time, the worst case",
+    "mask": "mask: peers' positions told once a second, 0.2 s late, ± 0.1 m",
+    "global": "global: the start is not told",
+    "kidnapped": "kidnapped: carried elsewhere while driving",
+}
+
+
+def tracking_table(section: str, rows: Iterable[tuple[Cell, Summary]]) -> Table:
+    """A row per cell. Lengths in m, 95 % intervals in brackets."""
+    mask = ("mask",) if section == "mask" else ()
+    table = Table("view", "odometry", "robots", "preset", *mask, *FIGURES, title=TITLES[section])
+    for cell, one in rows:
+        switch = ("on" if cell.arm.masked else "off",) if mask else ()
+        table.add_row(*_course(cell), *switch, *_figures(one))
+    return table
+
+
+def log_table(title: str, rows: Iterable[tuple[str, Summary]]) -> Table:
+    """A row per preset."""
+    table = Table("preset", *FIGURES, title=title)
+    for preset, one in rows:
+        table.add_row(preset, *_figures(one))
+    return table
+
+
+def finding_table(
+    section: str, rows: Iterable[tuple[Cell, Sequence[Share]]], after: Sequence[float]
+) -> Table:
+    """A row per cell: how many had found themselves so many seconds after."""
+    columns = ("map", "view", "odometry", "robots", "preset", "recovery", "runs")
+    table = Table(*columns, *(f"after {seconds:g} s" for seconds in after), title=TITLES[section])
+    for cell, shares in rows:
+        table.add_row(
+            Path(cell.course.plan).stem,
+            *_course(cell),
+            "on" if cell.arm.recovery else "off",
+            str(cell.runs),
+            *map(_share, shares),
+        )
+    return table
+
+
+def found(cell: Cell, runs: Sequence[Run], after: Sequence[float], step: float) -> list[Share]:
+    """How many of a cell's runs had found themselves so long after the start, or after being carried."""
+    begin = cell.course.carried_at or 0.0
+    steps = [round((begin + seconds) / step) for seconds in after]
+    return [share(sum(run.found(at) for run in runs), len(runs)) for at in steps]
+
+
+def legend() -> str:
+    """What the columns mean."""
+    return (
+        "rmse: over all poses of all runs [95 % by bootstrap over runs]; median run: of the runs' own rmse; "
+        f"lost: > {LOST:g} m off at the end [95 %, Wilson]; NEES: median, where 2.37 is right; low/high: "
+        "share of the time below and above its two-sided 95 % bounds, where 2.5 % each is right; µs: CPU per "
+        f"update, mean (minimum). Found: within {FOUND[0]:g} m and 15° at that time."
+    )
+
+
+def verdict(cell: Cell, one: Summary) -> dict[str, Any] | None:
+    """A cell beside its goal, if it has one."""
+    if cell.goal is None:
+        return None
+    reached = one.rmse <= cell.goal.rmse and one.lost.count == 0
+    return {"cell": cell.name, "rmse_goal": cell.goal.rmse, "runs": one.runs, "reached": reached}
+
+
+def sentence(cell: Cell, one: Summary) -> str:
+    """The same as a line."""
+    told = verdict(cell, one)
+    assert told is not None and cell.goal is not None
+    few = "" if one.runs >= 100 else f" (with {one.runs} runs only; 100 are asked for)"
+    return (
+        f"goal, {cell.name}: rmse ≤ {cell.goal.rmse:g} m and none lost: "
+        f"{'reached' if told['reached'] else 'MISSED'}{few}"
+    )
+
+
+def _figures(one: Summary) -> tuple[str, ...]:
+    return (
+        str(one.runs),
+        f"{one.rmse:.3f} [{one.rmse_low:.2f}, {one.rmse_high:.2f}]",
+        f"{one.rmse_median_run:.3f}",
+        f"{one.median:.3f}",
+        f"{one.max:.2f}",
+        f"{one.share_beyond:.1%}",
+        _share(one.lost),
+        "∞" if one.nees_median is None else f"{one.nees_median:.2f}",
+        f"{one.nees_below:.0%}/{one.nees_above:.0%}",
+        "-" if one.cpu_us_mean is None else f"{one.cpu_us_mean:.0f} ({one.cpu_us_min:.0f})",
+    )
+
+
+def _course(cell: Cell) -> tuple[str, str, str, str]:
+    course = cell.course
+    robots = f"{course.robots} at times" if course.at_times else str(course.robots)
+    return f"{view(course)}°", course.base, robots, cell.arm.preset
+
+
+def _share(one: Share) -> str:
+    return f"{one.count}/{one.of} [{one.low:.0%}, {one.high:.0%}]"
