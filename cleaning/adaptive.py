@@ -1,18 +1,29 @@
 """The cleaning robot with the chapter's adaptation layer: it notices that it is stuck, and does something."""
 
 from dataclasses import replace
-from typing import Self
+from typing import Final, NamedTuple, Self
 
 from numpy.random import Generator
 
 from actors.geometry import Point
 from actors.messages import PlaceKey
-from actors.robot.equipment import FloorPlan, PlaceMonitor
+from actors.robot.equipment import FloorPlan, PlaceMonitor, Positioning
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, Unblock
 from cleaning.place import Claim, Duty
 from cleaning.robot import CleaningRobot
-from deeco import Instant, adaptation, component, periodic, seconds
+from deeco import Duration, Instant, adaptation, component, milliseconds, periodic, seconds
+
+_PEER_AGE: Final[Duration] = seconds(3)
+"""Peers that were not heard of for longer are forgotten: three publications."""
+
+
+class Peer(NamedTuple):
+    """Another robot as it was last heard of."""
+
+    id: str
+    position: Point
+    heard: Instant
 
 
 @component
@@ -31,6 +42,8 @@ class AdaptiveCleaningRobot(CleaningRobot):
     only if it may give up."""
     adopted_at: Instant | None = None
     """When it last took a place over."""
+    peers: tuple[Peer, ...] = ()
+    """Robots around, as far as it is to disregard what its sensor sees of them."""
 
     def set_destination(self, monitor: PlaceMonitor, now: Instant) -> Self:
         """As without adaptation; to visit a place is to get on."""
@@ -60,6 +73,20 @@ class AdaptiveCleaningRobot(CleaningRobot):
             return replace(self, blocked_for=self.blocked_for + 1)
         robot = self._having_tried(monitor, now)._turned(floor, generator)
         return replace(robot._afresh(), state=State.FREE)
+
+    @adaptation
+    @periodic(every=milliseconds(500), order=6)
+    def disregard_peers(self, positioning: Positioning, now: Instant) -> Self:
+        """Tell the localiser where other robots are, those of which it has heard lately."""
+        if not self.parameters.peer_mask:
+            return self
+        peers = tuple(peer for peer in self.peers if now - peer.heard <= _PEER_AGE)
+        positioning.disregard([peer.position for peer in peers])
+        return replace(self, peers=peers)
+
+    def with_peer(self, peer: Peer) -> Self:
+        """The robot that knows where a peer was just now."""
+        return replace(self, peers=(*(other for other in self.peers if other.id != peer.id), peer))
 
     def adopting(self, duty: Duty, now: Instant) -> Self:
         """The robot with a place of somebody else's in its route, heading for it at once.

@@ -1,13 +1,19 @@
 """The example adaptation of the chapter, as its text has it and as the released code has it."""
 
+from typing import Final
+
 from actors.robot.host import host
 from actors.robot.ports import Behaviour, Start
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.making_way import MakingWay
 from cleaning.parameters import AdaptationParameters, ReleasedParameters
+from cleaning.peer_mask import PeerMask
 from cleaning.place import duties
 from cleaning.settings import from_settings
+
+_SENSOR_RANGE: Final = 6.5
+"""How far the original's range sensor sees, m (d3scomp/ROSRemote, simulation/turtlebot.inc)."""
 
 
 def behaviour(start: Start) -> Behaviour:
@@ -26,5 +32,7 @@ def _adaptive(start: Start, parameters: AdaptationParameters) -> Behaviour:
         id=start.robot, position=start.pose.point, route=duties(start), parameters=p
     )
     adoption = DestinationAdoption(p.adoption_distance, p.adoption_checks, p.adoption_backoff)
-    further = (MakingWay(p.adoption_distance),) if p.make_way else ()
+    further: list[object] = [MakingWay(p.adoption_distance)] if p.make_way else []
+    if p.peer_mask:
+        further.append(PeerMask(_SENSOR_RANGE))
     return host(start, robot, adoption, AdoptedDestinationRemove(p.exchange), *further)

@@ -80,6 +80,9 @@ class AdaptationParameters(CleaningParameters):
     make_way: bool = False
     """Who wants nowhere any more goes to some random place when a blocked robot is near, as near as for an
     adoption. Own addition: in text and code a robot that is done stands in the way for good."""
+    peer_mask: bool = False
+    """The localiser disregards range readings that end where other robots say they are. Own addition: neither
+    text nor code has it."""
     most_adopted: int = 10
     """So many adoptions are published, the newest: with ten, knowledge fills a frame and begins a second. The
     code publishes all."""

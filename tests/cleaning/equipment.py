@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from actors.geometry import Point, Pose
+from actors.geometry import CERTAIN, Covariance, Point, Pose
 from actors.instant import Instant, seconds
 from actors.messages import PlaceKey
 from actors.robot.ports import AbortReason, Goal, GoalStatus
@@ -22,6 +22,11 @@ class Base:
 
     pose: Pose = field(default=Pose(0.0, 0.0, 0.0))
     moving: bool = False
+    covariance: Covariance = CERTAIN
+    peers: list[Point] | None = None
+
+    def disregard(self, peers: Sequence[Point]) -> None:
+        self.peers = list(peers)
 
 
 @dataclass
@@ -38,6 +43,13 @@ class Ways:
     def stop(self) -> None:
         self.goal = None
         self.orders.append(None)
+
+    def pause(self) -> None:
+        self.orders.append(None)
+
+    def resume(self) -> None:
+        assert self.goal is not None
+        self.orders.append(self.goal.point)
 
     def abort(self, reason: AbortReason = AbortReason.BLOCKED) -> None:
         assert self.goal is not None
