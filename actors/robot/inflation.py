@@ -28,7 +28,7 @@ class Inflation:
     """How fast the cost falls between the two, 1/m (cost_scaling_factor)."""
 
     def costs(self, distance: ArrayLike) -> NDArray[np.uint8]:
-        """Cost at each distance, m: LETHAL at 0, INSCRIBED near it, then from 252 falling to 0; same shape."""
+        """Cost at each distance, m: LETHAL at 0, INSCRIBED near it, then from 252 to 0; same shape."""
         away = np.asarray(distance, dtype=np.float64)
         falling = np.floor((INSCRIBED - 1) * np.exp(-self.scaling * np.maximum(away - self.inscribed, 0.0)))
         falling[away > self.radius] = 0.0
@@ -53,4 +53,6 @@ class Inflation:
 
 def fingerprint() -> bytes:
     """What the costs are for fixed inputs: differs where a processor or library computes differently."""
-    return Inflation(0.227, 0.75, 15.0).table(0.05).tobytes() + Inflation(0.2, 0.5, 10.0).table(0.05).tobytes()
+    return (
+        Inflation(0.227, 0.75, 15.0).table(0.05).tobytes() + Inflation(0.2, 0.5, 10.0).table(0.05).tobytes()
+    )

@@ -1,0 +1,81 @@
+"""Numbers of the dynamic window approach."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Final
+
+from actors.instant import Duration, seconds
+
+
+@dataclass(frozen=True)
+class DwaParameters:
+    """How the robot is driven along its plan; from d3scomp/ROSRemote, simulation/params, where not said.
+
+    Where that file says nothing, it is the default of ros-planning/navigation, dwa_local_planner.
+    """
+
+    period: Duration = field(default=seconds(0.2))
+    """So often a command is chosen (move_base controller_frequency 5 Hz); it holds until the next."""
+    max_speed: float = 0.5
+    """m/s (max_vel_x)."""
+    min_speed: float = 0.0
+    """m/s (min_vel_x); below 0 the robot may back out, over cells that were seen free lately."""
+    least_speed: float = 0.1
+    """A command has at least this speed (min_trans_vel), m/s, ..."""
+    max_turn: float = 5.0
+    """rad/s (max_rot_vel)."""
+    least_turn: float = 0.4
+    """... or at least this turn rate (min_rot_vel), rad/s."""
+    acceleration: float = 1.0
+    """Within one period the speed changes so fast at most (acc_lim_x), m/s²; stopping is planned with it."""
+    turn_acceleration: float = 2.0
+    """The same of the turn rate (acc_lim_theta), rad/s²."""
+    speed_samples: int = 15
+    """Speeds tried (vx_samples)."""
+    turn_samples: int = 20
+    """Turn rates tried with each (vth_samples)."""
+    sim_time: float = 3.0
+    """A trajectory goes on with the same velocity for so long, s, ..."""
+    stop_buffer: float = 0.2
+    """... or until the robot could have braked, begun so much later, if that is longer, s (stop_time_buffer).
+    dwa_local_planner describes it as the time before a collision in which the robot must have stopped, but
+    does nothing with it since it predicts for a fixed time."""
+    granularity: float = 0.025
+    """Looked at is every so many metres of a trajectory (sim_granularity, default) ..."""
+    angular_granularity: float = 0.1
+    """... or every so many rad (angular_sim_granularity, default)."""
+    path_bias: float = 64.0
+    """Weight of the distance to the plan (path_distance_bias)."""
+    goal_bias: float = 24.0
+    """Weight of the distance to the local goal (goal_distance_bias)."""
+    occdist_scale: float = 0.5
+    """Weight of the highest cost along a trajectory."""
+    forward_point: float = 0.325
+    """So far ahead of the centre is the nose, which is drawn to the plan and the goal too, m."""
+    scaling_speed: float = 0.25
+    """Above this speed the body counts as larger than it is, m/s, ..."""
+    max_scaling_factor: float = 0.2
+    """... by this share at the highest speed, in between by less. dwa_local_planner describes it so, but does
+    not use what it computes of it."""
+    oscillation_distance: float = 0.05
+    """After a reversal the way back is barred until the robot is so far away, m (oscillation_reset_dist),"""
+    oscillation_angle: float = 0.2
+    """or has turned so far, rad (oscillation_reset_angle, default)."""
+    goal_slack: float = 0.15
+    """Where the robot cannot stand at the plan's end, the nearest cell within so many metres is the goal: the
+    tolerance with which a goal is reached. Own choice against cells and poses that are a little off;
+    dwa_local_planner has no trajectory then."""
+    goal_setback: bool = True
+    """If the plan leaves the window in an obstacle, the local goal is the last cell of it that is in none.
+    Own choice; dwa_local_planner has no trajectory while another robot stands 2 m ahead."""
+    escape: bool = False
+    """Whether a robot whose centre is too near to something may drive such that the distance grows.
+    dwa_local_planner has no trajectory for it."""
+    scan_patience: Duration = field(default=seconds(0.5))
+    """Without a scan for so long the robot does not drive: five periods of a sensor of 10 Hz. Own choice."""
+
+
+DWA_PRESETS: Final[Mapping[str, DwaParameters]] = MappingProxyType(
+    {"chapter": DwaParameters(), "robust": replace(DwaParameters(), min_speed=-0.1, escape=True)}
+)

@@ -1,0 +1,173 @@
+"""Kernels: how far the window's cells are from the plan or the local goal, round what is in the way.
+
+As MapGrid of ros-planning/navigation, base_local_planner/src/map_grid.cpp: a wave goes from the cells that it
+starts in to their four neighbours, and on through cells that the robot's centre may be in.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Distances = NDArray[np.int16]
+Cells = NDArray[np.int32]
+
+
+def wavefront(squared: Distances, limit: float, starts: Cells) -> Distances:
+    """Steps from each cell to the nearest of `starts`: (rows, columns); rows · columns where there is no way.
+
+    `squared`: (rows, columns), squared distance to what is marked; a wave goes through cells with more than
+    `limit`, but starts in any. `starts`: (n, 2), rows and columns within the window.
+    """
+    distances: Distances = _wavefront(squared, limit, starts)
+    return distances
+
+
+def cut(
+    way: Floats, first: int, motion: Floats, body: Floats, side: int, reach: float
+) -> tuple[int, bool, Cells]:
+    """Where `way` is nearest to the body, whether it ends in the window, and the cells it leads through.
+
+    `way`: (n, 2), n ≥ 1, m. `first`: index of the nearest point the last time; only points within half of
+    `reach` along the way from it on are looked at. `motion`: cosine and sine of the angle from the way's
+    frame to the window's, shift of x and y, m, and cells per m. `body`: x and y in the window, cells. `side`:
+    of the window, cells. `reach`: so far from the body the way is cut, cells.
+
+    Given are the index, whether the way was not cut, and (k, 2) rows and columns from the nearest point on,
+    without gaps (MapGrid::adjustPlanResolution); k = 0 where the way is not near.
+    """
+    nearest: int
+    ended: bool
+    cells: Cells
+    nearest, ended, cells = _cut(way, first, motion, body, side, reach)
+    return nearest, ended, cells
+
+
+def free_goal(squared: Distances, limit: float, cells: Cells, slack: float) -> tuple[int, int]:
+    """Row and column of the last of `cells`, or, where the centre cannot be in it, of one that does instead.
+
+    With `slack` < 0 the last of `cells` in which it can be, otherwise the nearest cell within `slack`, cells.
+    If there is none it stays the last. `squared`, `limit`: as for `wavefront`; `cells`: (k, 2), k ≥ 1.
+    """
+    row: int
+    column: int
+    row, column = _free_goal(squared, limit, cells, slack)
+    return row, column
+
+
+def fingerprint() -> bytes:
+    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    row, column = np.indices((40, 40))
+    squared = ((row * 5 + column * column * 3) % 31).astype(np.int16)
+    way = np.column_stack((np.linspace(0.1, 3.0, 30), 0.8 + np.linspace(0, 1, 30) ** 2))
+    motion = np.array([math.cos(0.3), math.sin(0.3), 2.0, -1.0, 20.0])
+    nearest, ended, cells = cut(way, 0, motion, np.array([14.0, 17.0]), 40, 20.0)
+    goals = free_goal(squared, 20.5, cells, -1.0), free_goal(squared, 20.5, cells, 3.0)
+    return repr((nearest, ended, goals)).encode() + cells.tobytes() + wavefront(squared, 4.5, cells).tobytes()
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _wavefront(squared: Distances, limit: float, starts: Cells) -> Distances:
+    rows, columns = squared.shape
+    far = np.int16(rows * columns)
+    # a ring of cells that are not entered saves asking where the window ends
+    width = columns + 2
+    known = np.full((rows + 2) * width, np.int16(0), np.int16)
+    for row in range(rows):
+        inside = known[(row + 1) * width + 1 : (row + 1) * width + 1 + columns]
+        open_row = squared[row]
+        for column in range(columns):
+            inside[column] = far if open_row[column] > limit else np.int16(-1)
+    queue = np.empty(rows * columns + starts.shape[0], np.int32)
+    end = 0
+    for k in range(starts.shape[0]):
+        cell = (starts[k, 0] + 1) * width + starts[k, 1] + 1
+        if known[cell] != 0:
+            known[cell] = 0
+            queue[end] = cell
+            end += 1
+    done = 0
+    while done < end:
+        cell = queue[done]
+        done += 1
+        further = np.int16(known[cell] + 1)
+        for near in (cell - width, cell - 1, cell + 1, cell + width):
+            if known[near] == far:
+                known[near] = further
+                queue[end] = near
+                end += 1
+    distances = np.empty((rows, columns), np.int16)
+    for row in range(rows):
+        inside = known[(row + 1) * width + 1 : (row + 1) * width + 1 + columns]
+        out = distances[row]
+        for column in range(columns):
+            out[column] = far if inside[column] < 0 else inside[column]
+    return distances
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _nearest(way: Floats, first: int, x: float, y: float, along: float) -> int:
+    """Index of the nearest point to (x, y), from `first` on and within `along` of it along the way."""
+    nearest, least = first, math.inf
+    gone = 0.0
+    for k in range(first, way.shape[0]):
+        if k > first:
+            gone += math.hypot(way[k, 0] - way[k - 1, 0], way[k, 1] - way[k - 1, 1])
+        if gone > along:
+            break
+        apart = math.hypot(way[k, 0] - x, way[k, 1] - y)
+        if apart < least:
+            nearest, least = k, apart
+    return nearest
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _cut(
+    way: Floats, first: int, motion: Floats, body: Floats, side: int, reach: float
+) -> tuple[int, bool, Cells]:
+    c, s, scale = motion[0], motion[1], motion[4]
+    # where the body is in the way's frame
+    dx, dy = body[0] / scale - motion[2], body[1] / scale - motion[3]
+    nearest = _nearest(way, first, c * dx + s * dy, c * dy - s * dx, reach / scale / 2)
+    cells = np.empty((side * side, 2), np.int32)
+    count = 0
+    last_x, last_y = 0.0, 0.0
+    for k in range(nearest, way.shape[0]):
+        x = (c * way[k, 0] - s * way[k, 1] + motion[2]) * scale
+        y = (s * way[k, 0] + c * way[k, 1] + motion[3]) * scale
+        steps = 1 if k == nearest else max(1, math.ceil(math.hypot(x - last_x, y - last_y)))
+        for step in range(1, steps + 1):
+            px = x if step == steps else last_x + step / steps * (x - last_x)
+            py = y if step == steps else last_y + step / steps * (y - last_y)
+            row, column = math.floor(py), math.floor(px)
+            near = math.hypot(px - body[0], py - body[1]) <= reach and count < cells.shape[0]
+            if not (near and 0 <= row < side and 0 <= column < side):
+                return nearest, False, cells[:count].copy()
+            if count == 0 or cells[count - 1, 0] != row or cells[count - 1, 1] != column:
+                cells[count, 0], cells[count, 1] = row, column
+                count += 1
+        last_x, last_y = x, y
+    return nearest, True, cells[:count].copy()
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _free_goal(squared: Distances, limit: float, cells: Cells, slack: float) -> tuple[int, int]:
+    last_row, last_column = cells[-1, 0], cells[-1, 1]
+    if squared[last_row, last_column] > limit:
+        return last_row, last_column
+    if slack < 0:
+        for k in range(cells.shape[0] - 1, -1, -1):
+            if squared[cells[k, 0], cells[k, 1]] > limit:
+                return cells[k, 0], cells[k, 1]
+        return last_row, last_column
+    best_row, best_column, least = last_row, last_column, slack * slack
+    reach = int(slack)
+    for row in range(max(last_row - reach, 0), min(last_row + reach + 1, squared.shape[0])):
+        for column in range(max(last_column - reach, 0), min(last_column + reach + 1, squared.shape[1])):
+            apart = float((row - last_row) ** 2 + (column - last_column) ** 2)
+            if squared[row, column] > limit and apart <= least:
+                # the later of two that are as near: any rule will do, if it is one
+                best_row, best_column, least = row, column, apart
+    return best_row, best_column
