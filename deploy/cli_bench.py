@@ -100,6 +100,65 @@ def seeds(
 
 
 @app.command()
+def navigation(
+    map_file: Annotated[
+        list[Path] | None,
+        typer.Option("--map", metavar="YAML", help="May be repeated.  [default: all of maps/]"),
+    ] = None,
+    robots: Annotated[
+        list[int] | None, typer.Option(metavar="N", min=1, max=100, help="May be repeated.  [default: 1, 4]")
+    ] = None,
+    goals: Annotated[
+        int,
+        typer.Option(metavar="N", min=1, max=100_000, help="Of all robots, per map and number of robots."),
+    ] = 200,
+    runs: Annotated[int, typer.Option(metavar="N", min=1, max=1000, help="Over which they spread.")] = 8,
+    localisation: Annotated[
+        str | None, typer.Option(metavar="PRESET", help="As in a scenario's [localisation].")
+    ] = None,
+    preset: Annotated[
+        str | None, typer.Option("--navigation", metavar="PRESET", help="As in a scenario's [navigation].")
+    ] = None,
+    json: _Json = False,
+) -> None:
+    """Measure how many random goals robots reach, how fast, and how near to walls and each other."""
+    from benchmarks import navigation as driving
+
+    task = driving.NavigationTask(
+        tuple(map_file or driving.MAPS), tuple(robots or driving.ROBOTS), goals, runs, localisation, preset
+    )
+    driving.run(task, json)
+
+
+@app.command()
+def failures(
+    scenario: Annotated[
+        Path | None, typer.Option(metavar="TOML", help="What to run.  [default: scenarios/chapter.toml]")
+    ] = None,
+    robots: Annotated[
+        list[int] | None, typer.Option(metavar="N", min=1, max=500, help="May be repeated.  [default: 4, 8]")
+    ] = None,
+    seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="Seeds 1 to N.")] = 20,
+    duration: Annotated[
+        float | None, typer.Option(metavar="S", help="Of each run, s.  [default: the scenario's]")
+    ] = None,
+    strategy: Annotated[str, typer.Option(metavar="NAME", help="What robots do about it.")] = "none",
+    json: _Json = False,
+) -> None:
+    """Count the chapter's three failures over many seeds: lost, no valid trajectory, mutual blocking."""
+    from benchmarks import failures as chapter
+
+    chapter.run(
+        scenario or chapter.SCENARIO,
+        robots or chapter.ROBOTS,
+        seeds,
+        strategy=strategy,
+        duration=duration,
+        json_output=json,
+    )
+
+
+@app.command()
 def deeco(json: _Json = False) -> None:
     """Measure the component model: memberships, processes, the chapter's robot among peers."""
     from benchmarks import deeco as model

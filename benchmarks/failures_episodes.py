@@ -1,0 +1,130 @@
+"""The chapter's failures in tracks: who was lost and when, and who stood in whose way for how long.
+
+Samples are the starts of a run's steps. An episode covers the samples from `begin` up to, not including,
+`end`; one that goes on at the last sample ends behind it.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class EpisodeParameters:
+    """What counts as a failure; own choices, as the chapter gives no numbers."""
+
+    lost: float = 1.0
+    """A robot is lost from when it holds itself to be farther than this from where it is, m ..."""
+    found: float = 0.5
+    """... until it is nearer than this, m."""
+    still: float = 0.1
+    """A robot stands while it stays so near, m, to where it was at the window's begin ..."""
+    window_s: float = 30.0
+    """... for a window of so many s."""
+    near: float = 1.0
+    """Robots that stand stand in each other's way within this distance, centre to centre, m."""
+
+
+class Episode(NamedTuple):
+    """Something that one robot is in for a while."""
+
+    begin: int
+    end: int
+
+
+class Blocking(NamedTuple):
+    """Robots that stand in each other's way, each with one of the others at least."""
+
+    robots: tuple[int, ...]
+    """Their indices, ascending."""
+    begin: int
+    """When the first two of them stood."""
+    end: int
+    """When no two of them stood any longer."""
+
+
+def runs(mask: NDArray[np.bool_], least: int = 1) -> list[Episode]:
+    """The longest stretches of True in `mask`, (samples,), that have at least `least` samples."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
+    pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+    return [Episode(begin, end) for begin, end in pairs if end - begin >= least]
+
+
+def lost(errors: NDArray[np.float64], parameters: EpisodeParameters = EpisodeParameters()) -> list[Episode]:
+    """When one robot was lost: from an error above `lost` until one below `found`.
+
+    `errors`: (samples,), how far it was from where it held itself to be, m; NaN where nobody knows, which
+    changes nothing.
+    """
+    is_lost = np.zeros(errors.size, np.bool_)
+    now = False
+    for sample, error in enumerate(errors.tolist()):
+        if error > parameters.lost:
+            now = True
+        elif error < parameters.found:
+            now = False
+        is_lost[sample] = now
+    return runs(is_lost)
+
+
+def standing(
+    true: NDArray[np.float64], pursuing: NDArray[np.bool_], window: int, still: float
+) -> NDArray[np.bool_]:
+    """(samples,): when one robot stood although it wanted to be elsewhere.
+
+    That is in all samples of every window of `window` samples throughout which it was `pursuing` a goal,
+    (samples,), and at most `still` m from where it was in the window's first; `true`: (samples, 2), m.
+    """
+    stood = np.zeros(len(true), np.bool_)
+    if len(true) < window:
+        return stood
+    windows = np.lib.stride_tricks.sliding_window_view(true, window, axis=0)
+    offsets = windows - true[: len(windows), :, None]
+    stays = (offsets[:, 0] ** 2 + offsets[:, 1] ** 2).max(axis=1) <= still**2
+    stays &= np.lib.stride_tricks.sliding_window_view(pursuing, window).all(axis=1)
+    for begin in np.flatnonzero(stays).tolist():
+        stood[begin : begin + window] = True
+    return stood
+
+
+def blockings(
+    true: NDArray[np.float64],
+    pursuing: NDArray[np.bool_],
+    window: int,
+    parameters: EpisodeParameters = EpisodeParameters(),
+) -> list[Blocking]:
+    """When robots blocked each other, by begin and robots.
+
+    Two robots do while both stand (see `standing`) within `near` of each other, for `window` samples at
+    least. Pairs that share a robot while they do are one blocking: a chain.
+
+    true: (samples, robots, 2), m; pursuing: (samples, robots), whether each has a goal not reached yet.
+    """
+    count = true.shape[1]
+    stood = [standing(true[:, robot], pursuing[:, robot], window, parameters.still) for robot in range(count)]
+    pairs: list[Blocking] = []
+    for one in range(count):
+        for other in range(one + 1, count):
+            gap = np.hypot(*(true[:, one] - true[:, other]).T)
+            both = stood[one] & stood[other] & (gap <= parameters.near)
+            pairs += [Blocking((one, other), *episode) for episode in runs(both, window)]
+    return sorted(_joined(pairs), key=lambda blocking: (blocking.begin, blocking.robots))
+
+
+def _joined(pairs: list[Blocking]) -> list[Blocking]:
+    """Blockings that share a robot and a sample made one, until none do."""
+    joined: list[Blocking] = []
+    for one in pairs:
+        for other in [b for b in joined if _meet(one, b)]:
+            joined.remove(other)
+            robots = tuple(sorted({*one.robots, *other.robots}))
+            one = Blocking(robots, min(one.begin, other.begin), max(one.end, other.end))  # noqa: PLW2901
+        joined.append(one)
+    return joined
+
+
+def _meet(one: Blocking, other: Blocking) -> bool:
+    shared = any(robot in other.robots for robot in one.robots)
+    return shared and one.begin < other.end and other.begin < one.end
