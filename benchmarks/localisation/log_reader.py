@@ -108,7 +108,7 @@ class _Log:
                 raise self._wrong(str(error).replace(f"{folder}/", "").rstrip(".")) from error
 
     def _poses(self, name: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        times, poses = self._numbers(name, POSES, np.float64)
+        times, poses = self._numbers(name, POSES)
         if not (np.abs(poses) <= self._limits.farthest).all():
             raise self._wrong(f"{name} has a value beyond ± {self._limits.farthest:g} or that is no number")
         beyond = (poses[:, 2] <= -np.pi) | (poses[:, 2] > np.pi)
@@ -117,12 +117,12 @@ class _Log:
 
     def _scans(self, rays: int) -> tuple[NDArray[np.int64], NDArray[np.uint16]]:
         columns = ",".join(["time_us", *(f"r{i}" for i in range(rays))])
-        times, ranges = self._numbers("scans.csv", columns, np.int64)
-        if ((ranges < 0) | (ranges > NO_ECHO_MM)).any():
-            raise self._wrong(f"scans.csv has a range outside 0 to {NO_ECHO_MM} mm")
+        times, ranges = self._numbers("scans.csv", columns)
+        if not ((ranges >= 0) & (ranges <= NO_ECHO_MM) & (ranges == np.floor(ranges))).all():
+            raise self._wrong(f"scans.csv has a range that is no whole number from 0 to {NO_ECHO_MM} mm")
         return times, ranges.astype(np.uint16)
 
-    def _numbers(self, name: str, columns: str, kind: Any) -> tuple[NDArray[np.int64], NDArray[Any]]:
+    def _numbers(self, name: str, columns: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """A table's first column, times, and the rest."""
         raw = self._bytes(name, self._limits.text_bytes)
         header, _, rows = raw.decode("ascii", "replace").partition("\n")
@@ -134,7 +134,7 @@ class _Log:
         if not rows.strip():
             raise self._wrong(f"{name} has no rows, but must have one at least")
         try:
-            table = np.loadtxt(io.StringIO(rows), dtype=kind, delimiter=",", comments=None, ndmin=2)
+            table = np.loadtxt(io.StringIO(rows), delimiter=",", comments=None, ndmin=2)
         except (ValueError, OverflowError) as error:
             raise self._wrong(f"{name} is no table of numbers: {error}") from error
         if table.shape[1] != columns.count(",") + 1:

@@ -1,0 +1,1 @@
+"""The benchmark of localisation: its courses, its figures, its file."""

@@ -1,0 +1,118 @@
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from benchmarks.localisation import command
+from benchmarks.localisation.cells import CellError, Extent, cells, chosen
+from benchmarks.localisation.log import LogError
+from benchmarks.localisation.speed import update_costs
+from deploy.cli_bench import app
+from tests.localisation_bench.scenes import APARTMENT, CORRIDOR
+
+MAPS = Path(CORRIDOR), Path(APARTMENT)
+SMALL = Extent(seeds=1, runs=2, seconds=5, after=(1.0, 3.0), carried_at=2.0)
+
+
+def test_the_cells_are_those_that_were_asked_for() -> None:
+    everything = cells(CORRIDOR, APARTMENT, Extent())
+    names = [cell.name for cell in everything]
+    assert len(set(names)) == len(names)
+    tracking = {name for name in names if name.startswith("tracking/")}
+    assert tracking == {
+        f"tracking/corridor/{view}/{base}/{robots}/{preset}"
+        for view in ("360", "58")
+        for base in ("exact", "kobuki")
+        for robots in (0, 4, 10)
+        for preset in ("chapter", "robust")
+    }
+    goals = {cell.name: (cell.goal.rmse, cell.runs) for cell in everything if cell.goal}
+    assert goals == {
+        "alone/corridor/360/exact/0/chapter": (0.08, 100),
+        "alone/corridor/360/exact/0/robust": (0.08, 100),
+        "realistic/corridor/360/kobuki/4-at-times/robust": (0.15, 100),
+    }
+    assert all(cell.runs == 20 for cell in everything if cell.section not in ("alone", "realistic"))
+    for section in ("global", "kidnapped"):
+        its = [cell for cell in everything if cell.section == section]
+        kinds = {(cell.course.plan, cell.arm.preset, cell.arm.recovery) for cell in its}
+        assert len(its) == len(kinds) == 8
+
+
+def test_cells_are_chosen_by_section_or_pattern() -> None:
+    everything = cells(CORRIDOR, APARTMENT, Extent())
+    assert {cell.section for cell in chosen(everything, ["mask", "alone"])} == {"mask", "alone"}
+    assert [cell.name for cell in chosen(everything, ["mask/*/58/*/2/robust/on"])] == [
+        "mask/corridor/58/kobuki/2/robust/on"
+    ]
+    assert chosen(everything, []) == everything
+    with pytest.raises(CellError, match="no cell is called 'masks'; right is one of alone, "):
+        chosen(everything, ["masks"])
+
+
+def test_the_figures_of_every_seed_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    patterns = ["alone", "global/corridor/*", "kidnapped/apartment/*/recovery"]
+    figures = command.run(*MAPS, patterns, SMALL, workers=1, json_output=True)
+    captured = capsys.readouterr()
+    assert json.loads(captured.out) == json.loads(json.dumps(figures, allow_nan=False))
+    told = {cell["cell"]: cell for cell in figures["cells"]}
+    assert len(told) == 2 + 4 + 2
+    alone = told["alone/corridor/360/exact/0/robust"]
+    assert [run["seed"] for run in alone["runs"]] == [1, 2] and alone["found"] is None
+    assert alone["goal"]["reached"] == (alone["summary"]["rmse"] <= 0.08)
+    assert all(run["updates"] == run["outcome"]["updates"] > 3 for run in alone["runs"])
+    lost = told["global/corridor/360/kobuki/0/chapter/no-recovery"]
+    assert lost["runs"][0]["median"] > 0.5 and [share["of"] for share in lost["found"]] == [1, 1]
+    assert figures["updates"] == []
+
+
+def test_tables_and_goals_are_printed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "180")
+    patterns = ["realistic", "mask/*/360/*/2/robust", "kidnapped/apartment"]
+    command.run(*MAPS, patterns, SMALL, workers=1)
+    printed = capsys.readouterr().out
+    for title in ("realistic: four others near", "mask: peers' positions told", "kidnapped: carried"):
+        assert title in printed
+    goal = "goal, realistic/corridor/360/kobuki/4-at-times/robust: rmse ≤ 0.15 m and none lost: "
+    assert goal in printed and "(with 2 runs only; 100 are asked for)" in printed
+
+
+def test_a_course_is_written_and_fed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "180")
+    file = tmp_path / "course.zip"
+    command.write_log(file, *MAPS, ["tracking/*/4/chapter"], 7, SMALL)
+    said = capsys.readouterr().err
+    assert "the course of tracking/corridor/360/exact/4/chapter, seed 7: 51 poses, 51 scans" in said
+    figures = command.run_log(file, seeds=2)
+    printed = capsys.readouterr().out
+    assert "course.zip" in printed and all(name in printed for name in ("chapter", "robust", "odometry"))
+    assert [len(runs) for runs in figures.values()] == [2, 2, 2]
+    assert figures["odometry"][0]["max"] < 1e-6  # this odometry is exact
+    direct = command.run(*MAPS, ["tracking/corridor/360/exact/4/chapter"], Extent(7, 1, 5), workers=1)
+    assert direct["cells"][0]["runs"][6]["seed"] == 7
+
+
+def test_the_cost_of_an_update_is_measured_with_exactly_500_particles_and_60_beams() -> None:
+    chapter, robust = update_costs(CORRIDOR, repeats=1, seconds=6)
+    assert (chapter.preset, robust.preset) == ("chapter", "robust")
+    for cost in (chapter, robust):
+        assert cost.updates == 10 and 0 < cost.min_us <= cost.mean_us
+        assert cost.goal_met == (cost.min_us <= 150)
+
+
+def test_the_command_line_writes_a_log_and_feeds_it(tmp_path: Path) -> None:
+    shell, file = CliRunner(), tmp_path / "course.zip"
+    written = shell.invoke(
+        app, ["localisation", "--log", str(file), "--cell", "alone", "--seconds", "4", "--seed", "3"]
+    )
+    assert written.exit_code == 0 and file.exists(), written.output
+    fed = shell.invoke(app, ["localisation", "--from", str(file), "--seeds", "1", "--json"])
+    assert fed.exit_code == 0 and set(json.loads(fed.stdout)) == {"chapter", "robust", "odometry"}
+    file.write_text("damaged")
+    refused = shell.invoke(app, ["localisation", "--from", str(file)])
+    assert isinstance(refused.exception, LogError)
