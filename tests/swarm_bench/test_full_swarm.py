@@ -1,0 +1,39 @@
+"""That the benchmark of full swarms runs and measures what it says; never how fast anything is."""
+
+import dataclasses
+import json
+
+import pytest
+
+from actors.robot.core import Parts
+from benchmarks import full_swarm
+from benchmarks.swarm_task import SwarmTask
+
+TASK = SwarmTask(robots=(1, 2), seconds=2.0, repeat=1)
+
+
+def test_the_budget_names_all_parts_and_adds_up(capsys: pytest.CaptureFixture[str]) -> None:
+    figures = full_swarm.run(TASK, json_output=True)
+    assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(figures))
+    for swarm in figures["swarms"]:
+        mesh, memory = swarm["mesh"], swarm["memory"]
+        assert {actor for actor, _, _ in swarm["lines"]} == {"world", "radio", "robots", "parent"}
+        parts = {part for actor, part, _ in swarm["lines"] if actor == "robots"}
+        stated = {field.name for field in dataclasses.fields(Parts)} - {"moving"}  # thresholds do no work
+        assert stated <= parts and {"codec", "recorder", "shell", "processes and mesh"} <= parts
+        assert sum(ms for _, _, ms in swarm["lines"]) == pytest.approx(sum(mesh["by_actor"].values()))
+        assert sum(ms for _, _, ms in memory["lines"]) + memory["clock_ms"] == pytest.approx(
+            memory["clocked_ms"]
+        )
+        assert all(ms > 0 for actor, _, ms in memory["lines"] if actor == "world")
+        assert mesh["memory"]["robots"]["processes"] == swarm["robots"]
+        for kind in mesh["memory"].values():
+            assert 0 < kind["private_mb"] <= kind["pss_mb"] <= kind["rss_mb"]
+
+
+def test_what_a_person_reads(capsys: pytest.CaptureFixture[str]) -> None:
+    full_swarm.run(dataclasses.replace(TASK, robots=(4,), seconds=1.0))
+    printed = capsys.readouterr().out
+    for title in ("chapter.toml, 1 s, over Zenoh", "CPU by part", "processes:", "memory, all of a kind"):
+        assert title in printed
+    assert "goal, 4 robots: simulated seconds per second, at least 40:" in printed
