@@ -9,27 +9,25 @@ from actors import distance
 from actors.geometry import Point
 from actors.grid import OccupancyGrid
 
-TOUCH: Final = 0.001
-"""Bodies with less than this between them touch, m; the physics leaves resting ones 0.5 mm inside."""
-_FAR: Final = 0.15
-"""Gaps beyond this are given to half a cell only, m."""
+_FAR: Final = 0.05
+"""Gaps beyond this are given to a cell only, m."""
 
 
 def wall_gaps(grid: OccupancyGrid, true: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
-    """(steps, robots): between a disc of `radius`, m, at each position and the nearest wall, m.
+    """(samples, robots): between a disc of `radius`, m, at each position and the nearest wall, m.
 
-    `true`: (steps, robots, 2 or more), x and y first. Exact up to 0.15 m.
+    `true`: (samples, robots, 2 or more), x and y first. Exact up to 0.05 m.
     """
     cells = np.floor((true[..., :2] - grid.origin) / grid.resolution).astype(np.int64)
     gaps = grid.clearance[cells[..., 1], cells[..., 0]] - radius
-    for step, robot in np.argwhere(gaps < _FAR + grid.resolution).tolist():
-        point = Point(*true[step, robot, :2].tolist())
-        gaps[step, robot] = distance.point_clearance(grid, point, radius + 1.0) - radius
+    for sample, robot in np.argwhere(gaps < _FAR + grid.resolution).tolist():
+        point = Point(*true[sample, robot, :2].tolist())
+        gaps[sample, robot] = distance.point_clearance(grid, point, radius + 1.0) - radius
     return gaps
 
 
 def robot_gaps(true: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
-    """(steps, pairs): between each two robots, discs of `radius`, m, in the order of their indices."""
+    """(samples, pairs): between each two robots, discs of `radius`, m, in the order of their indices."""
     one, other = np.triu_indices(true.shape[1], k=1)
     offsets = true[:, one, :2] - true[:, other, :2]
     gaps: NDArray[np.float64] = np.hypot(offsets[..., 0], offsets[..., 1]) - 2 * radius
@@ -37,8 +35,8 @@ def robot_gaps(true: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
 
 
 def touches(gaps: NDArray[np.float64]) -> int:
-    """How often one of the columns of gaps falls below TOUCH, the first row included."""
-    near = gaps < TOUCH
+    """How often one of the columns of gaps becomes 0 or less, the first row included."""
+    near = gaps <= 0.0
     return int(near[:1].sum() + (near[1:] & ~near[:-1]).sum())
 
 

@@ -124,8 +124,8 @@ def _blockings(done: WatchedRun, parameters: EpisodeParameters) -> tuple[Blockin
     found = blockings(tracks.true[..., :2], pursuing, window, parameters)
     if not found:
         return ()
-    radius = load_model(done.scenario.robots.model, None).footprint.circumradius
-    passages = Passages(load_map(Path(done.scenario.map)), radius)
+    radius = max(load_model(robot.model, None).footprint.circumradius for robot in done.world.robots)
+    passages = Passages(load_map(done.world.map), radius)
     return tuple(_episode(tracks, one, passages) for one in found)
 
 

@@ -42,14 +42,14 @@ class Figures:
     aborted: dict[str, int]
     """By reason, and those that ended WRONG."""
     unfinished: int
-    """Goals without an end when the run's time was up."""
+    """Goals that were open when the run's time was up."""
     slowness: float | None
     """Median, over the long ways that succeeded, of the time taken by that of the shortest way at SPEED."""
     total_slowness: float | None
     """The same of the sums."""
     robot_hours: float
-    wall_touches: int
-    robot_touches: int
+    wall_contacts: int
+    robot_contacts: int
     contacts: int
     wall_gap: float
     robot_gap: float | None
@@ -109,8 +109,8 @@ def _summed(course: Course, runs: Sequence[RunFigures]) -> Figures:
         slowness=median_slowness,
         total_slowness=total_slowness,
         robot_hours=sum(one.robot_hours for one in runs),
-        wall_touches=sum(one.wall_touches for one in runs),
-        robot_touches=sum(one.robot_touches for one in runs),
+        wall_contacts=sum(one.wall_contacts for one in runs),
+        robot_contacts=sum(one.robot_contacts for one in runs),
         contacts=sum(one.contacts for one in runs),
         wall_gap=min(one.wall_gap for one in runs),
         robot_gap=gap if math.isfinite(gap) else None,
@@ -130,12 +130,12 @@ def _slowness(reached: Sequence[Leg]) -> tuple[float, float] | tuple[None, None]
 def _print(figures: Sequence[Figures]) -> None:
     table = Table(
         *("map", "robots", "goals", "succeeded", "95 %", "aborted", "x shortest", "sums"),
-        *("to walls", "to robots", "contacts/h: walls", "robots", "world"),
+        *("to walls", "to robots", "contacts/h: walls", "robots"),
     )
     for one in figures:
         table.add_row(*_row(one))
     Console(width=170).print(table)
-    touched = sum(one.wall_touches for one in figures)
+    touched = sum(one.wall_contacts for one in figures)
     verdict = "met" if touched == 0 else "MISSED"
     Console(soft_wrap=True).print(
         f"x shortest: time by that of the shortest way at {SPEED:g} m/s, over the ways of {LONG:g} m and more"
@@ -147,7 +147,7 @@ def _print(figures: Sequence[Figures]) -> None:
 def _row(one: Figures) -> list[str]:
     share = proportion(one.succeeded, one.goals)
     gone = {**one.aborted, **({"unfinished": one.unfinished} if one.unfinished else {})}
-    contacts = (one.wall_touches, one.robot_touches, one.contacts)
+    contacts = (one.wall_contacts, one.robot_contacts)
     return [
         one.map,
         str(one.robots),

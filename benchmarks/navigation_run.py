@@ -13,6 +13,7 @@ from benchmarks import goal_log
 from benchmarks.approach import closest, robot_gaps, touches, wall_gaps
 from benchmarks.goal_log import LoggedGoal
 from benchmarks.navigation_course import Course, body, scenario
+from benchmarks.retracing import RetracingError, retrace
 from benchmarks.shortest_way import ShortestWays
 from benchmarks.tracks import WatchedRun, watch
 
@@ -39,11 +40,11 @@ class RunFigures:
 
     legs: tuple[Leg, ...]
     robot_hours: float
-    wall_touches: int
-    """Contacts with walls that began, as seen from one step to the next."""
-    robot_touches: int
+    wall_contacts: int
+    """Contacts that began, as seen from one sub-step of the physics to the next."""
+    robot_contacts: int
     contacts: int
-    """All that the world itself counted, at every sub-step."""
+    """All together, as the world counted them."""
     wall_gap: float
     """The smallest, m."""
     robot_gap: float
@@ -61,12 +62,15 @@ def measure(course: Course) -> RunFigures:
         for index, robot in enumerate(tracks.robots)
         for goal in done.goals[robot][: course.goals]
     ]
-    walls, others = wall_gaps(grid, tracks.true, radius), robot_gaps(tracks.true, radius)
+    fine, contacts = retrace(done.world, tracks)
+    if contacts != done.result.contacts:
+        raise RetracingError(f"{contacts} contacts instead of the {done.result.contacts} of the run")
+    walls, others = wall_gaps(grid, fine, radius), robot_gaps(fine, radius)
     return RunFigures(
         legs=tuple(legs),
         robot_hours=done.result.simulated_s * len(tracks.robots) / 3600,
-        wall_touches=touches(walls),
-        robot_touches=touches(others),
+        wall_contacts=touches(walls),
+        robot_contacts=touches(others),
         contacts=done.result.contacts,
         wall_gap=closest(walls),
         robot_gap=closest(others),

@@ -4,24 +4,29 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final, TypeAlias
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.messages import DRIVE, TRUTH, Drive, Truth
+from actors.messages import DRIVE, TRUTH, Drive, RobotTruth, Truth
 from actors.runtime.bus import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.memory_bus import MemoryBus
 from actors.runtime.process import FinalNote
 from actors.runtime.recording import read_notes
+from actors.world.setup import WorldSetup
 from benchmarks.goal_log import SUBJECT, LoggedGoal
 from deploy import swarm
 from deploy.navigation_result import NavigationOutcome, navigation_outcome
 from deploy.options import RunOptions
 from deploy.result import RunResult
 from deploy.scenario import Scenario
+
+_Triple: TypeAlias = tuple[float, float, float]
+_UNSAID: Final[_Triple] = (np.nan, np.nan, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +39,9 @@ class Tracks:
     """(steps, robots, 3): x, y in m and heading in rad, map frame, as the world has it."""
     held: NDArray[np.float64]
     """(steps, robots, 3): where the robot holds itself to be; NaN where it has not said so."""
+    wished: NDArray[np.float64]
+    """(steps, robots, 3): the velocity that it asks for from then on, in its own frame: m/s, m/s, rad/s; NaN
+    where it asks for none."""
 
     def index(self, instant: int) -> int:
         """The step that begins at the instant, or the last one before the end of the run."""
@@ -44,8 +52,8 @@ class Tracks:
 class WatchedRun:
     """What there is to know about a run."""
 
-    scenario: Scenario
-    """With everything that was drawn."""
+    world: WorldSetup
+    """What the world was told, with everything that was drawn."""
     result: RunResult
     tracks: Tracks
     goals: Mapping[str, list[LoggedGoal]]
@@ -58,8 +66,8 @@ class Tracker:
     """Takes down what passes over the bus."""
 
     def __init__(self, bus: MemoryBus) -> None:
-        self._held: dict[str, tuple[int, tuple[float, float, float]]] = {}
-        self._rows: list[tuple[list[tuple[float, float, float]], list[tuple[float, float, float]]]] = []
+        self._drives: dict[str, Drive] = {}
+        self._rows: list[list[tuple[_Triple, _Triple, _Triple]]] = []
         self._robots: tuple[str, ...] = ()
         bus.listen(at(DRIVE, "*"), self._take_drive)
         bus.listen(at(TRUTH), self._take_truth)
@@ -67,26 +75,26 @@ class Tracker:
     def tracks(self, step_us: int) -> Tracks:
         """Everything so far; there must have been a step."""
         rows = np.array(self._rows, dtype=np.float64)
-        return Tracks(self._robots, step_us, rows[:, 0], rows[:, 1])
+        return Tracks(self._robots, step_us, rows[:, :, 0], rows[:, :, 1], rows[:, :, 2])
 
     def _take_drive(self, delivery: Delivery) -> None:
         drive = decode(delivery.topic, delivery.key, delivery.payload)
         assert isinstance(drive, Drive)
-        if drive.pose is not None:
-            self._held[_robot(delivery.key)] = (drive.step, drive.pose)
+        self._drives[_robot(delivery.key)] = drive
 
     def _take_truth(self, delivery: Delivery) -> None:
         truth = decode(delivery.topic, delivery.key, delivery.payload)
         assert isinstance(truth, Truth)
-        if truth.halt:
-            return
-        self._robots = tuple(robot.id for robot in truth.robots)
-        true = [(robot.x, robot.y, robot.heading) for robot in truth.robots]
-        self._rows.append((true, [self._held_at(robot, truth.step) for robot in self._robots]))
+        if not truth.halt:
+            self._robots = tuple(robot.id for robot in truth.robots)
+            self._rows.append([self._row(robot, truth.step) for robot in truth.robots])
 
-    def _held_at(self, robot: str, step: int) -> tuple[float, float, float]:
-        said = self._held.get(robot)
-        return said[1] if said is not None and said[0] == step else (np.nan, np.nan, np.nan)
+    def _row(self, true: RobotTruth, step: int) -> tuple[_Triple, _Triple, _Triple]:
+        pose = (true.x, true.y, true.heading)
+        drive = self._drives.get(true.id)
+        if drive is None or drive.step != step:
+            return pose, _UNSAID, _UNSAID
+        return pose, drive.pose or _UNSAID, (drive.vx, drive.vy, drive.omega)
 
 
 def watch(scenario: Scenario) -> WatchedRun:
@@ -101,7 +109,7 @@ def watch(scenario: Scenario) -> WatchedRun:
         said = {robot: _outcome(record) for robot, record in records.items()}
     navigation = {robot: navigation_outcome(records[robot], outcome) for robot, outcome in said.items()}
     return WatchedRun(
-        scenario,
+        plan.world,
         result,
         tracker.tracks(plan.world.step_us),
         {robot: _goals(outcome) for robot, outcome in said.items()},

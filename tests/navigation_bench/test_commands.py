@@ -26,7 +26,7 @@ def test_one_robot_reaches_what_it_is_sent_to() -> None:
     for leg in figures.legs:
         assert leg.shortest is not None and leg.shortest > 0.1
         assert leg.seconds > leg.shortest / navigation.SPEED - 1.0, "faster than the body can"
-    assert figures.wall_touches == figures.robot_touches == figures.contacts == 0
+    assert figures.wall_contacts == figures.robot_contacts == figures.contacts == 0
     assert figures.wall_gap > 0
 
 

@@ -76,7 +76,8 @@ def test_every_way_in_which_a_goal_can_end() -> None:
 
 
 def test_a_robot_pursues_what_it_was_not_told_to_leave() -> None:
-    tracks = Tracks(("r1",), STEP, np.zeros((10, 1, 3)), np.zeros((10, 1, 3)))
+    nowhere = np.zeros((10, 1, 3))
+    tracks = Tracks(("r1",), STEP, nowhere, nowhere, nowhere)
     goals = [
         LoggedGoal(0, 0.0, 0.0, 1 * STEP, "succeeded"),
         LoggedGoal(2 * STEP, 0.0, 0.0, 3 * STEP, "blocked", given_up=True),

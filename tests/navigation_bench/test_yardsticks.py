@@ -8,14 +8,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from actors.geometry import Point
-from actors.grid import FREE, OCCUPIED, OccupancyGrid
+from actors.geometry import Point, Pose
+from actors.grid import FREE, OCCUPIED, OccupancyGrid, outline
 from actors.map_file import load_map
 from actors.placement import draw_points
+from actors.world.physics import Arena
+from actors.world.setup import RobotSetup, WorldSetup
 from benchmarks.approach import closest, robot_gaps, touches, wall_gaps
 from benchmarks.confidence import average, proportion
 from benchmarks.passage import Passages
+from benchmarks.retracing import RetracingError, retrace
 from benchmarks.shortest_way import ShortestWays
+from benchmarks.swarm import strewn, turtlebot, wishes
+from benchmarks.tracks import Tracks
 
 MAPS = Path(__file__).parents[2] / "maps"
 RADIUS = 0.177
@@ -41,6 +46,10 @@ def around(start: Point, goal: Point) -> float:
 
     (first, arc), (last, other_arc) = tangent(start, west), tangent(goal, east)
     return first + RADIUS * (arc + other_arc) + 0.1 + last
+
+
+def standing_at(robot: str, pose: Pose) -> RobotSetup:
+    return RobotSetup(robot, "turtlebot2", None, "exact", (pose.x, pose.y, pose.heading), ())
 
 
 @pytest.mark.parametrize(
@@ -94,7 +103,7 @@ def test_gaps_to_walls_are_exact_near_them() -> None:
 
 
 def test_gaps_between_robots_and_how_often_they_touch() -> None:
-    x = [1.0, 0.354, 0.3545, 0.5, 0.354, 0.354]
+    x = [1.0, 0.353, 0.355, 0.5, 0.354 - 1e-9, 0.35]
     true = np.array([[(0.0, 0.0), (away, 0.0), (0.0, 9.0)] for away in x])
     gaps = robot_gaps(true, RADIUS)
     assert gaps.shape == (6, 3)
@@ -103,6 +112,40 @@ def test_gaps_between_robots_and_how_often_they_touch() -> None:
     assert touches(gaps[1:]) == 2, "one that touches at first counts"
     assert touches(robot_gaps(true[:, :1], RADIUS)) == 0
     assert closest(robot_gaps(true[:, :1], RADIUS)) == math.inf
+
+
+def test_every_contact_is_one_with_a_wall_or_with_a_robot() -> None:
+    grid = load_map(MAPS / "corridor.yaml")
+    starts = strewn(grid, 20, np.random.default_rng(1))
+    robots = [
+        RobotSetup(f"r{n}", "turtlebot2", None, "exact", tuple(pose), ()) for n, pose in enumerate(starts)
+    ]
+    world = WorldSetup(str(MAPS / "corridor.yaml"), 1, 100_000, 40_000_000, tuple(robots))
+    arena = Arena(outline(grid), [robot.id for robot in robots], [turtlebot(2)] * 20, starts)
+    true, wished = [], []
+    for wish in (wish for second in wishes(20, 40, 3) for wish in [second] * 10):
+        for robot, twist in enumerate(wish):
+            arena.command(robot, twist, arena.now)
+        true.append(arena.poses)
+        wished.append(wish)
+        arena.advance(10)
+    tracks = Tracks(
+        tuple(robot.id for robot in robots), 100_000, np.array(true), np.array(true), np.array(wished)
+    )
+    fine, contacts = retrace(world, tracks)
+    assert fine.shape == (4000, 20, 3) and np.array_equal(fine[9::10][:-1], true[1:])
+    with_walls, with_robots = touches(wall_gaps(grid, fine, RADIUS)), touches(robot_gaps(fine, RADIUS))
+    assert with_walls > 10 and with_robots > 5
+    assert with_walls + with_robots == contacts == arena.contacts
+
+
+def test_another_motion_than_that_of_the_run_is_refused() -> None:
+    robot = standing_at("r1", Pose(15.0, 11.5, 0.0))
+    world = WorldSetup(str(MAPS / "corridor.yaml"), 1, 100_000, 200_000, (robot,))
+    true = np.array([[[15.0, 11.5, 0.0]], [[15.0, 11.5, 0.0]]])
+    tracks = Tracks(("r1",), 100_000, true, true, np.array([[[0.5, 0.0, 0.0]]] * 2))
+    with pytest.raises(RetracingError, match="step 1 begins elsewhere than in the run"):
+        retrace(world, tracks)
 
 
 def test_passages_are_where_one_robot_closes_the_way() -> None:
