@@ -20,6 +20,7 @@ from deploy.kinds import (
     A_POSE,
     MOST_PLACES,
     Model,
+    Parameters,
     Point,
     Pose,
     Right,
@@ -31,7 +32,8 @@ from deploy.kinds import (
     as_tuples,
 )
 from deploy.scenario import AreaTable, DeecoTable
-from deploy.scenario_text import adaptation
+from deploy.scenario_text import adaptation, navigation
+from deploy.stack_tables import stack_fault
 from firmware_bridge.beeclick.signal import power_setting
 from firmware_bridge.beeclick.wire import MisuseError
 
@@ -148,6 +150,11 @@ class _FleetFile(Table):
     run: ConductTable = ConductTable()
     strategy: Settings = Field(default_factory=dict)
     deeco: DeecoTable = DeecoTable()
+    localisation: Parameters = Field(default_factory=dict)
+    navigation: Parameters = Field(default_factory=dict)
+    planner: Parameters = Field(default_factory=dict)
+    local_map: Parameters = Field(default_factory=dict)
+    dwa: Parameters = Field(default_factory=dict)
     area: Annotated[tuple[AreaTable, ...], BeforeValidator(as_tuples)] = ()
     robot: Annotated[tuple[FleetRobot, ...], BeforeValidator(as_tuples), Field(min_length=1)]
 
@@ -176,6 +183,8 @@ class Fleet:
     area: tuple[AreaTable, ...]
     adaptation: str
     """What every robot reads about its strategy and exchange, as TOML."""
+    navigation: str
+    """What every robot reads about how it localises and navigates, as TOML."""
     robots: tuple[FleetRobot, ...]
 
     def robot(self, name: str) -> FleetRobot:
@@ -205,7 +214,7 @@ def parse(text: str, path: Path) -> Fleet:
         first = error.errors(include_url=False)[0]
         sentence = wording.sentence(_FleetFile, first["type"], first["loc"], content)
         raise FleetError(f"{path}: {sentence}") from None
-    if fault := _fault(file):
+    if fault := _fault(file) or stack_fault(file):
         raise FleetError(f"{path}: {fault}")
     return _fleet(file, path.resolve())
 
@@ -262,5 +271,6 @@ def _fleet(file: _FleetFile, path: Path) -> Fleet:
         deeco=file.deeco,
         area=file.area,
         adaptation=adaptation(file),
+        navigation=navigation(file),
         robots=tuple(robot.model_copy(update={"model": absolute(robot.model)}) for robot in file.robot),
     )

@@ -93,6 +93,14 @@ Settings = Annotated[
     ),
 ]
 
+Parameters = Annotated[
+    Mapping[str, Annotated[Setting, PlainValidator(_setting)]],
+    Right(
+        "a table of a preset and of parameters",
+        item="true, false, a whole number of 64 bits, a finite number or a text",
+    ),
+]
+
 
 class Table(BaseModel):
     """A table of the file: every key known, nothing converted, every number finite."""

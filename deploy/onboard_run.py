@@ -108,6 +108,7 @@ def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> Plan:
         behaviour=entry(fleet.run.strategy),
         modules=(Path(fleet.run.modules),) if fleet.run.modules else (),
         adaptation=fleet.adaptation,
+        navigation=fleet.navigation,
         scenario="",
         commit=software(),
         speed="1",

@@ -37,6 +37,8 @@ class Plan:
     """Folders in which a strategy of the user's own is looked for, the first one first."""
     adaptation: str
     """What every robot reads about its strategy and exchange, as TOML."""
+    navigation: str
+    """What every robot reads about how it localises and navigates, as TOML."""
     scenario: str
     """The resolved scenario as TOML."""
     commit: str
@@ -83,6 +85,7 @@ def lay_out_robot(plan: Plan, robot: RobotSetup) -> None:
     copy_map(Path(plan.world.map), plan.folder(robot.id))
     _write_places(robot, plan.folder(robot.id) / "places.toml")
     (plan.folder(robot.id) / "adaptation.toml").write_text(plan.adaptation)
+    (plan.folder(robot.id) / "navigation.toml").write_text(plan.navigation)
     if Path(robot.model).is_file():
         shutil.copy(robot.model, plan.folder(robot.id) / "model.toml")
 
@@ -138,7 +141,8 @@ def robot_argv(plan: Plan, robot: RobotSetup, epoch: int, first_step: int) -> tu
         *("--model", str(model) if model.exists() else robot.model),
         *(("--sensor", robot.sensor) if robot.sensor else ()),
         *(f"--start={x!r},{y!r},{heading!r}", "--places", str(folder / "places.toml")),
-        *("--adaptation", str(folder / "adaptation.toml"), "--behaviour", plan.behaviour),
+        *("--adaptation", str(folder / "adaptation.toml"), "--navigation", str(folder / "navigation.toml")),
+        *("--behaviour", plan.behaviour),
         *(word for path in plan.modules for word in ("--path", str(path))),
     )
 

@@ -36,7 +36,8 @@ def rehearse(settled: Cast, text: str, modules: Sequence[Path]) -> None:
         adaptation=adaptation(text),
     )
     model = load_model(robot.model, robot.sensor)
-    start = setup.start(behaviour, model, setup.floor(load_map(settled.world.map), model))
+    floor = setup.floor(load_map(settled.world.map), model, behaviour.stack)
+    start = setup.start(behaviour, model, floor)
     with _found(modules), contextlib.redirect_stdout(sys.stderr):  # --json leaves nothing else there
         try:
             load_behaviour(settled.behaviour, start)

@@ -13,6 +13,7 @@ from deploy.kinds import (
     Model,
     Names,
     OdometryName,
+    Parameters,
     Point,
     Pose,
     Radius,
@@ -172,6 +173,13 @@ class Scenario(Table):
     strategy: Settings = Field(default_factory=dict)
     """Settings of the strategy that [run] names; what is absent is as the strategy has it."""
     deeco: DeecoTable = DeecoTable()
+    localisation: Parameters = Field(default_factory=dict)
+    """How robots localise: a preset, and parameters where they differ from it (`actors.robot.stack`)."""
+    navigation: Parameters = Field(default_factory=dict)
+    """The same of their navigation; the preset holds for the next three tables, too."""
+    planner: Parameters = Field(default_factory=dict)
+    local_map: Parameters = Field(default_factory=dict)
+    dwa: Parameters = Field(default_factory=dict)
     robots: RobotsTable = RobotsTable()
     places: PlacesTable = PlacesTable()
     radio: RadioTable = RadioTable()

@@ -11,6 +11,7 @@ from actors.runtime.errors import AcrcError
 from deploy import areas, events, robot_tables, toml_file, wording
 from deploy.repository import REPOSITORY
 from deploy.scenario import Scenario
+from deploy.stack_tables import stack_fault
 from deploy.usage import OptionError
 
 DEFAULT_SCENARIO: Final = REPOSITORY / "scenarios" / "corridor.toml"
@@ -63,7 +64,8 @@ def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario
         scenario = Scenario.model_validate(content)
     except ValidationError as error:
         raise _first(error, content, path, options) from None
-    for fault in (robot_tables.fault(scenario), areas.fault(scenario), events.fault(scenario)):
+    faults = (robot_tables.fault, areas.fault, events.fault, stack_fault)
+    for fault in (find(scenario) for find in faults):
         if fault:
             raise ScenarioError(f"{path}: {fault}")
     return _with_absolute_paths(scenario, path.resolve().parent)

@@ -1,5 +1,6 @@
 """A scenario as the text of a TOML file, and what of it goes onto a robot's disk."""
 
+from actors.robot.stack import TABLES
 from deploy.kinds import Table
 from deploy.scenario import Scenario
 from deploy.toml_text import document
@@ -14,3 +15,11 @@ def adaptation(settled: Table) -> str:
     """The text of every robot's adaptation.toml, of a fleet, or a scenario that leaves nothing to draw."""
     content = settled.model_dump(include={"strategy", "deeco", "area"})
     return "# What the robot's strategy is told, and how it exchanges knowledge.\n\n" + document(content)
+
+
+def navigation(settled: Table) -> str:
+    """The text of every robot's navigation.toml, of a fleet or a scenario."""
+    content = settled.model_dump(include=set(TABLES))
+    return "# How the robot localises and navigates; what is absent is as in the presets.\n\n" + document(
+        content
+    )

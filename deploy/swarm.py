@@ -33,7 +33,7 @@ from deploy.plan import (
 from deploy.rehearsal import rehearse
 from deploy.result import Circumstances, RunResult, gather
 from deploy.scenario import Scenario
-from deploy.scenario_text import adaptation, to_toml
+from deploy.scenario_text import adaptation, navigation, to_toml
 from deploy.signals import signals_as_interrupts
 from deploy.supervisor import Supervisor
 from deploy.version import software
@@ -74,6 +74,7 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
         behaviour=settled.behaviour,
         modules=modules,
         adaptation=told,
+        navigation=navigation(settled.scenario),
         scenario=to_toml(settled.scenario),
         commit=software(),
         speed=options.speed,

@@ -28,7 +28,7 @@ from actors.robot.limits import RobotLimits, fault, outcome_fault
 from actors.robot.localisation import Localisation
 from actors.robot.navigation import Navigation
 from actors.robot.ports import Behaviour, Decision, View
-from actors.robot.surroundings import Surroundings
+from actors.robot.sweep import Sweeps
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 
@@ -58,8 +58,8 @@ class MotionThresholds:
 class Parts:
     """What a robot is made of."""
 
+    sweeps: Sweeps
     localisation: Localisation
-    surroundings: Surroundings
     navigation: Navigation
     behaviour: Behaviour
     moving: MotionThresholds = MotionThresholds()
@@ -127,27 +127,35 @@ class RobotCore:
         return outputs
 
     def outcome(self) -> dict[str, object]:
-        """What the behaviour has to say about its run, by subject; nothing if it has no method `outcome`."""
-        say = getattr(self._parts.behaviour, "outcome", None)
+        """What there is to say about the run, by subject: the robot's own, and what its behaviour adds."""
+        parts = self._parts
+        own: dict[str, object] = {
+            "localisation": parts.localisation.outcome(),
+            "navigation": parts.navigation.outcome(),
+        }
+        say = getattr(parts.behaviour, "outcome", None)
         if say is None:
-            return {}
+            return own
         outcome = say()
-        if wrong := outcome_fault(outcome):
+        if wrong := outcome_fault(outcome, tuple(own)):
             raise BehaviourError(f"step {self._step}: behaviour {self._entry!r} of {self._robot} {wrong}")
-        return cast(dict[str, object], outcome)
+        return own | cast(dict[str, object], outcome)
 
     def _act(self, senses: Senses, events: tuple[RadioEvent, ...]) -> tuple[Decision, Twist, Pose]:
         parts, odometry, instant = self._parts, senses.odometry, Instant(senses.instant)
+        sweep = parts.sweeps.take(instant, odometry, senses.scan)
         here = Pose(odometry.x, odometry.y, odometry.heading)
-        estimate = parts.localisation.update(here, None)  # dead reckoning needs no scan
+        estimate = parts.localisation.update(here, sweep)
         pose = estimate.pose
-        parts.surroundings.take(instant, odometry, senses.scan)
         velocity = Twist(odometry.vx, odometry.vy, odometry.omega)
-        twist = parts.navigation.advance(instant, pose, velocity, senses.bumper != 0)
+        parts.navigation.sense(instant, here, sweep)
+        twist = parts.navigation.advance(instant, here, pose, velocity, senses.bumper != 0)
         moving = parts.moving.exceeded_by(velocity)
         view = View(instant, pose, moving, parts.navigation.goal, events, estimate.covariance)
         decision = self._decide(view, Instant(instant + self._step_us))
-        parts.navigation.take(decision.goal)
+        parts.navigation.take(decision.goal, decision.paused)
+        if decision.peers is not None:
+            parts.localisation.mask(decision.peers)
         return decision, twist, pose
 
     def _decide(self, view: View, until: Instant) -> Decision:

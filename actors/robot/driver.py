@@ -48,6 +48,7 @@ class Driver:
         self._table: NDArray[np.float64] = np.multiply(
             local.table, p.occdist_scale * self._cell, dtype=np.float64
         )
+        self._table.setflags(write=False)  # as the fingerprint's: the kernel is compiled for that
         self._limit = (local.inflation.inscribed / self._cell) ** 2
         self._oscillation = OscillationCritic(p.oscillation_distance, p.oscillation_angle, p.least_speed)
         self._untrusted = np.zeros(local.squared.shape, np.uint8)
@@ -126,6 +127,7 @@ class Driver:
         apart, nose = math.hypot(dx, dy), self._p.forward_point / self._cell
         # near the goal the nose is beyond it: to keep it on the plan would turn the robot round
         self._weights["alignment"] = self._alignment if apart > nose else 0.0
+        self._weights["goal_distance"] = apart if ended and not self._p.overshoot else math.inf
         front = _ahead(goal, dx, dy, nose, side)
         return Fields(
             squared,
@@ -179,5 +181,5 @@ def _weights(p: DwaParameters, cell: float, radius: float, padding: float, limit
     weights["scaling_range"] = max(min(p.max_speed, limits.speed) - p.scaling_speed, cell) / cell
     weights["scaling_factor"] = p.max_scaling_factor
     weights["least_speed"], weights["least_turn"] = p.least_speed / cell, p.least_turn
-    weights["escape"] = p.escape
+    weights["escape"] = p.escape / cell
     return weights

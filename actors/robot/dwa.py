@@ -14,7 +14,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-Distances = NDArray[np.int16]
+Squares = NDArray[np.int16]
+Steps = NDArray[np.int32]
 
 INVALID: Final = -1.0
 """Score of a trajectory that must not be driven."""
@@ -43,7 +44,8 @@ WEIGHTS = np.dtype(
         ("scaling_factor", np.float64),
         ("least_speed", np.float64),
         ("least_turn", np.float64),
-        ("escape", np.bool_),
+        ("goal_distance", np.float64),
+        ("escape", np.float64),
     ],
     align=True,
 )
@@ -51,23 +53,24 @@ WEIGHTS = np.dtype(
 
 `nose`: so far ahead of the centre the nose is, cells. `horizon`: a trajectory takes so long, s, or as long
 as stopping takes, if that is longer: `stop_buffer`, s, and braking with `deceleration`, cells/s². It is
-looked at every `stride`, cells, or `turn_stride`, rad. Its cells have to be farther from what is marked than
-`radius` and `padding`, cells; the radius grows by `scaling_factor` from `scaling_speed` over `scaling_range`,
-cells/s. Its speed is at least `least_speed`, cells/s, or its turn rate `least_turn`, rad/s. `escape`: where
-the robot is too near already, trajectories along which the distance grows are valid.
+looked at every `stride`, cells, or `turn_stride`, rad. All along it the centre has to be farther from what is
+marked than `radius` and `padding`, cells; the radius grows by `scaling_factor` from `scaling_speed` over
+`scaling_range`, cells/s. Its speed is at least `least_speed`, cells/s, or its turn rate `least_turn`, rad/s.
+It is scored at its end, or where it has gone `goal_distance`, cells. From where the centre is nearer than it
+may be, but by `escape`, cells, at most, trajectories along which the distance does not fall are valid.
 """
 
 
 class Fields(NamedTuple):
     """What the critics know of the window's cells; each is (rows, columns)."""
 
-    squared: Distances
+    squared: Squares
     """Squared distance to the nearest marked cell, cells²."""
-    path: Distances
+    path: Steps
     """Steps to the plan; rows · columns where it is out of reach."""
-    goal: Distances
+    goal: Steps
     """Steps to the local goal, the same."""
-    front: Distances
+    front: Steps
     """Steps to where the nose is drawn to, the same."""
     trusted: NDArray[np.uint8]
     """1 where the robot may back out over."""
@@ -111,10 +114,10 @@ def fingerprint() -> bytes:
     """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
     row, column = np.indices((40, 40))
     squared = np.minimum((row - 3) ** 2 + (column - 30) ** 2, 100).astype(np.int16)
-    steps = (np.abs(row - 30) + np.abs(column - 33)).astype(np.int16)
-    fields = Fields(squared, np.abs(row - 25).astype(np.int16), steps, steps, np.ones((40, 40), np.uint8))
-    numbers = (1.6, 1.6, 0.6, 0.6, 6.5, 3.0, 0.5, 0.1, 20.0, 0.2, 3.5, 1.0, 5.0, 5.0, 0.2, 2.0, 0.4, False)
-    weights = np.array([numbers], WEIGHTS)
+    steps = (np.abs(row - 30) + np.abs(column - 33)).astype(np.int32)
+    fields = Fields(squared, np.abs(row - 25).astype(np.int32), steps, steps, np.ones((40, 40), np.uint8))
+    numbers = [1.6, 1.6, 0.6, 0.6, 6.5, 3.0, 0.5, 0.1, 20.0, 0.2, 3.5, 1.0, 5.0, 5.0, 0.2, 2.0, 0.4, 9.0, 0.5]
+    weights = np.array([tuple(numbers)], WEIGHTS)
     table: Floats = np.linspace(6.0, 0.0, 101, dtype=np.float64)
     table.setflags(write=False)
     window, counts, barred = np.array([-2.0, 10.0, -1.0, 1.0]), (7, 8), np.zeros(4, np.bool_)
@@ -150,6 +153,24 @@ def _limit(speed: float, w: Any) -> float:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
+def _squared_at(squared: Squares, x: float, y: float) -> float:
+    """Squared distance from a point to the centre of the nearest marked cell, cells².
+
+    The point is at least half a cell, and less than all but half a cell, from the window's corner both ways.
+    Between four centres the squared distance to one point is their bilinear mean less the last two terms;
+    where the four are not nearest to the same one, the truth is greater, never less.
+    """
+    right, up = x - 0.5, y - 0.5
+    column, row = np.uintp(right), np.uintp(up)
+    after, over = column + np.uintp(1), row + np.uintp(1)
+    right -= column
+    up -= row
+    below = squared[row, column] + right * (squared[row, after] - squared[row, column])
+    above = squared[over, column] + right * (squared[over, after] - squared[over, column])
+    return float(below + up * (above - below) - right * (1.0 - right) - up * (1.0 - up))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
 def _driven(
     x: float,
     y: float,
@@ -157,12 +178,12 @@ def _driven(
     s: float,
     speed: float,
     turn: float,
-    squared: Distances,
+    squared: Squares,
     trusted: NDArray[np.uint8],
     fleeing: bool,
     w: Any,
 ) -> tuple[float, float, float, float, float]:
-    """The least squared distance along a trajectory, or INVALID; and x, y, cosine and sine at its end."""
+    """The least squared distance along a trajectory, or INVALID; x, y, cosine and sine where it is scored."""
     time = max(w.horizon, abs(speed) / w.deceleration + w.stop_buffer)
     count = max(1, math.ceil(max(abs(speed) * time / w.stride, abs(turn) * time / w.turn_stride)))
     if speed == 0.0:
@@ -174,28 +195,42 @@ def _driven(
     if angle != 0.0:
         chord *= half_s / (0.5 * angle)
     limit = _limit(speed, w)
-    start = squared[math.floor(y), math.floor(x)]
-    before = start if fleeing else squared.size
-    least = squared.size
-    here = start
-    for k in range(count + 1):
-        if k > 0:
-            x += chord * (c * half_c - s * half_s)
-            y += chord * (s * half_c + c * half_s)
-            c, s = c * rotate_c - s * rotate_s, s * rotate_c + c * rotate_s
-        row, column = math.floor(y), math.floor(x)
-        if row < 0 or column < 0 or row >= squared.shape[0] or column >= squared.shape[1]:
-            return INVALID, x, y, c, s
-        here = squared[row, column]
-        if here <= limit and here < before:
+    scored = count if count * abs(chord) <= w.goal_distance else math.ceil(w.goal_distance / abs(chord))
+    at_x, at_y, at_c, at_s = x, y, c, s
+    least = before = _squared_at(squared, x, y)
+    if before <= limit and not fleeing:
+        return INVALID, x, y, c, s
+    for k in range(1, count + 1):
+        x += chord * (c * half_c - s * half_s)
+        y += chord * (s * half_c + c * half_s)
+        c, s = c * rotate_c - s * rotate_s, s * rotate_c + c * rotate_s
+        if x < 0.5 or y < 0.5 or x >= squared.shape[1] - 0.5 or y >= squared.shape[0] - 0.5:
             return INVALID, x, y, c, s
         if speed < 0.0 and not _stern_known(trusted, x, y, c, s, w.radius):
             return INVALID, x, y, c, s
+        here = _squared_at(squared, x, y)
+        if here <= limit and here < before:
+            return INVALID, x, y, c, s
         before = here
         least = min(least, here)
-    if start <= limit and here <= start:
-        return INVALID, x, y, c, s
-    return float(least), x, y, c, s
+        if k == scored:
+            at_x, at_y, at_c, at_s = x, y, c, s
+    return least, at_x, at_y, at_c, at_s
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _steps_at(steps: Steps, x: float, y: float) -> int:
+    """Steps of the cell around a point; of the best of the three others near it if that is out of reach.
+
+    The centre may be farther from what is marked than that of its cell.
+    """
+    own = steps[math.floor(y), math.floor(x)]
+    if own < steps.size:
+        return int(own)
+    row = min(max(math.floor(y - 0.5), 0), steps.shape[0] - 2)
+    column = min(max(math.floor(x - 0.5), 0), steps.shape[1] - 2)
+    lower = min(steps[row, column], steps[row, column + 1])
+    return int(min(lower, steps[row + 1, column], steps[row + 1, column + 1]))
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -205,27 +240,29 @@ def _score(
     y: float,
     c: float,
     s: float,
-    path: Distances,
-    goal: Distances,
-    front: Distances,
+    path: Steps,
+    goal: Steps,
+    front: Steps,
     table: Floats,
-    fleeing: bool,
+    too_near: bool,
     w: Any,
 ) -> float:
-    """What the critics say together about a trajectory and where it ends, or INVALID."""
-    row, column = math.floor(y), math.floor(x)
-    far = path.size
-    if not fleeing and (path[row, column] == far or goal[row, column] == far):
+    """What the critics say together about a trajectory and where it ends, or INVALID.
+
+    `too_near`: the robot cannot be where it ends, nor where it is, so that no way from there is known.
+    """
+    to_path, to_goal = _steps_at(path, x, y), _steps_at(goal, x, y)
+    if max(to_path, to_goal) == path.size and not too_near:
         return INVALID
-    nose_row, nose_column = math.floor(y + w.nose * s), math.floor(x + w.nose * c)
-    if nose_row < 0 or nose_column < 0 or nose_row >= path.shape[0] or nose_column >= path.shape[1]:
+    row, column = math.floor(y + w.nose * s), math.floor(x + w.nose * c)
+    if row < 0 or column < 0 or row >= path.shape[0] or column >= path.shape[1]:
         return INVALID
     return float(
         table[min(int(least), table.size - 1)]
-        + w.path * path[row, column]
-        + w.alignment * path[nose_row, nose_column]
-        + w.goal * goal[row, column]
-        + w.front * front[nose_row, nose_column]
+        + w.path * to_path
+        + w.alignment * path[row, column]
+        + w.goal * to_goal
+        + w.front * front[row, column]
     )
 
 
@@ -265,17 +302,19 @@ def _best(
     speed_count: int,
     turn_count: int,
     barred: NDArray[np.bool_],
-    squared: Distances,
-    path: Distances,
-    goal: Distances,
-    front: Distances,
+    squared: Squares,
+    path: Steps,
+    goal: Steps,
+    front: Steps,
     trusted: NDArray[np.uint8],
     table: Floats,
     weights: NDArray[np.void],
 ) -> tuple[float, float, float]:
     w = weights[0]
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    fleeing = w.escape and squared[math.floor(pose[1]), math.floor(pose[0])] <= _limit(0.0, w)
+    least_allowed, start = _limit(0.0, w), _squared_at(squared, pose[0], pose[1])
+    nearest = max(w.radius + w.padding - w.escape, 0.0)
+    fleeing = nearest * nearest <= start <= least_allowed
     speeds = _samples(window[0], window[1], speed_count)
     turns = _samples(window[2], window[3], turn_count)
     best_speed, best_turn, lowest = 0.0, 0.0, INVALID
@@ -288,7 +327,8 @@ def _best(
             )
             if least < 0.0:
                 continue
-            score = _score(least, x, y, end_c, end_s, path, goal, front, table, fleeing, w)
+            too_near = fleeing and _squared_at(squared, x, y) <= least_allowed
+            score = _score(least, x, y, end_c, end_s, path, goal, front, table, too_near, w)
             if score >= 0.0 and (lowest < 0.0 or score < lowest):
                 best_speed, best_turn, lowest = speed, turn, score
     return best_speed, best_turn, lowest

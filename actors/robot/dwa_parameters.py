@@ -6,6 +6,17 @@ from types import MappingProxyType
 from typing import Final
 
 from actors.instant import Duration, seconds
+from actors.robot.bounds import check
+
+_LIMITS: Final = ("max_speed", "max_turn", "acceleration", "turn_acceleration", "scaling_speed")
+_NOT_NEGATIVE: Final = ("least_speed", "least_turn", "stop_buffer", "path_bias", "goal_bias", "occdist_scale")
+_LEAST: Final = {
+    **dict.fromkeys((*_NOT_NEGATIVE, "forward_point", "max_scaling_factor", "goal_slack"), 0.0),
+    **dict.fromkeys(("oscillation_distance", "oscillation_angle"), 0.0),
+    **dict.fromkeys(("speed_samples", "turn_samples"), 2.0),
+    "min_speed": -10.0,
+    "escape": 0.0,
+}
 
 
 @dataclass(frozen=True)
@@ -41,8 +52,9 @@ class DwaParameters:
     """... or until the robot could have braked, begun so much later, if that is longer, s (stop_time_buffer).
     dwa_local_planner describes it as the time before a collision in which the robot must have stopped, but
     does nothing with it since it predicts for a fixed time."""
-    granularity: float = 0.025
-    """Looked at is every so many metres of a trajectory (sim_granularity, default) ..."""
+    granularity: float = 0.05
+    """Looked at is every so many metres of a trajectory (sim_granularity; own choice: twice the default, as
+    here distances are exact within cells) ..."""
     angular_granularity: float = 0.1
     """... or every so many rad (angular_sim_granularity, default)."""
     path_bias: float = 64.0
@@ -66,16 +78,25 @@ class DwaParameters:
     """Where the robot cannot stand at the plan's end, the nearest cell within so many metres is the goal: the
     tolerance with which a goal is reached. Own choice against cells and poses that are a little off;
     dwa_local_planner has no trajectory then."""
+    overshoot: bool = False
+    """Whether trajectories are scored at their end, as in dwa_local_planner, though it be beyond the plan's.
+    Own choice: off, they are scored where they have gone as far as the plan's end is away; for before it is
+    reached, even the slowest leads past it, and to turn on the spot seems better for ever."""
     goal_setback: bool = True
     """If the plan leaves the window in an obstacle, the local goal is the last cell of it that is in none.
     Own choice; dwa_local_planner has no trajectory while another robot stands 2 m ahead."""
-    escape: bool = False
-    """Whether a robot whose centre is too near to something may drive such that the distance grows.
-    dwa_local_planner has no trajectory for it."""
+    escape: float = 0.02
+    """A robot that is nearer to something than it may be, by so many metres at most, may still drive such
+    that the distance does not fall. Own choice, for what is off between what is planned and driven;
+    dwa_local_planner has no trajectory then, which leaves it beside a wall for ever."""
     scan_patience: Duration = field(default=seconds(0.5))
     """Without a scan for so long the robot does not drive: five periods of a sensor of 10 Hz. Own choice."""
 
+    def __post_init__(self) -> None:
+        times = ("period", "sim_time", "granularity", "angular_granularity")
+        check("dwa", self, positive=(*times, *_LIMITS), least=_LEAST)
+
 
 DWA_PRESETS: Final[Mapping[str, DwaParameters]] = MappingProxyType(
-    {"chapter": DwaParameters(), "robust": replace(DwaParameters(), min_speed=-0.1, escape=True)}
+    {"chapter": DwaParameters(), "robust": replace(DwaParameters(), min_speed=-0.1, escape=1.0)}
 )

@@ -1,7 +1,7 @@
 """What a behaviour may ask of its robot, and what is wrong with a decision that asks for more."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -54,11 +54,16 @@ def fault(decision: object, begin: Instant, end: Instant, limits: RobotLimits) -
     return wrong
 
 
-def outcome_fault(outcome: object) -> str | None:
-    """What is wrong with what a behaviour has to say about its run; None if nothing is."""
+def outcome_fault(outcome: object, taken: Container[str]) -> str | None:
+    """What is wrong with what a behaviour has to say about its run; None if nothing is.
+
+    `taken`: subjects that the robot itself speaks about.
+    """
     if not isinstance(outcome, dict) or not all(isinstance(subject, str) for subject in outcome):
         return f"gives {outcome!r} for its outcome; it should be a dict by subject"
     for subject, value in outcome.items():
+        if subject in taken:
+            return f"has an outcome under {subject!r}, where the robot's own stands"
         try:
             msgspec.json.encode(value)
         except (TypeError, ValueError) as error:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from actors.geometry import Pose
 from actors.grid import Cell
 from actors.instant import Duration, Instant, in_seconds, seconds
+from actors.robot.bounds import ParameterError, check
 from actors.robot.cell_distance import squared_within
 from actors.robot.inflation import Inflation
 from actors.robot.ray_tracing import stamp, take_in
@@ -45,12 +46,20 @@ class LocalMapParameters:
     """From this distance on nothing costs anything, m."""
     scaling: float = 15.0
     """How fast the cost falls with the distance, 1/m (cost_scaling_factor)."""
-    padding: float = 0.05
-    """Added to the body's radius: so near to a marked cell the centre may not be, m. Own choice: one cell,
-    as the centre and what is marked may be anywhere in their cells. costmap_2d adds 0.01 m and looks at all
-    cells below the body's outline, which keeps off about as far."""
+    padding: float = 0.045
+    """Added to the body's radius: so near to the middle of a marked cell its centre may not be, m. 0.01 is
+    costmap_2d's footprint_padding; the rest is half a cell's diagonal, as what is marked may be in its corner.
+    costmap_2d has the rest by looking at all cells below the body's outline."""
     free_memory: Duration = field(default=Duration(0))
     """So long a cell counts as seen free after a ray passed through it; 0 = that is not remembered."""
+
+    def __post_init__(self) -> None:
+        ranges = {"obstacle_range": 0, "raytrace_range": 0, "inflation_radius": 0, "scaling": 0, "padding": 0}
+        check("local_map", self, positive=("cell", "size"), least=ranges)
+        if not 4 <= self.size / self.cell <= 400:
+            raise ParameterError(
+                f"local_map.size is {self.size:g}, but must be 4 to 400 cells of {self.cell:g} m"
+            )
 
 
 LOCAL_MAP_PRESETS: Final[Mapping[str, LocalMapParameters]] = MappingProxyType(
@@ -145,6 +154,21 @@ class LocalMap:
         return np.column_stack(
             ((columns + (self.corner.column + 0.5)) * cell, (rows + (self.corner.row + 0.5)) * cell)
         )
+
+    def free_behind(self, here: Pose, distance: float) -> bool:
+        """True if the body at `here` can back off straight by `distance`, m, as far as the map shows.
+
+        Where it is too near to something already, that must not come nearer.
+        """
+        cell, apart = self.parameters.cell, math.inf
+        for step in range(math.ceil(distance / cell) + 1):
+            back = here.compose(Pose(-min(step * cell, distance), 0.0, 0.0))
+            x, y = self._cells(back.x, back.y)
+            near = cell * math.sqrt(self.squared[math.floor(y), math.floor(x)])
+            if near < min(self._radius, apart):
+                return False
+            apart = near
+        return True
 
     def costs(self) -> NDArray[np.uint8]:
         """The cost of each cell: (rows, columns), row 0 the southernmost."""

@@ -11,17 +11,18 @@ from numba import njit
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-Distances = NDArray[np.int16]
+Squares = NDArray[np.int16]
+Steps = NDArray[np.int32]
 Cells = NDArray[np.int32]
 
 
-def wavefront(squared: Distances, limit: float, starts: Cells) -> Distances:
+def wavefront(squared: Squares, limit: float, starts: Cells) -> Steps:
     """Steps from each cell to the nearest of `starts`: (rows, columns); rows · columns where there is no way.
 
     `squared`: (rows, columns), squared distance to what is marked; a wave goes through cells with more than
     `limit`, but starts in any. `starts`: (n, 2), rows and columns within the window.
     """
-    distances: Distances = _wavefront(squared, limit, starts)
+    distances: Steps = _wavefront(squared, limit, starts)
     return distances
 
 
@@ -45,7 +46,7 @@ def cut(
     return nearest, ended, cells
 
 
-def free_goal(squared: Distances, limit: float, cells: Cells, slack: float) -> tuple[int, int]:
+def free_goal(squared: Squares, limit: float, cells: Cells, slack: float) -> tuple[int, int]:
     """Row and column of the last of `cells`, or, where the centre cannot be in it, of one that does instead.
 
     With `slack` < 0 the last of `cells` in which it can be, otherwise the nearest cell within `slack`, cells.
@@ -62,24 +63,25 @@ def fingerprint() -> bytes:
     row, column = np.indices((40, 40))
     squared = ((row * 5 + column * column * 3) % 31).astype(np.int16)
     way = np.column_stack((np.linspace(0.1, 3.0, 30), 0.8 + np.linspace(0, 1, 30) ** 2))
-    motion = np.array([math.cos(0.3), math.sin(0.3), 2.0, -1.0, 20.0])
-    nearest, ended, cells = cut(way, 0, motion, np.array([14.0, 17.0]), 40, 20.0)
+    motion = np.array([math.cos(0.3), math.sin(0.3), 0.5, 0.0, 20.0])
+    nearest, ended, cells = cut(way, 0, motion, np.array([8.0, 17.0]), 40, 20.0)
+    assert cells.size
     goals = free_goal(squared, 20.5, cells, -1.0), free_goal(squared, 20.5, cells, 3.0)
     return repr((nearest, ended, goals)).encode() + cells.tobytes() + wavefront(squared, 4.5, cells).tobytes()
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _wavefront(squared: Distances, limit: float, starts: Cells) -> Distances:
+def _wavefront(squared: Squares, limit: float, starts: Cells) -> Steps:
     rows, columns = squared.shape
-    far = np.int16(rows * columns)
+    far = np.int32(rows * columns)
     # a ring of cells that are not entered saves asking where the window ends
     width = columns + 2
-    known = np.full((rows + 2) * width, np.int16(0), np.int16)
+    known = np.full((rows + 2) * width, np.int32(0), np.int32)
     for row in range(rows):
         inside = known[(row + 1) * width + 1 : (row + 1) * width + 1 + columns]
         open_row = squared[row]
         for column in range(columns):
-            inside[column] = far if open_row[column] > limit else np.int16(-1)
+            inside[column] = far if open_row[column] > limit else np.int32(-1)
     queue = np.empty(rows * columns + starts.shape[0], np.int32)
     end = 0
     for k in range(starts.shape[0]):
@@ -92,13 +94,13 @@ def _wavefront(squared: Distances, limit: float, starts: Cells) -> Distances:
     while done < end:
         cell = queue[done]
         done += 1
-        further = np.int16(known[cell] + 1)
+        further = np.int32(known[cell] + 1)
         for near in (cell - width, cell - 1, cell + 1, cell + width):
             if known[near] == far:
                 known[near] = further
                 queue[end] = near
                 end += 1
-    distances = np.empty((rows, columns), np.int16)
+    distances = np.empty((rows, columns), np.int32)
     for row in range(rows):
         inside = known[(row + 1) * width + 1 : (row + 1) * width + 1 + columns]
         out = distances[row]
@@ -153,7 +155,7 @@ def _cut(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _free_goal(squared: Distances, limit: float, cells: Cells, slack: float) -> tuple[int, int]:
+def _free_goal(squared: Squares, limit: float, cells: Cells, slack: float) -> tuple[int, int]:
     last_row, last_column = cells[-1, 0], cells[-1, 1]
     if squared[last_row, last_column] > limit:
         return last_row, last_column

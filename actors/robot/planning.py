@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from actors import distance, flood
 from actors.geometry import Point
 from actors.grid import FREE, OCCUPIED, Cell, OccupancyGrid
+from actors.robot.bounds import check
 from actors.robot.cell_distance import squared_within
 from actors.robot.inflation import INSCRIBED, Inflation
 from actors.robot.potential import UNREACHABLE, descent, potential
@@ -39,6 +40,10 @@ class PlanningParameters:
     (navfn default_tolerance); the same holds for the start."""
     cached: int = 16
     """Potentials kept for goals to come back to; about 0.5 MB each on the corridor map."""
+
+    def __post_init__(self) -> None:
+        lengths = {"margin": 0, "inflation_radius": 0, "scaling": 0, "factor": 0, "wall": 0, "tolerance": 0}
+        check("planner", self, positive=("cell",), least={"neutral": 1, "cached": 1, **lengths})
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,8 @@ from actors.messages import READY, Ready
 from actors.robot.adaptation import Adaptation, load_adaptation
 from actors.robot.core import RobotCore
 from actors.robot.places import load_places
-from actors.robot.setup import RobotSetup, floor, kernels, robot
+from actors.robot.setup import RobotSetup, kernels, robot
+from actors.robot.stack import Stack, load_stack
 from actors.robot_model import load_model
 from actors.runtime.core import to
 from actors.runtime.fingerprint import combined
@@ -46,7 +47,7 @@ def build(argv: Sequence[str]) -> tuple[RobotOptions, RobotCore]:
     """The options in `argv` and the core that they ask for. An AcrcError if anything is wrong with them."""
     options = parse(argv)
     model = load_model(options.model, options.sensor)
-    return options, robot(options.setup, model, floor(load_map(options.map), model))
+    return options, robot(options.setup, model, load_map(options.map))
 
 
 def part(argv: Sequence[str]) -> Part:
@@ -84,6 +85,7 @@ def parse(argv: Sequence[str]) -> RobotOptions:
         places=load_places(given.places),
         behaviour=given.behaviour,
         adaptation=Adaptation() if given.adaptation is None else load_adaptation(given.adaptation),
+        stack=Stack() if given.navigation is None else load_stack(given.navigation),
     )
     return RobotOptions(
         setup=setup,
@@ -121,6 +123,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--adaptation", type=Path, help="TOML file: settings of the strategy and of the exchange, areas"
     )
+    parser.add_argument("--navigation", type=Path, help="TOML file: how it localises and navigates")
     parser.add_argument("--behaviour", required=True, help="entry of the behaviour, module:function")
     parser.add_argument(
         "--path", type=Path, action="append", default=[], help="folder with the behaviour's module"

@@ -1,30 +1,33 @@
 """A robot from its parts: which localiser, which driver, whose behaviour."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final
 
 from actors import distance, flood
 from actors.geometry import Point, Pose
 from actors.grid import OccupancyGrid
-from actors.instant import in_seconds
 from actors.randomness import generator
-from actors.robot import aim, obstruction, potential, swerve
+from actors.robot import cell_distance, dwa, inflation, localisation, map_grid, potential, ray_tracing
 from actors.robot.adaptation import Adaptation
 from actors.robot.behaviour import load_behaviour
 from actors.robot.core import Parts, RobotCore
-from actors.robot.driving import Driver, DrivingParameters
+from actors.robot.driver import Driver
 from actors.robot.floor_plan import ReachableFloor
-from actors.robot.localisation import DeadReckoning
+from actors.robot.local_map import LocalMap
+from actors.robot.localisation import Amcl, DeadReckoning, Localisation, likelihood_field
 from actors.robot.navigation import Navigation
 from actors.robot.planning import Ground, Planner, ground
 from actors.robot.ports import Start
-from actors.robot.surroundings import Surroundings
+from actors.robot.stack import Stack
+from actors.robot.sweep import Sweeps
 from actors.robot_model import RobotModel
 from actors.runtime.fingerprint import fingerprints
 
-_BRAKING_SHARE: Final = 0.4
-"""Of the base's deceleration, at most so much is planned with; see DrivingParameters.braking."""
+_KERNELS: Final = (
+    *(distance, flood, potential, cell_distance, inflation, ray_tracing, map_grid, dwa),
+    *localisation.KERNELS,
+)
 
 
 @dataclass(frozen=True)
@@ -42,11 +45,12 @@ class RobotSetup:
     behaviour: str
     """Entry string `module:function`."""
     adaptation: Adaptation = field(default_factory=Adaptation)
+    stack: Stack = field(default_factory=Stack)
 
 
-def floor(plan: OccupancyGrid, model: RobotModel) -> Ground:
+def floor(plan: OccupancyGrid, model: RobotModel, stack: Stack) -> Ground:
     """The floor plan for the model's body; may be shared by all robots of a process."""
-    return ground(plan, model.footprint.circumradius)
+    return ground(plan, model.footprint.circumradius, stack.planner)
 
 
 def start(setup: RobotSetup, model: RobotModel, floor: Ground) -> Start:
@@ -65,36 +69,31 @@ def start(setup: RobotSetup, model: RobotModel, floor: Ground) -> Start:
     )
 
 
-def robot(setup: RobotSetup, model: RobotModel, floor: Ground) -> RobotCore:
-    """The core of a robot."""
-    surroundings = Surroundings(model.sensor)
-    driver = Driver(
-        floor, surroundings, model.footprint.circumradius, in_seconds(setup.step_us), _driving(model)
-    )
+def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCore:
+    """The core of a robot that has this floor plan. Raises an AcrcError for what does not fit."""
+    stack, radius, ground = setup.stack, model.footprint.circumradius, floor(plan, model, setup.stack)
+    local = LocalMap(model.sensor, radius, stack.local_map)
+    driver = Driver(local, radius, model.drive, stack.dwa)
     parts = Parts(
-        localisation=DeadReckoning(setup.start),
-        surroundings=surroundings,
-        navigation=Navigation(Planner(floor), driver),
-        behaviour=load_behaviour(setup.behaviour, start(setup, model, floor)),
+        sweeps=Sweeps(model.sensor),
+        localisation=_localisation(setup, model, plan),
+        navigation=Navigation(Planner(ground, stack.planner), local, driver, stack.navigation),
+        behaviour=load_behaviour(setup.behaviour, start(setup, model, ground)),
     )
     return RobotCore(
         setup.id, parts, entry=setup.behaviour, first_step=setup.first_step, step_us=setup.step_us
     )
 
 
-def _driving(model: RobotModel) -> DrivingParameters:
-    """The default parameters, within what the model's drive can do."""
-    drive, parameters = model.drive, DrivingParameters()
-    return replace(
-        parameters,
-        speed=min(parameters.speed, drive.speed),
-        turn_rate=min(parameters.turn_rate, drive.turn_rate),
-        acceleration=min(parameters.acceleration, drive.acceleration),
-        turn_acceleration=min(parameters.turn_acceleration, drive.turn_acceleration),
-        braking=min(parameters.braking, _BRAKING_SHARE * drive.acceleration),
-    )
+def _localisation(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> Localisation:
+    parameters = setup.stack.localisation
+    if parameters is None:
+        return DeadReckoning(setup.start)
+    field = likelihood_field(plan, parameters.max_distance)
+    own = generator(setup.seed, "localisation", setup.id, setup.epoch)
+    return Amcl(field, model.sensor, setup.start, own, parameters)
 
 
 def kernels() -> dict[str, str]:
     """Fingerprint of every numeric kernel that a robot computes with, by module; also compiles them all."""
-    return fingerprints((distance, flood, potential, aim, obstruction, swerve))
+    return fingerprints(_KERNELS)

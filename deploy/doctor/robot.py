@@ -13,6 +13,7 @@ from actors.placement import check_pose
 from actors.robot import setup
 from actors.robot.adaptation import adaptation
 from actors.robot.program import look_in
+from actors.robot.stack import parse
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.tls import load_keys
@@ -126,6 +127,7 @@ def _make(fleet: Fleet, robot: FleetRobot) -> None:
         places=tuple(Point(*place) for place in robot.places),
         behaviour=entry(fleet.run.strategy),
         adaptation=adaptation(fleet.adaptation),
+        stack=parse(fleet.navigation),
     )
     model = _model(robot)
-    setup.robot(told, model, setup.floor(load_map(fleet.map), model))
+    setup.robot(told, model, load_map(fleet.map))

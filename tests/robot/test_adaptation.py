@@ -124,7 +124,7 @@ def test_the_behaviour_is_told() -> None:
     robot = setup.RobotSetup(
         "r1", 0, 0, 7, 100_000, 1, Pose(12.0, 5.0, 0.0), (), "x:y", adaptation=adaptation(WHOLE)
     )
-    start = setup.start(robot, model, setup.floor(floor_plan, model))
+    start = setup.start(robot, model, setup.floor(floor_plan, model, robot.stack))
     assert dict(start.settings) == {"lease": 2.5, "tries": 3, "fair": True, "the mode": "bold"}
     assert start.exchange.hop_limit == 15
     place = start.floor.random_place()

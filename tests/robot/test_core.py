@@ -1,10 +1,9 @@
 """The robot's core: which messages it awaits, what it answers, and what it refuses."""
 
-from types import ModuleType
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from numba import typeof
 
 from actors.geometry import CERTAIN, Point, Pose
 from actors.instant import Instant
@@ -27,16 +26,17 @@ from actors.messages import (
     Sent,
     Transmit,
 )
-from actors.robot import aim, driving, obstruction, potential, surroundings, swerve
 from actors.robot.behaviour import BehaviourError
 from actors.robot.core import Parts, RobotCore, StepError
-from actors.robot.driving import Driver, DrivingParameters
+from actors.robot.driver import Driver
+from actors.robot.dwa_parameters import DwaParameters
 from actors.robot.limits import RobotLimits
+from actors.robot.local_map import LocalMap
 from actors.robot.localisation import DeadReckoning
 from actors.robot.navigation import Navigation
 from actors.robot.planning import Planner, ground
-from actors.robot.ports import Decision, Goal, GoalOrder, GoalStatus
-from actors.robot.surroundings import ScanError, Surroundings
+from actors.robot.ports import Decision, Goal, GoalOrder, GoalStatus, Phase
+from actors.robot.sweep import ScanError, Sweeps
 from actors.runtime.core import Output, at, to
 from actors.topic import Message
 from tests.robot.base import TWO_ROOMS, FakeBase, model
@@ -46,6 +46,15 @@ FLOOR = ground(TWO_ROOMS, 0.177)
 START = Pose(1.0, 1.0, 0.0)
 LIMITS = RobotLimits()
 HEARD = Heard(90, 2, -60.0, 255, b"hello")
+
+
+class Masked(DeadReckoning):
+    """Dead reckoning that notes which peers it is told of."""
+
+    told: tuple[Point, ...] | None = None
+
+    def mask(self, peers: Sequence[Point]) -> None:
+        self.told = tuple(peers)
 
 
 class Robot:
@@ -61,9 +70,11 @@ class Robot:
         kind = model()
         self.behaviour = behaviour or Scripted(decision)
         self.base = FakeBase(TWO_ROOMS, kind, START)
-        surroundings = Surroundings(kind.sensor)
-        driver = Driver(FLOOR, surroundings, 0.177, 0.1, DrivingParameters())
-        parts = Parts(DeadReckoning(START), surroundings, Navigation(Planner(FLOOR), driver), self.behaviour)
+        local = LocalMap(kind.sensor, 0.177)
+        driver = Driver(local, 0.177, kind.drive, DwaParameters())
+        navigation = Navigation(Planner(FLOOR), local, driver)
+        self.localisation = Masked(START)
+        parts = Parts(Sweeps(kind.sensor), self.localisation, navigation, self.behaviour)
         self.core = RobotCore(
             "r1", parts, entry="my.study:behaviour", first_step=first_step, step_us=100_000, limits=limits
         )
@@ -116,12 +127,12 @@ def test_the_behaviour_sees_pose_motion_goal_and_radio_and_its_goal_drives_the_r
     robot = Robot(Decision(goal))
     robot.take_step(HEARD, Sent(95, 1))
     robot.behaviour.decision = Decision()
-    for _ in range(80):
+    for _ in range(120):
         robot.take_step()
     views = robot.behaviour.views
     first, until = views[0]
     assert first == (0, START, False, None, (HEARD, Sent(95, 1)), CERTAIN) and until == 100_000
-    assert views[1][0].goal == Goal(goal, GoalStatus.ACTIVE)
+    assert views[1][0].goal == Goal(goal, GoalStatus.ACTIVE, None, Phase.CONTROLLING, Instant(100_000))
     assert views[1][0].radio == () and views[1][0].instant == 100_000
     assert any(view.moving for view, _ in views)
     last = views[-1][0]
@@ -178,6 +189,23 @@ def test_a_robot_that_was_frozen_goes_on_with_the_step_that_the_world_is_in() ->
     assert drive.message.step == 41 and robot.core.step == 42
     assert robot.behaviour.views[-1][0].instant == 4_100_000
     assert robot.behaviour.views[-1][0].radio == (HEARD,)
+
+
+def test_pausing_and_peers_reach_navigation_and_localisation() -> None:
+    robot = Robot(Decision(Point(3.0, 1.0), paused=True, peers=(Point(2.0, 2.0),)))
+    robot.take_step()
+    assert robot.localisation.told == (Point(2.0, 2.0),)
+    robot.behaviour.decision = Decision()
+    for _ in range(10):
+        robot.take_step()
+    goal = robot.behaviour.views[-1][0].goal
+    assert goal is not None and goal.phase is Phase.PAUSED and robot.base.pose == START
+    robot.behaviour.decision = Decision(paused=False, peers=())
+    for _ in range(10):
+        robot.take_step()
+    goal = robot.behaviour.views[-1][0].goal
+    assert goal is not None and goal.phase is Phase.CONTROLLING and robot.base.pose.x > START.x
+    assert not robot.localisation.told
 
 
 def test_a_scan_of_another_sensor_is_refused() -> None:
@@ -287,10 +315,24 @@ WHERE = "step 4 (0.4 s): behaviour 'my.study:behaviour' of r1 "
             Decision(route=tuple(PlaceKey("r1", place) for place in range(5))),
             "has a route of 5 places; at most 4 may be",
         ),
+        (
+            Decision(paused="yes"),  # type: ignore[arg-type]
+            "gives 'yes' for paused; it should be True, False or None",
+        ),
+        (
+            Decision(peers=[Point(1.0, 2.0)]),  # type: ignore[arg-type]
+            "gives [Point(x=1.0, y=2.0)] for peers; it should be a tuple of Points, or None",
+        ),
+        (
+            Decision(peers=(Point(1.0, np.nan),)),
+            "has Point(x=1.0, y=nan) among its peers; it should be a Point of finite numbers",
+        ),
+        (Decision(peers=(Point(1.0, 2.0),) * 4), "gives 4 peers; at most 3 may be"),
     ],
 )
 def test_what_a_behaviour_must_not_ask_for_is_named(decision: object, fault: str) -> None:
-    robot = Robot(decision, first_step=4, limits=RobotLimits(frames=3, reports=2, given_up=2, route=4))
+    limits = RobotLimits(frames=3, reports=2, given_up=2, route=4, peers=3)
+    robot = Robot(decision, first_step=4, limits=limits)
     with pytest.raises(BehaviourError) as caught:
         robot.take_step()
     assert str(caught.value) == WHERE + fault
@@ -314,11 +356,13 @@ class Talkative(Scripted):
 
 def test_a_behaviour_may_say_something_about_its_run() -> None:
     robot = Robot()
-    assert robot.core.outcome() == {}  # it need not
+    assert list(robot.core.outcome()) == ["localisation", "navigation"]  # it need not
     behaviour = Talkative()
     behaviour.said = {"study": {"detours": 3}}
     robot = Robot(behaviour=behaviour)
-    assert robot.core.outcome() == {"study": {"detours": 3}}
+    outcome = robot.core.outcome()
+    assert list(outcome) == ["localisation", "navigation", "study"]
+    assert outcome["study"] == {"detours": 3}
 
 
 @pytest.mark.parametrize(
@@ -330,6 +374,7 @@ def test_a_behaviour_may_say_something_about_its_run() -> None:
             {"good": 1, "bad": {"x": object}},
             "has an outcome that is no JSON, under 'bad': Encoding objects of type type is unsupported",
         ),
+        ({"navigation": {}}, "has an outcome under 'navigation', where the robot's own stands"),
     ],
 )
 def test_an_outcome_that_cannot_be_kept_is_named(said: object, fault: str) -> None:
@@ -349,35 +394,6 @@ def test_equal_inputs_give_equal_outputs() -> None:
         return first + [robot.take_step() for _ in range(60)]
 
     assert outputs() == outputs()
-
-
-KERNELS = [
-    (aim, "aim", driving),
-    (obstruction, "free_arc", surroundings),
-    (swerve, "strangers", surroundings),
-    (potential, "_potential", potential),
-    (potential, "_descent", potential),
-]
-
-
-@pytest.mark.parametrize(("module", "name", "caller"), KERNELS)
-def test_fingerprints_call_the_kernels_with_the_types_that_a_robot_does(
-    module: ModuleType, name: str, caller: ModuleType, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    kernel, types = getattr(module, name), []
-
-    def spy(*arguments: object) -> object:
-        types.append(tuple(typeof(argument) for argument in arguments))
-        return kernel(*arguments)
-
-    monkeypatch.setattr(module, name, spy)
-    monkeypatch.setattr(caller, name, spy)
-    module.fingerprint()
-    compiled = len(types)
-    robot = Robot(Decision(Point(9.0, 3.0)))
-    for _ in range(20):
-        robot.take_step()
-    assert 0 < compiled < len(types) and len(set(types)) == 1  # so no step waits for the compiler
 
 
 def test_dead_reckoning_composes_start_and_odometry() -> None:

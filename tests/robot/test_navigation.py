@@ -1,244 +1,293 @@
-"""Stories of goals: reached, given up for each reason, replaced, cancelled; driven in a closed loop."""
+"""Stories of goals: reached, given up for each reason, replaced, paused; with a driver that obeys a test."""
 
-from collections.abc import Callable
-
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from actors.geometry import Point, Pose, Twist
-from actors.messages import Drive
-from actors.robot.driving import Driver, DrivingParameters
-from actors.robot.navigation import Navigation
+from actors.geometry import STILL, Point, Pose, Twist
+from actors.instant import Instant, seconds
+from actors.robot.driver import Steering
+from actors.robot.navigation import NAVIGATION_PRESETS, Navigation, NavigationParameters
 from actors.robot.planning import Planner, ground
-from actors.robot.ports import AbortReason, Goal, GoalOrder, GoalStatus
-from actors.robot.surroundings import Surroundings
-from tests.robot.base import TWO_ROOMS, FakeBase, at_step, model
+from actors.robot.ports import AbortReason, Goal, GoalOrder, GoalStatus, Phase
+from actors.robot.sweep import Sweep
+from tests.robot.base import TWO_ROOMS, at_step
 
 FLOOR = ground(TWO_ROOMS, 0.177)
-FAR = Point(9.0, 3.0)
-WEST = Pose(1.0, 1.0, 2.0)
+WEST, FAR = Point(1.0, 1.0), Point(9.0, 3.0)
+NOWHERE = Point(30.0, 1.0)
+AHEAD = Twist(0.5, 0.0, 0.0)
+CHAPTER = NAVIGATION_PRESETS["chapter"]
 ACTIVE, SUCCEEDED, ABORTED = GoalStatus.ACTIVE, GoalStatus.SUCCEEDED, GoalStatus.ABORTED
+SHIFT = Pose(-3.0, 2.0, 1.0)
+"""The map's origin in the odometry frame."""
+
+
+class Obedient:
+    """A driver that finds what it is told to find."""
+
+    def __init__(self) -> None:
+        self.valid = True
+        self.ways: list[NDArray[np.float64]] = []
+        self.begun = 0
+
+    def begin(self) -> None:
+        self.begun += 1
+
+    def follow(self, way: NDArray[np.float64]) -> None:
+        self.ways.append(way)
+
+    def steer(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
+        return Steering(AHEAD if self.valid else STILL, self.valid)
+
+
+class Memory:
+    """A local map that is told what it holds."""
+
+    def __init__(self) -> None:
+        self.cleared: list[float] = []
+        self.marked = np.empty((0, 2))
+        self.behind = True
+
+    def take(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
+        """Needs no scan."""
+
+    def clear(self, beyond: float) -> None:
+        self.cleared.append(beyond)
+
+    def marks(self) -> NDArray[np.float64]:
+        return self.marked
+
+    def free_behind(self, here: Pose, distance: float) -> bool:
+        return self.behind
 
 
 class Trip:
-    """A robot in the western room, from one goal to the next."""
+    """A robot that is carried about; `drift` says whether it gets about by itself."""
 
-    def __init__(self, start: Pose = WEST) -> None:
-        self.base = FakeBase(TWO_ROOMS, model(), start)
-        self.surroundings = Surroundings(model().sensor)
-        driver = Driver(FLOOR, self.surroundings, 0.177, 0.1, DrivingParameters())
-        self.navigation = Navigation(Planner(FLOOR), driver)
+    def __init__(self, parameters: NavigationParameters = CHAPTER) -> None:
+        self.driver, self.map = Obedient(), Memory()
+        self.navigation = Navigation(Planner(FLOOR), self.map, self.driver, parameters)
+        self.place = WEST
         self.step = 0
-        self.least_gap = self.base.wall_gap()
+        self.drifts = True
 
-    def take_step(self) -> Twist:
-        senses = self.base.senses(self.step)
-        self.surroundings.take(at_step(self.step), senses.odometry, senses.scan)
-        twist = self.navigation.advance(at_step(self.step), self.base.pose, self.base.velocity)
-        self.base.drive(Drive(self.step, *twist, 0))
+    def take_step(self, bumped: bool = False) -> Twist:
+        estimate = Pose(self.place.x, self.place.y, 0.5)
+        here = SHIFT.compose(estimate)
+        twist = self.navigation.advance(at_step(self.step), here, estimate, STILL, bumped)
+        if self.drifts and twist == AHEAD:
+            way = self.driver.ways[-1]
+            nearest = int(np.hypot(*(way - np.array(self.place)).T).argmin())
+            self.place = Point(*way[min(nearest + 1, len(way) - 1)].tolist())
         self.step += 1
-        self.least_gap = min(self.least_gap, self.base.wall_gap())
         return twist
 
-    def until(self, done: Callable[[], bool], seconds: float) -> None:
-        """Take steps until `done`, which must be so within so many seconds."""
-        for _ in range(round(10 * seconds)):
-            self.take_step()
-            if done():
-                return
-        pytest.fail(f"not within {seconds} s: at {self.base.pose}, {self.navigation.goal}")
+    def steps(self, number: int) -> list[Twist]:
+        return [self.take_step() for _ in range(number)]
 
-    def closed(self) -> bool:
-        return self.navigation.goal is not None and self.navigation.goal.status is not ACTIVE
+    def goes_to(self, goal: Point) -> "Trip":
+        self.navigation.take(goal)
+        return self
 
-    def standing(self) -> bool:
-        return self.base.velocity.vx == 0 and abs(self.base.velocity.omega) < 0.01
+    @property
+    def phase(self) -> Phase | None:
+        assert self.navigation.goal is not None
+        return self.navigation.goal.phase
+
+    def count(self, name: str) -> object:
+        return self.navigation.outcome()[name]
 
 
 def test_without_a_goal_it_stands() -> None:
     trip = Trip()
-    assert trip.take_step() == (0, 0, 0)
-    assert trip.navigation.goal is None
+    assert trip.take_step() == STILL and trip.navigation.goal is None
 
 
-@pytest.mark.parametrize("heading", [0.0, 1.6, 3.1, -1.6])
-def test_a_goal_behind_a_door_is_reached_without_touching_anything(heading: float) -> None:
-    trip = Trip(Pose(1.0, 1.0, heading))
-    trip.navigation.take(FAR)
+def test_a_goal_is_followed_to_within_the_tolerance() -> None:
+    trip = Trip().goes_to(FAR)
     assert trip.navigation.goal == Goal(FAR, ACTIVE)
-    trip.until(trip.closed, 30)
+    assert trip.take_step() == AHEAD
+    assert trip.navigation.goal == Goal(FAR, ACTIVE, None, Phase.CONTROLLING, at_step(0))
+    trip.steps(250)
     assert trip.navigation.goal == Goal(FAR, SUCCEEDED)
-    assert trip.base.pose.point.distance_to(FAR) <= 0.15
-    assert trip.least_gap > 0.1
-    assert trip.take_step() == (0, 0, 0)
+    assert trip.place.distance_to(FAR) <= 0.15
+    assert trip.take_step() == STILL
+    assert (trip.count("goals"), trip.count("succeeded")) == (1, 1)
 
 
-def test_a_goal_at_a_wall_is_reached_as_near_as_the_body_can() -> None:
-    trip = Trip()
-    corner = Point(9.75, 3.25)
-    trip.navigation.take(corner)
-    trip.until(trip.closed, 30)
-    assert trip.navigation.goal == Goal(corner, SUCCEEDED)
-    assert trip.base.pose.point.distance_to(corner) < 0.5
-    assert trip.least_gap > 0.0
+def test_the_way_is_planned_anew_every_second() -> None:
+    trip = Trip().goes_to(FAR)
+    trip.steps(41)
+    assert len(trip.driver.ways) == 5 and trip.driver.begun == 1
 
 
-def test_a_goal_without_a_way_is_given_up_after_the_planners_patience() -> None:
-    trip = Trip()
-    nowhere = Point(30.0, 1.0)
-    trip.navigation.take(nowhere)
-    for _ in range(5):
-        assert trip.take_step() == (0, 0, 0)
-        assert trip.navigation.goal == Goal(nowhere, ACTIVE)
+def test_without_a_way_it_recovers_once_and_then_gives_up() -> None:
+    trip = Trip().goes_to(NOWHERE)
+    assert trip.steps(7) == [STILL] * 7
+    assert (trip.phase, trip.map.cleared) == (Phase.PLANNING, [3.0])
+    trip.steps(6)
+    assert trip.navigation.goal == Goal(NOWHERE, ABORTED, AbortReason.NO_PLAN)
+    assert trip.step == 13, "0.5 s of patience exceeded, and once more"
+
+
+def test_without_a_trajectory_it_clears_the_map_after_its_patience_and_tries_once_more() -> None:
+    trip = Trip().goes_to(FAR)
     trip.take_step()
-    assert trip.navigation.goal == Goal(nowhere, ABORTED, AbortReason.NO_PLAN)
-
-
-def test_a_goal_behind_a_blocked_door_is_given_up_two_patiences_after_the_robot_stopped() -> None:
-    trip = Trip(Pose(2.0, 1.75, 0.0))
-    trip.base.obstacles = [(Point(4.9, 1.75), 0.2)]
-    trip.navigation.take(FAR)
-    stopped = []
-
-    def closed() -> bool:
-        if trip.standing():
-            stopped.append(trip.step)
-        return trip.closed()
-
-    trip.until(closed, 20)
+    trip.driver.valid = False
+    assert trip.steps(10) == [STILL] * 10
+    assert (trip.phase, trip.map.cleared) == (Phase.OBSTRUCTED, [])
+    assert trip.navigation.goal is not None and trip.navigation.goal.since == at_step(1)
+    trip.take_step()
+    assert (trip.phase, trip.map.cleared, trip.count("recoveries")) == (Phase.PLANNING, [3.0], 1)
+    trip.take_step()
     assert trip.navigation.goal == Goal(FAR, ABORTED, AbortReason.BLOCKED)
-    assert 18 <= trip.step - stopped[0] <= 21
-    assert trip.base.wall_gap() == pytest.approx(0.09, abs=0.03)
-    assert trip.least_gap > 0.05
+    assert trip.count("no_valid_trajectory") == [(at_step(1), at_step(12), "abort")]
+    assert trip.count("aborted") == {"no plan": 0, "blocked": 1, "no progress": 0}
 
 
-def test_a_robot_that_stands_is_still_to_less_than_a_centimetre() -> None:
-    trip = Trip(Pose(2.0, 1.75, 0.0))
-    trip.base.obstacles = [(Point(4.9, 1.75), 0.2)]
-    trip.navigation.take(FAR)
-    trip.until(trip.closed, 20)
-    stood = trip.base.pose.point
-    for _ in range(5):
-        trip.navigation.take(FAR)
-        trip.until(trip.closed, 5)
-        assert trip.base.pose.point.distance_to(stood) < 0.01
-
-
-def test_what_goes_away_in_time_costs_no_goal() -> None:
-    trip = Trip(Pose(2.0, 1.75, 0.0))
-    trip.base.obstacles = [(Point(4.9, 1.75), 0.2)]
-    trip.navigation.take(FAR)
-    trip.until(trip.standing, 10)
-    for _ in range(10):
-        trip.take_step()
-    trip.base.obstacles = []
-    trip.until(trip.closed, 30)
-    assert trip.navigation.goal == Goal(FAR, SUCCEEDED)
-
-
-def test_blocked_again_after_driving_on_the_patience_begins_anew() -> None:
-    trip = Trip(Pose(2.0, 1.75, 0.0))
-    trip.navigation.take(FAR)
+def test_what_goes_away_in_time_costs_no_goal_and_all_patience_is_back() -> None:
+    trip = Trip().goes_to(FAR)
     for _ in range(3):
-        for _ in range(15):
-            trip.take_step()
-        trip.base.obstacles = [(Point(trip.base.pose.x + 0.5, 1.75), 0.2)]
-        for _ in range(18):
-            trip.take_step()
-        trip.base.obstacles = []
-    trip.until(trip.closed, 30)
-    assert trip.navigation.goal == Goal(FAR, SUCCEEDED)
+        trip.driver.valid = True
+        trip.steps(2)
+        trip.driver.valid = False
+        trip.steps(11)  # long enough for a recovery
+    trip.driver.valid = True
+    trip.steps(3)
+    assert (trip.phase, trip.count("recoveries")) == (Phase.CONTROLLING, 3)
+    spells = [(2, 13, "itself"), (15, 26, "itself"), (28, 39, "itself")]
+    assert trip.count("no_valid_trajectory") == [(at_step(a), at_step(b), how) for a, b, how in spells]
+
+
+def test_who_does_not_get_away_recovers_and_then_gives_up() -> None:
+    trip = Trip().goes_to(FAR)
+    trip.drifts = False
+    trip.steps(102)
+    assert (trip.map.cleared, trip.phase) == ([3.0], Phase.PLANNING)
+    trip.steps(101)
+    assert trip.navigation.goal == Goal(FAR, ABORTED, AbortReason.NO_PROGRESS)
+    assert trip.step == 203
+
+
+def test_getting_away_gives_the_recovery_back() -> None:
+    trip = Trip().goes_to(FAR)
+    trip.drifts = False
+    trip.steps(102)
+    trip.drifts = True
+    trip.steps(10)
+    trip.drifts = False
+    trip.steps(110)
+    assert trip.navigation.goal is not None and trip.navigation.goal.status is ACTIVE
+    assert trip.count("recoveries") == 2
+
+
+@pytest.mark.parametrize("recoveries", [0, 2])
+def test_recoveries_are_as_many_as_the_parameters_say(recoveries: int) -> None:
+    trip = Trip(NavigationParameters(recoveries=recoveries)).goes_to(NOWHERE)
+    trip.steps(30)
+    assert trip.navigation.goal == Goal(NOWHERE, ABORTED, AbortReason.NO_PLAN)
+    assert len(trip.map.cleared) == recoveries
 
 
 def test_a_goal_that_was_given_up_can_be_asked_for_again() -> None:
-    trip = Trip(Pose(2.0, 1.75, 0.0))
-    trip.base.obstacles = [(Point(4.9, 1.75), 0.2)]
-    trip.navigation.take(FAR)
-    trip.until(trip.closed, 20)
-    trip.base.obstacles = []
-    trip.navigation.take(FAR)
-    assert trip.navigation.goal == Goal(FAR, ACTIVE)
-    trip.until(trip.closed, 30)
-    assert trip.navigation.goal == Goal(FAR, SUCCEEDED)
+    trip = Trip().goes_to(FAR)
+    trip.driver.valid = False
+    trip.steps(20)
+    trip.driver.valid = True
+    trip.goes_to(FAR)
+    assert trip.take_step() == AHEAD
+    assert trip.navigation.goal == Goal(FAR, ACTIVE, None, Phase.CONTROLLING, at_step(20))
+    assert trip.driver.begun == 2
 
 
-def test_a_base_that_does_not_follow_is_given_up_after_the_oscillation_timeout() -> None:
-    trip = Trip(Pose(1.0, 1.0, 0.0))
-    stuck = trip.base.pose
-    trip.navigation.take(FAR)
-
-    def closed() -> bool:
-        trip.base.pose = stuck
-        return trip.closed()
-
-    trip.until(closed, 11)
-    assert trip.navigation.goal == Goal(FAR, ABORTED, AbortReason.NO_PROGRESS)
-    assert trip.step == 101
-
-
-def test_a_cancelled_goal_is_gone_and_the_robot_stops() -> None:
-    trip = Trip()
-    trip.navigation.take(FAR)
-    for _ in range(50):
-        trip.take_step()
-    assert not trip.standing()
+def test_a_cancelled_goal_is_gone_and_its_spell_ends_with_the_order() -> None:
+    trip = Trip().goes_to(FAR)
+    trip.driver.valid = False
+    trip.steps(4)
     trip.navigation.take(GoalOrder.CANCEL)
-    assert trip.navigation.goal is None
-    trip.until(trip.standing, 1)
+    assert trip.navigation.goal is None and trip.take_step() == STILL
+    assert trip.count("no_valid_trajectory") == [(at_step(0), at_step(3), "order")]
+    assert trip.count("cancelled") == 1
+
+
+def test_a_spell_that_lasts_ends_with_the_run() -> None:
+    trip = Trip().goes_to(FAR)
+    trip.driver.valid = False
+    trip.steps(4)
+    assert trip.count("no_valid_trajectory") == [(at_step(0), at_step(3), "run")]
 
 
 def test_keeping_changes_nothing_and_a_new_point_replaces_the_goal() -> None:
-    trip = Trip()
-    trip.navigation.take(FAR)
-    trip.take_step()
+    trip = Trip().goes_to(FAR)
+    trip.steps(5)
+    before = trip.navigation.goal
     trip.navigation.take(GoalOrder.KEEP)
-    assert trip.navigation.goal == Goal(FAR, ACTIVE)
+    assert trip.navigation.goal == before and trip.driver.begun == 1
     near = Point(1.0, 3.0)
-    trip.navigation.take(near)
-    trip.until(trip.closed, 15)
-    assert trip.navigation.goal == Goal(near, SUCCEEDED)
-    assert trip.base.pose.point.distance_to(near) <= 0.15
+    trip.goes_to(near).take_step()
+    assert Point(*trip.driver.ways[-1][-1]) == near and trip.driver.begun == 2
 
 
-def test_two_robots_head_on_in_a_door_both_stop_and_give_up() -> None:
-    west, east = Trip(Pose(3.0, 1.75, 0.0)), Trip(Pose(7.0, 1.75, 3.1))
-    west.navigation.take(Point(9.0, 1.75))
-    east.navigation.take(Point(1.0, 1.75))
-    least = 9.0
-    for _ in range(150):
-        west.base.obstacles = [(east.base.pose.point, 0.177)]
-        east.base.obstacles = [(west.base.pose.point, 0.177)]
-        west.take_step()
-        east.take_step()
-        least = min(least, west.base.pose.point.distance_to(east.base.pose.point) - 2 * 0.177)
-    for trip in (west, east):
-        assert trip.navigation.goal is not None
-        assert trip.navigation.goal.reason is AbortReason.BLOCKED
-        assert trip.standing()
-    assert 0.02 < least < 0.2
+def test_a_paused_robot_stands_for_as_long_as_it_takes_and_then_goes_on() -> None:
+    trip = Trip().goes_to(FAR)
+    trip.steps(3)
+    trip.navigation.take(GoalOrder.KEEP, True)
+    assert trip.steps(500) == [STILL] * 500
+    assert trip.navigation.goal == Goal(FAR, ACTIVE, None, Phase.PAUSED, at_step(3))
+    trip.navigation.take(GoalOrder.KEEP, False)
+    assert trip.take_step() == AHEAD
+    assert trip.navigation.goal == Goal(FAR, ACTIVE, None, Phase.CONTROLLING, at_step(503))
+
+
+def test_a_goal_given_to_a_paused_robot_waits_and_saying_it_twice_changes_nothing() -> None:
+    trip = Trip()
+    trip.navigation.take(FAR, True)
+    assert trip.take_step() == STILL and trip.phase is Phase.PAUSED
+    near = Point(1.0, 3.0)
+    trip.navigation.take(near, True)
+    assert trip.take_step() == STILL
+    trip.navigation.take(GoalOrder.KEEP, False)
+    assert trip.take_step() == AHEAD
+    assert trip.navigation.goal == Goal(near, ACTIVE, None, Phase.CONTROLLING, at_step(2))
+    trip.navigation.take(GoalOrder.KEEP, False)
+    trip.take_step()
+    assert trip.navigation.goal.since == at_step(2), "not begun anew"
+
+
+def test_marks_reach_the_plan_in_the_frame_of_the_map_if_it_is_to_know_them() -> None:
+    door = np.array([[4.7, 1.75], [4.75, 1.6], [4.75, 1.9]])
+    for marking, status in ((False, ACTIVE), (True, ABORTED)):
+        trip = Trip(NavigationParameters(mark_robots=marking)).goes_to(FAR)
+        trip.map.marked = np.array([SHIFT.compose(Pose(x, y, 0.0))[:2] for x, y in door])
+        trip.steps(14)
+        assert trip.navigation.goal is not None and trip.navigation.goal.status is status
 
 
 def test_a_robot_that_touches_something_backs_away_and_goes_on() -> None:
-    trip = Trip(Pose(1.0, 1.0, 0.0))
-    trip.navigation.take(FAR)
-    for _ in range(10):
-        trip.take_step()
-    touched = trip.base.pose
-    senses = trip.base.senses(trip.step)
-    trip.surroundings.take(at_step(trip.step), senses.odometry, senses.scan)
-    twist = trip.navigation.advance(at_step(trip.step), touched, trip.base.velocity, bumped=True)
-    assert twist == Twist(-0.1, 0.0, 0.0)
-    trip.until(lambda: trip.base.pose.point.distance_to(touched.point) >= 0.15, 3)
-    assert trip.base.pose.x < touched.x - 0.14, "backward, as the robot faces east"
-    trip.until(trip.closed, 30)
-    assert trip.navigation.goal == Goal(FAR, SUCCEEDED)
+    trip = Trip().goes_to(FAR)
+    trip.steps(3)
+    backward = Twist(-0.1, 0.0, 0.0)
+    assert trip.take_step(bumped=True) == backward and trip.phase is Phase.RETREATING
+    trip.place = Point(trip.place.x - 0.1, trip.place.y)
+    assert trip.take_step() == backward
+    trip.place = Point(trip.place.x - 0.06, trip.place.y)
+    assert trip.take_step() == AHEAD
+    assert trip.count("retreats") == 1
 
 
-def test_a_retreat_that_leads_nowhere_ends_and_a_robot_without_a_goal_does_not_retreat() -> None:
-    trip = Trip(Pose(1.0, 1.0, 0.0))
-    still, pose = Twist(0.0, 0.0, 0.0), Pose(1.0, 1.0, 0.0)
-    assert trip.navigation.advance(at_step(0), pose, still, bumped=True) == still
-    trip.navigation.take(FAR)
-    backward = [
-        trip.navigation.advance(at_step(step), pose, still, bumped=step == 1).vx < 0 for step in range(1, 40)
-    ]
-    assert backward == [True] * 30 + [False] * 9
+def test_a_retreat_ends_in_time_and_does_not_begin_with_something_behind() -> None:
+    trip = Trip().goes_to(FAR)
+    trip.take_step(bumped=True)
+    assert [twist.vx < 0 for twist in trip.steps(35)] == [True] * 29 + [False] * 6
+    trip.map.behind = False
+    assert trip.take_step(bumped=True) == AHEAD
+    assert trip.count("retreats") == 1
+
+
+def test_a_robot_without_a_goal_does_not_retreat() -> None:
+    assert Trip().take_step(bumped=True) == STILL
+
+
+def test_the_chapters_preset_is_what_is_assumed() -> None:
+    assert NavigationParameters() == CHAPTER and CHAPTER.controller_patience == seconds(1)

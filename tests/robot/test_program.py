@@ -94,10 +94,17 @@ def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_wi
     assert sorted(robot.run.kernels) == [
         "actors.distance",
         "actors.flood",
-        "actors.robot.aim",
-        "actors.robot.obstruction",
+        "actors.robot.cell_distance",
+        "actors.robot.dwa",
+        "actors.robot.inflation",
+        "actors.robot.localisation.beams",
+        "actors.robot.localisation.histogram",
+        "actors.robot.localisation.measurement",
+        "actors.robot.localisation.motion",
+        "actors.robot.localisation.resampling",
+        "actors.robot.map_grid",
         "actors.robot.potential",
-        "actors.robot.swerve",
+        "actors.robot.ray_tracing",
     ]
 
 

@@ -6,8 +6,6 @@ from actors.robot.localisation import beams, histogram, measurement, motion, res
 from actors.robot.localisation.amcl import Amcl
 from actors.robot.localisation.dead_reckoning import DeadReckoning
 from actors.robot.localisation.estimate import (
-    CERTAIN,
-    Covariance,
     Estimate,
     Localisation,
     LocalisationError,
@@ -19,12 +17,10 @@ KERNELS: Final = (beams, histogram, measurement, motion, resampling)
 """The modules with numeric kernels."""
 
 __all__ = [
-    "CERTAIN",
     "KERNELS",
     "PRESETS",
     "Amcl",
     "AmclParameters",
-    "Covariance",
     "DeadReckoning",
     "Estimate",
     "LikelihoodField",

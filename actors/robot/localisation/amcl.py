@@ -5,6 +5,7 @@ with what ros-planning/navigation, amcl, adds: scans count only after some motio
 one to the next.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -28,7 +29,9 @@ from actors.robot_model import RangeSensor
 
 _ORIGIN: Final = Pose(0.0, 0.0, 0.0)
 _TOGETHER: Final = 0.9
-"""The particles count as being together while the estimate's cluster has so much of their weight."""
+"""The particles are together while the estimate's cluster has so much of their weight,"""
+_APART: Final = 0.5
+"""and they are, on the root of the mean square, no farther from it than this, m."""
 
 
 class Amcl:
@@ -131,22 +134,30 @@ class Amcl:
 
     def _weigh(self, sweep: Sweep) -> float | None:
         """Each particle by the scan; gives the fit, None without a beam to believe."""
-        expected = self._correction.compose(sweep.pose)
-        points, masked = ends(
-            sweep.ranges_mm, self._beams, expected, self._peers, self._parameters.peer_radius
+        parameters, tally, together = self._parameters, self._tally, self._together()
+        points, masked, strangers = ends(
+            sweep.ranges_mm,
+            self._beams,
+            self._correction.compose(sweep.pose),
+            self._peers,
+            parameters.peer_radius,
+            self._field,
+            parameters.stranger_distance if parameters.stranger_filter and together else math.inf,
+            parameters.stranger_error_threshold,
         )
         fit, skipped = self._measurement.weigh(
-            points,
-            self._poses,
-            self._weights,
-            self._directions,
-            self._count,
-            together=self._cluster.weight >= _TOGETHER,
+            points, self._poses, self._weights, self._directions, self._count, together=together
         )
-        self._tally.beams_masked += masked
-        self._tally.beams_skipped += skipped
-        self._tally.beams_used += len(points) - skipped
-        return fit if len(points) else None
+        tally.beams_masked += masked
+        tally.beams_strange += strangers
+        tally.beams_skipped += skipped
+        tally.beams_used += len(points) - skipped
+        return fit * len(points) / (len(points) + strangers) if len(points) else None
+
+    def _together(self) -> bool:
+        """True while nearly all particles, by weight, are about the estimate."""
+        _, covariance, weight = self._cluster
+        return weight >= _TOGETHER and covariance[0] + covariance[4] <= _APART * _APART
 
     def _heaviest(self, found: Histogram) -> Cluster:
         return heaviest_cluster(found, self._poses, self._directions, self._weights)

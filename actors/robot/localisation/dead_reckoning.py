@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from actors.geometry import Point, Pose
-from actors.robot.localisation.estimate import CERTAIN, Estimate
+from actors.geometry import CERTAIN, Point, Pose
+from actors.robot.localisation.estimate import Estimate
 from actors.robot.sweep import Sweep
 
 

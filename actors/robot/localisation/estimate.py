@@ -1,16 +1,11 @@
 """What a localiser is asked, and what it answers."""
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
-from actors.geometry import Point, Pose
+from actors.geometry import Covariance, Point, Pose
 from actors.robot.sweep import Sweep
 from actors.runtime.errors import AcrcError
-
-Covariance = tuple[float, float, float, float, float, float, float, float, float]
-"""Of x, y and heading, row by row: m², m·rad, rad²."""
-
-CERTAIN: Final[Covariance] = (0.0,) * 9
 
 
 class LocalisationError(AcrcError):

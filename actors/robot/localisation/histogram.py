@@ -11,8 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from actors.geometry import Pose
-from actors.robot.localisation.estimate import Covariance
+from actors.geometry import Covariance, Pose
 
 SIDE: Final = 0.5
 """m."""

@@ -42,7 +42,10 @@ class Measurement:
         """
         parameters = self._parameters
         if parameters.weighting == "cubes":
-            return weigh_by_cubes(self._field, ends, self._table, poses, weights, directions, count), 0
+            fit = weigh_by_cubes(
+                self._field, ends, self._table, self._agreeing, poses, weights, directions, count
+            )
+            return fit, 0
         return weigh_by_product(
             self._field,
             ends,
@@ -69,18 +72,21 @@ def weigh_by_cubes(
     field: LikelihoodField,
     ends: NDArray[np.float64],
     cubes: NDArray[np.float64],
+    agreeing: int,
     poses: NDArray[np.float64],
     weights: NDArray[np.float64],
     directions: NDArray[np.float64],
     count: int,
 ) -> float:
-    """Multiply the first `count` weights by 1 + Σp³ and make their sum 1; gives the fit, the mean of p³.
+    """Multiply the first `count` weights by 1 + Σp³ and make their sum 1; gives the fit.
 
-    `ends`: (b, 2), m, body's frame. `cubes`: (256,), p³ by level. `poses`: (3, capacity). `directions`,
-    (2, capacity), becomes the cosine and sine of the headings. The mean is taken over the beams, and over the
-    particles by the weights they had: so that it does not depend on how many there are. 0 without beams.
+    That is the share of the beams, seen from all particles, that end in a level of at most `agreeing`; 0
+    without beams. `ends`: (b, 2), m, body's frame. `cubes`: (256,), p³ by level. `poses`: (3, capacity).
+    `directions`, (2, capacity), becomes the cosine and sine of the headings.
     """
-    fit: float = _weigh_by_cubes(field.levels, field.frame, ends, cubes, poses, weights, directions, count)
+    fit: float = _weigh_by_cubes(
+        field.levels, field.frame, ends, cubes, agreeing, poses, weights, directions, count
+    )
     return fit
 
 
@@ -97,11 +103,11 @@ def weigh_by_product(
     directions: NDArray[np.float64],
     count: int,
 ) -> tuple[float, int]:
-    """Multiply weights by (Πp)^`sharpness`; gives the fit, the beams' geometric mean of p, and skipped beams.
+    """Multiply weights by (Πp)^`sharpness`; gives the fit, and how many beams were skipped.
 
     A beam is skipped if its end's level is at most `agreeing` for less than a share `threshold` of the
-    particles, unless at least a share `most` of the beams would be. `logarithms`: ln p by level; all else as
-    for `weigh_by_cubes`.
+    particles, unless at least a share `most` of the beams would be. The fit counts skipped beams, too.
+    `logarithms`: ln p by level; all else as for `weigh_by_cubes`.
     """
     fit, skipped = _weigh_by_product(
         field.levels,
@@ -133,7 +139,7 @@ def fingerprint() -> bytes:
     ends = np.column_stack((np.cos(np.arange(12.0)), np.sin(np.arange(12.0))))
     weights, directions = np.full(30, 1 / 30, np.float64), np.empty((2, 30))
     fits = (
-        weigh_by_cubes(field, ends, p**3, poses, weights, directions, 30),
+        weigh_by_cubes(field, ends, p**3, 60, poses, weights, directions, 30),
         *weigh_by_product(field, ends, np.log(p), 60, 0.3, 0.9, 0.5, poses, weights, directions, 30),
     )
     return weights.tobytes() + np.array(fits).tobytes()
@@ -177,6 +183,7 @@ def _weigh_by_cubes(
     frame: NDArray[np.float64],
     ends: NDArray[np.float64],
     cubes: NDArray[np.float64],
+    agreeing: int,
     poses: NDArray[np.float64],
     weights: NDArray[np.float64],
     directions: NDArray[np.float64],
@@ -185,19 +192,19 @@ def _weigh_by_cubes(
     cells = _face(frame, poses, directions, count)
     sums = np.zeros(count)
     seen = np.empty(count, np.uint8)
+    agreements = 0
     for beam in range(ends.shape[0]):
         _look_up(levels, cells, directions, ends[beam, 0] / frame[2], ends[beam, 1] / frame[2], seen)
         for i in range(count):
             sums[i] += cubes[seen[i]]
-    fit = 0.0
+            agreements += seen[i] <= agreeing
     total = 0.0
     for i in range(count):
-        fit += weights[i] * sums[i]
         weights[i] *= 1.0 + sums[i]
         total += weights[i]
     for i in range(count):
         weights[i] /= total
-    return fit / max(ends.shape[0], 1)
+    return agreements / max(ends.shape[0] * count, 1)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -217,20 +224,17 @@ def _weigh_by_product(
 ) -> tuple[float, int]:
     beams = ends.shape[0]
     cells = _face(frame, poses, directions, count)
-    sums, skipped = _sums(levels, frame, ends, logarithms, agreeing, threshold, cells, directions)
+    sums, fit, skipped = _sums(levels, frame, ends, logarithms, agreeing, threshold, cells, directions)
     if skipped >= most * beams:  # the particles are wrong, and not the beams
-        sums, skipped = _sums(levels, frame, ends, logarithms, agreeing, 0.0, cells, directions)
-    kept = max(beams - skipped, 1)
+        sums, fit, skipped = _sums(levels, frame, ends, logarithms, agreeing, 0.0, cells, directions)
     highest = sums.max()
-    fit = 0.0
     total = 0.0
     for i in range(count):
-        fit += weights[i] * math.exp(sums[i] / kept)
         weights[i] *= math.exp(sharpness * (sums[i] - highest))
         total += weights[i]
     for i in range(count):
         weights[i] /= total
-    return (fit if beams > 0 else 0.0), skipped
+    return fit, skipped
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -243,20 +247,22 @@ def _sums(
     threshold: float,
     cells: NDArray[np.float64],
     directions: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], int]:
-    """Each particle's Σ ln p over the beams that are not skipped, and how many are."""
+) -> tuple[NDArray[np.float64], float, int]:
+    """Each particle's Σ ln p over the beams that are not skipped, the fit, and how many are skipped."""
     count = cells.shape[1]
     sums = np.zeros(count)
     seen = np.empty(count, np.uint8)
     skipped = 0
+    agreements = 0
     for beam in range(ends.shape[0]):
         _look_up(levels, cells, directions, ends[beam, 0] / frame[2], ends[beam, 1] / frame[2], seen)
         agree = 0
         for i in range(count):
             agree += seen[i] <= agreeing
+        agreements += agree
         if agree < threshold * count:
             skipped += 1
             continue
         for i in range(count):
             sums[i] += logarithms[seen[i]]
-    return sums, skipped
+    return sums, agreements / max(ends.shape[0] * count, 1), skipped

@@ -56,7 +56,7 @@ def fingerprint() -> bytes:
     index = np.arange(60.0)
     poses = np.stack((np.sqrt(index), 0.1 * (index % 7), 3 * np.sin(index)))
     weights: NDArray[np.float64] = (1 + index % 5) / 180
-    uniforms: NDArray[np.float64] = (index * 0.618) % 1.0
+    uniforms = np.modf(index * 0.618)[0]
     drawn = np.zeros((3, 60))
     found = histogram(poses, 60)
     resample(poses, weights, 60, found, uniforms, 0.0, 20, 0.5, 1.0, drawn)

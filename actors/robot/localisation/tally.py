@@ -19,6 +19,8 @@ class Tally:
     beams_used: int = 0
     beams_masked: int = 0
     """Dropped as they ended at a masked peer."""
+    beams_strange: int = 0
+    """Dropped as they ended at what is not on the map."""
     beams_skipped: int = 0
     """Dropped as few particles agreed with them."""
 

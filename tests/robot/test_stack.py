@@ -1,0 +1,115 @@
+"""How a robot localises and navigates: presets, parameters, all ways in which the tables can be wrong."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from actors.instant import seconds
+from actors.robot.dwa_parameters import DWA_PRESETS
+from actors.robot.local_map import LOCAL_MAP_PRESETS
+from actors.robot.localisation import PRESETS
+from actors.robot.navigation import NAVIGATION_PRESETS
+from actors.robot.planning import PlanningParameters
+from actors.robot.stack import Stack, StackError, load_stack, parse
+
+WHOLE = """
+[localisation]
+preset = "robust"
+max_particles = 1000
+weighting = "product"
+
+[navigation]
+preset = "robust"
+tolerance = 0.2
+controller_patience = 2
+mark_robots = false
+
+[planner]
+cached = 4
+
+[local_map]
+size = 3
+
+[dwa]
+sim_time = 2.5
+"""
+
+
+def test_everything_that_a_file_may_hold() -> None:
+    stack = parse(WHOLE)
+    assert stack.localisation == replace(PRESETS["robust"], max_particles=1000, weighting="product")
+    assert stack.navigation == replace(
+        NAVIGATION_PRESETS["robust"], tolerance=0.2, controller_patience=seconds(2), mark_robots=False
+    )
+    assert stack.planner == PlanningParameters(cached=4)
+    assert stack.local_map == replace(LOCAL_MAP_PRESETS["robust"], size=3.0)
+    assert stack.dwa == replace(DWA_PRESETS["robust"], sim_time=2.5)
+
+
+def test_an_empty_file_means_the_chapter() -> None:
+    assert parse("") == Stack()
+    assert Stack().localisation == PRESETS["chapter"] and Stack().dwa == DWA_PRESETS["chapter"]
+
+
+def test_without_localisation_the_odometry_is_trusted() -> None:
+    assert parse('localisation.preset = "odometry"').localisation is None
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("dwa = 3", "dwa is 3, but must be a table [dwa]"),
+        ("[driver]", "driver is not known; known are localisation, navigation, planner, local_map, dwa"),
+        ("[local-map]", "local-map is not known; did you mean local_map?"),
+        (
+            'localisation.preset = "best"',
+            'localisation.preset is "best", but must be "chapter", "robust" or "odometry"',
+        ),
+        ("navigation.preset = 1", 'navigation.preset is 1, but must be "chapter" or "robust"'),
+        ("localisation.particles = 7", None),
+        ("localisation.beams = 60.0", "localisation.beams is 60.0, but must be a whole number"),
+        ("localisation.beam_skip = 1", "localisation.beam_skip is 1, but must be true or false"),
+        ("localisation.alpha1 = nan", "localisation.alpha1 is NaN, but must be a finite number"),
+        ("localisation.alpha1 = true", "localisation.alpha1 is true, but must be a finite number"),
+        (
+            'localisation.weighting = "sum"',
+            'localisation.weighting is "sum", but must be "cubes" or "product"',
+        ),
+        ("localisation.beams = 0", "the localiser's beams is 0; it should be at least 1"),
+        (
+            'localisation = { preset = "odometry", beams = 60 }',
+            'localisation.beams is set, but must be left out where the preset is "odometry", '
+            "which has no parameters",
+        ),
+        ("navigation.tolerance = 0", "navigation.tolerance is 0, but must be above 0"),
+        ("navigation.replanning = -1", "navigation.replanning is -1, but must be a number of seconds"),
+        ("navigation.recoveries = -1", "navigation.recoveries is -1, but must be at least 0"),
+        ("planner.cached = 0", "planner.cached is 0, but must be at least 1"),
+        ("planner.cell = 0", "planner.cell is 0, but must be above 0"),
+        ("local_map.cell = 0", "local_map.cell is 0, but must be above 0"),
+        ("dwa.sim_time = 0", "dwa.sim_time is 0, but must be above 0"),
+        ("= 3", "this is no TOML: "),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_sentence(text: str, fault: str | None) -> None:
+    with pytest.raises(StackError) as raised:
+        parse(text)
+    sentence = str(raised.value)
+    assert sentence.startswith(fault or "localisation.particles is not known; did you mean localisation.m")
+    assert "\n" not in sentence
+
+
+def test_a_file_is_named_in_the_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "navigation.toml"
+    for content, fault in (
+        (None, "cannot be read: No such file or directory"),
+        (b"\xff", "byte 0 is not UTF-8"),
+        (b"#" * 100_001, "may have at most 100000 bytes, and this has more"),
+        (b"dwa = 1", "dwa is 1, but must be a table [dwa]"),
+    ):
+        if content is not None:
+            path.write_bytes(content)
+        with pytest.raises(StackError) as raised:
+            load_stack(path)
+        assert str(raised.value) == f"{path}: {fault}"
