@@ -227,6 +227,8 @@ def localisation(
 
     other = REPOSITORY / "maps" / "apartment.yaml"
     extent = cells.Extent(seeds, runs, seconds)
+    if log is not None and source is not None:
+        raise typer.BadParameter("is another thing to do than --from", param_hint="--log")
     if log is not None:
         command.write_log(log, CORRIDOR, other, cell or (), seed, extent)
     elif source is not None:

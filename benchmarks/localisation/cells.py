@@ -13,6 +13,8 @@ from benchmarks.localisation.filters import Arm, Preset
 PRESETS: Final[tuple[Preset, ...]] = ("chapter", "robust")
 AFTER: Final = (10.0, 30.0, 60.0)
 """So long after it was put anywhere a robot may have found itself, s."""
+COST: Final = "cpu"
+"""Names the measurement of one update's cost among the sections."""
 CARRIED_AT: Final = 30.0
 """The kidnapped robot is carried then, s."""
 
@@ -90,7 +92,7 @@ def chosen(everything: Iterable[Cell], patterns: Sequence[str]) -> list[Cell]:
     everything = list(everything)
     for pattern in patterns:
         if not any(_matches(cell, pattern) for cell in everything):
-            sections = ", ".join(dict.fromkeys(cell.section for cell in everything))
+            sections = ", ".join([*dict.fromkeys(cell.section for cell in everything), COST])
             raise CellError(
                 f"no cell is called {pattern!r}; right is one of {sections}, or a pattern such as "
                 "'tracking/*/360/*/4/robust'"

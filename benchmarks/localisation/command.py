@@ -10,7 +10,7 @@ from typing import Any, Final
 from rich.console import Console
 
 from benchmarks.localisation import log, log_reader, report
-from benchmarks.localisation.cells import PRESETS, Cell, Extent, cells, chosen
+from benchmarks.localisation.cells import COST, PRESETS, Cell, Extent, cells, chosen
 from benchmarks.localisation.course import STEP_US, Course, made
 from benchmarks.localisation.filters import Arm, Preset
 from benchmarks.localisation.metrics import Run, beside_truth
@@ -19,8 +19,6 @@ from benchmarks.localisation.replay import replay
 from benchmarks.localisation.speed import BEAMS, GOAL_US, PARTICLES, UpdateCost, update_costs
 from benchmarks.localisation.summary import Summary, summary
 
-COST: Final = "cpu"
-"""Names the measurement of one update among the cells."""
 _EXTENT: Final = Extent()
 
 
@@ -83,7 +81,7 @@ def run_log(file: Path, seeds: int = 1, json_output: bool = False) -> dict[str, 
     if json_output:
         sys.stdout.write(json.dumps(figures) + "\n")
         return figures
-    console = Console()
+    console = _console()
     console.print(report.log_table(file.name, [(preset, summary(runs)) for preset, runs in rows]))
     console.print(report.legend(), highlight=False)
     return figures
@@ -133,10 +131,15 @@ def _figures(
     return {"extent": asdict(extent), "cells": told, "updates": [asdict(cost) for cost in costs]}
 
 
+def _console() -> Console:
+    """As wide as the terminal, or, in a file, as the tables."""
+    return Console() if sys.stdout.isatty() else Console(width=report.WIDTH)
+
+
 def _print(
     by_cell: Sequence[tuple[Cell, Sequence[Run]]], costs: Sequence[UpdateCost], extent: Extent
 ) -> None:
-    console = Console()
+    console = _console()
     summaries: list[tuple[Cell, Summary]] = [(cell, summary(runs)) for cell, runs in by_cell]
     for section in dict.fromkeys(cell.section for cell, _ in by_cell):
         if section in report.FROM_NOWHERE:

@@ -13,8 +13,10 @@ from benchmarks.localisation.summary import Share, Summary, share
 FROM_NOWHERE = ("global", "kidnapped")
 """Sections in which the question is whether the robot finds itself."""
 FIGURES = (
-    "runs", "rmse", "median run", "median", "max", f"> {BEYOND:g} m", "lost", "NEES", "low/high", "µs",
+    "rmse", "median run", "median", "max", f"> {BEYOND:g} m", "lost", "NEES", "low/high", "µs",
 )  # fmt: skip
+WIDTH = 180
+"""Characters that the widest table needs."""
 TITLES = {
     "alone": "alone: nobody near",
     "realistic": "realistic: four others near for 15 s of every minute",
@@ -28,7 +30,7 @@ TITLES = {
 def tracking_table(section: str, rows: Iterable[tuple[Cell, Summary]]) -> Table:
     """A row per cell. Lengths in m, 95 % intervals in brackets."""
     mask = ("mask",) if section == "mask" else ()
-    table = Table("view", "odometry", "robots", "preset", *mask, *FIGURES, title=TITLES[section])
+    table = _table(("view", "odometry", "robots", "preset", *mask, *FIGURES), TITLES[section])
     for cell, one in rows:
         switch = ("on" if cell.arm.masked else "off",) if mask else ()
         table.add_row(*_course(cell), *switch, *_figures(one))
@@ -37,7 +39,7 @@ def tracking_table(section: str, rows: Iterable[tuple[Cell, Summary]]) -> Table:
 
 def log_table(title: str, rows: Iterable[tuple[str, Summary]]) -> Table:
     """A row per preset."""
-    table = Table("preset", *FIGURES, title=title)
+    table = _table(("preset", *FIGURES), title)
     for preset, one in rows:
         table.add_row(preset, *_figures(one))
     return table
@@ -47,14 +49,13 @@ def finding_table(
     section: str, rows: Iterable[tuple[Cell, Sequence[Share]]], after: Sequence[float]
 ) -> Table:
     """A row per cell: how many had found themselves so many seconds after."""
-    columns = ("map", "view", "odometry", "robots", "preset", "recovery", "runs")
-    table = Table(*columns, *(f"after {seconds:g} s" for seconds in after), title=TITLES[section])
+    columns = ("map", "view", "odometry", "robots", "preset", "recovery")
+    table = _table((*columns, *(f"after {seconds:g} s" for seconds in after)), TITLES[section])
     for cell, shares in rows:
         table.add_row(
             Path(cell.course.plan).stem,
             *_course(cell),
             "on" if cell.arm.recovery else "off",
-            str(cell.runs),
             *map(_share, shares),
         )
     return table
@@ -71,9 +72,9 @@ def legend() -> str:
     """What the columns mean."""
     return (
         "rmse: over all poses of all runs [95 % by bootstrap over runs]; median run: of the runs' own rmse; "
-        f"lost: > {LOST:g} m off at the end [95 %, Wilson]; NEES: median, where 2.37 is right; low/high: "
-        "share of the time below and above its two-sided 95 % bounds, where 2.5 % each is right; µs: CPU per "
-        f"update, mean (minimum). Found: within {FOUND[0]:g} m and 15° at that time."
+        f"lost: > {LOST:g} m off at the end, of all runs [95 %, Wilson]; NEES: median, where 2.37 is right; "
+        "low/high: share of the time below and above its two-sided 95 % bounds, where 2.5 % each is right; "
+        f"µs: CPU per update, mean (minimum). Found: within {FOUND[0]:g} m and 15° at that time."
     )
 
 
@@ -96,9 +97,15 @@ def sentence(cell: Cell, one: Summary) -> str:
     )
 
 
+def _table(columns: Iterable[str], title: str) -> Table:
+    table = Table(title=title)
+    for column in columns:
+        table.add_column(column, no_wrap=True)
+    return table
+
+
 def _figures(one: Summary) -> tuple[str, ...]:
     return (
-        str(one.runs),
         f"{one.rmse:.3f} [{one.rmse_low:.2f}, {one.rmse_high:.2f}]",
         f"{one.rmse_median_run:.3f}",
         f"{one.median:.3f}",

@@ -67,10 +67,7 @@ def test_the_figures_of_every_seed_are_told(capsys: pytest.CaptureFixture[str]) 
     assert figures["updates"] == []
 
 
-def test_tables_and_goals_are_printed(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "180")
+def test_tables_and_goals_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
     patterns = ["realistic", "mask/*/360/*/2/robust", "kidnapped/apartment"]
     command.run(*MAPS, patterns, SMALL, workers=1)
     printed = capsys.readouterr().out
@@ -80,10 +77,7 @@ def test_tables_and_goals_are_printed(
     assert goal in printed and "(with 2 runs only; 100 are asked for)" in printed
 
 
-def test_a_course_is_written_and_fed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "180")
+def test_a_course_is_written_and_fed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "course.zip"
     command.write_log(file, *MAPS, ["tracking/*/4/chapter"], 7, SMALL)
     said = capsys.readouterr().err
