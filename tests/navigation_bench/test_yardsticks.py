@@ -117,11 +117,10 @@ def test_gaps_between_robots_and_how_often_they_touch() -> None:
 def test_every_contact_is_one_with_a_wall_or_with_a_robot() -> None:
     grid = load_map(MAPS / "corridor.yaml")
     starts = strewn(grid, 20, np.random.default_rng(1))
-    robots = [
-        RobotSetup(f"r{n}", "turtlebot2", None, "exact", tuple(pose), ()) for n, pose in enumerate(starts)
-    ]
-    world = WorldSetup(str(MAPS / "corridor.yaml"), 1, 100_000, 40_000_000, tuple(robots))
-    arena = Arena(outline(grid), [robot.id for robot in robots], [turtlebot(2)] * 20, starts)
+    robots = tuple(standing_at(f"r{number}", pose) for number, pose in enumerate(starts))
+    world = WorldSetup(str(MAPS / "corridor.yaml"), 1, 100_000, 40_000_000, robots)
+    names = tuple(robot.id for robot in robots)
+    arena = Arena(outline(grid), names, [turtlebot(2)] * 20, starts)
     true, wished = [], []
     for wish in (wish for second in wishes(20, 40, 3) for wish in [second] * 10):
         for robot, twist in enumerate(wish):
@@ -129,9 +128,7 @@ def test_every_contact_is_one_with_a_wall_or_with_a_robot() -> None:
         true.append(arena.poses)
         wished.append(wish)
         arena.advance(10)
-    tracks = Tracks(
-        tuple(robot.id for robot in robots), 100_000, np.array(true), np.array(true), np.array(wished)
-    )
+    tracks = Tracks(names, 100_000, np.array(true), np.array(true), np.array(wished))
     fine, contacts = retrace(world, tracks)
     assert fine.shape == (4000, 20, 3) and np.array_equal(fine[9::10][:-1], true[1:])
     with_walls, with_robots = touches(wall_gaps(grid, fine, RADIUS)), touches(robot_gaps(fine, RADIUS))
