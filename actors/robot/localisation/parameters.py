@@ -70,7 +70,7 @@ class AmclParameters:
     and Thrun, "Markov localization for mobile robots in dynamic environments", JAIR 11, 1999."""
     stranger_distance: float = 0.3
     """In the open is what is farther from walls, m; own choice by measurement."""
-    stranger_error_threshold: float = 0.75
+    stranger_error_threshold: float = 0.5
     """If this share of the beams, or more, would be dropped, none is; own choice by measurement."""
     peer_radius: float = 0.45
     """A beam that ends so near a masked peer is not believed, m; own choice: two bodies' radii and 0.1 m."""
@@ -142,10 +142,11 @@ _ROBUST: Final = AmclParameters(
     alpha4=0.005,
     weighting="product",
     sharpness=0.3,
-    beam_skip=True,
     beam_skip_distance=0.3,
+    stranger_filter=True,
     recovery_slow=0.001,
     recovery_fast=0.1,
+    recovery_tolerance=1.4,
     start_spread=0.2,
     start_turn_spread=0.1,
 )
