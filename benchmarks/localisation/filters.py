@@ -21,7 +21,8 @@ from benchmarks.localisation.course import ROBOT, Course
 Preset = Literal["chapter", "robust", "odometry"]
 """A preset of the filter, or the odometry alone."""
 RECOVERY = (0.001, 0.1)
-"""Decays of the slow and the fast average where recovery is on; wiki.ros.org/amcl advises them."""
+"""Decays of the slow and the fast average where recovery is on, and the preset has none of its own;
+wiki.ros.org/amcl advises them."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,8 @@ class Arm:
         parameters = PRESETS[self.preset]
         if self.recovery is None:
             return parameters
-        slow, fast = RECOVERY if self.recovery else (0.0, 0.0)
+        own = parameters.recovery_slow, parameters.recovery_fast
+        slow, fast = (own if all(own) else RECOVERY) if self.recovery else (0.0, 0.0)
         return dataclasses.replace(parameters, recovery_slow=slow, recovery_fast=fast)
 
     def localisation(self, course: Course, seed: int) -> Localisation:

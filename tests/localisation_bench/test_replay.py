@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from actors.geometry import Point, Pose
 from actors.robot.localisation import Estimate
 from actors.robot.sweep import Sweep
-from benchmarks.localisation.cells import Cell
+from benchmarks.localisation.cells import PRESETS, Cell
 from benchmarks.localisation.course import CourseSetup
 from benchmarks.localisation.filters import Arm
 from benchmarks.localisation.metrics import beside_truth
@@ -111,3 +111,11 @@ def test_the_number_of_workers_changes_nothing() -> None:
         np.testing.assert_array_equal(run.errors, shared[key].errors)
         np.testing.assert_array_equal(run.nees, shared[key].nees)
         assert run.outcome == shared[key].outcome
+
+
+def test_recovery_is_switched_whatever_the_preset_has() -> None:
+    for preset in PRESETS:
+        on, off = Arm(preset, recovery=True).parameters, Arm(preset, recovery=False).parameters
+        assert 0 < on.recovery_slow < on.recovery_fast and off.recovery_slow == off.recovery_fast == 0
+        assert replace(on, recovery_slow=0.0, recovery_fast=0.0) == off
+    assert Arm("chapter").parameters.recovery_fast == 0  # the preset's own
