@@ -181,5 +181,5 @@ def _weights(p: DwaParameters, cell: float, radius: float, padding: float, limit
     weights["scaling_range"] = max(min(p.max_speed, limits.speed) - p.scaling_speed, cell) / cell
     weights["scaling_factor"] = p.max_scaling_factor
     weights["least_speed"], weights["least_turn"] = p.least_speed / cell, p.least_turn
-    weights["escape"] = p.escape / cell
+    weights["escape"], weights["nose_barred"] = p.escape / cell, p.nose_barred
     return weights

@@ -46,18 +46,21 @@ WEIGHTS = np.dtype(
         ("least_turn", np.float64),
         ("goal_distance", np.float64),
         ("escape", np.float64),
+        ("nose_barred", np.bool_),
     ],
     align=True,
 )
 """The critics' weights per step, and what a trajectory is measured with.
 
 `nose`: so far ahead of the centre the nose is, cells. `horizon`: a trajectory takes so long, s, or as long
-as stopping takes, if that is longer: `stop_buffer`, s, and braking with `deceleration`, cells/s². It is
-looked at every `stride`, cells, or `turn_stride`, rad. All along it the centre has to be farther from what is
-marked than `radius` and `padding`, cells; the radius grows by `scaling_factor` from `scaling_speed` over
-`scaling_range`, cells/s. Its speed is at least `least_speed`, cells/s, or its turn rate `least_turn`, rad/s.
-It is scored at its end, or where it has gone `goal_distance`, cells. From where the centre is nearer than it
-may be, but by `escape`, cells, at most, trajectories along which the distance does not fall are valid.
+as stopping takes, if that is longer: `stop_buffer`, s, and braking with `deceleration`, cells/s². It ends
+where it has gone `goal_distance`, cells, though, or could stop, if that is farther. It is looked at every
+`stride`, cells, or `turn_stride`, rad. All along it the centre has to be farther from what is marked than
+`radius` and `padding`, cells; the radius grows by `scaling_factor` from `scaling_speed` over `scaling_range`,
+cells/s. Its speed is at least `least_speed`, cells/s, or its turn rate `least_turn`, rad/s. From where the
+centre is nearer than it may be, but by `escape`, cells, at most, trajectories along which the distance does
+not fall are valid. The nose counts as rows · columns from everything where the centre cannot be, if
+`nose_barred`; else as `nose` farther than the centre.
 """
 
 
@@ -116,7 +119,28 @@ def fingerprint() -> bytes:
     squared = np.minimum((row - 3) ** 2 + (column - 30) ** 2, 100).astype(np.int16)
     steps = (np.abs(row - 30) + np.abs(column - 33)).astype(np.int32)
     fields = Fields(squared, np.abs(row - 25).astype(np.int32), steps, steps, np.ones((40, 40), np.uint8))
-    numbers = [1.6, 1.6, 0.6, 0.6, 6.5, 3.0, 0.5, 0.1, 20.0, 0.2, 3.5, 1.0, 5.0, 5.0, 0.2, 2.0, 0.4, 9.0, 0.5]
+    numbers = [
+        1.6,
+        1.6,
+        0.6,
+        0.6,
+        6.5,
+        3.0,
+        0.5,
+        0.1,
+        20.0,
+        0.2,
+        3.5,
+        1.0,
+        5.0,
+        5.0,
+        0.2,
+        2.0,
+        0.4,
+        9.0,
+        0.5,
+        False,
+    ]
     weights = np.array([tuple(numbers)], WEIGHTS)
     table: Floats = np.linspace(6.0, 0.0, 101, dtype=np.float64)
     table.setflags(write=False)
@@ -183,7 +207,7 @@ def _driven(
     fleeing: bool,
     w: Any,
 ) -> tuple[float, float, float, float, float]:
-    """The least squared distance along a trajectory, or INVALID; x, y, cosine and sine where it is scored."""
+    """The least squared distance along a trajectory, or INVALID; x, y, cosine and sine at its end."""
     time = max(w.horizon, abs(speed) / w.deceleration + w.stop_buffer)
     count = max(1, math.ceil(max(abs(speed) * time / w.stride, abs(turn) * time / w.turn_stride)))
     if speed == 0.0:
@@ -195,12 +219,13 @@ def _driven(
     if angle != 0.0:
         chord *= half_s / (0.5 * angle)
     limit = _limit(speed, w)
-    scored = count if count * abs(chord) <= w.goal_distance else math.ceil(w.goal_distance / abs(chord))
-    at_x, at_y, at_c, at_s = x, y, c, s
+    if count * abs(chord) > w.goal_distance:
+        stopping = abs(speed) * (w.stop_buffer + 0.5 * abs(speed) / w.deceleration)
+        count = min(count, math.ceil(max(w.goal_distance, stopping) / abs(chord)))
     least = before = _squared_at(squared, x, y)
     if before <= limit and not fleeing:
         return INVALID, x, y, c, s
-    for k in range(1, count + 1):
+    for _ in range(count):
         x += chord * (c * half_c - s * half_s)
         y += chord * (s * half_c + c * half_s)
         c, s = c * rotate_c - s * rotate_s, s * rotate_c + c * rotate_s
@@ -213,9 +238,7 @@ def _driven(
             return INVALID, x, y, c, s
         before = here
         least = min(least, here)
-        if k == scored:
-            at_x, at_y, at_c, at_s = x, y, c, s
-    return least, at_x, at_y, at_c, at_s
+    return least, x, y, c, s
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -257,12 +280,17 @@ def _score(
     row, column = math.floor(y + w.nose * s), math.floor(x + w.nose * c)
     if row < 0 or column < 0 or row >= path.shape[0] or column >= path.shape[1]:
         return INVALID
+    nose_to_path, nose_to_front = float(path[row, column]), float(front[row, column])
+    if nose_to_path == path.size and not w.nose_barred:
+        nose_to_path = to_path + w.nose
+    if nose_to_front == path.size and not w.nose_barred:
+        nose_to_front = to_goal + w.nose
     return float(
         table[min(int(least), table.size - 1)]
         + w.path * to_path
-        + w.alignment * path[row, column]
+        + w.alignment * nose_to_path
         + w.goal * to_goal
-        + w.front * front[row, column]
+        + w.front * nose_to_front
     )
 
 

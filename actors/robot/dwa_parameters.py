@@ -65,6 +65,10 @@ class DwaParameters:
     """Weight of the highest cost along a trajectory."""
     forward_point: float = 0.325
     """So far ahead of the centre is the nose, which is drawn to the plan and the goal too, m."""
+    nose_barred: bool = False
+    """Whether it costs as much as the whole window if the nose ends where the centre cannot be, as in
+    dwa_local_planner, which so keeps away from goals beside a wall that it faces. Own choice: off, the nose
+    then counts as farther off than the centre by the distance between them."""
     scaling_speed: float = 0.25
     """Above this speed the body counts as larger than it is, m/s, ..."""
     max_scaling_factor: float = 0.2
@@ -79,16 +83,16 @@ class DwaParameters:
     tolerance with which a goal is reached. Own choice against cells and poses that are a little off;
     dwa_local_planner has no trajectory then."""
     overshoot: bool = False
-    """Whether trajectories are scored at their end, as in dwa_local_planner, though it be beyond the plan's.
-    Own choice: off, they are scored where they have gone as far as the plan's end is away; for before it is
-    reached, even the slowest leads past it, and to turn on the spot seems better for ever."""
+    """Whether trajectories go on for their whole time, as in dwa_local_planner, though the plan end before.
+    Own choice: off, they end where they have gone as far as its end is away; for before it is reached, even
+    the slowest leads past it, perhaps into a wall, and to turn on the spot seems better for ever."""
     goal_setback: bool = True
     """If the plan leaves the window in an obstacle, the local goal is the last cell of it that is in none.
     Own choice; dwa_local_planner has no trajectory while another robot stands 2 m ahead."""
-    escape: float = 0.02
+    escape: float = 0.035
     """A robot that is nearer to something than it may be, by so many metres at most, may still drive such
-    that the distance does not fall. Own choice, for what is off between what is planned and driven;
-    dwa_local_planner has no trajectory then, which leaves it beside a wall for ever."""
+    that the distance does not fall. Own choice: what the local map's padding adds to dwa_local_planner's own
+    limit, as what is marked may jump by a cell; it has no trajectory then, beside a wall for ever."""
     scan_patience: Duration = field(default=seconds(0.5))
     """Without a scan for so long the robot does not drive: five periods of a sensor of 10 Hz. Own choice."""
 

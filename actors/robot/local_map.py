@@ -47,9 +47,9 @@ class LocalMapParameters:
     scaling: float = 15.0
     """How fast the cost falls with the distance, 1/m (cost_scaling_factor)."""
     padding: float = 0.045
-    """Added to the body's radius: so near to the middle of a marked cell its centre may not be, m. 0.01 is
-    costmap_2d's footprint_padding; the rest is half a cell's diagonal, as what is marked may be in its corner.
-    costmap_2d has the rest by looking at all cells below the body's outline."""
+    """Added to the body's radius: so near to a marked cell's middle its centre may not be, m. Of it 0.01 is
+    costmap_2d's footprint_padding; the rest is half a cell's diagonal, as what is marked may be in a corner
+    of its cell. costmap_2d has the rest by looking at all cells below the body's outline."""
     free_memory: Duration = field(default=Duration(0))
     """So long a cell counts as seen free after a ray passed through it; 0 = that is not remembered."""
 
