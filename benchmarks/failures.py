@@ -4,7 +4,7 @@ import json
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from statistics import median
 from typing import Final
@@ -34,19 +34,22 @@ def run(
     *,
     strategy: str = "none",
     duration: float | None = None,
+    localisation: str | None = None,
+    navigation: str | None = None,
     json_output: bool = False,
     workers: int | None = None,
 ) -> list[FailureRun]:
     """Run a scenario from each of the seeds 1 to `seeds`; print and give what came about.
 
-    `duration`: simulated s of each run; None: as in the scenario. `workers`: processes; None: one per
-    processor.
+    `duration`: simulated s of each run; None: as in the scenario. `localisation` and `navigation`: names of
+    presets in place of the scenario's tables. `workers`: processes; None: one per processor.
     """
     console = Console(stderr=True)
     found: list[FailureRun] = []
     for count in robots:
         console.print(f"strategy {strategy}, robots {count}, seeds 1 to {seeds} …", highlight=False)
-        tasks = [FailureTask(scenario, strategy, count, seed, duration) for seed in range(1, seeds + 1)]
+        first = FailureTask(scenario, strategy, count, 1, duration, localisation, navigation)
+        tasks = [replace(first, seed=seed) for seed in range(1, seeds + 1)]
         found += in_order(examine, tasks, workers)
     if json_output:
         sys.stdout.write(json.dumps([asdict(one) for one in found]) + "\n")

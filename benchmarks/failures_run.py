@@ -29,6 +29,8 @@ from benchmarks.tracks import Tracks, WatchedRun, watch
 from cleaning.strategies import entry
 from deploy.scenario import Scenario
 from deploy.scenario_file import Overrides, load_scenario
+from deploy.stack_tables import stack_fault
+from deploy.usage import OptionError
 
 _PARAMETERS: Final = EpisodeParameters()
 
@@ -43,6 +45,9 @@ class FailureTask:
     seed: int
     duration: float | None = None
     """s; None: as in the scenario."""
+    localisation: str | None = None
+    """Name of a preset, in place of the scenario's table; None: as in the scenario."""
+    navigation: str | None = None
 
 
 def examine(task: FailureTask, parameters: EpisodeParameters = _PARAMETERS) -> FailureRun:
@@ -76,12 +81,17 @@ def examine(task: FailureTask, parameters: EpisodeParameters = _PARAMETERS) -> F
 
 
 def _scenario(task: FailureTask) -> Scenario:
-    """The scenario with every robot's goals logged."""
+    """The scenario with every robot's goals logged. Raises OptionError for a preset that there is not."""
     overrides = Overrides(robots=task.robots, seed=task.seed, duration=task.duration, strategy=task.strategy)
     plain = load_scenario(task.scenario, overrides)
     settings = {**plain.strategy, goal_log.LOGGED: entry(plain.run.strategy)}
     logged = plain.run.model_copy(update={"strategy": goal_log.ENTRY})
-    return plain.model_copy(update={"run": logged, "strategy": settings})
+    named = {"localisation": task.localisation, "navigation": task.navigation}
+    tables = {name: {"preset": preset} for name, preset in named.items() if preset is not None}
+    scenario = plain.model_copy(update={"run": logged, "strategy": settings, **tables})
+    if fault := stack_fault(scenario):
+        raise OptionError(fault)
+    return scenario
 
 
 def _lost(

@@ -13,6 +13,12 @@ _Map = Annotated[
     Path | None, typer.Option("--map", metavar="YAML", help="Floor plan.  [default: maps/corridor.yaml]")
 ]
 _Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
+_Localisation = Annotated[
+    str | None, typer.Option(metavar="PRESET", help="As in [localisation] of a scenario.")
+]
+_Navigation = Annotated[
+    str | None, typer.Option("--navigation", metavar="PRESET", help="As in [navigation] of a scenario.")
+]
 
 
 @app.command("map")
@@ -113,12 +119,8 @@ def navigation(
         typer.Option(metavar="N", min=1, max=100_000, help="Of all robots, per map and number of robots."),
     ] = 200,
     runs: Annotated[int, typer.Option(metavar="N", min=1, max=1000, help="Over which they spread.")] = 8,
-    localisation: Annotated[
-        str | None, typer.Option(metavar="PRESET", help="As in a scenario's [localisation].")
-    ] = None,
-    preset: Annotated[
-        str | None, typer.Option("--navigation", metavar="PRESET", help="As in a scenario's [navigation].")
-    ] = None,
+    localisation: _Localisation = None,
+    preset: _Navigation = None,
     json: _Json = False,
 ) -> None:
     """Measure how many random goals robots reach, how fast, and how near to walls and each other."""
@@ -143,6 +145,8 @@ def failures(
         float | None, typer.Option(metavar="S", help="Of each run, s.  [default: the scenario's]")
     ] = None,
     strategy: Annotated[str, typer.Option(metavar="NAME", help="What robots do about it.")] = "none",
+    localisation: _Localisation = None,
+    preset: _Navigation = None,
     json: _Json = False,
 ) -> None:
     """Count the chapter's three failures over many seeds: lost, no valid trajectory, mutual blocking."""
@@ -154,6 +158,8 @@ def failures(
         seeds,
         strategy=strategy,
         duration=duration,
+        localisation=localisation,
+        navigation=preset,
         json_output=json,
     )
 

@@ -1,6 +1,7 @@
 """That both benchmarks run, count what there is, and give the same whoever computes it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from benchmarks import failures, navigation, seeds
 from benchmarks.navigation_course import Course, scenario
 from benchmarks.navigation_run import measure
+from deploy.usage import OptionError
 
 MAPS = Path(__file__).parents[2] / "maps"
 MAZE = MAPS / "maze.yaml"
@@ -18,11 +20,15 @@ def test_a_course_is_drawn_from_its_seed() -> None:
     assert scenario(course) == scenario(course)
     assert scenario(course).robot != scenario(Course(MAZE, 2, 3, 2)).robot
     assert [len(robot.places or ()) for robot in scenario(course).robot] == [3, 3]
+    assert scenario(course).localisation == {} == scenario(course).navigation
+    other = scenario(Course(MAZE, 2, 3, 1, "odometry", "robust"))
+    assert (other.localisation, other.navigation) == ({"preset": "odometry"}, {"preset": "robust"})
+    assert other.robot == scenario(course).robot, "the same course"
 
 
 def test_one_robot_reaches_what_it_is_sent_to() -> None:
-    figures = measure(Course(MAZE, 1, 2, 1))
-    assert [leg.how for leg in figures.legs] == ["succeeded", "succeeded"]
+    figures = measure(Course(MAZE, 1, 1, 1, localisation="odometry"))
+    assert [leg.how for leg in figures.legs] == ["succeeded"]
     for leg in figures.legs:
         assert leg.shortest is not None and leg.shortest > 0.1
         assert leg.seconds > leg.shortest / navigation.SPEED - 1.0, "faster than the body can"
@@ -31,29 +37,28 @@ def test_one_robot_reaches_what_it_is_sent_to() -> None:
 
 
 def test_navigation_is_the_same_in_one_process_and_in_two(capsys: pytest.CaptureFixture[str]) -> None:
-    task = navigation.NavigationTask((MAZE,), (2,), goals=4, runs=2, workers=1)
+    task = navigation.NavigationTask((MAZE,), (2,), goals=4, runs=2, localisation="odometry", workers=1)
     (alone,) = navigation.run(task, json_output=True)
     printed = json.loads(capsys.readouterr().out)
     assert alone.goals == 4 and len(set(alone.digests)) == 2
     assert alone.succeeded + sum(alone.aborted.values()) + alone.unfinished == 4
     assert printed[0]["digests"] == list(alone.digests)
-    two = navigation.NavigationTask((MAZE,), (2,), goals=4, runs=2, workers=2)
-    assert navigation.run(two) == [alone]
+    assert navigation.run(replace(task, workers=2)) == [alone]
     assert "goal, no contact with a wall: met" in capsys.readouterr().out
 
 
 def test_failures_are_counted_in_the_runs_that_acrc_would_make(capsys: pytest.CaptureFixture[str]) -> None:
-    found = failures.run(robots=(4,), seeds=2, duration=20.0, json_output=True, workers=1)
+    found = failures.run(robots=(4,), seeds=2, duration=5.0, json_output=True, workers=1)
     assert len(json.loads(capsys.readouterr().out)) == 2
     assert [(one.robots, one.seed, one.simulated_s, one.places) for one in found] == [
-        (4, 1, 20.0, 40),
-        (4, 2, 20.0, 40),
+        (4, 1, 5.0, 40),
+        (4, 2, 5.0, 40),
     ]
-    plain = seeds.run((4,), 2, duration=20.0, scenario=failures.SCENARIO)
+    plain = seeds.run((4,), 2, duration=5.0, scenario=failures.SCENARIO)
     assert [one.digest for one in found] == [one.digest for one in plain], "to look on changes nothing"
     for one, same in zip(found, plain, strict=True):
         assert one.left == same.places_total - same.places_done and one.goals >= 4
-        assert one.lost_share is not None and one.blockings == (), "no window of 30 s in a run of 20 s"
+        assert one.lost_share is not None and one.blockings == (), "no window of 30 s in a run of 5 s"
 
 
 def test_failures_print_a_rate_and_an_interval_for_each(capsys: pytest.CaptureFixture[str]) -> None:
@@ -63,3 +68,8 @@ def test_failures_print_a_rate_and_an_interval_for_each(capsys: pytest.CaptureFi
     for name in ("robots lost", "no valid trajectory", "mutual blocking", "goals aborted", "places left"):
         assert name in printed
     assert "places left: 40 of 40" in printed
+
+
+def test_a_preset_that_there_is_not_is_refused() -> None:
+    with pytest.raises(OptionError, match=r'localisation.preset is "none", but must be'):
+        failures.run(robots=(2,), seeds=1, duration=2.0, localisation="none", workers=1)
