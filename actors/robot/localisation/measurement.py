@@ -227,10 +227,14 @@ def _weigh_by_product(
     sums, fit, skipped = _sums(levels, frame, ends, logarithms, agreeing, threshold, cells, directions)
     if skipped >= most * beams:  # the particles are wrong, and not the beams
         sums, fit, skipped = _sums(levels, frame, ends, logarithms, agreeing, 0.0, cells, directions)
-    highest = sums.max()
+    highest = -math.inf
+    for i in range(count):
+        if weights[i] > 0.0:
+            highest = max(highest, sums[i])
     total = 0.0
     for i in range(count):
-        weights[i] *= math.exp(sharpness * (sums[i] - highest))
+        if weights[i] > 0.0:  # or 0 times infinity
+            weights[i] *= math.exp(sharpness * (sums[i] - highest))
         total += weights[i]
     for i in range(count):
         weights[i] /= total

@@ -1,0 +1,122 @@
+"""Floors, sensors and drives for tests of localisation: truth, odometry and scans of a robot under way."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.geometry import Point, Pose, wrap
+from actors.grid import FREE, OCCUPIED, Cell, OccupancyGrid, largest_region
+from actors.map_file import load_map
+from actors.messages import NO_ECHO_MM
+from actors.robot.localisation import (
+    Amcl,
+    AmclParameters,
+    LikelihoodField,
+    likelihood_field,
+)
+from actors.robot.planning import Ground, Planner, ground
+from actors.robot.sweep import Sweep
+from actors.robot_model import load_model
+from actors.world.sensing import RangeSensors
+
+TURTLEBOT: Final = load_model("turtlebot2", "chapter")
+CAMERA: Final = load_model("turtlebot2", "kinect")
+APARTMENT: Final = load_map(Path(__file__).parents[2] / "maps" / "apartment.yaml")
+STEP: Final = 0.1
+"""s from one scan to the next."""
+
+
+def room(walls: Sequence[tuple[float, float, float, float]] = (), size: float = 8.0) -> OccupancyGrid:
+    """A square room of cells of 5 cm with walls x0, y0, x1, y1 in it, m."""
+    cells = np.full((round(size / 0.05),) * 2, FREE, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    for x0, y0, x1, y1 in walls:
+        cells[round(y0 / 0.05) : round(y1 / 0.05), round(x0 / 0.05) : round(x1 / 0.05)] = OCCUPIED
+    return OccupancyGrid(cells, 0.05)
+
+
+ROOM: Final = room(((2.0, 0.0, 2.3, 3.0), (5.0, 5.0, 8.0, 5.2), (4.0, 2.5, 4.5, 3.0)))
+"""8 m by 8 m, with three walls that make every place unlike the others."""
+FIELD: Final = likelihood_field(ROOM, 2.0)
+NOBODY: Final = np.empty((0, 3))
+
+
+@cache
+def ground_of(plan: OccupancyGrid) -> Ground:
+    """The floor plan for the TurtleBot's body."""
+    return ground(plan, TURTLEBOT.footprint.circumradius)
+
+
+def place(plan: OccupancyGrid, rng: np.random.Generator) -> Point:
+    """Somewhere that a robot gets to from anywhere else."""
+    floor = ground_of(plan).grid
+    row, column = np.argwhere(largest_region(floor))[rng.integers(largest_region(floor).sum())].tolist()
+    return floor.centre(Cell(row, column))
+
+
+@dataclass
+class Drive:
+    """A robot that drives from place to place; its odometry is exact."""
+
+    plan: OccupancyGrid
+    start: Pose
+    seed: int = 0
+    others: Sequence[tuple[float, float, float]] = ()
+    """Discs on the floor: x, y, radius, m."""
+
+    def sweeps(self, seconds: float) -> Iterator[tuple[Pose, Sweep]]:
+        """The true pose, and the scan made there, with the odometry's pose."""
+        sensors = RangeSensors(self.plan, [TURTLEBOT], [np.random.default_rng(self.seed)])
+        obstacles = np.array(self.others, np.float64).reshape(-1, 3)
+        poses = self._poses()
+        for _ in range(round(seconds / STEP)):
+            pose = next(poses)
+            ranges = sensors.scan([0], np.array([pose]), obstacles)[0]
+            yield pose, Sweep(frozen(ranges), self.start.relative(pose))
+
+    def _poses(self) -> Iterator[Pose]:
+        """One per scan: 0.5 m/s ahead, or 1 rad/s on the spot."""
+        rng, planner = np.random.default_rng([self.seed, 1]), Planner(ground_of(self.plan))
+        pose = self.start
+        while True:
+            path = planner.path(pose.point, place(self.plan, rng))
+            for x, y in () if path is None else path.tolist():
+                while pose.point.distance_to(Point(x, y)) > 0.2:
+                    yield pose
+                    turn = wrap(math.atan2(y - pose.y, x - pose.x) - pose.heading)
+                    ahead = 0.5 * STEP if abs(turn) < 0.5 else 0.0
+                    pose = pose.compose(Pose(ahead, 0.0, max(-STEP, min(STEP, turn))))
+
+
+def scan(plan: OccupancyGrid, pose: Pose, others: NDArray[np.float64] = NOBODY) -> NDArray[np.uint16]:
+    """What the TurtleBot's sensor sees from a pose."""
+    sensors = RangeSensors(plan, [TURTLEBOT], [np.random.default_rng(0)])
+    return frozen(sensors.scan([0], np.array([pose]), others)[0])
+
+
+def frozen(ranges: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """As scans from the wire are: read-only."""
+    return np.frombuffer(ranges.astype("<u2").tobytes(), "<u2")
+
+
+def blind() -> NDArray[np.uint16]:
+    """A scan without any echo."""
+    return frozen(np.full(TURTLEBOT.sensor.rays, NO_ECHO_MM, np.uint16))
+
+
+def amcl(
+    parameters: AmclParameters, start: Pose | None, field: LikelihoodField = FIELD, seed: int = 0
+) -> Amcl:
+    """A filter for the TurtleBot."""
+    return Amcl(field, TURTLEBOT.sensor, start, np.random.default_rng(seed), parameters)
+
+
+def error(pose: Pose, truth: Pose) -> float:
+    """Distance, m."""
+    return Point(pose.x, pose.y).distance_to(truth.point)

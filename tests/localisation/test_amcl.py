@@ -1,0 +1,278 @@
+"""The filter as a whole: what it tracks, finds and finds again, and that it does the same each time."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from actors.geometry import Point, Pose, wrap
+from actors.robot.localisation import (
+    PRESETS,
+    Amcl,
+    AmclParameters,
+    DeadReckoning,
+    LikelihoodField,
+    likelihood_field,
+)
+from actors.robot.sweep import Sweep
+from tests.localisation.scenes import APARTMENT, FIELD, ROOM, Drive, amcl, blind, error, place, scan
+
+CHAPTER, ROBUST = PRESETS["chapter"], PRESETS["robust"]
+START = Pose(1.0, 4.5, 0.0)
+BOTH = pytest.mark.parametrize("parameters", [CHAPTER, ROBUST], ids=["chapter", "robust"])
+Track = list[tuple[Pose, Sweep]]
+
+
+@cache
+def drive(seed: int = 0, seconds: float = 40.0) -> Track:
+    """A drive in the room."""
+    return list(Drive(ROOM, START, seed).sweeps(seconds))
+
+
+@cache
+def apartment() -> LikelihoodField:
+    return likelihood_field(APARTMENT, 2.0)
+
+
+def follow(localiser: Amcl, track: Track) -> list[Pose]:
+    """The estimated poses, one per scan."""
+    return [localiser.update(sweep.pose, sweep).pose for _, sweep in track]
+
+
+def rmse(poses: Sequence[Pose], track: Track) -> float:
+    """Of the positions, m."""
+    errors = [error(pose, truth) for pose, (truth, _) in zip(poses, track, strict=True)]
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+@BOTH
+@pytest.mark.parametrize("seed", range(3))
+def test_keeps_track(parameters: AmclParameters, seed: int) -> None:
+    track = drive(seed)
+    poses = follow(amcl(parameters, START, seed=seed), track)
+    assert rmse(poses, track) < (0.08 if parameters is CHAPTER else 0.03)
+    assert abs(wrap(poses[-1].heading - track[-1][0].heading)) < 0.1
+
+
+def test_puts_a_drifting_odometry_right() -> None:
+    """Its wheels are 5 % too large and it turns 1° too far each second: dead reckoning ends metres away."""
+    localiser, reckoning = amcl(ROBUST, START), DeadReckoning(START)
+    told = before = Pose(0.0, 0.0, 0.0)
+    for number, (_, sweep) in enumerate(drive(seconds=60.0)):
+        made = before.relative(sweep.pose)
+        drift = math.radians(0.1) if number else 0.0
+        told = told.compose(Pose(1.05 * made.x, 1.05 * made.y, wrap(made.heading + drift)))
+        before = sweep.pose
+        found = localiser.update(told, Sweep(sweep.ranges_mm, told)).pose
+    truth = drive(seconds=60.0)[-1][0]
+    assert error(found, truth) < 0.1
+    assert error(reckoning.update(told, None).pose, truth) > 1.0
+
+
+@pytest.mark.parametrize("parameters", [ROBUST, replace(ROBUST, stranger_filter=False, beam_skip=True)])
+def test_other_robots_do_not_distract(parameters: AmclParameters) -> None:
+    crowd = [(1.2, 5.5, 0.18), (2.6, 5.2, 0.18), (3.0, 6.6, 0.18), (1.3, 3.4, 0.18), (4.2, 4.6, 0.18)]
+    track = list(Drive(ROOM, START, others=crowd).sweeps(40.0))
+    localiser = amcl(parameters, START)
+    assert rmse(follow(localiser, track), track) < 0.05
+    told = localiser.outcome()
+    dropped = told["beams_strange"] if parameters is ROBUST else told["beams_skipped"]
+    assert isinstance(dropped, int) and dropped > 100
+
+
+def test_masked_peers_are_not_believed_until_the_mask_goes() -> None:
+    peer = Point(1.6, 5.2)
+    crowd = list(Drive(ROOM, START, others=[(*peer, 0.18)]).sweeps(10.0))
+    localiser = amcl(CHAPTER, START)
+    localiser.mask([peer])
+    follow(localiser, crowd[:40])
+    masked = localiser.outcome()["beams_masked"]
+    assert isinstance(masked, int) and masked > 20
+    localiser.mask([])
+    follow(localiser, crowd[40:])
+    assert localiser.outcome()["beams_masked"] == masked
+
+
+def anywhere(*seed: int) -> Pose:
+    """Somewhere in the apartment."""
+    rng = np.random.default_rng(seed)
+    point = place(APARTMENT, rng)
+    return Pose(point.x, point.y, rng.uniform(-math.pi, math.pi))
+
+
+def test_finds_itself_from_anywhere() -> None:
+    """At least 9 of 10 within a minute."""
+    found = 0
+    for seed in range(10):
+        track = list(Drive(APARTMENT, anywhere(seed), seed).sweeps(60.0))
+        localiser = amcl(ROBUST, None, apartment(), seed)
+        assert localiser.particles.shape == (ROBUST.max_particles, 3)
+        pose, truth = follow(localiser, track)[-1], track[-1][0]
+        found += error(pose, truth) < 0.5 and abs(wrap(pose.heading - truth.heading)) < math.radians(15)
+    assert found >= 9
+
+
+def carried(parameters: AmclParameters, seed: int) -> bool:
+    """Whether a robot that somebody carries to another place in the apartment knows so a minute later."""
+    here, there = anywhere(seed, 0), anywhere(seed, 1)
+    localiser = amcl(parameters, here, apartment(), seed)
+    before = list(Drive(APARTMENT, here, seed).sweeps(15.0))
+    follow(localiser, before)
+    left = before[-1][1].pose
+    after = list(Drive(APARTMENT, there, seed).sweeps(60.0))
+    for _, sweep in after:
+        odometry = left.compose(sweep.pose)
+        found = localiser.update(odometry, Sweep(sweep.ranges_mm, odometry)).pose
+    return error(found, after[-1][0]) < 0.5
+
+
+def test_finds_itself_again_after_it_was_carried_elsewhere_and_only_with_recovery() -> None:
+    """At least 5 of 6 within a minute with it; without it at most 1 of 4, by a chance meeting."""
+    without = replace(ROBUST, recovery_slow=0.0, recovery_fast=0.0)
+    assert sum(carried(ROBUST, seed) for seed in range(6)) >= 5
+    assert sum(carried(without, seed) for seed in range(4)) <= 1
+
+
+@BOTH
+def test_stands_still_while_the_odometry_does(parameters: AmclParameters) -> None:
+    localiser = amcl(parameters, START)
+    track = drive()[:50]
+    pose = follow(localiser, track)[-1]
+    here = track[-1][1].pose
+    for _ in range(30):
+        assert localiser.update(here, Sweep(track[-1][1].ranges_mm, here)).pose == pose
+
+
+def test_the_first_scan_counts_and_then_those_after_some_motion() -> None:
+    localiser = amcl(CHAPTER, START)
+    ranges = scan(ROOM, START)
+    steps = [
+        (0.0, 0.0, 1),
+        (0.24, 0.0, 1),
+        (0.26, 0.0, 2),
+        (0.26, 0.19, 2),
+        (0.26, -0.21, 3),
+        (0.26, 0.0, 4),
+        (0.1, 0.1, 4),
+    ]
+    for x, heading, updates in steps:
+        pose = Pose(x, 0.0, heading)
+        localiser.update(pose, None)
+        localiser.update(pose, Sweep(ranges, pose))
+        assert localiser.outcome()["updates"] == updates
+
+
+def test_motion_is_that_between_the_scans_own_poses() -> None:
+    """A scan that arrives late, after more way, is no reason to be wrong."""
+    punctual, late = amcl(ROBUST, START), amcl(ROBUST, START)
+    for (_, sweep), (_, ahead) in zip(drive(), drive()[3:], strict=False):
+        now = punctual.update(sweep.pose, sweep)
+        then = late.update(ahead.pose, sweep)
+        moved = punctual.update(ahead.pose, None)
+        assert then == moved and now.covariance == then.covariance
+
+
+def test_same_inputs_give_the_same_bytes_whatever_the_step() -> None:
+    """The second filter is asked four times as often."""
+    coarse, fine = amcl(ROBUST, START), amcl(ROBUST, START)
+    before = Pose(0.0, 0.0, 0.0)
+    for _, sweep in drive():
+        once = coarse.update(sweep.pose, sweep)
+        for share in (0.25, 0.5, 0.75):
+            between = before.relative(sweep.pose)
+            fine.update(before.compose(Pose(share * between.x, share * between.y, 0.0)), None)
+        assert fine.update(sweep.pose, sweep) == once
+        before = sweep.pose
+    assert coarse.particles.tobytes() == fine.particles.tobytes()
+    other = amcl(ROBUST, START, seed=1)
+    follow(other, drive())
+    assert other.particles.tobytes() != coarse.particles.tobytes()
+
+
+@BOTH
+def test_blind_it_goes_by_the_odometry_and_grows_unsure(parameters: AmclParameters) -> None:
+    localiser = amcl(replace(parameters, start_spread=0.02, start_turn_spread=0.02), START)
+    unsure = []
+    for _, sweep in drive()[:80]:
+        found = localiser.update(sweep.pose, Sweep(blind(), sweep.pose))
+        unsure.append(found.covariance[0] + found.covariance[4])
+    assert error(found.pose, drive()[79][0]) < 0.2 and unsure[-1] > 2 * unsure[0]
+    told = localiser.outcome()
+    assert told["blind"] == told["updates"] != 0
+    assert told["resamplings"] == told["injected"] == 0
+
+
+@BOTH
+def test_particles_off_the_map_do_no_harm(parameters: AmclParameters) -> None:
+    localiser = amcl(parameters, Pose(-40.0, 900.0, 1.0))
+    for pose in follow(localiser, drive()):
+        assert all(map(math.isfinite, pose))
+    assert np.isfinite(localiser.particles).all() and localiser.weights.sum() == pytest.approx(1.0)
+
+
+def test_before_the_first_scan_the_start_is_believed() -> None:
+    pose, covariance = amcl(CHAPTER, START).update(Pose(0.0, 0.0, 0.0), None)
+    assert pose == START
+    assert covariance[0] == pytest.approx(0.25, rel=0.15)
+    assert covariance[8] == pytest.approx((math.pi / 12) ** 2, rel=0.15)
+
+
+def test_a_start_that_faces_backward_is_no_other() -> None:
+    start = Pose(6.0, 4.0, math.pi)
+    track = list(Drive(ROOM, start).sweeps(20.0))
+    localiser = amcl(ROBUST, start)
+    assert rmse(follow(localiser, track), track) < 0.03
+    assert np.abs(localiser.particles[:, 2]).max() <= math.pi
+
+
+def test_particles_are_drawn_anew_at_every_so_many_th_scan() -> None:
+    localiser = amcl(replace(CHAPTER, resample_interval=3), START)
+    follow(localiser, drive())
+    told = localiser.outcome()
+    assert isinstance(told["updates"], int) and told["updates"] > 30
+    assert told["resamplings"] == told["updates"] // 3
+    assert rmse(follow(localiser, drive()[-1:]), drive()[-1:]) < 0.2
+
+
+def test_a_cloud_that_has_come_together_needs_fewer_particles() -> None:
+    localiser = amcl(CHAPTER, None)
+    follow(localiser, drive()[:1])
+    many = len(localiser.particles)
+    follow(amcl_ := amcl(CHAPTER, START), drive())
+    assert many > 1000 > len(amcl_.particles) >= 500
+
+
+def test_what_others_see_cannot_be_changed_and_is_a_distribution() -> None:
+    localiser = amcl(CHAPTER, START)
+    follow(localiser, drive()[:30])
+    assert localiser.particles.shape == (len(localiser.weights), 3)
+    assert localiser.weights.sum() == pytest.approx(1.0)
+    for array in (localiser.particles, localiser.weights):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+
+
+def test_the_outcome_is_json() -> None:
+    localiser = amcl(CHAPTER, START)
+    assert json.loads(json.dumps(localiser.outcome()))["mean_particles"] == 0.0
+    follow(localiser, drive())
+    told = json.loads(json.dumps(localiser.outcome()))
+    assert 500 <= told["mean_particles"] <= 2000
+    assert 0 < told["beams_used"] <= 60 * told["updates"]
+
+
+def test_dead_reckoning_says_nothing_and_needs_no_scan() -> None:
+    reckoning = DeadReckoning(START)
+    reckoning.mask([Point(0.0, 0.0)])
+    found = reckoning.update(Pose(1.0, 0.0, 0.5), Sweep(blind(), Pose(1.0, 0.0, 0.5)))
+    assert found == (Pose(2.0, 4.5, 0.5), (0.0,) * 9)
+    assert reckoning.outcome() == {}
+
+
+def test_the_field_is_the_one_of_the_parameters() -> None:
+    with pytest.raises(AssertionError):
+        amcl(replace(CHAPTER, max_distance=1.0), START, FIELD)

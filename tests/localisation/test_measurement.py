@@ -1,0 +1,153 @@
+"""How well a scan fits the map: kernels against numpy, and what the sensor's range has to do with it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from actors.geometry import Pose
+from actors.robot.localisation import PRESETS, AmclParameters, beams, measurement
+from actors.robot.localisation.measurement import Measurement, likelihoods
+from tests.localisation.scenes import FIELD, NOBODY, ROOM, TURTLEBOT, scan
+
+CUBES = PRESETS["chapter"]
+PRODUCT = replace(CUBES, weighting="product")
+SKIPPING = replace(PRODUCT, beam_skip=True, sharpness=0.4)
+RANGE = TURTLEBOT.sensor.range_max
+HERE = Pose(3.2, 4.0, 0.4)
+
+
+def ends(others: NDArray[np.float64] = NOBODY) -> NDArray[np.float64]:
+    """(b, 2): where the beams of a scan made HERE end."""
+    chosen = beams.beams(TURTLEBOT.sensor, 60)
+    ranges = scan(ROOM, HERE, others)
+    return beams.ends(ranges, chosen, HERE, np.empty((0, 2)), 0.0, FIELD, np.inf, 1.0).points
+
+
+def cloud(spread: float, count: int, seed: int = 0) -> NDArray[np.float64]:
+    """(3, count) poses about HERE."""
+    noise = np.random.default_rng(seed).standard_normal((3, count))
+    return np.array(HERE)[:, np.newaxis] + spread * noise
+
+
+def distances(points: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, b): from each beam's end, seen from each particle, to the nearest wall, as the field has it."""
+    c, s = np.cos(poses[2])[:, np.newaxis], np.sin(poses[2])[:, np.newaxis]
+    x = poses[0][:, np.newaxis] + c * points[:, 0] - s * points[:, 1]
+    y = poses[1][:, np.newaxis] + s * points[:, 0] + c * points[:, 1]
+    columns = np.clip((x - FIELD.frame[0]) / FIELD.frame[2], 0, FIELD.levels.shape[1] - 1).astype(int)
+    rows = np.clip((y - FIELD.frame[1]) / FIELD.frame[2], 0, FIELD.levels.shape[0] - 1).astype(int)
+    found: NDArray[np.float64] = FIELD.distances[FIELD.levels[rows, columns]]
+    return found
+
+
+def weighed(
+    parameters: AmclParameters,
+    points: NDArray[np.float64],
+    poses: NDArray[np.float64],
+    together: bool = True,
+) -> tuple[NDArray[np.float64], float, int]:
+    """The weights of all but the last of some particles of different weights, the fit, and skipped beams."""
+    count = poses.shape[1] - 1
+    weights = before(poses.shape[1])
+    directions = np.empty_like(poses[:2])
+    fit, skipped = Measurement(FIELD, RANGE, parameters).weigh(
+        points, poses, weights, directions, count, together=together
+    )
+    assert directions[:, :count] == pytest.approx(np.stack((np.cos(poses[2]), np.sin(poses[2])))[:, :count])
+    assert weights[count] == before(count + 1)[count]
+    return weights[:count], fit, skipped
+
+
+def before(count: int) -> NDArray[np.float64]:
+    return (1.0 + np.arange(count) % 4) / 1000
+
+
+def p(d: NDArray[np.float64]) -> NDArray[np.float64]:
+    return 0.5 * np.exp(-0.5 * (d / 0.2) ** 2) + 0.5 / RANGE
+
+
+@pytest.mark.parametrize("spread", [0.05, 0.5, 5.0])
+def test_cubes_are_those_of_numpy(spread: float) -> None:
+    points, poses = ends(), cloud(spread, 101)
+    d = distances(points, poses[:, :100])
+    expected = before(100) * (1 + (p(d) ** 3).sum(axis=1))
+    weights, fit, _ = weighed(CUBES, points, poses)
+    assert weights == pytest.approx(expected / expected.sum())
+    assert fit == pytest.approx((d < 0.5).mean())
+
+
+@pytest.mark.parametrize("spread", [0.05, 0.5, 5.0])
+@pytest.mark.parametrize("sharpness", [1.0, 0.3])
+def test_products_are_those_of_numpy(spread: float, sharpness: float) -> None:
+    points, poses = ends(), cloud(spread, 101)
+    d = distances(points, poses[:, :100])
+    logarithms = sharpness * np.log(p(d)).sum(axis=1)
+    expected = before(100) * np.exp(logarithms - logarithms.max())
+    weights, fit, skipped = weighed(replace(PRODUCT, sharpness=sharpness), points, poses)
+    assert weights == pytest.approx(expected / expected.sum())
+    assert fit == pytest.approx((d < 0.5).mean()) and skipped == 0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_beams_that_few_particles_agree_with_are_skipped(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    angles = rng.uniform(-3, 3, 3)
+    discs = np.column_stack((HERE.x + np.cos(angles), HERE.y + np.sin(angles), np.full(3, 0.2)))
+    points, poses = ends(discs), cloud(0.05, 101, seed)
+    d = distances(points, poses[:, :100])
+    kept = (d < 0.5).mean(axis=0) >= 0.3
+    logarithms = 0.4 * np.log(p(d[:, kept])).sum(axis=1)
+    expected = before(100) * np.exp(logarithms - logarithms.max())
+    weights, fit, skipped = weighed(SKIPPING, points, poses)
+    assert skipped == (~kept).sum() > 0
+    assert weights == pytest.approx(expected / expected.sum())
+    assert fit == pytest.approx((d < 0.5).mean())  # of all beams, or recovery would never be needed
+    assert weighed(SKIPPING, points, poses, together=False)[2] == 0
+
+
+def test_where_nearly_all_beams_would_be_skipped_none_is() -> None:
+    points, poses = ends(), cloud(0.01, 101)
+    poses[:2] += 100.0
+    assert weighed(SKIPPING, points, poses)[2] == 0
+
+
+def test_random_measurements_spread_over_the_sensor_s_own_range() -> None:
+    far = likelihoods(FIELD, 6.5, CUBES)[-1]
+    assert far == pytest.approx(0.5 / 6.5) and likelihoods(FIELD, 12.0, CUBES)[-1] < far
+    assert likelihoods(FIELD, 6.5, CUBES)[0] == pytest.approx(0.5 + 0.5 / 6.5)
+
+
+@pytest.mark.parametrize("parameters", [CUBES, SKIPPING], ids=["cubes", "product"])
+def test_a_scan_without_beams_leaves_the_weights_in_proportion(parameters: AmclParameters) -> None:
+    weights, fit, skipped = weighed(parameters, np.empty((0, 2)), cloud(0.1, 101))
+    assert weights == pytest.approx(before(100) / before(100).sum())
+    assert (fit, skipped) == (0.0, 0)
+
+
+@pytest.mark.parametrize("parameters", [CUBES, PRODUCT], ids=["cubes", "product"])
+def test_the_true_pose_outweighs_others(parameters: AmclParameters) -> None:
+    poses = cloud(0.3, 400)
+    poses[:, 7] = HERE
+    count = 400
+    weights = np.full(count, 1 / count)
+    Measurement(FIELD, RANGE, parameters).weigh(
+        ends(), poses, weights, np.empty((2, count)), count, together=True
+    )
+    best = poses[:, weights.argmax()]
+    assert np.hypot(*(best[:2] - HERE[:2])) < 0.06 and weights[7] > 0.9 * weights.max()
+
+
+def test_a_particle_of_no_weight_does_not_starve_the_others() -> None:
+    """Its fit is so much better than theirs that exp() of the difference is 0."""
+    poses = cloud(0.0, 3)
+    poses[:2, 1:] += 100.0
+    weights = np.array([0.0, 0.5, 0.5])
+    points = np.repeat(ends(), 20, axis=0)
+    Measurement(FIELD, RANGE, PRODUCT).weigh(points, poses, weights, np.empty((2, 3)), 3, together=True)
+    assert weights == pytest.approx([0.0, 0.5, 0.5])
+
+
+def test_fingerprint_is_the_same_each_time() -> None:
+    assert measurement.fingerprint() == measurement.fingerprint()

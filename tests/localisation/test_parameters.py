@@ -1,0 +1,48 @@
+"""What parameters are refused, and what the presets say."""
+
+import dataclasses
+import json
+from typing import Any
+
+import pytest
+
+from actors.robot.localisation import PRESETS, AmclParameters, LocalisationError
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "right"),
+    [
+        ("min_particles", 0, "be at least 1"),
+        ("max_particles", 499, "be at least min_particles 500"),
+        ("alpha1", -0.1, "be at least 0"),
+        ("sigma_hit", 0.0, "be above 0"),
+        ("z_rand", 0.0, "be above 0"),
+        ("recovery_fast", 1.5, "lie in 0 to 1"),
+        ("recovery_tolerance", 0.5, "be at least 1"),
+        ("weighting", "sum", "be one of cubes, product"),
+        ("odometry_model", "omni", "be one of diff, diff-corrected"),
+        ("max_distance", float("nan"), "be above 0"),
+    ],
+)
+def test_a_value_that_makes_no_sense_is_refused_with_a_sentence(field: str, value: Any, right: str) -> None:
+    with pytest.raises(LocalisationError) as raised:
+        AmclParameters(**{field: value})
+    assert str(raised.value) == f"the localiser's {field} is {value!r}; it should {right}"
+
+
+def test_presets_can_be_written_down() -> None:
+    for parameters in PRESETS.values():
+        written = json.loads(json.dumps(dataclasses.asdict(parameters)))
+        assert AmclParameters(**written) == parameters
+
+
+def test_chapter_has_the_chapter_s_numbers() -> None:
+    chapter = PRESETS["chapter"]
+    assert (chapter.min_particles, chapter.max_particles, chapter.beams) == (500, 2000, 60)
+    assert (chapter.kld_error, chapter.kld_quantile) == (0.05, 0.99)
+    assert (chapter.odometry_model, chapter.weighting) == ("diff", "cubes")
+    assert {chapter.alpha1, chapter.alpha2, chapter.alpha3, chapter.alpha4} == {0.2}
+    assert (chapter.z_hit, chapter.z_rand, chapter.sigma_hit, chapter.max_distance) == (0.5, 0.5, 0.2, 2.0)
+    assert (chapter.update_distance, chapter.update_angle, chapter.resample_interval) == (0.25, 0.2, 1)
+    assert (chapter.recovery_slow, chapter.recovery_fast) == (0.0, 0.0)
+    assert not chapter.beam_skip and not chapter.stranger_filter
