@@ -19,6 +19,8 @@ from benchmarks.swarm_task import SwarmTask
 
 BEYOND: Final = "processes and mesh"
 """What an actor costs as a process of its own beyond its parts in one process with all others."""
+_YARDSTICK: Final = 300_007
+"""Numbers; a prime, so that multiplication leads through many of them in no order a processor foresees."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +107,10 @@ def _figures(task: SwarmTask, console: Console) -> list[SwarmFigures]:
 
 
 def yardstick() -> float:
-    """CPU of a fixed piece of work in plain Python, ms."""
+    """CPU of a fixed piece of work in plain Python, on more memory than a core's own cache holds, ms."""
+    numbers = list(range(_YARDSTICK))
     begun = time.thread_time_ns()
-    table: dict[int, int] = {}
-    for number in range(100_000):
-        table[number % 1000] = table.get(number % 997, 0) + number
+    place = 1
+    for _ in range(_YARDSTICK):
+        place = numbers[place * 48_271 % _YARDSTICK]
     return (time.thread_time_ns() - begun) / 1e6
