@@ -109,6 +109,8 @@ _COUNTS: Final[dict[str, Count]] = {
     "  resolved": lambda one: _blockings(one, at_end=False),
     "  lasting to the end": lambda one: _blockings(one, at_end=True),
     "  robots in one at the end": lambda one: one.blocked_at_end,
+    "  if they may move by 0.5 m: episodes": lambda one: len(one.restless_blockings),
+    "  if they may: lasting to the end": lambda one: sum(b.at_end for b in one.restless_blockings),
     "goals aborted": lambda one: sum(one.aborted.values()),
     "places left": lambda one: one.left,
     "contacts": lambda one: one.contacts,

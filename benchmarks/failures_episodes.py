@@ -23,6 +23,8 @@ class EpisodeParameters:
     """A robot stands while it stays so near, m, to where it was at the window's begin ..."""
     window_s: float = 30.0
     """... for a window of so many s."""
+    restless: float = 0.5
+    """In place of `still`, for blockings in which robots move to and fro, m: oscillations and retreats."""
     near: float = 1.0
     """Robots that stand stand in each other's way within this distance, centre to centre, m."""
 

@@ -69,6 +69,8 @@ class FailureRun:
     """None if no robot's navigation says anything."""
     spells_unlisted: int
     blockings: tuple[BlockingEpisode, ...]
+    restless_blockings: tuple[BlockingEpisode, ...]
+    """The same if robots that move a little count as standing, too (EpisodeParameters.restless)."""
     blocked_at_end: int
     """Robots in a blocking at the end."""
     aborted: dict[str, int]

@@ -8,7 +8,7 @@ other's way. The exact thresholds stand in EpisodeParameters.
 import hashlib
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import mean
 from typing import Final
@@ -69,6 +69,7 @@ def examine(task: FailureTask, parameters: EpisodeParameters = _PARAMETERS) -> F
         spells=_spells(done),
         spells_unlisted=sum(said.no_valid_trajectory_unlisted for said in done.navigation.values()),
         blockings=blocked,
+        restless_blockings=_blockings(done, replace(parameters, still=parameters.restless)),
         blocked_at_end=len({robot for one in blocked if one.at_end for robot in one.robots}),
         aborted=dict(sorted(Counter(goal.how for goal in goals if goal.given_up).items())),
         goals=len(goals),
