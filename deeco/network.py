@@ -13,7 +13,7 @@ from deeco.fragments import Fragmenter
 from deeco.instant import Duration, Instant, seconds
 from deeco.knowledge import Knowledge
 from deeco.link import Reception, Transmission
-from deeco.packet import KnowledgePacket, Version, pack, unpack
+from deeco.packet import KnowledgePacket, Unpacker, Version, pack
 from deeco.parameters import LinkParameters
 from deeco.reassembly import Reassembly
 from deeco.relaying import Relay, RelayParameters
@@ -78,6 +78,7 @@ class Network:
         self._counters = statistics.counters
         self._publications = 0
         self._reassembly = Reassembly(parameters.link)
+        self._unpacker = Unpacker(parameters.link)
         self._fragmenter = Fragmenter(address & 0xFF, parameters.link)
         self._outbox: list[tuple[Instant, bytes]] = []
         self.replicas = Replicas(parameters.most_replicas, parameters.forget_after, self._counters)
@@ -124,7 +125,7 @@ class Network:
 
     def _open(self, data: bytes, reception: Reception) -> News | None:
         self._counters.packets += 1
-        packet = unpack(data, self._limits)
+        packet = self._unpacker.unpack(data)
         if packet is None:
             self._counters.packets_junk += 1
             return None

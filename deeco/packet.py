@@ -4,7 +4,6 @@ On the air (L2) a packet is one byte, its type in the low four bits and how ofte
 high four, and a msgpack array: component's id, epoch, counter, and for each role fingerprint and fields.
 """
 
-from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import msgpack
@@ -29,8 +28,7 @@ class Version(NamedTuple):
     """Publications in this epoch."""
 
 
-@dataclass(frozen=True)
-class KnowledgePacket:
+class KnowledgePacket(NamedTuple):
     """One publication of one component."""
 
     component: str
@@ -118,6 +116,29 @@ def _is_deeper(items: tuple[Any, ...], most: int) -> bool:
         if not level:
             return False
     return True
+
+
+class Unpacker:
+    """Unpacks as `unpack` does, but what relays repeat, which differs in its hops only, just once."""
+
+    def __init__(self, limits: LinkParameters = DEFAULTS, most: int = 128) -> None:
+        """`most`: packets that are kept, the last ones; a repetition of an older one is unpacked anew."""
+        self._limits = limits
+        self._most = most
+        self._kept: dict[bytes, KnowledgePacket] = {}
+
+    def unpack(self, data: bytes) -> KnowledgePacket | None:
+        """The packet of bytes that may be anything; None if they are none. Never raises."""
+        body = data[1:]
+        kept = self._kept.get(body)
+        if kept is not None and data[0] & 0xF == _KNOWLEDGE:
+            return KnowledgePacket(kept.component, kept.version, data[0] >> 4, kept.roles)
+        packet = unpack(data, self._limits)
+        if packet is not None:
+            self._kept[body] = packet
+            if len(self._kept) > self._most:
+                del self._kept[next(iter(self._kept))]
+        return packet
 
 
 def relayed(data: bytes) -> bytes:

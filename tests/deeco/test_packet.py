@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from deeco.errors import ExecutionError
 from deeco.fragments import Fragmenter
-from deeco.packet import KnowledgePacket, Version, pack, relayed, unpack
+from deeco.packet import KnowledgePacket, Unpacker, Version, pack, relayed, unpack
 from deeco.parameters import LinkParameters
 from deeco.schema import fingerprint
 from tests.deeco.sweepers import BOOK, Sweeper, published, robot
@@ -129,6 +129,17 @@ def test_what_is_no_packet_is_none(data: bytes) -> None:
 
 def test_the_deepest_role_is_taken() -> None:
     assert unpack(b"\0\x95\xa1r\0\1\1" + b"\x91" * 16 + b"\x90") is not None
+
+
+@given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 255)), max_size=40))
+def test_what_comes_again_is_unpacked_as_if_it_came_first(heard: list[tuple[int, int]]) -> None:
+    """Copies of six packets, one of them junk, with any first byte, where only three are kept."""
+    bodies = [pack(KnowledgePacket("r1", Version(0, number), 0, ()))[1:] for number in range(5)] + [b"\xa1"]
+    unpacker = Unpacker(most=3)
+    for number, first in heard:
+        data = bytes([first]) + bodies[number]
+        assert unpacker.unpack(data) == unpack(data)
+    assert unpacker.unpack(b"") is None
 
 
 def read(data: bytes) -> None:
