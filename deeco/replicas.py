@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from deeco.ensemble import Contact
-from deeco.instant import Duration, Instant
+from deeco.instant import START, Duration, Instant
 from deeco.knowledge import Knowledge
 from deeco.packet import Version
 from deeco.statistics import Counters
@@ -45,6 +45,8 @@ class Replicas:
         self._counters = counters
         self._by_id: dict[str, Replica] = {}
         self._versions: dict[str, Version] = {}
+        self._oldest = START
+        """No replica was heard before it, so that not every step has to ask every one."""
 
     def __iter__(self) -> Iterator[Replica]:
         return iter(self._by_id.values())
@@ -72,12 +74,16 @@ class Replicas:
             self._counters.replicas_evicted += 1
             del self._by_id[min(self._by_id.values(), key=lambda one: (one.heard, one.id)).id]
         self._by_id[replica.id] = replica
+        self._oldest = min(self._oldest, replica.heard)
         if fresh:
             self._by_id = dict(sorted(self._by_id.items()))
 
     def forget(self, now: Instant) -> None:
         """Drop what has not been heard for too long."""
+        if now - self._oldest <= self._forget_after:
+            return
         old = [one.id for one in self if now - one.heard > self._forget_after]
         for component in old:
             del self._by_id[component]
+        self._oldest = min((one.heard for one in self), default=now)
         self._counters.replicas_forgotten += len(old)

@@ -10,6 +10,9 @@ from deeco import Contact, Duration, Instant, Knowledge, component, periodic, ro
 from deeco.link import Reception
 from deeco.network import NetworkParameters
 from deeco.node import Node
+from deeco.packet import Version
+from deeco.replicas import Replica, Replicas
+from deeco.statistics import Counters
 
 
 @role
@@ -89,6 +92,25 @@ def test_an_older_version_stays_old_after_its_replica_was_forgotten() -> None:
     assert counts(node) == {}
     hear(node, first)
     assert counts(node) == {}
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 9), st.integers(0, 4)), max_size=60))
+def test_at_any_moment_all_that_is_too_old_is_gone_and_nothing_else(
+    story: list[tuple[int, int, int]],
+) -> None:
+    """Each time a component's newer version comes in, heard a moment ago, and time goes on."""
+    replicas = Replicas(256, Duration(5), Counters())
+    heard: dict[str, int] = {}
+    now = 0
+    for counter, (number, ago, passing) in enumerate(story):
+        name, moment = f"r{number}", max(0, now - ago)
+        heard[name] = moment
+        contact = Contact(Instant(moment), None, 0)
+        replicas.put(Replica(name, Version(0, counter), (), contact))
+        now += passing
+        replicas.forget(Instant(now))
+        heard = {name: instant for name, instant in heard.items() if now - instant <= 5}
+        assert [one.id for one in replicas] == sorted(heard)
 
 
 def test_the_one_heard_longest_ago_makes_room() -> None:
