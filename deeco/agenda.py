@@ -2,8 +2,7 @@
 
 import heapq
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from deeco.instant import Duration, Instant
 
@@ -13,8 +12,7 @@ _ONCE: Final = 1 << 40
 """Serial numbers of tasks that are done once: after all periodic ones of the same instant and order."""
 
 
-@dataclass(frozen=True)
-class _Entry:
+class _Entry(NamedTuple):
     task: Task
     every: Duration | None
 

@@ -81,7 +81,8 @@ class Reassembly:
 
         `sender` is the address of who sent the frame. `now` should not go back.
         """
-        self.give_up(now)
+        if self._open:
+            self.give_up(now)
         packets = []
         position, end = 0, len(frame)
         while position + HEADER.size < end:

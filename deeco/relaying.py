@@ -8,6 +8,7 @@ nodes farther than some 10 m relay at all.)
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from deeco.instant import Duration, Instant, milliseconds, seconds
 from deeco.packet import KnowledgePacket, Version, relayed
@@ -42,8 +43,7 @@ class RelayParameters:
         return Duration(round(min(max(strength, 0.0), 1.0) * self.longest + chance * self.spread))
 
 
-@dataclass(frozen=True)
-class _Waiting:
+class _Waiting(NamedTuple):
     version: Version
     data: bytes
 
