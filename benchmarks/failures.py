@@ -70,6 +70,7 @@ def _print(strategy: str, runs: Sequence[FailureRun]) -> None:
             continue
         values = [count(one) for one in runs]
         share, mean = proportion(sum(value > 0 for value in values), len(values)), average(values)
+        mean = mean._replace(low=max(mean.low, 0.0))  # counts are never below 0
         table.add_row(
             name, f"{share.value:.0%}", _span(share, ".0%"), f"{mean.value:.2f}", _span(mean, ".2f")
         )
