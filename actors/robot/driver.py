@@ -11,7 +11,7 @@ from actors.instant import Duration, Instant, in_seconds
 from actors.robot.dwa import WEIGHTS, Fields, best
 from actors.robot.dwa_parameters import DwaParameters
 from actors.robot.local_map import LocalMap
-from actors.robot.map_grid import cut, free_goal, wavefront
+from actors.robot.map_grid import bearing, cut, detour, free_goal, wavefront
 from actors.robot.oscillation import OscillationCritic
 from actors.robot_model import Drive
 
@@ -49,11 +49,13 @@ class Driver:
             local.table, p.occdist_scale * self._cell, dtype=np.float64
         )
         self._table.setflags(write=False)  # as the fingerprint's: the kernel is compiled for that
+        self._table.setflags(write=False)
         self._limit = (local.inflation.inscribed / self._cell) ** 2
         self._oscillation = OscillationCritic(p.oscillation_distance, p.oscillation_angle, p.least_speed)
         self._untrusted = np.zeros(local.squared.shape, np.uint8)
         self._way: NDArray[np.float64] = np.zeros((0, 2))
         self._nearest = 0
+        self._turning = False
         self._due: Instant | None = None
         self._held = _NOWHERE
 
@@ -61,6 +63,7 @@ class Driver:
         """The robot is to go somewhere else now: forget the plan, the command, and how it came about."""
         self._way = np.zeros((0, 2))
         self._oscillation.forget()
+        self._turning = False
         self._due, self._held = None, _NOWHERE
 
     def follow(self, way: NDArray[np.float64]) -> None:
@@ -93,7 +96,8 @@ class Driver:
         fields = self._fields(instant, body, here, estimate)
         if fields is None:
             return _NOWHERE
-        speeds = _reachable(velocity.vx, self._gain, self._min_speed, self._max_speed)
+        most = 0.0 if self._turning else self._max_speed
+        speeds = _reachable(velocity.vx, self._gain, min(self._min_speed, most), most)
         turns = _reachable(velocity.omega, self._turn_gain, -self._max_turn, self._max_turn)
         choice = best(
             body,
@@ -123,6 +127,10 @@ class Driver:
         goal = (int(cells[-1, 0]), int(cells[-1, 1]))
         if ended or self._p.goal_setback:
             goal = free_goal(squared, self._limit, cells, self._p.goal_slack / self._cell if ended else -1.0)
+        to_goal = wavefront(squared, self._limit, np.array([goal], np.int32))
+        if detour(to_goal, cells, body) > self._p.detour / self._cell:
+            return None
+        self._turn_to(bearing(cells, body, self._p.forward_point / self._cell))
         dx, dy = goal[1] + 0.5 - body[0], goal[0] + 0.5 - body[1]
         apart, nose = math.hypot(dx, dy), self._p.forward_point / self._cell
         # near the goal the nose is beyond it: to keep it on the plan would turn the robot round
@@ -132,10 +140,15 @@ class Driver:
         return Fields(
             squared,
             wavefront(squared, self._limit, cells),
-            wavefront(squared, self._limit, np.array([goal], np.int32)),
+            to_goal,
             wavefront(squared, self._limit, np.array([front], np.int32)),
             self._local.trusted(instant) if self._min_speed < 0.0 else self._untrusted,
         )
+
+    def _turn_to(self, angle: float) -> None:
+        """Begin to turn on the spot if the plan leads away at too large an angle; end it at half of that."""
+        least = self._p.spot_angle * (0.5 if self._turning else 1.0)
+        self._turning = abs(angle) > least
 
     def _motion(self, here: Pose, estimate: Pose) -> NDArray[np.float64]:
         """From the map frame to the window: see `cut`."""

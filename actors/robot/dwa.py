@@ -13,6 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from actors.robot.map_grid import steps_at
+
 Floats = NDArray[np.float64]
 Squares = NDArray[np.int16]
 Steps = NDArray[np.int32]
@@ -242,21 +244,6 @@ def _driven(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _steps_at(steps: Steps, x: float, y: float) -> int:
-    """Steps of the cell around a point; of the best of the three others near it if that is out of reach.
-
-    The centre may be farther from what is marked than that of its cell.
-    """
-    own = steps[math.floor(y), math.floor(x)]
-    if own < steps.size:
-        return int(own)
-    row = min(max(math.floor(y - 0.5), 0), steps.shape[0] - 2)
-    column = min(max(math.floor(x - 0.5), 0), steps.shape[1] - 2)
-    lower = min(steps[row, column], steps[row, column + 1])
-    return int(min(lower, steps[row + 1, column], steps[row + 1, column + 1]))
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
 def _score(
     least: float,
     x: float,
@@ -274,7 +261,7 @@ def _score(
 
     `too_near`: the robot cannot be where it ends, nor where it is, so that no way from there is known.
     """
-    to_path, to_goal = _steps_at(path, x, y), _steps_at(goal, x, y)
+    to_path, to_goal = steps_at(path, x, y), steps_at(goal, x, y)
     if max(to_path, to_goal) == path.size and not too_near:
         return INVALID
     row, column = math.floor(y + w.nose * s), math.floor(x + w.nose * c)

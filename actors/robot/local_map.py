@@ -52,13 +52,20 @@ class LocalMapParameters:
     of its cell. costmap_2d has the rest by looking at all cells below the body's outline."""
     free_memory: Duration = field(default=Duration(0))
     """So long a cell counts as seen free after a ray passed through it; 0 = that is not remembered."""
+    free_range: float = 1.0
+    """That far from the sensor it is remembered, m."""
 
     def __post_init__(self) -> None:
-        ranges = {"obstacle_range": 0, "raytrace_range": 0, "inflation_radius": 0, "scaling": 0, "padding": 0}
-        check("local_map", self, positive=("cell", "size"), least=ranges)
+        ranges = ("obstacle_range", "raytrace_range", "inflation_radius", "scaling", "padding", "free_range")
+        check("local_map", self, positive=("cell", "size"), least=dict.fromkeys(ranges, 0.0))
         if not 4 <= self.size / self.cell <= 400:
             raise ParameterError(
                 f"local_map.size is {self.size:g}, but must be 4 to 400 cells of {self.cell:g} m"
+            )
+        if self.inflation_radius > 100 * self.cell:
+            raise ParameterError(
+                f"local_map.inflation_radius is {self.inflation_radius:g}, but must be at most 100 cells of"
+                f" {self.cell:g} m"
             )
 
 
@@ -74,15 +81,20 @@ class _Eye:
     rays: NDArray[np.float64]
     fan: NDArray[np.float64]
     limits: NDArray[np.float64]
+    stamp_limits: NDArray[np.float64]
+    """The same, but for how far it is remembered what is free."""
 
 
 def _eye(sensor: RangeSensor, p: LocalMapParameters) -> _Eye:
     angles = sensor.first_angle + sensor.increment * np.arange(sensor.rays)
-    silent = 2.0 * sensor.range_min / p.cell if p.inf_is_valid else math.inf
+    silent = 2.0 * sensor.range_min if p.inf_is_valid else math.inf
+    limits = np.array([1e-3, p.obstacle_range, p.raytrace_range, silent]) / p.cell
+    stamp_limits = np.minimum(limits, [math.inf, math.inf, p.free_range / p.cell, math.inf])
     return _Eye(
         np.column_stack((np.cos(angles), np.sin(angles))),
         np.array([sensor.first_angle, sensor.increment]),
-        np.array([1e-3 / p.cell, p.obstacle_range / p.cell, p.raytrace_range / p.cell, silent]),
+        limits,
+        stamp_limits,
     )
 
 
@@ -127,7 +139,7 @@ class LocalMap:
         body = np.array([*self._cells(here.x, here.y), self._radius / self.parameters.cell])
         take_in(self._marks, ranges, eye.rays, eye.fan, seen, body, eye.limits)
         if self._stamps.size:
-            stamp(self._stamps, instant, ranges, eye.rays, seen, body, eye.limits)
+            stamp(self._stamps, instant, ranges, eye.rays, seen, body, eye.stamp_limits)
         self._squared = None
         self._taken = instant
 

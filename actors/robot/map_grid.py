@@ -46,6 +46,24 @@ def cut(
     return nearest, ended, cells
 
 
+def detour(steps: Steps, cells: Cells, body: Floats) -> int:
+    """How many more steps it is to the goal of `steps` from where the body is than through `cells`.
+
+    `steps`: of `wavefront`. `cells`: (k, 2), k ≥ 1. `body`: x and y, cells. 0 where the body is out of reach.
+    """
+    more: int = _detour(steps, cells, body)
+    return more
+
+
+def bearing(cells: Cells, body: Floats, ahead: float) -> float:
+    """At which angle from the body's heading it sees the first of `cells` that is `ahead`, or the last; rad.
+
+    `cells`: (k, 2), k ≥ 1. `body`: x and y, cells, and heading, rad. `ahead`: cells.
+    """
+    angle: float = _bearing(cells, body, ahead)
+    return angle
+
+
 def free_goal(squared: Squares, limit: float, cells: Cells, slack: float) -> tuple[int, int]:
     """Row and column of the last of `cells`, or, where the centre cannot be in it, of one that does instead.
 
@@ -63,11 +81,14 @@ def fingerprint() -> bytes:
     row, column = np.indices((40, 40))
     squared = ((row * 5 + column * column * 3) % 31).astype(np.int16)
     way = np.column_stack((np.linspace(0.1, 3.0, 30), 0.8 + np.linspace(0, 1, 30) ** 2))
+    body = np.array([8.0, 17.0, 0.3])
     motion = np.array([math.cos(0.3), math.sin(0.3), 0.5, 0.0, 20.0])
-    nearest, ended, cells = cut(way, 0, motion, np.array([8.0, 17.0]), 40, 20.0)
+    nearest, ended, cells = cut(way, 0, motion, body, 40, 20.0)
     assert cells.size
     goals = free_goal(squared, 20.5, cells, -1.0), free_goal(squared, 20.5, cells, 3.0)
-    return repr((nearest, ended, goals)).encode() + cells.tobytes() + wavefront(squared, 4.5, cells).tobytes()
+    steps = wavefront(squared, 4.5, cells)
+    told = nearest, ended, goals, bearing(cells, body, 5.0), detour(steps, cells, body)
+    return repr(told).encode() + cells.tobytes() + steps.tobytes()
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -152,6 +173,43 @@ def _cut(
                 count += 1
         last_x, last_y = x, y
     return nearest, True, cells[:count].copy()
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def steps_at(steps: Steps, x: float, y: float) -> int:
+    """Steps of the cell around a point; of the best of the three others near it if that is out of reach.
+
+    The point itself may be farther from what is marked than the centre of its cell. It lies at least half a
+    cell within the window.
+    """
+    own = steps[np.uintp(y), np.uintp(x)]
+    if own < steps.size:
+        return int(own)
+    row, column = np.uintp(y - 0.5), np.uintp(x - 0.5)
+    over, after = row + np.uintp(1), column + np.uintp(1)
+    return int(min(steps[row, column], steps[row, after], steps[over, column], steps[over, after]))
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _detour(steps: Steps, cells: Cells, body: Floats) -> int:
+    here = steps_at(steps, body[0], body[1])
+    if here == steps.size:
+        return 0
+    planned = abs(cells[0, 0] - math.floor(body[1])) + abs(cells[0, 1] - math.floor(body[0]))
+    for k in range(1, cells.shape[0]):
+        planned += abs(cells[k, 0] - cells[k - 1, 0]) + abs(cells[k, 1] - cells[k - 1, 1])
+    return int(here - planned)
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _bearing(cells: Cells, body: Floats, ahead: float) -> float:
+    dx, dy = 0.0, 0.0
+    for k in range(cells.shape[0]):
+        dx, dy = cells[k, 1] + 0.5 - body[0], cells[k, 0] + 0.5 - body[1]
+        if math.hypot(dx, dy) >= ahead:
+            break
+    angle = math.atan2(dy, dx) - body[2]
+    return float(angle - math.tau * math.floor((angle + math.pi) / math.tau))
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
