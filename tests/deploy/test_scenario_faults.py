@@ -107,7 +107,7 @@ def test_a_wrong_value(text: str, sentence: str) -> None:
         (
             "xyz = 1",
             "xyz is not known; known are map, run, strategy, deeco,"
-            " robots, places, radio, area, robot, event",
+            " localisation, navigation, planner, local_map, dwa, robots, places, radio, area, robot, event",
         ),
         ("[deeco]\nrelays = true", "deeco.relays is not known; did you mean deeco.relay?"),
         ('[[event]]\nat = 1\nkil = "r1"', "event[0].kil is not known; did you mean event[0].kill?"),
@@ -264,3 +264,19 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     assert refusal(tmp_path) == f"{tmp_path}: the scenario file cannot be read: Is a directory"
     assert refusal(binary) == f"{binary}: byte 7 of the scenario file is not UTF-8"
     assert refusal(huge) == f"{huge}: a scenario file may have at most 1000000 bytes, but this has more"
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("localisation = 3", "localisation is 3, but must be a table of a preset and of parameters"),
+        ("[localisation]\nbeams = []", f"localisation.beams is [], {SETTING}"),
+        ('[navigation]\npreset = "best"', 'navigation.preset is "best", but must be "chapter" or "robust"'),
+        ("[dwa]\nsim_tim = 2", "dwa.sim_tim is not known; did you mean dwa.sim_time?"),
+        ("[dwa]\nsim_time = 0", "dwa.sim_time is 0, but must be above 0"),
+        ("[local_map]\nsize = 0.1", "local_map.size is 0.1, but must be 4 to 400 cells of 0.05 m"),
+        ("[planner]\ncached = 1.5", "planner.cached is 1.5, but must be a whole number"),
+    ],
+)
+def test_wrong_localisation_and_navigation(text: str, sentence: str) -> None:
+    assert fault(text) == sentence
