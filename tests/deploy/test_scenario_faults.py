@@ -279,4 +279,4 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_localisation_and_navigation(text: str, sentence: str) -> None:
-    assert fault(text) == sentence
+    assert fault(text) == f"some.toml: {sentence}"
