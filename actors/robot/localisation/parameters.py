@@ -70,7 +70,7 @@ class AmclParameters:
     and Thrun, "Markov localization for mobile robots in dynamic environments", JAIR 11, 1999."""
     stranger_distance: float = 0.3
     """In the open is what is farther from walls, m; own choice by measurement."""
-    stranger_error_threshold: float = 0.5
+    stranger_error_threshold: float = 0.9
     """If this share of the beams, or more, would be dropped, none is; own choice by measurement."""
     peer_radius: float = 0.45
     """A beam that ends so near a masked peer is not believed, m; own choice: two bodies' radii and 0.1 m."""
@@ -87,10 +87,13 @@ class AmclParameters:
     recovery_tolerance: float = 1.0
     """The fast average counts for so many times what it is, ≥ 1: so that other robots in view do not make
     the filter look for its robot elsewhere; own addition, 1 is the book's."""
-    start_spread: float = 0.5
-    """Standard deviation of the start's x and y, m; amcl's initial_cov_xx and _yy are its square."""
-    start_turn_spread: float = math.pi / 12
-    """Standard deviation of the start's heading, rad; amcl's initial_cov_aa is its square."""
+    start_spread: float = 0.1
+    """Standard deviation of the start's x and y, m; amcl's initial_cov_xx and _yy are its square. Own choice,
+    as robots are put where they are said to be; amcl's default is 0.5 m, with which `chapter` loses its way
+    in 2 of 300 courses in the corridor, and with 0.1 m in none."""
+    start_turn_spread: float = 0.1
+    """Standard deviation of the start's heading, rad; amcl's initial_cov_aa is its square. Own choice, as
+    above; amcl's default is 15°."""
 
     def __post_init__(self) -> None:
         for name, known in (("odometry_model", OdometryModel), ("weighting", Weighting)):
@@ -147,8 +150,6 @@ _ROBUST: Final = AmclParameters(
     recovery_slow=0.001,
     recovery_fast=0.1,
     recovery_tolerance=1.4,
-    start_spread=0.2,
-    start_turn_spread=0.1,
 )
 
 PRESETS: Final[Mapping[str, AmclParameters]] = MappingProxyType(
