@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from actors.geometry import STILL, Pose, Twist, wrap
 from actors.instant import Duration, Instant, in_seconds
-from actors.robot.dwa import WEIGHTS, Fields, best
+from actors.robot.dwa import WEIGHTS, Fields, best, squared_at
 from actors.robot.dwa_parameters import DwaParameters
 from actors.robot.local_map import LocalMap
 from actors.robot.map_grid import bearing, cut, detour, free_goal, wavefront
@@ -96,8 +96,10 @@ class Driver:
         fields = self._fields(instant, body, here, estimate)
         if fields is None:
             return _NOWHERE
-        most = 0.0 if self._turning else self._max_speed
-        speeds = _reachable(velocity.vx, self._gain, min(self._min_speed, most), most)
+        most = max(0.0, velocity.vx - self._gain) if self._turning else self._max_speed
+        too_near = squared_at(fields.squared, body[0], body[1]) <= self._limit
+        least = self._min_speed if too_near else max(self._min_speed, 0.0)
+        speeds = _reachable(velocity.vx, self._gain, min(least, most), most)
         turns = _reachable(velocity.omega, self._turn_gain, -self._max_turn, self._max_turn)
         choice = best(
             body,
@@ -130,7 +132,7 @@ class Driver:
         to_goal = wavefront(squared, self._limit, np.array([goal], np.int32))
         if detour(to_goal, cells, body) > self._p.detour / self._cell:
             return None
-        self._turn_to(bearing(cells, body, self._p.forward_point / self._cell))
+        self._turn_to(bearing(squared, self._limit, cells, body, self._p.forward_point / self._cell))
         dx, dy = goal[1] + 0.5 - body[0], goal[0] + 0.5 - body[1]
         apart, nose = math.hypot(dx, dy), self._p.forward_point / self._cell
         # near the goal the nose is beyond it: to keep it on the plan would turn the robot round

@@ -23,6 +23,8 @@ INVALID: Final = -1.0
 """Score of a trajectory that must not be driven."""
 _NEARLY: Final = 1e-4
 """So little less than the least speed still is that speed."""
+_DIAGONAL: Final = math.sqrt(2.0)
+"""Steps, each to one of four neighbours, per cell of a way along a diagonal."""
 _FLANK_COSINE: Final = math.cos(math.radians(50))
 _FLANK_SINE: Final = math.sin(math.radians(50))
 """Backing out, the robot has to know the floor below its stern, and 50° to both sides of it."""
@@ -62,7 +64,7 @@ where it has gone `goal_distance`, cells, though, or could stop, if that is fart
 cells/s. Its speed is at least `least_speed`, cells/s, or its turn rate `least_turn`, rad/s. From where the
 centre is nearer than it may be, but by `escape`, cells, at most, trajectories along which the distance does
 not fall are valid. The nose counts as rows · columns from everything where the centre cannot be, if
-`nose_barred`; else as `nose` farther than the centre.
+`nose_barred`; else as farther than the centre by the most steps that it can be away from it.
 """
 
 
@@ -148,7 +150,11 @@ def fingerprint() -> bytes:
     table.setflags(write=False)
     window, counts, barred = np.array([-2.0, 10.0, -1.0, 1.0]), (7, 8), np.zeros(4, np.bool_)
     poses = [np.array([12.3, 20.4, heading]) for heading in (-3.0, 0.1, 1.4)]
-    return np.array([best(p, window, counts, barred, fields, table, weights) for p in poses]).tobytes()
+    chosen = [best(pose, window, counts, barred, fields, table, weights) for pose in poses]
+    return (
+        np.array(chosen).tobytes()
+        + np.array([squared_at(squared, pose[0], pose[1]) for pose in poses]).tobytes()
+    )
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -179,7 +185,7 @@ def _limit(speed: float, w: Any) -> float:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _squared_at(squared: Squares, x: float, y: float) -> float:
+def squared_at(squared: Squares, x: float, y: float) -> float:
     """Squared distance from a point to the centre of the nearest marked cell, cells².
 
     The point is at least half a cell, and less than all but half a cell, from the window's corner both ways.
@@ -224,7 +230,7 @@ def _driven(
     if count * abs(chord) > w.goal_distance:
         stopping = abs(speed) * (w.stop_buffer + 0.5 * abs(speed) / w.deceleration)
         count = min(count, math.ceil(max(w.goal_distance, stopping) / abs(chord)))
-    least = before = _squared_at(squared, x, y)
+    least = before = squared_at(squared, x, y)
     if before <= limit and not fleeing:
         return INVALID, x, y, c, s
     for _ in range(count):
@@ -235,7 +241,7 @@ def _driven(
             return INVALID, x, y, c, s
         if speed < 0.0 and not _stern_known(trusted, x, y, c, s, w.radius):
             return INVALID, x, y, c, s
-        here = _squared_at(squared, x, y)
+        here = squared_at(squared, x, y)
         if here <= limit and here < before:
             return INVALID, x, y, c, s
         before = here
@@ -259,7 +265,8 @@ def _score(
 ) -> float:
     """What the critics say together about a trajectory and where it ends, or INVALID.
 
-    `too_near`: the robot cannot be where it ends, nor where it is, so that no way from there is known.
+    `too_near`: the robot cannot be where it ends, nor where it is. No way from there is known then, and
+    whatever leads away is better.
     """
     to_path, to_goal = steps_at(path, x, y), steps_at(goal, x, y)
     if max(to_path, to_goal) == path.size and not too_near:
@@ -269,11 +276,13 @@ def _score(
         return INVALID
     nose_to_path, nose_to_front = float(path[row, column]), float(front[row, column])
     if nose_to_path == path.size and not w.nose_barred:
-        nose_to_path = to_path + w.nose
+        nose_to_path = to_path + _DIAGONAL * w.nose
     if nose_to_front == path.size and not w.nose_barred:
-        nose_to_front = to_goal + w.nose
+        nose_to_front = to_goal + _DIAGONAL * w.nose
+    away = float(path.size) if too_near else 0.0
     return float(
-        table[min(int(least), table.size - 1)]
+        away
+        + table[min(int(least), table.size - 1)]
         + w.path * to_path
         + w.alignment * nose_to_path
         + w.goal * to_goal
@@ -301,7 +310,7 @@ def _samples(low: float, high: float, count: int) -> Floats:
     values = np.empty(count + 1)
     size = 0
     for k in range(count):
-        value = low + (high - low) * k / (count - 1)
+        value = min(low + (high - low) * k / (count - 1), high)
         if value > 0.0 and size > 0 and values[size - 1] < 0.0:
             values[size] = 0.0
             size += 1
@@ -327,7 +336,7 @@ def _best(
 ) -> tuple[float, float, float]:
     w = weights[0]
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    least_allowed, start = _limit(0.0, w), _squared_at(squared, pose[0], pose[1])
+    least_allowed, start = _limit(0.0, w), squared_at(squared, pose[0], pose[1])
     nearest = max(w.radius + w.padding - w.escape, 0.0)
     fleeing = nearest * nearest <= start <= least_allowed
     speeds = _samples(window[0], window[1], speed_count)
@@ -342,7 +351,7 @@ def _best(
             )
             if least < 0.0:
                 continue
-            too_near = fleeing and _squared_at(squared, x, y) <= least_allowed
+            too_near = fleeing and squared_at(squared, x, y) <= least_allowed
             score = _score(least, x, y, end_c, end_s, path, goal, front, table, too_near, w)
             if score >= 0.0 and (lowest < 0.0 or score < lowest):
                 best_speed, best_turn, lowest = speed, turn, score

@@ -32,7 +32,8 @@ class DwaParameters:
     max_speed: float = 0.5
     """m/s (max_vel_x)."""
     min_speed: float = 0.0
-    """m/s (min_vel_x); below 0 the robot may back out, over cells that were seen free lately."""
+    """m/s (min_vel_x); if below 0, a robot that is too near to something may back out so fast, over cells
+    that were seen free lately."""
     least_speed: float = 0.1
     """A command has at least this speed (min_trans_vel), m/s, ..."""
     max_turn: float = 5.0
@@ -69,7 +70,7 @@ class DwaParameters:
     nose_barred: bool = False
     """Whether it costs as much as the whole window if the nose ends where the centre cannot be, as in
     dwa_local_planner, which so keeps away from goals beside a wall that it faces. Own choice: off, the nose
-    then counts as farther off than the centre by the distance between them."""
+    then counts as farther off than the centre by as much as it can be."""
     scaling_speed: float = 0.25
     """Above this speed the body counts as larger than it is, m/s, ..."""
     max_scaling_factor: float = 0.2
@@ -95,8 +96,8 @@ class DwaParameters:
     choice, half the window: what has not been seen counts as free, so that waves find ways behind walls, and
     dwa_local_planner turns on the spot before a door that is blocked."""
     spot_angle: float = 1.6
-    """If the plan leads away at more than this angle, the robot turns on the spot until it is half of it,
-    rad. Own choice; dwa_local_planner (here: 4) drives wide arcs."""
+    """If the plan leads away at more than this angle and nothing stands there, the robot turns on the spot
+    until it is half of it, rad. Own choice; dwa_local_planner (here: 4) drives wide arcs."""
     escape: float = 0.035
     """A robot that is nearer to something than it may be, by so many metres at most, may still drive such
     that the distance does not fall. Own choice: what the local map's padding adds to dwa_local_planner's own
@@ -112,9 +113,18 @@ class DwaParameters:
 DWA_PRESETS: Final[Mapping[str, DwaParameters]] = MappingProxyType(
     {
         "chapter": DwaParameters(),
-        "robust": replace(DwaParameters(), min_speed=-0.1, sim_time=1.7, path_bias=20.0, escape=1.0),
+        "robust": replace(
+            DwaParameters(),
+            min_speed=-0.1,
+            least_turn=0.2,
+            turn_acceleration=3.5,
+            sim_time=1.7,
+            path_bias=16.0,
+            escape=1.0,
+        ),
     }
 )
-"""`chapter`: as the testbed had it. `robust`: own choices, tried on the corridor map: the plan pulls less
+"""`chapter`: as the testbed had it. `robust`: own choices, tried on the corridor map. The plan pulls less
 than the goal, so that the robot leaves it to pass what stands on it; it looks less far ahead (the default of
-sim_time in dwa_local_planner), backs out, and gets away from whatever came too near."""
+sim_time in dwa_local_planner); it turns slower and changes that faster, for what turns at min_rot_vel cannot
+turn back within a period at the chapter's acceleration; it gets away from what is too near, even backward."""

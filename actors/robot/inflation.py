@@ -31,10 +31,9 @@ class Inflation:
         """Cost at each distance, m: LETHAL at 0, INSCRIBED near it, then from 252 to 0; same shape."""
         away = np.asarray(distance, dtype=np.float64)
         falling = np.floor((INSCRIBED - 1) * np.exp(-self.scaling * np.maximum(away - self.inscribed, 0.0)))
-        falling[away > self.radius] = 0.0
-        costs = np.where(away <= self.inscribed, INSCRIBED, falling)
-        costs[away <= 0.0] = LETHAL
-        return costs.astype(np.uint8)
+        costs = np.where(away > self.radius, 0.0, falling)
+        costs = np.where(away <= self.inscribed, INSCRIBED, costs)
+        return np.where(away <= 0.0, LETHAL, costs).astype(np.uint8)
 
     def reach(self, cell: float) -> int:
         """How many cells of side `cell`, m, away something still costs, or touches, at most."""

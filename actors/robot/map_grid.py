@@ -55,12 +55,13 @@ def detour(steps: Steps, cells: Cells, body: Floats) -> int:
     return more
 
 
-def bearing(cells: Cells, body: Floats, ahead: float) -> float:
+def bearing(squared: Squares, limit: float, cells: Cells, body: Floats, ahead: float) -> float:
     """At which angle from the body's heading it sees the first of `cells` that is `ahead`, or the last; rad.
 
+    0 where the centre cannot be in one of the cells before it. `squared`, `limit`: as for `wavefront`.
     `cells`: (k, 2), k ≥ 1. `body`: x and y, cells, and heading, rad. `ahead`: cells.
     """
-    angle: float = _bearing(cells, body, ahead)
+    angle: float = _bearing(squared, limit, cells, body, ahead)
     return angle
 
 
@@ -87,7 +88,7 @@ def fingerprint() -> bytes:
     assert cells.size
     goals = free_goal(squared, 20.5, cells, -1.0), free_goal(squared, 20.5, cells, 3.0)
     steps = wavefront(squared, 4.5, cells)
-    told = nearest, ended, goals, bearing(cells, body, 5.0), detour(steps, cells, body)
+    told = nearest, ended, goals, bearing(squared, 4.5, cells, body, 5.0), detour(steps, cells, body)
     return repr(told).encode() + cells.tobytes() + steps.tobytes()
 
 
@@ -202,9 +203,11 @@ def _detour(steps: Steps, cells: Cells, body: Floats) -> int:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _bearing(cells: Cells, body: Floats, ahead: float) -> float:
+def _bearing(squared: Squares, limit: float, cells: Cells, body: Floats, ahead: float) -> float:
     dx, dy = 0.0, 0.0
     for k in range(cells.shape[0]):
+        if squared[cells[k, 0], cells[k, 1]] <= limit:
+            return 0.0
         dx, dy = cells[k, 1] + 0.5 - body[0], cells[k, 0] + 0.5 - body[1]
         if math.hypot(dx, dy) >= ahead:
             break
