@@ -16,6 +16,7 @@ Floats = NDArray[np.float64]
 Bursts = NDArray[np.int64]
 _CHUNK: Final = 1024
 """Bursts drawn at once."""
+_NONE: Final[Bursts] = np.empty((0, 2), np.int64)
 DROWNING_DBM: Final = 0.0
 """Power of a jammer wherever it reaches, dBm: above that of any frame over 0.1 m at full power."""
 
@@ -82,7 +83,9 @@ class Wifi:
         self._place = np.array([[parameters.x, parameters.y]])
         self._propagation = propagation
         self._draws = draws
-        self._begin_anew()
+        self._rng = draws()
+        self._known = _NONE
+        self._drawn_until = self._forgotten = 0
 
     def bursts(self, since_ns: int, until_ns: int) -> Bursts:
         """As `channel.Interferer` says; asking for an earlier time than before draws all anew."""
@@ -92,7 +95,7 @@ class Wifi:
             self._draw()
         begins = self._known[:, 0]
         first, last = np.searchsorted(begins, (since_ns, until_ns))
-        found = self._known[first:last].copy()
+        found: Bursts = self._known[first:last].copy()
         if first > 4 * _CHUNK:
             self._known, self._forgotten = self._known[first:], since_ns
         return found
@@ -106,7 +109,7 @@ class Wifi:
 
     def _begin_anew(self) -> None:
         self._rng = self._draws()
-        self._known: Bursts = np.empty((0, 2), np.int64)
+        self._known = _NONE
         self._drawn_until = self._forgotten = 0
 
     def _draw(self) -> None:
@@ -137,7 +140,7 @@ class Jammer:
         """As `channel.Interferer` says: one."""
         if since_ns <= self.since_ns < until_ns and self.since_ns < self.until_ns:
             return np.array([[self.since_ns, self.until_ns]], np.int64)
-        return np.empty((0, 2), np.int64)
+        return _NONE
 
     def power_dbm(self, receivers: Floats) -> Floats:
         """As `channel.Interferer` says."""
