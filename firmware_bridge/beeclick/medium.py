@@ -14,10 +14,11 @@ import numpy as np
 
 from actors.instant import Instant
 from actors.radio.frame import airtime_us
+from actors.radio.frame_check import frame_check
 from actors.radio.parameters import PRESETS, RadioParameters
 from actors.radio.path_loss import received_dbm
 from firmware_bridge.beeclick.board import Board
-from firmware_bridge.beeclick.signal import HEADER_SIZE, frame_check, rssi_code
+from firmware_bridge.beeclick.signal import HEADER_SIZE, rssi_code
 
 Place = Callable[[Instant], tuple[float, float]]
 """Where something is at an instant, m."""

@@ -1,6 +1,5 @@
-"""The numbers of the MRF24J40: signal strength, transmit power, frame check sequence."""
+"""The numbers of the MRF24J40: signal strength, transmit power, MAC header."""
 
-import binascii
 from bisect import bisect_right
 from typing import Final
 
@@ -18,8 +17,6 @@ the clear channel assessment, which the chip measures on the same scale; by its 
 DS39776C, table 3-8. Averaged over 8 symbols, typical values: the data sheet promises ± 5 dB."""
 _LARGE_STEP: Final = 100
 """Tenths of a dB (DS39776C, register RFCON3)."""
-_MIRRORED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
-"""Each byte with its bits in reverse."""
 HEADER_SIZE: Final = 7
 """Of the MAC header: frame control, sequence, source PAN, source address."""
 
@@ -74,12 +71,3 @@ def power_setting(power_dbm: float) -> int:
 def mac_header(pan: int, address: int) -> bytes:
     """The 7 bytes in front of the data: data frame, 16-bit source, sequence always 0 (MRF24J40.cpp)."""
     return b"\x01\x80\x00" + pan.to_bytes(2, "little") + address.to_bytes(2, "little")
-
-
-def frame_check(frame: bytes) -> int:
-    """The frame check sequence over header and data, as the two bytes behind them say, low one first.
-
-    CRC-16 of ITU-T, least significant bit first, begun with 0 (IEEE 802.15.4-2006, 7.2.1.9).
-    """
-    crc = binascii.crc_hqx(frame.translate(_MIRRORED), 0)
-    return _MIRRORED[crc & 0xFF] << 8 | _MIRRORED[crc >> 8]

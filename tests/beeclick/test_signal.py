@@ -1,7 +1,7 @@
 import pytest
 
+from actors.radio.frame_check import frame_check
 from firmware_bridge.beeclick.signal import (
-    frame_check,
     mac_header,
     power_setting,
     radiated,
