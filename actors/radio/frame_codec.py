@@ -44,7 +44,7 @@ class Endpoint:
 
 @dataclass(frozen=True)
 class DataFrame:
-    """A data frame; without a destination it is for the PAN's coordinator, or, from a BEE click, for everyone."""
+    """A data frame; without a destination it is for the PAN's coordinator, from a BEE click for everyone."""
 
     sequence: int
     """0 to 255."""
