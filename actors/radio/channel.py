@@ -22,8 +22,8 @@ class Propagation(Protocol):
         """Loss from each sender to each receiver, dB ≥ 0, `inf` = nothing arrives: (senders, receivers).
 
         `senders` (s, 2), `receivers` (r, 2). Asked once per frame, with one sender, for the positions at its
-        first symbol, and once with all nodes on both sides where they stand still: entry (i, j) must depend on
-        these two points only, to the last bit. Where a sender is its own receiver any value will do.
+        first symbol, or once per sender while all stand still: entry (i, j) must depend on these two points
+        only, to the last bit. Where a sender is its own receiver any value will do.
         """
         ...
 
