@@ -82,6 +82,8 @@ def line_of_sight(budget_db: float, parameters: PathLossParameters) -> float:
     budget_db -= p.excess_db
     if budget_db >= p.far_loss_db and not math.isinf(p.breakpoint):
         return float(p.breakpoint * 10.0 ** ((budget_db - p.far_loss_db) / (10.0 * p.far_exponent)))
+    if p.near_exponent == 0.0:
+        return p.breakpoint if budget_db >= p.near_loss_db else 0.0
     distance = min(10.0 ** ((budget_db - p.near_loss_db) / (10.0 * p.near_exponent)), p.breakpoint)
     return float(distance) if distance >= p.nearest else 0.0
 

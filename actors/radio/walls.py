@@ -58,10 +58,8 @@ def build(grid: OccupancyGrid, everywhere: str, patches: Sequence[WallPatch] = (
     names = list(dict.fromkeys(["air", everywhere, *(patch.material for patch in patches)]))
     stuff: list[Material] = [material(name) for name in names]
     kinds = np.where(grid.cells == OCCUPIED, names.index(everywhere), _AIR).astype(np.uint8)
-    x, y = grid.centres()
     for patch in patches:
-        inside = ((patch.y[0] <= y) & (y <= patch.y[1]))[:, None] & (patch.x[0] <= x) & (x <= patch.x[1])
-        kinds[inside & (grid.cells == OCCUPIED)] = names.index(patch.material)
+        kinds[inside(grid, patch) & (grid.cells == OCCUPIED)] = names.index(patch.material)
     return Walls(
         uniform_squares(kinds),
         kinds,
@@ -71,6 +69,13 @@ def build(grid: OccupancyGrid, everywhere: str, patches: Sequence[WallPatch] = (
         np.array([one.crossing_db for one in stuff]),
         np.array([one.per_metre_db for one in stuff]),
     )
+
+
+def inside(grid: OccupancyGrid, patch: WallPatch) -> NDArray[np.bool_]:
+    """(rows, columns): which cells have their middle in the patch."""
+    x, y = grid.centres()
+    rows = (patch.y[0] <= y) & (y <= patch.y[1])
+    return rows[:, None] & (patch.x[0] <= x) & (x <= patch.x[1])
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
