@@ -33,9 +33,9 @@ class ShadowingParameters:
     correlation_distance: float = 2.0
     """One end's way, m, after which the correlation has fallen to 1/e. Default: own choice, of the order that
     indoor measurements give, 1 to 3 m."""
-    sinusoids: int = 128
+    sinusoids: int = 64
     """How many make up the field. Default: own choice; the kurtosis falls short of the normal
-    distribution's by 1.5 / 128."""
+    distribution's by 1.5 / 64."""
     grain: float = 0.05
     """Side of the squares, m, in which a place counts as their middle, so that a robot that stands or creeps
     needs no new sines. Default: own choice; the step from one to the next is about 1/4 sigma."""
