@@ -56,8 +56,8 @@ class WifiParameters:
 def in_band_db(wifi_channel: int, radio_channel: int) -> float:
     """Share of a Wi-Fi signal's power within 2 MHz around an 802.15.4 channel, 11 to 26, dB.
 
-    The spectral mask of the 22 MHz wide DSSS (IEEE 802.11-2012, 17.4.7.5), even within 11 MHz of the middle,
-    30 dB below that up to 22 MHz, 50 dB beyond: so it is at most -10.4 dB.
+    The transmit spectrum mask of the 22 MHz wide DSSS (IEEE 802.11-2012, HR/DSSS PHY): even within 11 MHz of
+    the middle, 30 dB below that up to 22 MHz, 50 dB beyond. So it is at most -10.4 dB.
     """
     offset_mhz = abs((2412 + 5 * (wifi_channel - 1)) - (2405 + 5 * (radio_channel - 11)))
     below = 0.0 if offset_mhz <= 11 else 30.0 if offset_mhz <= 22 else 50.0

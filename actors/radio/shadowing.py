@@ -28,8 +28,8 @@ class ShadowingParameters:
     """How much two links of the same length differ, and over which distances."""
 
     sigma_db: float = 0.0
-    """Standard deviation, dB; 0: none. Indoors about 3 to 6 within a room (ITU-R P.1238-10, table 5: 3 to 5
-    at 2.4 GHz in residences and commercial buildings)."""
+    """Standard deviation, dB; 0: none. Indoors about 3 to 6 within a room, 8 to 10 through a building
+    (Rappaport, "Wireless Communications", tables 4.6 and 4.7)."""
     correlation_distance: float = 2.0
     """One end's way, m, after which the correlation has fallen to 1/e. Default: own choice, of the order that
     indoor measurements give, 1 to 3 m."""

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from actors.radio.error_rate import frame_error_rate
 from actors.radio.link_budget import DirectReach, needed_dbm, reach, share
 from actors.radio.materials import MATERIALS
-from actors.radio.path_loss import PathLossParameters, line_of_sight, path_loss_db
+from actors.radio.path_loss import PathLossParameters, path_loss_db
 from actors.radio.presets import PRESETS, preset
 from actors.radio.propagation import IndoorPropagation, PropagationParameters
 from actors.radio.setup import RadioSetup
@@ -65,25 +65,6 @@ def test_the_ideal_air_has_no_end() -> None:
     )
 
 
-@settings(derandomize=True)
-@given(
-    budget=st.floats(20.0, 150.0),
-    breakpoint_=st.sampled_from([3.0, 8.0, math.inf]),
-    distance=st.floats(0.1, 500.0),
-)
-def test_line_of_sight_and_loss_agree(budget: float, breakpoint_: float, distance: float) -> None:
-    parameters = PathLossParameters(30.0, 2.0, breakpoint_, 58.5, 3.3, excess_db=3.0)
-    edge = line_of_sight(budget, parameters)
-    if not math.isclose(distance, edge, rel_tol=1e-9):
-        loss = path_loss_db(np.array([distance]), parameters)[0]
-        assert (loss <= budget) == (distance < edge)
-
-
-def test_annex_e_at_known_distances() -> None:
-    loss = path_loss_db(np.array([0.0, 0.1, 1.0, 2.0, 8.0, 80.0]), PathLossParameters())
-    assert loss == pytest.approx([20.2, 20.2, 40.2, 46.2206, 58.2618, 91.5], abs=1e-4)
-
-
 @settings(derandomize=True, deadline=None)  # the kernel may have to be compiled first
 @given(distance=st.floats(0.0, 500.0), slope=st.sampled_from([0.0, 2.0, 3.0]), excess=st.floats(0.0, 30.0))
 def test_the_kernel_computes_the_formula(distance: float, slope: float, excess: float) -> None:
@@ -91,12 +72,6 @@ def test_the_kernel_computes_the_formula(distance: float, slope: float, excess: 
     air = IndoorPropagation(PropagationParameters(parameters))
     found = air.loss_db(np.array([[0.0, 2.0]]), np.array([[distance, 2.0]]))[0, 0]
     assert found == pytest.approx(path_loss_db(np.array([distance]), parameters)[0], abs=1e-9)
-
-
-def test_an_unknown_preset_is_named() -> None:
-    with pytest.raises(AcrcError) as error:
-        preset("office")
-    assert str(error.value) == (f"Radio preset 'office' is unknown; known are {', '.join(PRESETS)}.")
 
 
 def test_pairs_in_reach_are_counted_once_a_second() -> None:
