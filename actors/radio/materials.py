@@ -51,9 +51,9 @@ MATERIALS: Final = {
 }
 """By name. `metal`: own choice; nothing passes, so the figure stands for what finds a way round, as measured
 at doors. `light_wall` and `heavy_wall`: thin walls that bear nothing, and thick or load-bearing ones of brick
-or concrete (COST 231, final report, chapter 4, multi-wall model, fitted at 1800 MHz). `inet_brick`: what INET 3.1.1 makes of brick
-with resistivity 3 kΩm and permittivity 4.5, the walls of d3scomp/ROSOMNeT: the reflection of the first face,
-and next to nothing for the rest (TracingObstacleLoss, which leaves the second face out)."""
+or concrete (COST 231, final report, chapter 4, multi-wall model, fitted at 1800 MHz). `inet_brick`: what INET
+3.1.1 makes of brick with resistivity 3 kΩm and permittivity 4.5, the walls of d3scomp/ROSOMNeT: what the
+first face reflects, and next to nothing for the rest (TracingObstacleLoss, which leaves the second out)."""
 
 
 def material(name: str) -> Material:

@@ -28,8 +28,8 @@ class ShadowingParameters:
     """How much two links of the same length differ, and over which distances."""
 
     sigma_db: float = 0.0
-    """Standard deviation, dB; 0: none. Indoors about 3 to 6 within a room, 8 to 10 through a building
-    (Rappaport, "Wireless Communications", tables 4.6 and 4.7)."""
+    """Standard deviation, dB; 0: none. About 3 in line of sight, 7 to 14 through a building (Rappaport,
+    "Wireless Communications", table 4.6)."""
     correlation_distance: float = 2.0
     """One end's way, m, after which the correlation has fallen to 1/e. Default: own choice, of the order that
     indoor measurements give, 1 to 3 m."""
