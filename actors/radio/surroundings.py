@@ -1,6 +1,7 @@
 """From a set-up to what surrounds the transceivers: the preset as amended, the propagation, the Wi-Fi."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 from actors.map_file import load_map
 from actors.radio.channel import Interferer
@@ -30,19 +31,15 @@ def surroundings(setup: RadioSetup) -> Surroundings:
     walls = parameters.propagation.walls
     material(walls)
     floor = build(load_map(setup.map), walls, setup.patches) if setup.map else None
-    propagation = IndoorPropagation(
-        parameters.propagation, floor, generator(setup.seed, "radio shadowing", "")
-    )
+
+    def propagation() -> IndoorPropagation:  # each keeps what it last saw
+        return IndoorPropagation(parameters.propagation, floor, generator(setup.seed, "radio shadowing", ""))
+
     stations = tuple(
-        Wifi(
-            station,
-            parameters.channel,
-            propagation,
-            lambda number=number: generator(setup.seed, "Wi-Fi", str(number)),  # type: ignore[misc]
-        )
+        Wifi(station, parameters.channel, propagation(), partial(generator, setup.seed, "Wi-Fi", str(number)))
         for number, station in enumerate(setup.wifi)
     )
-    return Surroundings(parameters, propagation, stations)
+    return Surroundings(parameters, propagation(), stations)
 
 
 def _amended(setup: RadioSetup) -> RadioParameters:

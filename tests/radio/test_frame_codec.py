@@ -22,6 +22,7 @@ from actors.radio.frame_codec import (
     encode,
     unicast,
 )
+from firmware_bridge.beeclick.signal import mac_header
 
 
 def with_check(body: str | bytes) -> bytes:
@@ -64,6 +65,12 @@ def test_a_beeclick_frame_carries_118_bytes_and_no_more() -> None:
     with pytest.raises(FrameError) as error:
         encode(beeclick(1, 2, bytes(119)))
     assert str(error.value) == "The frame has 128 octets; at most 127 fit."
+
+
+@settings(derandomize=True)
+@given(pan=st.integers(0, 0xFFFF), address=st.integers(0, 0xFFFF), data=st.binary(max_size=118))
+def test_a_beeclick_frame_is_what_the_emulated_board_sends(pan: int, address: int, data: bytes) -> None:
+    assert encode(beeclick(pan, address, data)) == with_check(mac_header(pan, address) + data)
 
 
 endpoints = st.one_of(

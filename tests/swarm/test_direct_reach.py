@@ -1,4 +1,4 @@
-"""Whether robots reach each other directly: what a run says of it."""
+"""Walls, Wi-Fi and distance in a whole run: what it says of robots that do and do not reach each other."""
 
 import json
 from pathlib import Path
@@ -43,3 +43,13 @@ def test_a_robot_alone_has_nobody_to_reach(tmp_path: Path) -> None:
     scenario = tmp_path / "one.toml"
     scenario.write_text(TWO.replace("count = 2", "count = 1"))
     assert run(tmp_path / "out", scenario, "--bus", "memory")["direct_reach"] is None
+
+
+def test_wifi_spoils_frames_of_robots_nearby(tmp_path: Path) -> None:
+    quiet = tmp_path / "quiet.toml"
+    quiet.write_text(TWO.replace("3.0", '20.0\nstrategy = "chapter"') + 'walls = "air"\n')
+    noisy = tmp_path / "noisy.toml"
+    noisy.write_text(quiet.read_text() + "[[wifi]]\nat = [14.0, 5.0]\nchannel = 1\nduty = 0.5\n")
+    alone, beside = (run(tmp_path / file.stem, file, "--bus", "memory")["frames"] for file in (quiet, noisy))
+    assert alone["copies_heard"] > beside["copies_heard"]
+    assert alone["copies_lost_disturbed"] == 0 and beside["copies_lost_disturbed"] > 10
