@@ -1,7 +1,5 @@
 """When the outside sources go on and off, and how strong they then arrive, for the medium's event loop."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,10 +16,13 @@ OFF = -1
 class Interference:
     """The interferers, and the bursts of theirs that have begun and not ended."""
 
-    def __init__(self, interferers: Sequence[Interferer]) -> None:
-        self._interferers = tuple(interferers)
-        self._asked_until: int | None = None
+    def __init__(self) -> None:
+        self._interferers: list[Interferer] = []
         self._ends: dict[int, int] = {}
+
+    def add(self, interferer: Interferer) -> None:
+        """One more; its number is that of those before."""
+        self._interferers.append(interferer)
 
     def until(
         self, since_ns: int, until_ns: int, where: Trajectory

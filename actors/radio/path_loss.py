@@ -12,8 +12,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from actors.radio.parameters import RadioParameters
-
 Floats = NDArray[np.float64]
 
 
@@ -22,7 +20,7 @@ class PathLossParameters:
     """Loss over distance in line of sight; the defaults are Annex E."""
 
     near_loss_db: float = 40.2
-    """At 1 m, dB. Default: IEEE 802.15.4-2006, E.5.3 (free space at 2.45 GHz)."""
+    """At 1 m, dB. Default: IEEE 802.15.4-2006, Annex E (free space at 2.45 GHz)."""
     near_exponent: float = 2.0
     """Up to the breakpoint. Default: Annex E (free space)."""
     breakpoint: float = 8.0
@@ -87,20 +85,3 @@ def line_of_sight(budget_db: float, parameters: PathLossParameters) -> float:
     distance = min(10.0 ** ((budget_db - p.near_loss_db) / (10.0 * p.near_exponent)), p.breakpoint)
     return float(distance) if distance >= p.nearest else 0.0
 
-
-def received_dbm(distances: Floats, parameters: RadioParameters) -> Floats:
-    """Received power, dBm, of a frame over each of the distances, m; same shape."""
-    received: Floats = parameters.tx_power_dbm - path_loss_db(distances, _of(parameters))
-    return received
-
-
-def reach(parameters: RadioParameters) -> float:
-    """The greatest distance, m, at which a frame is received in line of sight; 0 if there is none."""
-    return line_of_sight(parameters.tx_power_dbm - parameters.sensitivity_dbm, _of(parameters))
-
-
-def _of(parameters: RadioParameters) -> PathLossParameters:
-    p = parameters
-    return PathLossParameters(
-        p.near_loss_db, p.near_exponent, p.breakpoint, p.far_loss_db, p.far_exponent, nearest=p.nearest
-    )

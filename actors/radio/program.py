@@ -8,8 +8,8 @@ import msgspec
 
 from actors.messages import RADIO_READY, TRANSMIT, TRUTH, Ready
 from actors.radio.core import RadioCore
-from actors.radio.parameters import preset
 from actors.radio.setup import RadioSetup
+from actors.radio.surroundings import surroundings
 from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import Part, RunNote
@@ -21,7 +21,7 @@ GREATEST_ADDRESS = 0xFFFD
 
 def build(setup: RadioSetup) -> RadioCore:
     """The core, before its first step; AcrcError if the setup makes no sense."""
-    parameters = preset(setup.preset)
+    around = surroundings(setup)
     if setup.step_us < 1:
         raise AcrcError(f"The radio's step is {setup.step_us} µs long; it must be at least 1 µs.")
     owners: dict[int, str] = {}
@@ -39,7 +39,7 @@ def build(setup: RadioSetup) -> RadioCore:
             raise AcrcError(f"Robot {robot} is listed twice for the radio; each robot needs one entry.")
         owners[address] = robot
         names.add(robot)
-    return RadioCore(setup.robots, setup.step_us, parameters)
+    return RadioCore(setup.robots, setup.step_us, around, setup.seed)
 
 
 @dataclass(frozen=True)
@@ -87,5 +87,5 @@ def part(argv: Sequence[str]) -> Part:
         listens=(at(TRUTH), at(TRANSMIT, "*")),
         run=run,
         ready=to(RADIO_READY, Ready(0, "radio", 0, "")),
-        outcome=lambda: {"frames": core.counters()},
+        outcome=lambda: {"frames": core.counters(), "frames_by_robot": core.counters_by_robot()},
     )
