@@ -28,6 +28,21 @@ def compare_map(
 
 
 @app.command()
+def radio_plots(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the figures are written.")],
+    data: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder with the figures of ns-3, for its dots.")
+    ] = None,
+    map_file: _Map = None,
+    json: _Json = False,
+) -> None:
+    """Draw the figures of docs/radio.md."""
+    from benchmarks import radio_plots as plots
+
+    plots.run(out, map_file or CORRIDOR, data, json)
+
+
+@app.command()
 def scan(map_file: _Map = None, json: _Json = False) -> None:
     """Measure range scans, beside those of pymunk."""
     from benchmarks import scan as scans
@@ -118,18 +133,3 @@ def onboard(json: _Json = False) -> None:
     from benchmarks import onboard as robots
 
     robots.run(json)
-
-
-@app.command()
-def radio_plots(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the figures are written.")],
-    data: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder with the figures of ns-3, for its dots.")
-    ] = None,
-    map_file: _Map = None,
-    json: _Json = False,
-) -> None:
-    """Draw the figures of docs/radio.md."""
-    from benchmarks import radio_plots as plots
-
-    plots.run(out, map_file or CORRIDOR, data, json)
