@@ -93,6 +93,9 @@ class RunResult(msgspec.Struct, frozen=True):
     direct_reach: float | None = None
     """Share of the pairs of robots, seen once a second, whose link lets half of the longest frames through;
     None if there never were two robots with power."""
+    frames_by_robot: dict[str, dict[str, int]] = {}
+    """`frames` for each robot: what became of its own, and of the copies of others' frames. With all robots
+    on, the copies at one, and what the others lost before it was sent, add up to all frames of the others."""
 
 
 @dataclass(frozen=True)
@@ -170,6 +173,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         frames=frames,
         radio_bytes_per_robot_s=rate(frames["bytes_sent"], len(about.robots) * simulated),
         direct_reach=share(pairs),
+        frames_by_robot=msgspec.json.decode(radio.outcome["frames_by_robot"], type=dict[str, dict[str, int]]),
         deeco=deeco_result(_nodes(finals)),
         isolation=about.isolation,
         bus=about.bus,

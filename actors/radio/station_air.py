@@ -1,7 +1,6 @@
 """The medium as the robots' transceivers know it: requests and jams in, what they have to say out."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -44,7 +43,7 @@ class StationAir:
         self._noise_mw = 10.0 ** (parameters.phy.noise_dbm / 10.0)
         self._weakest_dbm = needed_dbm(parameters)
         self.medium = Medium(
-            [replace(parameters.transceiver, address=address) for address in addresses],
+            [parameters.transceiver.numbered(address) for address in addresses],
             around.propagation,
             parameters.phy,
             seed=seed,

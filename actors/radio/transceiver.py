@@ -1,6 +1,6 @@
 """What a transceiver is like: its radio part, which all of a medium share, and the settings of each."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from actors.radio.state import Cca
 
@@ -58,3 +58,7 @@ class Transceiver:
     """macMinBE, macMaxBE, macMaxCSMABackoffs, macMaxFrameRetries (7.4.2)."""
     queue: int = 8
     """Frames that the transmit queue holds, with the one that is being sent."""
+
+    def numbered(self, address: int) -> "Transceiver":
+        """The same settings with another address."""
+        return replace(self, address=address)

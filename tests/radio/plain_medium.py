@@ -7,8 +7,10 @@ and carriers are found by going through the history, the frame error rate by the
 import heapq
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +79,7 @@ class PlainMedium:
         self.history: list[Flight] = []
         self.said: list[Said] = []
         self.fates = [dict.fromkeys(Fate, 0) for _ in transceivers]
-        self.agenda: list[tuple[int, int, int, int, object]] = []
+        self.agenda: list[tuple[int, int, int, int, Any]] = []
         self.serial = 0
         self.now = 0
 
@@ -86,11 +88,11 @@ class PlainMedium:
             self.at(request.instant_ns, ARRIVES, request.node, request)
         while self.agenda:
             self.now, due, i, _, what = heapq.heappop(self.agenda)
-            handlers = (
+            handlers: tuple[Callable[[int, Any], None], ...] = (
                 self.frame_end, self.ack_end, self.cca_end, self.frame_begin, self.ack_begin,
                 self.timeout, self.spaced, self.cca_begin, self.arrival,
             )  # fmt: skip
-            handlers[due](i, what)  # type: ignore[operator]
+            handlers[due](i, what)
         return self.said
 
     def at(self, instant: int, due: int, node: int, what: object = None) -> None:

@@ -113,7 +113,8 @@ def circling(instant_ns: int) -> NDArray[np.float64]:
     """Six nodes on circles of their own around places 12 m apart."""
     angle = instant_ns / 1e9 * np.arange(1, 7) / 3
     centres = np.array([[12.0 * (k % 3), 12.0 * (k // 3)] for k in range(6)])
-    return centres + 5 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    places: NDArray[np.float64] = centres + 5 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return places
 
 
 def busy_medium(extra: int = 0, moving: bool = True) -> Medium:
