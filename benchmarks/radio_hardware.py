@@ -1,9 +1,9 @@
 """What the BEE-click firmware's clear channel assessment costs against a textbook's.
 
-Ten robots at random in a square, exponent 3, all at -10 dBm, frames of 60 octets at random: the mean over pairs
-of the share of sent frames that the one hears from the other. Textbook: energy from 10 dB above the sensitivity,
-or while receiving. Firmware: energy from -69 dBm alone (d3scomp/beeclickarm, MRF24J40.cpp, CCAEDTH and BBREG2).
-All else is as in preset `ns3`, so that only the assessment differs.
+Ten robots at random in a square, exponent 3, all at -10 dBm, frames of 60 octets at random: the mean over
+pairs of the share of sent frames that the one hears from the other. Textbook: energy from 10 dB above the
+sensitivity, or while receiving. Firmware: energy from -69 dBm alone (d3scomp/beeclickarm, MRF24J40.cpp,
+CCAEDTH and BBREG2). All else is as in preset `ns3`, so that only the assessment differs.
 """
 
 import json

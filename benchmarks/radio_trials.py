@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from actors.radio.channel import Propagation
 from actors.radio.csma import airtime_ns
 from actors.radio.medium import Medium, Request
-from actors.radio.presets import NO_FLOOR_DBM, preset
+from actors.radio.presets import preset
 from actors.radio.propagation import IndoorPropagation
 from actors.radio.state import BROADCAST, Cca, Fate, Kind
 from actors.radio.traffic import Poisson, Saturated
@@ -83,7 +83,6 @@ def scene(family: str, settings: Mapping[str, str]) -> Scene:
     senders = int(settings["n"])
     transceiver = replace(
         NS3.transceiver,
-        sensitivity_dbm=NO_FLOOR_DBM,
         min_be=int(settings.get("minbe", 3)),
         max_be=int(settings.get("maxbe", 5)),
         max_backoffs=int(settings.get("maxnb", 4)),

@@ -58,7 +58,7 @@ PRESETS: Final[Mapping[str, RadioParameters]] = MappingProxyType(
             PropagationParameters(walls="inet_brick"),
         ),
         "ns3": RadioParameters(
-            Transceiver(0, cca=Cca.EITHER),
+            Transceiver(0, sensitivity_dbm=NO_FLOOR_DBM, cca=Cca.EITHER),
             PhyParameters(_NS3_NOISE_DBM, cochannel_penalty_db=0.0, capture_us=0, peak_cca=True),
             PropagationParameters(
                 PathLossParameters(40.05, near_exponent=3.0, breakpoint=float("inf"), nearest=1.0)
