@@ -16,7 +16,7 @@ from actors.radio.channel import Interferer, Propagation, Trajectory
 from actors.radio.interference import Interference
 from actors.radio.layout import initial_state, milliwatts
 from actors.radio.state import BROADCAST, EVENT, REQUEST, SWITCH, Offer, Outside
-from actors.radio.traffic import Poisson, Traffic
+from actors.radio.traffic import Poisson, Saturated, Traffic
 from actors.radio.transceiver import PhyParameters, Transceiver
 
 GREATEST_OCTETS = 127
@@ -169,3 +169,37 @@ class Medium:
         loss_db = self._propagation.loss_db(positions[sender : sender + 1], positions)[0]
         state.gains_mw[sender] = milliwatts(self._tx_dbm[sender] - loss_db)
         state.nodes["known"][sender] = True
+
+
+class _Line:
+    """Nodes in a row whose losses and disturbance are plain sums, for the fingerprint."""
+
+    def loss_db(self, senders: NDArray[np.float64], receivers: NDArray[np.float64]) -> NDArray[np.float64]:
+        apart: NDArray[np.float64] = 55.0 + np.abs(senders[:, :1] - receivers[:, 0])
+        return apart
+
+    def bursts(self, since_ns: int, until_ns: int) -> NDArray[np.int64]:
+        begins = np.arange(-(-since_ns // 50_000_000), -(-until_ns // 50_000_000)) * 50_000_000
+        return np.stack([begins, begins + 9_000_000], axis=1)
+
+    def power_dbm(self, receivers: NDArray[np.float64]) -> NDArray[np.float64]:
+        level: NDArray[np.float64] = -90.0 - receivers[..., 0]
+        return level
+
+
+def fingerprint() -> bytes:
+    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    line = _Line()
+    nodes = [Transceiver(k, tx_power_dbm=-10.0, max_backoffs=k) for k in range(5)]
+    medium = Medium(nodes, line, seed=1, interferers=[line])
+    medium.follow(lambda at: np.stack([np.arange(5.0) * (4.0 + at / 1e9), np.zeros(5)], axis=1))
+    for node in range(3):
+        medium.offer(node, Poisson(30 + node, 60.0, (node + 1) % 3, acknowledged=node != 1))
+    medium.offer(3, Saturated(127))
+    medium.submit(Request(k * 7_000_000, 4, 20, tag=k) for k in range(100))
+    events = [medium.run(200_000_000), medium.finish_frames()]
+    medium.switch(3, False)
+    events.append(medium.run(300_000_000))
+    medium.switch(3, True)
+    events.append(medium.run(400_000_000))
+    return b"".join(part.tobytes() for part in events) + medium.fates().tobytes()

@@ -9,13 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from actors.radio.medium import Medium, Request
+from actors.messages import Jam
+from actors.radio import engine
+from actors.radio.medium import Medium, Request, fingerprint
 from actors.radio.path_loss import PathLossParameters
+from actors.radio.presets import preset
 from actors.radio.propagation import IndoorPropagation, PropagationParameters
 from actors.radio.state import BROADCAST, Cca, Fate, Kind
 from actors.radio.traffic import Poisson
 from actors.radio.transceiver import PhyParameters, Transceiver
 from tests.radio.plain_medium import PlainMedium, Said, mw
+from tests.radio.swarm import STEP, Frame, Robot, Swarm, around
 
 NODES = 5
 SECOND = 1_000_000_000
@@ -196,3 +200,18 @@ def test_a_frame_is_below_the_floor_or_has_a_fate_by_chance() -> None:
         assert medium.fates()[1, Fate.HEARD] == heard
         assert medium.fates()[1, Fate.BELOW_SENSITIVITY] == 20 - heard
         assert math.isfinite(loss)
+
+
+def test_the_fingerprint_compiles_all_that_a_run_calls() -> None:
+    """A variant that only a run would need is compiled while the swarm waits."""
+    assert fingerprint() == fingerprint()
+    kernels = [engine.run, engine.offer, engine.switch_on, engine.switch_off]
+    compiled = [len(kernel.signatures) for kernel in kernels]
+    assert min(compiled) == 1
+    swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0, vx=0.5)}, air=around(preset("chapter")))
+    swarm.run([Frame(0, "a")], [Jam(0.0, 0.0, 1.0, 50_000)])
+    swarm.change("a", powered=False)
+    swarm.run([Frame(STEP, "b")])
+    swarm.change("a", powered=True)
+    swarm.run()
+    assert [len(kernel.signatures) for kernel in kernels] == compiled
