@@ -261,13 +261,15 @@ def proceed(st: State, number: int) -> None:
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _deliver(st: State, sender: int) -> None:
     """Give the frame to those who received it, and count what became of it at all others."""
-    for i in range(st.nodes.size):
-        if st.fate[sender, i] == Fate.HEARD.value:
-            if st.nodes[sender].to == BROADCAST or st.nodes[sender].to == i:
+    nodes, fates = st.nodes, st.fate[sender]
+    to, busies = nodes[sender].to, nodes[sender].ack or st.air.dead_ns + st.air.dead_octet_ns > 0
+    for i in range(nodes.size):
+        if fates[i] == Fate.HEARD.value:
+            if to not in (BROADCAST, i):
+                fates[i] = Fate.FILTERED.value
+            elif busies or nodes[i].watched:
                 _receive(st, sender, i)
-            else:
-                st.fate[sender, i] = Fate.FILTERED.value
-        st.nodes[i].fates[st.fate[sender, i]] += 1
+        nodes[i].fates[fates[i]] += 1
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

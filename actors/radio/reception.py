@@ -43,11 +43,11 @@ def _close(air: Record, receiver: Record, signal: float) -> None:
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def settle(st: State) -> None:
     """Close all segments and let those who assess the channel sense what was on it until now."""
-    air = st.air
-    for i in range(st.receivers.size):
-        receiver = st.receivers[i]
+    air, receivers, gains_mw = st.air, st.receivers, st.gains_mw
+    for i in range(receivers.size):
+        receiver = receivers[i]
         if receiver.lock >= 0:
-            _close(air, receiver, st.gains_mw[receiver.lock, i])
+            _close(air, receiver, gains_mw[receiver.lock, i])
     for k in range(air.assessing):
         sense(air, st.nodes[st.nodes[k].assessing], st.receivers[st.nodes[k].assessing])
 
@@ -87,9 +87,11 @@ def let_go(st: State, number: int, fate: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _meet(st: State, sender: int, number: int, power: float) -> int:
-    """What a node makes of a frame that begins; its segment is closed and the frame not yet in its total."""
-    air, receiver = st.air, st.receivers[number]
+def _meet(air: Record, receiver: Record, sender: int, power: float, locked_mw: float) -> int:
+    """What a receiver makes of a frame that begins; its segment is closed, the frame not yet in its total.
+
+    `locked_mw`: power of the frame that it is locked onto, and lets go of if it locks onto this one.
+    """
     if power < receiver.floor_mw:
         return _BELOW
     if receiver.ready_ns > air.now_ns or receiver.dead_until_ns > air.now_ns:
@@ -102,9 +104,8 @@ def _meet(st: State, sender: int, number: int, power: float) -> int:
             return _HEARD
         return _COLLISION if power > air.lock_sinr * quiet else _DISTURBED
     early = air.now_ns - receiver.lock_ns < air.capture_ns
-    if not (early and clear and power >= air.capture * st.gains_mw[receiver.lock, number]):
+    if not (early and clear and power >= air.capture * locked_mw):
         return _COLLISION
-    st.fate[receiver.lock, number] = _COLLISION
     _lock(air, receiver, sender)
     return _HEARD
 
@@ -114,14 +115,19 @@ def begin(st: State, sender: int) -> None:
     """The sender's frame begins, as its flight and its row of gains describe it."""
     air = st.air
     settle(st)
-    for i in range(st.receivers.size):
-        power = st.gains_mw[sender, i]
-        if i == sender or not st.nodes[i].powered:
-            st.fate[sender, i] = _NOT_COUNTED
+    nodes, receivers, gains_mw, fate = st.nodes, st.receivers, st.gains_mw, st.fate
+    for i in range(receivers.size):
+        receiver, power = receivers[i], gains_mw[sender, i]
+        if i == sender or not nodes[i].powered:
+            fate[sender, i] = _NOT_COUNTED
         else:
-            st.fate[sender, i] = _meet(st, sender, i, power)
+            locked = receiver.lock
+            locked_mw = gains_mw[locked, i] if locked >= 0 else 0.0
+            fate[sender, i] = _meet(air, receiver, sender, power, locked_mw)
+            if locked >= 0 and receiver.lock == sender:
+                fate[locked, i] = _COLLISION
         if i != sender:
-            st.receivers[i].total_mw += power
+            receiver.total_mw += power
     note_peaks(st)
     if air.in_air == 0:
         air.busy_since_ns = air.now_ns
@@ -132,7 +138,7 @@ def begin(st: State, sender: int) -> None:
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def leave(st: State, sender: int) -> None:
     """The sender's frame leaves the air; who is locked onto it stays so for now."""
-    air = st.air
+    air, receivers, gains_mw = st.air, st.receivers, st.gains_mw
     settle(st)
     place = 0
     while st.nodes[place].in_air != sender:
@@ -141,28 +147,29 @@ def leave(st: State, sender: int) -> None:
     st.nodes[place].in_air = st.nodes[air.in_air].in_air
     if air.in_air == 0:
         air.busy_ns += air.now_ns - air.busy_since_ns
-        for i in range(st.receivers.size):
-            st.receivers[i].total_mw = 0.0  # exactly, not but for what sums and differences leave
+        for i in range(receivers.size):
+            receivers[i].total_mw = 0.0  # exactly, not but for what sums and differences leave
         return
-    for i in range(st.receivers.size):
+    for i in range(receivers.size):
         if i != sender:
-            st.receivers[i].total_mw -= st.gains_mw[sender, i]
+            receivers[i].total_mw -= gains_mw[sender, i]
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def judge(st: State, sender: int) -> None:
     """The sender's frame has ended whole: decide at every receiver that is locked onto it."""
-    air, flight = st.air, st.nodes[sender]
+    air, nodes, receivers = st.air, st.nodes, st.receivers
+    flight = nodes[sender]
     purpose = ACK_RECEPTION if flight.is_ack else RECEPTION
     origin = flight.to if flight.is_ack else sender
-    for i in range(st.receivers.size):
-        receiver = st.receivers[i]
+    for i in range(receivers.size):
+        receiver = receivers[i]
         if receiver.lock != sender:
             continue
         receiver.lock = NOBODY
         receiver.unlock_ns = air.now_ns
         if receiver.log_right < 0.0:
-            luck = drawn(air.seed, purpose, st.nodes[origin].key, flight.draw, st.nodes[i].key)
+            luck = drawn(air.seed, purpose, nodes[origin].key, flight.draw, nodes[i].key)
             if luck >= math.exp(receiver.log_right):
                 st.fate[sender, i] = _cause(air, receiver, st.gains_mw[sender, i], flight.octets, luck)
 

@@ -24,7 +24,7 @@ from tests.radio.swarm import STEP, Frame, Robot, Swarm, around
 NODES = 5
 SECOND = 1_000_000_000
 OPEN_AIR = IndoorPropagation(PropagationParameters(PathLossParameters()))
-quick = settings(max_examples=150, deadline=None, derandomize=True)
+quick = settings(max_examples=60, deadline=None, derandomize=True)
 
 places = st.lists(st.tuples(st.floats(0, 60), st.floats(0, 4)), min_size=NODES, max_size=NODES)
 phys = st.builds(

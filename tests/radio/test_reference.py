@@ -25,13 +25,13 @@ from benchmarks.radio_truth import formula_kbps
 NS3 = preset("ns3")
 
 
-@pytest.mark.parametrize("octets", [18, 20, 60, 127])
+@pytest.mark.parametrize("octets", [18, 127])
 @pytest.mark.parametrize("ack", ["", "_ack"])
 def test_one_backlogged_sender_has_the_throughput_of_the_closed_formula(octets: int, ack: str) -> None:
     family = f"b_single_saturated{ack}"
     settings = {"n": "1", "psdu": str(octets), "load": "sat"}
-    own = mean(contend(scene(family, settings), seed)["goodput_kbps"] for seed in range(1, 31))
-    # The standard error of the mean of 900 s is below 0.04 %.
+    own = mean(contend(scene(family, settings), seed)["goodput_kbps"] for seed in range(1, 13))
+    # The standard error of the mean of 360 s is below 0.06 %.
     assert own == pytest.approx(formula_kbps(Point(family, settings, 1, 1, {})), rel=0.002)
 
 
