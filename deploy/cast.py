@@ -5,11 +5,12 @@ from dataclasses import dataclass
 
 from actors.instant import milliseconds, seconds
 from actors.map_file import load_map
-from actors.radio import parameters as radio_parameters
+from actors.radio import presets as radio_presets
 from actors.radio.setup import RadioSetup
 from actors.robot_model import load_model
 from actors.world.setup import RobotSetup, WorldSetup
 from cleaning.strategies import entry
+from deploy.air import check_walls, radio_setup
 from deploy.areas import check_areas, of_places
 from deploy.events import timed_orders
 from deploy.scenario import PlacesTable, RobotTable, Scenario
@@ -35,10 +36,11 @@ def cast(scenario: Scenario) -> Cast:
     Raises an AcrcError where anything does not exist or does not fit.
     """
     behaviour = entry(scenario.run.strategy)
-    radio_parameters.preset(scenario.radio.preset)
+    radio_presets.preset(scenario.radio.preset)
     grid = load_map(scenario.map)
     figures = [_figure(robot, scenario) for robot in scenario.ids]
     check_areas(grid, scenario)
+    check_walls(grid, scenario)
     poses = starts(grid, figures, scenario)
     check_moves(grid, figures, scenario)
     robots = tuple(
@@ -58,8 +60,7 @@ def cast(scenario: Scenario) -> Cast:
         events=timed_orders(scenario),
     )
     addresses = tuple((robot.id, number) for number, robot in enumerate(robots, start=1))
-    radio = RadioSetup(run.seed, step_us, addresses, scenario.radio.preset)
-    return Cast(_settled(scenario, robots), world, radio, behaviour)
+    return Cast(_settled(scenario, robots), world, radio_setup(scenario, addresses), behaviour)
 
 
 def _figure(robot: str, scenario: Scenario) -> Figure:

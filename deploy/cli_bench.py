@@ -34,6 +34,21 @@ def compare_map(
 
 
 @app.command()
+def radio_plots(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the figures are written.")],
+    data: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder with the figures of ns-3, for its dots.")
+    ] = None,
+    map_file: _Map = None,
+    json: _Json = False,
+) -> None:
+    """Draw the figures of docs/radio.md."""
+    from benchmarks import radio_plots as plots
+
+    plots.run(out, map_file or CORRIDOR, data, json)
+
+
+@app.command()
 def scan(map_file: _Map = None, json: _Json = False) -> None:
     """Measure range scans, beside those of pymunk."""
     from benchmarks import scan as scans
@@ -241,3 +256,39 @@ def localisation(
         command.run_log(source, seeds, json)
     else:
         command.run(CORRIDOR, other, cell or (), extent, workers, json)
+
+
+@app.command()
+def radio_truth(
+    data: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder with the rows of ns-3, one CSV per family.")
+    ],
+    times: Annotated[int, typer.Option(metavar="N", min=1, help="Own frames per frame of the rows.")] = 10,
+    json: _Json = False,
+) -> None:
+    """Compare the radio's medium with figures of ns-3, point by point."""
+    from benchmarks import radio_truth as truth
+
+    truth.run(data, json, truth.TruthTask(times=times))
+
+
+@app.command()
+def radio_speed(
+    ns3: Annotated[
+        Path | None,
+        typer.Option(metavar="PYTHON", help="Interpreter of an environment with the package ns3."),
+    ] = None,
+    json: _Json = False,
+) -> None:
+    """Measure frames on the air per CPU second, beside ns-3."""
+    from benchmarks import radio_speed as speed
+
+    speed.run(ns3, json)
+
+
+@app.command()
+def radio_hardware(json: _Json = False) -> None:
+    """Measure what the BEE-click firmware's clear channel assessment costs."""
+    from benchmarks import radio_hardware as hardware
+
+    hardware.run(json)

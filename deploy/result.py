@@ -8,6 +8,7 @@ from typing import NamedTuple
 import msgspec
 
 from actors.instant import in_seconds
+from actors.radio.link_budget import share
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import FinalNote
 from actors.runtime.recording import read_notes
@@ -100,6 +101,12 @@ class RunResult(msgspec.Struct, frozen=True):
     isolation: str
     bus: str
     out: str
+    direct_reach: float | None = None
+    """Share of the pairs of robots, seen once a second, whose link lets half of the longest frames through;
+    None if there never were two robots with power."""
+    frames_by_robot: dict[str, dict[str, int]] = {}
+    """`frames` for each robot: what became of its own, and of the copies of others' frames. With all robots
+    on, the copies at one, and what the others lost before it was sent, add up to all frames of the others."""
 
 
 @dataclass(frozen=True)
@@ -151,6 +158,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
     published = sum(final.published for _, final in finals)
     received = sum(final.received for _, final in finals) + about.parent_received
     frames = msgspec.json.decode(radio.outcome["frames"], type=dict[str, int])
+    pairs = {name: frames.pop(name) for name in ("pairs", "pairs_in_reach")}
     places = counted(outcome.places)
     result = RunResult(
         digest=run_digest([final.digest for _, final in finals]),
@@ -176,6 +184,8 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         refused_orders=outcome.refused_orders,
         frames=frames,
         radio_bytes_per_robot_s=rate(frames["bytes_sent"], len(about.robots) * simulated),
+        direct_reach=share(pairs),
+        frames_by_robot=msgspec.json.decode(radio.outcome["frames_by_robot"], type=dict[str, dict[str, int]]),
         deeco=deeco_result(_nodes(finals)),
         navigation=navigation_result(_navigations(finals)),
         isolation=about.isolation,

@@ -27,6 +27,7 @@ from deploy.kinds import (
     Text,
     as_tuples,
 )
+from deploy.radio_tables import MOST_WIFI, RadioTable, WallTable, WifiTable
 
 MOST_ROBOTS: Final = 500
 
@@ -106,13 +107,6 @@ class PlacesTable(Table):
     """How many each robot gets; absent: 10, as in the original testbed."""
 
 
-class RadioTable(Table):
-    """[radio]: the model of the air."""
-
-    preset: Annotated[Text, Right('the name of a radio preset, such as "chapter"')] = "chapter"
-    """Name of the radio's parameters."""
-
-
 class AreaTable(Table):
     """[[area]]: a rectangle of the floor that has a name."""
 
@@ -186,6 +180,8 @@ class Scenario(Table):
     area: Annotated[tuple[AreaTable, ...], BeforeValidator(as_tuples)] = ()
     robot: Annotated[tuple[RobotTable, ...], BeforeValidator(as_tuples)] = ()
     event: Annotated[tuple[EventTable, ...], BeforeValidator(as_tuples)] = ()
+    wall: Annotated[tuple[WallTable, ...], BeforeValidator(as_tuples)] = ()
+    wifi: Annotated[tuple[WifiTable, ...], BeforeValidator(as_tuples), Field(max_length=MOST_WIFI)] = ()
 
     @property
     def ids(self) -> tuple[str, ...]:

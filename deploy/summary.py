@@ -28,6 +28,8 @@ def print_result(result: RunResult, *, json: bool) -> None:
         console.print(sentence, highlight=False)
     frames = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.frames.items() if count)
     console.print(f"radio: {frames or 'silence'}", highlight=False)
+    if result.direct_reach is not None:
+        console.print(f"pairs of robots in direct reach: {result.direct_reach:.0%}", highlight=False)
     console.print(f"contacts: {result.contacts}", highlight=False)
     for sentence in _navigation(result):
         console.print(sentence, highlight=False)

@@ -18,9 +18,10 @@ from actors.messages import (
 )
 from actors.radio.frame import size_fault
 from actors.radio.host import Host
-from actors.radio.medium import Medium, Request
-from actors.radio.parameters import RadioParameters
+from actors.radio.link_budget import DirectReach
+from actors.radio.station_air import Handed, StationAir
 from actors.radio.stations import Stations
+from actors.radio.surroundings import Surroundings
 from actors.radio.tally import Tally
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
@@ -37,17 +38,17 @@ class RadioCore:
     """
 
     def __init__(
-        self, robots: Sequence[tuple[str, int]], step_us: int, parameters: RadioParameters | None = None
+        self, robots: Sequence[tuple[str, int]], step_us: int, around: Surroundings, seed: int
     ) -> None:
-        parameters = parameters or RadioParameters()
         self._step = 0
         self._step_us = step_us
         self._finished = False
-        self._tally = Tally()
-        self._medium = Medium([address for _, address in robots], parameters, self._tally)
+        self._tally = Tally(len(robots))
+        self._air = StationAir([address for _, address in robots], around, seed)
+        self._reach = DirectReach(around.parameters, around.propagation)
         self._station = {robot: number for number, (robot, _) in enumerate(robots)}
         self._ids = [robot for robot, _ in robots]
-        self._hosts = {robot: Host(parameters.host_buffer, self._tally) for robot in self._ids}
+        self._hosts = {robot: Host(around.parameters.host_buffer, self._tally) for robot in self._ids}
 
     @property
     def step(self) -> int:
@@ -87,17 +88,28 @@ class RadioCore:
         return outputs
 
     def counters(self) -> dict[str, int]:
-        """What became of all frames and events (`Tally.counters`); `frames_pending` are still under way."""
-        return self._tally.counters() | {"frames_pending": self._medium.frames_pending}
+        """What became of all frames and events (`Tally.counters`); `frames_pending` are still under way.
+
+        And how many pairs of robots were in direct reach (`DirectReach.counters`).
+        """
+        medium = self._air.medium
+        counters = self._tally.counters(medium.counters()) | {"frames_pending": medium.pending}
+        return counters | self._reach.counters()
+
+    def counters_by_robot(self) -> dict[str, dict[str, int]]:
+        """What became of each robot's frames, and of the others' at it (`Tally.by_robot`)."""
+        return self._tally.by_robot(self._ids, self._air.medium.counters())
 
     def _events(self, truth: Truth, inputs: Inputs) -> dict[str, list[RadioEvent]]:
         """The step's events by robot, in order of their instants."""
         requests, refusals = self._requests(truth, inputs)
         by_id = {robot.id: robot for robot in truth.robots}
         stations = Stations(truth.instant, [by_id.get(robot) for robot in self._ids])
+        if self._reach.due(truth.instant):
+            self._reach.see(truth.instant, stations.places[list(stations.powered)])
         until = truth.instant + self._step_us
         events: dict[str, list[RadioEvent]] = {}
-        for station, event in self._medium.advance(stations, truth.jams, requests, until):
+        for station, event in self._air.advance(stations, truth.jams, requests, until):
             events.setdefault(self._ids[station], []).append(event)
         for robot_id, refused in refusals:
             events.setdefault(robot_id, []).append(refused)
@@ -105,9 +117,9 @@ class RadioCore:
             events[robot_id].sort(key=lambda event: event.instant)
         return events
 
-    def _requests(self, truth: Truth, inputs: Inputs) -> tuple[list[Request], list[tuple[str, Refused]]]:
+    def _requests(self, truth: Truth, inputs: Inputs) -> tuple[list[Handed], list[tuple[str, Refused]]]:
         """The frames for the medium, and those that it is not given."""
-        requests: list[Request] = []
+        requests: list[Handed] = []
         refusals: list[tuple[str, Refused]] = []
         for robot in truth.robots:
             if not _sends(robot):
@@ -123,9 +135,11 @@ class RadioCore:
                 if fault:
                     nearest = min(max(frame.instant, truth.instant), truth.instant + self._step_us - 1)
                     refusals.append((robot.id, Refused(nearest, frame.tag, fault)))
+                elif robot.powered:
+                    requests.append(Handed(frame.instant, self._station[robot.id], frame.tag, frame.data))
                 else:
-                    requests.append(Request(frame.instant, self._station[robot.id], frame.tag, frame.data))
-        self._tally.frame("refused", len(refusals))
+                    self._tally.discarded[self._station[robot.id]] += 1
+        self._tally.refused += len(refusals)
         return requests, refusals
 
     def _fault(self, robot: str, frame: Outgoing, start: int) -> str:

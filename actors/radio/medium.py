@@ -1,206 +1,205 @@
-"""The air between the stations: which frame is in it when, and who hears it.
+"""The air between transceivers: which frame is in it when, and who hears it.
 
-A transceiver sends as soon as it has no frame of its own in the air; otherwise the frame waits in its queue,
-and one that finds the queue full is dropped. It does not listen before it sends: there is no CSMA/CA here, no
-acknowledgement and no spacing between frames, so busy neighbours collide more than real ones would. A
-station hears a frame if it arrives at or above the sensitivity, the station itself sends nothing meanwhile,
-no jammer is near and no other frame that it could hear overlaps; there is no capture: overlapping frames are
-lost, all of them.
+A library of its own: nodes, where they are, what they send, and how far the time is to go. Every instant is a
+whole number of nanoseconds. Nothing depends on how the time is cut into calls of `run`, nor on nodes that are
+silent: all random numbers are functions of a seed and of what they are for (`actors.radio.draws`).
 """
 
-import heapq
-from collections import deque
 from collections.abc import Iterable, Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.messages import Heard, Jam, Overflow, RadioEvent, Sent
-from actors.radio.frame import airtime_us, octets
-from actors.radio.parameters import RadioParameters
-from actors.radio.path_loss import received_dbm
-from actors.radio.stations import Stations
-from actors.radio.tally import Fate, Tally
+from actors.radio import engine
+from actors.radio.channel import Interferer, Propagation, Trajectory
+from actors.radio.interference import Interference
+from actors.radio.layout import initial_state, milliwatts
+from actors.radio.state import BROADCAST, EVENT, REQUEST, SWITCH, Offer, Outside
+from actors.radio.traffic import Poisson, Saturated, Traffic
+from actors.radio.transceiver import PhyParameters, Transceiver
 
-# The order of what happens at one instant: a frame that ends makes room before another begins.
-END: Final = 0
-BEGIN: Final = 1
-REQUEST: Final = 2
+GREATEST_OCTETS = 127
+"""aMaxPHYPacketSize (IEEE 802.15.4-2006, 6.4.1)."""
 
 
 class Request(NamedTuple):
-    """Station number `station` hands a frame, of a size that is allowed, to its transceiver."""
+    """A node hands a frame to its transceiver at an instant that is still to come."""
 
-    instant: int
-    station: int
-    tag: int
-    data: bytes
-
-
-class Notice(NamedTuple):
-    """What the transceiver of a station has to say."""
-
-    station: int
-    event: RadioEvent
+    instant_ns: int
+    node: int
+    octets: int
+    """Of the PSDU."""
+    to: int = BROADCAST
+    ack: bool = False
+    tag: int = 0
+    """Comes back in the events."""
 
 
 class Medium:
-    """All transceivers and the frames between them; all instants are integer µs.
+    """Nodes, numbered as given, and the frames between them."""
 
-    What happens does not depend on how the time is cut into steps as long as the stations stand still.
-    """
-
-    def __init__(self, addresses: Sequence[int], parameters: RadioParameters, tally: Tally) -> None:
-        n = len(addresses)
-        self._addresses = tuple(addresses)
-        self._parameters = parameters
-        self._tally = tally
-        self._agenda: list[tuple[int, int, int, int, Request]] = []
-        self._serial = 0
-        self._waiting: list[deque[Request]] = [deque() for _ in range(n)]
-        self._busy = [False] * n
-        self._powered = (False,) * n
-        self._jams: list[Jam] = []
-        self._notices: list[Notice] = []
-        # Row: the sender of a frame in the air; column: a station.
-        self._in_air = np.zeros(n, dtype=np.bool_)
-        self._power_dbm = np.zeros((n, n), dtype=np.float64)
-        self._reaches = np.zeros((n, n), dtype=np.bool_)
-        self._fate = np.zeros((n, n), dtype=np.uint8)
+    def __init__(
+        self,
+        transceivers: Sequence[Transceiver],
+        propagation: Propagation,
+        phy: PhyParameters | None = None,
+        *,
+        seed: int = 0,
+        interferers: Sequence[Interferer] = (),
+        watched: Sequence[int] | None = None,
+    ) -> None:
+        """`watched`: nodes for which `run` gives what they hear; all by default. The counters know of all."""
+        self._transceivers = tuple(transceivers)
+        self._propagation = propagation
+        self._state = initial_state(transceivers, phy or PhyParameters(), seed)
+        none = np.zeros((0, len(transceivers)))
+        self._outside = Outside(np.zeros(0, REQUEST), np.zeros(0, SWITCH), none, none)
+        self._tx_dbm = np.array([t.tx_power_dbm for t in transceivers])
+        self._where: Trajectory = lambda _: np.zeros((len(transceivers), 2))
+        self._interference = Interference()
+        for interferer in interferers:
+            self.add(interferer)
+        if watched is not None:
+            self._state.nodes["watched"] = False
+            self._state.nodes["watched"][list(watched)] = True
 
     @property
-    def frames_pending(self) -> int:
-        """How many frames are in the air or wait in a queue."""
-        return int(self._in_air.sum()) + sum(len(queue) for queue in self._waiting)
+    def now_ns(self) -> int:
+        """Up to, and without, this instant everything has happened."""
+        return int(self._state.air["now_ns"])
 
-    def advance(
-        self, stations: Stations, jams: Sequence[Jam], requests: Iterable[Request], until: int
-    ) -> list[Notice]:
-        """What the transceivers say from the step's start up to, and without, `until`, in order of time."""
-        self._notices = []
-        self._run(stations, stations.start, END)  # they ended before anything could be switched off
-        if stations.powered != self._powered:
-            self._switch(stations.powered)
-        if jams or self._jams:
-            self._jam(stations, jams)
-        for request in requests:
-            if self._powered[request.station]:
-                self._schedule(request.instant, REQUEST, request)
-            else:
-                self._tally.frame("discarded")
-        self._run(stations, until - 1, REQUEST)
-        return self._notices
+    def place(self, positions: NDArray[np.float64]) -> None:
+        """From now on the nodes stand still: (n, 2), m."""
+        positions = np.array(positions, dtype=np.float64)
+        self._where = lambda _: positions
+        self._state.air["moving"] = False
+        self._state.nodes["known"] = False
 
-    def _schedule(self, instant: int, kind: int, request: Request) -> None:
-        self._serial += 1
-        heapq.heappush(self._agenda, (instant, kind, request.station, self._serial, request))
+    def follow(self, trajectory: Trajectory) -> None:
+        """From now on the nodes move. The trajectory is asked for instants as far as `run` goes."""
+        self._where = trajectory
+        self._state.air["moving"] = True
+        self._state.nodes["known"] = False
 
-    def _run(self, stations: Stations, instant: int, kind: int) -> None:
-        """Let everything happen that is due until the instant and, at the instant, up to the kind."""
-        last = (instant, kind, len(self._addresses))
-        while self._agenda and self._agenda[0][:3] < last:
-            now, what, station, _, request = heapq.heappop(self._agenda)
-            if what == END:
-                self._end(now, request)
-            elif what == BEGIN or not self._busy[station]:
-                self._begin(now, request, stations)
-            elif len(self._waiting[station]) < self._parameters.transmit_queue:
-                self._waiting[station].append(request)
-            else:
-                self._tally.frame("overflowed")
-                self._notices.append(Notice(station, Overflow(now, request.tag)))
+    def add(self, interferer: Interferer) -> None:
+        """From now on the source disturbs too; of its bursts those count that begin no earlier."""
+        self._interference.add(interferer)
+        silent = np.zeros((1, len(self._transceivers)))
+        self._outside = self._outside._replace(now_mw=np.concatenate([self._outside.now_mw, silent]))
 
-    def _begin(self, now: int, request: Request, stations: Stations) -> None:
-        sender = request.station
-        x, y = stations.positions(now)
-        dx, dy = x - x[sender], y - y[sender]
-        power_dbm = received_dbm(np.sqrt(dx * dx + dy * dy), self._parameters)
-        reaches = power_dbm >= self._parameters.sensitivity_dbm
-        fate = np.where(reaches, Fate.HEARD, Fate.OUT_OF_RANGE).astype(np.uint8)
-        if self._in_air.any():
-            self._overlap(sender, reaches, fate)
-        self._jams = [jam for jam in self._jams if jam.until > now]
-        for jam in self._jams:
-            deaf = _within(jam, x, y)
-            fate[deaf] = np.maximum(fate[deaf], Fate.JAMMED)
-        fate[~np.array(self._powered)] = Fate.NOT_ADDRESSED
-        fate[sender] = Fate.NOT_ADDRESSED
-        self._power_dbm[sender], self._reaches[sender], self._fate[sender] = power_dbm, reaches, fate
-        self._in_air[sender] = self._busy[sender] = True
-        self._schedule(now + airtime_us(len(request.data)), END, request)
-
-    def _overlap(self, sender: int, reaches: NDArray[np.bool_], fate: NDArray[np.uint8]) -> None:
-        """Mark the new frame and those in the air where they disturb one another."""
-        others = np.flatnonzero(self._in_air)
-        disturbed: NDArray[np.bool_] = np.logical_or.reduce(self._reaches[others], axis=0)
-        _collide(fate, disturbed)
-        fate[others] = np.maximum(fate[others], Fate.HALF_DUPLEX)
-        theirs = self._fate[others]
-        _collide(theirs, reaches)
-        theirs[:, sender] = np.maximum(theirs[:, sender], Fate.HALF_DUPLEX)
-        self._fate[others] = theirs
-
-    def _end(self, now: int, request: Request) -> None:
-        sender = request.station
-        fate = self._fate[sender]
-        self._tally.sent(octets(len(request.data)))
-        self._tally.copies(fate)
-        self._notices.append(Notice(sender, Sent(now, request.tag)))
-        heard = np.flatnonzero(fate == Fate.HEARD)
-        if heard.size:
-            address, data = self._addresses[sender], request.data
-            for station, rssi_dbm, lqi in zip(heard.tolist(), *self._quality(sender, heard), strict=True):
-                self._notices.append(Notice(station, Heard(now, address, rssi_dbm, lqi, data)))
-        self._in_air[sender] = False
-        if self._waiting[sender]:
-            self._schedule(now, BEGIN, self._waiting[sender].popleft())
+    def offer(self, node: int, traffic: Traffic) -> None:
+        """From now on the node is handed frames of its own accord; their tag is -1."""
+        record = self._state.nodes[node]
+        record["offer_octets"], record["offer_to"] = traffic.octets, traffic.to
+        record["offer_ack"] = traffic.acknowledged
+        if isinstance(traffic, Poisson):
+            record["interval_ns"] = 1e9 / traffic.per_second
+            engine.offer(self._state, node, Offer.POISSON.value, 0)
         else:
-            self._busy[sender] = False
+            engine.offer(self._state, node, Offer.SATURATED.value, traffic.after_ns)
 
-    def _quality(self, sender: int, heard: NDArray[np.intp]) -> tuple[list[float], list[int]]:
-        """Signal strength, dBm, and link quality as the transceiver reports them."""
-        p = self._parameters
-        rssi_dbm = np.rint(self._power_dbm[sender, heard] * p.rssi_steps_per_db) / p.rssi_steps_per_db
-        lqi = np.clip(np.rint((rssi_dbm - p.sensitivity_dbm) / p.lqi_span_db * 255.0), 0.0, 255.0)
-        return rssi_dbm.tolist(), lqi.astype(np.int64).tolist()
+    def submit(self, requests: Iterable[Request]) -> None:
+        """Frames to be handed over at instants to come; at one instant in order of nodes, then as given."""
+        new = np.array([tuple(request) for request in requests], REQUEST)
+        done = int(self._state.air["next_request"])
+        both = np.concatenate([self._outside.requests[done:], new])
+        order = np.lexsort((both["node"], both["instant_ns"]))
+        self._outside = self._outside._replace(requests=both[order])
+        self._state.air["next_request"] = 0
 
-    def _switch(self, powered: tuple[bool, ...]) -> None:
-        """Switch transceivers on and off; one that goes off forgets its queue and cuts its frame."""
-        off = [i for i, (was, now) in enumerate(zip(self._powered, powered, strict=True)) if was and not now]
-        self._powered = powered
-        if not off:
+    def switch(self, node: int, powered: bool) -> None:
+        """Switch a transceiver on or off now. Let the frames that end now end first: `finish_frames`."""
+        if bool(self._state.nodes["powered"][node]) == powered:
             return
-        self._fate[:, off] = np.maximum(self._fate[:, off], Fate.POWERED_OFF)
-        self._agenda = [entry for entry in self._agenda if entry[2] not in off]
-        heapq.heapify(self._agenda)
-        for station in off:
-            began = bool(self._in_air[station])
-            if began:
-                self._tally.frame("cut_off")
-                self._tally.copies(np.maximum(self._fate[station], Fate.POWERED_OFF))
-            # One that left the queue at this very instant is busy, but not yet in the air.
-            next_up = int(self._busy[station] and not began)
-            self._tally.frame("discarded", len(self._waiting[station]) + next_up)
-            self._waiting[station].clear()
-            self._in_air[station] = self._busy[station] = False
+        if powered:
+            engine.switch_on(self._state, node)
+        else:
+            engine.switch_off(self._state, node)
 
-    def _jam(self, stations: Stations, jams: Sequence[Jam]) -> None:
-        """Switch the jammers on: they reach the frames in the air, too."""
-        self._jams = [jam for jam in (*self._jams, *jams) if jam.until > stations.start]
-        x, y = stations.positions(stations.start)
-        for jam in jams:
-            deaf = np.flatnonzero(_within(jam, x, y))
-            if jam.until > stations.start and deaf.size:
-                self._fate[:, deaf] = np.maximum(self._fate[:, deaf], Fate.JAMMED)
+    def finish_frames(self) -> NDArray[np.void]:
+        """Let the frames end that end right now, before anything is switched: what `run` gives."""
+        return self._advance(self.now_ns, True)
+
+    def run(self, until_ns: int) -> NDArray[np.void]:
+        """Let everything happen before `until_ns`: the events, (events,) of EVENT, in order of time."""
+        switches, rows = self._interference.until(self.now_ns, until_ns, self._where)
+        self._outside = self._outside._replace(switches=switches, rows_mw=rows)
+        self._state.air["next_switch"] = 0
+        return self._advance(until_ns, False)
+
+    def counters(self) -> NDArray[np.void]:
+        """(n,) of NODE: the counters of each node, and the rest of what is known of it; a copy."""
+        return self._state.nodes.copy()
+
+    def fates(self) -> NDArray[np.int64]:
+        """(n, fates): what became, at each node, of the frames of others that have ended, by Fate; a copy."""
+        return self._state.nodes["fates"].copy()
+
+    @property
+    def busy_ns(self) -> int:
+        """How long at least one frame has been in the air."""
+        air = self._state.air
+        return int(air["busy_ns"] + (air["now_ns"] - air["busy_since_ns"] if air["in_air"] else 0))
+
+    @property
+    def pending(self) -> int:
+        """How many frames are in the air or wait in a queue."""
+        return int(self._state.nodes["queued"].sum())
+
+    def _advance(self, until_ns: int, ends_too: bool) -> NDArray[np.void]:
+        state, air = self._state, self._state.air
+        parts: list[NDArray[np.void]] = []
+        while True:
+            code = engine.run(state, self._outside, until_ns, ends_too)
+            if code == engine.ROW:
+                self._find_row()
+                continue
+            if air["events"]:
+                parts.append(state.events[: air["events"]].copy())
+                air["events"] = 0
+            if code == engine.DONE:
+                return parts[0] if len(parts) == 1 else np.concatenate(parts) if parts else np.zeros(0, EVENT)
+
+    def _find_row(self) -> None:
+        """How strong the frame that begins now arrives everywhere."""
+        state = self._state
+        sender = int(state.agenda["order"][0] & 0xFFFFFFFF)
+        positions = self._where(self.now_ns)
+        loss_db = self._propagation.loss_db(positions[sender : sender + 1], positions)[0]
+        state.gains_mw[sender] = milliwatts(self._tx_dbm[sender] - loss_db)
+        state.nodes["known"][sender] = True
 
 
-def _within(jam: Jam, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which of the places lie within the jammer's radius."""
-    inside: NDArray[np.bool_] = (x - jam.x) ** 2 + (y - jam.y) ** 2 <= jam.radius**2
-    return inside
+class _Line:
+    """Nodes in a row whose losses and disturbance are plain sums, for the fingerprint."""
+
+    def loss_db(self, senders: NDArray[np.float64], receivers: NDArray[np.float64]) -> NDArray[np.float64]:
+        apart: NDArray[np.float64] = 55.0 + np.abs(senders[:, :1] - receivers[:, 0])
+        return apart
+
+    def bursts(self, since_ns: int, until_ns: int) -> NDArray[np.int64]:
+        begins = np.arange(-(-since_ns // 50_000_000), -(-until_ns // 50_000_000)) * 50_000_000
+        return np.stack([begins, begins + 9_000_000], axis=1)
+
+    def power_dbm(self, receivers: NDArray[np.float64]) -> NDArray[np.float64]:
+        level: NDArray[np.float64] = -90.0 - receivers[..., 0]
+        return level
 
 
-def _collide(fate: NDArray[np.uint8], where: NDArray[np.bool_]) -> None:
-    """Mark the frames as collided at the stations (the last axis), in place."""
-    np.maximum(fate, where.astype(np.uint8) * np.uint8(Fate.COLLISION), out=fate)
+def fingerprint() -> bytes:
+    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    line = _Line()
+    nodes = [Transceiver(k, tx_power_dbm=-10.0, max_backoffs=k) for k in range(5)]
+    medium = Medium(nodes, line, seed=1, interferers=[line])
+    medium.follow(lambda at: np.stack([np.arange(5.0) * (4.0 + at / 1e9), np.zeros(5)], axis=1))
+    for node in range(3):
+        medium.offer(node, Poisson(30 + node, 60.0, (node + 1) % 3, acknowledged=node != 1))
+    medium.offer(3, Saturated(127))
+    medium.submit(Request(k * 7_000_000, 4, 20, tag=k) for k in range(100))
+    events = [medium.run(200_000_000), medium.finish_frames()]
+    medium.switch(3, False)
+    events.append(medium.run(300_000_000))
+    medium.switch(3, True)
+    events.append(medium.run(400_000_000))
+    return b"".join(part.tobytes() for part in events) + medium.fates().tobytes()

@@ -7,21 +7,25 @@ from pathlib import Path
 import msgspec
 
 from actors.messages import RADIO_READY, TRANSMIT, TRUTH, Ready
+from actors.radio import medium, propagation
 from actors.radio.core import RadioCore
-from actors.radio.parameters import preset
 from actors.radio.setup import RadioSetup
+from actors.radio.surroundings import surroundings
 from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
+from actors.runtime.fingerprint import combined, fingerprints
 from actors.runtime.process import Part, RunNote
 from actors.runtime.seat import ArgumentParser, Seat, add_seat_options, seat
 
+KERNELS = (propagation, medium)
+"""Modules with numeric kernels that a radio computes with."""
 GREATEST_ADDRESS = 0xFFFD
 """0xFFFE and 0xFFFF mean "no address" and "everyone" (IEEE 802.15.4-2006, 7.2.1)."""
 
 
 def build(setup: RadioSetup) -> RadioCore:
     """The core, before its first step; AcrcError if the setup makes no sense."""
-    parameters = preset(setup.preset)
+    around = surroundings(setup)
     if setup.step_us < 1:
         raise AcrcError(f"The radio's step is {setup.step_us} µs long; it must be at least 1 µs.")
     owners: dict[int, str] = {}
@@ -39,7 +43,7 @@ def build(setup: RadioSetup) -> RadioCore:
             raise AcrcError(f"Robot {robot} is listed twice for the radio; each robot needs one entry.")
         owners[address] = robot
         names.add(robot)
-    return RadioCore(setup.robots, setup.step_us, parameters)
+    return RadioCore(setup.robots, setup.step_us, around, setup.seed)
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,7 @@ def part(argv: Sequence[str]) -> Part:
     """The radio that `argv` describes, with its connections."""
     options = parse(argv)
     setup = load_setup(options.setup)
+    prints = fingerprints(KERNELS)
     core = build(setup)
     run = RunNote(
         actor="radio",
@@ -80,12 +85,12 @@ def part(argv: Sequence[str]) -> Part:
         step_us=setup.step_us,
         commit=options.seat.commit,
         scenario=msgspec.json.encode(setup).decode(),
-        kernels={},
+        kernels=prints,
     )
     return Part(
         core=core,
         listens=(at(TRUTH), at(TRANSMIT, "*")),
         run=run,
-        ready=to(RADIO_READY, Ready(0, "radio", 0, "")),
-        outcome=lambda: {"frames": core.counters()},
+        ready=to(RADIO_READY, Ready(0, "radio", 0, combined(prints))),
+        outcome=lambda: {"frames": core.counters(), "frames_by_robot": core.counters_by_robot()},
     )

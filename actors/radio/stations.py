@@ -11,21 +11,29 @@ from actors.messages import RobotTruth
 class Stations:
     """The robots of one step by station number; a station without a robot is switched off.
 
-    A robot moves on from its pose at the step's start in a straight line.
+    A robot moves on from its pose at the step's start with constant speed and turn rate: along an arc.
     """
 
-    def __init__(self, start: int, robots: Sequence[RobotTruth | None]) -> None:
-        self.start = start
+    def __init__(self, start_us: int, robots: Sequence[RobotTruth | None]) -> None:
+        self._start_ns = start_us * 1000
         self.powered = tuple(robot is not None and robot.powered for robot in robots)
-        self._robots = robots
-        self._motion: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+        truths = [(r.x, r.y, r.vx, r.vy, r.omega) if r else (0.0, 0.0, 0.0, 0.0, 0.0) for r in robots]
+        table = np.array(truths, dtype=np.float64).reshape(-1, 5)
+        self.places: NDArray[np.float64] = table[:, :2]
+        """(stations, 2), m, at the step's start."""
+        self._velocities = table[:, 2:4]
+        self._omega = table[:, 4]
+        self.still = not self._velocities.any()
 
-    def positions(self, instant: int) -> NDArray[np.float64]:
-        """Positions at the instant: (2, stations), m."""
-        if self._motion is None:  # most steps have no frame and need no positions
-            truths = [(r.x, r.y, r.vx, r.vy) if r else (0.0, 0.0, 0.0, 0.0) for r in self._robots]
-            table = np.array(truths, dtype=np.float64).T
-            self._motion = (table[:2], table[2:])
-        place, velocity = self._motion
-        moved: NDArray[np.float64] = place + velocity * ((instant - self.start) / 1e6)
+    def positions(self, instant_ns: int) -> NDArray[np.float64]:
+        """Positions at the instant: (stations, 2), m."""
+        elapsed = (instant_ns - self._start_ns) / 1e9
+        half_angle = self._omega * (elapsed / 2)
+        # the chord of an arc: as long as sin(h)/h of the way driven, turned by the half angle h
+        driven = elapsed * np.sinc(half_angle / np.pi)
+        cos, sin = driven * np.cos(half_angle), driven * np.sin(half_angle)
+        vx, vy = self._velocities[:, 0], self._velocities[:, 1]
+        moved: NDArray[np.float64] = self.places + np.stack(
+            [vx * cos - vy * sin, vx * sin + vy * cos], axis=1
+        )
         return moved

@@ -1,73 +1,66 @@
-"""What became of every frame, and of every frame at every other robot."""
+"""What became of every frame, and of every frame at every other robot, in words."""
 
-from enum import IntEnum
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.radio.state import Fate
 
-class Fate(IntEnum):
-    """What becomes of one frame at one station; where several hold, the greatest counts."""
-
-    HEARD = 0
-    COLLISION = 1
-    """Another frame strong enough to be heard there overlapped it."""
-    JAMMED = 2
-    HALF_DUPLEX = 3
-    """The station was sending at the time."""
-    OUT_OF_RANGE = 4
-    POWERED_OFF = 5
-    """The station or the sender was switched off before the frame ended."""
-    NOT_ADDRESSED = 6
-    """The sender itself, or a station that was switched off when the frame began; not counted."""
-
-
-FRAMES: Final = ("sent", "cut_off", "overflowed", "refused", "discarded")
-"""Left the antenna; cut by switching the sender off; dropped by a full queue; not accepted; asked for or
-still waiting while the transceiver was off."""
+FRAMES: Final = {
+    "frames_sent": "sent",
+    "frames_cut_off": "cut_off",
+    "frames_access_failure": "access_failures",
+    "frames_overflowed": "overflowed",
+}
+"""What became of the frames that a transceiver was handed, by the node's counter: left the antenna; cut by
+switching the sender off; the channel never was clear; the transmit queue was full."""
 EVENTS: Final = ("dropped", "discarded")
 """For a robot that does not step: beyond its host's buffer; held when the robot was switched off."""
+COPIES: Final = {
+    f"copies_{'' if fate is Fate.HEARD else 'lost_'}{fate.name.lower()}": int(fate)
+    for fate in Fate
+    if fate not in (Fate.FILTERED, Fate.NOT_COUNTED)
+}
+"""Robots broadcast, so that nothing is filtered."""
 
 
 class Tally:
-    """Counters of one run."""
+    """Counts of what never gets as far as the medium."""
 
-    def __init__(self) -> None:
-        self._fates = np.zeros(len(Fate), dtype=np.int64)
-        self._bytes_sent = 0
-        self._frames = dict.fromkeys(FRAMES, 0)
+    def __init__(self, stations: int) -> None:
+        self.refused = 0
+        """Not accepted, of any robot."""
+        self.discarded = np.zeros(stations, np.int64)
+        """Asked for while the transceiver was off."""
         self._events = dict.fromkeys(EVENTS, 0)
-
-    def frame(self, end: str, number: int = 1) -> None:
-        """Count frames that came to the `end`, one of FRAMES."""
-        self._frames[end] += number
-
-    def sent(self, octets: int) -> None:
-        """Count a frame of that size, MAC header and FCS included, that has left the antenna whole."""
-        self.frame("sent")
-        self._bytes_sent += octets
-
-    def copies(self, fates: NDArray[np.uint8]) -> None:
-        """Count what became of one frame at every station."""
-        self._fates += np.bincount(fates, minlength=len(Fate))
 
     def events(self, end: str, number: int) -> None:
         """Count events that a robot never got, by one of EVENTS."""
         self._events[end] += number
 
-    def counters(self) -> dict[str, int]:
-        """All counters by name.
+    def counters(self, nodes: NDArray[np.void]) -> dict[str, int]:
+        """All counters by name, of the medium's nodes and of this tally.
 
         `frames_*` count frames; `bytes_sent` the octets of those sent, with MAC header and FCS; `copies_*`
         count each frame, when it ends, once per other station that was powered when it began: with n stations
         always on their sum is n - 1 times `frames_sent`; `events_*` count lost events.
         """
-        frames = {f"frames_{end}": count for end, count in self._frames.items()}
-        copies = {
-            f"copies_{'' if fate is Fate.HEARD else 'lost_'}{fate.name.lower()}": int(self._fates[fate])
-            for fate in Fate
-            if fate is not Fate.NOT_ADDRESSED
-        }
-        frames["bytes_sent"] = self._bytes_sent
+        frames = {name: int(nodes[field].sum()) for name, field in FRAMES.items()}
+        frames["frames_refused"] = self.refused
+        frames["frames_discarded"] = int(nodes["discarded"].sum() + self.discarded.sum())
+        frames["bytes_sent"] = int(nodes["octets_sent"].sum())
+        copies = {name: int(nodes["fates"][:, fate].sum()) for name, fate in COPIES.items()}
         return frames | copies | {f"events_{end}": count for end, count in self._events.items()}
+
+    def by_robot(self, robots: Sequence[str], nodes: NDArray[np.void]) -> dict[str, dict[str, int]]:
+        """The same per robot: of its own frames, and of the copies of others' frames at it."""
+        return {
+            robot: {
+                **{name: int(node[field]) for name, field in FRAMES.items()},
+                "frames_discarded": int(node["discarded"] + self.discarded[number]),
+                **{name: int(node["fates"][fate]) for name, fate in COPIES.items()},
+            }
+            for number, (robot, node) in enumerate(zip(robots, nodes, strict=True))
+        }

@@ -1,23 +1,27 @@
 """The air between emulated boards: who hears which frame, and when a board may send.
 
-The model of the simulated radio (actors.radio.medium: path loss, range, half duplex, collisions without
-capture) as single events in the order of time, as boards answer at once and may differ in channel and power;
-and with the chip's unslotted CSMA-CA, whose clear channel assessment is by energy alone.
+Much plainer than the simulated radio (actors.radio.medium): a frame arrives where path loss leaves enough of
+it, half duplex, collisions without capture; but as single events in the order of time, as boards answer at
+once and may differ in channel and power, and with the chip's unslotted CSMA-CA, whose clear channel
+assessment is by energy alone.
 """
 
 import heapq
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
 from actors.instant import Instant
 from actors.radio.frame import airtime_us
-from actors.radio.parameters import PRESETS, RadioParameters
-from actors.radio.path_loss import received_dbm
+from actors.radio.frame_check import frame_check
+from actors.radio.link_budget import needed_dbm
+from actors.radio.path_loss import path_loss_db
+from actors.radio.presets import PRESETS, RadioParameters
+from actors.radio.signal_codes import link_quality, rssi_code
 from firmware_bridge.beeclick.board import Board
-from firmware_bridge.beeclick.signal import HEADER_SIZE, frame_check, rssi_code
+from firmware_bridge.beeclick.signal import HEADER_SIZE
 
 Place = Callable[[Instant], tuple[float, float]]
 """Where something is at an instant, m."""
@@ -39,9 +43,9 @@ class AirParameters:
     """How the air is."""
 
     radio: RadioParameters = field(default=PRESETS["beeclick"])
-    """Path loss and sensitivity; the power is that of each board."""
+    """Path loss and noise; the power is that of each board, and walls do not count."""
     csma: bool = True
-    """False: a frame begins when the board has it, as in the simulated radio."""
+    """False: a frame begins when the board has it."""
     busy_dbm: float = -69.0
     """Energy from which the channel counts as busy, dBm. Default: the firmware's CCAEDTH = 0x60."""
     loss: float = 0.0
@@ -75,6 +79,7 @@ class Air:
         self.counters = {"frames": 0, "access_failures": 0, "collisions": 0, "copies_heard": 0}
         self._rng = rng
         self._p = parameters
+        self._weakest_dbm = needed_dbm(parameters.radio)
         self._places: list[Place] = []
         self._flights: dict[int, _Flight] = {}
         self._agenda: list[tuple[int, int, int, _Flight]] = []
@@ -142,21 +147,21 @@ class Air:
     def _begin(self, now: Instant, station: int, flight: _Flight) -> None:
         sender = self.boards[station]
         flight.dbm = self._arriving(now, station)
-        sensitivity = self._p.radio.sensitivity_dbm
+        weakest = self._weakest_dbm
         for number, other in self._flights.items():
             if number != station and other.channel == sender.channel:
                 self._overlap(station, flight, number, other)
         flight.channel = sender.channel
-        flight.spoilt |= {s for s, dbm in enumerate(flight.dbm) if dbm < sensitivity} | {station}
+        flight.spoilt |= {s for s, dbm in enumerate(flight.dbm) if dbm < weakest} | {station}
         self._schedule(now + airtime_us(len(flight.frame) - HEADER_SIZE), station, flight)
 
     def _overlap(self, a: int, flight: _Flight, b: int, other: _Flight) -> None:
         """Two frames at once: lost where both would be heard, and at both senders."""
-        sensitivity = self._p.radio.sensitivity_dbm
+        weakest = self._weakest_dbm
         both = {
             station
             for station, (one, two) in enumerate(zip(flight.dbm, other.dbm, strict=True))
-            if one >= sensitivity and two >= sensitivity
+            if one >= weakest and two >= weakest
         }
         self.counters["collisions"] += bool(both - {a, b})
         flight.spoilt |= both | {b}
@@ -165,8 +170,8 @@ class Air:
     def _arriving(self, now: Instant, station: int) -> list[float]:
         places = np.array([place(now) for place in self._places], dtype=np.float64)
         distances = np.hypot(*(places - places[station]).T)
-        model = replace(self._p.radio, tx_power_dbm=self.boards[station].power_dbm)
-        dbm: list[float] = received_dbm(distances, model).tolist()
+        loss = path_loss_db(distances, self._p.radio.propagation.path_loss)
+        dbm: list[float] = (self.boards[station].power_dbm - loss).tolist()
         return dbm
 
     def _land(self, now: Instant, station: int, flight: _Flight) -> None:
@@ -179,12 +184,10 @@ class Air:
             if self._p.loss and self._rng.random() < self._p.loss:
                 continue
             self.counters["copies_heard"] += 1
-            board.heard(now, whole, rssi_code(flight.dbm[number]), self._lqi(flight.dbm[number]))
+            board.heard(
+                now, whole, rssi_code(flight.dbm[number]), link_quality(flight.dbm[number], self._weakest_dbm)
+            )
         self.boards[station].finished(now, True)
-
-    def _lqi(self, dbm: float) -> int:
-        p = self._p.radio
-        return int(np.clip(round((dbm - p.sensitivity_dbm) / p.lqi_span_db * 255.0), 0, 255))
 
 
 def advance(air: Air, until: Instant) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from actors.instant import START, Instant
 from actors.map_file import load_map
-from actors.radio.parameters import preset
+from actors.radio.presets import preset
 from actors.randomness import generator
 from actors.robot_model import load_model
 from actors.world.body import Bodies

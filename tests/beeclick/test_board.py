@@ -3,6 +3,7 @@ import pytest
 
 from actors.instant import START, Duration, Instant, milliseconds, seconds
 from actors.radio.frame import airtime_us
+from actors.radio.frame_check import frame_check
 from firmware_bridge.beeclick import answers, commands
 from firmware_bridge.beeclick.answers import (
     AddressSet,
@@ -28,7 +29,7 @@ from firmware_bridge.beeclick.commands import (
 )
 from firmware_bridge.beeclick.emulate import standing
 from firmware_bridge.beeclick.medium import Air, AirParameters, advance
-from firmware_bridge.beeclick.signal import frame_check, mac_header
+from firmware_bridge.beeclick.signal import mac_header
 from firmware_bridge.beeclick.wire import SYNC_PATTERN, byte_time
 
 

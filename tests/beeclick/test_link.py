@@ -2,6 +2,7 @@ import pytest
 
 from actors.instant import Instant, milliseconds, seconds
 from actors.messages import AccessFailure, Heard, Overflow, Refused, Sent
+from actors.radio.frame_check import frame_check
 from firmware_bridge.beeclick.answers import (
     AddressSet,
     ChannelSet,
@@ -16,7 +17,7 @@ from firmware_bridge.beeclick.commands import SendPacket, SetAddress, SetChannel
 from firmware_bridge.beeclick.events import Down, Fix, Humidity, Info, Temperature, Unconfirmed, Up
 from firmware_bridge.beeclick.link import Phase
 from firmware_bridge.beeclick.parameters import BeeClickParameters
-from firmware_bridge.beeclick.signal import frame_check, mac_header
+from firmware_bridge.beeclick.signal import mac_header
 from firmware_bridge.beeclick.wire import SYNC_PATTERN
 from tests.beeclick.hosts import ECHOES, SYNC, Host, confirm
 

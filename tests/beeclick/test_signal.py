@@ -1,12 +1,11 @@
 import pytest
 
+from actors.radio.frame_check import frame_check
+from actors.radio.signal_codes import link_quality, rssi_code, rssi_dbm
 from firmware_bridge.beeclick.signal import (
-    frame_check,
     mac_header,
     power_setting,
     radiated,
-    rssi_code,
-    rssi_dbm,
 )
 
 
@@ -62,3 +61,7 @@ def test_the_frame_check_sequence_is_the_standards() -> None:
 
 def test_a_frame_begins_as_the_firmware_makes_it() -> None:
     assert mac_header(0xBABA, 0x0103) == bytes.fromhex("01 80 00 ba ba 03 01")
+
+
+def test_link_quality_grows_from_the_weakest_frame_over_twenty_decibels() -> None:
+    assert [link_quality(dbm, -96.0) for dbm in (-120.0, -96.0, -86.0, -76.0, -30.0)] == [0, 0, 128, 255, 255]

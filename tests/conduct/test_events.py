@@ -89,7 +89,7 @@ def test_a_jammer_silences_and_ends() -> None:
     play = Theatre(2.0, [(1.0, jam)], talks=("r1",)).run()
     heard = {e.instant // 100_000 for received in play.acts["r2"].received for e in received.events}
     assert heard == set(range(10)) | set(range(15, 20))
-    assert play.radio.counters()["copies_lost_jammed"] == 5
+    assert play.radio.counters()["frames_access_failure"] == 5  # the sender listens, and never finds it clear
 
 
 def test_an_obstacle_stops_a_robot() -> None:

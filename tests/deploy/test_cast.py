@@ -188,7 +188,7 @@ def test_what_does_not_exist_is_refused() -> None:
     )
     assert (
         refusal('[radio]\npreset = "ether"')
-        == "Radio preset 'ether' is unknown; known are chapter, beeclick."
+        == "Radio preset 'ether' is unknown; known are chapter, beeclick, rosomnet, ns3, ideal."
     )
     assert refusal('[robots]\nmodel = "tank"').startswith(
         "there is no robot model 'tank'; it should be one of "

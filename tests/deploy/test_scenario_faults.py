@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from actors.radio.materials import MATERIALS
 from deploy.scenario_file import Overrides, ScenarioError, load_scenario
 from deploy.usage import OptionError
 from tests.deploy.faults import fault
@@ -13,6 +14,8 @@ DURATION = "but must be a number of seconds above 0, at most 1000000"
 INSTANT = "but must be a number of seconds from 0 to below the duration"
 SETTING = "but must be true, false, a whole number of 64 bits, a finite number or a text"
 INTERVAL = "but must be a number of seconds from 0.001 to 1000000"
+CHANNEL = "but must be an IEEE 802.15.4 channel, a whole number from 11 to 26"
+MATERIAL = "but must be a material: " + ", ".join(f'"{name}"' for name in MATERIALS)
 ACTIONS = "kill, freeze, thaw, restart, move, jam, obstacle"
 
 
@@ -48,6 +51,33 @@ ACTIONS = "kill, freeze, thaw, restart, move, jam, obstacle"
         (
             "[radio]\npreset = 2020-01-01",
             'radio.preset is 2020-01-01, but must be the name of a radio preset, such as "chapter"',
+        ),
+        ("[radio]\nchannel = 27", f"radio.channel is 27, {CHANNEL}"),
+        ("[radio]\nwalls = 'cheese'", f'radio.walls is "cheese", {MATERIAL}'),
+        ("[radio]\nwalls = 3", f"radio.walls is 3, {MATERIAL}"),
+        ("[radio]\nshadowing_db = -1", "radio.shadowing_db is -1, but must be a number of dB from 0 to 30"),
+        (
+            "[radio]\ncorrelation_distance = 0",
+            "radio.correlation_distance is 0, but must be a number of metres from 0.1 to 1000",
+        ),
+        ("[[wall]]\nx = [1, 2]\ny = [1, 2]", f"wall[0].material is missing, {MATERIAL}"),
+        (
+            "[[wall]]\nmaterial = 'glass'\nx = [2, 1]\ny = [1, 2]",
+            "wall[0].x is [2, 1], but must be two numbers [from, to] in m, the first below the second",
+        ),
+        ("[wall]\nx = 1", 'wall is {"x": 1}, but must be written as tables [[wall]]'),
+        (
+            "[[wifi]]\nat = [1, 2]\nchannel = 14\nduty = 0.5",
+            "wifi[0].channel is 14, but must be a Wi-Fi channel, a whole number from 1 to 13",
+        ),
+        (
+            "[[wifi]]\nat = [1, 2]\nchannel = 1\nduty = 1",
+            "wifi[0].duty is 1, but must be a number above 0 and below 1",
+        ),
+        ("[[wifi]]\nat = 1\nchannel = 1\nduty = 0.1", "wifi[0].at is 1, but must be a point [x, y] in m"),
+        (
+            "[[wifi]]\nat = [1, 2]\nchannel = 1\nduty = 0.1\npower_dbm = 99",
+            "wifi[0].power_dbm is 99, but must be a number of dBm from -60 to 30",
         ),
         (
             "[[robot]]\nmodel = 'turtlebot2'",
@@ -107,7 +137,8 @@ def test_a_wrong_value(text: str, sentence: str) -> None:
         (
             "xyz = 1",
             "xyz is not known; known are map, run, strategy, deeco,"
-            " localisation, navigation, planner, local_map, dwa, robots, places, radio, area, robot, event",
+            " localisation, navigation, planner, local_map, dwa,"
+            " robots, places, radio, area, robot, event, wall, wifi",
         ),
         ("[deeco]\nrelays = true", "deeco.relays is not known; did you mean deeco.relay?"),
         ('[[event]]\nat = 1\nkil = "r1"', "event[0].kil is not known; did you mean event[0].kill?"),

@@ -160,7 +160,10 @@ def test_a_set_up_that_is_none_is_told(
             {"addresses": (("r1", 1),)},
             "robots r1, r2 and addresses of r1; each robot should have one name and one address",
         ),
-        ({"radio": "loud"}, "Radio preset 'loud' is unknown; known are chapter, beeclick."),
+        (
+            {"radio": "loud"},
+            "Radio preset 'loud' is unknown; known are chapter, beeclick, rosomnet, ns3, ideal.",
+        ),
     ],
 )
 def test_a_set_up_that_does_not_fit_is_told(

@@ -18,11 +18,33 @@ from actors.messages import (
     Truth,
 )
 from actors.radio.core import RadioCore
-from actors.radio.program import build
-from actors.radio.setup import RadioSetup
+from actors.radio.path_loss import line_of_sight
+from actors.radio.presets import RadioParameters
+from actors.radio.propagation import IndoorPropagation
+from actors.radio.state import Cca
+from actors.radio.surroundings import Surroundings
+from actors.radio.transceiver import PhyParameters, Transceiver
 from actors.topic import Message
 
 STEP = 100_000
+TURN = 192
+"""From sending to receiving and back, µs."""
+SPACING = 640
+"""After a frame of more than 18 octets, µs."""
+PLAIN = RadioParameters(
+    Transceiver(0, tx_power_dbm=-32.6, cca=Cca.NEVER, min_be=0), PhyParameters(noise_dbm=-120.0)
+)
+"""Nobody listens before he sends, and what is stronger than the sensitivity arrives unless it is disturbed:
+so a frame begins exactly one turnaround after it is handed over, and stories can say what happens when."""
+REACH = line_of_sight(
+    PLAIN.transceiver.tx_power_dbm - PLAIN.transceiver.sensitivity_dbm, PLAIN.propagation.path_loss
+)
+"""10.5 m."""
+
+
+def around(parameters: RadioParameters = PLAIN) -> Surroundings:
+    """No walls, no shadowing, no Wi-Fi."""
+    return Surroundings(parameters, IndoorPropagation(parameters.propagation), ())
 
 
 @dataclass(frozen=True)
@@ -47,9 +69,14 @@ class Frame:
     data: bytes = b"12345678901"
 
     @property
+    def airtime(self) -> int:
+        """By default of 20 octets: 52 symbols of 16 µs, 832 µs."""
+        return (12 + 2 * (len(self.data) + 9)) * 16
+
+    @property
     def end(self) -> int:
-        """When it has left the antenna if it begins at once; by default 20 octets, 52 symbols of 16 µs."""
-        return self.instant + (12 + 2 * (len(self.data) + 9)) * 16
+        """When it has left the antenna in plain air, if nothing of its sender's waits before it."""
+        return self.instant + TURN + self.airtime
 
 
 @dataclass
@@ -58,13 +85,13 @@ class Swarm:
 
     robots: dict[str, Robot]
     step_us: int = STEP
-    preset: str = "chapter"
+    air: Surroundings = field(default_factory=around)
     given: dict[str, list[RadioEvent]] = field(default_factory=dict)
     steps: list[dict[str, list[RadioEvent]]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        addresses = tuple((robot, 100 + number) for number, robot in enumerate(self.robots))
-        self.core: RadioCore = build(RadioSetup(1, self.step_us, addresses, self.preset))
+        addresses = [(robot, 100 + number) for number, robot in enumerate(self.robots)]
+        self.core = RadioCore(addresses, self.step_us, self.air, seed=1)
 
     def change(self, robot: str, **changes: bool) -> None:
         """Freeze, thaw, kill or restart a robot."""

@@ -1,16 +1,21 @@
 """Short stories of a few robots: who hears what, and what each is told."""
 
+import math
+from dataclasses import replace
+
 import pytest
 
 from actors.messages import (
     AIRED,
     TRANSMIT,
     TRUTH,
+    AccessFailure,
     Heard,
     Jam,
     Outgoing,
     Overflow,
     Refused,
+    RobotTruth,
     Sent,
     Transmit,
     Truth,
@@ -18,8 +23,13 @@ from actors.messages import (
 from actors.radio.core import RadioCore
 from actors.radio.program import build
 from actors.radio.setup import RadioSetup
+from actors.radio.state import Cca
+from actors.radio.stations import Stations
 from actors.runtime.errors import AcrcError
-from tests.radio.swarm import STEP, Frame, Robot, Swarm
+from tests.radio.swarm import PLAIN, SPACING, STEP, TURN, Frame, Robot, Swarm, around
+
+NEXT = TURN + 832 + SPACING
+"""From the begin of a frame of 20 octets to that of the next one of the same queue, µs."""
 
 
 def three() -> Swarm:
@@ -30,106 +40,162 @@ def three() -> Swarm:
 def test_a_frame_is_heard_when_its_last_symbol_ends() -> None:
     swarm = three()
     events = swarm.run([Frame(5, "a", tag=7)])
-    assert events["a"] == [Sent(837, 7)]
-    assert events["b"] == [Heard(837, 100, -72.8, 255, b"12345678901")]
-    assert events["c"] == [Heard(837, 100, -90.8, 54, b"12345678901")]
+    assert events["a"] == [Sent(1029, 7)]
+    assert events["b"] == [Heard(1029, 100, -72.8, 255, b"12345678901")]
+    assert events["c"] == [Heard(1029, 100, -90.0, 53, b"12345678901")]
     assert swarm.core.counters()["copies_heard"] == 2
 
 
 def test_nothing_on_the_air_is_said_in_an_empty_aired() -> None:
     swarm = three()
     assert swarm.run() == {}
-    assert set(swarm.core.counters().values()) == {0}
+    assert {name for name, count in swarm.core.counters().items() if count} == {"pairs", "pairs_in_reach"}
 
 
-def test_two_frames_that_overlap_are_both_lost() -> None:
-    swarm = three()
+def test_of_two_frames_that_overlap_the_weaker_is_lost() -> None:
+    swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0), "c": Robot(3.0), "d": Robot(-5.0)})
     first = Frame(0, "a")
-    events = swarm.run([first, Frame(first.end - 1, "b")])
-    assert "c" not in events
+    events = swarm.run([first, Frame(first.instant + 400, "d")])
+    assert [event.instant for event in events["b"]] == [first.end]  # it was locked onto a, 15 dB stronger
+    assert swarm.core.counters()["copies_lost_collision"] == 2  # d's frame, at b and at c
+
+
+def test_equal_frames_that_overlap_are_both_lost() -> None:
+    swarm = Swarm({"a": Robot(0.0), "b": Robot(4.0), "c": Robot(2.0)})
+    assert "c" not in swarm.run([Frame(0, "a"), Frame(100, "b")])
     counters = swarm.core.counters()
-    assert counters["copies_lost_collision"] == 2  # at c, both
-    assert counters["copies_lost_half_duplex"] == 2  # at a and b
+    assert (counters["copies_lost_collision"], counters["copies_lost_half_duplex"]) == (2, 2)
+
+
+def test_a_frame_survives_an_overlap_of_a_microsecond() -> None:
+    swarm = Swarm({"a": Robot(0.0), "b": Robot(4.0), "c": Robot(2.0)})
+    first = Frame(0, "a")
+    events = swarm.run([first, Frame(first.instant + first.airtime - 1, "b")])
+    assert [event.instant for event in events["c"]] == [first.end]
+    assert swarm.core.counters()["copies_lost_collision"] == 1  # whose begin c missed
 
 
 def test_frames_that_only_touch_are_both_heard() -> None:
     swarm = three()
     first = Frame(0, "a")
-    events = swarm.run([first, Frame(first.end, "b")])
-    assert [event.instant for event in events["c"]] == [832, 1664]
-    assert swarm.core.counters()["copies_heard"] == 4
+    events = swarm.run([first, Frame(first.instant + first.airtime, "b")])
+    assert [event.instant for event in events["c"]] == [TURN + 832, TURN + 2 * 832]
+    # b was turning while a still sent, and a while b began
+    assert swarm.core.counters()["copies_lost_half_duplex"] == 2
+
+
+def test_a_much_stronger_frame_captures_the_receiver_within_the_preamble() -> None:
+    def heard(later: int) -> list[int]:
+        swarm = Swarm({"near": Robot(1.0), "far": Robot(-8.0), "c": Robot(0.0)})
+        events = swarm.run([Frame(0, "far", data=bytes(50)), Frame(later, "near")])
+        return [event.sender for event in events.get("c", []) if isinstance(event, Heard)]
+
+    assert heard(127) == [100]
+    assert heard(128) == []
+    assert heard(-1 + 128) == [100]
+
+
+def test_interference_that_ends_early_still_spoils_a_frame() -> None:
+    swarm = Swarm({"a": Robot(-3.0), "b": Robot(1.0), "c": Robot(0.0)})
+    events = swarm.run([Frame(0, "a", data=bytes(118)), Frame(1000, "b")])
+    assert "c" not in events
+    assert swarm.core.counters()["copies_lost_collision"] == 2
 
 
 def test_a_sender_out_of_range_does_not_disturb() -> None:
-    swarm = Swarm({"a": Robot(0.0), "b": Robot(5.0), "far": Robot(16.0)})
+    swarm = Swarm({"a": Robot(0.0), "b": Robot(5.0), "far": Robot(25.0)})
     events = swarm.run([Frame(0, "a", 1), Frame(100, "far", 2)])
-    assert events["b"] == [Heard(832, 100, -86.8, 105, b"12345678901")]
-    assert swarm.core.counters()["copies_lost_out_of_range"] == 3
+    assert [event.instant for event in events["b"]] == [TURN + 832]
+    assert swarm.core.counters()["copies_lost_below_sensitivity"] == 3
 
 
 def test_hidden_senders_collide_at_the_one_between() -> None:
     swarm = Swarm({"a": Robot(0.0), "b": Robot(9.0), "c": Robot(18.0)})
     assert "b" not in swarm.run([Frame(0, "a"), Frame(400, "c")])
     counters = swarm.core.counters()
-    assert (counters["copies_lost_collision"], counters["copies_lost_out_of_range"]) == (2, 2)
+    assert (counters["copies_lost_collision"], counters["copies_lost_below_sensitivity"]) == (2, 2)
 
 
-def test_a_robot_is_deaf_while_it_sends() -> None:
+def test_a_robot_is_deaf_while_it_sends_and_turns() -> None:
     swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0)})
     events = swarm.run([Frame(0, "a", 1), Frame(300, "b", 2)])
-    assert events == {"a": [Sent(832, 1)], "b": [Sent(1132, 2)]}
+    assert events == {"a": [Sent(1024, 1)], "b": [Sent(1324, 2)]}
     assert swarm.core.counters()["copies_lost_half_duplex"] == 2
 
 
-def test_a_second_frame_waits_for_the_first() -> None:
+def test_a_receiver_is_deaf_while_its_buffer_is_read() -> None:
+    phy = replace(PLAIN.phy, dead_us=400, dead_octet_us=5, dead_octets=12)
+    robots = {"a": Robot(0.0), "b": Robot(1.0), "c": Robot(2.0)}
+
+    def heard_by_c(pause: int) -> int:
+        swarm = Swarm(dict(robots), air=around(replace(PLAIN, phy=phy)))
+        swarm.run([Frame(0, "a"), Frame(832 + pause, "b")])
+        by_robot = swarm.core.counters_by_robot()
+        assert by_robot["c"]["copies_lost_receiver_busy"] == 2 - by_robot["c"]["copies_heard"]
+        return by_robot["c"]["copies_heard"]
+
+    assert heard_by_c(459) == 1
+    assert heard_by_c(460) == 2
+
+
+def test_a_second_frame_waits_for_the_first_and_the_spacing() -> None:
     swarm = three()
     events = swarm.run([Frame(0, "a", 1), Frame(10, "a", 2)])
-    assert events["a"] == [Sent(832, 1), Sent(1664, 2)]
-    assert [event.instant for event in events["b"]] == [832, 1664]
+    assert events["a"] == [Sent(1024, 1), Sent(1024 + NEXT, 2)]
+    assert [event.instant for event in events["b"]] == [1024, 1024 + NEXT]
 
 
 def test_a_full_queue_drops_the_newest_frame_and_says_so() -> None:
     swarm = three()
     events = swarm.run([Frame(tag, "a", tag) for tag in range(10)])
     assert events["a"][:2] == [Overflow(8, 8), Overflow(9, 9)]
-    assert events["a"][2:] == [Sent(832 * (tag + 1), tag) for tag in range(8)]
+    assert events["a"][2:] == [Sent(1024 + NEXT * tag, tag) for tag in range(8)]
     assert swarm.core.counters()["frames_overflowed"] == 2
 
 
-def test_the_last_waiting_frame_makes_room_at_the_very_instant_it_begins() -> None:
+def test_a_frame_makes_room_at_the_very_instant_it_ends() -> None:
     swarm = three()
-    events = swarm.run([*(Frame(0, "a", tag) for tag in range(8)), Frame(832, "a", 8)])
-    assert not any(isinstance(event, Overflow) for event in events["a"])
+    events = swarm.run([*(Frame(0, "a", tag) for tag in range(8)), Frame(1023, "a", 8), Frame(1024, "a", 9)])
+    assert [event for event in events["a"] if isinstance(event, Overflow)] == [Overflow(1023, 8)]
 
 
-def test_two_queues_that_go_on_at_the_same_instant_do_not_meet_the_frames_that_end() -> None:
-    far_apart = Swarm({"a": Robot(0.0), "b": Robot(1.0), "c": Robot(30.0), "d": Robot(31.0)})
-    far_apart.run([Frame(0, "a", 1), Frame(0, "a", 2), Frame(0, "c", 1), Frame(0, "c", 2)])
-    assert [len(far_apart.given[robot]) for robot in "abcd"] == [2, 2, 2, 2]
+def test_who_listens_first_sends_one_after_the_other() -> None:
+    polite = replace(PLAIN, transceiver=replace(PLAIN.transceiver, cca=Cca.ENERGY, min_be=3))
+    swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0), "c": Robot(2.0)}, air=around(polite))
+    swarm.run([Frame(0, "a", data=bytes(118)), Frame(3000, "b")])
+    assert [e.sender for e in swarm.given["c"] if isinstance(e, Heard)] == [100, 101]
+
+
+def test_a_channel_that_is_never_clear_is_an_access_failure() -> None:
+    polite = replace(PLAIN, transceiver=replace(PLAIN.transceiver, cca=Cca.ENERGY, min_be=0, max_backoffs=0))
+    swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0)}, air=around(polite))
+    events = swarm.run([Frame(0, "a", 1), Frame(400, "b", 2)])
+    # The assessment takes 8 symbols; a's turned and sends from 320 µs on.
+    assert events["b"] == [AccessFailure(528, 2), Heard(1152, 100, -72.8, 255, b"12345678901")]
+    assert swarm.core.counters()["frames_access_failure"] == 1
 
 
 def test_a_frame_crosses_the_step_border() -> None:
     swarm = three()
-    start = STEP - 100
+    start = STEP - 300
     assert swarm.run([Frame(start, "a", 3)]) == {}
     assert swarm.core.counters()["frames_pending"] == 1
     events = swarm.run()
-    assert events["a"] == [Sent(start + 832, 3)]
-    assert [event.instant for event in events["b"]] == [start + 832]
+    assert events["a"] == [Sent(start + 1024, 3)]
+    assert [event.instant for event in events["b"]] == [start + 1024]
     assert swarm.core.counters()["frames_pending"] == 0
 
 
 def test_a_frame_that_ends_at_the_border_belongs_to_the_next_step() -> None:
     swarm = three()
-    assert swarm.run([Frame(STEP - 832, "a")]) == {}
+    assert swarm.run([Frame(STEP - 1024, "a")]) == {}
     assert swarm.run()["a"] == [Sent(STEP, 0)]
 
 
 def test_frames_overlap_across_the_border() -> None:
-    swarm = three()
-    swarm.run([Frame(STEP - 100, "a")])
-    events = swarm.run([Frame(STEP + 5, "b")])
-    assert set(events) == {"a", "b"}
+    swarm = Swarm({"a": Robot(0.0), "b": Robot(4.0), "c": Robot(2.0)})
+    swarm.run([Frame(STEP - 300, "a")])
+    assert set(swarm.run([Frame(STEP + 5, "b")])) == {"a", "b"}
     assert swarm.core.counters()["copies_lost_collision"] == 2
 
 
@@ -137,22 +203,37 @@ def test_a_jammer_silences_its_surroundings_until_it_ends() -> None:
     swarm = three()
     jam = Jam(x=1.0, y=0.0, radius=2.0, until=STEP + 2000)
     assert set(swarm.run([Frame(0, "a")], [jam])) == {"a", "c"}
-    assert set(swarm.run([Frame(STEP + 1999, "a"), Frame(STEP + 5000, "a")])) == {"a", "b", "c"}
+    assert set(swarm.run([Frame(STEP + 1999 - TURN, "a"), Frame(STEP + 5000, "a")])) == {"a", "b", "c"}
     assert len(swarm.given["c"]) == 3 and len(swarm.given["b"]) == 1
-    assert swarm.core.counters()["copies_lost_jammed"] == 2
+    assert swarm.core.counters()["copies_lost_disturbed"] == 2
+
+
+def test_who_listens_first_does_not_send_beside_a_jammer() -> None:
+    polite = replace(PLAIN, transceiver=replace(PLAIN.transceiver, cca=Cca.ENERGY))
+    swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0)}, air=around(polite))
+    events = swarm.run([Frame(0, "a", 3)], [Jam(0.0, 0.0, 0.5, STEP)])
+    assert [type(event) for event in events["a"]] == [AccessFailure]
 
 
 def test_a_jammer_hits_the_frame_that_is_already_in_the_air() -> None:
     swarm = three()
-    swarm.run([Frame(STEP - 100, "a")])
+    swarm.run([Frame(STEP - 300, "a")])
     assert set(swarm.run([], [Jam(x=0.0, y=0.0, radius=3.0, until=2 * STEP)])) == {"a", "c"}
 
 
 def test_robots_move_on_between_truths() -> None:
     swarm = Swarm({"a": Robot(0.0), "b": Robot(10.45, vx=1.0)})
     events = swarm.run([Frame(40_000, "a", 1), Frame(60_000, "a", 2)])
-    assert [event.instant for event in events["b"]] == [40_832]
-    assert swarm.core.counters()["copies_lost_out_of_range"] == 1
+    assert [event.instant for event in events["b"]] == [41_024]
+    assert swarm.core.counters()["copies_lost_below_sensitivity"] == 1
+
+
+def test_a_robot_that_turns_moves_along_its_arc() -> None:
+    truth = RobotTruth("a", 2.0, 0.0, math.pi / 2, 0.0, 1.0, 0.5, True, True, 0)
+    stations = Stations(1_000_000, [truth])  # a circle of 2 m around the origin
+    for elapsed in (0.0, 0.1, 3.0, 4.0 * math.pi):
+        place = stations.positions(1_000_000_000 + round(elapsed * 1e9))[0]
+        assert place == pytest.approx([2.0 * math.cos(elapsed / 2), 2.0 * math.sin(elapsed / 2)], abs=1e-8)
 
 
 def test_a_robot_without_power_neither_sends_nor_hears() -> None:
@@ -167,11 +248,11 @@ def test_a_robot_without_power_neither_sends_nor_hears() -> None:
 
 def test_a_killed_robot_cuts_its_frame_and_forgets_its_queue() -> None:
     swarm = three()
-    swarm.run([Frame(STEP - 100, "a", 1), Frame(STEP - 50, "a", 2)])
+    swarm.run([Frame(STEP - 300, "a", 1), Frame(STEP - 50, "a", 2)])
     swarm.change("a", powered=False, stepping=False)
     assert swarm.run() == {}
     swarm.change("a", powered=True, stepping=True)
-    assert swarm.run([Frame(2 * STEP, "a", 9)])["a"] == [Sent(2 * STEP + 832, 9)]
+    assert swarm.run([Frame(2 * STEP, "a", 9)])["a"] == [Sent(2 * STEP + 1024, 9)]
     counters = swarm.core.counters()
     assert (counters["frames_cut_off"], counters["frames_discarded"], counters["frames_sent"]) == (1, 1, 1)
     assert counters["bytes_sent"] == 11 + 9  # nothing of the one that was cut off
@@ -180,7 +261,7 @@ def test_a_killed_robot_cuts_its_frame_and_forgets_its_queue() -> None:
 
 def test_a_frame_that_ended_at_the_very_border_was_whole_before_the_kill() -> None:
     swarm = three()
-    swarm.run([Frame(STEP - 832, "a", 1), Frame(STEP - 832, "a", 2)])
+    swarm.run([Frame(STEP - 1024, "a", 1), Frame(STEP - 1024, "a", 2)])
     swarm.change("a", powered=False, stepping=False)
     assert set(swarm.run()) == {"b", "c"}
     counters = swarm.core.counters()
@@ -194,19 +275,20 @@ def test_a_robot_killed_and_restarted_within_a_frame_does_not_hear_it() -> None:
     swarm.change("b", powered=False, stepping=False)
     swarm.run()
     swarm.change("b", powered=True, stepping=True)
-    assert swarm.run() == {"a": [Sent(832, 0)]}
+    assert swarm.run() == {}
+    assert swarm.run() == {"a": [Sent(1024, 0)]}
     assert swarm.core.counters()["copies_lost_powered_off"] == 1
 
 
 def test_a_frozen_robot_finds_the_first_seven_events_when_it_thaws() -> None:
     swarm = three()
     swarm.change("b", stepping=False)
-    swarm.run([Frame(1000 * i, "a", i) for i in range(5)])
+    swarm.run([Frame(2000 * i, "a", i) for i in range(5)])
     assert "b" not in swarm.given
-    swarm.run([Frame(STEP + 1000 * i, "a", i) for i in range(5)])
+    swarm.run([Frame(STEP + 2000 * i, "a", i) for i in range(5)])
     swarm.change("b", stepping=True)
     events = swarm.run([Frame(2 * STEP, "a")])["b"]
-    expected = [832 + 1000 * i for i in range(5)] + [STEP + 832, STEP + 1832, 2 * STEP + 832]
+    expected = [1024 + 2000 * i for i in range(5)] + [STEP + 1024, STEP + 3024, 2 * STEP + 1024]
     assert [event.instant for event in events] == expected
     assert swarm.core.counters()["events_dropped"] == 3
     assert "b" not in swarm.run()
@@ -218,7 +300,7 @@ def test_a_frozen_robots_queue_empties_by_itself() -> None:
     swarm.change("a", stepping=False)
     assert len(swarm.run()["b"]) == 2
     swarm.change("a", stepping=True)
-    assert swarm.run() == {"a": [Sent(STEP + 822, 1), Sent(STEP + 1654, 2)]}
+    assert swarm.run() == {"a": [Sent(STEP + 1014, 1), Sent(STEP + 1014 + NEXT, 2)]}
 
 
 def test_what_was_held_for_a_robot_is_gone_when_it_is_killed() -> None:
@@ -245,7 +327,7 @@ def test_a_wrong_frame_is_refused_with_a_sentence() -> None:
         Refused(0, 4, "The frame's instant -1 µs lies outside step 0; it must be 0 to 99999 µs."),
         Refused(10, 1, "The frame has 0 data bytes; it must have 1 to 118."),
         Refused(20, 2, "The frame has 119 data bytes; it must have 1 to 118."),
-        Sent(847, 5),
+        Sent(1039, 5),
         Refused(99_999, 3, "The frame's instant 100000 µs lies outside step 0; it must be 0 to 99999 µs."),
     ]
     assert swarm.core.counters()["frames_refused"] == 4

@@ -1,0 +1,43 @@
+"""Signal strength and link quality of a frame, in the codes of the MRF24J40."""
+
+from bisect import bisect_right
+from typing import Final
+
+_STRONGEST_DBM: Final = -35
+_WEAKEST_DBM: Final = -90
+_RSSI_CODES: Final = (
+    *(0, 1, 2, 5, 9, 13, 18, 23, 27, 32, 37, 43, 48, 53, 58, 63, 68, 73, 78, 83, 89, 95, 100, 107),
+    *(111, 117, 121, 125, 129, 133, 138, 143, 148, 153, 159, 165, 170, 176, 183, 188, 193, 198, 203),
+    *(207, 212, 216, 221, 225, 228, 233, 239, 245, 250, 253, 254, 255),
+)
+"""The code at -90, -89, … -35 dBm. Source: Linux, drivers/net/ieee802154/mrf24j40.c, the energy levels of
+the clear channel assessment, which the chip measures on the same scale; by its own account those of Microchip
+DS39776C, table 3-8. Averaged over 8 symbols, typical values: the data sheet promises ± 5 dB."""
+_QUALITY_SPAN_DB: Final = 20.0
+
+
+def rssi_dbm(code: int) -> float:
+    """Signal strength of a code of the chip, dBm; 0 means -90 or less, 255 means -35 or more."""
+    above = bisect_right(_RSSI_CODES, code)
+    if above == len(_RSSI_CODES):
+        return float(_STRONGEST_DBM)
+    lower, upper = _RSSI_CODES[above - 1], _RSSI_CODES[above]
+    return _WEAKEST_DBM + above - 1 + (code - lower) / (upper - lower)
+
+
+def rssi_code(dbm: float) -> int:
+    """The code that the chip gives for a signal strength, dBm."""
+    steps = min(max(dbm, _WEAKEST_DBM), _STRONGEST_DBM) - _WEAKEST_DBM
+    lower = int(steps)
+    if lower == len(_RSSI_CODES) - 1:
+        return _RSSI_CODES[-1]
+    return round(_RSSI_CODES[lower] + (steps - lower) * (_RSSI_CODES[lower + 1] - _RSSI_CODES[lower]))
+
+
+def link_quality(dbm: float, weakest_dbm: float) -> int:
+    """The LQI, 0 to 255, of a signal strength, where frames hardly arrive any more at `weakest_dbm`.
+
+    Own choice: linear, 255 from 20 dB above on. IEEE 802.15.4-2006, 6.9.8, asks only for an even spread, 255
+    the best, and how the chip comes to its own is not documented.
+    """
+    return round(min(max((dbm - weakest_dbm) / _QUALITY_SPAN_DB, 0.0), 1.0) * 255.0)

@@ -1,0 +1,119 @@
+"""The medium as the robots' transceivers know it: requests and jams in, what they have to say out."""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.messages import AccessFailure, Heard, Jam, Overflow, RadioEvent, Sent
+from actors.radio.frame import octets
+from actors.radio.interferers import Jammer
+from actors.radio.link_budget import needed_dbm
+from actors.radio.medium import Medium, Request
+from actors.radio.signal_codes import link_quality, rssi_code, rssi_dbm
+from actors.radio.state import Kind
+from actors.radio.stations import Stations
+from actors.radio.surroundings import Surroundings
+
+
+class Handed(NamedTuple):
+    """A frame, of a size that is allowed, that station number `station` hands to its transceiver."""
+
+    instant: int
+    """µs."""
+    station: int
+    tag: int
+    data: bytes
+
+
+class Notice(NamedTuple):
+    """What the transceiver of a station has to say."""
+
+    station: int
+    event: RadioEvent
+
+
+class StationAir:
+    """All stations and the frames between them; it keeps the frames' data, the medium their sizes."""
+
+    def __init__(self, addresses: Sequence[int], around: Surroundings, seed: int) -> None:
+        parameters = around.parameters
+        self._addresses = tuple(addresses)
+        self._noise_mw = 10.0 ** (parameters.phy.noise_dbm / 10.0)
+        self._weakest_dbm = needed_dbm(parameters)
+        self.medium = Medium(
+            [parameters.transceiver.numbered(address) for address in addresses],
+            around.propagation,
+            parameters.phy,
+            seed=seed,
+            interferers=around.interferers,
+        )
+        self._powered = (True,) * len(self._addresses)
+        self._placed: NDArray[np.float64] | None = None
+        # By station, then by a number that is the medium's tag: the robot's own tags need not differ.
+        self._frames: list[dict[int, Handed]] = [{} for _ in self._addresses]
+        self._serial = 0
+
+    def advance(
+        self, stations: Stations, jams: Sequence[Jam], handed: Iterable[Handed], until: int
+    ) -> list[Notice]:
+        """What the transceivers say from the step's start up to, and without, `until`, µs, in order of time.
+
+        The stations of `handed` must be on.
+        """
+        notices = self._notices(self.medium.finish_frames())
+        self._switch(stations.powered)
+        self._move(stations)
+        now_ns = self.medium.now_ns
+        for jam in jams:
+            self.medium.add(Jammer(jam.x, jam.y, jam.radius, now_ns, jam.until * 1000))
+        self.medium.submit([self._request(frame) for frame in handed])
+        return notices + self._notices(self.medium.run(until * 1000))
+
+    def _request(self, frame: Handed) -> Request:
+        self._serial += 1
+        self._frames[frame.station][self._serial] = frame
+        return Request(frame.instant * 1000, frame.station, octets(len(frame.data)), tag=self._serial)
+
+    def _switch(self, powered: tuple[bool, ...]) -> None:
+        for station, (was, on) in enumerate(zip(self._powered, powered, strict=True)):
+            if was != on:
+                self.medium.switch(station, on)
+                if not on:
+                    self._frames[station].clear()
+        self._powered = powered
+
+    def _move(self, stations: Stations) -> None:
+        if not stations.still:
+            self._placed = None
+            self.medium.follow(stations.positions)
+        elif self._placed is None or not np.array_equal(self._placed, stations.places):
+            self._placed = stations.places
+            self.medium.place(stations.places)
+
+    def _notices(self, events: NDArray[np.void]) -> list[Notice]:
+        return [self._notice(event) for event in events]
+
+    def _notice(self, event: np.void) -> Notice:
+        kind, station, serial = int(event["kind"]), int(event["node"]), int(event["tag"])
+        instant = int(event["instant_ns"]) // 1000
+        if kind == Kind.HEARD:
+            sender = int(event["other"])
+            rssi, lqi = self._quality(float(event["power_mw"]), float(event["sinr"]))
+            data = self._frames[sender][serial].data
+            return Notice(station, Heard(instant, self._addresses[sender], rssi, lqi, data))
+        frame = self._frames[station].pop(serial)
+        if kind == Kind.SENT:
+            return Notice(station, Sent(instant, frame.tag))
+        says = AccessFailure if kind == Kind.ACCESS_FAILURE else Overflow
+        return Notice(station, says(instant, frame.tag))
+
+    def _quality(self, power_mw: float, sinr: float) -> tuple[float, int]:
+        """Signal strength, dBm, and link quality, as the chip's codes can say them.
+
+        What lowers the ratio lowers the quality as if the frame had arrived that much weaker.
+        """
+        strength = rssi_dbm(rssi_code(10.0 * float(np.log10(power_mw))))
+        as_strong_dbm = 10.0 * float(np.log10(min(power_mw, sinr * self._noise_mw)))
+        return strength, link_quality(as_strong_dbm, self._weakest_dbm)

@@ -1,0 +1,47 @@
+"""Ten senders around a listener, without robots: how much gets through as they offer more and more.
+
+`python -m examples.contention` prints, for each load, the share of frames that the listener hears, the share
+that never finds the channel clear, and the mean time from a frame's arrival to the end of its reception.
+"""
+
+import sys
+
+import numpy as np
+
+from actors.radio.csma import airtime_ns
+from actors.radio.medium import Medium
+from actors.radio.presets import preset
+from actors.radio.propagation import IndoorPropagation
+from actors.radio.state import Kind
+from actors.radio.traffic import Poisson
+
+SENDERS, OCTETS, SECONDS = 10, 60, 30
+AIR = preset("beeclick")
+
+
+def contend(load: float, seed: int = 1) -> tuple[float, float, float]:
+    """Delivered share, share of access failures, mean latency in ms, where frames take `load` of the time."""
+    angles = np.arange(SENDERS) * 2 * np.pi / SENDERS
+    around = 10 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    nodes = [AIR.transceiver.numbered(address) for address in range(SENDERS + 1)]
+    medium = Medium(nodes, IndoorPropagation(AIR.propagation), AIR.phy, seed=seed, watched=[SENDERS])
+    medium.place(np.concatenate([around, np.zeros((1, 2))]))  # m; the last node listens
+    for node in range(SENDERS):
+        medium.offer(node, Poisson(OCTETS, load * 1e9 / airtime_ns(OCTETS) / SENDERS))
+    events = medium.run(SECONDS * 1_000_000_000)
+    heard = events[(events["kind"] == Kind.HEARD)]
+    counted = medium.counters()
+    offered, failed = counted["generated"].sum(), counted["access_failures"].sum()
+    return len(heard) / offered, failed / offered, (heard["instant_ns"] - heard["asked_ns"]).mean() / 1e6
+
+
+def main() -> None:
+    """Print a line for each load."""
+    for load in (0.05, 0.1, 0.2, 0.4, 0.8):
+        delivered, failed, latency_ms = contend(load)
+        line = f"load {load:4.2f}: {delivered:6.1%} delivered, {failed:5.1%} no access, {latency_ms:6.2f} ms"
+        sys.stdout.write(line + "\n")
+
+
+if __name__ == "__main__":
+    main()

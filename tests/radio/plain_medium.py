@@ -1,0 +1,315 @@
+"""The medium once more, in plain Python and slowly: a history of all transmissions, searched each time.
+
+It shares the parameters and the random numbers with `actors.radio.medium`, and no code: interference, energy
+and carriers are found by going through the history, the frame error rate by the formula itself.
+"""
+
+import heapq
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.radio.draws import ACK_RECEPTION, BACKOFF, RECEPTION, uniform
+from actors.radio.error_rate import bit_error_rate
+from actors.radio.medium import Request
+from actors.radio.state import BROADCAST, Cca, Fate, Kind
+from actors.radio.transceiver import PhyParameters, Transceiver
+
+SYMBOL = 16_000
+ENDS, ACK_ENDS, CCA_ENDS, BEGINS, ACK_BEGINS, TIMES_OUT, SPACED, CCA_BEGINS, ARRIVES = range(9)
+Said = tuple[int, int, int, int, int]
+"""Instant, kind, node, other, tag."""
+
+
+def mw(dbm: float) -> float:
+    return float(10.0 ** (dbm / 10.0))
+
+
+@dataclass
+class Flight:
+    sender: int
+    request: Request
+    number: int
+    draw: int
+    begin: int
+    end: int
+    ack_of: int | None = None
+    fate: dict[int, Fate] = field(default_factory=dict)
+
+
+@dataclass
+class Node:
+    queue: deque[tuple[int, Request]] = field(default_factory=deque)
+    doing: str = "nothing"
+    number: int = 0
+    nb: int = 0
+    be: int = 0
+    tries: int = 0
+    waiting_for: int = -1
+    ready: int = 0
+    dead_until: int = 0
+    lock: Flight | None = None
+    locked: int = 0
+    locks: list[tuple[int, int]] = field(default_factory=list)
+    """Begin and end of what the receiver was locked onto."""
+    cca_deaf: bool = False
+
+
+class PlainMedium:
+    def __init__(
+        self,
+        transceivers: list[Transceiver],
+        losses_db: NDArray[np.float64],
+        phy: PhyParameters,
+        seed: int,
+        bursts: list[tuple[int, int, float]],
+    ) -> None:
+        """`bursts`: begin and end, ns, and power, mW, at every node of an outside source."""
+        self.t = transceivers
+        tx = np.array([t.tx_power_dbm for t in transceivers])
+        self.power = 10.0 ** ((tx[:, None] - losses_db) / 10.0)
+        self.phy, self.seed, self.bursts = phy, seed, bursts
+        self.nodes = [Node() for _ in transceivers]
+        self.history: list[Flight] = []
+        self.said: list[Said] = []
+        self.fates = [dict.fromkeys(Fate, 0) for _ in transceivers]
+        self.agenda: list[tuple[int, int, int, int, Any]] = []
+        self.serial = 0
+        self.now = 0
+
+    def play(self, requests: list[Request]) -> list[Said]:
+        for request in requests:
+            self.at(request.instant_ns, ARRIVES, request.node, request)
+        while self.agenda:
+            self.now, due, i, _, what = heapq.heappop(self.agenda)
+            handlers: tuple[Callable[[int, Any], None], ...] = (
+                self.frame_end, self.ack_end, self.cca_end, self.frame_begin, self.ack_begin,
+                self.timeout, self.spaced, self.cca_begin, self.arrival,
+            )  # fmt: skip
+            handlers[due](i, what)
+        return self.said
+
+    def at(self, instant: int, due: int, node: int, what: object = None) -> None:
+        self.serial += 1
+        heapq.heappush(self.agenda, (instant, due, node, self.serial, what))
+
+    # --- the MAC -------------------------------------------------------------------------------------------
+
+    def arrival(self, i: int, request: Request) -> None:
+        node = self.nodes[i]
+        number, node.number = node.number, node.number + 1
+        if len(node.queue) == self.t[i].queue:
+            self.said.append((self.now, Kind.OVERFLOW, i, -1, request.tag))
+            return
+        node.queue.append((number, request))
+        if node.doing == "nothing":
+            self.access(i)
+
+    def access(self, i: int) -> None:
+        node = self.nodes[i]
+        node.doing, node.nb, node.be = "backing off", 0, self.t[i].min_be
+        self.back_off(i)
+
+    def back_off(self, i: int) -> None:
+        node = self.nodes[i]
+        key = node.tries * 16 + node.nb
+        luck = uniform(self.seed, BACKOFF, self.t[i].address, node.queue[0][0], key)
+        self.at(self.now + int(luck * 2**node.be) * 20 * SYMBOL, CCA_BEGINS, i)
+
+    def cca_begin(self, i: int, _: object) -> None:
+        node = self.nodes[i]
+        node.cca_deaf = node.ready > self.now
+        if self.t[i].cca == Cca.NEVER:
+            self.turn(i)
+        else:
+            self.at(self.now + 8 * SYMBOL, CCA_ENDS, i)
+
+    def cca_end(self, i: int, _: object) -> None:
+        node, settings = self.nodes[i], self.t[i]
+        if self.is_clear(i):
+            self.turn(i)
+            return
+        node.nb, node.be = node.nb + 1, min(node.be + 1, settings.max_be)
+        if node.nb <= settings.max_backoffs:
+            self.back_off(i)
+        else:
+            node.doing = "nothing"
+            self.done(i, Kind.ACCESS_FAILURE)
+
+    def is_clear(self, i: int) -> bool:
+        node, since = self.nodes[i], self.now - 8 * SYMBOL
+        if node.cca_deaf or node.ready > self.now:
+            return False
+        spans = [(f.begin, f.end, self.power[f.sender, i]) for f in self.history if f.sender != i]
+        spans += self.bursts
+        energy = sum(p * max(min(e, self.now) - max(b, since), 0) for b, e, p in spans) / (8 * SYMBOL)
+        carrier = node.lock is not None or any(e > since for _, e in node.locks)
+        if self.phy.peak_cca:
+            edges = [self.now, *(b for b, _, _ in spans if since <= b <= self.now)]
+            energy = max(sum(p for b, e, p in spans if b <= at < e) for at in edges)
+            carrier = node.lock is not None
+        loud = energy >= mw(self.t[i].cca_threshold_dbm)
+        busy = {Cca.ENERGY: loud, Cca.CARRIER: carrier, Cca.EITHER: loud or carrier}
+        return not busy.get(self.t[i].cca, loud and carrier)
+
+    def turn(self, i: int) -> None:
+        node = self.nodes[i]
+        if node.lock:
+            node.lock.fate[i] = Fate.HALF_DUPLEX
+            self.unlock(node)
+        node.ready, node.doing = 2**62, "turning"
+        self.at(self.now + 12 * SYMBOL, BEGINS, i)
+
+    def frame_begin(self, i: int, _: object) -> None:
+        node = self.nodes[i]
+        number, request = node.queue[0]
+        end = self.now + (12 + 2 * request.octets) * SYMBOL
+        flight = Flight(i, request, number, number * 16 + node.tries, self.now, end)
+        node.doing = "sending"
+        self.appear(flight)
+        self.at(end, ENDS, i, flight)
+
+    def frame_end(self, i: int, flight: Flight) -> None:
+        node, request = self.nodes[i], flight.request
+        self.vanish(flight)
+        node.ready = self.now + 12 * SYMBOL
+        asks = request.ack and request.to != BROADCAST
+        for j, fate in flight.fate.items():
+            heard = fate == Fate.HEARD and request.to in (BROADCAST, j)
+            self.fates[j][Fate.FILTERED if fate == Fate.HEARD and not heard else fate] += 1
+            if heard:
+                self.said.append((self.now, Kind.HEARD, j, i, request.tag))
+                phy, other = self.phy, self.nodes[j]
+                read = min(request.octets, phy.dead_octets)
+                other.dead_until = self.now + 1000 * (phy.dead_us + phy.dead_octet_us * read)
+                if asks:
+                    other.ready = 2**62
+                    self.at(self.now + 12 * SYMBOL, ACK_BEGINS, j, flight)
+        if asks:
+            node.doing, node.waiting_for = "awaiting", flight.draw
+            self.at(self.now + 54 * SYMBOL, TIMES_OUT, i, flight.draw)
+        else:
+            self.space(i)
+
+    def ack_begin(self, i: int, data: Flight) -> None:
+        request = Request(self.now, i, 5, data.sender)
+        ack = Flight(i, request, data.number, data.draw, self.now, self.now + 22 * SYMBOL, data.sender)
+        self.appear(ack)
+        self.at(ack.end, ACK_ENDS, i, ack)
+
+    def ack_end(self, i: int, ack: Flight) -> None:
+        self.vanish(ack)
+        self.nodes[i].ready = self.now + 12 * SYMBOL
+        asker = self.nodes[ack.request.to]
+        waits = asker.doing == "awaiting" and asker.queue[0][0] == ack.number
+        if waits and ack.fate[ack.request.to] == Fate.HEARD:
+            self.space(ack.request.to)
+
+    def timeout(self, i: int, draw: int) -> None:
+        node = self.nodes[i]
+        if node.doing != "awaiting" or node.waiting_for != draw:
+            return
+        if node.tries < self.t[i].max_retries:
+            node.tries += 1
+            self.access(i)
+        else:
+            node.doing = "nothing"
+            self.done(i, Kind.NO_ACK)
+
+    def space(self, i: int) -> None:
+        node = self.nodes[i]
+        node.doing = "spacing"
+        self.at(self.now + (12 if node.queue[0][1].octets <= 18 else 40) * SYMBOL, SPACED, i)
+        self.done(i, Kind.SENT)
+
+    def spaced(self, i: int, _: object) -> None:
+        self.nodes[i].doing = "nothing"
+        if self.nodes[i].queue:
+            self.access(i)
+
+    def done(self, i: int, kind: Kind) -> None:
+        node = self.nodes[i]
+        _, request = node.queue.popleft()
+        node.tries = 0
+        self.said.append((self.now, kind, i, request.to, request.tag))
+        if node.doing == "nothing" and node.queue:
+            self.access(i)
+
+    # --- the PHY -------------------------------------------------------------------------------------------
+
+    def unlock(self, node: Node) -> None:
+        node.locks.append((node.locked, self.now))
+        node.lock = None
+
+    def sums(self, i: int, at: int, but: Flight) -> tuple[float, float]:
+        """Power of the other frames and of outside sources at an instant."""
+        frames = [f for f in self.history if f is not but and f.sender != i and f.begin <= at < f.end]
+        return sum(self.power[f.sender, i] for f in frames), sum(p for b, e, p in self.bursts if b <= at < e)
+
+    def appear(self, flight: Flight) -> None:
+        for i, node in enumerate(self.nodes):
+            if i != flight.sender:
+                flight.fate[i] = self.meet(i, node, flight)
+        self.history.append(flight)
+
+    def meet(self, i: int, node: Node, flight: Flight) -> Fate:
+        phy, power = self.phy, self.power[flight.sender, i]
+        noise, lock = mw(phy.noise_dbm), mw(phy.lock_sinr_db)
+        if power < max(mw(self.t[i].sensitivity_dbm), noise * lock):
+            return Fate.BELOW_SENSITIVITY
+        if node.ready > self.now:
+            return Fate.HALF_DUPLEX
+        if node.dead_until > self.now:
+            return Fate.RECEIVER_BUSY
+        frames, outside = self.sums(i, self.now, flight)
+        clear = power > lock * (noise + outside + mw(phy.cochannel_penalty_db) * frames)
+        if node.lock is None and not clear:
+            return Fate.COLLISION if power > lock * (noise + outside) else Fate.DISTURBED
+        if node.lock is not None:
+            first = self.power[node.lock.sender, i]
+            late = self.now - node.locked >= phy.capture_us * 1000
+            if late or not clear or power < mw(phy.capture_db) * first:
+                return Fate.COLLISION
+            node.lock.fate[i] = Fate.COLLISION
+            self.unlock(node)
+        node.lock, node.locked = flight, self.now
+        return Fate.HEARD
+
+    def vanish(self, flight: Flight) -> None:
+        for i, node in enumerate(self.nodes):
+            if node.lock is flight:
+                self.unlock(node)
+                flight.fate[i] = self.outcome(i, flight)
+
+    def outcome(self, i: int, flight: Flight) -> Fate:
+        edges = {flight.begin, flight.end}
+        for begin, end in [*((f.begin, f.end) for f in self.history), *((b, e) for b, e, _ in self.bursts)]:
+            edges |= {at for at in (begin, end) if flight.begin < at < flight.end}
+        power, noise = self.power[flight.sender, i], mw(self.phy.noise_dbm)
+        right = quiet = alone = 0.0
+        cuts = sorted(edges)
+        for begin, end in pairwise(cuts):
+            frames, outside = self.sums(i, begin, flight)
+            bits = (end - begin) * 250e-6
+            quiet += bits * self.log_right(power / noise)
+            alone += bits * self.log_right(power / (noise + outside))
+            disturbing = noise + outside + mw(self.phy.cochannel_penalty_db) * frames
+            right += bits * self.log_right(power / disturbing)
+        purpose = RECEPTION if flight.ack_of is None else ACK_RECEPTION
+        origin = flight.sender if flight.ack_of is None else flight.ack_of
+        luck = uniform(self.seed, purpose, self.t[origin].address, flight.draw, self.t[i].address)
+        for log, fate in ((right, Fate.HEARD), (quiet, None), (alone, Fate.COLLISION)):
+            if fate is None and luck >= math.exp(log):
+                return Fate.BELOW_SENSITIVITY
+            if fate is not None and luck < math.exp(log):
+                return fate
+        return Fate.DISTURBED
+
+    def log_right(self, sinr: float) -> float:
+        return math.log1p(-float(bit_error_rate(np.array(sinr))))

@@ -1,0 +1,120 @@
+"""How far frames get by each preset, and how many pairs of robots hear each other."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from actors.radio.error_rate import frame_error_rate
+from actors.radio.link_budget import DirectReach, needed_dbm, reach, share
+from actors.radio.materials import MATERIALS
+from actors.radio.path_loss import PathLossParameters, path_loss_db
+from actors.radio.presets import PRESETS, preset
+from actors.radio.propagation import IndoorPropagation, PropagationParameters
+from actors.radio.setup import RadioSetup
+from actors.radio.surroundings import surroundings
+from actors.runtime.errors import AcrcError
+
+CORRIDOR = str(Path(__file__).parents[2] / "maps" / "corridor.yaml")
+
+
+def arriving(name: str, distance: float, octets: int = 127) -> float:
+    """The share of frames that arrive undisturbed in line of sight."""
+    p = preset(name)
+    loss = path_loss_db(np.array([distance]), p.propagation.path_loss)
+    snr_db = p.transceiver.tx_power_dbm - loss - p.phy.noise_dbm
+    return 1.0 - float(frame_error_rate(snr_db, octets)[0])
+
+
+def test_half_of_the_longest_frames_arrive_at_ten_metres_by_the_chapters_preset() -> None:
+    assert reach(preset("chapter")) == pytest.approx(10.0, abs=0.05)
+    assert arriving("chapter", 9.0) > 0.95 and arriving("chapter", 11.0) < 0.05
+    assert arriving("chapter", 10.0) == pytest.approx(0.5, abs=0.02)
+
+
+def test_the_chips_sensitivity_is_where_the_standard_measures_it() -> None:
+    assert needed_dbm(preset("beeclick"), 0.99, 20) == pytest.approx(-95.0, abs=0.01)
+
+
+def test_the_firmwares_range_is_stated() -> None:
+    assert reach(preset("beeclick")) == pytest.approx(55.2, abs=0.1)
+
+
+def test_the_originals_cliff_is_about_twelve_metres() -> None:
+    # By the formula: 0.02 % lost at 10 m, 7.6 % at 11.5 m, 62 % at 12.5 m, all at 14 m.
+    lost = [1.0 - arriving("rosomnet", d) for d in (10.0, 11.5, 12.5, 14.0)]
+    assert lost == pytest.approx([0.0002, 0.076, 0.62, 1.0], abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["chapter", "beeclick", "rosomnet"])
+@pytest.mark.parametrize("octets", [20, 127])
+def test_reach_is_where_the_share_arrives(name: str, octets: int) -> None:
+    for part in (0.01, 0.5, 0.99):
+        assert arriving(name, reach(preset(name), part, octets), octets) == pytest.approx(part, abs=1e-6)
+
+
+def test_the_ideal_air_has_no_end() -> None:
+    assert reach(preset("ideal")) == math.inf
+    assert (
+        reach(replace(preset("ideal"), transceiver=replace(preset("ideal").transceiver, tx_power_dbm=-99)))
+        == 0
+    )
+
+
+@settings(derandomize=True, deadline=None)  # the kernel may have to be compiled first
+@given(distance=st.floats(0.0, 500.0), slope=st.sampled_from([0.0, 2.0, 3.0]), excess=st.floats(0.0, 30.0))
+def test_the_kernel_computes_the_formula(distance: float, slope: float, excess: float) -> None:
+    parameters = PathLossParameters(near_exponent=slope, excess_db=excess)
+    air = IndoorPropagation(PropagationParameters(parameters))
+    found = air.loss_db(np.array([[0.0, 2.0]]), np.array([[distance, 2.0]]))[0, 0]
+    assert found == pytest.approx(path_loss_db(np.array([distance]), parameters)[0], abs=1e-9)
+
+
+def test_pairs_in_reach_are_counted_once_a_second() -> None:
+    parameters = preset("chapter")
+    seen = DirectReach(parameters, IndoorPropagation(parameters.propagation))
+    places = np.array([[0.0, 0.0], [9.9, 0.0], [19.7, 0.0]])
+    for instant in range(0, 3_000_000, 100_000):
+        if seen.due(instant):
+            seen.see(instant, places + 0.2 * (instant // 1_000_000))
+    assert seen.counters() == {"pairs": 9, "pairs_in_reach": 6}
+    assert share(seen.counters()) == 0.6667
+    alone = DirectReach(parameters, IndoorPropagation(parameters.propagation))
+    alone.see(0, places[:1])
+    assert share(alone.counters()) is None
+
+
+def test_a_set_up_amends_its_preset() -> None:
+    setup = RadioSetup(1, 100_000, (), "rosomnet", walls="concrete", shadowing_db=3.0, channel=26)
+    found = surroundings(setup).parameters
+    assert found.phy == preset("rosomnet").phy and found.channel == 26
+    assert (found.propagation.walls, found.propagation.shadowing.sigma_db) == ("concrete", 3.0)
+    assert found.propagation.path_loss == preset("rosomnet").propagation.path_loss
+
+
+def test_walls_of_the_map_stand_between_the_offices() -> None:
+    through, open_space = np.array([[12.0, 5.0]]), np.array([[17.5, 5.0]])
+    losses = {}
+    for walls in ("air", "brick", "concrete"):
+        air = surroundings(RadioSetup(1, 100_000, (), map=CORRIDOR, walls=walls)).propagation
+        losses[walls] = float(air.loss_db(through, open_space)[0, 0])
+    assert losses["air"] == pytest.approx(24.5 + 40.2 + 20 * math.log10(5.5))
+    assert losses["concrete"] > losses["brick"] > losses["air"] + 2 * MATERIALS["brick"].crossing_db
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({"preset": "ether"}, f"Radio preset 'ether' is unknown; known are {', '.join(PRESETS)}."),
+        ({"walls": "cheese"}, f"Wall material 'cheese' is unknown; known are {', '.join(MATERIALS)}."),
+        ({"channel": 27}, "The radio's channel is 27; it must be 11 to 26."),
+    ],
+)
+def test_a_set_up_that_makes_no_sense_is_named(wrong: dict[str, str], sentence: str) -> None:
+    with pytest.raises(AcrcError) as error:
+        surroundings(RadioSetup(1, 100_000, (), **wrong))  # type: ignore[arg-type]
+    assert str(error.value) == sentence

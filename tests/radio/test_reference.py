@@ -1,0 +1,132 @@
+"""The medium in preset `ns3` against closed formulas and a few rows of ns-3.44's lr-wpan.
+
+The rows are means over five runs of 30 s, after a second to warm up: all in range at equal power, 60 octets,
+Poisson arrivals at n senders of G in all, or backlogged ("sat"); hidden: two senders that cannot hear each
+other. ns-3 was corrected in one point: interference that ends before the frame does counts. Tolerances are
+four standard errors of these rows and of our own three runs.
+"""
+
+import math
+from collections.abc import Mapping
+from statistics import mean
+
+import numpy as np
+import pytest
+
+from actors.radio.error_rate import bit_error_rate, frame_error_rate
+from actors.radio.medium import Medium, Request
+from actors.radio.presets import preset
+from actors.radio.state import SYMBOL_NS, Kind
+from actors.radio.traffic import Poisson, Saturated
+from benchmarks.radio_reference import Point
+from benchmarks.radio_trials import SECOND, Table, contend, measure, scene
+from benchmarks.radio_truth import formula_kbps
+
+NS3 = preset("ns3")
+
+
+@pytest.mark.parametrize("octets", [18, 127])
+@pytest.mark.parametrize("ack", ["", "_ack"])
+def test_one_backlogged_sender_has_the_throughput_of_the_closed_formula(octets: int, ack: str) -> None:
+    family = f"b_single_saturated{ack}"
+    settings = {"n": "1", "psdu": str(octets), "load": "sat"}
+    own = mean(contend(scene(family, settings), seed)["goodput_kbps"] for seed in range(1, 13))
+    # The standard error of the mean of 360 s is below 0.06 %.
+    assert own == pytest.approx(formula_kbps(Point(family, settings, 1, 1, {})), rel=0.002)
+
+
+def test_the_error_rate_is_that_of_annex_e() -> None:
+    assert frame_error_rate(np.array([-1.68]), 20)[0] == pytest.approx(0.5, abs=0.01)
+    assert frame_error_rate(np.array([-1.08]), 60)[0] == pytest.approx(0.5, abs=0.01)
+    assert frame_error_rate(np.array([-0.67]), 127)[0] == pytest.approx(0.5, abs=0.01)
+    by_hand = (
+        8 / 15 / 16 * sum((-1) ** k * math.comb(16, k) * math.exp(20 * (1 / k - 1)) for k in range(2, 17))
+    )
+    assert bit_error_rate(np.array([1.0]))[0] == pytest.approx(by_hand)
+
+
+@pytest.mark.parametrize(("rx_dbm", "octets"), [(-97.0, 20), (-96.5, 60), (-96.0, 127), (-95.4066, 127)])
+def test_frames_over_a_weak_link_are_lost_by_the_formula(rx_dbm: float, octets: int) -> None:
+    table = Table(np.full((2, 2), -rx_dbm))
+    nodes = [NS3.transceiver.numbered(k) for k in range(2)]
+    medium = Medium(nodes, table, NS3.phy, seed=1, watched=[1])
+    medium.place(table.places)
+    medium.submit(Request(k * SECOND // 20, 0, octets) for k in range(4000))
+    heard = (medium.run(201 * SECOND)["kind"] == Kind.HEARD).sum()
+    lost = float(frame_error_rate(np.array([rx_dbm - NS3.phy.noise_dbm]), octets)[0])
+    assert heard / 4000 == pytest.approx(1 - lost, abs=4 * math.sqrt(0.25 / 4000))
+
+
+def test_the_first_back_off_is_even_over_eight_periods() -> None:
+    table = Table(np.full((2, 2), 60.0))
+    medium = Medium([NS3.transceiver.numbered(k) for k in range(2)], table, NS3.phy, seed=2, watched=[])
+    medium.place(table.places)
+    medium.submit(Request(k * SECOND // 20, 0, 20) for k in range(4000))
+    events = medium.run(201 * SECOND)
+    waited = events["instant_ns"] - events["asked_ns"] - (8 + 12 + 52) * SYMBOL_NS
+    periods, rest = np.divmod(waited, 20 * SYMBOL_NS)
+    assert not rest.any()
+    counts = np.bincount(periods, minlength=8)
+    assert len(counts) == 8
+    assert ((counts - 500.0) ** 2 / 500.0).sum() < 24.3  # chi-square with 7 degrees of freedom, 0.999
+
+
+def test_arrivals_are_a_poisson_process() -> None:
+    table = Table(np.full((2, 2), 60.0))
+    medium = Medium([NS3.transceiver.numbered(k) for k in range(2)], table, NS3.phy, seed=4, watched=[])
+    medium.place(table.places)
+    medium.offer(0, Poisson(20, 10.0))
+    asked = np.unique(medium.run(1000 * SECOND)["asked_ns"]) / SECOND
+    gaps = np.diff(asked)
+    assert len(asked) == pytest.approx(10_000, abs=400)
+    assert gaps.std() / gaps.mean() == pytest.approx(1.0, abs=0.04)
+
+
+def test_a_backlogged_sender_never_rests() -> None:
+    table = Table(np.full((2, 2), 60.0))
+    medium = Medium([NS3.transceiver.numbered(k) for k in range(2)], table, NS3.phy, seed=4, watched=[])
+    medium.place(table.places)
+    medium.offer(0, Saturated(20))
+    ends = medium.run(SECOND)["instant_ns"]
+    assert np.diff(ends).max() <= (40 + 7 * 20 + 8 + 12 + 52) * SYMBOL_NS
+
+
+ROWS = [
+    ("c_contention", {"n": "2", "psdu": "60", "load": "sat"}, {"pdr_tx": 0.926}, 0.012),
+    ("c_contention", {"n": "10", "psdu": "60", "load": "0.800"}, {"pdr_gen": 0.7616, "pdr_tx": 0.8429}, 0.02),
+    ("c_contention", {"n": "10", "psdu": "60", "load": "sat"}, {"pdr_gen": 0.4319, "pdr_tx": 0.6182}, 0.01),
+    ("c_contention", {"n": "20", "psdu": "20", "load": "sat"}, {"pdr_gen": 0.2874, "pdr_tx": 0.3514}, 0.007),
+    ("c_macparams", {"minbe": "3", "maxbe": "5", "maxnb": "0", "n": "10", "psdu": "60", "load": "0.400"},
+     {"pdr_gen": 0.7085}, 0.02),
+    ("d_hidden", {"n": "2", "psdu": "60", "load": "sat"}, {"pdr_tx": 0.5338}, 0.01),
+    ("d_hidden_delta10dB", {"n": "2", "psdu": "60", "load": "0.400"}, {"pdr_tx": 0.7181}, 0.02),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("family", "settings", "row", "tolerance"), ROWS)
+def test_contention_is_that_of_ns3(
+    family: str, settings: Mapping[str, str], row: Mapping[str, float], tolerance: float
+) -> None:
+    stage = scene(family, settings)
+    runs = [contend(stage, seed) for seed in range(1, 4)]
+    for figure, reference in row.items():
+        assert mean(run[figure] for run in runs) == pytest.approx(reference, abs=tolerance)
+
+
+@pytest.mark.parametrize(
+    ("octets", "other", "delta_db", "offset_us", "first"),
+    [
+        (60, 60, 0.0, 500.0, 0.935),
+        (60, 60, -2.0, 500.0, 0.1245),
+        (127, 20, -2.0, 1000.0, 0.3295),
+        (60, 60, -12.0, 16.0, 0.0),
+    ],
+)
+def test_overlapping_frames_fare_as_in_ns3(
+    octets: int, other: int, delta_db: float, offset_us: float, first: float
+) -> None:
+    names = ("psdu0", "psdu1", "delta_db", "offset_us")
+    settings = dict(zip(names, map(str, (octets, other, delta_db, offset_us)), strict=True))
+    own = measure(Point("e_capture", settings, 1, 4000, {}), 1)
+    assert own["pdr_first"].value == pytest.approx(first, abs=4 * math.sqrt(0.25 * 1.5 / 2000))
+    assert own["pdr_second"].value == 0.0
