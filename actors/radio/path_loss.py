@@ -84,4 +84,3 @@ def line_of_sight(budget_db: float, parameters: PathLossParameters) -> float:
         return p.breakpoint if budget_db >= p.near_loss_db else 0.0
     distance = min(10.0 ** ((budget_db - p.near_loss_db) / (10.0 * p.near_exponent)), p.breakpoint)
     return float(distance) if distance >= p.nearest else 0.0
-
