@@ -24,7 +24,7 @@ from tests.radio.swarm import STEP, Frame, Robot, Swarm, around
 NODES = 5
 SECOND = 1_000_000_000
 OPEN_AIR = IndoorPropagation(PropagationParameters(PathLossParameters()))
-quick = settings(max_examples=60, deadline=None, derandomize=True)
+quick = settings(max_examples=150, deadline=None, derandomize=True)
 
 places = st.lists(st.tuples(st.floats(0, 60), st.floats(0, 4)), min_size=NODES, max_size=NODES)
 phys = st.builds(
@@ -60,7 +60,7 @@ requests = st.lists(
         to=st.integers(BROADCAST, NODES - 1),
         ack=st.booleans(),
     ),
-    max_size=40,
+    max_size=30,
 ).map(lambda some: [r._replace(tag=k, to=(r.to if r.to != r.node else -1)) for k, r in enumerate(some)])
 
 
