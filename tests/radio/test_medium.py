@@ -26,7 +26,7 @@ SECOND = 1_000_000_000
 OPEN_AIR = IndoorPropagation(PropagationParameters(PathLossParameters()))
 quick = settings(max_examples=150, deadline=None, derandomize=True)
 
-places = st.lists(st.tuples(st.floats(0, 60), st.floats(0, 4)), min_size=NODES, max_size=NODES)
+places = st.lists(st.tuples(st.floats(0, 90), st.floats(0, 4)), min_size=NODES, max_size=NODES)
 phys = st.builds(
     PhyParameters,
     noise_dbm=st.just(-95.5),
@@ -43,7 +43,8 @@ nodes = st.lists(
         address=st.just(0),
         tx_power_dbm=st.sampled_from([-10.0, 0.0]),
         cca=st.sampled_from(list(Cca)),
-        cca_threshold_dbm=st.sampled_from([-85.0, -69.0]),
+        sensitivity_dbm=st.sampled_from([-110.0, -95.0]),
+        cca_threshold_dbm=st.sampled_from([-85.0, -69.0, -30.0]),
         min_be=st.integers(0, 3),
         max_backoffs=st.integers(0, 4),
         queue=st.integers(1, 4),
