@@ -9,6 +9,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -29,6 +30,11 @@ Said = tuple[int, int, int, int, int]
 
 def mw(dbm: float) -> float:
     return float(10.0 ** (dbm / 10.0))
+
+
+@cache
+def log_right(sinr: float) -> float:
+    return math.log1p(-float(bit_error_rate(np.array(sinr))))
 
 
 @dataclass
@@ -297,10 +303,10 @@ class PlainMedium:
         for begin, end in pairwise(cuts):
             frames, outside = self.sums(i, begin, flight)
             bits = (end - begin) * 250e-6
-            quiet += bits * self.log_right(power / noise)
-            alone += bits * self.log_right(power / (noise + outside))
+            quiet += bits * log_right(power / noise)
+            alone += bits * log_right(power / (noise + outside))
             disturbing = noise + outside + mw(self.phy.cochannel_penalty_db) * frames
-            right += bits * self.log_right(power / disturbing)
+            right += bits * log_right(power / disturbing)
         purpose = RECEPTION if flight.ack_of is None else ACK_RECEPTION
         origin = flight.sender if flight.ack_of is None else flight.ack_of
         luck = uniform(self.seed, purpose, self.t[origin].address, flight.draw, self.t[i].address)
@@ -310,6 +316,3 @@ class PlainMedium:
             if fate is not None and luck < math.exp(log):
                 return fate
         return Fate.DISTURBED
-
-    def log_right(self, sinr: float) -> float:
-        return math.log1p(-float(bit_error_rate(np.array(sinr))))

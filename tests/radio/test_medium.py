@@ -24,9 +24,9 @@ from tests.radio.swarm import STEP, Frame, Robot, Swarm, around
 NODES = 5
 SECOND = 1_000_000_000
 OPEN_AIR = IndoorPropagation(PropagationParameters(PathLossParameters()))
-quick = settings(max_examples=60, deadline=None, derandomize=True)
+quick = settings(max_examples=150, deadline=None, derandomize=True)
 
-places = st.lists(st.tuples(st.floats(0, 60), st.floats(0, 4)), min_size=NODES, max_size=NODES)
+places = st.lists(st.tuples(st.floats(0, 90), st.floats(0, 4)), min_size=NODES, max_size=NODES)
 phys = st.builds(
     PhyParameters,
     noise_dbm=st.just(-95.5),
@@ -43,7 +43,8 @@ nodes = st.lists(
         address=st.just(0),
         tx_power_dbm=st.sampled_from([-10.0, 0.0]),
         cca=st.sampled_from(list(Cca)),
-        cca_threshold_dbm=st.sampled_from([-85.0, -69.0]),
+        sensitivity_dbm=st.sampled_from([-110.0, -95.0]),
+        cca_threshold_dbm=st.sampled_from([-85.0, -69.0, -30.0]),
         min_be=st.integers(0, 3),
         max_backoffs=st.integers(0, 4),
         queue=st.integers(1, 4),
@@ -60,7 +61,7 @@ requests = st.lists(
         to=st.integers(BROADCAST, NODES - 1),
         ack=st.booleans(),
     ),
-    max_size=40,
+    max_size=30,
 ).map(lambda some: [r._replace(tag=k, to=(r.to if r.to != r.node else -1)) for k, r in enumerate(some)])
 
 
