@@ -43,7 +43,7 @@ def test_with_truth_the_table_is_the_simulated_runs_whole_one(head_on: Run, tmp_
     truth = laboratory(head_on, tmp_path / "result.json")
     ours = collect([far], tmp_path / "out", truth)
     assert (tmp_path / "out" / "places.csv").read_text() == (head_on.out / "places.csv").read_text()
-    assert (ours.places_done, ours.contacts, ours.completion_s) == (6, 3, 87.0)
+    assert (ours.places_done, ours.contacts, ours.completion_s) == (6, 3, head_on.result.completion_s)
     assert [part.places_done for part in ours.per_robot.values()] == [3, 3]
 
 
@@ -55,8 +55,9 @@ def test_a_report_of_what_nobody_reached_is_mistaken(crowd: Run, tmp_path: Path)
     truth.write_bytes(msgspec.json.encode(msgspec.structs.replace(seen, places=tuple(blind))))
     ours = collect([far], tmp_path / "out", truth)
     verdicts = [row["verdict"] for row in table(tmp_path / "out" / "places.csv")]
-    assert (verdicts.count("mistaken"), verdicts.count("done")) == (2, 0)
-    assert (ours.places_claimed, ours.places_done) == (2, 0)
+    claimed = crowd.result.places_claimed
+    assert (verdicts.count("mistaken"), verdicts.count("done")) == (claimed, 0) and claimed > 1
+    assert (ours.places_claimed, ours.places_done) == (claimed, 0)
     assert ours.notes == ("the laboratory fell behind, so the true instants are early by up to 40 ms",)
 
 

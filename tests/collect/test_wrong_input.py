@@ -51,7 +51,8 @@ def test_recordings_of_different_outings(head_on: Run, crowd: Run, tmp_path: Pat
     one = copies(head_on.out, tmp_path / "one", {"r1": clock()})
     two = copies(crowd.out, tmp_path / "two", {"r2": clock(86_400_000_000)})
     assert sentence(one, two) == (
-        "r1 and r2: no frame connects their recordings, and 86313 s lie between them by their own clocks; "
+        f"r1 and r2: no frame connects their recordings, and {86_400 - head_on.result.simulated_s:.0f} s lie "
+        "between them by their own clocks; "
         "the recordings should be of one outing"
     )
 
@@ -113,9 +114,10 @@ def test_damage_anywhere_is_a_sentence_at_most(head_on: Run, tmp_path: Path, see
 def test_what_nobody_knows_of_a_robot_that_is_missing_is_said(head_on: Run) -> None:
     ours = collect([head_on.out / "r1"])
     assert (ours.robots, ours.places_total, ours.places_claimed) == (1, 6, 3)
+    heard = head_on.result.frames_by_robot["r1"]["copies_heard"]
     assert ours.notes == (
-        "87 frames were heard of address 2, which is no robot's here: what it did and where it still meant "
-        "to go is not known",
+        f"{heard} frames were heard of address 2, which is no robot's here: what it did and where it still "
+        "meant to go is not known",
         "r2: its list of places is not known, so the table has those that others spoke of, without where "
         "they are",
     )

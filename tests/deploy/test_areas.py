@@ -95,7 +95,8 @@ def test_the_lines_about_areas_that_the_shipped_scenario_mentions_can_be_used() 
     text = DEFAULT_SCENARIO.read_text()
     (line,) = {row.removeprefix("# ").partition("  ")[0] for row in text.splitlines() if "# areas" in row}
     assert tomllib.loads(line) == {"areas": ["Office1"]}
-    used = text.replace("\n[places]\n", f"\n{line}\n[places]\n{line}\n").replace("count = 4", "count = 10")
+    used = text.replace("\n[places]\n", f"\n[places]\n{line}\n")
+    used = used.replace("count = 4\n", f"count = 10\n{line}\n")
     last = cast(parse(used, DEFAULT_SCENARIO)).world.robots[9]
     assert within(FIRST, last.start) and all(within(FIRST, place) for place in last.places)
 

@@ -27,21 +27,32 @@ def test_the_overlap_of_two_maps_that_lie_apart() -> None:
         assert compare(Floor(one, one.free), Floor(away, away.free)).overlap == 0.0
 
 
-def test_the_command_prints_areas_and_overlap(capsys: pytest.CaptureFixture[str]) -> None:
-    run(MAPS, MAPS / "corridor.yaml", json_output=True)
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with the corridor's map alone."""
+    for name in ("corridor.yaml", "corridor.png"):
+        (tmp_path / name).symlink_to(MAPS / name)
+    return tmp_path
+
+
+def test_the_command_prints_areas_and_overlap(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run(folder, MAPS / "corridor.yaml", json_output=True)
     printed = json.loads(capsys.readouterr().out)
     assert printed == {"area": printed["reference_area"], "reference_area": printed["area"], "overlap": 1.0}
-    run(MAPS, MAPS / "corridor.yaml")
+    run(folder, MAPS / "corridor.yaml")
     text = capsys.readouterr().out
     assert f"{printed['area']:.2f} m²" in text and "1.0000" in text
 
 
-def test_a_start_in_a_wall_and_a_directory_without_a_map_are_refused(tmp_path: Path) -> None:
+def test_a_start_in_a_wall_is_refused(folder: Path) -> None:
     with pytest.raises(MapError) as caught:
-        run(MAPS, MAPS / "corridor.yaml", start=Point(5.0, 12.5))
+        run(folder, MAPS / "corridor.yaml", start=Point(5.0, 12.5))
     assert str(caught.value) == (
         f"{MAPS}/corridor.yaml: the point (5, 12.5) is not free; start from one that is."
     )
+
+
+def test_a_directory_without_a_map_is_refused(tmp_path: Path) -> None:
     with pytest.raises(MapError) as caught:
         map_in(tmp_path)
     assert str(caught.value) == (

@@ -64,7 +64,7 @@ def test_a_robot_sees_what_the_world_shows_and_drives_as_far_as_its_base_says(tm
     assert truth.travelled > 0.5
     assert result.bases["r1"]["skipped"] == 0
     assert [place.reached_by for place in result.places] == ["r1", "r1"]
-    assert all(place.reached_at for place in result.places)
+    assert all(place.reached_at is not None for place in result.places)
     assert result.robots["r2"].pose == STARTS[1]
     assert sum(result.behind_ms.values()) == round(100 * result.simulated_s)
 

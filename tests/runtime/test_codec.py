@@ -5,7 +5,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actors.messages import DRIVE, RECEIVED, Drive, Heard, PlaceGivenUp, PlaceKey, PlaceReport, Received, Sent
+from actors.messages import (
+    DRIVE,
+    MESSAGE_VERSION,
+    RECEIVED,
+    Drive,
+    Heard,
+    PlaceGivenUp,
+    PlaceKey,
+    PlaceReport,
+    Received,
+    Sent,
+)
 from actors.runtime.codec import WireError, decode, encode
 from actors.topic import Message, Topic
 
@@ -24,6 +35,7 @@ DRIVES = st.builds(
     st.lists(REPORTS, max_size=3).map(tuple),
     st.lists(GIVEN_UP, max_size=3).map(tuple),
     st.none() | st.lists(KEYS, max_size=3).map(tuple),
+    st.none() | st.tuples(REALS, REALS, REALS),
 )
 HEARD = st.builds(Heard, COUNTS, COUNTS, REALS, COUNTS, st.binary(max_size=118))
 RECEIVEDS = st.builds(
@@ -33,7 +45,7 @@ RECEIVEDS = st.builds(
 
 def packed(*values: object) -> bytes:
     """Version byte and a msgpack array."""
-    return b"\x02" + msgspec.msgpack.encode(values)
+    return bytes([MESSAGE_VERSION]) + msgspec.msgpack.encode(values)
 
 
 @given(DRIVES)
@@ -59,8 +71,8 @@ def test_any_bytes_decode_or_are_a_wire_error(payload: bytes) -> None:
 @pytest.mark.parametrize(
     ("topic", "payload", "sentence"),
     [
-        (DRIVE, b"", "swarm/k: no bytes where message version 2 was due"),
-        (DRIVE, b"\x07", "swarm/k: version 7 where message version 2 was due"),
+        (DRIVE, b"", f"swarm/k: no bytes where message version {MESSAGE_VERSION} was due"),
+        (DRIVE, b"\x4d", f"swarm/k: version 77 where message version {MESSAGE_VERSION} was due"),
         (DRIVE, packed(3, 0.1, "x", 0.2, 0), "swarm/k: Drive.vy = 'x': expected `float`, got `str`"),
         (
             DRIVE,
@@ -73,8 +85,8 @@ def test_any_bytes_decode_or_are_a_wire_error(payload: bytes) -> None:
             packed(3, [["shout", 1, 2]]),
             "swarm/k: Received.events[0][0] = 'shout': invalid value 'shout'",
         ),
-        (DRIVE, b"\x02\xc1", "swarm/k: not msgpack after 2 bytes: MessagePack data is malformed: "
-         "invalid opcode '\\xc1' (byte 0)"),
+        (DRIVE, bytes([MESSAGE_VERSION, 0xC1]), "swarm/k: not msgpack after 2 bytes: MessagePack data is "
+         "malformed: invalid opcode '\\xc1' (byte 0)"),
         (DRIVE, packed(3, 0.1, 0.0, 0.2, 0, [["r1", 2, 4]]).replace(b"r1", b"\xde1"), "swarm/k: not msgpack "
          "after 38 bytes: 'utf-8' codec can't decode byte 0xde in position 0: invalid continuation byte"),
     ],
