@@ -44,7 +44,7 @@ def test_the_released_code_and_the_example_of_ones_own_do_it_too(strategy: str, 
 def test_who_comes_late_to_an_adoption_needs_the_exchange(exchange: bool, done: int, tmp_path: Path) -> None:
     """Without it, r2 loses its only place, and stands in the passage for good while r1 wants to come out."""
     scenario = head_on("chapter", 1, 120.0)
-    asleep = (EventTable(at=15.0, freeze="r2"), EventTable(at=15.2, thaw="r2"))  # when both would adopt
+    asleep = (EventTable(at=18.0, freeze="r2"), EventTable(at=18.2, thaw="r2"))  # when both would adopt
     one_place = scenario.places.model_copy(update={"per_robot": 1})
     r1 = scenario.robot[0].model_copy(update={"places": ((9.0, 12.5),)})
     changed = {
