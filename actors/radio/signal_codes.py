@@ -18,11 +18,18 @@ _QUALITY_SPAN_DB: Final = 20.0
 
 def rssi_dbm(code: int) -> float:
     """Signal strength of a code of the chip, dBm; 0 means -90 or less, 255 means -35 or more."""
+    return _STRENGTHS[code]
+
+
+def _strength(code: int) -> float:
     above = bisect_right(_RSSI_CODES, code)
     if above == len(_RSSI_CODES):
         return float(_STRONGEST_DBM)
     lower, upper = _RSSI_CODES[above - 1], _RSSI_CODES[above]
     return _WEAKEST_DBM + above - 1 + (code - lower) / (upper - lower)
+
+
+_STRENGTHS: Final = tuple(_strength(code) for code in range(256))
 
 
 def rssi_code(dbm: float) -> int:

@@ -1,7 +1,8 @@
 """The medium as the robots' transceivers know it: requests and jams in, what they have to say out."""
 
+import math
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ from actors.radio.signal_codes import link_quality, rssi_code, rssi_dbm
 from actors.radio.state import Kind
 from actors.radio.stations import Stations
 from actors.radio.surroundings import Surroundings
+
+_FIELDS: Final = ["kind", "node", "tag", "instant_ns", "other", "power_mw", "sinr"]
+_HEARD: Final = int(Kind.HEARD)
 
 
 class Handed(NamedTuple):
@@ -93,14 +97,14 @@ class StationAir:
             self.medium.place(stations.places)
 
     def _notices(self, events: NDArray[np.void]) -> list[Notice]:
-        return [self._notice(event) for event in events]
+        return [self._notice(*event) for event in events[_FIELDS].tolist()]
 
-    def _notice(self, event: np.void) -> Notice:
-        kind, station, serial = int(event["kind"]), int(event["node"]), int(event["tag"])
-        instant = int(event["instant_ns"]) // 1000
-        if kind == Kind.HEARD:
-            sender = int(event["other"])
-            rssi, lqi = self._quality(float(event["power_mw"]), float(event["sinr"]))
+    def _notice(
+        self, kind: int, station: int, serial: int, at_ns: int, sender: int, power_mw: float, sinr: float
+    ) -> Notice:
+        instant = at_ns // 1000
+        if kind == _HEARD:
+            rssi, lqi = self._quality(power_mw, sinr)
             data = self._frames[sender][serial].data
             return Notice(station, Heard(instant, self._addresses[sender], rssi, lqi, data))
         frame = self._frames[station].pop(serial)
@@ -114,6 +118,6 @@ class StationAir:
 
         What lowers the ratio lowers the quality as if the frame had arrived that much weaker.
         """
-        strength = rssi_dbm(rssi_code(10.0 * float(np.log10(power_mw))))
-        as_strong_dbm = 10.0 * float(np.log10(min(power_mw, sinr * self._noise_mw)))
+        strength = rssi_dbm(rssi_code(10.0 * math.log10(power_mw)))
+        as_strong_dbm = 10.0 * math.log10(min(power_mw, sinr * self._noise_mw))
         return strength, link_quality(as_strong_dbm, self._weakest_dbm)

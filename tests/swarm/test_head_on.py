@@ -24,7 +24,7 @@ def outcome(scenario: Scenario, out: Path) -> RunResult:
 
 @pytest.mark.parametrize("seed", range(1, 21))
 def test_the_chapters_example_gets_both_robots_to_all_their_places(seed: int, tmp_path: Path) -> None:
-    result = outcome(head_on("chapter", seed, 300.0), tmp_path / "out")
+    result = outcome(head_on("chapter", seed, 600.0), tmp_path / "out")
     assert (result.places_done, result.places_total, result.places_lost) == (6, 6, 0)
 
 
