@@ -49,6 +49,8 @@ def test_everything_that_was_said_is_in_the_result(scenario: Path, tmp_path: Pat
         0,
     ]  # started again, r2 has all of its places again
     assert (result["completion_s"], result["settled_s"], result["last_reached_s"]) == (None, None, 3.0)
+    about_poses = result["per_robot"]["r1"].pop("pose_error")
+    assert (about_poses["samples"], about_poses["times_lost"]) == (60, 0) and about_poses["rmse"] < 0.1
     assert result["per_robot"]["r1"] == {
         "places_total": 4, "places_done": 0, "places_claimed": 0, "places_given_up": 4, "completion_s": None
     }  # fmt: skip
@@ -67,7 +69,9 @@ def test_everything_that_was_said_is_in_the_result(scenario: Path, tmp_path: Pat
     assert Counter(row["verdict"] for row in rows) == {"given up": 4, "open": 3, "mistaken": 1}
     assert {row["reason"] for row in rows[:4]} == {"only a witness"}
     assert [row["in_route_of"] for row in rows] == [""] * 4 + ["r2"] * 4
-    assert json.loads((tmp_path / "out" / "run.json").read_text()) == result
+    written = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert written["per_robot"]["r1"].pop("pose_error") == about_poses
+    assert written == result
 
 
 def test_a_place_that_nobody_means_to_visit_is_lost(scenario: Path, tmp_path: Path) -> None:
