@@ -113,7 +113,8 @@ def test_damage_anywhere_is_a_sentence_at_most(head_on: Run, tmp_path: Path, see
 
 def test_what_nobody_knows_of_a_robot_that_is_missing_is_said(head_on: Run) -> None:
     ours = collect([head_on.out / "r1"])
-    assert (ours.robots, ours.places_total, ours.places_claimed) == (1, 6, 3)
+    assert (ours.robots, ours.places_claimed) == (1, 3)
+    assert 3 < ours.places_total <= 6, "those of r1, and those of r2 that r1 ever held"
     heard = head_on.result.frames_by_robot["r1"]["copies_heard"]
     assert ours.notes == (
         f"{heard} frames were heard of address 2, which is no robot's here: what it did and where it still "
