@@ -26,9 +26,6 @@ def packet(data: bytes, pan: int = 0xBABA, address: int = 7) -> ReceivedPacket:
     return ReceivedPacket(pan, address, 138, 200, frame_check(mac_header(pan, address) + data), data)
 
 
-# --- start -----------------------------------------------------------------------------------------------
-
-
 def test_a_link_starts_with_a_sync_and_the_set_up_confirmed_by_echoes() -> None:
     host = Host()
     assert host.due() == SYNC
