@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from actors.messages import MESSAGE_VERSION
-from actors.runtime.codec import encode
+from actors.messages import DRIVE, MESSAGE_VERSION, Drive
+from actors.runtime.codec import decode, encode
 from actors.runtime.errors import AcrcError
+from actors.runtime.recording import Entry, read_recording
 from deploy.collect import collect
 from deploy.outing_files import natural
 from tests.collect.conftest import Run
@@ -114,7 +115,18 @@ def test_damage_anywhere_is_a_sentence_at_most(head_on: Run, tmp_path: Path, see
 def test_what_nobody_knows_of_a_robot_that_is_missing_is_said(head_on: Run) -> None:
     ours = collect([head_on.out / "r1"])
     assert (ours.robots, ours.places_claimed) == (1, 3)
-    assert 3 < ours.places_total <= 6, "those of r1, and those of r2 that r1 ever held"
+    drives = [
+        decode(DRIVE, item.key, item.payload)
+        for item in read_recording(head_on.out / "r1" / "r1.mcap")
+        if isinstance(item, Entry) and item.key == "swarm/up/r1/drive"
+    ]
+    spoken = {
+        (one.owner, one.place)
+        for drive in drives
+        if isinstance(drive, Drive)
+        for one in (*drive.reports, *(drive.route or ()))
+    }
+    assert ours.places_total == len(spoken | {("r1", place) for place in range(3)})
     heard = head_on.result.frames_by_robot["r1"]["copies_heard"]
     assert ours.notes == (
         f"{heard} frames were heard of address 2, which is no robot's here: what it did and where it still "
