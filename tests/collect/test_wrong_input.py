@@ -8,6 +8,7 @@ import pytest
 
 from actors.messages import DRIVE, MESSAGE_VERSION, Drive
 from actors.runtime.codec import decode, encode
+from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_recording
 from deploy.collect import collect
@@ -115,17 +116,13 @@ def test_damage_anywhere_is_a_sentence_at_most(head_on: Run, tmp_path: Path, see
 def test_what_nobody_knows_of_a_robot_that_is_missing_is_said(head_on: Run) -> None:
     ours = collect([head_on.out / "r1"])
     assert (ours.robots, ours.places_claimed) == (1, 3)
-    drives = [
-        decode(DRIVE, item.key, item.payload)
-        for item in read_recording(head_on.out / "r1" / "r1.mcap")
-        if isinstance(item, Entry) and item.key == "swarm/up/r1/drive"
-    ]
-    spoken = {
-        (one.owner, one.place)
-        for drive in drives
-        if isinstance(drive, Drive)
-        for one in (*drive.reports, *(drive.route or ()))
-    }
+    spoken: set[tuple[str, int]] = set()
+    for item in read_recording(head_on.out / "r1" / "r1.mcap"):
+        if isinstance(item, Entry) and item.key == "swarm/up/r1/drive" and item.payload is not None:
+            drive = decode(at(DRIVE, "r1").topic, item.key, item.payload)
+            assert isinstance(drive, Drive)
+            spoken |= {(report.owner, report.place) for report in drive.reports}
+            spoken |= {(place.owner, place.place) for place in drive.route or ()}
     assert ours.places_total == len(spoken | {("r1", place) for place in range(3)})
     heard = head_on.result.frames_by_robot["r1"]["copies_heard"]
     assert ours.notes == (
