@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from actors.runtime.errors import AcrcError
+from actors.runtime.log import create_log
 from deploy.forkserver import MESSAGE_LIMIT
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -153,7 +154,8 @@ class ExecLauncher:
 
     def start(self, program: Program) -> Child:
         """Start one program."""
-        with program.log.open("ab") as log:
+        log = create_log(program.log)
+        try:
             process = subprocess.Popen(
                 [*self._before, sys.executable, "-m", program.module, *program.argv],
                 stdin=subprocess.DEVNULL,
@@ -162,6 +164,8 @@ class ExecLauncher:
                 start_new_session=True,
                 cwd=ROOT,
             )
+        finally:
+            os.close(log)
         child = Child(program, process.pid)
         self._running.append((child, process))
         return child

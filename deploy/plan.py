@@ -12,6 +12,7 @@ from actors.radio.setup import RadioSetup
 from actors.runtime import credentials, router_file
 from actors.runtime.credentials import Credentials, unix_endpoint
 from actors.runtime.errors import AcrcError
+from actors.runtime.seat import own_folder
 from actors.world.setup import RobotSetup, WorldSetup
 from deploy.launch import Program
 
@@ -81,7 +82,7 @@ def make_folder(out: Path) -> None:
 
 def lay_out_robot(plan: Plan, robot: RobotSetup) -> None:
     """Write the files that one robot reads."""
-    plan.folder(robot.id).mkdir()
+    own_folder(plan.folder(robot.id)).mkdir(parents=True)
     copy_map(Path(plan.world.map), plan.folder(robot.id))
     _write_places(robot, plan.folder(robot.id) / "places.toml")
     (plan.folder(robot.id) / "adaptation.toml").write_text(plan.adaptation)

@@ -9,6 +9,7 @@ from actors.runtime.access import client_config
 from actors.runtime.errors import AcrcError
 from actors.runtime.parent import die_with_parent
 from actors.runtime.process import play
+from actors.runtime.recording import Recorder
 
 
 def main(argv: Sequence[str]) -> int:
@@ -18,7 +19,8 @@ def main(argv: Sequence[str]) -> int:
         if options.seat.with_parent:
             die_with_parent(os.getppid())
         config = client_config(options.seat.credentials, options.seat.router)
-        return play(part(argv), options.seat.record, config)
+        radio = part(argv)
+        return play(radio, Recorder(options.seat.record, radio.run.step_us), config)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

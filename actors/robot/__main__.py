@@ -16,6 +16,8 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import Plan, isolate
 from actors.runtime.parent import die_with_parent
 from actors.runtime.process import play
+from actors.runtime.recording import Recorder
+from actors.runtime.seat import own_folder
 
 
 def main(argv: Sequence[str]) -> int:
@@ -25,13 +27,21 @@ def main(argv: Sequence[str]) -> int:
         options = program.parse(argv)
         setup.kernels()  # compiled while the cache can still be written
         program.look_in(options.path)  # while it can be seen; what is on the path stays readable
+        recorder = Recorder(options.seat.record, options.setup.step_us)  # in a folder that is closed later
         if options.isolate:
-            own = options.seat.record.resolve().parent
-            isolate(Plan(own=own, hidden=(own.parent,)))
+            folder = options.seat.record.resolve().parent
+            isolate(
+                Plan(
+                    own=own_folder(folder),
+                    hidden=(folder.parent,),
+                    readable=(folder,),
+                    descriptors=(1, 2, recorder.fileno()),
+                )
+            )
         if options.seat.with_parent:
             die_with_parent(parent)
         config = client_config(options.seat.credentials, options.seat.router)
-        return play(program.part(argv), options.seat.record, config)
+        return play(program.part(argv), recorder, config)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

@@ -28,7 +28,7 @@ class Plan:
     """What one robot's process keeps when it is isolated."""
 
     own: Path
-    """The robot's own folder: credentials, router socket, recording. It stays writable at the same path."""
+    """The robot's own folder, the only one that it may write to. It stays writable at the same path."""
     hidden: tuple[Path, ...] = ()
     """Folders that must not be seen, such as the run's output folder; the own folder may lie in one.
     /tmp, /var/tmp, /run, /dev and /sys are always replaced."""

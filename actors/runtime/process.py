@@ -85,14 +85,14 @@ class Part:
 
 
 def play(
-    part: Part, record: Path, config: zenoh.Config, on_listening: Callable[[], None] = lambda: None
+    part: Part, recorder: Recorder, config: zenoh.Config, on_listening: Callable[[], None] = lambda: None
 ) -> int:
     """Run an actor to its end over the mesh; the exit code: 0 = ended as planned, 1 = failed.
 
-    `on_listening` is called once every message to the actor would be received.
+    `recorder` is closed. `on_listening` is called once every message to the actor would be received.
     """
     with ExitStack() as stack:
-        recorder = stack.enter_context(Recorder(record, part.run.step_us))
+        stack.enter_context(recorder)
         recorder.note("run", part.run)
         try:
             session = stack.enter_context(open_session(config, ROUTER_PATIENCE_S))

@@ -77,6 +77,10 @@ class Recorder:
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._stream.close()
 
+    def fileno(self) -> int:
+        """The file's descriptor, for a process that closes or hides all else."""
+        return self._stream.fileno()
+
     def note(self, name: str, content: msgspec.Struct) -> None:
         """A metadata record with `content` as JSON."""
         self._writer.add_metadata(name, {"json": msgspec.json.encode(content).decode()})

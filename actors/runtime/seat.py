@@ -36,6 +36,14 @@ class Seat:
     """End as soon as the process that started this one has ended."""
 
 
+def own_folder(folder: Path) -> Path:
+    """In the folder of an actor, the part that it may write to, and that no other process writes to or reads.
+
+    What others rely on lies beside it: recordings and logs, which the actor keeps open and cannot replace.
+    """
+    return folder / "own"
+
+
 def add_seat_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that `seat` reads."""
     parser.add_argument("--router", required=True, help="endpoint of the router")

@@ -11,6 +11,7 @@ from actors.runtime.credentials import reveal
 from actors.runtime.errors import AcrcError
 from actors.runtime.parent import die_with_parent, leave_in_order
 from actors.runtime.process import play
+from actors.runtime.recording import Recorder
 from actors.world.program import Conductor, build, load_setup, parse, part, run_note
 
 
@@ -27,8 +28,9 @@ def main(argv: Sequence[str]) -> int:
         note = run_note(setup, argv, options.commit)
         issued = router_file.read(options.router)
         world = part(core, note, conductor.drive)
+        recorder = Recorder(options.record, setup.step_us)
         try:
-            return play(world, options.record, router_config(issued), lambda: reveal(issued))
+            return play(world, recorder, router_config(issued), lambda: reveal(issued))
         finally:
             router_file.remove(options.router)
     except AcrcError as error:

@@ -22,6 +22,7 @@ from actors.runtime.credentials import reveal
 from actors.runtime.errors import AcrcError
 from actors.runtime.parent import die_with_parent
 from actors.runtime.process import Part, RunNote, play
+from actors.runtime.recording import Recorder
 from actors.runtime.seat import ArgumentParser
 from actors.runtime.shell import Shell
 from actors.runtime.tls import onboard_router_config
@@ -155,7 +156,8 @@ def main(argv: Sequence[str]) -> int:
         process = part(base, setup, argv, options.commit)
         router = onboard_router_config(issued, Path(setup.keys or ""), setup.listen)
         try:
-            return play(process, options.record, router, lambda: reveal(issued))
+            recorder = Recorder(options.record, setup.step_us)
+            return play(process, recorder, router, lambda: reveal(issued))
         finally:
             router_file.remove(options.router)
     except AcrcError as error:

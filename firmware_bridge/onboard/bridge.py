@@ -15,6 +15,7 @@ from actors.runtime.core import to
 from actors.runtime.errors import AcrcError
 from actors.runtime.parent import die_with_parent
 from actors.runtime.process import Part, RunNote, play
+from actors.runtime.recording import Recorder
 from actors.runtime.seat import ArgumentParser, Seat, add_seat_options, seat
 from actors.runtime.shell import Shell
 from actors.runtime.waking_bus import WakingBus
@@ -150,7 +151,7 @@ def main(argv: Sequence[str]) -> int:
         bridge = Bridge(setup, Clock())
         process = part(bridge, setup, argv, options.seat.commit)
         config = client_config(options.seat.credentials, options.seat.router)
-        return play(process, options.seat.record, config)
+        return play(process, Recorder(options.seat.record, setup.step_us), config)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2
