@@ -10,7 +10,7 @@ from typing import Final
 from actors.board import BoardNote
 from actors.topic import Message, Part, Topic
 
-MESSAGE_VERSION: Final = 3
+MESSAGE_VERSION: Final = 4
 FRAME_DATA_LIMIT: Final = 118
 """Data bytes of one radio frame: 127 octets of the PSDU less the 9 that the BEE click's MAC header and FCS
 take (IEEE 802.15.4-2006, aMaxPHYPacketSize)."""
@@ -123,7 +123,7 @@ class Outgoing(Part, frozen=True):
     """One frame to be broadcast."""
 
     tag: int
-    """Chosen by the robot; comes back in Sent, AccessFailure or Overflow."""
+    """Chosen by the robot, and another one in every epoch; comes back in Sent, AccessFailure or Overflow."""
     instant: int
     """When the robot hands the frame to its transceiver; within the step."""
     data: bytes
@@ -210,6 +210,8 @@ class RobotTruth(Part, frozen=True):
     powered: bool
     """False: its transceiver is off."""
     transmits: int
+    epoch: int = 0
+    """Of its process: in a new epoch the transceiver begins empty, without a frame or event of the last."""
 
 
 class Jam(Part, frozen=True):

@@ -10,7 +10,7 @@ from actors.messages import PlaceKey
 from actors.robot.equipment import FloorPlan, PlaceMonitor, Positioning
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, Unblock
-from cleaning.place import Claim, Duty
+from cleaning.place import LAST_TERM, Claim, Duty
 from cleaning.robot import CleaningRobot
 from deeco import Duration, Instant, adaptation, component, milliseconds, periodic, seconds
 
@@ -91,9 +91,9 @@ class AdaptiveCleaningRobot(CleaningRobot):
     def adopting(self, duty: Duty, now: Instant) -> Self:
         """The robot with a place of somebody else's in its route, heading for it at once.
 
-        Itself if it holds the place already, or has settled it.
+        Itself if it holds the place already, has settled it, or has heard of a term that nobody can come to.
         """
-        if self.holds(duty.key) or self.has_settled(duty.key):
+        if self.holds(duty.key) or self.has_settled(duty.key) or duty.term >= LAST_TERM:
             return self
         taken = replace(duty, term=duty.term + 1)
         others = tuple(claim for claim in self.adopted if claim.key != duty.key)

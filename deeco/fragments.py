@@ -32,16 +32,18 @@ class _Piece(NamedTuple):
 class Fragmenter:
     """The frames of one node."""
 
-    def __init__(self, source: int, limits: LinkParameters = DEFAULTS) -> None:
-        """`source` is the node's number, of which the header has the lowest byte."""
+    def __init__(self, source: int, limits: LinkParameters = DEFAULTS, *, first: int = 0) -> None:
+        """`source` is the node's number, of which the header has the lowest byte; `first` is the number of
+        its first packet, of which the header has the lowest two.
+        """
         self._source = source & 0xFF
         self._limits = limits
-        self._next = 0
+        self._next = first % _IDS
 
     def frames(self, packets: Sequence[bytes]) -> list[bytes]:
         """Frames filled in the packets' order; one that would fit a frame is split only to save a frame.
 
-        Packets are numbered from 0 on, and again from 0 after 65535. Raises ExecutionError for a packet that
+        Packets are numbered from `first` on, and from 0 after 65535. Raises ExecutionError for a packet that
         is empty or above `most_packet`; then no number is used up.
         """
         wholes = [self._checked(packet) for packet in packets]

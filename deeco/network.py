@@ -6,6 +6,7 @@ Bytes from the link are untrusted: whatever comes in, the worst that happens is 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
+from typing import Final
 
 from deeco.agenda import Task
 from deeco.ensemble import Contact
@@ -20,6 +21,10 @@ from deeco.relaying import Relay, RelayParameters
 from deeco.replicas import Replica, Replicas
 from deeco.schema import RoleBook
 from deeco.statistics import Statistics
+
+_EPOCH_STRIDE: Final = 0x9E37
+"""Between the first packet's numbers of two epochs, so that no peer takes what is left of a packet of the one
+before for a part of this one's. Odd, and 2^16 by the golden ratio: any two epochs lie apart."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +84,7 @@ class Network:
         self._publications = 0
         self._reassembly = Reassembly(parameters.link)
         self._unpacker = Unpacker(parameters.link)
-        self._fragmenter = Fragmenter(address & 0xFF, parameters.link)
+        self._fragmenter = Fragmenter(address & 0xFF, parameters.link, first=epoch * _EPOCH_STRIDE)
         self._outbox: list[tuple[Instant, bytes]] = []
         self.replicas = Replicas(parameters.most_replicas, parameters.forget_after, self._counters)
         self._relay: Relay | None = None

@@ -169,7 +169,8 @@ def onboard(
     folder = out.absolute() if out else onboard_run.new_folder(Path("runs"))
     options = onboard_run.OnboardOptions(folder, isolate, debugpy)
     try:
-        onboard_run.run(onboard_run.prepare(load_fleet(fleet), robot, options), console.print)
+        prepared = onboard_run.prepare(load_fleet(fleet), robot, options, console.print)
+        onboard_run.run(prepared, console.print)
     except Interrupted as interrupt:
         console.print(f"acrc: ended from outside; what was recorded is in {folder}")
         raise typer.Exit(interrupt.exit_code) from None

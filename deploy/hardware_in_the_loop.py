@@ -1,5 +1,6 @@
 """A swarm whose robots speak serial bytes only: processes as on board, emulated devices, wall time."""
 
+import itertools
 import signal
 import time
 from collections.abc import Callable, Sequence
@@ -134,7 +135,7 @@ def _robot(plan: Plan, index: int, folder: Path) -> Onboard:
     )
     links = folder / "links" / robot.id
     ports = Ports(str(links / "base"), str(links / "radio"), str(links / "range"), PAN, CHANNEL, -10.0)
-    return Onboard(alone, ports, epoch=0)
+    return Onboard(alone, ports, itertools.count().__next__)
 
 
 def _watch(robot: Onboard, launched: Launcher, stack: ExitStack) -> Watch:

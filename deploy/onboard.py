@@ -1,6 +1,6 @@
 """A robot's own processes: base, bridge, and the robot program with the argv that simulation gives it."""
 
-import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -42,8 +42,8 @@ class Onboard:
 
     plan: Plan
     ports: Ports
-    epoch: int
-    """How often the robot has been switched on before."""
+    epochs: Callable[[], int]
+    """Gives each start of the robot's program an epoch of its own, later than all before."""
     debug_port: int | None = None
     """Wait there for a debugger, and end without one."""
 
@@ -131,24 +131,14 @@ def bridge_program(onboard: Onboard, start: int) -> Program:
 
 
 def onboard_robot_program(onboard: Onboard, start: int) -> Program:
-    """The robot's program, as in simulation; under a debugger if one is wanted."""
-    order = ProcessOrder(onboard.robot.id, onboard.epoch + start)
-    program = robot_program(onboard.plan, onboard.robot, order, first_step=0)
+    """The robot's program, as in simulation and in a new epoch; under a debugger if one is wanted."""
+    robot = onboard.robot
+    order = ProcessOrder(robot.id, onboard.epochs())
+    program = robot_program(onboard.plan, robot, order, first_step=0, name=_numbered(robot.id, start))
     if onboard.debug_port is None:
         return program
     waiting = ("--listen", str(onboard.debug_port), "-m", program.module)
     return replace(program, module="debugpy", argv=(*waiting, *program.argv))
-
-
-def next_epoch(runs: Path, robot: str) -> int:
-    """How often this robot has been switched on before; counted in a file that stays on its disk."""
-    runs.mkdir(parents=True, exist_ok=True)
-    counter = runs / f"{robot}.epoch"
-    epoch = int(counter.read_text()) + 1 if counter.is_file() else 0
-    fresh = counter.with_suffix(".new")
-    fresh.write_text(f"{epoch}\n")
-    shutil.move(fresh, counter)
-    return epoch
 
 
 def _numbered(actor: str, start: int) -> str:

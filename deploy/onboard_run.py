@@ -17,6 +17,7 @@ from actors.runtime import isolation
 from actors.world.setup import RobotSetup, WorldSetup
 from cleaning.strategies import entry
 from deploy import onboard as layout
+from deploy.epochs import EpochCounter
 from deploy.fleet import Fleet, FleetRobot
 from deploy.launch import launcher
 from deploy.onboard import Onboard, Ports
@@ -41,8 +42,11 @@ class OnboardOptions:
     debug_port: int | None = None
 
 
-def prepare(fleet: Fleet, name: str, options: OnboardOptions) -> Onboard:
-    """What is to be run for the robot `name`. Raises an AcrcError if anything does not exist or fit."""
+def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str], None]) -> Onboard:
+    """What is to be run for the robot `name`. Raises an AcrcError if anything does not exist or fit.
+
+    `say` is told what comes up later, a sentence at a time.
+    """
     if options.debug_port is not None and importlib.util.find_spec("debugpy") is None:
         raise OnboardError(
             f"--debugpy {options.debug_port}: the Python package debugpy is not installed; "
@@ -61,8 +65,8 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions) -> Onboard:
         robot.listen,
         None if robot.listen is None else str(fleet.keys_of(name)),
     )
-    epoch = layout.next_epoch(options.out.parent, name)
-    return Onboard(_plan(fleet, robot, options), ports, epoch, options.debug_port)
+    counter = EpochCounter(name, options.out.parent, say)
+    return Onboard(_plan(fleet, robot, options), ports, counter.claim, options.debug_port)
 
 
 def run(prepared: Onboard, say: Callable[[str], None]) -> None:

@@ -118,10 +118,15 @@ def radio_program(plan: Plan) -> Program:
     return Program("radio", "actors.radio", argv, folder / "radio.log", folder / "radio.mcap")
 
 
-def robot_program(plan: Plan, robot: RobotSetup, order: ProcessOrder, first_step: int) -> Program:
-    """A robot's program; the same but for endpoint and time source as on a robot."""
+def robot_program(
+    plan: Plan, robot: RobotSetup, order: ProcessOrder, first_step: int, name: str | None = None
+) -> Program:
+    """A robot's program; the same but for endpoint and time source as on a robot.
+
+    `name`: of its recording and its log. Default: the robot's id, with its epoch behind it after a restart.
+    """
     folder = plan.folder(robot.id)
-    name = robot.id if order.epoch == 0 else f"{robot.id}.{order.epoch}"
+    name = name or (robot.id if order.epoch == 0 else f"{robot.id}.{order.epoch}")
     argv = (
         *robot_argv(plan, robot, order.epoch, first_step),
         *seat_argv(plan, robot.id, "", folder / f"{name}.mcap"),

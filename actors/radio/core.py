@@ -94,6 +94,7 @@ class RadioCore:
         """
         medium = self._air.medium
         counters = self._tally.counters(medium.counters()) | {"frames_pending": medium.pending}
+        counters["events_discarded"] += self._air.discarded
         return counters | self._reach.counters()
 
     def counters_by_robot(self) -> dict[str, dict[str, int]]:
@@ -158,7 +159,7 @@ class RadioCore:
         host = self._hosts.get(robot.id)
         if host is None:  # a robot without a transceiver: all it hears of are refusals
             return events
-        return host.deliver(events, robot.powered, robot.stepping)
+        return host.deliver(events, robot.powered, robot.stepping, robot.epoch)
 
 
 def _sends(robot: RobotTruth) -> bool:

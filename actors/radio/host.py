@@ -11,12 +11,19 @@ class Host:
         self._buffer = buffer
         self._tally = tally
         self._held: list[RadioEvent] = []
+        self._epoch: int | None = None
 
-    def deliver(self, events: list[RadioEvent], powered: bool, stepping: bool) -> list[RadioEvent]:
+    def deliver(
+        self, events: list[RadioEvent], powered: bool, stepping: bool, epoch: int = 0
+    ) -> list[RadioEvent]:
         """What the robot is given now: all that is held and the new events if it steps, otherwise nothing.
 
-        A robot without power is given nothing, and what was held for it is discarded and counted.
+        A robot without power is given nothing, and what was held for it is discarded and counted; so is in a
+        new epoch what was held for the one before.
         """
+        if epoch != self._epoch:
+            self._tally.events("discarded", len(self._held))
+            self._held, self._epoch = [], epoch
         if not powered:
             self._tally.events("discarded", len(self._held) + len(events))
             self._held = []

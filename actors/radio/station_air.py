@@ -54,6 +54,9 @@ class StationAir:
             interferers=around.interferers,
         )
         self._powered = (True,) * len(self._addresses)
+        self._epochs: tuple[int, ...] | None = None
+        self.discarded = 0
+        """Notices that nobody was given: the epoch that they belong to was over."""
         self._placed: NDArray[np.float64] | None = None
         # By station, then by a number that is the medium's tag: the robot's own tags need not differ.
         self._frames: list[dict[int, Handed]] = [{} for _ in self._addresses]
@@ -64,10 +67,13 @@ class StationAir:
     ) -> list[Notice]:
         """What the transceivers say from the step's start up to, and without, `until`, µs, in order of time.
 
-        The stations of `handed` must be on.
+        The stations of `handed` must be on. A station in a new epoch says nothing of the one before.
         """
-        notices = self._notices(self.medium.finish_frames())
-        self._switch(stations.powered)
+        restarted = self._restarted(stations.epochs)
+        ended = self._notices(self.medium.finish_frames())
+        notices = [notice for notice in ended if notice.station not in restarted]
+        self.discarded += len(ended) - len(notices)
+        self._switch(stations.powered, restarted)
         self._move(stations)
         now_ns = self.medium.now_ns
         for jam in jams:
@@ -80,12 +86,21 @@ class StationAir:
         self._frames[frame.station][self._serial] = frame
         return Request(frame.instant * 1000, frame.station, octets(len(frame.data)), tag=self._serial)
 
-    def _switch(self, powered: tuple[bool, ...]) -> None:
+    def _restarted(self, epochs: tuple[int, ...]) -> frozenset[int]:
+        """The stations whose epoch is another one than in the step before."""
+        before, self._epochs = self._epochs or epochs, epochs
+        return frozenset(
+            station for station, (was, now) in enumerate(zip(before, epochs, strict=True)) if was != now
+        )
+
+    def _switch(self, powered: tuple[bool, ...], restarted: frozenset[int]) -> None:
+        """Switch on and off; what was restarted was off in between, and has forgotten everything."""
         for station, (was, on) in enumerate(zip(self._powered, powered, strict=True)):
-            if was != on:
-                self.medium.switch(station, on)
-                if not on:
-                    self._frames[station].clear()
+            if was and (not on or station in restarted):
+                self.medium.switch(station, False)
+                self._frames[station].clear()
+            if on:
+                self.medium.switch(station, True)
         self._powered = powered
 
     def _move(self, stations: Stations) -> None:

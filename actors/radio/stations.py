@@ -17,6 +17,7 @@ class Stations:
     def __init__(self, start_us: int, robots: Sequence[RobotTruth | None]) -> None:
         self._start_ns = start_us * 1000
         self.powered = tuple(robot is not None and robot.powered for robot in robots)
+        self.epochs = tuple(robot.epoch if robot is not None else 0 for robot in robots)
         truths = [(r.x, r.y, r.vx, r.vy, r.omega) if r else (0.0, 0.0, 0.0, 0.0, 0.0) for r in robots]
         table = np.array(truths, dtype=np.float64).reshape(-1, 5)
         self.places: NDArray[np.float64] = table[:, :2]

@@ -17,7 +17,8 @@ FRAMES: Final = {
 """What became of the frames that a transceiver was handed, by the node's counter: left the antenna; cut by
 switching the sender off; the channel never was clear; the transmit queue was full."""
 EVENTS: Final = ("dropped", "discarded")
-"""For a robot that does not step: beyond its host's buffer; held when the robot was switched off."""
+"""For a robot that does not step: beyond its host's buffer; held when the robot was switched off, or begun
+anew: what belongs to an epoch that is over."""
 COPIES: Final = {
     f"copies_{'' if fate is Fate.HEARD else 'lost_'}{fate.name.lower()}": int(fate)
     for fate in Fate

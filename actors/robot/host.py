@@ -27,6 +27,7 @@ from deeco.node import Node
 from deeco.relaying import RelayParameters
 
 _TAGS: Final = 2**32
+"""Of one epoch."""
 _BACKLOG: Final = 256
 """Frames that may wait for a later step; twice what the largest packet and as many relays need."""
 _FATES: Final[Mapping[type[Any], str]] = {
@@ -134,7 +135,7 @@ class _Hosted:
 
     def _outgoing(self, frame: Transmission, begin: Instant) -> Outgoing:
         self._tag = (self._tag + 1) % _TAGS
-        return Outgoing(self._tag, max(frame.instant, begin), frame.data)
+        return Outgoing(self._start.epoch * _TAGS + self._tag, max(frame.instant, begin), frame.data)
 
 
 def _network(start: Start) -> NetworkParameters:

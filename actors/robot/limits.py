@@ -19,7 +19,7 @@ from actors.messages import (
 )  # fmt: skip
 from actors.robot.ports import Decision, GoalOrder
 
-_TAGS: Final = 2**32
+_TAGS: Final = 2**63
 
 
 @dataclass(frozen=True)

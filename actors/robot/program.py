@@ -57,7 +57,7 @@ def part(argv: Sequence[str]) -> Part:
     setup = options.setup
     prints = kernels()
     run = RunNote(
-        actor=setup.id if setup.epoch == 0 else f"{setup.id}.{setup.epoch}",
+        actor=options.seat.record.stem,
         argv=tuple(argv),
         seed=setup.seed,
         step_us=setup.step_us,

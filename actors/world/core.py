@@ -276,7 +276,9 @@ class WorldCore:
     def _truth(self, member: Member, transmits: int) -> RobotTruth:
         x, y, heading, vx, vy, omega = self._bodies.truth(member.index)
         stepping = member.standing is Standing.STEPPING
-        return RobotTruth(member.id, x, y, heading, vx, vy, omega, stepping, member.alive, transmits)
+        return RobotTruth(
+            member.id, x, y, heading, vx, vy, omega, stepping, member.alive, transmits, member.epoch
+        )
 
     def _move(self) -> Sequence[Output]:
         self._bodies.move(self.instant, self._setup.step_us)

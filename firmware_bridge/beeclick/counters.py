@@ -4,7 +4,7 @@ from typing import Final
 
 NAMES: Final = (
     # What became of packets.
-    *("sent", "failed", "unconfirmed", "overflowed", "refused"),
+    *("sent", "failed", "unconfirmed", "overflowed", "refused", "forgotten"),
     # What was heard, and heard and not passed on, or damaged.
     *("heard", "other_pan", "own_address", "bad_fcs", "fixes", "bad_sentence", "temperatures", "humidities"),
     *("bad_sensor", "infos"),
@@ -27,9 +27,9 @@ class Counters:
     def __getitem__(self, name: str) -> int:
         return self._counts[name]
 
-    def add(self, name: str) -> None:
-        """Count one more."""
-        self._counts[name] += 1
+    def add(self, name: str, more: int = 1) -> None:
+        """Count one more, or several."""
+        self._counts[name] += more
 
     def set(self, name: str, count: int) -> None:
         """Take over a number that is counted elsewhere."""

@@ -140,6 +140,13 @@ class Link:
             self._waiting.append(_Packet(tag, data))
         return self._given()
 
+    def forget(self) -> int:
+        """Drop the packets that wait, without a PacketEnd: how many. What the board has, it keeps."""
+        forgotten = len(self._waiting)
+        self._waiting.clear()
+        self.counters.add("forgotten", forgotten)
+        return forgotten
+
     def take(self, now: Instant, data: bytes = b"") -> list[Event]:
         """What the port has given, and the passing of time: what follows from both, in order."""
         if self.phase is Phase.OFF:

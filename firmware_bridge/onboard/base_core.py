@@ -95,6 +95,10 @@ class BaseCore:
         """The step that waits for the bridge."""
         self._air_due = begin
         self._events = 0
+        self._epoch = 0
+        """Of the robot's process."""
+        self._unanswered = self._void = 0
+        """Truths that the bridge has not answered, and how many of them concern a robot that has ended."""
         self._transmits = 0
         self._stopping = False
         self._reports = 0
@@ -197,6 +201,7 @@ class BaseCore:
             return ()
         self._asked = True
         assert self._sensed is not None
+        self._unanswered += 1
         truth = Truth(self._sensed, self._instant(self._sensed), (self._truth(),))
         return (to(TRUTH, truth),)
 
@@ -229,6 +234,10 @@ class BaseCore:
         return ()
 
     def _aired(self, aired: Aired) -> Sequence[Output]:
+        self._unanswered = max(0, self._unanswered - 1)
+        if self._void:
+            self._void -= 1
+            return ()
         self._asked = False
         self._events += sum(count.events for count in aired.counts if count.id == self._robot)
         return self._open(self._opening) if self._opening is not None else ()
@@ -236,8 +245,10 @@ class BaseCore:
     def _ready(self, ready: Ready) -> Sequence[Output]:
         if ready.actor == self._robot:
             self._robot_there, self._busy, self._opening, self._events = True, False, None, 0
+            # The next Truth tells the bridge of the epoch, ahead of the robot's first frames.
+            self._epoch, self._asked, self._void = ready.epoch, False, self._unanswered
         else:
-            self._radio_there, self._asked = True, False
+            self._radio_there, self._asked, self._unanswered, self._void = True, False, 0, 0
         return ()
 
     def _control(self, control: Control) -> Sequence[Output]:
@@ -260,7 +271,9 @@ class BaseCore:
         x, y, heading = self._start.compose(Pose(odometry.x, odometry.y, odometry.heading))
         c, s = math.cos(heading), math.sin(heading)
         vx, vy = c * odometry.vx - s * odometry.vy, s * odometry.vx + c * odometry.vy
-        return RobotTruth(self._robot, x, y, heading, vx, vy, odometry.omega, True, True, self._transmits)
+        return RobotTruth(
+            self._robot, x, y, heading, vx, vy, odometry.omega, True, True, self._transmits, self._epoch
+        )
 
     def _instant(self, step: int) -> Instant:
         return Instant(self._begin + step * self._step_us)

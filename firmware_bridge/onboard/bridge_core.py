@@ -2,12 +2,15 @@
 
 Frames of the robot go to the board at their instants. What the board has said since the last step is handed
 over when the base opens the next one with Truth: Received to the robot, and to the base how many events that
-carries.
+carries. In a new epoch of the robot's all that belonged to the one before is forgotten, but for the frames
+that the board has: those leave, and nobody is told.
 """
 
 import heapq
 from collections.abc import Sequence
 from typing import Final
+
+import msgspec
 
 from actors.board import BoardNote, Fix, Humidity, Info, LinkState, Temperature
 from actors.instant import Instant
@@ -55,7 +58,12 @@ class BridgeCore:
         self._held: list[RadioEvent] = []
         self._notes: list[BoardNote] = []
         self._expected: Address | None = None
-        self.dropped_events = self.dropped_frames = 0
+        self._epoch: int | None = None
+        """The robot's; None: it has not been told yet."""
+        self._tags: dict[int, int] = {}
+        """The robot's tags of the frames that the link has, by the link's own."""
+        self._handed = 0
+        self.dropped_events = self.dropped_frames = self.forgotten_events = self.forgotten_frames = 0
 
     @property
     def wake(self) -> Instant | None:
@@ -106,14 +114,21 @@ class BridgeCore:
         """What is to be written to the port now."""
         while self._planned and self._planned[0][0] <= self.now:
             _, _, tag, data = heapq.heappop(self._planned)
-            self._note(self._link.send(self.now, tag, data))
+            self._handed += 1
+            self._tags[self._handed] = tag
+            self._note(self._link.send(self.now, self._handed, data))
         return self._link.due(self.now)
 
     def outcome(self) -> dict[str, object]:
         """What has been counted."""
         return {
             "board": self._link.counters.as_dict(),
-            "frames": {"events_dropped": self.dropped_events, "frames_dropped": self.dropped_frames},
+            "frames": {
+                "events_dropped": self.dropped_events,
+                "events_forgotten": self.forgotten_events,
+                "frames_dropped": self.dropped_frames,
+                "frames_forgotten": self.forgotten_frames,
+            },
         }
 
     def _plan(self, transmit: Transmit) -> None:
@@ -129,6 +144,8 @@ class BridgeCore:
         if truth.halt:
             self.finished = True
             return ()
+        for robot in truth.robots:
+            self._follow(robot.epoch)
         self.step = truth.step + 1
         held, self._held = tuple(self._held), []
         if not held:
@@ -136,15 +153,34 @@ class BridgeCore:
         received = to(RECEIVED, Received(truth.step + 1, held), self._robot)
         return (received, to(AIRED, Aired(truth.step, (EventCount(self._robot, len(held)),))))
 
+    def _follow(self, epoch: int) -> None:
+        """Forget what belonged to the robot before its last restart."""
+        if self._epoch not in (None, epoch):
+            self.forgotten_frames += len(self._planned) + self._link.forget()
+            self.forgotten_events += len(self._held)
+            self._planned.clear()
+            self._held.clear()
+            self._tags.clear()
+        self._epoch = epoch
+
     def _note(self, told: Sequence[events.Event]) -> None:
         for event in told:
             match event:
-                case Heard() | Sent() | AccessFailure() | Overflow() | Refused():
+                case Heard():
                     self._hold(event)
-                case events.Unconfirmed(instant, tag):
-                    self._hold(Unconfirmed(instant, tag))
+                case Sent() | AccessFailure() | Overflow() | Refused() | events.Unconfirmed():
+                    self._ended(event)
                 case _:
                     self._notes.append(_news(event))
+
+    def _ended(self, end: events.PacketEnd) -> None:
+        tag = self._tags.pop(end.tag, None)
+        if tag is None:  # a frame of the epoch before
+            self.forgotten_events += 1
+        elif isinstance(end, events.Unconfirmed):
+            self._hold(Unconfirmed(end.instant, tag))
+        else:
+            self._hold(msgspec.structs.replace(end, tag=tag))
 
     def _hold(self, event: RadioEvent) -> None:
         if len(self._held) >= MOST_EVENTS:

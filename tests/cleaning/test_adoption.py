@@ -194,3 +194,12 @@ def test_the_later_word_counts_and_of_two_the_greater_id() -> None:
     assert [bool(mine[term].taken_by(r3)) for term in (1, 2, 3)] == [True, True, False]
     other = replace(mine[2], id="r4")
     assert not other.taken_by(r3)
+
+
+def test_a_term_that_nobody_can_come_to_is_not_adopted_and_breaks_nothing() -> None:
+    """From the air: one more than the greatest number of 64 bits has no form to be published in."""
+    r1 = seen(R2)
+    for term in (2**63 - 1, 2**64 - 1):
+        assert adopts(R1, replace(r1, destination=duty(-5.0, owner="r2", term=term))) == R1
+    taken = adopts(R1, replace(r1, destination=duty(-5.0, owner="r2", term=2**63 - 2)))
+    assert taken.destination is not None and taken.destination.term == 2**63 - 1

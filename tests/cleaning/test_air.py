@@ -1,5 +1,7 @@
 """What a cleaning robot publishes fits the radio: one frame, or two with all that it may have adopted."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from actors.geometry import Point, Pose
@@ -10,7 +12,7 @@ from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.chapter import behaviour
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters
-from cleaning.place import Claim, Duty
+from cleaning.place import RESTART_TERM, Claim, Duty
 from deeco.fragments import CHECKSUM, HEADER, Fragmenter
 from deeco.packet import KnowledgePacket, Version, pack
 from deeco.schema import RoleBook
@@ -49,6 +51,15 @@ def test_with_ten_adopted_two_frames() -> None:
     assert len(frames) == 2 and all(len(frame) <= FRAME_DATA_LIMIT for frame in frames)
 
 
+def test_with_ten_adopted_from_robots_that_were_restarted_three_frames() -> None:
+    late = 3 * RESTART_TERM + 1
+    claims = tuple(replace(claim, term=late) for claim in robot(10).adopted)
+    duty = replace(LONGEST, term=late)
+    restarted = replace(robot(10, duty), adopted=claims)
+    assert len(Fragmenter(1).frames([packet(restarted)])) == 3
+    assert len(Fragmenter(1).frames([packet(robot(0, duty))])) == 1
+
+
 def test_what_the_strategy_itself_sends_first_is_one_frame_a_second() -> None:
     start = Start("r500", 500, 0, Pose(1.0, 2.0, 0.0), (LONGEST.point,) * 10, np.random.default_rng(1))
     hosted = behaviour(start)
@@ -60,3 +71,28 @@ def test_what_the_strategy_itself_sends_first_is_one_frame_a_second() -> None:
         ).frames
     ]
     assert len(sent) == 5 and all(len(frame.data) <= FRAME_DATA_LIMIT for frame in sent)
+
+
+def test_a_restarted_robot_sends_its_first_frame_with_a_tag_that_its_predecessor_never_had() -> None:
+    tags = []
+    for epoch in (0, 1, 2):
+        start = Start("r1", 1, epoch, Pose(1.0, 2.0, 0.0), (LONGEST.point,), np.random.default_rng(1))
+        hosted, until = behaviour(start), Instant(2_000_000)
+        tags += [
+            frame.tag for frame in hosted.advance(View(Instant(0), start.pose, False, None, ()), until).frames
+        ]
+    assert len(tags) == 6 and len(set(tags)) == 6 and max(tags) < 2**63
+
+
+def test_a_restarted_robots_packets_have_other_numbers_than_those_it_sent_just_before() -> None:
+    """Else peers would take what is left of a packet for a part of the next epoch's."""
+    first = [HEADER.unpack_from(_first_frame(epoch))[3] for epoch in range(20)]
+    assert first[0] == 0
+    apart = [(b - a) % 2**16 for number, a in enumerate(first) for b in first[number + 1 :]]
+    assert min(min(one, 2**16 - one) for one in apart) > 2_000
+
+
+def _first_frame(epoch: int) -> bytes:
+    start = Start("r1", 1, epoch, Pose(1.0, 2.0, 0.0), (LONGEST.point,), np.random.default_rng(1))
+    view = View(Instant(0), start.pose, False, None, ())
+    return behaviour(start).advance(view, Instant(2_000_000)).frames[0].data

@@ -69,6 +69,14 @@ def test_a_restarted_robot_is_a_new_process_in_a_new_epoch() -> None:
     assert running.undelivered == 0 and running.digest != play.digest
 
 
+def test_a_restarted_robot_is_told_nothing_of_its_predecessors_frames() -> None:
+    play = Theatre(3.0, [(0.8, Freeze("r2")), (1.0, Restart("r2"))], talks=("r1", "r2")).run()
+    heard = [event for received in play.acts["r2.1"].received for event in received.events]
+    assert heard and min(event.instant for event in heard) >= 1_000_000
+    assert [truth.robots[1].epoch for truth in play.truths[9:11]] == [0, 1]
+    assert play.undelivered == 0
+
+
 def test_of_several_orders_at_one_boundary_the_last_counts() -> None:
     twice = Theatre(2.0, [(1.0, Restart("r2")), (1.0, Restart("r2"))]).run()
     assert sorted(twice.acts) == ["r1", "r2", "r2.2"] and steps_of(twice.acts["r2.2"]) == list(range(10, 21))

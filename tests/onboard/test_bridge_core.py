@@ -16,6 +16,7 @@ from actors.messages import (
     Outgoing,
     Overflow,
     Received,
+    RobotTruth,
     Sent,
     Transmit,
     Truth,
@@ -74,8 +75,9 @@ class Room:
         planned = tuple(Outgoing(tag, self.now + milliseconds(later), data) for tag, later, data in frames)
         assert self.give(robot, at(TRANSMIT, f"r{robot + 1}"), Transmit(1, planned)) == []
 
-    def step(self, robot: int, step: int) -> Sequence[Message]:
-        return self.give(robot, at(TRUTH), Truth(step, self.now, ()))
+    def step(self, robot: int, step: int, epoch: int = 0) -> Sequence[Message]:
+        here = RobotTruth(f"r{robot + 1}", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, True, True, 0, epoch)
+        return self.give(robot, at(TRUTH), Truth(step, self.now, (here,)))
 
 
 def test_a_frame_goes_out_at_its_instant_and_is_heard_by_the_other() -> None:
@@ -144,3 +146,27 @@ def test_it_ends_with_the_base() -> None:
     room = Room(1)
     assert room.give(0, at(TRUTH), Truth(5, room.now, (), halt=True)) == []
     assert room.bridges[0].finished
+
+
+def test_a_new_epoch_begins_with_an_empty_transceiver_and_its_tags_are_its_own() -> None:
+    """The predecessor's frames: one sent and told of, four on the board, two behind them, one not due yet."""
+    room = Room()
+    room.step(0, 0, epoch=3)
+    room.transmit(0, (1, 0, b"sent"))
+    room.run(milliseconds(50))
+    room.transmit(0, *((tag, 0, bytes(118)) for tag in range(2, 8)), (8, 40, b"later"))
+    room.run(milliseconds(2))
+    assert room.step(0, 1, epoch=4) == [Aired(1, ())], "nothing is told to the successor"
+    room.transmit(0, (1, 0, b"the successor's first"))
+    room.run(milliseconds(100))
+    received, _ = room.step(0, 2, epoch=4)
+    assert isinstance(received, Received)
+    assert [(type(event), event.tag) for event in received.events if not isinstance(event, Heard)] == [
+        (Sent, 1)
+    ]
+    received, _ = room.step(1, 2)
+    assert isinstance(received, Received)
+    heard = [event.data for event in received.events if isinstance(event, Heard)]
+    assert heard == [b"sent", *[bytes(118)] * 4, b"the successor's first"]
+    frames = room.bridges[0].outcome()["frames"]
+    assert frames == {"events_dropped": 0, "events_forgotten": 5, "frames_dropped": 0, "frames_forgotten": 3}

@@ -26,13 +26,13 @@ def alone(tmp_path: Path) -> Plan:
 
 def test_argv_and_module_are_those_of_the_simulation(alone: Plan) -> None:
     robot = alone.world.robots[0]
-    on_board = onboard.onboard_robot_program(Onboard(alone, PORTS, epoch=0), start=0)
+    on_board = onboard.onboard_robot_program(Onboard(alone, PORTS, lambda: 0), start=0)
     assert on_board == plan.robot_program(alone, robot, ProcessOrder("r1", 0), first_step=0)
 
 
 def test_a_debugger_changes_who_runs_it_and_nothing_else(alone: Plan) -> None:
-    plain = onboard.onboard_robot_program(Onboard(alone, PORTS, epoch=0), start=0)
-    debugged = onboard.onboard_robot_program(Onboard(alone, PORTS, 0, debug_port=5678), start=0)
+    plain = onboard.onboard_robot_program(Onboard(alone, PORTS, lambda: 0), start=0)
+    debugged = onboard.onboard_robot_program(Onboard(alone, PORTS, lambda: 0, debug_port=5678), start=0)
     assert debugged.module == "debugpy"
     assert debugged.argv == ("--listen", "5678", "-m", plain.module, *plain.argv)
 
@@ -42,15 +42,19 @@ def test_what_the_robot_reads_is_the_same_and_base_and_bridge_lie_beside_it(
 ) -> None:
     simulated = replace(alone, out=tmp_path / "simulated")
     plan.lay_out(simulated)
-    onboard.lay_out(Onboard(alone, PORTS, epoch=0))
+    onboard.lay_out(Onboard(alone, PORTS, lambda: 0))
     assert sorted(path.name for path in alone.out.iterdir()) == ["r1", "r1.base", "r1.radio"]
     for path in (simulated.out / "r1").iterdir():
         assert (alone.out / "r1" / path.name).read_bytes() == path.read_bytes()
     with pytest.raises(OutFolderError) as refused:
-        onboard.lay_out(Onboard(alone, PORTS, epoch=0))
+        onboard.lay_out(Onboard(alone, PORTS, lambda: 0))
     assert str(refused.value) == f"--out {alone.out}: already has a folder of r1; name a new one"
 
 
-def test_each_time_that_it_is_switched_on_is_another_epoch(tmp_path: Path) -> None:
-    assert [onboard.next_epoch(tmp_path / "runs", "r1") for _ in range(3)] == [0, 1, 2]
-    assert onboard.next_epoch(tmp_path / "runs", "r2") == 0
+def test_each_start_of_the_program_is_in_an_epoch_of_its_own_and_named_by_its_number(alone: Plan) -> None:
+    epochs = iter((7, 8, 12))
+    prepared = Onboard(alone, PORTS, lambda: next(epochs))
+    programs = [onboard.onboard_robot_program(prepared, start) for start in range(3)]
+    assert [one.argv[one.argv.index("--epoch") + 1] for one in programs] == ["7", "8", "12"]
+    names = [one.record.name for one in programs if one.record is not None]
+    assert names == ["r1.mcap", "r1.1.mcap", "r1.2.mcap"]

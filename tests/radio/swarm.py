@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from actors.messages import (
     AIRED,
@@ -57,6 +58,7 @@ class Robot:
     vy: float = 0.0
     stepping: bool = True
     powered: bool = True
+    epoch: int = 0
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,7 @@ class Swarm:
         addresses = [(robot, 100 + number) for number, robot in enumerate(self.robots)]
         self.core = RadioCore(addresses, self.step_us, self.air, seed=1)
 
-    def change(self, robot: str, **changes: bool) -> None:
+    def change(self, robot: str, **changes: Any) -> None:
         """Freeze, thaw, kill or restart a robot."""
         self.robots[robot] = replace(self.robots[robot], **changes)
 
@@ -101,7 +103,7 @@ class Swarm:
         """The next step's Truth."""
         sent = [frame.robot for frame in frames]
         robots = tuple(
-            RobotTruth(i, r.x, r.y, 0.0, r.vx, r.vy, 0.0, r.stepping, r.powered, sent.count(i))
+            RobotTruth(i, r.x, r.y, 0.0, r.vx, r.vy, 0.0, r.stepping, r.powered, sent.count(i), r.epoch)
             for i, r in self.robots.items()
         )
         return Truth(self.core.step, self.core.step * self.step_us, robots, tuple(jams))

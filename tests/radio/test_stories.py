@@ -280,6 +280,35 @@ def test_a_robot_killed_and_restarted_within_a_frame_does_not_hear_it() -> None:
     assert swarm.core.counters()["copies_lost_powered_off"] == 1
 
 
+def test_a_robot_in_a_new_epoch_has_an_empty_transceiver() -> None:
+    """Nothing of its predecessor's queue goes out, and nothing that became of it is said to the successor."""
+    swarm = three()
+    swarm.run([Frame(STEP - 1024, "a", 1), Frame(STEP - 1024, "a", 2)])  # the first one ends at the border
+    swarm.change("a", epoch=1)
+    events = swarm.run([Frame(STEP + 5000, "a", 7)])
+    assert events["a"] == [Sent(STEP + 5000 + 1024, 7)]
+    assert [event.instant for event in events["b"]] == [STEP, STEP + 5000 + 1024]
+    counters = swarm.core.counters()
+    assert (counters["frames_sent"], counters["frames_discarded"], counters["events_discarded"]) == (2, 1, 1)
+
+
+def test_a_frame_in_the_air_is_cut_when_its_senders_epoch_ends() -> None:
+    swarm = three()
+    swarm.run([Frame(STEP - 500, "a", 1)])
+    swarm.change("a", epoch=1)
+    assert swarm.run() == {}
+    assert swarm.core.counters()["frames_cut_off"] == 1
+
+
+def test_what_was_held_for_a_frozen_robot_is_not_for_its_successor() -> None:
+    swarm = three()
+    swarm.change("b", stepping=False)
+    swarm.run([Frame(0, "a")])
+    swarm.change("b", stepping=True, epoch=1)
+    assert swarm.run() == {}
+    assert swarm.core.counters()["events_discarded"] == 1
+
+
 def test_a_frozen_robot_finds_the_first_seven_events_when_it_thaws() -> None:
     swarm = three()
     swarm.change("b", stepping=False)

@@ -252,7 +252,7 @@ WHERE = "step 4 (0.4 s): behaviour 'my.study:behaviour' of r1 "
         ),
         (
             Decision(frames=(Outgoing(-1, 400_000, b"x"),)),
-            "sends a frame with the tag -1; it should be 0 to 4294967295",
+            "sends a frame with the tag -1; it should be 0 to 9223372036854775807",
         ),
         (
             Decision(frames=(Outgoing(0, 500_000, b"x"),)),

@@ -89,7 +89,7 @@ def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_wi
     robot = part(flat(argv))
     assert robot.ready == (at(READY, "r1"), Ready(40, "r1", 2, combined(kernels())))
     assert [address.key for address in robot.listens] == ["swarm/down/r1/senses", "swarm/down/r1/received"]
-    assert (robot.run.actor, robot.run.seed, robot.run.step_us) == ("r1.2", 7, 50_000)
+    assert (robot.run.actor, robot.run.seed, robot.run.step_us) == ("r1", 7, 50_000)
     assert robot.run.argv == tuple(flat(argv))
     assert sorted(robot.run.kernels) == [
         "actors.distance",
