@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 
+from actors.portable import atan2, hypot
+
 Vertex = tuple[float, float]
 
 
@@ -26,15 +28,13 @@ def fault(vertices: Sequence[Vertex]) -> str:
 
 def counter_clockwise(vertices: Sequence[Vertex]) -> tuple[Vertex, ...]:
     """The same polygon with its area on the left of its border."""
-    area = sum(ax * by - ay * bx for (ax, ay), (bx, by) in _edges(vertices))
+    area = math.fsum(ax * by - ay * bx for (ax, ay), (bx, by) in _edges(vertices))
     return tuple(vertices) if area > 0 else tuple(reversed(vertices))
 
 
 def distance_to_border(vertices: Sequence[Vertex]) -> float:
     """How far (0, 0), inside a convex polygon, is from its border."""
-    return min(
-        abs(ax * by - ay * bx) / math.hypot(bx - ax, by - ay) for (ax, ay), (bx, by) in _edges(vertices)
-    )
+    return min(abs(ax * by - ay * bx) / hypot(bx - ax, by - ay) for (ax, ay), (bx, by) in _edges(vertices))
 
 
 def moment(vertices: Sequence[Vertex], mass: float) -> float:
@@ -49,8 +49,8 @@ def moment(vertices: Sequence[Vertex], mass: float) -> float:
 
 def _turning(ring: Sequence[Vertex]) -> float:
     """Sum of the angles between successive edges, rad."""
-    headings = [math.atan2(by - ay, bx - ax) for (ax, ay), (bx, by) in _edges(ring)]
-    return sum((b - a) % math.tau for a, b in pairwise((*headings, headings[0])))
+    headings = [atan2(by - ay, bx - ax) for (ax, ay), (bx, by) in _edges(ring)]
+    return math.fsum((b - a) % math.tau for a, b in pairwise((*headings, headings[0])))
 
 
 def _edges(ring: Sequence[Vertex]) -> list[tuple[Vertex, Vertex]]:

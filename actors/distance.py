@@ -122,7 +122,7 @@ def _envelope(
     for q in range(heights.size):
         while k + 1 < count and begin[k + 1] < q:
             k += 1
-        lowest[q] = (q - apex[k]) ** 2 + heights[apex[k]]
+        lowest[q] = (q - apex[k]) * (q - apex[k]) + heights[apex[k]]
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

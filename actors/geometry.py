@@ -3,6 +3,8 @@
 import math
 from typing import Final, NamedTuple, TypeAlias
 
+from actors.portable import cos_sin, hypot
+
 
 class Point(NamedTuple):
     """A point of the map frame, m."""
@@ -12,7 +14,7 @@ class Point(NamedTuple):
 
     def distance_to(self, other: "Point") -> float:
         """Euclidean distance, m."""
-        return math.hypot(self.x - other.x, self.y - other.y)
+        return hypot(self.x - other.x, self.y - other.y)
 
 
 class Pose(NamedTuple):
@@ -29,7 +31,7 @@ class Pose(NamedTuple):
 
     def compose(self, local: "Pose") -> "Pose":
         """The pose, in this pose's parent frame, of something at `local` in this pose's own frame."""
-        c, s = math.cos(self.heading), math.sin(self.heading)
+        c, s = cos_sin(self.heading)
         return Pose(
             self.x + c * local.x - s * local.y,
             self.y + s * local.x + c * local.y,
@@ -38,7 +40,7 @@ class Pose(NamedTuple):
 
     def relative(self, other: "Pose") -> "Pose":
         """`other`, given in this pose's parent frame, as seen from this pose: the inverse of `compose`."""
-        c, s = math.cos(self.heading), math.sin(self.heading)
+        c, s = cos_sin(self.heading)
         dx, dy = other.x - self.x, other.y - self.y
         return Pose(c * dx + s * dy, c * dy - s * dx, wrap(other.heading - self.heading))
 

@@ -1,5 +1,6 @@
 """Seeded draws of points on a floor plan, and the check that a robot put by hand stands free."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -83,7 +84,7 @@ def draw_points(
     0.71 of a cell, next to a wall or a neighbour, is given away for an exactly uniform draw that always ends.
     Raises PlacementError where there is no room, or not for all.
     """
-    half_diagonal = grid.resolution * 0.5**0.5
+    half_diagonal = grid.resolution * math.sqrt(0.5)
     walkable = _walkable(grid, start, passage)
     admitted = walkable & (grid.clearance >= clearance + half_diagonal)
     windows = [_Window(grid, admitted, area) for area in areas or (_everything(grid),)]
@@ -200,7 +201,7 @@ def _withdraw(grid: OccupancyGrid, admitted: NDArray[np.bool_], point: Point, sp
     rows = slice(max(row - reach, 0), max(row + reach + 1, 0))
     columns = slice(max(column - reach, 0), max(column + reach + 1, 0))
     x, y = grid.centres()
-    near = (x[columns] - point.x) ** 2 + (y[rows, None] - point.y) ** 2 < spacing**2
+    near = np.square(x[columns] - point.x) + np.square(y[rows, None] - point.y) < spacing * spacing
     admitted[rows, columns] &= ~near
 
 
@@ -210,5 +211,5 @@ def _advice(grid: OccupancyGrid, point: Point, radius: float) -> str:
     if not row.size:
         return "no point of this map is that far from walls"
     x, y = grid.centres()
-    nearest = int(np.argmin((x[column] - point.x) ** 2 + (y[row] - point.y) ** 2))
+    nearest = int(np.argmin(np.square(x[column] - point.x) + np.square(y[row] - point.y)))
     return f"the nearest point with room is ({x[column[nearest]]:.2f}, {y[row[nearest]]:.2f})"

@@ -14,6 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from actors import convex
 from actors.geometry import Pose
 from actors.instant import Duration, seconds
+from actors.portable import hypot
 from actors.runtime.errors import AcrcError
 
 OdometryKind = Literal["exact", "stage", "kobuki"]
@@ -62,7 +63,7 @@ class Footprint(_Table):
         """Of the smallest disc round the body's origin that holds the body, m."""
         if self.radius is not None:
             return self.radius
-        return float(np.max(np.hypot(*np.array(self.vertices).T)))
+        return max(hypot(x, y) for x, y in self.vertices or ())
 
     @property
     def inradius(self) -> float:

@@ -292,3 +292,16 @@ def radio_hardware(json: _Json = False) -> None:
     from benchmarks import radio_hardware as hardware
 
     hardware.run(json)
+
+
+@app.command()
+def portable(
+    arguments: Annotated[
+        int, typer.Option(metavar="N", min=1, max=1_000_000, help="Of each kind, for the largest error.")
+    ] = 5000,
+    json: _Json = False,
+) -> None:
+    """Measure the portable functions: error against exact values, time beside the C library's."""
+    from benchmarks import portable as functions
+
+    functions.run(arguments, json)

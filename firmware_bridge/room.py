@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.geometry import Point, Pose
+from actors.portable import arrays
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Room:
 
     def ranges(self, sensor: Pose, angles: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance of the wall from a sensor within, in each direction of the sensor's own frame: (n,), m."""
-        c, s = np.cos(sensor.heading + angles), np.sin(sensor.heading + angles)
+        c, s = arrays.cos(sensor.heading + angles), arrays.sin(sensor.heading + angles)
         with np.errstate(divide="ignore"):
             along_x = np.where(c > 0, self.width - sensor.x, -sensor.x) / c
             along_y = np.where(s > 0, self.depth - sensor.y, -sensor.y) / s

@@ -8,6 +8,7 @@ from typing import Final
 
 from numba import njit
 
+from actors.portable.compiled import log
 from actors.radio.agenda import push
 from actors.radio.draws import ARRIVAL, BACKOFF, drawn
 from actors.radio.reception import begin, judge, leave, let_go, sense
@@ -356,5 +357,5 @@ def expect(st: State, number: int) -> None:
     node = st.nodes[number]
     luck = drawn(st.air.seed, ARRIVAL, node.key, node.arrivals, 0)
     node.arrivals += 1
-    wait = int(-math.log(1.0 - luck) * node.interval_ns)
+    wait = int(-log(1.0 - luck) * node.interval_ns)
     schedule(st, number, Due.ARRIVAL.value, wait, node.offer_turn)

@@ -44,4 +44,4 @@ def drawn(seed: int, purpose: int, node: int, frame: int, other: int) -> float:
     """As `uniform`, for kernels."""
     state = _mixed(np.uint64(purpose), seed)
     state = _mixed(_mixed(_mixed(state, node), frame), other)
-    return np.float64(state >> _S11) * 2.0**-53
+    return np.float64(state >> _S11) * 1.1102230246251565e-16

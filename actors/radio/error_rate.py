@@ -11,6 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from actors.portable import arrays
+
 HEADER_OCTETS: Final = 6
 """Preamble, start-of-frame delimiter and length."""
 CLEAN: Final = 4.5
@@ -22,21 +24,22 @@ _STEPS: Final = 4096
 def bit_error_rate(sinr: NDArray[np.float64]) -> NDArray[np.float64]:
     """Probability of a wrong bit at each signal to interference and noise ratio, linear; same shape."""
     k = np.arange(2, 17, dtype=np.float64)
-    weights = np.array([(-1) ** i * comb(16, i) for i in range(2, 17)], dtype=np.float64)
-    terms = weights * np.exp(20.0 * np.asarray(sinr)[..., None] * (1.0 / k - 1.0))
-    rate: NDArray[np.float64] = np.clip(8.0 / 15.0 / 16.0 * terms.sum(axis=-1), 0.0, 0.5)
+    weights = np.array([(-comb(16, i) if i % 2 else comb(16, i)) for i in range(2, 17)], dtype=np.float64)
+    terms = weights * arrays.exp(20.0 * np.asarray(sinr)[..., None] * (1.0 / k - 1.0))
+    rate: NDArray[np.float64] = np.clip(8.0 / 15.0 / 16.0 * arrays.total(terms), 0.0, 0.5)
     return rate
 
 
 def frame_error_rate(snr_db: NDArray[np.float64], octets: int) -> NDArray[np.float64]:
     """Probability that a frame of so many PSDU octets is lost at a constant ratio, dB; same shape."""
     bits = 8 * (octets + HEADER_OCTETS)
-    rate: NDArray[np.float64] = -np.expm1(bits * np.log1p(-bit_error_rate(10.0 ** (snr_db / 10.0))))
+    log_right = arrays.log1p(-bit_error_rate(arrays.exp10(np.asarray(snr_db) / 10.0)))
+    rate: NDArray[np.float64] = -arrays.expm1(bits * log_right)
     return rate
 
 
 def _table() -> NDArray[np.float64]:
-    log = np.log1p(-bit_error_rate(np.arange(int(CLEAN * _STEPS) + 2) / _STEPS))
+    log = arrays.log1p(-bit_error_rate(np.arange(int(CLEAN * _STEPS) + 2) / _STEPS))
     log.setflags(write=False)
     return log
 

@@ -1,6 +1,5 @@
 """What disturbs the air and is no transceiver of it: Wi-Fi stations and jammers (`channel.Interferer`)."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
@@ -9,6 +8,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from actors.portable import log10
+from actors.portable.draws import exponentials
 from actors.radio.channel import Propagation
 from actors.runtime.errors import AcrcError
 
@@ -61,7 +62,7 @@ def in_band_db(wifi_channel: int, radio_channel: int) -> float:
     """
     offset_mhz = abs((2412 + 5 * (wifi_channel - 1)) - (2405 + 5 * (radio_channel - 11)))
     below = 0.0 if offset_mhz <= 11 else 30.0 if offset_mhz <= 22 else 50.0
-    return 10.0 * math.log10(2.0 / 22.0) - below
+    return 10.0 * log10(2.0 / 22.0) - below
 
 
 class Wifi:
@@ -118,7 +119,7 @@ class Wifi:
         shortest, longest = p.shortest_burst_us * 1000, p.longest_burst_us * 1000
         lengths = self._rng.integers(shortest, longest, _CHUNK, endpoint=True)
         mean_silence = (shortest + longest) / 2 * (1.0 - p.duty) / p.duty
-        silences = np.rint(self._rng.exponential(mean_silence, _CHUNK)).astype(np.int64)
+        silences = np.rint(exponentials(self._rng, mean_silence, _CHUNK)).astype(np.int64)
         ends = self._drawn_until + np.cumsum(silences + lengths)
         self._known = np.concatenate([self._known, np.stack([ends - lengths, ends], axis=1)])
         self._drawn_until = int(ends[-1])
@@ -144,5 +145,5 @@ class Jammer:
 
     def power_dbm(self, receivers: Floats) -> Floats:
         """As `channel.Interferer` says."""
-        away = (receivers[..., 0] - self.x) ** 2 + (receivers[..., 1] - self.y) ** 2
-        return np.where(away <= self.radius**2, DROWNING_DBM, -np.inf)
+        away = np.square(receivers[..., 0] - self.x) + np.square(receivers[..., 1] - self.y)
+        return np.where(away <= self.radius * self.radius, DROWNING_DBM, -np.inf)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.portable import arrays
 from actors.radio.state import (
     AGENDA,
     AIR,
@@ -26,7 +27,7 @@ _EVENTS = 4096
 
 def milliwatts(dbm: Any) -> Any:
     """Power in mW; any shape."""
-    return 10.0 ** (np.asarray(dbm, dtype=np.float64) / 10.0)
+    return arrays.exp10(np.asarray(dbm, dtype=np.float64) / 10.0)
 
 
 def initial_state(transceivers: Sequence[Transceiver], phy: PhyParameters, seed: int) -> State:

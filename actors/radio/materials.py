@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from actors.portable import exp, log, log10
 from actors.runtime.errors import AcrcError
 
 _GHZ: Final = 2.45
@@ -32,8 +33,10 @@ def dielectric(permittivity: float, conductivity: float, growth: float) -> Mater
     1636 σ / √η' dB/m, for low losses (ITU-R P.2040-3, section 2.1, table 3).
     """
     index = math.sqrt(permittivity)
-    face = 1.0 - ((index - 1.0) / (index + 1.0)) ** 2
-    return Material(-20.0 * math.log10(face), 1636.0 * conductivity * _GHZ**growth / index)
+    reflected = (index - 1.0) / (index + 1.0)
+    face = 1.0 - reflected * reflected
+    growing = exp(growth * log(_GHZ))
+    return Material(-20.0 * log10(face), 1636.0 * conductivity * growing / index)
 
 
 MATERIALS: Final = {

@@ -12,6 +12,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from actors.portable import arrays
+from actors.portable.compiled import exp10, log10
+
 Floats = NDArray[np.float64]
 
 
@@ -38,9 +41,7 @@ class PathLossParameters:
     def coefficients(self) -> Floats:
         """What the kernels take: near loss and slope, breakpoint, far loss and slope per decade, nearest."""
         far = 10.0 * self.far_exponent
-        far_at_one = self.far_loss_db - (
-            0.0 if math.isinf(self.breakpoint) else far * math.log10(self.breakpoint)
-        )
+        far_at_one = self.far_loss_db - (0.0 if math.isinf(self.breakpoint) else far * log10(self.breakpoint))
         return np.array(
             [
                 self.excess_db + self.near_loss_db,
@@ -58,9 +59,9 @@ def over(distance: float, coefficients: Floats) -> float:
     """The loss, dB, over a distance, m."""
     d = max(distance, coefficients[5])
     if d <= coefficients[2]:
-        near: float = coefficients[0] + coefficients[1] * math.log10(d)
+        near: float = coefficients[0] + coefficients[1] * log10(d)
         return near
-    far: float = coefficients[3] + coefficients[4] * math.log10(d)
+    far: float = coefficients[3] + coefficients[4] * log10(d)
     return far
 
 
@@ -68,8 +69,8 @@ def path_loss_db(distances: Floats, parameters: PathLossParameters) -> Floats:
     """Loss, dB, over each of the distances, m; same shape."""
     p = parameters
     d = np.maximum(distances, p.nearest)
-    near = p.near_loss_db + 10.0 * p.near_exponent * np.log10(d)
-    far = p.far_loss_db + 10.0 * p.far_exponent * np.log10(np.maximum(d / p.breakpoint, 1.0))
+    near = p.near_loss_db + 10.0 * p.near_exponent * arrays.log10(d)
+    far = p.far_loss_db + 10.0 * p.far_exponent * arrays.log10(np.maximum(d / p.breakpoint, 1.0))
     loss: Floats = p.excess_db + np.where(d <= p.breakpoint, near, far)
     return loss
 
@@ -79,8 +80,8 @@ def line_of_sight(budget_db: float, parameters: PathLossParameters) -> float:
     p = parameters
     budget_db -= p.excess_db
     if budget_db >= p.far_loss_db and not math.isinf(p.breakpoint):
-        return float(p.breakpoint * 10.0 ** ((budget_db - p.far_loss_db) / (10.0 * p.far_exponent)))
+        return float(p.breakpoint * exp10((budget_db - p.far_loss_db) / (10.0 * p.far_exponent)))
     if p.near_exponent == 0.0:
         return p.breakpoint if budget_db >= p.near_loss_db else 0.0
-    distance = min(10.0 ** ((budget_db - p.near_loss_db) / (10.0 * p.near_exponent)), p.breakpoint)
+    distance = min(exp10((budget_db - p.near_loss_db) / (10.0 * p.near_exponent)), p.breakpoint)
     return float(distance) if distance >= p.nearest else 0.0

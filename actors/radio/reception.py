@@ -4,13 +4,13 @@ Interference is exact: whenever a frame or an outside source begins or ends, eve
 onto a frame closes a segment of constant SINR; what ends before the frame does counts while it lasted.
 """
 
-import math
 from typing import Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from actors.portable.compiled import exp
 from actors.radio.draws import ACK_RECEPTION, RECEPTION, drawn
 from actors.radio.error_rate import CLEAN, HEADER_OCTETS, log_right
 from actors.radio.state import NOBODY, Fate, Record, State
@@ -170,7 +170,7 @@ def judge(st: State, sender: int) -> None:
         receiver.unlock_ns = air.now_ns
         if receiver.log_right < 0.0:
             luck = drawn(air.seed, purpose, nodes[origin].key, flight.draw, nodes[i].key)
-            if luck >= math.exp(receiver.log_right):
+            if luck >= exp(receiver.log_right):
                 st.fate[sender, i] = _cause(air, receiver, st.gains_mw[sender, i], flight.octets, luck)
 
 
@@ -178,9 +178,9 @@ def judge(st: State, sender: int) -> None:
 def _cause(air: Record, receiver: Record, power: float, octets: int, luck: float) -> int:
     """Why a frame was spoilt: what would have become of it, with the same luck, with less around it."""
     bits = 8 * (octets + HEADER_OCTETS)
-    if luck >= math.exp(bits * log_right(power / air.noise_mw)):
+    if luck >= exp(bits * log_right(power / air.noise_mw)):
         return _BELOW
-    return _DISTURBED if luck >= math.exp(receiver.log_alone) else _COLLISION
+    return _DISTURBED if luck >= exp(receiver.log_alone) else _COLLISION
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -188,5 +188,8 @@ def change_outside(st: State, now_mw: NDArray[np.float64]) -> None:
     """The outside sources (rows) give these powers at the nodes (columns) from now on."""
     settle(st)
     for i in range(st.receivers.size):
-        st.receivers[i].external_mw = now_mw[:, i].sum()
+        total = 0.0
+        for source in range(now_mw.shape[0]):
+            total += now_mw[source, i]
+        st.receivers[i].external_mw = total
     note_peaks(st)

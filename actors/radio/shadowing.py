@@ -18,6 +18,9 @@ from numba import njit
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from actors.portable.compiled import cos, exp, sin
+from actors.portable.draws import normals, uniforms
+
 Floats = NDArray[np.float64]
 NOWHERE: Final = -(2**62)
 """A square's number for what has no phasors yet."""
@@ -56,9 +59,9 @@ class Waves:
 def waves(parameters: ShadowingParameters, rng: Generator) -> Waves:
     """Draw the sinusoids."""
     n = parameters.sinusoids
-    vectors = rng.standard_normal((2, n, 2)) / np.abs(rng.standard_normal((2, n, 1)))
+    vectors = normals(rng, (2, n, 2)) / np.abs(normals(rng, (2, n, 1)))
     first, second = vectors / parameters.correlation_distance
-    return Waves(first, second, rng.uniform(-math.pi, math.pi, n))
+    return Waves(first, second, uniforms(rng, -math.pi, math.pi, n))
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -70,8 +73,8 @@ def _phasors(
     for k in range(phase.size):
         one = first[k, 0] * x + first[k, 1] * y + phase[k]
         other = second[k, 0] * x + second[k, 1] * y
-        phasors[0, k], phasors[1, k] = math.cos(one), math.sin(one)
-        phasors[2, k], phasors[3, k] = math.cos(other), math.sin(other)
+        phasors[0, k], phasors[1, k] = cos(one), sin(one)
+        phasors[2, k], phasors[3, k] = cos(other), sin(other)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -137,5 +140,5 @@ def add_shadowing(
         for j in range(n):
             dx, dy = column - cells[j, 0], row - cells[j, 1]
             apart = grain * math.sqrt(dx * dx + dy * dy)
-            alike = math.exp(-2.0 * apart / correlation_distance)
+            alike = exp(-2.0 * apart / correlation_distance)
             loss_db[i, j] += sigma_db * total[j] / math.sqrt(phase.size * (1.0 + alike))

@@ -1,6 +1,5 @@
 """The medium as the robots' transceivers know it: requests and jams in, what they have to say out."""
 
-import math
 from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
@@ -8,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.messages import AccessFailure, Heard, Jam, Overflow, RadioEvent, Sent
+from actors.portable import exp10, log10
 from actors.radio.frame import octets
 from actors.radio.interferers import Jammer
 from actors.radio.link_budget import needed_dbm
@@ -44,7 +44,7 @@ class StationAir:
     def __init__(self, addresses: Sequence[int], around: Surroundings, seed: int) -> None:
         parameters = around.parameters
         self._addresses = tuple(addresses)
-        self._noise_mw = 10.0 ** (parameters.phy.noise_dbm / 10.0)
+        self._noise_mw = exp10(parameters.phy.noise_dbm / 10.0)
         self._weakest_dbm = needed_dbm(parameters)
         self.medium = Medium(
             [parameters.transceiver.numbered(address) for address in addresses],
@@ -133,6 +133,6 @@ class StationAir:
 
         What lowers the ratio lowers the quality as if the frame had arrived that much weaker.
         """
-        strength = rssi_dbm(rssi_code(10.0 * math.log10(power_mw)))
-        as_strong_dbm = 10.0 * math.log10(min(power_mw, sinr * self._noise_mw))
+        strength = rssi_dbm(rssi_code(10.0 * log10(power_mw)))
+        as_strong_dbm = 10.0 * log10(min(power_mw, sinr * self._noise_mw))
         return strength, link_quality(as_strong_dbm, self._weakest_dbm)

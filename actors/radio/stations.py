@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.messages import RobotTruth
+from actors.portable import arrays
 
 
 class Stations:
@@ -30,9 +31,10 @@ class Stations:
         """Positions at the instant: (stations, 2), m."""
         elapsed = (instant_ns - self._start_ns) / 1e9
         half_angle = self._omega * (elapsed / 2)
+        cos, sin = arrays.cos(half_angle), arrays.sin(half_angle)
         # the chord of an arc: as long as sin(h)/h of the way driven, turned by the half angle h
-        driven = elapsed * np.sinc(half_angle / np.pi)
-        cos, sin = driven * np.cos(half_angle), driven * np.sin(half_angle)
+        driven = elapsed * np.divide(sin, half_angle, out=np.ones_like(half_angle), where=half_angle != 0)
+        cos, sin = driven * cos, driven * sin
         vx, vy = self._velocities[:, 0], self._velocities[:, 1]
         moved: NDArray[np.float64] = self.places + np.stack(
             [vx * cos - vy * sin, vx * sin + vy * cos], axis=1

@@ -52,7 +52,7 @@ def _squared_within(marks: NDArray[np.uint8], reach: int) -> NDArray[np.int16]:
     rows, columns = marks.shape
     away = _along_columns(marks, reach)
     # one row with as many columns on both sides as a cell looks at: nothing is marked in them
-    height = np.full(columns + 2 * reach, np.int16((reach + 1) ** 2), np.int16)
+    height = np.full(columns + 2 * reach, np.int16((reach + 1) * (reach + 1)), np.int16)
     squared = np.empty((rows, columns), np.int16)
     for row in range(rows):
         own, best = height[reach : reach + columns], squared[row]

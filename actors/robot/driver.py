@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from actors.geometry import STILL, Pose, Twist, wrap
 from actors.instant import Duration, Instant, in_seconds
+from actors.portable import cos_sin, hypot
 from actors.robot.dwa import WEIGHTS, Fields, best, squared_at
 from actors.robot.dwa_parameters import DwaParameters
 from actors.robot.local_map import LocalMap
@@ -50,7 +51,8 @@ class Driver:
         )
         self._table.setflags(write=False)  # as the fingerprint's: the kernel is compiled for that
         self._table.setflags(write=False)
-        self._limit = (local.inflation.inscribed / self._cell) ** 2
+        inscribed = local.inflation.inscribed / self._cell
+        self._limit = inscribed * inscribed
         self._oscillation = OscillationCritic(p.oscillation_distance, p.oscillation_angle, p.least_speed)
         self._untrusted = np.zeros(local.squared.shape, np.uint8)
         self._way: NDArray[np.float64] = np.zeros((0, 2))
@@ -134,7 +136,7 @@ class Driver:
             return None
         self._turn_to(bearing(squared, self._limit, cells, body, self._p.forward_point / self._cell))
         dx, dy = goal[1] + 0.5 - body[0], goal[0] + 0.5 - body[1]
-        apart, nose = math.hypot(dx, dy), self._p.forward_point / self._cell
+        apart, nose = hypot(dx, dy), self._p.forward_point / self._cell
         # near the goal the nose is beyond it: to keep it on the plan would turn the robot round
         self._weights["alignment"] = self._alignment if apart > nose else 0.0
         self._weights["goal_distance"] = apart if ended and not self._p.overshoot else math.inf
@@ -155,7 +157,7 @@ class Driver:
     def _motion(self, here: Pose, estimate: Pose) -> NDArray[np.float64]:
         """From the map frame to the window: see `cut`."""
         turn = wrap(here.heading - estimate.heading)
-        c, s = math.cos(turn), math.sin(turn)
+        c, s = cos_sin(turn)
         x = here.x - (c * estimate.x - s * estimate.y)
         y = here.y - (s * estimate.x + c * estimate.y)
         corner, cell = self._local.corner, self._cell
@@ -169,7 +171,7 @@ def _reachable(value: float, gain: float, low: float, high: float) -> tuple[floa
 
 def _ahead(goal: tuple[int, int], dx: float, dy: float, nose: float, side: int) -> tuple[int, int]:
     """The cell `nose` cells beyond the goal in the direction (dx, dy), or the window's last on the way."""
-    apart = math.hypot(dx, dy)
+    apart = hypot(dx, dy)
     row, column = goal
     if apart == 0.0:
         return goal

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from actors.portable.compiled import cos, cos_sin, sin
 from actors.robot.map_grid import steps_at
 
 Floats = NDArray[np.float64]
@@ -25,8 +26,8 @@ _NEARLY: Final = 1e-4
 """So little less than the least speed still is that speed."""
 _DIAGONAL: Final = math.sqrt(2.0)
 """Steps, each to one of four neighbours, per cell of a way along a diagonal."""
-_FLANK_COSINE: Final = math.cos(math.radians(50))
-_FLANK_SINE: Final = math.sin(math.radians(50))
+_FLANK_COSINE: Final = cos(math.radians(50))
+_FLANK_SINE: Final = sin(math.radians(50))
 """Backing out, the robot has to know the floor below its stern, and 50° to both sides of it."""
 
 WEIGHTS = np.dtype(
@@ -120,7 +121,7 @@ def best(
 def fingerprint() -> bytes:
     """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
     row, column = np.indices((40, 40))
-    squared = np.minimum((row - 3) ** 2 + (column - 30) ** 2, 100).astype(np.int16)
+    squared = np.minimum(np.square(row - 3) + np.square(column - 30), 100).astype(np.int16)
     steps = (np.abs(row - 30) + np.abs(column - 33)).astype(np.int32)
     fields = Fields(squared, np.abs(row - 25).astype(np.int32), steps, steps, np.ones((40, 40), np.uint8))
     numbers = [
@@ -221,8 +222,8 @@ def _driven(
     if speed == 0.0:
         count = 1  # a disc that turns on the spot stays where it is
     angle = turn * time / count
-    rotate_c, rotate_s = math.cos(angle), math.sin(angle)
-    half_c, half_s = math.cos(0.5 * angle), math.sin(0.5 * angle)
+    rotate_c, rotate_s = cos(angle), sin(angle)
+    half_c, half_s = cos(0.5 * angle), sin(0.5 * angle)
     chord = speed * time / count
     if angle != 0.0:
         chord *= half_s / (0.5 * angle)
@@ -335,7 +336,7 @@ def _best(
     weights: NDArray[np.void],
 ) -> tuple[float, float, float]:
     w = weights[0]
-    c, s = math.cos(pose[2]), math.sin(pose[2])
+    c, s = cos_sin(pose[2])
     least_allowed, start = _limit(0.0, w), squared_at(squared, pose[0], pose[1])
     nearest = max(w.radius + w.padding - w.escape, 0.0)
     fleeing = nearest * nearest <= start <= least_allowed

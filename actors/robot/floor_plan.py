@@ -1,5 +1,6 @@
 """The map as a behaviour may ask about it: draws points that the robot can get to, in the given areas."""
 
+import math
 from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple
@@ -79,7 +80,7 @@ class ReachableFloor:
     def _admitted(self) -> NDArray[np.bool_]:
         """Cells that the robot gets to and of which every point is far enough from walls."""
         ground, grid = self._ground, self._ground.grid
-        half_diagonal = grid.resolution * 0.5**0.5
+        half_diagonal = grid.resolution * math.sqrt(0.5)
         region = flood.flood(grid.free, *_nearest_free(grid, self._start))
         admitted: NDArray[np.bool_] = region & (ground.clearance >= self._radius + half_diagonal)
         return admitted
@@ -116,5 +117,5 @@ def _nearest_free(grid: OccupancyGrid, point: Point) -> Cell:
     if not rows.size:
         return Cell(0, 0)
     x, y = grid.centres()
-    best = int(np.argmin((x[columns] - point.x) ** 2 + (y[rows] - point.y) ** 2))
+    best = int(np.argmin(np.square(x[columns] - point.x) + np.square(y[rows] - point.y)))
     return Cell(int(rows[best]), int(columns[best]))

@@ -10,6 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from actors.portable import arrays
+
 LETHAL: Final = 254
 """Cost of a cell that holds something."""
 INSCRIBED: Final = 253
@@ -30,7 +32,8 @@ class Inflation:
     def costs(self, distance: ArrayLike) -> NDArray[np.uint8]:
         """Cost at each distance, m: LETHAL at 0, INSCRIBED near it, then from 252 to 0; same shape."""
         away = np.asarray(distance, dtype=np.float64)
-        falling = np.floor((INSCRIBED - 1) * np.exp(-self.scaling * np.maximum(away - self.inscribed, 0.0)))
+        beyond = np.maximum(away - self.inscribed, 0.0)
+        falling = np.floor((INSCRIBED - 1) * arrays.exp(-self.scaling * beyond))
         costs = np.where(away > self.radius, 0.0, falling)
         costs = np.where(away <= self.inscribed, INSCRIBED, costs)
         return np.where(away <= 0.0, LETHAL, costs).astype(np.uint8)
@@ -44,7 +47,8 @@ class Inflation:
 
         The distance is that between the centres of two cells.
         """
-        table = self.costs(cell * np.sqrt(np.arange((self.reach(cell) + 1) ** 2 + 1)))
+        reach = self.reach(cell) + 1
+        table = self.costs(cell * np.sqrt(np.arange(reach * reach + 1)))
         table[-1] = 0
         table.setflags(write=False)
         return table

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from actors.geometry import Pose
 from actors.grid import Cell
 from actors.instant import Duration, Instant, in_seconds, seconds
+from actors.portable import arrays
 from actors.robot.bounds import ParameterError, check
 from actors.robot.cell_distance import squared_within
 from actors.robot.inflation import Inflation
@@ -91,7 +92,7 @@ def _eye(sensor: RangeSensor, p: LocalMapParameters) -> _Eye:
     limits = np.array([1e-3, p.obstacle_range, p.raytrace_range, silent]) / p.cell
     stamp_limits = np.minimum(limits, [math.inf, math.inf, p.free_range / p.cell, math.inf])
     return _Eye(
-        np.column_stack((np.cos(angles), np.sin(angles))),
+        np.column_stack((arrays.cos(angles), arrays.sin(angles))),
         np.array([sensor.first_angle, sensor.increment]),
         limits,
         stamp_limits,

@@ -10,6 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from actors.portable.compiled import atan2, cos, hypot, sin
+
 Floats = NDArray[np.float64]
 Squares = NDArray[np.int16]
 Steps = NDArray[np.int32]
@@ -81,9 +83,9 @@ def fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
     row, column = np.indices((40, 40))
     squared = ((row * 5 + column * column * 3) % 31).astype(np.int16)
-    way = np.column_stack((np.linspace(0.1, 3.0, 30), 0.8 + np.linspace(0, 1, 30) ** 2))
+    way = np.column_stack((np.linspace(0.1, 3.0, 30), 0.8 + np.square(np.linspace(0, 1, 30))))
     body = np.array([8.0, 17.0, 0.3])
-    motion = np.array([math.cos(0.3), math.sin(0.3), 0.5, 0.0, 20.0])
+    motion = np.array([cos(0.3), sin(0.3), 0.5, 0.0, 20.0])
     nearest, ended, cells = cut(way, 0, motion, body, 40, 20.0)
     assert cells.size
     goals = free_goal(squared, 20.5, cells, -1.0), free_goal(squared, 20.5, cells, 3.0)
@@ -138,10 +140,10 @@ def _nearest(way: Floats, first: int, x: float, y: float, along: float) -> int:
     gone = 0.0
     for k in range(first, way.shape[0]):
         if k > first:
-            gone += math.hypot(way[k, 0] - way[k - 1, 0], way[k, 1] - way[k - 1, 1])
+            gone += hypot(way[k, 0] - way[k - 1, 0], way[k, 1] - way[k - 1, 1])
         if gone > along:
             break
-        apart = math.hypot(way[k, 0] - x, way[k, 1] - y)
+        apart = hypot(way[k, 0] - x, way[k, 1] - y)
         if apart < least:
             nearest, least = k, apart
     return nearest
@@ -161,12 +163,12 @@ def _cut(
     for k in range(nearest, way.shape[0]):
         x = (c * way[k, 0] - s * way[k, 1] + motion[2]) * scale
         y = (s * way[k, 0] + c * way[k, 1] + motion[3]) * scale
-        steps = 1 if k == nearest else max(1, math.ceil(math.hypot(x - last_x, y - last_y)))
+        steps = 1 if k == nearest else max(1, math.ceil(hypot(x - last_x, y - last_y)))
         for step in range(1, steps + 1):
             px = x if step == steps else last_x + step / steps * (x - last_x)
             py = y if step == steps else last_y + step / steps * (y - last_y)
             row, column = math.floor(py), math.floor(px)
-            near = math.hypot(px - body[0], py - body[1]) <= reach and count < cells.shape[0]
+            near = hypot(px - body[0], py - body[1]) <= reach and count < cells.shape[0]
             if not (near and 0 <= row < side and 0 <= column < side):
                 return nearest, False, cells[:count].copy()
             if count == 0 or cells[count - 1, 0] != row or cells[count - 1, 1] != column:
@@ -209,9 +211,9 @@ def _bearing(squared: Squares, limit: float, cells: Cells, body: Floats, ahead: 
         if squared[cells[k, 0], cells[k, 1]] <= limit:
             return 0.0
         dx, dy = cells[k, 1] + 0.5 - body[0], cells[k, 0] + 0.5 - body[1]
-        if math.hypot(dx, dy) >= ahead:
+        if hypot(dx, dy) >= ahead:
             break
-    angle = math.atan2(dy, dx) - body[2]
+    angle = atan2(dy, dx) - body[2]
     return float(angle - math.tau * math.floor((angle + math.pi) / math.tau))
 
 
@@ -229,7 +231,9 @@ def _free_goal(squared: Squares, limit: float, cells: Cells, slack: float) -> tu
     reach = int(slack)
     for row in range(max(last_row - reach, 0), min(last_row + reach + 1, squared.shape[0])):
         for column in range(max(last_column - reach, 0), min(last_column + reach + 1, squared.shape[1])):
-            apart = float((row - last_row) ** 2 + (column - last_column) ** 2)
+            apart = float(
+                (row - last_row) * (row - last_row) + (column - last_column) * (column - last_column)
+            )
             if squared[row, column] > limit and apart <= least:
                 # the later of two that are as near: any rule will do, if it is one
                 best_row, best_column, least = row, column, apart

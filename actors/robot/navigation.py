@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Duration, Instant, seconds
+from actors.portable import cos_sin
 from actors.robot.bounds import check
 from actors.robot.driver import Steering
 from actors.robot.journal import Journal
@@ -244,10 +245,9 @@ class Navigation:
             return None
         marks = self._local.marks()
         turn = estimate.heading - here.heading
-        c, s = np.cos(turn), np.sin(turn)
-        apart = marks - np.array([here.x, here.y])
-        moved: NDArray[np.float64] = apart @ np.array([[c, s], [-s, c]]) + np.array([estimate.x, estimate.y])
-        return moved
+        c, s = cos_sin(turn)
+        x, y = marks[:, 0] - here.x, marks[:, 1] - here.y
+        return np.stack([x * c - y * s + estimate.x, x * s + y * c + estimate.y], axis=1)
 
     def _recover(self, pursuit: _Pursuit, reason: AbortReason, instant: Instant) -> Twist:
         """Forget what is marked farther away and plan anew, or give the goal up."""

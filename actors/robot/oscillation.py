@@ -3,12 +3,11 @@
 As ros-planning/navigation, base_local_planner/src/oscillation_cost_function.cpp.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.geometry import Pose, wrap
+from actors.portable import hypot
 
 
 class OscillationCritic:
@@ -58,5 +57,5 @@ class OscillationCritic:
         return turned
 
     def _away(self, here: Pose) -> bool:
-        gone = math.hypot(here.x - self._where.x, here.y - self._where.y)
+        gone = hypot(here.x - self._where.x, here.y - self._where.y)
         return gone > self._distance or abs(wrap(here.heading - self._where.heading)) > self._angle

@@ -180,9 +180,9 @@ class Planner:
         if not rows.size:
             return None
         x, y = grid.centres()
-        squared = (x[columns + left] - point.x) ** 2 + (y[rows + bottom] - point.y) ** 2
+        squared = np.square(x[columns + left] - point.x) + np.square(y[rows + bottom] - point.y)
         best = int(np.argmin(squared))
-        if squared[best] > reach**2:
+        if squared[best] > reach * reach:
             return None
         return Cell(int(rows[best]) + bottom, int(columns[best]) + left)
 

@@ -13,6 +13,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from actors.messages import NO_ECHO_MM
+from actors.portable import arrays
+from actors.portable.compiled import asin, atan2, cos_sin, hypot
 
 Floats = NDArray[np.float64]
 Marks = NDArray[np.uint8]
@@ -62,9 +64,9 @@ def fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
     angles = np.linspace(-math.pi, math.pi, 90, endpoint=False)
     # read-only, as what a message holds: so this compiles the very variant that the robot will call
-    ranges = np.frombuffer((900 + 700 * np.sin(5 * angles)).astype("<u2").tobytes(), "<u2")
-    rays = np.column_stack((np.cos(angles), np.sin(angles)))
-    marks = (np.add.outer(np.arange(40) * 7, np.arange(40) ** 2 * 3) % 5 == 0).astype(np.uint8)
+    ranges = np.frombuffer((900 + 700 * arrays.sin(5 * angles)).astype("<u2").tobytes(), "<u2")
+    rays = np.column_stack((arrays.cos(angles), arrays.sin(angles)))
+    marks = (np.add.outer(np.arange(40) * 7, np.square(np.arange(40)) * 3) % 5 == 0).astype(np.uint8)
     stamps = np.zeros((40, 40), np.int64)
     fan, eye = np.array([-math.pi, math.tau / 90]), np.array([19.3, 20.6, 0.4])
     body = np.array([20.1, 20.4, 3.5])
@@ -113,11 +115,11 @@ def _passed(
     heading: float,
 ) -> bool:
     """True if some ray passes through the cell with its centre (x, y) away from the sensor."""
-    apart = math.hypot(x, y)
+    apart = hypot(x, y)
     if apart - HALF_DIAGONAL >= limits[2]:
         return False
-    half = math.asin(HALF_DIAGONAL / apart) if apart > HALF_DIAGONAL else math.pi
-    bearing = math.atan2(y, x) - heading - fan[0]
+    half = asin(HALF_DIAGONAL / apart) if apart > HALF_DIAGONAL else math.pi
+    bearing = atan2(y, x) - heading - fan[0]
     bearing -= math.tau * math.floor(bearing / math.tau)
     # the cell may lie at both ends of the scan; one ray more on both sides makes up for rounding
     for turn in range(-1, 2):
@@ -138,7 +140,7 @@ def _write_below(cells: NDArray[Any], value: int, body: Floats, radius: float) -
     """Write `value` into the cells whose centres are within `radius` of the body's."""
     for row in range(max(int(body[1] - radius), 0), min(int(body[1] + radius) + 1, cells.shape[0])):
         for column in range(max(int(body[0] - radius), 0), min(int(body[0] + radius) + 1, cells.shape[1])):
-            if math.hypot(column + 0.5 - body[0], row + 0.5 - body[1]) <= radius:
+            if hypot(column + 0.5 - body[0], row + 0.5 - body[1]) <= radius:
                 cells[row, column] = value
 
 
@@ -152,7 +154,7 @@ def _take_in(
     body: Floats,
     limits: Floats,
 ) -> None:
-    c, s = math.cos(eye[2]), math.sin(eye[2])
+    c, s = cos_sin(eye[2])
     for row in range(marks.shape[0]):
         for column in range(marks.shape[1]):
             if marks[row, column]:
@@ -182,7 +184,7 @@ def _stamp(
 ) -> None:
     _write_below(stamps, instant, body, body[2])
     rows, columns = stamps.shape
-    c, s = math.cos(eye[2]), math.sin(eye[2])
+    c, s = cos_sin(eye[2])
     for k in range(ranges_mm.size):
         begin, end = _free_stretch(ranges_mm[k], limits)
         dx, dy = c * rays[k, 0] - s * rays[k, 1], s * rays[k, 0] + c * rays[k, 1]

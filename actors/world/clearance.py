@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.geometry import Pose
+from actors.portable import arrays, cos_sin
 from actors.robot_model import Footprint
 
 
@@ -28,9 +29,9 @@ def placed(footprint: Footprint, pose: Pose) -> Shape:
     """A robot's outline where the robot is."""
     if footprint.radius is not None:
         return disc(pose.x, pose.y, footprint.radius)
-    c, s = math.cos(pose.heading), math.sin(pose.heading)
-    turn = np.array([[c, s], [-s, c]])
-    return Shape(np.array(footprint.vertices) @ turn + (pose.x, pose.y), 0.0)
+    c, s = cos_sin(pose.heading)
+    vertices = [(c * x - s * y + pose.x, s * x + c * y + pose.y) for x, y in footprint.vertices or ()]
+    return Shape(np.array(vertices), 0.0)
 
 
 def gap(a: Shape, b: Shape) -> float:
@@ -65,16 +66,22 @@ def _separation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     if len(a) == 1:
         return -math.inf
     edges = np.roll(a, -1, axis=0) - a
-    normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.hypot(*edges.T)[:, None]
-    reach = (a * normals).sum(axis=1)
-    return float(((b @ normals.T).min(axis=0) - reach).max())
+    normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / arrays.hypot(*edges.T)[:, None]
+    reach = _products(a, normals)
+    return float((_products(b[:, None], normals).min(axis=0) - reach).max())
 
 
 def _border_distance(points: NDArray[np.float64], ring: NDArray[np.float64]) -> float:
     """Distance from the nearest of the points to the border of the ring."""
     edges = np.roll(ring, -1, axis=0) - ring
-    lengths = np.maximum((edges * edges).sum(axis=1), np.finfo(float).tiny)
+    lengths = np.maximum(_products(edges, edges), np.finfo(float).tiny)
     offsets = points[:, None, :] - ring[None, :, :]
-    along = np.clip((offsets * edges).sum(axis=2) / lengths, 0.0, 1.0)
+    along = np.clip(_products(offsets, edges) / lengths, 0.0, 1.0)
     away = offsets - along[:, :, None] * edges
-    return float(np.sqrt((away * away).sum(axis=2).min()))
+    return float(np.sqrt(_products(away, away).min()))
+
+
+def _products(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Inner products of vectors in the plane: (…, 2) and (…, 2) give (…), as numpy broadcasts them."""
+    product: NDArray[np.float64] = a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
+    return product

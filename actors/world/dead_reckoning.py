@@ -7,6 +7,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from actors.portable import arrays
+from actors.portable.compiled import cos_sin
+
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -100,7 +103,7 @@ def _feed_back(
 def _motion(x: float, y: float, heading: float, pose: Floats) -> tuple[float, float, float]:
     """From one pose to the next: forward and leftward in the first one's frame, m; turn in [−π, π), rad."""
     dx, dy = pose[0] - x, pose[1] - y
-    c, s = math.cos(heading), math.sin(heading)
+    c, s = cos_sin(heading)
     turn = pose[2] - heading
     turn -= 2 * math.pi * math.floor((turn + math.pi) / (2 * math.pi))
     return c * dx + s * dy, c * dy - s * dx, turn
@@ -108,20 +111,20 @@ def _motion(x: float, y: float, heading: float, pose: Floats) -> tuple[float, fl
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _add(estimate: Floats, heading: float, forward: float, leftward: float) -> None:
-    c, s = math.cos(heading), math.sin(heading)
+    c, s = cos_sin(heading)
     estimate[0] += c * forward - s * leftward
     estimate[1] += s * forward + c * leftward
 
 
 def fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
-    track = np.sin(np.arange(60.0)).reshape(10, 2, 3)
+    track = arrays.sin(np.arange(60.0)).reshape(10, 2, 3)
     robots, last = np.arange(2), np.zeros((2, 3))
     estimates, velocities = np.zeros((2, 3)), np.zeros((2, 3))
-    add_scaled(track, robots, last, 1 + np.cos(np.arange(6.0)).reshape(2, 3) / 100, estimates)
+    add_scaled(track, robots, last, 1 + arrays.cos(np.arange(6.0)).reshape(2, 3) / 100, estimates)
     bases = np.zeros(2, BASE)
     bases["left_scale"], bases["right_scale"], bases["bias"] = 1.001, 0.999, 1e-4
-    normals = np.cos(np.arange(80.0)).reshape(2, 10, 4)
+    normals = arrays.cos(np.arange(80.0)).reshape(2, 10, 4)
     model = (0.23, 8.5e-5, 0.002, 5e-4, 1e-5, 1.7e-4, 2)
     add_measured(track, robots, last, normals, 0.01, model, bases, estimates, velocities)
     return estimates.tobytes() + velocities.tobytes() + bases.tobytes()

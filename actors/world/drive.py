@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from actors import convex
 from actors.instant import seconds
+from actors.portable import arrays
+from actors.portable.compiled import atan2, cos_sin, hypot
 from actors.robot_model import RobotModel
 
 Floats = NDArray[np.float64]
@@ -37,7 +39,7 @@ LIMITS = np.dtype(
 def moment_of_inertia(model: RobotModel) -> float:
     """About the body's origin, kg m², its mass evenly spread over the footprint."""
     if model.footprint.radius is not None:
-        return model.mass * model.footprint.radius**2 / 2
+        return model.mass * (model.footprint.radius * model.footprint.radius) / 2
     assert model.footprint.vertices is not None
     return convex.moment(model.footprint.vertices, model.mass)
 
@@ -116,7 +118,7 @@ def drive_forces(
         # The physics moves bodies first and changes velocities afterwards, so the new velocity applies at the
         # heading that the body will have then: a differential drive never drifts sideways.
         heading = state[i, 2] + state[i, 5] * dt
-        c, s = math.cos(heading), math.sin(heading)
+        c, s = cos_sin(heading)
         forward, leftward = c * state[i, 3] + s * state[i, 4], c * state[i, 4] - s * state[i, 3]
         ahead, aside = _pull(state[i], forward, leftward, vx, vy, dt, limit, memory[i])
         omega = min(max(omega, -limit.turn_rate), limit.turn_rate)
@@ -136,7 +138,7 @@ def _pull(
 ) -> tuple[float, float]:
     """The change of velocity that the drive brings about, body frame; forward, leftward: the velocity now."""
     reach, grip = limit.acceleration * dt, limit.grip * dt
-    c, s = math.cos(state[2]), math.sin(state[2])
+    c, s = cos_sin(state[2])
     slip_ahead = c * state[3] + s * state[4] - wheels.ahead  # since the last sub-step: somebody pushed
     slip_aside = c * state[4] - s * state[3] - wheels.aside
     change_x, change_y = _shortened(vx - wheels.ahead, vy - wheels.aside, reach)
@@ -174,7 +176,7 @@ def _held(hold: float, slip: float, grip: float) -> float:
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _shortened(x: float, y: float, longest: float) -> tuple[float, float]:
     """The vector, but no longer than that."""
-    length = math.hypot(x, y)
+    length = hypot(x, y)
     share = 1.0 if length <= longest else longest / length
     return x * share, y * share
 
@@ -201,7 +203,7 @@ def press_bumpers(
     now_touching = np.zeros(n, np.bool_)
     for k in range(pairs.shape[0]):
         a, b = _robot(pairs[k, 0], numbers, robots), _robot(pairs[k, 1], numbers, robots)
-        bearing = math.atan2(normals[k, 1], normals[k, 0])
+        bearing = atan2(normals[k, 1], normals[k, 0])
         if a >= 0:
             bumpers[a] |= _sector(bearing - state[a, 2], limits[a])
         if b >= 0:
@@ -256,13 +258,13 @@ def fingerprint() -> bytes:
         500_000,
     )
     fixed["bumper_centre"], fixed["bumper_reach"] = 0.5, 1.5
-    state = np.sin(np.arange(18.0)).reshape(3, 6)
-    commands = np.cos(np.arange(9.0)).reshape(3, 3)
+    state = arrays.sin(np.arange(18.0)).reshape(3, 6)
+    commands = arrays.cos(np.arange(9.0)).reshape(3, 3)
     forces, memory = np.zeros((3, 3)), np.full(3, 0.02).astype(MEMORY)
     drive_forces(state, commands, np.array([0, 1, -600_000]), 0, 0.01, fixed, memory, forces)
     bumpers, touching = np.zeros(3, np.uint8), np.zeros(3, np.bool_)
     pairs = np.array([[5, 6, 1], [6, 7, 0], [7, 1, 1]], np.uint64)
     numbers, robots = np.array([5, 6, 7], np.uint64), np.array([1, 0, 2])
-    normals = np.cos(np.arange(6.0)).reshape(3, 2)
+    normals = arrays.cos(np.arange(6.0)).reshape(3, 2)
     begun = press_bumpers(state, pairs, normals, numbers, robots, fixed, bumpers, touching)
     return forces.tobytes() + memory.tobytes() + bumpers.tobytes() + touching.tobytes() + bytes([begun])

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from actors.geometry import Pose, wrap
 from actors.instant import Duration, in_seconds
 from actors.messages import Odometry
+from actors.portable import cos_sin
+from actors.portable.draws import normals, uniforms
 from actors.robot_model import OdometryKind, RobotModel
 from actors.runtime.errors import AcrcError
 from actors.world.dead_reckoning import BASE, add_measured, add_scaled
@@ -97,10 +99,10 @@ class Odometers:
         self._factors = np.ones((n, 3))
         for i in self._scaled:
             spread = np.array([stage.forward, stage.leftward, stage.turn])
-            self._factors[i] += generators[i].uniform(-0.5, 0.5, 3) * spread
+            self._factors[i] += uniforms(generators[i], -0.5, 0.5, 3) * spread
         self._bases = np.zeros(n, BASE)
         for i in self._measured:
-            left, right, bias = generators[i].standard_normal(3).tolist()
+            left, right, bias = normals(generators[i], 3).tolist()
             base = self._bases[i]
             base["left_scale"] = 1 + left * kobuki.wheel_scale
             base["right_scale"] = 1 + right * kobuki.wheel_scale
@@ -112,12 +114,12 @@ class Odometers:
         if self._scaled.size:
             add_scaled(track, self._scaled, self._last, self._factors, self._estimates)
         if self._measured.size:
-            normals = np.stack([self._generators[i].standard_normal((len(track), 4)) for i in self._measured])
+            draws = np.stack([normals(self._generators[i], (len(track), 4)) for i in self._measured])
             add_measured(
                 track,
                 self._measured,
                 self._last,
-                normals,
+                draws,
                 self._dt,
                 self._kobuki,
                 self._bases,
@@ -144,7 +146,7 @@ class Odometers:
             vx, vy, omega = self._velocities[index].tolist()
         else:
             east, north, omega = self._true_velocities[index].tolist()
-            c, s = math.cos(here.heading), math.sin(here.heading)
+            c, s = cos_sin(here.heading)
             vx, vy = c * east + s * north, c * north - s * east
         return Odometry(x, y, wrap(heading), vx, vy, omega)
 

@@ -7,6 +7,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from actors.portable import arrays
+from actors.portable.compiled import asin, atan2, cos_sin, hypot
+
 Floats = NDArray[np.float64]
 
 SENSOR = np.dtype(
@@ -145,11 +148,11 @@ def _hide_behind(
     ranges: Floats,
 ) -> None:
     """Shorten the ranges of rays that meet a body; (x, y): its centre as seen from the sensor, map frame."""
-    apart = math.hypot(x, y)
+    apart = hypot(x, y)
     if apart - radius > sensor.range_max:
         return
-    half = math.asin(radius / apart) if apart > radius else math.pi
-    bearing = math.atan2(y, x) - heading - sensor.first_angle
+    half = asin(radius / apart) if apart > radius else math.pi
+    bearing = atan2(y, x) - heading - sensor.first_angle
     bearing -= 2 * math.pi * math.floor(bearing / (2 * math.pi))
     # The body may appear at both ends of the scan; one ray more on both sides makes up for rounding.
     for turn in range(-1, 2):
@@ -165,7 +168,7 @@ def _hide_behind(
 def _ring(body: Any, pose: Floats, vertices: Floats, x: float, y: float) -> Floats:
     """The (n, 2) vertices of a body at that pose as seen from (x, y), map frame."""
     ring = np.empty((body.vertices, 2))
-    c, s = math.cos(pose[2]), math.sin(pose[2])
+    c, s = cos_sin(pose[2])
     for k in range(body.vertices):
         forward, leftward = vertices[body.first_vertex + k, 0], vertices[body.first_vertex + k, 1]
         ring[k, 0] = pose[0] - x + c * forward - s * leftward
@@ -199,7 +202,7 @@ def sweep(
     for scan in range(due.size):
         own = due[scan]
         sensor: Any = sensors[own]
-        c, s = math.cos(poses[own, 2]), math.sin(poses[own, 2])
+        c, s = cos_sin(poses[own, 2])
         x = poses[own, 0] + c * sensor.x - s * sensor.y
         y = poses[own, 1] + s * sensor.x + c * sensor.y
         found = ranges[starts[scan] : starts[scan] + sensor.rays]
@@ -215,7 +218,7 @@ def sweep(
         for other in range(bodies.size):
             body: Any = bodies[other]
             away_x, away_y = poses[other, 0] - x, poses[other, 1] - y
-            if other == own or math.hypot(away_x, away_y) - body.radius > sensor.range_max:
+            if other == own or hypot(away_x, away_y) - body.radius > sensor.range_max:
                 continue
             ring = _ring(body, poses[other], vertices, x, y) if body.vertices else nothing
             _hide_behind(away_x, away_y, body.radius, ring, sensor, heading, directions, found)
@@ -251,7 +254,7 @@ def in_millimetres(
 
 def fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
-    blocking = np.sin(np.arange(1200.0) ** 2).reshape(30, 40) > 0.9
+    blocking = arrays.sin(np.square(np.arange(1200.0))).reshape(30, 40) > 0.9
     blocking[14:17, 9:31] = False
     squares = free_squares(blocking)
     sensors = np.array(
@@ -259,7 +262,7 @@ def fingerprint() -> bytes:
     )
     bodies = np.array([(0.177, 0, 0), (0.2, 0, 3)], BODY)
     angles = -3.1 + 0.02 * np.arange(310)
-    table = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    table = np.stack([arrays.cos(angles), arrays.sin(angles)], axis=1)
     poses = np.array([[0.8, 0.78, 0.1], [1.2, 0.79, -2.0]])
     corners = np.array([[0.1, 0.1], [-0.15, 0.12], [0.0, -0.2]])
     obstacles = np.array([[1.0, 0.9, 0.05]])
@@ -280,5 +283,5 @@ def fingerprint() -> bytes:
         ranges,
     )
     scan = np.empty(321, np.uint16)
-    in_millimetres(ranges, np.cos(np.arange(321.0)), 0.01, 0.001, 0.05, 6.5, scan)
+    in_millimetres(ranges, arrays.cos(np.arange(321.0)), 0.01, 0.001, 0.05, 6.5, scan)
     return squares.tobytes() + ranges.tobytes() + scan.tobytes()

@@ -7,6 +7,8 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors.grid import OccupancyGrid
+from actors.portable import arrays
+from actors.portable.draws import normals
 from actors.robot_model import RangeSensor, RobotModel, scan_angles
 from actors.world.rays import BODY, SENSOR, free_squares, in_millimetres, sweep
 
@@ -54,7 +56,7 @@ class RangeSensors:
         """The true ranges of all scans, one after the other, and where each ends."""
         rays = self._sensors["rays"][due]
         ends = np.cumsum(rays)
-        ranges = np.empty(int(rays.sum()))
+        ranges = np.empty(int(ends[-1]) if ends.size else 0)
         sweep(
             self._squares,
             self._grid.resolution,
@@ -76,10 +78,10 @@ class RangeSensors:
     ) -> NDArray[np.uint16]:
         sensor = self._models[robot]
         noisy = sensor.noise > 0 or sensor.noise_growth > 0
-        normals = self._generators[robot].standard_normal(sensor.rays if noisy else 0)
+        draws = normals(self._generators[robot], sensor.rays if noisy else 0)
         in_millimetres(
             ranges,
-            normals,
+            draws,
             sensor.noise,
             sensor.noise_growth,
             sensor.range_min,
@@ -102,7 +104,7 @@ def _sensors(sensors: Sequence[RangeSensor]) -> tuple[NDArray[np.void], NDArray[
     all_angles = np.concatenate([*angles, np.empty(0)])
     return (
         np.array([of[sensor] for sensor in sensors], SENSOR),
-        np.stack([np.cos(all_angles), np.sin(all_angles)], axis=1),
+        np.stack([arrays.cos(all_angles), arrays.sin(all_angles)], axis=1),
     )
 
 

@@ -6,6 +6,7 @@ from typing import Final
 import msgspec
 
 from actors.messages import RobotTruth
+from actors.portable import hypot
 
 ASTRAY: Final = 0.5
 """A robot farther than this from where it holds itself to be, m, is astray."""
@@ -48,7 +49,7 @@ class Whereabouts:
         """Compare what one robot holds to be its pose at a step's start with the true one."""
         if held is None:
             return
-        distance = math.hypot(held[0] - true.x, held[1] - true.y)
+        distance = hypot(held[0] - true.x, held[1] - true.y)
         self._samples[robot] += 1
         self._squares[robot] += distance * distance
         self._greatest[robot] = max(self._greatest[robot], distance)

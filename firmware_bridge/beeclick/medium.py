@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from actors.instant import Instant
+from actors.portable import arrays
 from actors.radio.frame import airtime_us
 from actors.radio.frame_check import frame_check
 from actors.radio.link_budget import needed_dbm
@@ -169,7 +170,7 @@ class Air:
 
     def _arriving(self, now: Instant, station: int) -> list[float]:
         places = np.array([place(now) for place in self._places], dtype=np.float64)
-        distances = np.hypot(*(places - places[station]).T)
+        distances = arrays.hypot(*(places - places[station]).T)
         loss = path_loss_db(distances, self._p.radio.propagation.path_loss)
         dbm: list[float] = (self.boards[station].power_dbm - loss).tolist()
         return dbm

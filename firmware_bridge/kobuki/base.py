@@ -13,6 +13,8 @@ from numpy.random import Generator
 
 from actors.geometry import Pose
 from actors.instant import START, Instant, in_seconds
+from actors.portable import cos, sin
+from actors.portable.draws import normals
 from actors.world.odometry import KobukiErrors
 from firmware_bridge.kobuki import frame, motion
 from firmware_bridge.kobuki import packets as wire_packets
@@ -124,7 +126,7 @@ class EmulatedKobuki:
         self._feedbacks = 0
         self._pose = body.truth().pose
         errors = parameters.errors
-        left, right, bias = generator.standard_normal(3).tolist()
+        left, right, bias = normals(generator, 3).tolist()
         self._scale = (1 + left * errors.wheel_scale, 1 + right * errors.wheel_scale)
         self._wheels = _Wheels(bias=bias * math.radians(errors.gyro_bias_deg))
         self._extra: list[Feedback] = []
@@ -200,15 +202,15 @@ class EmulatedKobuki:
             truth.pose
             if until == now
             else self._pose._replace(
-                x=self._pose.x + chord * math.cos(course),
-                y=self._pose.y + chord * math.sin(course),
+                x=self._pose.x + chord * cos(course),
+                y=self._pose.y + chord * sin(course),
                 heading=self._pose.heading + turn,
             )
         )
         time = in_seconds(until - self._now)
         self._now = until
         errors, wheels = self._p.errors, self._wheels
-        noise = self._generator.standard_normal(4).tolist()
+        noise = normals(self._generator, 4).tolist()
         left, right = forward - turn * errors.track / 2, forward + turn * errors.track / 2
         wheels.left += left * self._scale[0] + noise[0] * errors.slip * math.sqrt(abs(left))
         wheels.right += right * self._scale[1] + noise[1] * errors.slip * math.sqrt(abs(right))
@@ -302,13 +304,13 @@ def _motion(before: Pose, after: Pose) -> tuple[float, float]:
     """The arc from one pose to the next: length, m, and turn, rad."""
     turn = math.remainder(after.heading - before.heading, math.tau)
     course = before.heading + turn / 2
-    chord = math.cos(course) * (after.x - before.x) + math.sin(course) * (after.y - before.y)
+    chord = cos(course) * (after.x - before.x) + sin(course) * (after.y - before.y)
     return chord / _chord(turn), turn
 
 
 def _chord(turn: float) -> float:
     """Of an arc that turns so much, per its length."""
-    return math.sin(turn / 2) / (turn / 2) if turn else 1.0
+    return sin(turn / 2) / (turn / 2) if turn else 1.0
 
 
 def _within(value: float) -> int:

@@ -5,6 +5,7 @@ from typing import NamedTuple, Protocol
 
 from actors.geometry import Point, Pose, wrap
 from actors.instant import START, Duration, Instant, in_seconds
+from actors.portable import cos, sin
 from firmware_bridge.room import EMPTY, Room
 
 _SUBSTEP_US = 5_000
@@ -79,8 +80,8 @@ class Unicycle:
         v, omega = self._wanted
         here, turn = self._pose, omega * time
         course = here.heading + turn / 2
-        way = v * time * (math.sin(turn / 2) / (turn / 2) if turn else 1.0)
-        aim = Point(here.x + way * math.cos(course), here.y + way * math.sin(course))
+        way = v * time * (sin(turn / 2) / (turn / 2) if turn else 1.0)
+        aim = Point(here.x + way * cos(course), here.y + way * sin(course))
         there = self.room.held(aim, self._radius)
         self._pose = Pose(*there, wrap(here.heading + turn))
         self._v = math.copysign(here.point.distance_to(there), v) / time

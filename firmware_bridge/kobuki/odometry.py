@@ -10,6 +10,7 @@ from typing import Final
 from actors.geometry import wrap
 from actors.instant import Instant, in_seconds
 from actors.messages import Odometry
+from actors.portable import cos, sin
 from firmware_bridge.kobuki.motion import METRES_PER_TICK, TRACK
 from firmware_bridge.kobuki.packets import Basic, Inertial
 
@@ -161,8 +162,8 @@ class KobukiOdometry:
     def _add(self, motion: _Motion, reading: _Reading) -> None:
         turn = self._turn(motion, reading)
         forward = (motion.left + motion.right) / 2
-        self._x += forward * math.cos(self.heading + turn / 2)
-        self._y += forward * math.sin(self.heading + turn / 2)
+        self._x += forward * cos(self.heading + turn / 2)
+        self._y += forward * sin(self.heading + turn / 2)
         self.heading += turn
         self._v, self._omega = forward / motion.time, turn / motion.time
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from actors.instant import START, Instant
 from actors.map_file import load_map
+from actors.portable import arrays
 from actors.radio.presets import preset
 from actors.randomness import generator
 from actors.robot_model import load_model
@@ -147,7 +148,7 @@ class Laboratory:
         self._now = self._due
         before = self._sights.poses[:, :2].copy()
         self._look()
-        self._travelled += np.hypot(*(self._sights.poses[:, :2] - before).T)
+        self._travelled += arrays.hypot(*(self._sights.poses[:, :2] - before).T)
 
     def _look(self) -> None:
         for index in range(len(self.robots)):

@@ -1,10 +1,9 @@
 """One robot's body in the simulated world, as the base that drives it has it."""
 
-import math
-
 from actors.geometry import Pose
 from actors.instant import Instant
 from actors.messages import Drive
+from actors.portable import cos, sin
 from actors.world.body import Bodies
 from firmware_bridge.kobuki.body import Truth
 
@@ -35,7 +34,7 @@ class RobotBody:
     def truth(self) -> Truth:
         """As in Body."""
         x, y, heading, vx, vy, omega = self._bodies.truth(self._index)
-        return Truth(Pose(x, y, heading), vx * math.cos(heading) + vy * math.sin(heading), omega)
+        return Truth(Pose(x, y, heading), vx * cos(heading) + vy * sin(heading), omega)
 
     def bumper(self) -> int:
         """As in Body: pressed at any time since the last call."""

@@ -8,7 +8,6 @@ The core is told the time, an input that a recording does not hold: what is exec
 what it received.
 """
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import Final, Protocol
@@ -38,6 +37,7 @@ from actors.messages import (
     Stop,
     Truth,
 )
+from actors.portable import cos_sin
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.topic import Message
 
@@ -269,7 +269,7 @@ class BaseCore:
         """What stands in truth's place, for those who watch: where odometry alone holds the robot to be."""
         odometry = self._vehicle.odometry()
         x, y, heading = self._start.compose(Pose(odometry.x, odometry.y, odometry.heading))
-        c, s = math.cos(heading), math.sin(heading)
+        c, s = cos_sin(heading)
         vx, vy = c * odometry.vx - s * odometry.vy, s * odometry.vx + c * odometry.vy
         return RobotTruth(
             self._robot, x, y, heading, vx, vy, odometry.omega, True, True, self._transmits, self._epoch

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from actors.instant import Instant
 from actors.messages import Scan
+from actors.portable import atan, tan
 from actors.robot_model import RangeSensor as SensorModel
 from actors.runtime.errors import AcrcError
 from firmware_bridge.range_sensors.sensor import REACH, Rays
@@ -45,7 +46,7 @@ class DepthCamera:
     @property
     def focal_length(self) -> float:
         """In columns."""
-        return self.width / 2 / math.tan(math.radians(self.field_of_view_deg) / 2)
+        return self.width / 2 / tan(math.radians(self.field_of_view_deg) / 2)
 
     @property
     def slopes(self) -> NDArray[np.float64]:
@@ -69,8 +70,8 @@ class DepthScanner:
         self._camera = camera
         self._rays = Rays(model)
         slopes = camera.slopes
-        self._angles = -np.arctan(slopes)
-        self._lengths = np.hypot(1, slopes) / 1000
+        self._angles = -np.array([atan(slope) for slope in slopes.tolist()])
+        self._lengths = np.sqrt(1.0 + slopes * slopes) / 1000
         first, last = self._rays.angles[[0, -1]]
         if self._angles[-1] - REACH > first or self._angles[0] + REACH < last:
             raise DepthError(

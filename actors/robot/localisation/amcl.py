@@ -14,6 +14,8 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors.geometry import Point, Pose
+from actors.portable import arrays
+from actors.portable.draws import normals
 from actors.robot.localisation.beams import beams, ends
 from actors.robot.localisation.estimate import Estimate
 from actors.robot.localisation.histogram import Cluster, Histogram, heaviest_cluster, histogram
@@ -62,7 +64,7 @@ class Amcl:
         self._count = parameters.max_particles
         self._poses = self._scatter(start)
         self._drawn = np.empty_like(self._poses)
-        self._directions = np.stack((np.cos(self._poses[2]), np.sin(self._poses[2])))
+        self._directions = np.stack((arrays.cos(self._poses[2]), arrays.sin(self._poses[2])))
         self._weights = np.full(self._count, 1 / self._count)
         self._cluster = self._heaviest(histogram(self._poses, self._count))
         self._correction = self._cluster.pose if start is None else start
@@ -96,7 +98,7 @@ class Amcl:
         if start is None:
             return self._field.poses(self._generator, self._count)
         around, turned = self._parameters.start_spread, self._parameters.start_turn_spread
-        poses = np.array([[around], [around], [turned]]) * self._generator.standard_normal((3, self._count))
+        poses = np.array([[around], [around], [turned]]) * normals(self._generator, (3, self._count))
         poses += np.array(start)[:, np.newaxis]
         poses[2] = np.remainder(poses[2] + np.pi, 2 * np.pi) - np.pi
         return poses
@@ -128,8 +130,8 @@ class Amcl:
     def _move(self, pose: Pose) -> None:
         """Each particle by its own idea of what the odometry's step was."""
         made = step(self._odometry or _ORIGIN, pose)
-        normals = self._generator.standard_normal((3, self._count))
-        move(self._poses, self._count, made, spread(made, self._parameters), normals)
+        draws = normals(self._generator, (3, self._count))
+        move(self._poses, self._count, made, spread(made, self._parameters), draws)
         self._odometry = pose
 
     def _weigh(self, sweep: Sweep) -> float | None:

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from actors.geometry import Pose
 from actors.messages import NO_ECHO_MM
+from actors.portable import arrays
+from actors.portable.compiled import cos_sin, hypot
 from actors.robot.localisation.likelihood_field import LEVELS, LikelihoodField
 from actors.robot_model import RangeSensor, scan_angles
 
@@ -48,7 +50,7 @@ def beams(sensor: RangeSensor, count: int) -> Beams:
     directions = scan_angles(sensor)[rays]
     return Beams(
         rays,
-        np.column_stack((np.cos(directions), np.sin(directions))),
+        np.column_stack((arrays.cos(directions), arrays.sin(directions))),
         np.array([sensor.x, sensor.y]),
         sensor.range_max,
     )
@@ -90,10 +92,10 @@ def ends(
 def fingerprint() -> bytes:
     """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
     angles = np.linspace(-3.0, 3.0, 30)
-    ranges = np.frombuffer((2000 + 900 * np.sin(5 * angles)).astype("<u2").tobytes(), "<u2")  # read-only
+    ranges = np.frombuffer((2000 + 900 * arrays.sin(5 * angles)).astype("<u2").tobytes(), "<u2")  # read-only
     chosen = Beams(
         np.arange(0, 30, 3),
-        np.column_stack((np.cos(angles[::3]), np.sin(angles[::3]))),
+        np.column_stack((arrays.cos(angles[::3]), arrays.sin(angles[::3]))),
         np.array([-0.1, 0.0]),
         2.7,
     )
@@ -127,7 +129,7 @@ def _ends(
 ) -> tuple[NDArray[np.float64], int, int]:
     points = np.empty((rays.size, 2))
     kept = masked = strangers = 0
-    c, s = math.cos(heading), math.sin(heading)
+    c, s = cos_sin(heading)
     eye_x, eye_y = x + c * mount[0] - s * mount[1], y + s * mount[0] + c * mount[1]
     for beam in range(rays.size):
         millimetres = ranges_mm[rays[beam]]
@@ -173,7 +175,7 @@ def _in_the_open(
     """
     if step * _level(levels, frame, end_x, end_y) <= margin:
         return False
-    length = math.hypot(end_x - eye_x, end_y - eye_y)
+    length = hypot(end_x - eye_x, end_y - eye_y)
     gone = 0.0
     while gone < length:
         share = gone / length
@@ -194,6 +196,6 @@ def _level(levels: NDArray[np.uint8], frame: NDArray[np.float64], x: float, y: f
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _near(points: NDArray[np.float64], x: float, y: float, radius: float) -> bool:
     for i in range(points.shape[0]):  # noqa: SIM110 - numba knows no any() of a generator
-        if math.hypot(points[i, 0] - x, points[i, 1] - y) <= radius:
+        if hypot(points[i, 0] - x, points[i, 1] - y) <= radius:
             return True
     return False

@@ -12,6 +12,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from actors.geometry import Covariance, Pose
+from actors.portable import arrays
+from actors.portable.compiled import atan2
 
 SIDE: Final = 0.5
 """m."""
@@ -66,8 +68,8 @@ def heaviest_cluster(
 def fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
     index = np.arange(80.0)
-    poses = np.stack((0.1 * (index % 9), np.sqrt(index), 3.14 * np.sin(index)))
-    directions = np.stack((np.cos(poses[2]), np.sin(poses[2])))
+    poses = np.stack((0.1 * (index % 9), np.sqrt(index), 3.14 * arrays.sin(index)))
+    directions = np.stack((arrays.cos(poses[2]), arrays.sin(poses[2])))
     found = histogram(poses, 79)
     pose, covariance, weight = heaviest_cluster(found, poses, directions, np.full(80, 1 / 79))
     return found.bin_of.tobytes() + np.array((*pose, *covariance, weight)).tobytes()
@@ -169,7 +171,7 @@ def _heaviest(
             y += weights[i] * poses[1, i]
             c += weights[i] * directions[0, i]
             s += weights[i] * directions[1, i]
-    x, y, heading = x / weight, y / weight, math.atan2(s, c)
+    x, y, heading = x / weight, y / weight, atan2(s, c)
     xx = xy = xh = yy = yh = hh = 0.0
     for i in range(bin_of.size):
         if cluster[bin_of[i]] == heaviest:

@@ -11,6 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from actors.portable import arrays
+from actors.portable.compiled import cos, exp, sin
 from actors.robot.localisation.likelihood_field import LikelihoodField
 from actors.robot.localisation.parameters import AmclParameters
 
@@ -23,7 +25,7 @@ class Measurement:
         self._field = field
         self._parameters = parameters
         p = likelihoods(field, range_max, parameters)
-        self._table = p**3 if parameters.weighting == "cubes" else np.log(p)
+        self._table = p * p * p if parameters.weighting == "cubes" else arrays.log(p)
         self._agreeing = int(np.count_nonzero(field.distances < parameters.beam_skip_distance)) - 1
 
     def weigh(
@@ -63,8 +65,8 @@ class Measurement:
 
 def likelihoods(field: LikelihoodField, range_max: float, parameters: AmclParameters) -> NDArray[np.float64]:
     """p of a beam's end by the level of its cell: (256,). `range_max` is the sensor's, m."""
-    exponent = -0.5 * (field.distances / parameters.sigma_hit) ** 2
-    hit: NDArray[np.float64] = parameters.z_hit * np.exp(exponent)
+    exponent = -0.5 * np.square(field.distances / parameters.sigma_hit)
+    hit: NDArray[np.float64] = parameters.z_hit * arrays.exp(exponent)
     return hit + parameters.z_rand / range_max
 
 
@@ -134,13 +136,13 @@ def fingerprint() -> bytes:
     for shared in (levels, frame):
         shared.setflags(write=False)  # as in the robot: this compiles the very variants that it calls
     field = LikelihoodField(levels, frame, 2.0, np.empty((0, 2)))
-    p = 0.5 * np.exp(-np.arange(256.0) / 50) + 0.1
+    p = 0.5 * arrays.exp(-np.arange(256.0) / 50) + 0.1
     poses = np.linspace(-1.5, 3.0, 90, dtype=np.float64).reshape(3, 30)
-    ends = np.column_stack((np.cos(np.arange(12.0)), np.sin(np.arange(12.0))))
+    ends = np.column_stack((arrays.cos(np.arange(12.0)), arrays.sin(np.arange(12.0))))
     weights, directions = np.full(30, 1 / 30, np.float64), np.empty((2, 30))
     fits = (
-        weigh_by_cubes(field, ends, p**3, 60, poses, weights, directions, 30),
-        *weigh_by_product(field, ends, np.log(p), 60, 0.3, 0.9, 0.5, poses, weights, directions, 30),
+        weigh_by_cubes(field, ends, p * p * p, 60, poses, weights, directions, 30),
+        *weigh_by_product(field, ends, arrays.log(p), 60, 0.3, 0.9, 0.5, poses, weights, directions, 30),
     )
     return weights.tobytes() + np.array(fits).tobytes()
 
@@ -154,8 +156,8 @@ def _face(
     for i in range(count):
         cells[0, i] = (poses[0, i] - frame[0]) / frame[2]
         cells[1, i] = (poses[1, i] - frame[1]) / frame[2]
-        directions[0, i] = math.cos(poses[2, i])
-        directions[1, i] = math.sin(poses[2, i])
+        directions[0, i] = cos(poses[2, i])
+        directions[1, i] = sin(poses[2, i])
     return cells
 
 
@@ -234,7 +236,7 @@ def _weigh_by_product(
     total = 0.0
     for i in range(count):
         if weights[i] > 0.0:  # or 0 times infinity
-            weights[i] *= math.exp(sharpness * (sums[i] - highest))
+            weights[i] *= exp(sharpness * (sums[i] - highest))
         total += weights[i]
     for i in range(count):
         weights[i] /= total

@@ -13,6 +13,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from actors.geometry import Pose, wrap
+from actors.portable import arrays
+from actors.portable.compiled import atan2, cos, hypot, sin
 from actors.robot.localisation.parameters import AmclParameters
 
 _TURN_ON_THE_SPOT: Final = 0.01
@@ -41,8 +43,8 @@ class Spread(NamedTuple):
 def step(before: Pose, after: Pose) -> Step:
     """The step that leads from one pose of the odometry to the other."""
     moved = before.relative(after)
-    way = math.hypot(moved.x, moved.y)
-    turn = math.atan2(moved.y, moved.x) if way >= _TURN_ON_THE_SPOT else 0.0
+    way = hypot(moved.x, moved.y)
+    turn = atan2(moved.y, moved.x) if way >= _TURN_ON_THE_SPOT else 0.0
     return Step(turn, way, wrap(moved.heading - turn))
 
 
@@ -77,7 +79,7 @@ def move(
 def fingerprint() -> bytes:
     """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
     poses = np.linspace(-3.0, 3.0, 60, dtype=np.float64).reshape(3, 20)
-    normals = np.cos(np.arange(60.0)).reshape(3, 20)
+    normals = arrays.cos(np.arange(60.0)).reshape(3, 20)
     move(poses, 19, Step(0.3, 0.25, -0.1), Spread(0.1, 0.05, 0.1), normals)
     return poses.tobytes()
 
@@ -97,7 +99,7 @@ def _move(
     for i in range(count):
         bearing = poses[2, i] + turn + turn_spread * normals[0, i]
         gone = way + way_spread * normals[1, i]
-        poses[0, i] += gone * math.cos(bearing)
-        poses[1, i] += gone * math.sin(bearing)
+        poses[0, i] += gone * cos(bearing)
+        poses[1, i] += gone * sin(bearing)
         heading = bearing + last_turn + last_turn_spread * normals[2, i]
         poses[2, i] = heading - 2 * math.pi * np.rint(heading / (2 * math.pi))

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from actors.portable import arrays
 from actors.robot.localisation.histogram import Histogram, histogram
 
 
@@ -54,7 +55,7 @@ def resample(
 def fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
     index = np.arange(60.0)
-    poses = np.stack((np.sqrt(index), 0.1 * (index % 7), 3 * np.sin(index)))
+    poses = np.stack((np.sqrt(index), 0.1 * (index % 7), 3 * arrays.sin(index)))
     weights: NDArray[np.float64] = (1 + index % 5) / 180
     uniforms = np.modf(index * 0.618)[0]
     drawn = np.zeros((3, 60))
@@ -75,7 +76,8 @@ def kld_bound(bins: int, error: float, quantile: float) -> float:
     if bins <= 1:
         return 0.0
     spread = 2 / (9 * (bins - 1))
-    return (bins - 1) / (2 * error) * (1 - spread + math.sqrt(spread) * quantile) ** 3
+    root = 1 - spread + math.sqrt(spread) * quantile
+    return (bins - 1) / (2 * error) * (root * root * root)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

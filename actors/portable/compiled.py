@@ -1,0 +1,79 @@
+"""The functions of this package for kernels: importing this teaches numba each of them.
+
+What is compiled is the very source that plain Python runs; only `two_to` and `halved` are written anew, on
+the bits themselves. Divisions follow IEEE 754 (no exception), and nothing is contracted to fused operations,
+since numba allows LLVM that only with fastmath.
+"""
+
+from typing import Any, Final
+
+from llvmlite import ir
+from numba import types
+from numba.core.typing import signature
+from numba.extending import intrinsic, overload, register_jitable
+
+from actors.portable import directions, exponential, exponents, logarithm, quantiles, trigonometry
+from actors.portable.directions import acos, asin, atan, atan2, hypot
+from actors.portable.exponential import exp, exp10, expm1
+from actors.portable.logarithm import log, log1p, log10
+from actors.portable.trigonometry import cos, cos_sin, sin, tan
+
+__all__ = [
+    "acos",
+    "asin",
+    "atan",
+    "atan2",
+    "cos",
+    "cos_sin",
+    "exp",
+    "exp10",
+    "expm1",
+    "hypot",
+    "log",
+    "log1p",
+    "log10",
+    "sin",
+    "tan",
+]
+
+_IEEE: Final = {"error_model": "numpy", "forceinline": True}
+_DOUBLE: Final = ir.DoubleType()
+_INT64: Final = ir.IntType(64)
+_FRACTION: Final = 0x000FFFFFFFFFFFFF
+_HALF: Final = 0x3FE0000000000000
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _bits_of(typing: Any, value: Any) -> Any:
+    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+        return builder.bitcast(arguments[0], _INT64)
+
+    return signature(types.int64, types.float64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _float_of(typing: Any, value: Any) -> Any:
+    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+        return builder.bitcast(arguments[0], _DOUBLE)
+
+    return signature(types.float64, types.int64), generate
+
+
+@overload(exponents.two_to, jit_options=_IEEE, strict=False)  # type: ignore[untyped-decorator]
+def _two_to(k: Any) -> Any:
+    return lambda k: _float_of((k + 1023) << 52)
+
+
+@overload(exponents.halved, jit_options=_IEEE, strict=False)  # type: ignore[untyped-decorator]
+def _halved(x: Any) -> Any:
+    def on_bits(x: float) -> tuple[float, int]:
+        bits = _bits_of(x)
+        return _float_of((bits & _FRACTION) | _HALF), (bits >> 52) - 1022
+
+    return on_bits
+
+
+for _module in (exponents, trigonometry, exponential, logarithm, directions, quantiles):
+    for _name, _function in list(vars(_module).items()):
+        if getattr(_function, "__module__", "") == _module.__name__ and _name not in {"two_to", "halved"}:
+            register_jitable(**_IEEE)(_function)

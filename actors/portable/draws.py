@@ -1,0 +1,57 @@
+"""Normal and exponential draws of a generator, each from one of its uniform ones by the inverse distribution.
+
+numpy's own take the tails of their distributions from the C library's logarithm and exponential function.
+"""
+
+from typing import TypeAlias
+
+import numpy as np
+from numba import njit
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from actors.portable import quantiles
+from actors.portable.compiled import log
+
+Floats: TypeAlias = NDArray[np.float64]
+
+
+def normals(generator: Generator, shape: int | tuple[int, ...]) -> Floats:
+    """Standard normal draws of that shape, none beyond ±8.3."""
+    draws = generator.random(shape)
+    _to_normals(draws.reshape(-1))
+    return draws
+
+
+def exponentials(generator: Generator, mean: float, count: int) -> Floats:
+    """Exponentially distributed draws of that mean: (count,), none beyond 37 times the mean."""
+    draws = generator.random(count)
+    _to_exponentials(draws, mean)
+    return draws
+
+
+def uniforms(generator: Generator, low: float, high: float, count: int) -> Floats:
+    """Evenly distributed draws: (count,), from `low` to `high`."""
+    draws: Floats = low + (high - low) * generator.random(count)
+    return draws
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _to_normals(draws: Floats) -> None:
+    for i in range(draws.size):
+        draws[i] = quantiles.normal_quantile(draws[i])
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _to_exponentials(draws: Floats, mean: float) -> None:
+    for i in range(draws.size):
+        draws[i] = -mean * log(1.0 - draws[i])
+
+
+def fingerprint() -> bytes:
+    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    uniform = np.arange(200.0) / 200.0
+    normal, exponential = uniform.copy(), uniform.copy()
+    _to_normals(normal)
+    _to_exponentials(exponential, 3.0)
+    return normal.tobytes() + exponential.tobytes()
