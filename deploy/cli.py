@@ -17,6 +17,7 @@ from deploy.cli_deploy import app as deploy
 from deploy.cli_deploy import doctor
 from deploy.cli_record import app as record
 from deploy.repository import REPOSITORY
+from deploy.suite import run_suite
 from deploy.usage import OptionError
 
 app = typer.Typer(
@@ -221,8 +222,7 @@ def test(context: typer.Context) -> None:
     words = [_absolute(word) for word in context.args]
     here = str(Path.cwd())
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (here, os.environ.get("PYTHONPATH"))))
-    os.chdir(REPOSITORY)
-    os.execv(sys.executable, [sys.executable, "-m", "pytest", *words])
+    raise typer.Exit(run_suite(REPOSITORY, words))
 
 
 @app.command()

@@ -1,6 +1,7 @@
 """What holds for all tests: under CI a skipped test is a failure, because there nobody would see it."""
 
 import os
+from typing import Any
 
 import pytest
 
@@ -17,7 +18,17 @@ def pytest_collectreport(report: pytest.CollectReport) -> None:
         _SKIPPED.append(report.nodeid)
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """A worker of pytest-xdist has ended: modules that it skipped whole are known to it alone."""
+    told = getattr(node, "workeroutput", {}).get("skipped", ())
+    _SKIPPED.extend(name for name in told if name not in _SKIPPED)
+
+
 def pytest_sessionfinish(session: pytest.Session) -> None:
+    if (told := getattr(session.config, "workeroutput", None)) is not None:
+        told["skipped"] = _SKIPPED
+        return
     if _under_ci() and _SKIPPED and session.exitstatus == pytest.ExitCode.OK:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 

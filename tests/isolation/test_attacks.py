@@ -14,6 +14,8 @@ from tests.isolation.attacks import ATTACKS
 from tests.isolation.swarm import MODES, Swarm
 from tests.isolation.table import table
 
+pytestmark = pytest.mark.alone
+
 WHY_NOT = cache(available)
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "isolation.md"
 

@@ -13,6 +13,8 @@ from actors.runtime.syscall_filter import Instruction
 from tests.isolation.process_attacks import NEST, PTRACE_ATTACH, UNDO
 from tests.isolation.test_attacks import need_isolation
 
+pytestmark = pytest.mark.alone
+
 REPOSITORY = Path(__file__).resolve().parents[2]
 PRELUDE = """
 import ctypes, os, sys

@@ -22,6 +22,8 @@ from firmware_bridge.laboratory.setup import LaboratorySetup
 from firmware_bridge.laboratory.sights import LIDAR
 from tests.laboratory.hosts import ROOT, STARTS, BaseHost, BoardHost, LidarHost, Running, setup, until
 
+pytestmark = pytest.mark.alone
+
 
 def millimetres(scan: Scan) -> NDArray[np.int64]:
     return np.frombuffer(scan.ranges_mm, "<u2").astype(np.int64)

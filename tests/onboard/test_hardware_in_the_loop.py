@@ -4,7 +4,11 @@ import csv
 import json
 from pathlib import Path
 
+import pytest
+
 from tests.swarm.command import ROOT, acrc, leftovers, processes_of
+
+pytestmark = pytest.mark.alone
 
 SCENARIO = f"""
 map = "{ROOT}/maps/corridor.yaml"

@@ -18,6 +18,8 @@ from actors.runtime.codec import decode
 from actors.runtime.recording import Note, read_notes, read_recording
 from tests.swarm.command import ACRC, ROOT, acrc, leftovers, processes_of
 
+pytestmark = pytest.mark.alone
+
 FLEET = """
 map = "{root}/maps/corridor.yaml"
 [run]

@@ -7,6 +7,8 @@ import pytest
 from benchmarks import onboard
 from tests.swarm.command import ROOT
 
+pytestmark = pytest.mark.alone
+
 SCENARIO = f"""
 map = "{ROOT}/maps/corridor.yaml"
 [run]

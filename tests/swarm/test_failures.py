@@ -19,6 +19,8 @@ from deploy.scenario_file import Overrides, load_scenario
 from deploy.supervisor import RunFailedError
 from tests.swarm.command import acrc, leftovers, processes_of, run, start
 
+pytestmark = pytest.mark.alone
+
 SPAWNS = ("forkserver", "exec")
 
 
