@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from actors.runtime.errors import AcrcError
-from deploy import hardware_in_the_loop, record
+from deploy import hardware_in_the_loop, record_replay
 from deploy.launch import ExecLauncher
 from deploy.options import RunOptions
 from deploy.repository import REPOSITORY
@@ -68,7 +68,7 @@ def run(json_output: bool = False, task: OnboardTask | None = None) -> dict[str,
 def _again(out: Path, robot: str) -> str:
     """Execute a robot again from what it received."""
     try:
-        return f"{record.replay_actor(out, robot).outputs} messages, all equal"
+        return f"{record_replay.replay_actor(out, robot).outputs} messages, all equal"
     except AcrcError as error:
         return str(error)
 

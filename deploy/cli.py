@@ -113,7 +113,7 @@ def run(
     )
     chosen = load_scenario(scenario, overrides)
 
-    from deploy import summary, swarm
+    from deploy import deliveries, summary, swarm
     from deploy.signals import Interrupted
 
     try:
@@ -131,6 +131,7 @@ def run(
     summary.print_result(result, json=json)
     if view:
         summary.print_view(options.out)
+    deliveries.demand_all(result.undelivered, result.not_delivered)
 
 
 @app.command()

@@ -12,16 +12,20 @@ _Out = Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")]
 
 @app.command()
 def check(out: _Out) -> None:
-    """Compute the digest again from the recordings, and compare it with the result."""
-    from deploy import record
+    """Compare the recordings with their checksums, with one another and with the result."""
+    from deploy import record_check
 
-    report = record.check(out)
+    report = record_check.check(out)
     console = Console(soft_wrap=True, highlight=False)
     console.print(f"digest {report.digest} over {report.messages} messages")
     if report.unreceived:
-        console.print(f"{report.unreceived} large messages are known by their hash only: nobody took them in")
+        console.print(f"{report.unreceived} messages were taken by nobody: who they were for had ended")
     if not report.complete:
-        console.print("the run did not end as planned: this is the digest of what was recorded until then")
+        until = "not even to the first step" if report.good_until is None else f"to step {report.good_until}"
+        console.print(
+            "the run did not end as planned: this is the digest of what was recorded until then; every "
+            f"recording is good up {until}"
+        )
 
 
 @app.command()
@@ -30,9 +34,9 @@ def replay(
     actor: Annotated[str, typer.Argument(metavar="ACTOR", help="world, radio, r1, or r1.1 once restarted.")],
 ) -> None:
     """Execute one actor again from what it received, and compare everything it sends."""
-    from deploy import record
+    from deploy import record_replay
 
-    report = record.replay_actor(out, actor)
+    report = record_replay.replay_actor(out, actor)
     Console(soft_wrap=True, highlight=False).print(
         f"{report.actor}: {report.outputs} messages sent again, all equal to the recorded ones"
     )

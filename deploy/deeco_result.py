@@ -54,7 +54,7 @@ def node_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NodeOutcom
         return None
     try:
         return msgspec.json.decode(outcome[SUBJECT], type=NodeOutcome)
-    except msgspec.ValidationError as error:
+    except (ValueError, RecursionError) as error:
         raise DeecoOutcomeError(
             f"{record}: the outcome {SUBJECT!r} of the behaviour is not that of a node: {error}"
         ) from None

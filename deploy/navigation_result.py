@@ -61,7 +61,7 @@ def navigation_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> Navi
         return None
     try:
         return msgspec.json.decode(outcome[SUBJECT], type=NavigationOutcome)
-    except msgspec.ValidationError as error:
+    except (ValueError, RecursionError) as error:
         raise NavigationOutcomeError(
             f"{record}: the outcome {SUBJECT!r} is not that of a robot's navigation: {error}"
         ) from None

@@ -11,11 +11,12 @@ from actors.instant import in_seconds
 from actors.radio.link_budget import share
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import FinalNote
-from actors.runtime.recording import read_notes
+from actors.runtime.recording import decoded, read_notes
 from actors.runtime.tally import run_digest
 from actors.world.referee import PlaceOutcome
 from actors.world.whereabouts import PoseError
 from deploy.deeco_result import DeecoResult, NodeOutcome, deeco_result, node_outcome
+from deploy.deliveries import gaps
 from deploy.launch import Program
 from deploy.navigation_result import (
     NavigationOutcome,
@@ -83,7 +84,7 @@ class RunResult(msgspec.Struct, frozen=True):
     under that name (results/process.py), which knows of no giving up. None if nothing was reported."""
     per_robot: dict[str, RobotResult]
     undelivered: int
-    """Messages published less messages received, over all actors."""
+    """Messages that were sent and did not arrive, or the other way round, over all keys."""
     unread: int
     """Messages received that their actor never took."""
     contacts: int
@@ -104,6 +105,8 @@ class RunResult(msgspec.Struct, frozen=True):
     direct_reach: float | None = None
     """Share of the pairs of robots, seen once a second, whose link lets half of the longest frames through;
     None if there never were two robots with power."""
+    not_delivered: tuple[str, ...] = ()
+    """The keys that `undelivered` is about, with who counted what, a sentence each."""
     frames_by_robot: dict[str, dict[str, int]] = {}
     """`frames` for each robot: what became of its own, and of the copies of others' frames. With all robots
     on, the copies at one, and what the others lost before it was sent, add up to all frames of the others."""
@@ -155,8 +158,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
     )
     simulated = in_seconds(outcome.steps * about.step_us)
     wall = max(world.ended_s - world.started_s, 1e-9)
-    published = sum(final.published for _, final in finals)
-    received = sum(final.received for _, final in finals) + about.parent_received
+    missing = gaps([(program.actor, final) for program, final in finals], about.parent_received)
     frames = msgspec.json.decode(radio.outcome["frames"], type=dict[str, int])
     pairs = {name: frames.pop(name) for name in ("pairs", "pairs_in_reach")}
     places = counted(outcome.places)
@@ -178,7 +180,8 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         settled_s=places.settled_s,
         last_reached_s=places.last_reached_s,
         per_robot={robot: _robot_result(robot, outcome) for robot in about.robots},
-        undelivered=published - received,
+        undelivered=sum(abs(gap.sent - gap.arrived) for gap in missing),
+        not_delivered=tuple(map(str, missing)),
         unread=sum(final.unread for _, final in finals),
         contacts=outcome.contacts,
         refused_orders=outcome.refused_orders,
@@ -228,4 +231,4 @@ def _final(record: Path) -> FinalNote:
     text = read_notes(record).get("final")
     if text is None:
         raise ResultError(f"{record}: there is no final record in it, although its process ended as planned")
-    return msgspec.json.decode(text, type=FinalNote)
+    return decoded(record, "final", text, FinalNote)

@@ -35,10 +35,8 @@ def print_result(result: RunResult, *, json: bool) -> None:
         console.print(sentence, highlight=False)
     for sentence in result.refused_orders:
         console.print(f"order refused {sentence}", style="bold red", highlight=False, markup=False)
-    if result.undelivered or result.unread:
-        console.print(
-            f"{result.undelivered} messages were not delivered and {result.unread} not read", style="bold red"
-        )
+    if result.unread:
+        console.print(f"messages delivered and not read: {result.unread}", style="bold red")
     console.print(f"digest {result.digest}\nrecorded in {result.out}", highlight=False, soft_wrap=True)
 
 

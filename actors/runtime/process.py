@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import msgspec
 import zenoh
@@ -24,6 +24,8 @@ from actors.runtime.zenoh_bus import ZenohBus, open_session
 
 ROUTER_PATIENCE_S: Final = 30.0
 """How long a process tries to reach the router."""
+
+Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 
 
 class RunNote(msgspec.Struct, frozen=True):
@@ -43,9 +45,9 @@ class FinalNote(msgspec.Struct, frozen=True):
     """The last record of a process that ended as planned."""
 
     digest: ActorDigest
-    published: int
-    received: int
-    unread: int
+    published: Count
+    received: Count
+    unread: Count
     """Messages received that the core never took."""
     cpu_s: float
     """From the process's start to its end."""
@@ -55,6 +57,10 @@ class FinalNote(msgspec.Struct, frozen=True):
     started_s: float
     """Wall clock when the first step began, s since the epoch."""
     ended_s: float
+    sent: dict[str, Count] = {}
+    """Messages published, by key."""
+    arrived: dict[str, Count] = {}
+    """Messages received from other actors, by key, whether the core took them or not."""
     outcome: dict[str, msgspec.Raw] = {}
     """What the actor has to say about the run, by subject."""
 
@@ -134,6 +140,8 @@ def final_note(shell: Shell, part: Part, cpu_s: float) -> FinalNote:
         memory_peak_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         started_s=shell.began.wall_s,
         ended_s=time.time(),
+        sent=dict(shell.tally.sent),
+        arrived=dict(shell.tally.arrived),
         outcome={name: msgspec.Raw(msgspec.json.encode(value)) for name, value in part.outcome().items()},
     )
 

@@ -1,18 +1,25 @@
 """Re-executes one actor from its recording: given the same inputs, its outputs must be the same."""
 
 import contextlib
+import functools
 from collections import deque
+from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
+from typing import Final
 
 from actors.messages import TOPICS
 from actors.runtime.bus import Delivery
 from actors.runtime.codec import decode
+from actors.runtime.difference import first_difference
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_recording
 from actors.runtime.shell import Shell, run_shell
 from actors.runtime.tally import is_telemetry
 from actors.topic import Message, Topic
+
+_LONGEST: Final = 200
+"""Characters of a value that a sentence shows."""
 
 
 class ReplayError(AcrcError):
@@ -26,9 +33,11 @@ class RecordingEnds(Exception):  # noqa: N818  # no error: the recorded process 
 class ReplayBus:
     """Gives the inputs of a recording in their order and compares every output with the recorded one."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, recall: Callable[[bytes], bytes | None] = lambda sha256: None) -> None:
+        """`recall` gives a message by its sha256, where only that was kept; asked for at a difference."""
         entries = [item for item in read_recording(path) if isinstance(item, Entry)]
         self._path = path
+        self._recall = recall
         self._inputs = deque(entry for entry in entries if entry.direction == "in")
         self._outputs = deque(entry for entry in entries if entry.direction == "out")
         self.compared = 0
@@ -74,13 +83,22 @@ class ReplayBus:
             )
 
     def _difference(self, entry: Entry, key: str, payload: bytes) -> str:
-        now = decode(topic_of(key), key, payload)
-        then = (
-            decode(topic_of(entry.key), entry.key, entry.payload)
-            if entry.payload is not None
-            else f"other bytes on {entry.key} (only their hash is kept)"
-        )
-        return f"{self._path}: step {entry.step}: sends {now} on {key}; recorded was {then}"
+        where = f"{self._path}: step {entry.step}"
+        if key != entry.key:
+            return f"{where}: sends on {key}; recorded was a message on {entry.key}"
+        recorded = entry.payload if entry.payload is not None else self._recall(entry.sha256)
+        if recorded is None:
+            return f"{where}: {key}: sends other bytes than those recorded, of which only the hash is kept"
+        topic = topic_of(key)
+        found = first_difference(decode(topic, key, payload), decode(topic, key, recorded))
+        if found is None:
+            return f"{where}: {key}: sends other bytes for the same {topic.kind.__name__}"
+        return f"{where}: {key}: {found.field} is {_shown(found.one)}; recorded was {_shown(found.other)}"
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
 def replay(shell: Shell, bus: ReplayBus) -> None:
@@ -90,10 +108,11 @@ def replay(shell: Shell, bus: ReplayBus) -> None:
     bus.close()
 
 
+@functools.lru_cache(maxsize=16_384)
 def topic_of(key: str) -> Topic[Message]:
     """The topic that `key` belongs to."""
     for topic in TOPICS:
         prefix, hole, suffix = topic.pattern.partition("{id}")
         if key == topic.pattern or (hole and key.startswith(prefix) and key.endswith(suffix)):
             return topic
-    raise ReplayError(f"{key}: no key of this project")
+    raise ReplayError(f"{key[:80]!r}: no key of this project")

@@ -84,7 +84,8 @@ class Shell:
                 f"{delivery.key}, and takes none; at most {self.INBOX_LIMIT} may wait"
             )
         self._waiting += 1
-        self.tally.received += not is_from_outside(delivery.topic)
+        if not is_from_outside(delivery.topic):
+            self.tally.arrived[delivery.key] += 1
         self._inbox.setdefault(delivery.key, deque()).append(delivery.payload)
 
     def pump(self) -> Address | None:
@@ -124,7 +125,10 @@ class Shell:
         payload = waiting.popleft()
         self._waiting -= 1
         message = decode(address.topic, key, payload)
-        self._journal.received(key, self.core.step, self.tally.receiving(key), payload)
+        sequence = self.tally.receiving(key)
+        self._journal.received(key, self.core.step, sequence, payload)
+        if is_digested(address.topic.pattern):
+            self.tally.hash.add(key, message.step, sequence, hashlib.sha256(payload).digest())
         self._inputs[key] = message
         return True
 

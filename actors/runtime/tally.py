@@ -1,7 +1,12 @@
-"""What one process sent and received: the counts, and the hash that the run's digest is made of."""
+"""What one process sent and received: the counts, and the hash that the run's digest is made of.
+
+Every message of a run is sent or taken by the world or by the radio. So the run's digest is made of these two
+alone: what a robot says of itself, with its user's code in its process, changes no digest.
+"""
 
 import hashlib
 from collections import defaultdict
+from collections.abc import Iterable
 from typing import Final
 
 import msgspec
@@ -10,8 +15,9 @@ from actors.messages import AIRED, CONTROL, DRIVE, PROGRESS, RECEIVED, ROSTER, S
 from actors.topic import Message, Topic
 
 _DIGESTED: Final = frozenset(
-    topic.pattern for topic in (SENSES, RECEIVED, DRIVE, TRANSMIT, TRUTH, AIRED, CONTROL, ROSTER)
+    topic.pattern for topic in (SENSES, RECEIVED, DRIVE, TRANSMIT, TRUTH, AIRED, ROSTER)
 )
+_WITNESSES: Final = frozenset({"world", "radio"})
 
 
 def is_telemetry(topic: Topic[Message]) -> bool:
@@ -24,13 +30,18 @@ def is_from_outside(topic: Topic[Message]) -> bool:
     return topic.pattern == CONTROL.pattern
 
 
+def carries_digest(actor: str) -> bool:
+    """True for the actors whose digests make up the run's."""
+    return actor in _WITNESSES
+
+
 def is_digested(pattern: str) -> bool:
     """True for the topics whose messages make up the run's digest."""
     return pattern in _DIGESTED
 
 
 class ActorDigest(msgspec.Struct, frozen=True):
-    """The messages that one process sent on the digested topics: how many, and their hash in order."""
+    """The messages that one process sent or took on the digested topics: their number and their hash."""
 
     actor: str
     count: int
@@ -55,20 +66,30 @@ class MessageHash:
 
 
 class Tally:
-    """Counts what a process publishes and receives, and hashes what it publishes."""
+    """Counts what a process publishes and receives, and hashes what it publishes and takes."""
 
     def __init__(self) -> None:
-        self.published = 0
-        self.received = 0
         self.hash = MessageHash()
-        self._next_out: dict[str, int] = defaultdict(int)
+        self.sent: dict[str, int] = defaultdict(int)
+        """Messages published, by key."""
+        self.arrived: dict[str, int] = defaultdict(int)
+        """Messages received from other actors, by key, whether the core took them or not."""
         self._next_in: dict[str, int] = defaultdict(int)
+
+    @property
+    def published(self) -> int:
+        """Messages published, on all keys."""
+        return sum(self.sent.values())
+
+    @property
+    def received(self) -> int:
+        """Messages received from other actors, on all keys."""
+        return sum(self.arrived.values())
 
     def sending(self, key: str) -> int:
         """The sequence number of the next message published on `key`."""
-        self.published += 1
-        sequence = self._next_out[key]
-        self._next_out[key] = sequence + 1
+        sequence = self.sent[key]
+        self.sent[key] = sequence + 1
         return sequence
 
     def receiving(self, key: str) -> int:
@@ -78,7 +99,11 @@ class Tally:
         return sequence
 
 
-def run_digest(digests: list[ActorDigest]) -> str:
-    """The digest of a run: sha256 over its processes' digests, sorted by actor."""
-    lines = sorted(f"{digest.actor} {digest.count} {digest.sha256}\n" for digest in digests)
+def run_digest(digests: Iterable[ActorDigest]) -> str:
+    """The digest of a run: sha256 over the digests of the processes that carry it, sorted by actor."""
+    lines = sorted(
+        f"{digest.actor} {digest.count} {digest.sha256}\n"
+        for digest in digests
+        if carries_digest(digest.actor)
+    )
     return hashlib.sha256("".join(lines).encode()).hexdigest()

@@ -44,6 +44,7 @@ def rewrite(
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     with Recorder(target, 100_000) as recorder:
+        step = 0
         for item in read_recording(source):
             if not keep(item):
                 continue
@@ -56,6 +57,9 @@ def rewrite(
             own = clocks[robot]
             message = decode(topic_of(item.key), item.key, item.payload)
             payload = encode(_moved(message, own, bridge or own, late))
+            if item.step != step:
+                recorder.flush()
+                step = item.step
             if item.direction == "in":
                 recorder.received(item.key, item.step, item.sequence, payload)
             else:

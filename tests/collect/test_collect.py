@@ -6,9 +6,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from actors.runtime import recording
 from actors.runtime.process import FinalNote, RunNote
-from actors.runtime.recording import Entry, Note, Recorder, read_notes
+from actors.runtime.recording import Entry, Note, Recorder, read_notes, recorder
 from deploy.collect import collect
 from deploy.outing_result import OutingResult
 from tests.collect.conftest import Run
@@ -165,7 +164,7 @@ def test_large_messages_come_from_whoever_received_them(
     """As if all frames and answers were too large for their sender to keep."""
     whole: dict[str, Clock] = {"r1": clock(), "r2": clock()}
     with monkeypatch.context() as patch:
-        patch.setattr(recording, "LARGE", 16)
+        patch.setattr(recorder, "LARGE", 16)
         copies(head_on.out, tmp_path, whole)
     alone, r1 = collect([tmp_path]), tmp_path / "r1" / "r1.mcap"
     assert alone.places_claimed == 0

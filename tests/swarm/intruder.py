@@ -1,10 +1,14 @@
-"""A behaviour that lays traps for whoever opens files in its robot's folder, by entry string."""
+"""Behaviours that lay traps for whoever opens their robot's files, or writes into them, by entry string."""
 
 from contextlib import suppress
 from pathlib import Path
 
+import msgspec
+
 from actors.instant import Instant, seconds
 from actors.robot.ports import Behaviour, Decision, Start, View
+from actors.runtime import process
+from actors.runtime.shell import Shell
 from cleaning.baseline import behaviour as baseline
 
 
@@ -33,3 +37,19 @@ class Intruder:
 def behaviour(start: Start) -> Behaviour:
     """Entry `tests.swarm.intruder:behaviour`."""
     return Intruder(start)
+
+
+def forges(start: Start) -> Behaviour:
+    """Entry `tests.swarm.intruder:forges`: r1 says of itself what is not true, in its last record."""
+    if start.robot == "r1":
+        honest = process.final_note
+
+        def boast(shell: Shell, part: process.Part, cpu_s: float) -> process.FinalNote:
+            final = honest(shell, part, cpu_s)
+            digest = msgspec.structs.replace(final.digest, sha256="0" * 64)
+            return msgspec.structs.replace(
+                final, digest=digest, published=10**9, sent={"swarm/up/r1/drive": 10**9}
+            )
+
+        process.final_note = boast
+    return baseline(start)

@@ -1,11 +1,13 @@
-"""What a run rests on lies where no robot's code can lay a hand on it: recordings and logs."""
+"""What a run rests on lies where no robot's code can lay a hand on it: recordings, logs and the digest."""
 
+import json
 from pathlib import Path
 
 import pytest
 
 from actors.runtime.isolation import available
 from actors.runtime.log import create_log
+from actors.runtime.recording import Entry, read_recording
 from deploy.launch import ExecLauncher, Program
 from deploy.repository import REPOSITORY
 from tests.swarm.command import acrc, run
@@ -44,6 +46,30 @@ def test_links_laid_by_a_robot_lead_nowhere(tmp_path: Path) -> None:
     assert not any((out / "r1" / name).is_symlink() for name in records)
     assert {path.name for path in (out / "r1").glob("*.mcap")} == {"r1.mcap", "r1.1.mcap"}
     assert acrc("record", "check", out).returncode == 0
+
+
+def test_what_a_robot_says_of_itself_changes_no_digest_and_is_named(tmp_path: Path) -> None:
+    words = ("--duration", 3, "--robots", 2)
+    honest = run(tmp_path / "honest", *words)
+    out = tmp_path / "forged"
+    done = acrc("run", *words, "--strategy", "tests.swarm.intruder:forges", "--out", out, "--json")
+    result = json.loads(done.stdout)
+    assert result["digest"] == honest["digest"]
+    key = "swarm/up/r1/transmit"
+    taken = [item for item in read_recording(out / "radio" / "radio.mcap") if isinstance(item, Entry)]
+    frames = sum(item.key == key for item in taken)
+    gaps = [
+        "swarm/up/r1/drive: r1 counted 1000000000 sent, and world 30 that arrived",
+        "swarm/up/r1/ready: nobody counted 0 sent, and world 1 that arrived",
+        f"swarm/up/r1/transmit: nobody counted 0 sent, and radio {frames} that arrived",
+    ]
+    assert result["not_delivered"] == gaps
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == (
+        f"acrc: {result['undelivered']} messages were not delivered: {'; '.join(gaps)}"
+    )
+    checked = acrc("record", "check", out)
+    assert checked.returncode == 1 and checked.stderr.startswith(f"acrc: {out}/r1/r1.mcap: holds ")
 
 
 def test_a_log_is_a_new_file(tmp_path: Path) -> None:

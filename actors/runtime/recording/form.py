@@ -1,0 +1,59 @@
+"""The form of a recording, for those who write and those who read it.
+
+Channel metadata `direction` is `in` or `out`; `sequence` counts the messages of one key and direction;
+`log_time` is the instant of the message's step, ns. A channel with message encoding `sha256` holds the step
+as eight little-endian bytes and then the sha256 of the encoded message, which was too large to be kept twice
+and which its receiver recorded in full. Metadata records: `run` first, then `final` or `failure` as the last
+one before the end of data; each has its text as `json` and the text's CRC-32 as `crc32`.
+
+The channel `seal` has the checksums: each of its messages holds the CRC-32 of the whole file before it, and
+the step of the last message before it (-1: there is none). What no seal vouches for does not count.
+"""
+
+import struct
+from typing import Final, Literal, NamedTuple
+
+from actors.runtime.errors import AcrcError
+
+LARGE: Final = 256
+"""A sender keeps its messages up to so many bytes in full."""
+LARGEST_RECORD: Final = 16 * 1024 * 1024
+"""Bytes; the world's last note on 1000 robots with 10 places each has less than 4 MB."""
+UNSEALED: Final = 1024 * 1024
+"""After so many bytes there is a seal, also within a step."""
+MOST_CHANNELS: Final = 20_000
+"""Three times what a world of 1000 robots has."""
+MOST_NOTES: Final = 100
+HEAD: Final = struct.Struct("<BQ")
+"""Of every record: opcode, and the length of what follows."""
+FIELDS: Final = struct.Struct("<HIQQ")
+"""Of a message before its data: channel, sequence, log time, publish time."""
+SEAL: Final = struct.Struct("<Iq")
+"""CRC-32, and step."""
+MESSAGES: Final = "acrc-msgpack"
+HASHED: Final = "sha256"
+SEALS: Final = "acrc-seal"
+
+Direction = Literal["in", "out"]
+
+
+class RecordingError(AcrcError):
+    """A recording that cannot be written or read."""
+
+
+class Entry(NamedTuple):
+    """One recorded message; `payload` is None where only its hash was kept."""
+
+    direction: Direction
+    key: str
+    step: int
+    sequence: int
+    payload: bytes | None
+    sha256: bytes
+
+
+class Note(NamedTuple):
+    """One metadata record: its name and its content as JSON text."""
+
+    name: str
+    json: str

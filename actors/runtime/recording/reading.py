@@ -1,0 +1,190 @@
+"""Reads a recording, and hands out what its seals vouch for.
+
+Bytes of a file are not to be trusted: every length is bounded before it is believed, and whatever does not
+fit is a RecordingError in one sentence, which says up to which step the file is good.
+"""
+
+import errno
+import hashlib
+import os
+import stat
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Final
+
+import msgspec
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Metadata
+from mcap.writer import MCAP0_MAGIC
+
+from actors.runtime.recording.form import (
+    FIELDS,
+    HASHED,
+    HEAD,
+    LARGEST_RECORD,
+    MESSAGES,
+    MOST_CHANNELS,
+    MOST_NOTES,
+    SEAL,
+    SEALS,
+    UNSEALED,
+    Direction,
+    Entry,
+    Note,
+    RecordingError,
+)
+from actors.runtime.recording.summary import sound_end
+
+FAULTS: Final = (McapError, struct.error, LookupError, ValueError, RecursionError)
+"""What reading damaged bytes may raise."""
+
+
+class _Step(msgspec.Struct, array_like=True):
+    """The beginning of every message."""
+
+    step: int
+
+
+_DIRECTIONS: Final[dict[str, Direction]] = {"in": "in", "out": "out"}
+_STEPS: Final = msgspec.msgpack.Decoder(_Step)
+
+
+class Reading:
+    """One pass over a recording, in the order it was written; what is not sealed is not given."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.step: int | None = None
+        """Up to this one everything is there; None: not even the first one."""
+        self.whole = False
+        """True once the end has been read, and is one: the process closed its file. False: it was cut."""
+        self._channels: dict[int, Channel] = {}
+        self._unsealed: list[Entry | Note] = []
+        self._notes = 0
+
+    def __iter__(self) -> Iterator[Entry | Note]:
+        """Everything up to the end, or to the cut. Raises RecordingError where the file is damaged."""
+        with opened(self.path) as stream:
+            magic = stream.read(len(MCAP0_MAGIC))
+            if not MCAP0_MAGIC.startswith(magic):
+                raise RecordingError(f"{self.path}: not a recording of this project, or damaged at its start")
+            crc, size = zlib.crc32(magic), 0
+            while (record := self._next(stream)) is not None:
+                opcode, head, body = record
+                try:
+                    if opcode == Opcode.DATA_END:
+                        self._end(body, stream)
+                        return
+                    if self._take(opcode, body, crc):
+                        yield from self._unsealed
+                        self._unsealed, size = [], 0
+                except FAULTS as error:
+                    raise self._damaged(str(error)) from None
+                size += len(body)
+                if size > UNSEALED + 2 * LARGEST_RECORD:
+                    raise self._damaged(f"{size} bytes without a checksum")
+                crc = zlib.crc32(body, zlib.crc32(head, crc))
+
+    def _next(self, stream: IO[bytes]) -> tuple[int, bytes, bytes] | None:
+        """The next record; None where the file was cut."""
+        head = stream.read(HEAD.size)
+        if len(head) < HEAD.size:
+            return None
+        opcode, length = HEAD.unpack(head)
+        if length > LARGEST_RECORD:
+            raise self._damaged(f"a record would have {length} bytes; it may have at most {LARGEST_RECORD}")
+        body = stream.read(length)
+        return (opcode, head, body) if len(body) == length else None
+
+    def _take(self, opcode: int, body: bytes, crc: int) -> bool:
+        """Take in one record; True if it was a seal, and a true one."""
+        match opcode:
+            case Opcode.MESSAGE:
+                channel, sequence, _, _ = FIELDS.unpack_from(body)
+                data = body[FIELDS.size :]
+                if self._channels[channel].message_encoding == SEALS:
+                    self._check(data, crc)
+                    return True
+                self._unsealed.append(_entry(self._channels[channel], sequence, data))
+            case Opcode.CHANNEL:
+                channel = Channel.read(ReadDataStream(BytesIO(body)))
+                if self._channels.setdefault(channel.id, channel) != channel:
+                    raise ValueError(f"channel {channel.id} is there twice")
+                if len(self._channels) > MOST_CHANNELS:
+                    raise ValueError(f"it has more than {MOST_CHANNELS} channels")
+            case Opcode.METADATA:
+                self._unsealed.append(noted(body))
+                self._notes += 1
+                if self._notes > MOST_NOTES:
+                    raise ValueError(f"it has more than {MOST_NOTES} notes")
+            case Opcode.HEADER:
+                pass
+            case _:
+                raise ValueError(f"a record of kind {opcode:#04x}, which a recording has not")
+        return False
+
+    def _check(self, data: bytes, crc: int) -> None:
+        checksum, step = SEAL.unpack(data)
+        if checksum != crc:
+            raise ValueError(f"its checksum is {crc:08x}, where {checksum:08x} was written")
+        self.step = None if step < 0 else step
+
+    def _end(self, body: bytes, stream: IO[bytes]) -> None:
+        """At the end of the data: nothing may lie unsealed, and what follows has a checksum of its own."""
+        if self._unsealed:
+            raise ValueError(f"its last {len(self._unsealed)} records have no checksum")
+        rest = stream.read(LARGEST_RECORD + 1)
+        self.whole = sound_end(body, rest)
+
+    def _damaged(self, why: str) -> RecordingError:
+        good = "before its first step" if self.step is None else f"after step {self.step}"
+        return RecordingError(f"{self.path}: damaged {good}, and good up to there: {why}")
+
+
+def read_recording(path: Path) -> Iterator[Entry | Note]:
+    """Everything in a file, in the order it was written; a file cut short ends where it was cut."""
+    return iter(Reading(path))
+
+
+def opened(path: Path) -> IO[bytes]:
+    """The file to read; a link, a pipe and the like are none. Raises RecordingError."""
+    try:
+        number = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    except FileNotFoundError:
+        raise RecordingError(f"{path}: no such recording") from None
+    except OSError as error:
+        link = error.errno == errno.ELOOP and path.is_symlink()
+        why = "a link, and a recording never is" if link else f"cannot be read: {error.strerror}"
+        raise RecordingError(f"{path}: {why}") from None
+    except ValueError as error:  # a zero byte
+        raise RecordingError(f"{str(path)!r}: no name of a recording: {error}") from None
+    if not stat.S_ISREG(os.fstat(number).st_mode):
+        os.close(number)
+        raise RecordingError(f"{path}: no recording, as it is no file")
+    return os.fdopen(number, "rb")
+
+
+def noted(body: bytes) -> Note:
+    """The note in a metadata record; one of FAULTS if it is none, or damaged."""
+    record = Metadata.read(ReadDataStream(BytesIO(body)))
+    text = record.metadata["json"]
+    if int(record.metadata["crc32"], 16) != zlib.crc32(text.encode()):
+        raise ValueError(f"the note {record.name!r} has another checksum")
+    return Note(record.name, text)
+
+
+def _entry(channel: Channel, sequence: int, data: bytes) -> Entry:
+    direction = _DIRECTIONS[channel.metadata["direction"]]
+    if channel.message_encoding == HASHED:
+        if len(data) != 40:
+            raise ValueError(f"the hash of a message has {len(data)} bytes with its step, and not 40")
+        return Entry(direction, channel.topic, int.from_bytes(data[:8], "little"), sequence, None, data[8:])
+    if channel.message_encoding != MESSAGES:
+        raise ValueError(f"a message is encoded as {channel.message_encoding!r}")
+    step = _STEPS.decode(memoryview(data)[1:]).step
+    return Entry(direction, channel.topic, step, sequence, data, hashlib.sha256(data).digest())

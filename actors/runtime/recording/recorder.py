@@ -1,0 +1,169 @@
+"""Writes a recording."""
+
+import os
+import zlib
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Protocol, Self
+
+import msgspec
+from mcap.opcode import Opcode
+from mcap.writer import CompressionType, IndexType, Writer
+
+from actors.runtime.recording.form import (
+    FIELDS,
+    HASHED,
+    HEAD,
+    LARGE,
+    LARGEST_RECORD,
+    MESSAGES,
+    SEAL,
+    SEALS,
+    UNSEALED,
+    Direction,
+    RecordingError,
+)
+
+
+class Journal(Protocol):
+    """Where a shell writes down what passes through it."""
+
+    def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
+        """A message came in."""
+
+    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes) -> None:
+        """A message went out."""
+
+    def flush(self) -> None:
+        """Everything up to here must survive the death of this process."""
+
+
+class Recorder:
+    """Writes one process's file, which must be new. RecordingError where that cannot be made."""
+
+    def __init__(self, path: Path, step_us: int) -> None:
+        self._path = path
+        self._stream = _Checked(_created(path))
+        self._writer = Writer(
+            self._stream,  # type: ignore[arg-type]  # it needs `write` and `tell`
+            compression=CompressionType.NONE,  # the others need what constraints.txt leaves out
+            index_types=IndexType.METADATA,
+            use_chunking=False,
+            use_statistics=False,  # not all messages pass the library, so it could not count them
+        )
+        self._writer.start(profile="acrc", library="acrc")
+        self._seals = self._writer.register_channel("seal", SEALS, 0, {})
+        self._writer.flush()  # type: ignore[no-untyped-call]  # or the channel would follow its first message
+        self._sealed = 0
+        self._last = -1
+        self._channels: dict[tuple[str, str, str], int] = {}
+        self._step_ns = step_us * 1000
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._seal()
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._stream.close()
+
+    def fileno(self) -> int:
+        """The file's descriptor, for a process that closes or hides all else."""
+        return self._stream.fileno()
+
+    def note(self, name: str, content: msgspec.Struct) -> None:
+        """A metadata record with `content` as JSON; RecordingError if that is larger than one may be."""
+        text = msgspec.json.encode(content)
+        if len(text) > LARGEST_RECORD // 2:
+            raise RecordingError(
+                f"{self._path}: the record {name!r} would have {len(text)} bytes; it may have at most "
+                f"{LARGEST_RECORD // 2}"
+            )
+        self._writer.add_metadata(name, {"json": text.decode(), "crc32": f"{zlib.crc32(text):08x}"})
+        self._seal()
+        self._stream.flush()
+
+    def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
+        """A message came in."""
+        self._add("in", key, MESSAGES, step, sequence, payload)
+
+    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes) -> None:
+        """A message went out."""
+        if len(payload) <= LARGE:
+            self._add("out", key, MESSAGES, step, sequence, payload)
+        else:
+            self._add("out", key, HASHED, step, sequence, step.to_bytes(8, "little") + sha256)
+
+    def flush(self) -> None:
+        """Seal everything, and hand it to the operating system."""
+        self._seal()
+        self._stream.flush()
+
+    def _add(
+        self, direction: Direction, key: str, encoding: str, step: int, sequence: int, data: bytes
+    ) -> None:
+        channel = self._channels.get((direction, key, encoding))
+        if channel is None:
+            channel = self._writer.register_channel(key, encoding, 0, {"direction": direction})
+            self._channels[direction, key, encoding] = channel
+            self._writer.add_message(channel, step * self._step_ns, data, step * self._step_ns, sequence)
+        else:
+            self._write(channel, step, sequence, data)
+        self._last = step
+        if self._stream.unsealed > UNSEALED:
+            self._seal()
+
+    def _write(self, channel: int, step: int, sequence: int, data: bytes) -> None:
+        # A message record as the library writes it, without its five calls per field: this is the place where
+        # a step costs most. (MCAP specification, "Message (op=0x05)")
+        instant = step * self._step_ns
+        head = HEAD.pack(Opcode.MESSAGE, FIELDS.size + len(data))
+        self._stream.write(head + FIELDS.pack(channel, sequence, instant, instant) + data)
+
+    def _seal(self) -> None:
+        """Vouch for everything up to here."""
+        checksum = SEAL.pack(self._stream.crc32, self._last)
+        self._write(self._seals, max(self._last, 0), self._sealed, checksum)
+        self._sealed += 1
+        self._stream.unsealed = 0
+
+
+class _Checked:
+    """A file that knows the CRC-32 of what was written to it."""
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        self._stream = stream
+        self.crc32 = 0
+        self.unsealed = 0
+        """Bytes since the last seal."""
+        self.tell, self.flush = stream.tell, stream.flush
+        self.close, self.fileno = stream.close, stream.fileno
+
+    def write(self, data: bytes) -> int:
+        """Append."""
+        self.crc32 = zlib.crc32(data, self.crc32)
+        self.unsealed += len(data)
+        return self._stream.write(data)
+
+
+class Unrecorded:
+    """A journal that keeps nothing, for benchmarks and for replays."""
+
+    def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
+        """Nothing is kept."""
+
+    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes) -> None:
+        """Nothing is kept."""
+
+    def flush(self) -> None:
+        """Nothing is kept."""
+
+
+def _created(path: Path) -> IO[bytes]:
+    """A new file, never one that a link leads to."""
+    try:
+        return os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o644), "wb")
+    except OSError as error:
+        raise RecordingError(f"{path}: the recording cannot be made: {error.strerror}") from None
