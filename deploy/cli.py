@@ -1,5 +1,6 @@
 """The command line. What a command needs is imported once it is known which one it is."""
 
+import contextlib
 import os
 import sys
 from datetime import UTC, datetime
@@ -168,11 +169,11 @@ def onboard(
     from deploy.signals import Interrupted
 
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    loaded = load_fleet(fleet)
     folder = out.absolute() if out else onboard_run.new_folder(Path("runs"))
     options = onboard_run.OnboardOptions(folder, isolate, debugpy)
     try:
-        prepared = onboard_run.prepare(load_fleet(fleet), robot, options, console.print)
-        onboard_run.run(prepared, console.print)
+        onboard_run.run(onboard_run.prepare(loaded, robot, options, console.print), console.print)
     except Interrupted as interrupt:
         console.print(f"acrc: ended from outside; what was recorded is in {folder}")
         raise typer.Exit(interrupt.exit_code) from None
@@ -196,13 +197,20 @@ def watch(
     wishes = [kind() for kind, wished in ((Stop, stop), (Pause, pause), (Resume, resume)) if wished]
     if len(wishes) > 1:
         raise OptionError("--stop, --pause, --resume: one at a time")
+    code = 130
     if wishes:
-        laptop.give(endpoints, keys, wishes[0])
-        return
-    try:
-        laptop.watch(endpoints, keys)
-    except KeyboardInterrupt:
-        raise typer.Exit(130) from None
+        answers = laptop.give(endpoints, keys, wishes[0])
+        for answer in answers:
+            words = answer.failure or laptop.done(wishes[0])
+            print(f"acrc: {answer.endpoint}: {words}", file=sys.stderr if answer.failure else sys.stdout)
+        code = 1 if any(answer.failure for answer in answers) else 0
+    else:
+        with contextlib.suppress(KeyboardInterrupt):
+            laptop.watch(endpoints, keys)
+    sys.stdout.flush()
+    os._exit(
+        code
+    )  # not to wait for attempts that hang in the network, nor to pull the interpreter from under them
 
 
 @app.command(context_settings={"ignore_unknown_options": True})

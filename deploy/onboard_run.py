@@ -20,6 +20,7 @@ from deploy import onboard as layout
 from deploy.epochs import EpochCounter
 from deploy.fleet import Fleet, FleetRobot
 from deploy.launch import launcher
+from deploy.new_folder import claim
 from deploy.onboard import Onboard, Ports
 from deploy.onboard_watch import OnboardError, Watch
 from deploy.plan import Plan
@@ -86,8 +87,8 @@ def run(prepared: Onboard, say: Callable[[str], None]) -> None:
 
 
 def new_folder(runs: Path) -> Path:
-    """A folder in `runs` named after the time in UTC, which does not exist yet."""
-    return (runs / time.strftime("%Y%m%d-%H%M%S", time.gmtime())).absolute()
+    """A new folder in `runs` named after the time in UTC, made; a clock that is set back does not matter."""
+    return claim(runs, time.strftime("%Y%m%d-%H%M%S", time.gmtime()))
 
 
 def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> Plan:

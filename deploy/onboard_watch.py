@@ -75,6 +75,8 @@ class Watch:
         ended = [name for name, child in self._children.items() if child.exit_code is not None]
         if not ended:
             return True
+        if all(self._children[name].exit_code == 0 for name in ended):
+            self._await([self._children[layout.BASE]])  # it told them to end, and is about to end itself
         if self._children[layout.BASE].exit_code == 0:
             self.end()
             return False

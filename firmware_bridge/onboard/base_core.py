@@ -263,7 +263,7 @@ class BaseCore:
                     self._paused = False
                 case _:
                     pass  # orders to a simulated world
-        return ()
+        return (to(PROGRESS, self._progress()),)  # whoever gave the order learns that it was obeyed
 
     def _truth(self) -> RobotTruth:
         """What stands in truth's place, for those who watch: where odometry alone holds the robot to be."""

@@ -18,8 +18,10 @@ from actors.messages import (
     Drive,
     EventCount,
     Odometry,
+    Order,
     Pause,
     PlaceKey,
+    Progress,
     Ready,
     Resume,
     Scan,
@@ -239,3 +241,16 @@ def test_a_sweep_is_handed_over_once() -> None:
     stage.at(2 * STEP)
     (senses,) = stage.aired(2 * STEP + 1, 1)
     assert isinstance(senses, Senses) and senses.scan is None
+
+
+@pytest.mark.parametrize(
+    ("order", "paused", "finished"), [(Pause(), True, False), (Resume(), False, False), (Stop(), False, True)]
+)
+def test_whoever_gives_an_order_learns_that_it_was_obeyed(order: Order, paused: bool, finished: bool) -> None:
+    stage = Stage()
+    first_step(stage)
+    stage.core.now = Instant(BEGIN + 150_000)
+    stage.core.expect(CONTROL.key())
+    outputs = stage.core.advance({CONTROL.key(): Control(0, (order,))})
+    (said,) = (output.message for output in outputs if isinstance(output.message, Progress))
+    assert (said.paused, said.finished) == (paused, finished)

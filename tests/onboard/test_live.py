@@ -155,7 +155,11 @@ def test_the_operator_watches_and_stops_it_over_tls(links: Path, tmp_path: Path)
         line = next(line for line in watcher.stdout if "places left" in line)
         assert line.startswith(f"{endpoint}  step ") and line.endswith("2 places left, 0 reported, running\n")
         stopped = acrc("watch", endpoint, "--keys", keys, "--stop")
-        assert (stopped.returncode, stopped.stdout, stopped.stderr) == (0, "", "")
+        assert (stopped.returncode, stopped.stdout, stopped.stderr) == (
+            0,
+            f"acrc: {endpoint}: has stopped\n",
+            "",
+        )
         _, said = running.communicate(timeout=30)
     finally:
         running.kill()

@@ -1,0 +1,73 @@
+"""Who is started again: processes that are played, for what counts is the order in which they end."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from deploy import onboard as layout
+from deploy.launch import Child, Program
+from deploy.onboard import Onboard
+from deploy.onboard_watch import Watch
+
+
+class Robot:
+    """Stands for what is laid out; nothing of it is on the disk."""
+
+    id = "r1"
+
+
+class Played:
+    """A launcher whose processes end when the test says so; `wait` lets the next ones end."""
+
+    def __init__(self) -> None:
+        self.started: list[str] = []
+        self.children: dict[str, Child] = {}
+        self.ends: list[dict[str, int]] = []
+
+    def start(self, program: Program) -> Child:
+        self.started.append(program.actor)
+        self.children[program.actor] = Child(program, pid=2**22 + len(self.started))
+        return self.children[program.actor]
+
+    def wait(self, _timeout_s: float) -> None:
+        for name, code in (self.ends.pop(0) if self.ends else {}).items():
+            self.children[name].exit_code = code
+
+
+@pytest.fixture
+def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[Watch, Played]:
+    """A robot whose base, bridge and program run."""
+
+    issued = SimpleNamespace(sockets={layout.BRIDGE: tmp_path})
+
+    def program(name: str) -> object:
+        return lambda _onboard, _start: Program(name, name, (), tmp_path / f"{name}.log", None)
+
+    monkeypatch.setattr(layout, "issue", lambda _onboard: issued)
+    monkeypatch.setattr(layout, "base_program", program(layout.BASE))
+    monkeypatch.setattr(layout, "bridge_program", program(layout.BRIDGE))
+    monkeypatch.setattr(layout, "onboard_robot_program", program("r1"))
+    onboard: Onboard = type("One", (), {"robot": Robot})()
+    launcher = Played()
+    watch = Watch(onboard, launcher, lambda _line: None)  # type: ignore[arg-type]
+    watch.start()
+    assert launcher.started == [layout.BASE, layout.BRIDGE, "r1"]
+    return watch, launcher
+
+
+def test_a_robot_that_has_finished_is_not_started_again_while_its_base_still_ends(
+    played: tuple[Watch, Played],
+) -> None:
+    watch, launcher = played
+    launcher.ends = [{"r1": 0}, {}, {layout.BRIDGE: 0}, {layout.BASE: 0}]
+    assert not watch.look(0.0), "told to stop"
+    assert launcher.started == [layout.BASE, layout.BRIDGE, "r1"]
+    assert watch.restarts == 0
+
+
+def test_a_robot_that_has_failed_is_started_again(played: tuple[Watch, Played]) -> None:
+    watch, launcher = played
+    launcher.ends = [{"r1": 1}]
+    assert watch.look(0.0)
+    assert launcher.started[3:] == ["r1"]
