@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final, Protocol, TypeVar
 
-from actors.instant import Duration, Instant, seconds
+from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import FRAME_DATA_LIMIT
 from firmware_bridge.beeclick.answers import (
     AddressSet,
@@ -67,6 +67,9 @@ class BoardParameters:
     reading: Duration = field(default=seconds(0.35))
     """One reading of the sensor, µs; between temperature and humidity. Default: 27 ms of reset, 5 ms of
     command, 320 ms of measurement (SHT1x.cpp)."""
+    channel_change: Duration = field(default=milliseconds(0.2))
+    """A change of channel, µs, in which no command is handled and the radio has nothing to say. Default: the
+    wait after the reset of the RF state machine (MRF24J40.cpp)."""
     rest: Duration = field(default=seconds(1.01))
     """From a humidity to the next reading's begin, µs. Default: 101 ticks."""
 
@@ -101,6 +104,8 @@ class Board:
         self._sentence = b""
         self._held_until: Instant | None = None
         """The button's notes are being made, and nothing else."""
+        self._changing: tuple[Instant, int] | None = None
+        """When the channel will have changed, and the byte that was asked for."""
         self._held: list[Answer | bool] = []
         """What the radio had to say meanwhile: a packet, or how sending went."""
         self._next_reading: tuple[int, bool] = (now + self._p.first_reading, True)
@@ -131,8 +136,10 @@ class Board:
         if self._incoming:
             begin, data = self._incoming[0]
             times.append(begin + byte_time(min(len(data), self._taken + _GRAIN)))
-        if self._held_until is None:
+        if not self._busy:
             times.append(self._fails)
+        if self._changing is not None:
+            times.append(self._changing[0])
         return Instant(min(at for at in times if at is not None))
 
     # --- people ------------------------------------------------------------------------------------------
@@ -158,7 +165,7 @@ class Board:
 
     def finished(self, now: Instant, succeeded: bool) -> None:
         """The radio has done with the frame."""
-        if self._held_until is not None:
+        if self._busy:
             self._held.append(succeeded)
             return
         self._unless_hung(self._radio_says, now, succeeded)
@@ -171,7 +178,7 @@ class Board:
             return
         pan, address, fcs = (int.from_bytes(part, "little") for part in (frame[3:5], frame[5:7], frame[-2:]))
         packet = ReceivedPacket(pan, address, rssi, lqi, fcs, frame[HEADER_SIZE:-_FCS_SIZE])
-        if self._held_until is None:
+        if not self._busy:
             self._unless_hung(self._radio_says, now, packet)
         elif any(isinstance(one, ReceivedPacket) for one in self._held):
             self.counters["lost"] += 1  # the chip has room for one
@@ -191,8 +198,12 @@ class Board:
 
     def _run(self, now: Instant, _: None = None) -> None:
         if self._held_until is not None and now >= self._held_until:
+            self._held_until = None
+            self._say(now, Notes(self._notes()))
             self._release(now)
-        if self._fails is not None and now >= self._fails and self._held_until is None:
+        if self._changing is not None and now >= self._changing[0]:
+            self._changed(now, self._changing[1])
+        if self._fails is not None and now >= self._fails and not self._busy:
             self._fails = None
             self._radio_says(now, False)
         self._receive(now)
@@ -203,9 +214,23 @@ class Board:
             pause = p.reading if is_temperature else p.rest + p.reading
             self._next_reading = (at + pause, not is_temperature)
 
+    @property
+    def _busy(self) -> bool:
+        """True while neither command nor radio is attended to: the notes are made, or the channel changes."""
+        return self._held_until is not None or self._changing is not None
+
+    def _changed(self, now: Instant, code: int) -> None:
+        """The radio is on another channel."""
+        self._changing = None
+        self.channel = code & 0x0F
+        self._say(now, ChannelSet(code))
+        self.commands.advance()
+        self._release(now)
+
     def _release(self, now: Instant) -> None:
-        self._held_until = None
-        self._say(now, Notes(self._notes()))
+        """Attend to what has waited, unless something else still keeps the board busy."""
+        if self._busy:
+            return
         held, self._held = self._held, []
         for one in held:
             self._radio_says(now, one)
@@ -245,7 +270,7 @@ class Board:
 
     def _handle(self, now: Instant, _: None = None) -> None:
         """The firmware's one handler of commands: one after the other, none behind a packet in the air."""
-        if self._held_until is not None:
+        if self._busy:
             return
         if self._sentence:
             self._say(now, Sentence(self._sentence))
@@ -255,6 +280,9 @@ class Board:
             if command[0] == SEND_PACKET:
                 if not self._sending:
                     self._send(now, command)
+                return
+            if command[0] == SET_CHANNEL:
+                self._changing = (Instant(now + self._p.channel_change), command[1])
                 return
             self._do(now, command)
             self.commands.advance()
@@ -273,9 +301,6 @@ class Board:
         match command[0]:
             case kind if kind == SYNC:
                 self._say(now, Synchronised())
-            case kind if kind == SET_CHANNEL:
-                self.channel = command[1] & 0x0F
-                self._say(now, ChannelSet(command[1]))
             case kind if kind == SET_POWER:
                 asked = int.from_bytes(command[1:3], "little", signed=True)
                 self.power_dbm = radiated(max(min(asked, 0), -399)) / 10

@@ -12,7 +12,15 @@ NAMES: Final = (
     *("answers", "syncs", "ups", "probes", "silent", "lost", "junk_bytes"),
     # Signs of noise: bytes that no board sends, then answers that are missing or that nobody asked for.
     *("unknown_type", "bad_length", "bad_pattern", "bad_status", "bad_channel", "bad_power", "bad_text"),
-    *("bad_temperature", "swallowed_sync", "stalled", "no_confirmation", "no_echo", "echo_skipped"),
+    *(
+        "bad_temperature",
+        "swallowed_sync",
+        "stalled",
+        "no_confirmation",
+        "no_echo",
+        "echo_skipped",
+        "answer_skipped",
+    ),
     *("strange_confirmation", "strange_echo", "late_sync", "late_confirmation", "late_echo"),
 )
 """All that a link counts, in the order in which it is shown."""

@@ -8,7 +8,8 @@ address, channel and power, each confirmed by its echo.
 The board works strictly in order, and so are its answers. Hence each answer settles all that was asked
 before: whatever of that has not been answered yet never will be. In particular the answer to a SYNC settles
 the packets that were in flight, after their confirmations, which come first. A packet that is settled
-without a confirmation is `Unconfirmed`; nothing is ever guessed.
+without a confirmation is `Unconfirmed`; nothing is ever guessed. A board that lets a command wait is sent a
+SYNC ahead of time: if it is only held up the answer comes behind the others, and lost bytes show by it.
 """
 
 from collections import deque
@@ -38,10 +39,12 @@ from firmware_bridge.beeclick.commands import (
     encode,
 )
 from firmware_bridge.beeclick.counters import Counters
-from firmware_bridge.beeclick.events import Down, Event, Unconfirmed, Up
+from firmware_bridge.beeclick.events import Event, Unconfirmed
 from firmware_bridge.beeclick.news import news
+from firmware_bridge.beeclick.pace import Pace
 from firmware_bridge.beeclick.parameters import DEFAULTS, BeeClickParameters, BoardSettings
 from firmware_bridge.beeclick.reader import Reader
+from firmware_bridge.beeclick.standing import Standing
 from firmware_bridge.beeclick.wire import NUMBER_END, NoiseError
 
 _FILLER: Final = b"\xff"
@@ -73,7 +76,8 @@ class _Asked:
 
     answer: Answer | None
     """None: a packet, whose answer has a status."""
-    deadline: int
+    since: int
+    """When it was sent."""
     number: int = -1
     tag: int = -1
 
@@ -94,11 +98,11 @@ class Link:
         self._events: list[Event] = []
         self._packets = 0
         """How many numbers have been used."""
-        self._sync_began = self._sync_due = self._heard_at = self._answered_at = 0
-        self._last_sync = -parameters.sync_interval
-        self._unheard_syncs = 0
-        """SYNCs since the last byte came."""
-        self._silent = False
+        self._pace = Pace(parameters)
+        self._sync_began = self._heard_at = self._answered_at = 0
+        self._given_up = False
+        """No SYNC has been answered for so long that nothing of what the board has will be."""
+        self._standing = Standing(self.counters, self._events)
 
     @property
     def in_flight(self) -> int:
@@ -114,14 +118,13 @@ class Link:
         """A port has been opened; whatever was known of the board is forgotten."""
         assert self.phase is Phase.OFF, "lost() comes before another connect()"
         self._reader.reset()
-        self._unheard_syncs = 0
-        self._last_sync = now - self._p.sync_interval
+        self._pace.connected(now)
+        self._standing.connected()
         self._begin_sync(now)
 
     def lost(self, now: Instant) -> list[Event]:
         """The port has gone; packets in flight are unconfirmed, those that wait go on waiting."""
-        if self.phase is Phase.READY:
-            self._events.append(Down(now, "lost"))
+        self._standing.down(now, "lost")
         self.phase = Phase.OFF
         self.counters.add("lost")
         self._settle(now, len(self._asked), "lost")
@@ -153,8 +156,7 @@ class Link:
             return self._given()
         if data:
             self._heard_at = now
-            self._unheard_syncs = 0
-            self._sync_due = min(self._sync_due, max(now, self._last_sync + self._p.sync_interval))
+            self._pace.heard()
             self._reader.feed(data)
         self._read(now)
         if self._expire(now):
@@ -164,19 +166,22 @@ class Link:
 
     def due(self, now: Instant) -> bytes:
         """What is to be written now; ask again once it is with the port, and after each `take`."""
-        if self.phase is Phase.SYNCING and now >= self._sync_due:
-            return self._sync(now)
-        if self.phase not in (Phase.SETTING, Phase.READY):
+        if self.phase is Phase.OFF:
             return b""
+        if self.phase is Phase.SYNCING or self._doubted:
+            return self._sync(now) if now >= self._sync_due() else b""
         out = bytearray()
         while self._to_set:
             out += self._ask(now, self._to_set.popleft())
         if self.phase is Phase.READY:
-            while self._waiting and self.in_flight < self._p.in_flight:
+            most = self._p.in_flight if self._standing.is_up else 1
+            while self._waiting and self.in_flight < most and self._pace.has_room:
                 out += self._ask_packet(now, self._waiting.popleft())
             if not self._asked and now >= self._answered_at + self._p.probe_interval:
                 self.counters.add("probes")
                 out += self._ask(now, self._setup[0])
+            if now >= self._sync_due():
+                out += self._sync(now)
         return bytes(out)
 
     def wake(self) -> Instant | None:
@@ -184,9 +189,10 @@ class Link:
         if self.phase is Phase.OFF:
             return None
         if self.phase is Phase.SYNCING:
-            give_up = [] if self._silent else [self._sync_began + self._p.give_up]
-            return Instant(min([self._sync_due, *give_up]))
-        times = [self._asked[0].deadline] if self._asked else [self._answered_at + self._p.probe_interval]
+            give_up = [] if self._given_up else [self._sync_began + self._p.give_up]
+            return Instant(min([self._sync_due(), *give_up]))
+        times = [self._deadline(), self._sync_due()] if self._asked else []
+        times = times or [self._answered_at + self._p.probe_interval]
         if self._reader.partial:
             times.append(self._heard_at + self._p.stall)
         return Instant(min(times))
@@ -213,6 +219,7 @@ class Link:
             else:
                 self._answered(now, answer, place)
         else:
+            self._pace.told()
             self._events += news(now, answer, self.settings, self.counters, self._p.drop_bad_fcs)
 
     def _place(self, answer: Answer) -> int | None:
@@ -225,23 +232,35 @@ class Link:
         return None
 
     def _answered(self, now: Instant, answer: Answer, place: int) -> None:
-        skipped_setting = any(asked.answer is not None for asked in list(self._asked)[:place])
+        skipped_setting = any(
+            asked.answer not in (None, Synchronised()) for asked in list(self._asked)[:place]
+        )
         self._settle(now, place, "answer_skipped")
         asked = self._asked.popleft()
         self._answered_at = now
+        self._pace.answered(len(self._asked))
         if isinstance(answer, PacketSent):
-            end = AccessFailure(now, asked.tag) if answer.failed else Sent(now, asked.tag)
-            self._end(end, "failed" if answer.failed else "sent")
+            self._confirmed(now, asked.tag, answer.failed)
         elif isinstance(answer, Synchronised):
-            self.phase = Phase.SETTING
-            self._to_set.extend(self._setup)
+            self._synchronised(now, skipped=place > 0)
         elif skipped_setting:
             self._begin_sync(now, "echo_skipped")
         elif self.phase is Phase.SETTING and not self._to_set and not self._asked:
             self.phase = Phase.READY
-            self._silent = False
-            self.counters.add("ups")
-            self._events.append(Up(now))
+            self._standing.ready(now)
+
+    def _confirmed(self, now: Instant, tag: int, failed: bool) -> None:
+        self._end(AccessFailure(now, tag) if failed else Sent(now, tag), "failed" if failed else "sent")
+        self._standing.confirmed(now, self.phase is Phase.READY)
+
+    def _synchronised(self, now: Instant, skipped: bool) -> None:
+        if self.phase is Phase.READY:
+            if not skipped:
+                return  # it was held up, and no more
+            self.counters.add("answer_skipped")
+            self._standing.down(now, "answer_skipped")
+        self.phase = Phase.SETTING
+        self._to_set.extend(self._setup)
 
     def _unasked(self, now: Instant, answer: Answer) -> None:
         """An answer to nothing that is on its way."""
@@ -267,15 +286,24 @@ class Link:
             self._reader.search()
             self._noise(now, "stalled")
         if self.phase is Phase.SYNCING:
-            if not self._silent and now >= self._sync_began + self._p.give_up:
-                self._silent = True
-                self.counters.add("silent")
-                self._events.append(Down(now, "silent"))
+            if not self._given_up and now >= self._sync_began + self._p.give_up:
+                self._given_up = True
+                if self.in_flight:
+                    self._standing.fruitless(now)
+                self._standing.silent(now)
                 self._settle(now, len(self._asked), "silent")
-        elif self._asked and now >= self._asked[0].deadline:
-            cause = "no_confirmation" if self._asked[0].answer is None else "no_echo"
-            self._noise(now, cause)
+        elif self._asked and now >= self._deadline():
+            if self._asked[0].answer is None:
+                self._standing.fruitless(now)
+                self._noise(now, "no_confirmation")
+            else:
+                self._noise(now, "no_echo")
         return stalled
+
+    def _deadline(self) -> int:
+        """When what was asked first has waited for too long; the set-up has no packets to wait for."""
+        patience = self._p.doubt if self.phase is Phase.SETTING else self._p.answer_timeout
+        return self._asked[0].since + patience
 
     # --- what the board is told --------------------------------------------------------------------------
 
@@ -283,35 +311,47 @@ class Link:
         """Find the board again; its answers so far are still taken."""
         if self.phase is Phase.SYNCING:
             return
-        if self.phase is Phase.READY:
-            self._events.append(Down(now, cause))
+        self._standing.down(now, cause)
         self.phase = Phase.SYNCING
         self._to_set.clear()
-        self._silent = False
+        self._given_up = False
         self._sync_began = now
-        self._sync_due = max(now, self._last_sync + self._p.sync_interval)
+
+    @property
+    def _doubted(self) -> bool:
+        """True while a board that is ready has a SYNC to answer, ahead of time."""
+        return self.phase is Phase.READY and self._sync_asked()
+
+    def _sync_due(self) -> int:
+        """When the next SYNC may be sent; of a board that is ready, once it has let something wait."""
+        due = self._pace.due(not self._reader.aligned)
+        if self.phase is Phase.SYNCING:
+            return due
+        if not self._asked or not self._pace.has_room or self.phase is Phase.SETTING:
+            return 2**62
+        since = self._pace.last if self._doubted else self._asked[0].since
+        return max(due, since + self._p.doubt)
 
     def _sync(self, now: Instant) -> bytes:
         if not self._sync_asked():
             self._asked.append(_Asked(Synchronised(), now))
         self.counters.add("syncs")
-        self._last_sync = now
-        self._unheard_syncs += 1
-        quick = self._unheard_syncs < self._p.quick_syncs
-        self._sync_due = now + (self._p.sync_interval if quick else self._p.slow_sync_interval)
+        self._pace.synchronising(now)
         return _FILLER * self._p.filler + encode(Synchronise())
 
     def _sync_asked(self) -> bool:
         return bool(self._asked) and self._asked[-1].answer == Synchronised()
 
     def _ask(self, now: Instant, command: Command) -> bytes:
-        self._asked.append(_Asked(_echo(command), now + self._p.answer_timeout))
+        self._asked.append(_Asked(_echo(command), now))
+        self._pace.asked()
         return encode(command)
 
     def _ask_packet(self, now: Instant, packet: _Packet) -> bytes:
         number = (self._packets * _SPREAD + self.settings.address) % NUMBER_END
         self._packets += 1
-        self._asked.append(_Asked(None, now + self._p.answer_timeout, number, packet.tag))
+        self._asked.append(_Asked(None, now, number, packet.tag))
+        self._pace.asked()
         return encode(SendPacket(number, packet.data))
 
     def _was_used(self, number: int) -> bool:
@@ -333,7 +373,8 @@ class Link:
         self._events.append(end)
 
     def _given(self) -> list[Event]:
-        events, self._events = self._events, []
+        events = self._events.copy()
+        self._events.clear()
         return events
 
 

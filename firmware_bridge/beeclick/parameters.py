@@ -11,7 +11,8 @@ from firmware_bridge.beeclick.wire import LONGEST_COMMAND, MisuseError
 _FIRST_CHANNEL: Final = 11
 _LAST_CHANNEL: Final = 26
 _DURATIONS: Final = (
-    *("answer_timeout", "sync_interval", "slow_sync_interval", "give_up", "probe_interval", "stall"),
+    *("answer_timeout", "doubt", "sync_interval", "slow_sync_interval", "noisy_sync_interval"),
+    *("deaf_sync_interval", "give_up", "probe_interval", "stall"),
 )
 
 
@@ -57,6 +58,12 @@ class BeeClickParameters:
     answer_timeout: Duration = field(default=seconds(1.0))
     """For an echo or a confirmation, µs. Default: the board's button holds everything up for 0.70 s, and four
     packets take 0.17 s where every one finds the channel busy to the last try."""
+    doubt: Duration = field(default=milliseconds(250))
+    """After so long without an answer a SYNC is sent behind what was asked, µs; no more packets until it is
+    answered. Default: own choice, above the 0.17 s of four packets in a busy channel."""
+    ring: int = 6
+    """Commands that a board may have and not have answered, packets and SYNCs included. Default: its ring has
+    room for seven, but seven answers behind the button's notes would fill that of the answers and hang it."""
     sync_interval: Duration = field(default=milliseconds(80))
     """Between two SYNCs while bytes come, µs. Default: noise over, one comes within 100 ms; an answer that
     waits behind four packets, 22 ms, is there before the next."""
@@ -65,24 +72,31 @@ class BeeClickParameters:
     gets five in 0.70 s; at the seventh it would hang, its answers filling their ring."""
     slow_sync_interval: Duration = field(default=milliseconds(800))
     """Between the SYNCs after them, µs. Default: a little longer than the button holds a board up."""
+    noisy_sync_interval: Duration = field(default=milliseconds(320))
+    """Between SYNCs once the ring may be full and noise comes, µs. Default: own choice; three in a second."""
+    deaf_sync_interval: Duration = field(default=seconds(10.0))
+    """Between SYNCs to a board whose ring is full and that talks all the same, µs. Default: own choice; one
+    that was reset is found within that, and the ring of one that is wedged runs over once in a minute."""
     give_up: Duration = field(default=seconds(1.0))
     """A board that has answered no SYNC for so long counts as silent, and what it has as unknown, µs.
     Default: as answer_timeout."""
-    probe_interval: Duration = field(default=seconds(1.0))
+    probe_interval: Duration = field(default=milliseconds(250))
     """After so long without an answer the board is asked whether it still listens, µs. Default: own choice; a
-    board that has restarted is set up again within twice that."""
+    board that has restarted, or lost bytes, is set up again within that and `doubt`."""
     stall: Duration = field(default=milliseconds(50))
     """A message that stops in its middle for so long never goes on, µs. Default: own choice, above the 16 ms
     for which USB adapters keep bytes back."""
     filler: int = LONGEST_COMMAND
     """Bytes that are no command, ahead of each SYNC. Default: as many as end whatever command the board
     believes to be in; 2.8 ms on the line."""
-    drop_bad_fcs: bool = False
-    """Drop packets whose frame check sequence does not hold any more when they arrive here. Default: they are
-    counted only, as it is taken from the firmware's source, not from a board, that it is handed on right."""
+    drop_bad_fcs: bool = True
+    """Drop packets whose frame check sequence does not hold any more when they arrive here, and count them.
+    Default: the line has damaged them. That the sequence is handed on right is taken from the firmware's
+    source, not from a board; if `bad_fcs` counts every packet of a real one, this must be False."""
 
     def __post_init__(self) -> None:
-        _check("number of packets in flight", self.in_flight, 1, 7)
+        _check("number of packets in flight", self.in_flight, 1, 6)
+        _check("number of commands in its ring", self.ring, self.in_flight + 1, 7)
         _check("number of waiting packets", self.transmit_queue, 0, 10_000)
         _check("number of quick SYNCs", self.quick_syncs, 1, 10_000)
         _check("number of filler bytes", self.filler, 1, 10_000)

@@ -47,6 +47,8 @@ EXACT: Final = KobukiErrors(
 )
 """Only the wire's own resolution."""
 _BYTE_US: Final = 10e6 / 115_200
+_FACTORY_GAINS: Final = ControllerInfo(0, 100_000, 100, 2_000)
+"""Set by type 0, whatever the numbers behind it."""
 _GAINS_SINCE: Final = Version(1, 2, 0)
 
 
@@ -130,7 +132,7 @@ class EmulatedKobuki:
         self._scale = (1 + left * errors.wheel_scale, 1 + right * errors.wheel_scale)
         self._wheels = _Wheels(bias=bias * math.radians(errors.gyro_bias_deg))
         self._extra: list[Feedback] = []
-        self._gains = ControllerInfo(0, 100_000, 100, 2_000)
+        self._gains = _FACTORY_GAINS
         self._frozen: Inertial | None = None
         self._line: deque[_Sending] = deque(maxlen=64)
         self.faults = Faults()
@@ -177,7 +179,8 @@ class EmulatedKobuki:
             self._answer(command.flags)
         elif self._p.firmware >= _GAINS_SINCE:
             if isinstance(command, SetGain):
-                self._gains = ControllerInfo(command.user, command.p, command.i, command.d)
+                user = ControllerInfo(command.user, command.p, command.i, command.d)
+                self._gains = user if command.user else _FACTORY_GAINS
             elif isinstance(command, GetGain):
                 self._extra.append(self._gains)
 

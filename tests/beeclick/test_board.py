@@ -139,7 +139,7 @@ def test_a_seventh_hangs_it_as_the_answers_fill_their_ring() -> None:
     bench = Bench()
     bench.sync()
     bench.board.press(bench.now)
-    bench.tell(*(SetChannel(code) for code in range(7)))
+    bench.tell(*(SetPower(-10 * code) for code in range(7)))
     assert bench.wait(seconds(1)) == b""
     assert bench.board.hung
 
@@ -152,6 +152,26 @@ def test_an_eighth_takes_all_of_them_with_it() -> None:
     (notes,) = bench.said(seconds(1))
     assert isinstance(notes, Notes)
     assert bench.board.commands.overflows == 1
+
+
+def test_a_change_of_channel_takes_200_us_in_which_nothing_else_is_done() -> None:
+    bench = Bench()
+    bench.sync()
+    bench.tell(SetChannel(3), SetPower(-100))
+    bench.wait(byte_time(2))
+    assert (bench.board.channel, bench.said(199)) == (0, [])
+    bench.wait(1)
+    assert bench.board.channel == 3
+    assert bench.said(1_000) == [ChannelSet(3), PowerSet(-100)]
+
+
+def test_seven_changes_of_channel_behind_a_packet_are_borne_as_their_answers_have_time_to_leave() -> None:
+    """Eight answers at once would hang it; in 200 µs a line takes 18 bytes, and an answer has two."""
+    bench = Bench()
+    bench.sync()
+    bench.tell(SendPacket(0, bytes(118)), *(SetChannel(code) for code in range(7)))
+    assert bench.said() == [PacketSent(0, failed=False), *(ChannelSet(code) for code in range(7))]
+    assert not bench.board.hung and bench.board.channel == 6
 
 
 def test_eight_packets_are_borne_with_one_in_the_air() -> None:
@@ -203,10 +223,10 @@ def test_a_length_beyond_the_last_slot_crashes_it() -> None:
 def test_nothing_behind_a_packet_is_done_while_it_is_in_the_air() -> None:
     bench = Bench()
     bench.sync()
-    bench.tell(SendPacket(5, bytes(118)), SetChannel(1))
+    bench.tell(SendPacket(5, bytes(118)), SetPower(-100))
     heard = byte_time(124) + 1
     assert bench.said(heard + airtime_us(118)) == []
-    assert bench.said(200) == [PacketSent(5, failed=False), ChannelSet(1)]
+    assert bench.said(200) == [PacketSent(5, failed=False), PowerSet(-100)]
 
 
 def test_a_channel_that_is_never_clear_fails_a_packet() -> None:

@@ -3,12 +3,15 @@
 import pytest
 
 from actors.messages import Heard, Sent
+from actors.radio.frame_check import frame_check
 from firmware_bridge.beeclick.answers import Answer, ReceivedPacket, Warmth
 from firmware_bridge.beeclick.events import Event, Unconfirmed
+from firmware_bridge.beeclick.signal import mac_header
 from firmware_bridge.beeclick.wire import SYNC_PATTERN
 from tests.beeclick.hosts import ECHOES, Host, confirm, said
 
-HELLO = ReceivedPacket(0xBABA, 7, 100, 100, 0, b"hello " + SYNC_PATTERN)
+TEXT = b"hello " + SYNC_PATTERN
+HELLO = ReceivedPacket(0xBABA, 7, 100, 100, frame_check(mac_header(0xBABA, 7) + TEXT), TEXT)
 BOGUS = b"\x01\x70\xba\xba\x07\x00\x8a\xc8\x00\x00"
 
 

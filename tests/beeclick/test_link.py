@@ -246,12 +246,33 @@ def test_an_answer_that_stops_in_its_middle_is_given_up() -> None:
 
 def test_a_board_that_does_not_listen_any_more_is_found_by_asking() -> None:
     host = Host().get_ready()
-    assert host.link.wake() == host.now + seconds(1)
-    host.hear(packet(b"news"), after=seconds(1))  # hearing others does not prove that it hears us
+    assert host.link.wake() == host.now + milliseconds(250)
+    host.hear(packet(b"news"), after=milliseconds(250))  # hearing others does not prove that it hears us
     assert host.commands() == [SetAddress(0xBABA, 0x0103)]
-    assert host.hear(after=seconds(1)) == [Down(host.now, "no_echo")]
+    assert host.hear(after=milliseconds(250)) == []
     assert host.due() == SYNC
+    assert host.hear(SYNC_PATTERN, after=5_000) == [Down(host.now, "answer_skipped")]
+    assert len(host.commands()) == 3
+    assert host.hear(*ECHOES) == [Up(host.now)]
     assert host.link.counters["probes"] == 1
+
+
+def test_a_board_that_is_only_slow_is_not_down_and_loses_nothing() -> None:
+    """For 0.7 s it does nothing, as with its button pressed: two SYNCs ahead of time, and no more packets."""
+    host = Host().get_ready()
+    numbers = host.send(1, 2, 3, 4)
+    syncs = []
+    for _ in range(70):
+        assert host.hear(after=10_000) == []
+        host.link.send(host.now, 5, b"x") if host.now == 600_000 else None
+        if host.due():
+            syncs.append(host.now)
+    assert syncs == [250_000, 500_000], "with four packets six commands, as many as the board's ring may have"
+    assert host.hear(*map(confirm, numbers), SYNC_PATTERN, SYNC_PATTERN) == [
+        Sent(host.now, tag) for tag in (1, 2, 3, 4)
+    ]
+    assert host.link.phase is Phase.READY and host.link.counters["late_sync"] == 1
+    assert len(host.send()) == 1
 
 
 def test_a_board_that_listens_is_asked_again_and_again() -> None:
@@ -269,21 +290,55 @@ def test_a_silent_board_is_reported_once_and_asked_on() -> None:
     host.link.send(host.now, 9, b"later")
     host.due()
     events, syncs = [], []
-    for _ in range(50):
-        events += host.hear(after=80_000)
+    for _ in range(80):
+        events += host.hear(after=50_000)
         if host.due():
             syncs.append(host.now)
     assert events == [
-        Down(Instant(1_040_000), "no_confirmation"),
-        Down(Instant(2_080_000), "silent"),
-        Unconfirmed(Instant(2_080_000), 1, "silent"),
-        Unconfirmed(Instant(2_080_000), 9, "silent"),
+        Down(Instant(1_000_000), "no_confirmation"),
+        Down(Instant(2_000_000), "silent"),
+        Unconfirmed(Instant(2_000_000), 1, "silent"),
+        Unconfirmed(Instant(2_000_000), 9, "silent"),
     ]
-    # Four, then slowly: the button holds a board up for 0.70 s, and seven commands would hang it.
-    assert syncs == [1_040_000, 1_120_000, 1_200_000, 1_280_000, 2_080_000, 2_880_000, 3_680_000]
+    assert syncs == [250_000, 500_000, 750_000, 1_000_000, 1_800_000, 2_600_000, 3_400_000]
     host.hear(SYNC_PATTERN)
     assert len(host.commands()) == 3
-    assert host.hear(*ECHOES) == [Up(host.now)]
+    assert host.hear(*ECHOES) == [], "first its radio has to be heard of"
+    (number,) = host.send(10, 11)
+    assert host.hear(confirm(number)) == [Sent(host.now, 10), Up(host.now)]
+
+
+def test_a_board_that_talks_and_does_not_listen_is_not_filled_up() -> None:
+    """Its radio is wedged: what it hears and measures comes, and no command is handled."""
+    host = Host().get_ready()
+    host.send(1, 2, 3, 4)
+    syncs = []
+    for step in range(2_000):
+        host.hear(*([Warmth(215)] if step % 50 == 0 else []), after=10_000)
+        if host.due():
+            syncs.append(host.now)
+    assert syncs == [250_000, 500_000, 1_300_000, 11_300_000]
+
+
+def test_two_packets_in_a_row_of_which_nothing_becomes_make_the_radio_silent() -> None:
+    """Though the board answers all else: it is not up and down in turns, but silent until it confirms one."""
+    host = Host().get_ready()
+    events = []
+    for tag in range(1, 30):
+        events += host.link.send(host.now, tag, b"x")
+        for command in host.commands():
+            assert isinstance(command, SendPacket)
+        events += host.hear(after=seconds(1))
+        assert host.due() == SYNC
+        events += host.hear(SYNC_PATTERN, after=5_000)
+        host.commands()
+        events += host.hear(*ECHOES, after=1_000)
+    told = [event for event in events if isinstance(event, Up | Down)]
+    assert [type(event) for event in told] == [Down, Up, Down]
+    assert [event.cause for event in told if isinstance(event, Down)] == ["no_confirmation", "silent"]
+    assert len({event.tag for event in events if isinstance(event, Unconfirmed)}) >= 28
+    (number,) = host.send(40)
+    assert host.hear(confirm(number)) == [Sent(host.now, 40), Up(host.now)]
 
 
 def test_noise_that_shows_brings_the_next_sync_forward() -> None:

@@ -183,7 +183,10 @@ def test_a_board_is_not_set_up_with_nonsense(settings: dict[str, float], sentenc
 def test_a_link_is_not_made_with_nonsense() -> None:
     with pytest.raises(MisuseError) as caught:
         BeeClickParameters(in_flight=8)
-    assert str(caught.value) == "The board's number of packets in flight is 8; it must be 1 to 7."
+    assert str(caught.value) == "The board's number of packets in flight is 8; it must be 1 to 6."
+    with pytest.raises(MisuseError) as caught:
+        BeeClickParameters(ring=8)
+    assert str(caught.value) == "The board's number of commands in its ring is 8; it must be 5 to 7."
 
 
 def test_the_set_up_is_address_channel_and_power() -> None:

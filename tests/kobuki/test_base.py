@@ -11,7 +11,7 @@ from firmware_bridge.kobuki import emulate
 from firmware_bridge.kobuki.base import BaseParameters, EmulatedKobuki
 from firmware_bridge.kobuki.body import Truth, Unicycle
 from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.kobuki.packets import GetGain, SetGain, Version
+from firmware_bridge.kobuki.packets import ControllerInfo, GetGain, SetGain, Version
 from firmware_bridge.room import Room
 from tests.kobuki.drives import Rig
 
@@ -84,6 +84,16 @@ def test_new_firmware_tells_its_gains() -> None:
     base._obey(SetGain(1, 50_000, 200, 3_000))
     base._obey(GetGain())
     assert len(base.run(Instant(40_000))) == 2 * 81 + 15 - 81  # of the second feedback nothing has left yet
+
+
+def test_type_0_sets_the_factorys_gains_whatever_the_numbers_behind_it() -> None:
+    base = EmulatedKobuki(Unicycle(), np.random.default_rng(1), BaseParameters(firmware=Version(1, 2, 0)))
+    told = []
+    for command in (SetGain(1, 50_000, 200, 3_000), SetGain(0, 7, 8, 9)):
+        base._obey(command)
+        base._obey(GetGain())
+        told.append(base._extra[-1])
+    assert told == [ControllerInfo(1, 50_000, 200, 3_000), ControllerInfo(0, 100_000, 100, 2_000)]
 
 
 @pytest.mark.parametrize(
