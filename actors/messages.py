@@ -321,6 +321,16 @@ class Control(Message, frozen=True):
     """Orders from a person or a tool; applied at the next step boundary and recorded. `step` is not used."""
 
     orders: tuple[Order, ...]
+    ticket: str = ""
+    """Chosen by whoever gives the orders and wants to hear what becomes of them: Answered carries it."""
+
+
+class Answered(Message, frozen=True):
+    """What has become of the orders of one Control; for people, outside barrier and digest."""
+
+    ticket: str
+    refusals: tuple[str, ...]
+    """A sentence for each order that was not carried out, in their order; none: all were."""
 
 
 class ProcessOrder(Part, frozen=True):
@@ -367,9 +377,10 @@ AIRED: Final = Topic("swarm/infra/aired", Aired)
 CONTROL: Final = Topic("swarm/infra/control", Control)
 ROSTER: Final = Topic("swarm/infra/roster", Roster)
 PROGRESS: Final = Topic("swarm/infra/progress", Progress)
+ANSWERED: Final = Topic("swarm/infra/answered", Answered)
 BOARD: Final = Topic("swarm/infra/board", Board)
 
 TOPICS: Final[tuple[Topic[Message], ...]] = (
     READY, SENSES, DRIVE, TRANSMIT, RECEIVED, RADIO_READY, TRUTH, AIRED, CONTROL, ROSTER, PROGRESS,
-    BOARD,
+    ANSWERED, BOARD,
 )  # type: ignore[assignment]  # fmt: skip

@@ -219,10 +219,17 @@ def order(
     verb: Annotated[str, typer.Argument(metavar="VERB", help="kill, freeze, move, pause, stop, …")],
     words: Annotated[list[str] | None, typer.Argument(metavar="WORDS", help="What the verb needs.")] = None,
 ) -> None:
-    """Give an order to a run that is going on, such as: acrc order runs/mine kill r2."""
+    """Give an order to a run that is going on, such as: acrc order runs/mine kill r2.
+
+    It says what became of the order; exit code 1 if the run refused it.
+    """
     from deploy import orders
 
-    orders.send(out, orders.parse(verb, words or []))
+    given = " ".join([verb, *(words or [])])
+    refusal = orders.send(out, orders.parse(verb, words or []))
+    if refusal:
+        raise AcrcError(f"the run refused the order {given!r} {refusal}")
+    print(f"acrc: the run has carried out: {given}")
 
 
 @app.command(context_settings=_PASS_ON)

@@ -1,5 +1,7 @@
 """Orders to a run that is going on: what a scenario's events can do, and pause, resume and stop."""
 
+import secrets
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -7,7 +9,9 @@ from typing import Final
 
 from actors.instant import seconds
 from actors.messages import (
+    ANSWERED,
     CONTROL,
+    Answered,
     Control,
     Freeze,
     Kill,
@@ -22,9 +26,12 @@ from actors.messages import (
     Thaw,
 )
 from actors.runtime import access, router_file
-from actors.runtime.codec import encode
+from actors.runtime.bus import Bus
+from actors.runtime.codec import decode, encode
+from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.zenoh_bus import open_mesh
+from actors.world.order_limits import OrderLimits, fault
 from deploy.plan import ROUTER_FILE
 
 
@@ -81,18 +88,45 @@ def parse(verb: str, words: Sequence[str]) -> Order:
         raise OrderError(f"there is no order {verb!r}; it should be one of: {forms()}")
     shape, read = _FORMS[verb]
     try:
-        return read(words)
-    except ValueError:
+        order = read(words)
+    except (ValueError, OverflowError):  # the latter: an infinite number of seconds
         given = " ".join([verb, *words])
         raise OrderError(f"the order {given!r} should read {f'{verb} {shape}'.strip()!r}") from None
+    if wrong := fault(order, OrderLimits()):
+        raise OrderError(wrong)
+    return order
 
 
-def send(out: Path, order: Order) -> None:
-    """Give an order to the run that writes to `out`; it is carried out at the next step's start."""
+def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:
+    """Give an order to the run that writes to `out`, and hear what becomes of it at the next step's start.
+
+    None if it was carried out, else why it was refused. OrderError if no run is going on there, or it says
+    nothing within `patience_s`.
+    """
     file = out / "world" / ROUTER_FILE
     if not file.is_file():
         raise OrderError(f"{out}: no run is going on here; name the folder of one that is, over Zenoh")
     issued = router_file.read(file)
     config = access.client_config(issued.files["operator"], issued.endpoint("operator"))
-    with open_mesh(config, (), patience_s=5.0) as bus:
-        bus.publish(CONTROL.key(), encode(Control(0, (order,))))
+    ticket = secrets.token_hex(8)
+    with open_mesh(config, (at(ANSWERED),), patience_s=5.0) as bus:
+        bus.publish(CONTROL.key(), encode(Control(0, (order,), ticket)))
+        answer = _await_answer(bus, ticket, time.monotonic() + patience_s)
+    if answer is None:
+        raise OrderError(
+            f"{out}: the run has not said within {patience_s:g} s what becomes of the order; if it goes on, "
+            "the order is carried out at the start of its next step; run.json will name it if it is refused"
+        )
+    return "; ".join(answer.refusals) or None
+
+
+def _await_answer(bus: Bus, ticket: str, deadline: float) -> Answered | None:
+    topic = at(ANSWERED).topic
+    while time.monotonic() < deadline:
+        while (delivery := bus.poll(topic)) is not None:
+            answer = decode(topic, delivery.key, delivery.payload)
+            assert isinstance(answer, Answered)
+            if answer.ticket == ticket:
+                return answer
+        time.sleep(0.005)
+    return None

@@ -44,3 +44,7 @@ class Interferer(Protocol):
         `-inf` = nothing arrives. Evaluated at a burst's first instant, and again every 20 ms of a longer one.
         """
         ...
+
+    def over(self, now_ns: int) -> bool:
+        """True if no burst begins or goes on at `now_ns` or later."""
+        ...

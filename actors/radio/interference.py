@@ -17,12 +17,25 @@ class Interference:
     """The interferers, and the bursts of theirs that have begun and not ended."""
 
     def __init__(self) -> None:
-        self._interferers: list[Interferer] = []
+        self._interferers: list[Interferer | None] = []
         self._ends: dict[int, int] = {}
 
+    def __len__(self) -> int:
+        """How many numbers have been given out."""
+        return len(self._interferers)
+
     def add(self, interferer: Interferer) -> None:
-        """One more; its number is that of those before."""
-        self._interferers.append(interferer)
+        """One more; it takes the number of one that has ended for good, or the next."""
+        if None in self._interferers:
+            self._interferers[self._interferers.index(None)] = interferer
+        else:
+            self._interferers.append(interferer)
+
+    def forget(self, now_ns: int) -> None:
+        """Let go of the sources that will not be on any more, from `now_ns` on."""
+        for source, interferer in enumerate(self._interferers):
+            if interferer is not None and interferer.over(now_ns) and source not in self._ends:
+                self._interferers[source] = None
 
     def until(
         self, since_ns: int, until_ns: int, where: Trajectory
@@ -31,6 +44,7 @@ class Interference:
         entries = [
             entry
             for source, interferer in enumerate(self._interferers)
+            if interferer is not None
             for entry in self._entries(source, interferer, since_ns, until_ns)
         ]
         if not entries:
@@ -40,8 +54,9 @@ class Interference:
         rows: list[NDArray[np.float64]] = []
         for place, (instant, source, on) in enumerate(entries):
             switches[place] = (instant, source, len(rows) if on else OFF)
-            if on:
-                rows.append(self._interferers[source].power_dbm(where(instant)))
+            interferer = self._interferers[source]
+            if on and interferer is not None:
+                rows.append(interferer.power_dbm(where(instant)))
         nodes = len(where(since_ns))
         return switches, milliwatts(np.array(rows).reshape(-1, nodes))
 

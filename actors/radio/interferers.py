@@ -108,6 +108,10 @@ class Wifi:
         power: Floats = self._radiated_dbm - loss.reshape(receivers.shape[:-1])
         return power
 
+    def over(self, now_ns: int) -> bool:
+        """As `channel.Interferer` says: never."""
+        return False
+
     def _begin_anew(self) -> None:
         self._rng = self._draws()
         self._known = _NONE
@@ -142,6 +146,10 @@ class Jammer:
         if since_ns <= self.since_ns < until_ns and self.since_ns < self.until_ns:
             return np.array([[self.since_ns, self.until_ns]], np.int64)
         return _NONE
+
+    def over(self, now_ns: int) -> bool:
+        """As `channel.Interferer` says."""
+        return self.until_ns < now_ns
 
     def power_dbm(self, receivers: Floats) -> Floats:
         """As `channel.Interferer` says."""

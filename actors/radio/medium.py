@@ -84,9 +84,12 @@ class Medium:
 
     def add(self, interferer: Interferer) -> None:
         """From now on the source disturbs too; of its bursts those count that begin no earlier."""
+        self._interference.forget(self.now_ns)
         self._interference.add(interferer)
-        silent = np.zeros((1, len(self._transceivers)))
-        self._outside = self._outside._replace(now_mw=np.concatenate([self._outside.now_mw, silent]))
+        now_mw = self._outside.now_mw
+        if len(self._interference) > len(now_mw):
+            silent = np.zeros((1, len(self._transceivers)))
+            self._outside = self._outside._replace(now_mw=np.concatenate([now_mw, silent]))
 
     def offer(self, node: int, traffic: Traffic) -> None:
         """From now on the node is handed frames of its own accord; their tag is -1."""
@@ -181,6 +184,9 @@ class _Line:
     def bursts(self, since_ns: int, until_ns: int) -> NDArray[np.int64]:
         begins = np.arange(-(-since_ns // 50_000_000), -(-until_ns // 50_000_000)) * 50_000_000
         return np.stack([begins, begins + 9_000_000], axis=1)
+
+    def over(self, now_ns: int) -> bool:
+        return False
 
     def power_dbm(self, receivers: NDArray[np.float64]) -> NDArray[np.float64]:
         level: NDArray[np.float64] = -90.0 - receivers[..., 0]

@@ -11,7 +11,18 @@ from typing import Final
 
 import msgspec
 
-from actors.messages import AIRED, CONTROL, DRIVE, PROGRESS, RECEIVED, ROSTER, SENSES, TRANSMIT, TRUTH
+from actors.messages import (
+    AIRED,
+    ANSWERED,
+    CONTROL,
+    DRIVE,
+    PROGRESS,
+    RECEIVED,
+    ROSTER,
+    SENSES,
+    TRANSMIT,
+    TRUTH,
+)
 from actors.topic import Message, Topic
 
 _DIGESTED: Final = frozenset(
@@ -20,9 +31,12 @@ _DIGESTED: Final = frozenset(
 _WITNESSES: Final = frozenset({"world", "radio"})
 
 
+_TELEMETRY: Final = frozenset({PROGRESS.pattern, ANSWERED.pattern})
+
+
 def is_telemetry(topic: Topic[Message]) -> bool:
     """True for what is only shown to people: neither counted, nor recorded, nor in the digest."""
-    return topic.pattern == PROGRESS.pattern
+    return topic.pattern in _TELEMETRY
 
 
 def is_from_outside(topic: Topic[Message]) -> bool:

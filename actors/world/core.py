@@ -11,6 +11,7 @@ from enum import Enum
 from actors.instant import Instant, in_seconds
 from actors.messages import (
     AIRED,
+    ANSWERED,
     CONTROL,
     DRIVE,
     PROGRESS,
@@ -20,6 +21,7 @@ from actors.messages import (
     SENSES,
     TRUTH,
     Aired,
+    Answered,
     Control,
     Drive,
     PlaceGivenUp,
@@ -189,13 +191,11 @@ class WorldCore:
             if self._step:
                 self._take_counts(read(inputs, AIRED))
             self._orders.due(self.instant)
-        if at(CONTROL).key in inputs:
-            control: Control = read(inputs, CONTROL)
-            self._orders.take(control.orders)
+        outputs = self._take_orders(inputs)
         if self._orders.paused and not self._orders.stop:
             self._phase = Phase.PAUSED
-            return (to(PROGRESS, self._progress()),)
-        outputs = self._end_processes()
+            return [*outputs, to(PROGRESS, self._progress())]
+        outputs += self._end_processes()
         if self._over():
             return [*outputs, *self._halt()]
         if self._orders.starts:
@@ -204,6 +204,14 @@ class WorldCore:
             self._phase = Phase.ROLL_CALL
             return [*outputs, to(ROSTER, RosterMessage(self._step, starts))]
         return [*outputs, *self._send_senses()]
+
+    def _take_orders(self, inputs: Inputs) -> list[Output]:
+        """Carry out a person's orders, and tell him what has become of them if he wants to hear it."""
+        if at(CONTROL).key not in inputs:
+            return []
+        control: Control = read(inputs, CONTROL)
+        refusals = self._orders.take(control.orders)
+        return [to(ANSWERED, Answered(self._step, control.ticket, refusals))] if control.ticket else []
 
     def _take_counts(self, aired: Aired) -> None:
         for count in aired.counts:

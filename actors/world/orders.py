@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Iterable
 
-from actors.geometry import Pose
+from actors.geometry import Pose, wrap
 from actors.instant import Instant, in_seconds
 from actors.messages import (
     Freeze,
@@ -22,6 +22,7 @@ from actors.messages import (
 )  # fmt: skip
 from actors.runtime.errors import AcrcError
 from actors.world.body import Bodies
+from actors.world.order_limits import OrderLimits, fault
 from actors.world.roster import Roster, Standing
 from actors.world.setup import TimedOrder
 
@@ -43,13 +44,21 @@ class Orders:
         self.starts: list[ProcessOrder] = []
         self.ends: list[str] = []
         self.jams: list[Jam] = []
-        self.refused: list[str] = []
-        """Orders from outside that could not be carried out, a sentence each."""
+        self._limits = OrderLimits()
+        self._obstacles = 0
+        self._refused: list[str] = []
+        self._refused_later = 0
 
     @property
     def pending(self) -> bool:
         """True while events of the scenario lie ahead."""
         return bool(self._events)
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """Orders from outside that could not be carried out, a sentence each; the last may count the rest."""
+        more = (f"and {self._refused_later} more",) if self._refused_later else ()
+        return (*self._refused, *more)
 
     def due(self, now: Instant) -> None:
         """Carry out every event of the scenario up to `now`."""
@@ -60,22 +69,32 @@ class Orders:
             except AcrcError as error:
                 raise OrderError(f"the event {self._when()} cannot happen: {error}") from error
 
-    def take(self, orders: Iterable[Order]) -> None:
-        """Carry out orders that have just come in; one that makes no sense is noted, and nothing else."""
+    def take(self, orders: Iterable[Order]) -> tuple[str, ...]:
+        """Carry out orders that have just come in; gives a sentence for each that makes no sense.
+
+        It is noted, too, and nothing else becomes of it.
+        """
+        refusals = []
         for order in orders:
             try:
                 self._carry_out(order)
             except AcrcError as error:
-                self.refused.append(f"{self._when()}: {error}")
+                refusals.append(f"{self._when()}: {error}")
+        room = self._limits.refusals - len(self._refused)
+        self._refused += refusals[:room]
+        self._refused_later += len(refusals[room:])
+        return tuple(refusals)
 
     def _carry_out(self, order: Order) -> None:
+        if wrong := fault(order, self._limits):
+            raise OrderError(wrong)
         match order:
             case Kill() | Freeze() | Thaw() | Restart() | Move():
                 self._to_robot(order)
             case StartJam():
                 self.jams.append(Jam(order.x, order.y, order.radius, self._now + order.duration))
             case Obstacle():
-                self._bodies.add_obstacle(order.x, order.y, order.radius)
+                self._add_obstacle(order)
             case Pause():
                 self.paused = True
             case Resume():
@@ -99,9 +118,15 @@ class Orders:
                 member.begin_anew()
                 self.starts.append(ProcessOrder(member.id, member.epoch))
             case Move():
-                self._bodies.place(member.index, Pose(order.x, order.y, order.heading))
+                self._bodies.place(member.index, Pose(order.x, order.y, wrap(order.heading)))
             case _:
                 raise OrderError(f"cannot {_verb(order)} {order.robot}, which is {member.standing.value}")
+
+    def _add_obstacle(self, order: Obstacle) -> None:
+        if self._obstacles >= self._limits.obstacles:
+            raise OrderError(f"there are {self._obstacles} obstacles already; at most that many may be put")
+        self._bodies.add_obstacle(order.x, order.y, order.radius)
+        self._obstacles += 1
 
     def _end(self, robot: str) -> None:
         member = self._roster[robot]

@@ -1,9 +1,13 @@
 """Failures are events: what kill, freeze, restart and the rest do to barrier, body and radio."""
 
+from math import inf, nan
+
 import pytest
 
 from actors.messages import (
+    ANSWERED,
     CONTROL,
+    Answered,
     Control,
     Freeze,
     Kill,
@@ -23,7 +27,16 @@ from actors.runtime.core import at
 from actors.runtime.memory_bus import StalledError
 from actors.world.core import RollCallError
 from actors.world.orders import OrderError
-from tests.conduct.theatre import Scripted, Theatre
+from tests.conduct.theatre import Scripted, Theatre, told
+
+
+def ordered(play: Theatre, *given: Order, ticket: str = "") -> list[Answered]:
+    """Gives the orders; the list fills with what the world answers."""
+    answers: list[Answered] = []
+    play.bus.listen(at(ANSWERED), lambda d: answers.append(told(d, Answered)))
+    payload = encode(Control(0, given, ticket))
+    play.world.deliver(Delivery(at(CONTROL).topic, CONTROL.key(), payload))
+    return answers
 
 
 def steps_of(act: Scripted) -> list[int]:
@@ -109,24 +122,84 @@ def test_an_obstacle_stops_a_robot() -> None:
 
 
 def test_pause_and_resume_change_nothing_but_the_control_messages() -> None:
-    def orders(play: Theatre, *given: Order) -> None:
-        payload = encode(Control(0, given))
-        play.world.deliver(Delivery(at(CONTROL).topic, CONTROL.key(), payload))
-
     play = Theatre(1.0)
-    orders(play, Pause())
+    ordered(play, Pause())
     with pytest.raises(StalledError, match=r"world \(step 0\) for swarm/infra/control"):
         play.run()
     assert play.core.paused
-    orders(play, Resume())
+    ordered(play, Resume())
     assert play.run().digest == Theatre(1.0).run().digest
     slipped = Theatre(1.0)
-    orders(slipped, Kill("r9"))
+    ordered(slipped, Kill("r9"))
     assert slipped.run().digest == Theatre(1.0).run().digest
     assert list(slipped.core.refused_orders) == ["at 0 s: there is no robot 'r9' to kill"]
     stopped = Theatre(5.0)
-    orders(stopped, Stop())
+    ordered(stopped, Stop())
     assert stopped.run().core.step == 0
+
+
+UNFIT = [
+    (StartJam(0.0, 0.0, 5.0, 10**16), "a jammer is on for 1e+10 s; it should be above 0 and at most 1e+06 s"),
+    (StartJam(0.0, 0.0, 5.0, -1), "a jammer is on for -1e-06 s; it should be above 0 and at most 1e+06 s"),
+    (StartJam(0.0, 0.0, inf, 10**6), "a jammer reaches inf m; it should be above 0 and at most 1e+06 m"),
+    (StartJam(0.0, 0.0, -2.0, 10**6), "a jammer reaches -2 m; it should be above 0 and at most 1e+06 m"),
+    (
+        StartJam(nan, 0.0, 2.0, 10**6),
+        "a jammer cannot stand at (nan, 0); each should be a finite number, at most 1e+06 m",
+    ),
+    (
+        Move("r1", nan, 0.0, 0.0),
+        "r1 cannot move to (nan, 0) with heading 0; each should be a finite number, at most 1e+06 m and "
+        "1e+06 rad",
+    ),
+    (
+        Move("r1", 3.0, 12.0, inf),
+        "r1 cannot move to (3, 12) with heading inf; each should be a finite number, at most 1e+06 m and "
+        "1e+06 rad",
+    ),
+    (
+        Obstacle(inf, 0.0, 0.2),
+        "an obstacle cannot stand at (inf, 0); each should be a finite number, at most 1e+06 m",
+    ),
+    (
+        Obstacle(5.0, 12.0, -1.0),
+        "an obstacle at (5, 12) has a radius of -1 m; it should stand at a point and have a radius between 0 "
+        "and 100 m",
+    ),
+    (Kill("r9"), "there is no robot 'r9' to kill"),
+]
+
+
+@pytest.mark.parametrize(("order", "sentence"), UNFIT)
+def test_an_order_that_cannot_be_is_refused_and_the_run_goes_on(order: Order, sentence: str) -> None:
+    play = Theatre(1.0)
+    answers = ordered(play, order, ticket="t1")
+    assert play.run().digest == Theatre(1.0).run().digest
+    assert list(play.core.refused_orders) == [f"at 0 s: {sentence}"]
+    assert answers == [Answered(0, "t1", (f"at 0 s: {sentence}",))]
+
+
+def test_an_order_that_is_carried_out_is_answered_and_one_without_a_ticket_is_not() -> None:
+    play = Theatre(1.0)
+    assert ordered(play, Obstacle(20.0, 12.0, 0.3), ticket="t2") == []
+    answers = ordered(play, Kill("r9"))
+    play.run()
+    assert answers == [Answered(0, "t2", ())]
+    assert play.undelivered == 0
+
+
+def test_refused_orders_and_obstacles_do_not_pile_up() -> None:
+    play = Theatre(1.0)
+    ordered(play, *[Kill("r9")] * 250, *[Obstacle(20.0, 12.0, 0.01)] * 1001)
+    play.run()
+    *kept, last = play.core.refused_orders
+    assert len(kept) == 100 and last == "and 151 more"
+
+
+def test_jammers_whose_time_is_over_are_forgotten() -> None:
+    jams = [(k / 10, StartJam(12.0, 13.0, 5.0, 50_000)) for k in range(20)]
+    play = Theatre(2.5, jams, talks=("r1", "r2")).run()
+    assert len(play.radio._air.medium._interference) <= 2
 
 
 def test_every_event_is_in_the_digest() -> None:

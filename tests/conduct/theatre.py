@@ -129,8 +129,8 @@ class Theatre:
         self.acts: dict[str, Scripted] = {}
         self._drive, self._talks = drive, talks
         self.bus.listen(at(ROSTER), self._start_ordered)
-        self.bus.listen(at(TRUTH), lambda d: self.truths.append(_told(d, Truth)))
-        self.bus.listen(at(PROGRESS), lambda d: self.progress.append(_told(d, Progress)))
+        self.bus.listen(at(TRUTH), lambda d: self.truths.append(told(d, Truth)))
+        self.bus.listen(at(PROGRESS), lambda d: self.progress.append(told(d, Progress)))
         radio.send(to(RADIO_READY, Ready(0, "radio", 0, "")))
         for robot in robots:
             self.start(robot, 0, 0, (kernels or {}).get(robot, "k"))
@@ -173,7 +173,7 @@ class Theatre:
         return shell
 
     def _start_ordered(self, delivery: Delivery) -> None:
-        roster = _told(delivery, Roster)
+        roster = told(delivery, Roster)
         self.rosters += 1
         for order in roster.start:
             old = next(shell for shell in self.shells[::-1] if shell.actor.split(".")[0] == order.robot)
@@ -183,7 +183,8 @@ class Theatre:
             self.start(order.robot, order.epoch, roster.step)
 
 
-def _told(delivery: Delivery, kind: type[M]) -> M:
+def told(delivery: Delivery, kind: type[M]) -> M:
+    """The message of this kind that was delivered."""
     message = decode(delivery.topic, delivery.key, delivery.payload)
     assert isinstance(message, kind)
     return message

@@ -1,6 +1,7 @@
 """Orders to a run that is going on: carried out at a boundary, recorded, and so replayed."""
 
 import json
+import re
 import time
 from pathlib import Path
 
@@ -41,6 +42,13 @@ def test_orders_as_typed(words: str, order: Order) -> None:
         ("kill", "the order 'kill' should read 'kill ROBOT'"),
         ("move r1 a b c", "the order 'move r1 a b c' should read 'move ROBOT X Y HEADING'"),
         ("pause now", "the order 'pause now' should read 'pause'"),
+        ("jam 0 0 5 inf", "the order 'jam 0 0 5 inf' should read 'jam X Y RADIUS SECONDS'"),
+        ("jam 0 0 5 1e10", "a jammer is on for 1e+10 s; it should be above 0 and at most 1e+06 s"),
+        ("jam 0 0 -5 1", "a jammer reaches -5 m; it should be above 0 and at most 1e+06 m"),
+        (
+            "obstacle nan 0 1",
+            "an obstacle cannot stand at (nan, 0); each should be a finite number, at most 1e+06 m",
+        ),
     ],
 )
 def test_what_is_no_order(words: str, sentence: str) -> None:
@@ -58,7 +66,14 @@ def test_a_run_is_paused_changed_resumed_stopped_and_replayed(tmp_path: Path) ->
     def order(*words: object) -> None:
         done = acrc("order", out, *words)
         assert done.returncode == 0, done.stderr
+        assert done.stdout == f"acrc: the run has carried out: {' '.join(map(str, words))}\n"
 
+    refused = acrc("order", out, "thaw", "r9")
+    assert refused.returncode == 1 and refused.stdout == ""
+    assert re.fullmatch(
+        r"acrc: the run refused the order 'thaw r9' at [\d.]+ s: there is no robot 'r9' to thaw\n",
+        refused.stderr,
+    )
     order("pause")
     world = out / "world" / "world.mcap"
     size = 0
