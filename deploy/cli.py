@@ -108,6 +108,7 @@ def run(
         bus=bus,
         spawn=spawn,
         isolate=isolate,
+        hidden=(scenario.absolute(),) if scenario else (),
         view=view,
         hardware=hardware,
         json=json,

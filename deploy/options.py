@@ -28,6 +28,8 @@ class RunOptions:
     isolate: bool | None = None
     """Shut every robot's process off from everything but its own two branches of the mesh; None: do so where
     the machine can, with processes to shut off."""
+    hidden: tuple[Path, ...] = ()
+    """Files that robots must not see, even beside the code of their strategy: the scenario's own."""
     view: bool = False
     """Show the run while it goes on."""
     hardware: bool = False
@@ -43,6 +45,7 @@ def run_options(  # one for each option of the command line
     bus: str = "zenoh",
     spawn: str = "forkserver",
     isolate: bool | None = None,
+    hidden: tuple[Path, ...] = (),
     view: bool = False,
     hardware: bool = False,
     json: bool = False,
@@ -71,6 +74,7 @@ def run_options(  # one for each option of the command line
         cast(Bus, bus),
         cast(Spawn, spawn),
         isolate,
+        hidden,
         view,
         hardware,
         json,

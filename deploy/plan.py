@@ -47,6 +47,8 @@ class Plan:
     speed: str
     """As on the command line: "max" or a number."""
     isolate: bool
+    hidden: tuple[Path, ...] = ()
+    """Files beside the strategy's code that a robot must not see: the scenario."""
     view: bool = False
     patience_s: float = 30.0
     """Seconds without an advance after which the world gives the run up."""
@@ -131,6 +133,7 @@ def robot_program(
         *robot_argv(plan, robot, order.epoch, first_step),
         *seat_argv(plan, robot.id, "", folder / f"{name}.mcap"),
         *(("--isolate",) if plan.isolate else ()),
+        *(word for path in plan.hidden for word in ("--hide", str(path))),
     )
     return Program(robot.id, "actors.robot", argv, folder / f"{name}.log", folder / f"{name}.mcap")
 

@@ -79,6 +79,7 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
         commit=software(),
         speed=options.speed,
         isolate=_isolated(options),
+        hidden=options.hidden,
         view=options.view,
     )
 

@@ -33,12 +33,13 @@ def main(argv: Sequence[str]) -> int:
             isolate(
                 Plan(
                     own=own_folder(folder),
-                    hidden=(folder.parent,),
+                    hidden=(folder.parent, *options.hidden),
                     readable=(folder,),
                     descriptors=(1, 2, recorder.fileno()),
+                    parent=parent if options.seat.with_parent else None,
                 )
             )
-        if options.seat.with_parent:
+        elif options.seat.with_parent:
             die_with_parent(parent)
         config = client_config(options.seat.credentials, options.seat.router)
         return play(program.part(argv), recorder, config)

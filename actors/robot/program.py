@@ -40,6 +40,8 @@ class RobotOptions:
     """Folders to look for the behaviour's module in, the first one first, before Python's own."""
     isolate: bool
     """Shut the process off from everything but the router."""
+    hidden: tuple[Path, ...]
+    """What it must not see then, although it lies beside its code: the scenario."""
     seat: Seat
 
 
@@ -94,6 +96,7 @@ def parse(argv: Sequence[str]) -> RobotOptions:
         sensor=given.sensor,
         path=tuple(given.path),
         isolate=given.isolate,
+        hidden=tuple(given.hide),
         seat=seat(given),
     )
 
@@ -129,6 +132,9 @@ def _parser() -> argparse.ArgumentParser:
         "--path", type=Path, action="append", default=[], help="folder with the behaviour's module"
     )
     parser.add_argument("--isolate", action="store_true", help="shut off from all but the router")
+    parser.add_argument(
+        "--hide", type=Path, action="append", default=[], help="not to be seen when shut off: the scenario"
+    )
     add_seat_options(parser)
     return parser
 

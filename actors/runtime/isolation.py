@@ -1,22 +1,30 @@
 """A robot's process shut off from its peers: what is left is its own folder, with the router's socket in it.
 
-Linux only: user, network, mount and IPC namespaces, no capabilities, and a filter on system calls. Works for
-root and, where unprivileged user namespaces are allowed, for everyone. docs/isolation.md says what is closed.
+Linux only: user, network, mount, IPC and process namespaces, no capabilities, and a filter on system calls.
+Works for root and, where unprivileged user namespaces are allowed, for everyone. docs/isolation.md says what
+is closed.
 """
 
 import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from actors.runtime import linux, mounts, syscall_filter
+from actors.runtime import code_folder, keeper, linux, mounts, syscall_filter
 from actors.runtime.errors import AcrcError
 
-_NAMESPACES: Final = linux.CLONE_NEWUSER | linux.CLONE_NEWNET | linux.CLONE_NEWNS | linux.CLONE_NEWIPC
+_NAMESPACES: Final = (
+    linux.CLONE_NEWUSER | linux.CLONE_NEWNET | linux.CLONE_NEWNS | linux.CLONE_NEWIPC | linux.CLONE_NEWPID
+)
 _TRIAL: Final = "import sys; from actors.runtime.isolation import trial; trial(sys.argv[1])"
+_PROJECT: Final = Path(__file__).resolve().parents[2]
+"""Where the packages of this project are."""
+_NOT_ITS_CODE: Final = ("deploy", "scenarios", "fleets", "runs")
+"""What of the project is about the whole swarm, and about runs that have been."""
 
 
 class IsolationError(AcrcError):
@@ -30,11 +38,10 @@ class Plan:
     own: Path
     """The robot's own folder, the only one that it may write to. It stays writable at the same path."""
     hidden: tuple[Path, ...] = ()
-    """Folders that must not be seen, such as the run's output folder; the own folder may lie in one.
-    /tmp, /var/tmp, /run, /dev and /sys are always replaced."""
+    """Files and folders that must not be seen although they lie in a folder with code or in a readable one: the
+    run's output folder, the scenario. What lies deeper and is named as own or readable is seen."""
     readable: tuple[Path, ...] = ()
-    """Files and folders that the robot must read and that lie in a hidden folder: map, strategy. Python's own
-    folders are always readable."""
+    """Files and folders that the robot must read; seen whole. Python, system and this project always are."""
     log: Path | None = None
     """File in the own folder that stdout and stderr go to. None: they stay what they are, and then the
     starter must have given this robot ones of its own, for a shared pipe or terminal is a way to a peer."""
@@ -42,15 +49,18 @@ class Plan:
     """Open descriptors to keep; none may be a folder. All others become /dev/null."""
     scratch_bytes: int = 64 * 1024 * 1024
     """Size of each private scratch folder (/tmp, /var/tmp, /run, /dev/shm), B."""
+    parent: int | None = None
+    """End when this process ends, which must be the parent; None: outlive it."""
 
 
 def isolate(plan: Plan) -> None:
     """Shut this process off, for good; its working directory becomes `plan.own`.
 
-    To be called with one thread only, so before Zenoh and numpy start theirs. Afterwards files outside
-    `plan.own` and the scratch folders can only be read, no process but itself is seen or reached, there is no
-    network, and file locks, watches and new namespaces are refused. Raises IsolationError where the system
-    does not allow this; the process is then half shut off and must end.
+    To be called with one thread only, so before Zenoh and numpy start theirs. The program goes on in a child
+    of the process that called, with another process id, and whoever waits for the latter sees the child's end
+    (see `keeper`). Afterwards only `plan.own`, scratch folders and what is needed to run are seen, no process
+    but its own children, there is no network, and file locks, watches and new namespaces are refused. Raises
+    IsolationError where the system does not allow this; the process is then half shut off and must end.
     """
     if sys.platform != "linux":
         raise IsolationError(_sentence(f"isolation needs Linux, this is {sys.platform}"))
@@ -71,18 +81,14 @@ def isolate(plan: Plan) -> None:
 
 def separate(plan: Plan) -> None:
     """The first part of `isolate`: own descriptors, namespaces and file tree; capabilities are kept."""
-    view = mounts.View(
-        plan.own.resolve(strict=True),
-        tuple(path.resolve() for path in plan.hidden),
-        tuple(path.resolve() for path in (*plan.readable, *_python_folders())),
-        plan.scratch_bytes,
-    )
+    view = mounts.View(plan.own, plan.hidden, tuple(_shown(plan)), plan.scratch_bytes)
     _shed_descriptors(plan)
     user, group = os.getuid(), os.getgid()
     linux.unshare(_NAMESPACES)
     Path("/proc/self/setgroups").write_text("deny")
     Path("/proc/self/uid_map").write_text(f"{user} {user} 1")
     Path("/proc/self/gid_map").write_text(f"{group} {group} 1")
+    keeper.enter_namespace(plan.parent)
     mounts.enter(view)
 
 
@@ -92,10 +98,10 @@ def available() -> str | None:
     Tries it in a child process.
     """
     with tempfile.TemporaryDirectory() as folder:
-        search = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
         trial_run = subprocess.run(
-            [sys.executable, "-c", _TRIAL, folder],
-            env={**os.environ, "PYTHONPATH": search},
+            [sys.executable, "-P", "-c", _TRIAL, folder],
+            # Nothing from the working directory, nor from what the user's environment says, is imported here.
+            env={"PYTHONPATH": str(_PROJECT)},
             capture_output=True,
             text=True,
             check=False,
@@ -116,9 +122,22 @@ def trial(folder: str) -> None:
         sys.exit(1)
 
 
-def _python_folders() -> list[Path]:
-    """Where modules may still be imported from after isolation."""
-    return [Path(path) for path in (sys.prefix, sys.base_prefix, *sys.path) if path]
+def _shown(plan: Plan) -> Iterator[Path]:
+    """What is seen beside the system and the own folder: Python whole, folders with code entry by entry."""
+    installed = [Path(prefix) for prefix in dict.fromkeys((sys.prefix, sys.base_prefix))]
+    yield from installed
+    own = (*plan.hidden, *(_PROJECT / name for name in _NOT_ITS_CODE))
+    hidden = tuple(dict.fromkeys((*own, *(path.resolve() for path in own), *mounts.SCRATCH, *mounts.NEVER)))
+    code = [*(Path(path).absolute() for path in sys.path if path), _PROJECT]
+    outside = [path for path in code if not any(path.is_relative_to(p) for p in (*installed, *mounts.SYSTEM))]
+    for path in dict.fromkeys(plan.readable):
+        if not any(one.is_relative_to(path.resolve()) for one in hidden):
+            yield path
+        elif path.resolve() not in hidden:
+            outside.append(path)
+    for folder in dict.fromkeys(outside):
+        if not any(folder.resolve().is_relative_to(path.resolve()) for path in own):
+            yield from code_folder.entries(folder, hidden)
 
 
 def _shed_descriptors(plan: Plan) -> None:

@@ -37,6 +37,10 @@ _SYS_MOUNT_SETATTR: Final = 442
 _AT_FDCWD: Final = -100
 _AT_RECURSIVE: Final = 0x8000
 _MOUNT_ATTR_RDONLY: Final = 0x1
+_MOUNT_ATTR_NOSUID: Final = 0x2
+_SYS_PIVOT_ROOT: Final = {"x86_64": 155, "aarch64": 41}
+
+MNT_DETACH: Final = 0x2
 
 PR_SET_PDEATHSIG: Final = 1
 PR_SET_SECCOMP: Final = 22
@@ -61,7 +65,7 @@ def _checked(result: int, what: str) -> int:
 
 def unshare(flags: int) -> None:
     """Move this process into new namespaces (unshare(2))."""
-    _checked(_libc().unshare(flags), "unshare of user, network, mount and IPC namespaces")
+    _checked(_libc().unshare(flags), "unshare of user, network, mount, IPC and process namespaces")
 
 
 def mount(source: str | None, target: str | Path, kind: str | None, flags: int, options: str = "") -> None:
@@ -86,9 +90,21 @@ def mount_flags(path: str | Path) -> int:
     return flags if flags & MS_NOATIME else flags | MS_STRICTATIME
 
 
-def set_tree_readonly(path: str) -> None:
-    """Make the mount at `path` and all below it read-only in one call (mount_setattr(2), Linux 5.12)."""
-    attributes = (ctypes.c_uint64 * 4)(_MOUNT_ATTR_RDONLY, 0, 0, 0)
+def pivot_root(root: str | Path) -> None:
+    """Make the mount at `root` this process's root; nothing of the former one stays (pivot_root(2))."""
+    os.chdir(root)
+    number = ctypes.c_long(_SYS_PIVOT_ROOT[os.uname().machine])
+    _checked(_libc().syscall(number, b".", b"."), f"pivot_root to {root}")
+    _checked(_libc().umount2(b".", MNT_DETACH), "umount of the former root")
+    os.chdir("/")
+
+
+def set_tree_readonly(path: str | Path) -> None:
+    """Make the mount at `path` and all below it read-only, and deaf to set-user-ID bits, in one call.
+
+    mount_setattr(2), Linux 5.12.
+    """
+    attributes = (ctypes.c_uint64 * 4)(_MOUNT_ATTR_RDONLY | _MOUNT_ATTR_NOSUID, 0, 0, 0)
     result = _libc().syscall(
         ctypes.c_long(_SYS_MOUNT_SETATTR),
         ctypes.c_long(_AT_FDCWD),

@@ -1,12 +1,11 @@
-"""The file tree as one robot sees it: readable, not writable, without its peers.
+"""The file tree as one robot sees it: the system, Python, the code it runs, and its own folder.
 
 Everything here runs in a new mount namespace of a new user namespace, so nothing of it is seen outside.
 """
 
 import os
 import stat
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Sequence
 from errno import EACCES, EINVAL, ENOENT, ENOSYS
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -14,7 +13,6 @@ from typing import Final, NamedTuple
 from actors.runtime import linux
 from actors.runtime.linux import (
     MS_BIND,
-    MS_MOVE,
     MS_NODEV,
     MS_NOSUID,
     MS_PRIVATE,
@@ -23,13 +21,20 @@ from actors.runtime.linux import (
     MS_REMOUNT,
 )
 
-SCRATCH: Final = (Path("/tmp"), Path("/run"), Path("/var/tmp"))
+SCRATCH: Final = (Path("/tmp"), Path("/run"), Path("/var/tmp"), Path("/dev/shm"))
 """Folders that everyone may write to; each robot gets an empty one of its own."""
-HIDDEN: Final = (Path("/sys"),)
-"""Folders with counters and switches of the whole machine; each robot gets an empty one."""
+SYSTEM: Final = tuple(
+    Path("/", name)
+    for name in ("usr", "bin", "sbin", "lib", "lib32", "lib64", "libx32", "etc", "opt", "nix", "gnu")
+)
+"""The operating system: programs, libraries, their settings."""
+NEVER: Final = (Path("/proc"), Path("/sys"), Path("/dev"))
+"""Trees with what all processes share; of each, little is shown."""
 READABLE: Final = (Path("/sys/devices/system/cpu"),)
-"""What libraries look up in HIDDEN: how many processors there are."""
+"""What libraries look up in a tree that is not shown: how many processors there are."""
 
+_STAGE: Final = Path("/dev")
+"""Where the new tree is built; a folder that every system has."""
 _DEVICES: Final = ("null", "zero", "full", "random", "urandom")
 _DEVICE_LINKS: Final = (("fd", "/proc/self/fd"), ("stdin", "fd/0"), ("stdout", "fd/1"), ("stderr", "fd/2"))
 _PROC_FILES: Final = ("cpuinfo", "meminfo", "version", "sys/vm/overcommit_memory", "sys/kernel/cap_last_cap")
@@ -37,65 +42,105 @@ _PROC_LINKS: Final = (("mounts", "self/mounts"), ("net", "self/net"))
 
 
 class View(NamedTuple):
-    """Which folders differ from the common tree; all paths resolved, a deeper path overrides a higher one."""
+    """All that is seen beside the system; absolute paths, each seen where it is named and where it is."""
 
     own: Path
     """The only folder that can be written to and lasts."""
     hidden: Sequence[Path]
-    """Folders that appear empty and read-only."""
-    readable: Sequence[Path]
-    """Files and folders that stay readable although they lie under a hidden one."""
+    """Folders of which only what is deeper and shown is seen; they cannot be written to."""
+    shown: Sequence[Path]
+    """Files and folders that can be read; what is not there is left out."""
     scratch_bytes: int
     """Size of each private scratch folder, B."""
 
 
 def enter(view: View) -> None:
-    """Replace this process's file tree by `view`; needs a mount namespace of its own.
+    """Replace this process's file tree by `view`; needs mount and process namespaces of its own.
 
     Ends in the own folder, because a working directory from before would still show the former tree.
     """
     linux.mount(None, "/", None, MS_REC | MS_PRIVATE)
-    hidden = {path for path in (*view.hidden, *HIDDEN) if _is_there(path)}
-    scratch = {path for path in SCRATCH if _is_there(path)}
-    shown = [p for p in (*view.readable, *READABLE) if _is_there(p) and _is_under(p, hidden | scratch)]
-    handles = {path: os.open(path, os.O_PATH | os.O_CLOEXEC) for path in (*shown, view.own)}
-    make_readonly()
-    # At one depth: show, then hide, so that hiding wins where a folder is named twice.
-    todo = sorted({(len(p.parts), 0, p) for p in shown} | {(len(p.parts), 1, p) for p in hidden | scratch})
-    for _, hides, path in todo:
-        if hides:
-            path.mkdir(parents=True, exist_ok=True)
-            linux.mount("tmpfs", path, "tmpfs", MS_NOSUID | MS_NODEV, f"size={view.scratch_bytes},mode=0755")
-        else:
-            _bind(handles[path], path)
-    _bind(handles[view.own], view.own)
-    linux.mount(None, view.own, None, MS_REMOUNT | MS_BIND | linux.mount_flags(view.own))
-    for path in hidden:
-        if path != view.own:
-            linux.mount(None, path, None, MS_REMOUNT | MS_BIND | MS_RDONLY | linux.mount_flags(path))
-    for handle in handles.values():
-        os.close(handle)
-    _build_dev(view.scratch_bytes)
-    _build_proc()
+    links = {path: path.readlink() for path in SYSTEM if path.is_symlink()}
+    handles = _handles(view, [path for path in SYSTEM if path not in links])
+    linux.mount("tmpfs", _STAGE, "tmpfs", MS_NOSUID | MS_NODEV, f"size={view.scratch_bytes},mode=0755")
+    # What is written beside the own folder is to be refused, not to be lost with a scratch folder.
+    around = {place for path in view.hidden for place in _places(path) if _is_under(view.own, [place])}
+    for folder in (*SCRATCH, *sorted(around - {Path("/"), *SCRATCH})):
+        _new(folder).mkdir(parents=True, exist_ok=True)
+        options = f"size={view.scratch_bytes},mode=0755"
+        linux.mount("tmpfs", _new(folder), "tmpfs", MS_NOSUID | MS_NODEV, options)
+    for place in sorted(handles, key=lambda path: len(path.parts)):
+        _bind(handles[place], _new(place))
+        os.close(handles[place])
+    links |= {Path("/dev", name): Path(target) for name, target in _DEVICE_LINKS}
+    links |= {
+        Path("/proc", name): Path(target) for name, target in (*_PROC_LINKS, ("self", str(os.getpid())))
+    }
+    for path, target in links.items():
+        _new(path).symlink_to(target)
+    make_readonly(_STAGE)
+    for folder in (*SCRATCH, *_places(view.own)):
+        linux.mount(None, _new(folder), None, MS_REMOUNT | MS_BIND | linux.mount_flags(_new(folder)))
+    linux.pivot_root(_STAGE)
     os.chdir(view.own)
 
 
-def make_readonly() -> None:
-    """Make the whole tree read-only, with one call where the kernel has it."""
+def _handles(view: View, system: Sequence[Path]) -> dict[Path, int]:
+    """By the place where it is to be seen, what is to be seen there."""
+    shown = {place: path for path in (*view.shown, *READABLE) for place in _places(path)}
+    outside = {place: shown[place] for place in _outermost(shown) if not _is_under(place, SYSTEM)}
+    own = dict.fromkeys(_places(view.own), view.own)
+    sources = dict((*_devices(), *_processes())) | dict(zip(system, system, strict=True)) | outside | own
+    return {
+        place: os.open(source, os.O_PATH | os.O_CLOEXEC)
+        for place, source in sources.items()
+        if _is_there(source)
+    }
+
+
+def _places(path: Path) -> tuple[Path, ...]:
+    """Where a path leads to, and where it says so if there are links on the way."""
+    return tuple(dict.fromkeys((path.absolute(), path.resolve())))
+
+
+def _new(path: Path) -> Path:
+    """Where `path` is while the tree is being built."""
+    return _STAGE / path.relative_to("/")
+
+
+def _devices() -> Iterator[tuple[Path, Path]]:
+    """Neither terminals nor disks: device files can be written on a read-only mount."""
+    return ((Path("/dev", name), Path("/dev", name)) for name in _DEVICES)
+
+
+def _processes() -> Iterator[tuple[Path, Path]]:
+    """This process only: the others' names and states would be a blackboard for everyone.
+
+    It has another number outside of its namespace, where the present /proc was mounted.
+    """
+    yield Path("/proc", str(os.getpid())), Path("/proc").joinpath(Path("/proc/self").readlink())
+    yield from ((Path("/proc", name), Path("/proc", name)) for name in _PROC_FILES)
+
+
+def make_readonly(tree: Path) -> None:
+    """Make the mounts from `tree` on read-only, with one call where the kernel has it."""
     try:
-        linux.set_tree_readonly("/")
+        linux.set_tree_readonly(tree)
     except OSError as error:
         if error.errno != ENOSYS:
             raise
-        remount_readonly()
+        remount_readonly(tree)
 
 
-def remount_readonly() -> None:
-    """Make the whole tree read-only mount by mount, for kernels before 5.12."""
+def remount_readonly(tree: Path) -> None:
+    """Make the tree read-only mount by mount, for kernels before 5.12."""
     lines = Path("/proc/self/mountinfo").read_text().splitlines()
     for path in [_unescaped(line.split(" ")[4]) for line in lines]:
+        if not Path(path).is_relative_to(tree):
+            continue
+        flags = MS_REMOUNT | MS_BIND | MS_RDONLY | MS_NOSUID
         try:
-            linux.mount(None, path, None, MS_REMOUNT | MS_BIND | MS_RDONLY | linux.mount_flags(path))
+            linux.mount(None, path, None, flags | linux.mount_flags(path))
         except OSError as error:
             # Covered by another mount or behind a folder that is closed to us: out of the robot's reach too.
             if error.errno not in {EACCES, EINVAL, ENOENT}:
@@ -117,6 +162,15 @@ def _is_under(path: Path, folders: Iterable[Path]) -> bool:
     return any(path.is_relative_to(folder) for folder in folders)
 
 
+def _outermost(paths: Iterable[Path]) -> list[Path]:
+    """The paths without those that lie in another one of them."""
+    kept: list[Path] = []
+    for path in sorted(set(paths)):
+        if not _is_under(path, kept):
+            kept.append(path)
+    return kept
+
+
 def _bind(handle: int, path: Path) -> None:
     """Show what `handle` refers to at `path`, which is made if it is missing."""
     if not path.exists():
@@ -126,32 +180,3 @@ def _bind(handle: int, path: Path) -> None:
         else:
             path.touch()
     linux.mount(f"/proc/self/fd/{handle}", path, None, MS_BIND | MS_REC)
-
-
-def _build_dev(size: int) -> None:
-    """A /dev without terminals, disks and shared memory: device files can be written on a read-only mount."""
-    handles = {name: os.open(f"/dev/{name}", os.O_PATH | os.O_CLOEXEC) for name in _DEVICES}
-    linux.mount("tmpfs", "/dev", "tmpfs", MS_NOSUID, f"size={size},mode=0755")
-    for name, handle in handles.items():
-        _bind(handle, Path("/dev", name))
-        os.close(handle)
-    Path("/dev/shm").mkdir()
-    for name, target in _DEVICE_LINKS:
-        Path("/dev", name).symlink_to(target)
-
-
-def _build_proc() -> None:
-    """A /proc with this process only: the others' names and states would be a blackboard for everyone."""
-    staging, pid = Path("/dev/.proc"), str(os.getpid())
-    staging.mkdir()
-    linux.mount("tmpfs", staging, "tmpfs", MS_NOSUID | MS_NODEV, "size=64k,mode=0755")
-    for name in (pid, *_PROC_FILES):
-        with suppress(FileNotFoundError):
-            handle = os.open(f"/proc/{name}", os.O_PATH | os.O_CLOEXEC)
-            _bind(handle, staging / name)
-            os.close(handle)
-    for name, target in (("self", pid), *_PROC_LINKS):
-        (staging / name).symlink_to(target)
-    linux.mount(str(staging), "/proc", None, MS_MOVE)
-    linux.mount(None, "/proc", None, MS_REMOUNT | MS_BIND | MS_RDONLY | linux.mount_flags("/proc"))
-    staging.rmdir()

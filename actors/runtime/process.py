@@ -17,6 +17,7 @@ import zenoh
 
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
+from actors.runtime.keeper import cpu_s
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell, run_shell
 from actors.runtime.tally import ActorDigest
@@ -109,7 +110,7 @@ def play(
                 shell.send(part.ready)
             settle()
             part.drive(shell, bus)
-            recorder.note("final", final_note(shell, part, time.process_time()))
+            recorder.note("final", final_note(shell, part, cpu_s()))
         except Exception as error:
             recorder.note("failure", failure_note(part.run.actor, part.core.step, error))
             if not isinstance(error, AcrcError):

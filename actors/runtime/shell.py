@@ -10,6 +10,7 @@ from actors.runtime.bus import Bus, Delivery, Outlet
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
+from actors.runtime.keeper import cpu_s
 from actors.runtime.recording import Journal
 from actors.runtime.tally import Tally, is_digested, is_from_outside, is_telemetry
 from actors.topic import Message
@@ -147,7 +148,7 @@ class Shell:
 
 def clocks() -> Clocks:
     """The clocks now; no core ever sees them."""
-    return Clocks(time.time(), time.process_time())
+    return Clocks(time.time(), cpu_s())
 
 
 def run_shell(shell: Shell, bus: Bus, before_pump: Callable[[], None] = lambda: None) -> None:

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from actors.runtime.isolation import available
-from tests.isolation.attack import Attack, Layer
-from tests.isolation.attacks import ATTACKS
-from tests.isolation.swarm import MODES, Swarm
-from tests.isolation.table import table
+from benchmarks.attacks.attack import Attack, Layer
+from benchmarks.attacks.attacks import ATTACKS
+from benchmarks.attacks.swarm import MODES, Swarm
+from benchmarks.attacks.table import table
 
 pytestmark = pytest.mark.alone
 
@@ -81,4 +81,4 @@ def test_attacks_have_names_of_their_own() -> None:
 
 
 def test_the_documentation_has_the_table_of_attacks() -> None:
-    assert table() in DOCUMENT.read_text("utf-8"), "python -m tests.isolation.table prints the table"
+    assert table() in DOCUMENT.read_text("utf-8"), "python -m benchmarks.attacks.table prints the table"

@@ -5,8 +5,8 @@ from typing import Any
 
 import zenoh
 
-from tests.isolation.attack import Attack, Layer, eavesdrop, has_heard, mark, relay_mark
-from tests.isolation.member import Member, Note, Stage, client
+from benchmarks.attacks.attack import Attack, Layer, eavesdrop, has_heard, mark, relay_mark
+from benchmarks.attacks.member import Member, Note, Stage, client
 
 SECRET_KEY = "swarm/down/r2/senses"
 Act = Callable[[Member, Note], Note | None]

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import zenoh
 
-from tests.isolation.attack import Attack, Layer
-from tests.isolation.member import Member, Note, Stage
+from benchmarks.attacks.attack import Attack, Layer
+from benchmarks.attacks.member import Member, Note, Stage
 
 MULTICAST = "239.7.7.7"
 WAIT = 0.3

@@ -1,7 +1,9 @@
-"""The table of docs/isolation.md; `python -m tests.isolation.table` prints it."""
+"""The table of docs/isolation.md; `python -m benchmarks.attacks.table` prints it."""
 
-from tests.isolation.attack import Layer
-from tests.isolation.attacks import ATTACKS
+import sys
+
+from benchmarks.attacks.attack import Layer
+from benchmarks.attacks.attacks import ATTACKS
 
 
 def table() -> str:
@@ -15,4 +17,4 @@ def table() -> str:
 
 
 if __name__ == "__main__":
-    print(table())
+    sys.stdout.write(f"{table()}\n")

@@ -3,7 +3,7 @@
 from enum import IntEnum
 from typing import NamedTuple
 
-from tests.isolation.member import Member, Note, Stage
+from benchmarks.attacks.member import Member, Note, Stage
 
 
 class Layer(IntEnum):

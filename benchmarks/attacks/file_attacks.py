@@ -7,9 +7,9 @@ import pty
 import struct
 from pathlib import Path
 
-from tests.isolation.attack import Attack, Layer
-from tests.isolation.member import Member, Note, Stage
-from tests.isolation.network_attacks import TREE, folder_of, process
+from benchmarks.attacks.attack import Attack, Layer
+from benchmarks.attacks.member import Member, Note, Stage
+from benchmarks.attacks.network_attacks import TREE, folder_of, process
 
 COMMON_FILE = Path(__file__)
 """Something that every robot may read."""

@@ -13,10 +13,10 @@ from types import TracebackType
 from typing import IO, NamedTuple
 
 from actors.runtime.credentials import issue
-from tests.isolation.attack import Layer
-from tests.isolation.attacks import ATTACKS
-from tests.isolation.member import Description, Note
-from tests.isolation.network_attacks import REPOSITORY
+from benchmarks.attacks.attack import Layer
+from benchmarks.attacks.attacks import ATTACKS
+from benchmarks.attacks.member import Description, Note
+from benchmarks.attacks.network_attacks import REPOSITORY
 
 MODES = {"unguarded": Layer.NONE, "open": Layer.RULES, "isolated": Layer.PROCESS}
 """What a swarm is protected by: nothing, what --no-isolate leaves, everything."""
@@ -47,6 +47,7 @@ class Swarm:
             out=str(self.out),
             robots={name: str(folder) for name, folder in robots.items()},
             infra=str(infra),
+            hidden=[],
             inherited=dict(zip(("folder", "pipe_out", "pipe_in"), self._inherited, strict=True)),
         )
         self._members: dict[str, subprocess.Popen[str]] = {}
@@ -97,7 +98,7 @@ class Swarm:
 
     def _start(self, name: str) -> None:
         self._members[name] = subprocess.Popen(
-            [sys.executable, "-m", "tests.isolation.member", name],
+            [sys.executable, "-m", "benchmarks.attacks.member", name],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

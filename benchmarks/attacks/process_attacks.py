@@ -11,10 +11,10 @@ import sys
 from pathlib import Path
 
 from actors.runtime import linux
-from tests.isolation.attack import Attack, Layer
-from tests.isolation.file_attacks import FILTER
-from tests.isolation.member import Member, Note, Stage
-from tests.isolation.network_attacks import REPOSITORY, process
+from benchmarks.attacks.attack import Attack, Layer
+from benchmarks.attacks.file_attacks import FILTER
+from benchmarks.attacks.member import Member, Note, Stage
+from benchmarks.attacks.network_attacks import REPOSITORY, process
 
 LIBC = ctypes.CDLL(None, use_errno=True)
 LIBC.shmat.restype = ctypes.c_void_p
@@ -155,14 +155,14 @@ def find_key(_: Member, note: Note) -> Note:
 
 def who(member: Member, _: Note) -> Note:
     """Tell one's process id."""
-    return {"pid": os.getpid(), "environ": os.environ.get("SECRET", ""), "folder": str(member.folder)}
+    return {"pid": member.pid, "environ": os.environ.get("SECRET", ""), "folder": str(member.folder)}
 
 
 def await_signals(member: Member, _: Note) -> Note:
     """Note the signals that come."""
     for number in (signal.SIGUSR1, signal.SIGIO):
         signal.signal(number, lambda got, _: member.signals.append(got))
-    return {"pid": os.getpid()}
+    return {"pid": member.pid}
 
 
 def got_signal(member: Member, _: Note) -> Note:
@@ -198,10 +198,10 @@ def set_limit(_: Member, note: Note) -> None:
     resource.prlimit(note["pid"], resource.RLIMIT_NOFILE, (soft - 1, hard))
 
 
-def limits(_: Member, note: Note) -> Note:
+def limits(member: Member, note: Note) -> Note:
     """One's own limit, and whether it has changed since last asked."""
     now = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-    return {"pid": os.getpid(), "limit": now, "reached": note.get("limit", now) != now}
+    return {"pid": member.pid, "limit": now, "reached": note.get("limit", now) != now}
 
 
 def set_niceness(_: Member, note: Note) -> None:
@@ -209,10 +209,10 @@ def set_niceness(_: Member, note: Note) -> None:
     os.setpriority(os.PRIO_PROCESS, note["pid"], os.getpriority(os.PRIO_PROCESS, note["pid"]) + 1)
 
 
-def niceness(_: Member, note: Note) -> Note:
+def niceness(member: Member, note: Note) -> Note:
     """One's own priority, and whether it has changed since last asked."""
     now = os.getpriority(os.PRIO_PROCESS, 0)
-    return {"pid": os.getpid(), "niceness": now, "reached": note.get("niceness", now) != now}
+    return {"pid": member.pid, "niceness": now, "reached": note.get("niceness", now) != now}
 
 
 def set_scheduler(_: Member, note: Note) -> None:
@@ -220,19 +220,19 @@ def set_scheduler(_: Member, note: Note) -> None:
     os.sched_setscheduler(note["pid"], os.SCHED_BATCH, os.sched_param(0))
 
 
-def scheduler(_: Member, __: Note) -> Note:
+def scheduler(member: Member, _: Note) -> Note:
     """Whether one's own class has changed; back to the ordinary one."""
     changed = os.sched_getscheduler(0) == os.SCHED_BATCH
     if changed:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    return {"pid": os.getpid(), "reached": changed}
+    return {"pid": member.pid, "reached": changed}
 
 
-def set_name(_: Member, note: Note) -> Note:
+def set_name(member: Member, note: Note) -> Note:
     """Use one's own name in the process table as a blackboard."""
     name = ctypes.create_string_buffer(note["token"][:15].encode())
     linux.prctl(PR_SET_NAME, ctypes.addressof(name))
-    return {"pid": os.getpid()}
+    return {"pid": member.pid}
 
 
 def proc(entry: str) -> Stage:
@@ -252,7 +252,7 @@ def hold_memory(member: Member, note: Note) -> Note:
     text = ctypes.create_string_buffer(note["token"].encode())
     member.signals.append(ctypes.addressof(text))
     MEMORY.append(text)
-    return {"pid": os.getpid(), "handle": handle, "address": ctypes.addressof(text)}
+    return {"pid": member.pid, "handle": handle, "address": ctypes.addressof(text)}
 
 
 def read_command_line(_: Member, note: Note) -> Note:

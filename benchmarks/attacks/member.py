@@ -5,6 +5,7 @@ It reads its description and then one order per line from stdin and answers each
 
 import json
 import os
+import re
 import sys
 import time
 from collections.abc import Callable
@@ -36,6 +37,8 @@ class Description(NamedTuple):
     out: str
     robots: dict[str, str]
     infra: str
+    hidden: list[str]
+    """What else the robots must not see."""
     inherited: dict[str, int]
     """Descriptors that a careless starter has left open: the folder `out`, and the two ends of a pipe."""
 
@@ -59,6 +62,12 @@ class Member:
     ears: list[Any] = field(default_factory=list)
     kept: list[Any] = field(default_factory=list)
     signals: list[int] = field(default_factory=list)
+
+    @property
+    def pid(self) -> int:
+        """This process's number as the system knows it, which is another one than in its own namespace."""
+        (line,) = re.findall(r"^NSpid:\s+(\d+)", Path("/proc/self/status").read_text(), re.MULTILINE)
+        return int(line)
 
     @property
     def folder(self) -> Path:
@@ -126,7 +135,8 @@ def main() -> None:
         if swarm.mode == "isolated" and name != "world":
             own = Path(swarm.robots[name])
             kept = (orders, answers)
-            isolate(Plan(own=own, hidden=(Path(swarm.out),), log=own / "log.txt", descriptors=kept))
+            tied = {"log": own / "log.txt", "descriptors": kept, "parent": os.getppid()}
+            isolate(Plan(own=own, hidden=tuple(map(Path, (swarm.out, *swarm.hidden))), **tied))
         obey_all(name, swarm, incoming, outgoing)
 
 
@@ -156,7 +166,7 @@ def ordinary_keys(name: str) -> list[str]:
 
 def obey(member: Member, order: Note) -> Note:
     """Carry out one stage of an attack."""
-    from tests.isolation.attacks import ATTACKS  # noqa: PLC0415 — the attacks import this module
+    from benchmarks.attacks.attacks import ATTACKS  # noqa: PLC0415 — the attacks import this module
 
     if order.get("forget"):
         member.forget()
