@@ -13,6 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
+from actors.runtime.environment import passed_on
 from actors.runtime.errors import AcrcError
 from actors.runtime.log import create_log
 from deploy.forkserver import MESSAGE_LIMIT
@@ -84,6 +85,7 @@ class ForkLauncher:
                 pass_fds=(theirs.fileno(),),
                 start_new_session=True,
                 cwd=ROOT,
+                env=passed_on(os.environ),
             )
         self._children: dict[int, Child] = {}
         self._codes: dict[int, int] = {}
@@ -163,6 +165,7 @@ class ExecLauncher:
                 stderr=log,
                 start_new_session=True,
                 cwd=ROOT,
+                env=passed_on(os.environ),
             )
         finally:
             os.close(log)

@@ -38,8 +38,8 @@ class Plan:
     own: Path
     """The robot's own folder, the only one that it may write to. It stays writable at the same path."""
     hidden: tuple[Path, ...] = ()
-    """Files and folders that must not be seen although they lie in a folder with code or in a readable one: the
-    run's output folder, the scenario. What lies deeper and is named as own or readable is seen."""
+    """Files and folders that must not be seen although they lie in a folder with code or in a readable one:
+    the run's output folder, the scenario. What lies deeper and is named as own or readable is seen."""
     readable: tuple[Path, ...] = ()
     """Files and folders that the robot must read; seen whole. Python, system and this project always are."""
     log: Path | None = None

@@ -34,6 +34,8 @@ class Attack(NamedTuple):
     """Only tried where this folder can be written to."""
     root: bool = False
     """Only tried by root, who alone has the means."""
+    processors: int = 1
+    """Only tried where there are so many."""
     traces: bool = False
     """Only tried where one may trace one's own processes (Yama's ptrace_scope)."""
 

@@ -4,6 +4,8 @@ import ctypes
 import fcntl
 import os
 import pty
+import socket
+import stat
 import struct
 from pathlib import Path
 
@@ -16,6 +18,7 @@ COMMON_FILE = Path(__file__)
 FILTER = "system call filter"
 IN_OPEN = 0x20
 F_SETLEASE = 1024
+F_GET_RW_HINT, F_SET_RW_HINT = 1035, 1036
 
 
 def in_folder(folder: str) -> tuple[Stage, ...]:
@@ -166,6 +169,79 @@ def see_event(member: Member, _: Note) -> Note:
     return {"reached": bool(member.kept[0].read(100))}
 
 
+def read_beside(name: str) -> tuple[Stage, ...]:
+    """r1 reads what lies in the folder with its code but is none of its business."""
+
+    def act(member: Member, _: Note) -> Note:
+        return {"reached": bool(Path(member.swarm.study, name).read_text())}
+
+    return (("r1", act),)
+
+
+def connect_to_other(member: Member, _: Note) -> Note:
+    """Connect to the router of another run."""
+    with socket.socket(socket.AF_UNIX) as connection:
+        connection.connect(f"{member.swarm.other}/world/router.sock")
+    return {"reached": True}
+
+
+def begin_later(place: str) -> Stage:
+    """Another run begins while this one goes on."""
+
+    def act(member: Member, note: Note) -> None:
+        out = Path(member.swarm.study, place, note["token"])
+        (out / "r9").mkdir(parents=True)
+        (out / "r9" / "r9.mcap").write_text(note["token"])
+
+    return ("world", act)
+
+
+def read_later(place: str) -> Stage:
+    """r1 reads that run's recording."""
+
+    def act(member: Member, note: Note) -> Note:
+        path = Path(member.swarm.study, place, note["token"], "r9", "r9.mcap")
+        return {"reached": path.read_text() == note["token"]}
+
+    return ("r1", act)
+
+
+def set_hint(member: Member, _: Note) -> None:
+    """Say how long what is written to the common file will be needed (fcntl(2), F_SET_RW_HINT)."""
+    with COMMON_FILE.open() as file:
+        fcntl.fcntl(file, F_SET_RW_HINT, struct.pack("=Q", 4))
+
+
+def get_hint(_: Member, __: Note) -> Note:
+    """Read the hint, and clear it."""
+    with COMMON_FILE.open() as file:
+        (hint,) = struct.unpack("=Q", fcntl.fcntl(file, F_GET_RW_HINT, bytes(8)))
+        fcntl.fcntl(file, F_SET_RW_HINT, bytes(8))
+    return {"reached": hint == 4}
+
+
+def write_note(member: Member, note: Note) -> None:
+    """A file of r1's own for the next process to find, with the set-user-ID bit."""
+    path = member.folder / "program"
+    path.write_text(note["token"])
+    path.chmod(0o4755)
+
+
+def create_note(member: Member, _: Note) -> None:
+    """The same in one go."""
+    mask = os.umask(0)
+    os.close(os.open(member.folder / "program", os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o4755))
+    os.umask(mask)
+
+
+def find_set_id(member: Member, _: Note) -> Note:
+    """Whether a program of the user's is there that anybody can run in his name."""
+    path = Path(member.swarm.robots["r1"], "program")
+    mode = path.stat().st_mode if path.exists() else 0
+    path.unlink(missing_ok=True)
+    return {"reached": bool(mode & stat.S_ISUID)}
+
+
 FILE_ATTACKS = (
     *(
         process(f"file in {place}", TREE, *in_folder(folder), folder=folder)
@@ -188,6 +264,17 @@ FILE_ATTACKS = (
     process("inherited pipe", "closed descriptors", ("r1", write_to_pipe), ("r2", read_from_pipe)),
     process("pseudoterminal", TREE, ("r1", open_terminal), ("r2", read_terminal)),
     Attack("disk as a device file", Layer.PROCESS, TREE, (("r1", open_disk),), root=True),
+    process("recording of another run", TREE, *read_beside("runs/other/r9/r9.mcap")),
+    process(
+        "operator's password of another run", TREE, *read_beside("runs/other/world/operator.credentials")
+    ),
+    process("router socket of another run", TREE, ("r1", connect_to_other)),
+    process("recording of a run that begins later", TREE, begin_later("runs"), read_later("runs")),
+    process("run that begins later beside the code", TREE, begin_later("."), read_later(".")),
+    process("scenario beside the code", TREE, *read_beside("scenario.toml")),
+    process("set-user-ID bit on a file", FILTER, ("r1", write_note), ("world", find_set_id)),
+    process("set-user-ID bit on a new file", FILTER, ("r1", create_note), ("world", find_set_id)),
+    process("hint on a common file", FILTER, ("r1", set_hint), ("r2", get_hint)),
     process("lock on a common file", FILTER, ("r1", lock_whole), ("r2", meet_lock)),
     process("lock on a part of a common file", FILTER, ("r1", lock_bytes), ("r2", meet_byte_lock)),
     process("lease on a common file", FILTER, ("r2", lease), ("r1", hold_open), ("r2", lease)),

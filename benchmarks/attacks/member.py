@@ -37,8 +37,12 @@ class Description(NamedTuple):
     out: str
     robots: dict[str, str]
     infra: str
+    study: str
+    """Folder with the robots' code, on Python's path; the output folder is in it, and `other`."""
+    other: str
+    """Output folder of another run that is going on."""
     hidden: list[str]
-    """What else the robots must not see."""
+    """What else the robots must not see: the scenario, which lies beside their code."""
     inherited: dict[str, int]
     """Descriptors that a careless starter has left open: the folder `out`, and the two ends of a pipe."""
 
@@ -135,8 +139,15 @@ def main() -> None:
         if swarm.mode == "isolated" and name != "world":
             own = Path(swarm.robots[name])
             kept = (orders, answers)
-            tied = {"log": own / "log.txt", "descriptors": kept, "parent": os.getppid()}
-            isolate(Plan(own=own, hidden=tuple(map(Path, (swarm.out, *swarm.hidden))), **tied))
+            isolate(
+                Plan(
+                    own=own,
+                    hidden=(Path(swarm.out), *map(Path, swarm.hidden)),
+                    log=own / "log.txt",
+                    descriptors=kept,
+                    parent=os.getppid(),
+                )
+            )
         obey_all(name, swarm, incoming, outgoing)
 
 

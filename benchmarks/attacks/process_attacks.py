@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 from actors.runtime import linux
@@ -20,6 +21,10 @@ LIBC = ctypes.CDLL(None, use_errno=True)
 LIBC.shmat.restype = ctypes.c_void_p
 IPC = "IPC namespace"
 PROCESSES = "private /proc"
+PIDS = "process namespace"
+PROCESS_CLOCK = 2
+"""CPUCLOCK_SCHED of a whole process (posix-timers.h)."""
+KERNEL_LOG_READ_ALL = 3
 IPC_CREAT = 0o1000
 IPC_RMID = 0
 SEM_SETVAL, SEM_GETVAL = 16, 12
@@ -326,6 +331,48 @@ def remount(member: Member, note: Note) -> Note:
     return {"litter": [str(path)], "reached": True}
 
 
+def read_clock(_: Member, note: Note) -> Note:
+    """Read how much processor time the other has used."""
+    return {"reached": time.clock_gettime((~note["pid"] << 3) | PROCESS_CLOCK) > 0}
+
+
+def set_affinity(_: Member, note: Note) -> None:
+    """Keep the other to one processor."""
+    os.sched_setaffinity(note["pid"], {min(os.sched_getaffinity(0))})
+
+
+def affinity(member: Member, note: Note) -> Note:
+    """One's own processors, and whether they have changed since last asked; back to all of them."""
+    now = sorted(os.sched_getaffinity(0))
+    before = note.get("processors", now)
+    if before != now:
+        os.sched_setaffinity(0, before)
+    return {"pid": member.pid, "processors": now, "reached": before != now}
+
+
+def read_affinity(_: Member, note: Note) -> Note:
+    """Ask which processors the other keeps to."""
+    return {"reached": bool(os.sched_getaffinity(note["pid"]))}
+
+
+def read_niceness(_: Member, note: Note) -> Note:
+    """Ask for the other's priority."""
+    os.getpriority(os.PRIO_PROCESS, note["pid"])
+    return {"reached": True}
+
+
+def read_kernel_log(_: Member, __: Note) -> Note:
+    """Read the kernel's log, where a robot that crashes leaves a line (syslog(2))."""
+    text = ctypes.create_string_buffer(4096)
+    return {"reached": checked(LIBC.klogctl(KERNEL_LOG_READ_ALL, text, len(text)), "syslog") >= 0}
+
+
+def read_environment(_: Member, __: Note) -> Note:
+    """See what the user's shell knows."""
+    told = Path("/proc/self/environ").read_bytes().decode(errors="replace")
+    return {"reached": "SECRET=" in told or "SECRET" in os.environ}
+
+
 def traced(name: str, closed_by: str, *stages: Stage) -> Attack:
     """An attack that needs the right to trace."""
     return Attack(name, Layer.PROCESS, closed_by, stages, traces=True)
@@ -351,6 +398,18 @@ PROCESS_ATTACKS = (
     process("limits of r2", FILTER, ("r2", limits), ("r1", set_limit), ("r2", limits)),
     process("priority of r2", FILTER, ("r2", niceness), ("r1", set_niceness), ("r2", niceness)),
     process("scheduling class of r2", FILTER, ("r2", scheduler), ("r1", set_scheduler), ("r2", scheduler)),
+    process("processor time of r2", PIDS, ("r2", who), ("r1", read_clock)),
+    Attack(
+        "processors of r2",
+        Layer.PROCESS,
+        PIDS,
+        (("r2", affinity), ("r1", set_affinity), ("r2", affinity)),
+        processors=2,
+    ),
+    process("asking for the processors of r2", PIDS, ("r2", who), ("r1", read_affinity)),
+    process("asking for the priority of r2", PIDS, ("r2", who), ("r1", read_niceness)),
+    Attack("log of the kernel", Layer.PROCESS, FILTER, (("r1", read_kernel_log),), root=True),
+    process("secret in the user's environment", "chosen environment", ("r1", read_environment)),
     process("process name as a blackboard", PROCESSES, ("r2", set_name), proc("comm")),
     process("command line of r2", PROCESSES, ("r2", who), ("r1", read_command_line)),
     traced("environment of r2", PROCESSES, ("r2", who), proc("environ")),

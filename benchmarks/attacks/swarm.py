@@ -4,6 +4,7 @@ import json
 import os
 import secrets
 import shutil
+import socket
 import subprocess
 import sys
 import tempfile
@@ -12,6 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, NamedTuple
 
+from actors.runtime import environment
 from actors.runtime.credentials import issue
 from benchmarks.attacks.attack import Layer
 from benchmarks.attacks.attacks import ATTACKS
@@ -34,7 +36,12 @@ class Swarm:
 
     def __init__(self, mode: str) -> None:
         # Short, because a socket's path may have 107 bytes.
-        self.out = Path(tempfile.mkdtemp(prefix="swarm", dir="/tmp")).resolve()
+        self._study = Path(tempfile.mkdtemp(prefix="swarm", dir="/tmp")).resolve()
+        (self._study / "strategy.py").write_text("")
+        (self._study / "scenario.toml").write_text("[run]\nseed = 7\n")
+        self.out = self._study / "runs" / "this"
+        self.out.mkdir(parents=True)
+        self._other = _other_run(self._study / "runs" / "other")
         robots = {name: self.out / name for name in ("r1", "r2")}
         infra = self.out / "infra"
         for folder in (*robots.values(), infra):
@@ -47,7 +54,9 @@ class Swarm:
             out=str(self.out),
             robots={name: str(folder) for name, folder in robots.items()},
             infra=str(infra),
-            hidden=[],
+            study=str(self._study),
+            other=str(self._study / "runs" / "other"),
+            hidden=[str(self._study / "scenario.toml")],
             inherited=dict(zip(("folder", "pipe_out", "pipe_in"), self._inherited, strict=True)),
         )
         self._members: dict[str, subprocess.Popen[str]] = {}
@@ -81,7 +90,8 @@ class Swarm:
             os.close(handle)
         for path in self._litter:
             Path(path).unlink(missing_ok=True)
-        shutil.rmtree(self.out, ignore_errors=True)
+        self._other.close()
+        shutil.rmtree(self._study, ignore_errors=True)
 
     def carry_out(self, index: int) -> Outcome:
         """Carry out one attack of the table, then let everyone forget it."""
@@ -103,10 +113,19 @@ class Swarm:
             stdout=subprocess.PIPE,
             text=True,
             cwd=self.out,
-            env={**os.environ, "PYTHONPATH": str(REPOSITORY), "SECRET": "known to its owner only"},
+            env=self._environment(),
             pass_fds=self._inherited,
         )
         self._write(name, self.description._asdict())
+
+    def _environment(self) -> dict[str, str]:
+        """What the members are told: everything the user's shell knows, or what launchers let through."""
+        shell = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join((str(REPOSITORY), str(self._study))),
+            "SECRET": "known to its owner only",
+        }
+        return environment.passed_on(shell) if self.description.mode == "isolated" else shell
 
     def _ask(self, name: str, order: Note) -> Note:
         self._write(name, order)
@@ -127,3 +146,16 @@ class Swarm:
             raise RuntimeError(f"{name} ended: {log.read_text()[-2000:] if log.exists() else 'see above'}")
         answer: Note = json.loads(line)
         return answer
+
+
+def _other_run(out: Path) -> socket.socket:
+    """What another run keeps in its folder while it is going on; its router's socket."""
+    for name in ("world", "r9"):
+        (out / name).mkdir(parents=True)
+    (out / "scenario.toml").write_text("[run]\nseed = 8\n")
+    (out / "r9" / "r9.mcap").write_text("what r9 was told")
+    (out / "world" / "operator.credentials").write_text("operator:secret\n")
+    router = socket.socket(socket.AF_UNIX)
+    router.bind(str(out / "world" / "router.sock"))
+    router.listen()
+    return router
