@@ -20,6 +20,15 @@ def generator(seed: int, purpose: str, actor: str, epoch: int = 0) -> Generator:
     return Generator(PCG64(SeedSequence(seed, spawn_key=key)))
 
 
+def derived_seed(seed: int, actor: str) -> int:
+    """The seed (63 bits) of all that `actor` draws in a run of `seed`; tells nothing of the others'.
+
+    Only as secret as the run's seed is hard to guess: whoever tries all small seeds will find it.
+    """
+    state = SeedSequence(seed, spawn_key=(*_words("seed"), *_words(actor))).generate_state(1, np.uint64)
+    return int(state[0]) >> 1
+
+
 def _words(name: str) -> tuple[int, ...]:
     """The name as whole numbers that every Python process agrees on, as `hash` would not."""
     digest = hashlib.sha256(name.encode()).digest()

@@ -9,6 +9,7 @@ import yaml
 
 from actors.messages import ProcessOrder
 from actors.radio.setup import RadioSetup
+from actors.randomness import derived_seed
 from actors.runtime import credentials, router_file
 from actors.runtime.credentials import Credentials, unix_endpoint
 from actors.runtime.errors import AcrcError
@@ -145,7 +146,7 @@ def robot_argv(plan: Plan, robot: RobotSetup, epoch: int, first_step: int) -> tu
     x, y, heading = robot.start
     return (
         *("--id", robot.id, "--epoch", str(epoch), "--first-step", str(first_step)),
-        *("--seed", str(plan.world.seed), "--step-us", str(plan.world.step_us)),
+        *("--seed", str(derived_seed(plan.world.seed, robot.id)), "--step-us", str(plan.world.step_us)),
         *("--address", str(plan.address(robot.id)), "--map", str(folder / "map.yaml")),
         *("--model", str(model) if model.exists() else robot.model),
         *(("--sensor", robot.sensor) if robot.sensor else ()),

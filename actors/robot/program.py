@@ -113,7 +113,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--id", required=True, help="the robot's name in the swarm")
     parser.add_argument("--epoch", type=int, default=0, help="how often it has been restarted")
     parser.add_argument("--first-step", type=int, default=0, help="the step it begins with")
-    parser.add_argument("--seed", type=int, default=0, help="the run's seed")
+    parser.add_argument("--seed", type=int, default=0, help="the robot's own seed")
     parser.add_argument("--step-us", type=int, default=100_000, help="length of a step, µs")
     parser.add_argument("--address", type=int, required=True, help="short address on the radio")
     parser.add_argument("--map", type=Path, required=True, help="YAML file of the floor plan")

@@ -38,6 +38,7 @@ class RobotSetup:
     epoch: int
     first_step: int
     seed: int
+    """The robot's own, not the run's: from that, and the scenario, it could compute where its peers are."""
     step_us: int
     address: int
     start: Pose

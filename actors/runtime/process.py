@@ -35,6 +35,7 @@ class RunNote(msgspec.Struct, frozen=True):
     actor: str
     argv: tuple[str, ...]
     seed: int
+    """The run's; a robot's is one of its own, which follows from the run's (`randomness.derived_seed`)."""
     step_us: int
     commit: str
     scenario: str

@@ -10,6 +10,7 @@ from actors.grid import OccupancyGrid
 from actors.instant import milliseconds
 from actors.map_file import load_map
 from actors.placement import check_pose
+from actors.randomness import derived_seed
 from actors.robot import setup
 from actors.robot.adaptation import adaptation
 from actors.robot.program import look_in
@@ -120,7 +121,7 @@ def _make(fleet: Fleet, robot: FleetRobot) -> None:
         id=robot.id,
         epoch=0,
         first_step=0,
-        seed=fleet.seed,
+        seed=derived_seed(fleet.seed, robot.id),
         step_us=milliseconds(fleet.step_ms),
         address=robot.address,
         start=Pose(x, y, wrap(heading)),

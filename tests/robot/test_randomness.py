@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from actors.randomness import generator
+from actors.randomness import derived_seed, generator
 
 
 def draws(seed: int = 1, purpose: str = "noise", actor: str = "r1", epoch: int = 0) -> tuple[int, ...]:
@@ -33,3 +33,10 @@ def test_streams_are_independent() -> None:
     a = generator(1, "noise", "r1").standard_normal(20_000)
     b = generator(1, "noise", "r2").standard_normal(20_000)
     assert abs(np.corrcoef(a, b)[0, 1]) < 0.03  # 4 standard deviations
+
+
+def test_a_robots_own_seed_is_neither_the_runs_nor_another_robots() -> None:
+    seeds = [derived_seed(7, "r1"), derived_seed(7, "r2"), derived_seed(8, "r1")]
+    assert len({7, 8, *seeds}) == 5
+    assert all(0 <= seed < 2**63 for seed in seeds)
+    assert derived_seed(7, "r1") == seeds[0]
