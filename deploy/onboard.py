@@ -77,6 +77,7 @@ def lay_out(onboard: Onboard) -> None:
         ports.range,
         ports.listen,
         ports.keys,
+        *((None,) if onboard.debug_port is not None else ()),
     )
     bridge = BridgeSetup(
         robot.id,

@@ -24,6 +24,7 @@ from deploy.new_folder import claim
 from deploy.onboard import Onboard, Ports
 from deploy.onboard_watch import OnboardError, Watch
 from deploy.plan import Plan
+from deploy.service_notice import ServiceNotice
 from deploy.signals import signals_as_interrupts
 from deploy.version import software
 
@@ -74,9 +75,11 @@ def run(prepared: Onboard, say: Callable[[str], None]) -> None:
     """Run until the operator stops it, a signal comes (Interrupted), or the budget of restarts is used up."""
     layout.lay_out(prepared)
     with signals_as_interrupts(), launcher("exec") as launched:
-        watch = Watch(prepared, launched, say)
+        service = ServiceNotice()
+        watch = Watch(prepared, launched, say, lives=service.lives)
         try:
             watch.start()
+            service.ready()
             say(f"{prepared.robot.id} is running; it records into {prepared.plan.out}")
             while watch.look(_LOOK_S):
                 pass

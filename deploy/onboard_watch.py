@@ -28,6 +28,8 @@ class RestartBudget:
 class Watch:
     """One robot's three processes; a base that ends takes the others along, for it is their router."""
 
+    START_S = 120.0
+    """How long a base may take to listen; after that it hangs, and is killed."""
     GRACE_S = 5.0
     """How long a process may take to end after it was asked to."""
 
@@ -37,8 +39,10 @@ class Watch:
         launcher: Launcher,
         say: Callable[[str], None],
         budget: RestartBudget = RestartBudget(),
+        lives: Callable[[], None] = lambda: None,
     ) -> None:
-        """`say` is told what happens, a sentence at a time."""
+        """`say` is told what happens, a sentence at a time; `lives` is called again and again."""
+        self._lives = lives
         self._onboard = onboard
         self._launcher = launcher
         self._say = say
@@ -59,8 +63,12 @@ class Watch:
         issued = layout.issue(self._onboard)
         self._start(layout.BASE)
         socket = issued.sockets[layout.BRIDGE]
+        deadline = time.monotonic() + self.START_S
         while not socket.exists():
             self._launcher.wait(0.005)
+            if time.monotonic() > deadline:
+                self._children[layout.BASE].send(signal.SIGKILL)
+            self._lives()
             if self._children[layout.BASE].exit_code is not None:
                 return  # look() starts it again, or gives up
         self._start(layout.BRIDGE)
@@ -72,6 +80,7 @@ class Watch:
         Raises OnboardError when the budget is used up.
         """
         self._launcher.wait(patience_s)
+        self._lives()
         ended = [name for name, child in self._children.items() if child.exit_code is not None]
         if not ended:
             return True
@@ -95,7 +104,7 @@ class Watch:
     def end(self) -> None:
         """Stop the vehicle, and end all processes."""
         base = self._children.get(layout.BASE)
-        if base is not None:
+        if base is not None and base.exit_code is None:
             base.send(signal.SIGTERM)  # stands, halts the robot, lets the bridge go
             self._await(list(self._children.values()))
         for number in (signal.SIGTERM, signal.SIGKILL):
@@ -133,6 +142,7 @@ class Watch:
         deadline = time.monotonic() + self.GRACE_S
         while any(child.exit_code is None for child in children) and time.monotonic() < deadline:
             self._launcher.wait(0.05)
+            self._lives()
 
 
 def _cause(child: Child) -> str:

@@ -34,6 +34,11 @@ class ServiceParameters:
     stop_s: int = 20
     """After so long a stopping service is killed, s. Default: own choice; three processes close their
     recordings."""
+    start_s: int = 900
+    """So long it may take until all processes have been started, s. Default: own choice; the very first start
+    installs packages and compiles kernels."""
+    watchdog_s: int = 20
+    """A supervisor that gives no sign of life for so long hangs, and is ended, s. Default: own choice."""
     nice: int = -5
     """Ahead of what else the computer does, so that steps are not late."""
 
@@ -113,13 +118,18 @@ def _service(
 ) -> Lines:
     words = (str(program), "onboard", str(fleet.path), "--robot", robot.id)
     return [
-        ("Type", "exec"),
+        ("Type", "notify"),
+        ("NotifyAccess", "main"),
+        ("TimeoutStartSec", f"{parameters.start_s}"),
+        ("WatchdogSec", f"{parameters.watchdog_s}"),
         ("User", user),
         ("SupplementaryGroups", GROUP),
         ("", "# Recordings are in /var/lib/acrc/runs."),
         ("StateDirectory", "acrc"),
         ("WorkingDirectory", "%S/acrc"),
         ("ExecStart", " ".join(map(_word, words))),
+        ("", "# The last word, should all processes be killed at once: stop, until the wheels stand."),
+        ("ExecStopPost", " ".join(map(_word, _stop(robot, program)))),
         ("Restart", "on-failure"),
         ("RestartSec", f"{parameters.restart_pause_s}"),
         ("", "# The supervisor is told first, and stops its processes in order."),
@@ -131,6 +141,13 @@ def _service(
         ("StandardError", "journal"),
         ("SyslogIdentifier", f"acrc-{robot.id}"),
     ]
+
+
+def _stop(robot: FleetRobot, program: Path) -> tuple[str, ...]:
+    """The guardian alone; the sign in front: whatever it comes to, the service has ended as it has."""
+    python = program.parent / ".venv" / "bin" / "python"
+    script = program.parent / "firmware_bridge" / "kobuki" / "guardian.py"
+    return (f"-{python}", "-I", "-S", str(script), "alone", robot.base)
 
 
 def _sandbox(robot: FleetRobot, root: Path) -> Lines:

@@ -87,6 +87,7 @@ class Faults:
     """V."""
     buttons: int = 0
     charger: int = 0
+    overcurrent: int = 0
 
 
 @dataclass
@@ -248,7 +249,7 @@ class EmulatedKobuki:
             buttons=self.faults.buttons,
             charger=self.faults.charger,
             battery_dv=round(10 * self.faults.battery),
-            overcurrent=0,
+            overcurrent=self.faults.overcurrent,
         )
         inertial, raw = self._gyro()
         floor = [200 if self.faults.cliff & bit else 2000 for bit in (1, 2, 4)]

@@ -14,7 +14,7 @@ from actors.instant import Duration, Instant, in_seconds, milliseconds
 from actors.runtime.errors import AcrcError
 from firmware_bridge.kobuki import frame, motion
 from firmware_bridge.kobuki import packets as wire_packets
-from firmware_bridge.kobuki.battery import BatteryParameters, level
+from firmware_bridge.kobuki.battery import BatteryLevel, BatteryParameters, level
 from firmware_bridge.kobuki.events import (
     BatteryChanged,
     Changed,
@@ -53,7 +53,7 @@ from firmware_bridge.kobuki.packets import (
     Unknown,
     Version,
 )
-from firmware_bridge.kobuki.safety import Allowed, SafetyParameters, SafetyStop
+from firmware_bridge.kobuki.safety import Allowed, Cause, SafetyParameters, SafetyStop
 from firmware_bridge.kobuki.wire import decode_feedback, encode_command
 
 F = TypeVar(
@@ -184,6 +184,10 @@ class KobukiDriver:
         """
         self._safety.wish(now, now if issued is None else issued, v, omega)
 
+    def hold(self, cause: Cause, holds: bool) -> None:
+        """Let nothing move for a cause that the base itself does not know of, or no longer for that one."""
+        self._safety.hold(cause, holds)
+
     def due(self, now: Instant) -> bytes:
         """The bytes to write now: often none, else a base control and at most one other command."""
         if not self._fed and now - self._sent < self._p.overdue:
@@ -282,6 +286,15 @@ class KobukiDriver:
         if here is not known:
             self._battery = BatteryChanged(now, volts, here)
             self._told.append(self._battery)
+            self._warn(now, here)
+
+    def _warn(self, now: Instant, battery: BatteryLevel) -> None:
+        """Show and sound a low battery; with one that is nearly empty nothing moves."""
+        self._safety.hold(Cause.BATTERY, battery is BatteryLevel.DANGER)
+        colours = {BatteryLevel.LOW: Colour.ORANGE, BatteryLevel.DANGER: Colour.RED}
+        self.light(now, 1, colours.get(battery, Colour.OFF))
+        if battery in colours:
+            self.play(Melody.RECHARGE)
 
     def _other(self, now: Instant) -> bytes:
         """The most urgent other command, or nothing."""

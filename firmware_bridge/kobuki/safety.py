@@ -8,6 +8,8 @@ Rules, each for as long as its cause lasts and a moment longer where said:
 - bumper or cliff: no wheel turns forward until the sensor is released; backing off is allowed, also in arcs;
 - wheel drop: nothing moves until both wheels carry the base again and it has then stood still for a while;
 - no feedback: nothing moves until feedback has come for a while without such a silence;
+- over-current at a wheel: nothing moves until it is over and a second has passed;
+- an empty battery, and whatever else whoever has the driver says (`hold`): nothing moves meanwhile;
 - a command older than 0.2 s is never driven, whether it came late or none came after it, nor is one that
   is no finite number;
 - otherwise speeds and accelerations are limited.
@@ -42,6 +44,10 @@ class Cause(Enum):
     PUT_DOWN = "just put down: waiting until it stands still"
     BUMPER = "the bumper is pressed: backward only"
     CLIFF = "a cliff is ahead: backward only"
+    OVERCURRENT = "a wheel's motor draws too much current: something may hold it"
+    BATTERY = "the battery is nearly empty"
+    BLIND = "the range sensor sees nothing"
+    UNWATCHED = "no guardian has the last word"
     NO_COMMAND = "no command for too long"
     STALE_COMMAND = "the command is too old"
     BAD_COMMAND = "the command is no finite number"
@@ -90,6 +96,8 @@ class SafetyParameters:
     """Ticks that an encoder may change between two feedbacks while standing still; own choice, 0.17 mm."""
     still_rate_cdeg: int = 200
     """The same for the gyro's rate, 0.01°/s; own choice, far above its noise."""
+    overcurrent_rest: Duration = milliseconds(1000)  # noqa: RUF009
+    """How long a base stands after a wheel's over-current is over; own choice."""
     speed: float = _SPEED
     """The highest, m/s; Kobuki user guide."""
     turn_rate: float = _TURN_RATE
@@ -102,6 +110,7 @@ class SafetyParameters:
             ("feedback_recovery", self.feedback_recovery, 0, math.inf),
             ("command_age", self.command_age, 1, _COMMAND_AGE),
             ("stillness", self.stillness, _STILLNESS, math.inf),
+            ("overcurrent_rest", self.overcurrent_rest, 0, math.inf),
             ("still_ticks", self.still_ticks, 0, 10),
             ("still_rate_cdeg", self.still_rate_cdeg, 0, 1000),
             ("speed", self.speed, 0, _SPEED),
@@ -132,6 +141,9 @@ class SafetyStop:
         self._moved = started
         """When the base last did not stand still; kept while it has been dropped."""
         self._dropped = False
+        self._strained: Instant | None = None
+        """When there last was over-current."""
+        self._held: set[Cause] = set()
         self._wish: _Wish | None = None
         self._since: dict[Cause, Instant] = {}
         self._ramp = Ramp(parameters.ramp)
@@ -146,7 +158,13 @@ class SafetyStop:
             self._dropped = True
         if basic.wheel_drop or not self._still(basic, inertial):
             self._moved = now
+        if basic.overcurrent:
+            self._strained = now
         self._basic, self._heard = basic, now
+
+    def hold(self, cause: Cause, holds: bool) -> None:
+        """From now on let nothing move for that cause, or no longer for that one."""
+        (self._held.add if holds else self._held.discard)(cause)
 
     def wish(self, now: Instant, issued: Instant, v: float, omega: float) -> None:
         """Take in a command made at `issued` that arrived `now`; one made before the last is left out.
@@ -189,6 +207,7 @@ class SafetyStop:
             causes[Cause.LINK_RECOVERING] = 0
         if self._basic is not None:
             causes |= self._sensed(now, self._basic)
+        causes |= dict.fromkeys(self._held, 0)
         wish = self._wish
         if wish is None or now - wish.arrived > self._p.command_age:
             causes[Cause.NO_COMMAND] = 0
@@ -207,6 +226,8 @@ class SafetyStop:
                 causes[Cause.PUT_DOWN] = 0
             else:
                 self._dropped = False
+        if self._strained is not None and now - self._strained <= self._p.overcurrent_rest:
+            causes[Cause.OVERCURRENT] = basic.overcurrent
         if basic.bumper:
             causes[Cause.BUMPER] = basic.bumper
         if basic.cliff:

@@ -2,7 +2,7 @@
 
 Each robot's devices are at DIR/<robot>/base, radio and range; "ready" on standard output says that they are.
 Each line on standard input lets something go wrong (`unplug r2 radio`; laboratory.faults knows what else) and
-is answered by a line: "ok", or what is wrong with it.
+is answered by a line: "ok", or what was asked (`where r2`), or what is wrong with it.
 """
 
 import gc

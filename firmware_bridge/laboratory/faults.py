@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, TypeVar
 
+from actors.instant import START, Duration, in_seconds
 from actors.runtime.errors import AcrcError
 from firmware_bridge.kobuki.base import Faults
 from firmware_bridge.laboratory.laboratory import BASE, DEVICES, RADIO, RANGE, Hardware, Jack, Laboratory
@@ -33,7 +34,7 @@ class FaultError(AcrcError):
 class _Fault:
     usage: str
     """What follows the verb."""
-    act: Callable[["Bench", str, Sequence[str]], None]
+    act: Callable[["Bench", str, Sequence[str]], str | None]
 
 
 class Bench:
@@ -43,8 +44,8 @@ class Bench:
         self._laboratory = laboratory
         self._lines = lines
 
-    def do(self, line: str) -> None:
-        """One line: verb, robot, and what the verb asks for."""
+    def do(self, line: str) -> str:
+        """One line: verb, robot, and what the verb asks for; the answer, mostly "ok"."""
         verb, *words = line.split() or [""]
         fault = _FAULTS.get(verb)
         if fault is None:
@@ -55,7 +56,7 @@ class Bench:
             raise FaultError(f"there is no robot {robot!r}; it should be one of {', '.join(robots)}")
         if len(words) != 1 + len(fault.usage.split()):
             raise FaultError(f"{line.strip()!r} has a wrong number of words; it should be {_form(verb)!r}")
-        fault.act(self, words[0], words[1:])
+        return fault.act(self, words[0], words[1:]) or "ok"
 
     # --- what the verbs do ---
 
@@ -107,6 +108,18 @@ class Bench:
         """The lidar says that it is broken, and scans no more once it is asked again."""
         self._of(robot).lidar.health = _ERROR
 
+    def darken(self, robot: str, _: Sequence[str]) -> None:
+        """The lidar gets no echo any more."""
+        self._of(robot).lidar.dark = True
+
+    def jam(self, robot: str, _: Sequence[str]) -> None:
+        """The lidar's head is held; it measures on."""
+        self._of(robot).lidar.stuck = True
+
+    def strain(self, robot: str, words: Sequence[str]) -> None:
+        """Over-current at a wheel of the base, or none any more."""
+        self._of(robot).base.faults.overcurrent = _one_of(words[0], {"left": 1, "right": 2, "none": 0})
+
     def gps(self, robot: str, words: Sequence[str]) -> None:
         """A line from the GPS module of the board."""
         self._of(robot).board.gps(self._laboratory.instant, words[0].encode())
@@ -140,11 +153,19 @@ class Bench:
         hardware = self._of(robot)
         hardware.base.faults = Faults()
         hardware.lidar.silent, hardware.lidar.health = False, Health(0)
+        hardware.lidar.dark = hardware.lidar.stuck = False
         for device in DEVICES:
             jack = Jack(robot, device)
             self._lines.scramble(jack, 0.0)
             if not self._lines.is_plugged(jack):
                 self._lines.plug(jack)
+
+    def where(self, robot: str, _: Sequence[str]) -> str:
+        """No fault, but the truth: time, s, way so far, m, and speed, m/s."""
+        laboratory = self._laboratory
+        time = in_seconds(Duration(laboratory.now - START))
+        speed = self._of(robot).body.truth().v
+        return f"{time:.3f} {laboratory.travelled(robot):.4f} {speed:.4f}"
 
     def _of(self, robot: str) -> Hardware:
         return self._laboratory.robots[robot]
@@ -152,11 +173,13 @@ class Bench:
 
 _FAULTS: Final = {
     "battery": _Fault("VOLTS", Bench.battery),
+    "darken": _Fault("", Bench.darken),
     "deafen": _Fault("", Bench.deafen),
     "edge": _Fault("", Bench.edge),
     "gps": _Fault("SENTENCE", Bench.gps),
     "gyro": _Fault("STATE", Bench.gyro),
     "heal": _Fault("", Bench.heal),
+    "jam": _Fault("", Bench.jam),
     "lift": _Fault("", Bench.lift),
     "lower": _Fault("", Bench.lower),
     "plug": _Fault("DEVICE", Bench.plug),
@@ -166,7 +189,9 @@ _FAULTS: Final = {
     "scramble": _Fault("DEVICE SHARE", Bench.scramble),
     "sicken": _Fault("", Bench.sicken),
     "silence": _Fault("DEVICE", Bench.silence),
+    "strain": _Fault("WHEEL", Bench.strain),
     "unplug": _Fault("DEVICE", Bench.unplug),
+    "where": _Fault("", Bench.where),
 }
 
 

@@ -138,8 +138,7 @@ class RealTime:
 
     def _answer(self, line: str) -> None:
         try:
-            self._bench.do(line)
-            answer = "ok"
+            answer = self._bench.do(line)
         except AcrcError as error:
             answer = str(error)
         with suppress(BrokenPipeError):  # whoever asked has gone

@@ -15,14 +15,14 @@ from types import FrameType
 import msgspec
 
 from actors.geometry import Pose
-from actors.instant import Instant
+from actors.instant import Instant, seconds
 from actors.robot_model import load_model
 from actors.runtime import router_file
+from actors.runtime.background import BackgroundRecorder, Log, to_stderr
 from actors.runtime.credentials import reveal
 from actors.runtime.errors import AcrcError
 from actors.runtime.parent import die_with_parent
 from actors.runtime.process import Part, RunNote, play
-from actors.runtime.recording import Recorder
 from actors.runtime.seat import ArgumentParser
 from actors.runtime.shell import Shell
 from actors.runtime.tls import onboard_router_config
@@ -32,9 +32,11 @@ from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.onboard.base_core import BaseCore
 from firmware_bridge.onboard.clock import Clock
 from firmware_bridge.onboard.conduct import conduct
+from firmware_bridge.onboard.last_word import LastWord
 from firmware_bridge.onboard.setup import OPENNI, BaseSetup, load
-from firmware_bridge.onboard.vehicle import DepthRanger, Lidar, Ranger, TurtleBot
+from firmware_bridge.onboard.vehicle import DepthRanger, Lidar, Ranger, Say, TurtleBot
 from firmware_bridge.range_sensors import rplidar
+from firmware_bridge.range_sensors.camera_feed import CameraFeed
 from firmware_bridge.range_sensors.depth import DepthScanner
 from firmware_bridge.range_sensors.openni import OpenNICamera
 
@@ -64,21 +66,22 @@ def parse(argv: Sequence[str]) -> BaseOptions:
     return BaseOptions(**vars(parser.parse_args(argv)))
 
 
-def turtlebot(setup: BaseSetup, now: Instant) -> TurtleBot:
-    """The vehicle on the ports of the set-up. Raises an AcrcError for a camera that is not there."""
+def turtlebot(setup: BaseSetup, clock: Clock, say: Say) -> TurtleBot:
+    """The vehicle on the ports of the set-up, which need not be there yet."""
     base = functools.partial(kobuki_port.open_port, setup.base, patience=0.0)
-    return TurtleBot(base, KobukiDriver(now), _ranger(setup, now))
+    driver, ranger = KobukiDriver(clock.now()), _ranger(setup, clock, say)
+    return TurtleBot(base, driver, ranger, LastWord(setup.base), say)
 
 
-def _ranger(setup: BaseSetup, now: Instant) -> Ranger | None:
+def _ranger(setup: BaseSetup, clock: Clock, say: Say) -> Ranger | None:
     if setup.range is None:
         return None
-    model = load_model(setup.model, setup.sensor)
+    sensor = load_model(setup.model, setup.sensor).sensor
     if setup.range == OPENNI:
-        return DepthRanger(OpenNICamera(), DepthScanner(model.sensor))
-    return Lidar(
-        functools.partial(rplidar.open_port, setup.range, patience=0.0), rplidar.Rplidar(model.sensor, now)
-    )
+        scanner = DepthScanner(sensor)
+        return DepthRanger(CameraFeed(OpenNICamera, clock.now, say), scanner, say)
+    lidar = rplidar.Rplidar(sensor, clock.now())
+    return Lidar(functools.partial(rplidar.open_port, setup.range, patience=0.0), lidar, say)
 
 
 class Base:
@@ -87,8 +90,10 @@ class Base:
     def __init__(self, setup: BaseSetup, clock: Clock) -> None:
         now = clock.now()
         self._clock = clock
-        self._vehicle = turtlebot(setup, now)
+        self._log = Log(to_stderr)
+        self._vehicle = turtlebot(setup, clock, self._log.say)
         self.core = BaseCore(setup.robot, setup.step_us, now, Pose(*setup.start), setup.places, self._vehicle)
+        self.core.patience = None if setup.patience_s is None else seconds(setup.patience_s)
         self._stopped = False
 
     def drive(self, shell: Shell, bus: WakingBus) -> None:
@@ -97,8 +102,12 @@ class Base:
         before = signal.signal(signal.SIGTERM, self._stop)
         try:
             conduct(shell, bus, core, self, self._clock, lambda: core.wake, self._timely)
+        except AcrcError as error:
+            self._log.say(str(error))
+            raise
         finally:
             self._vehicle.close()
+            self._log.close()
             signal.signal(signal.SIGTERM, before)
 
     @property
@@ -156,7 +165,7 @@ def main(argv: Sequence[str]) -> int:
         process = part(base, setup, argv, options.commit)
         router = onboard_router_config(issued, Path(setup.keys or ""), setup.listen)
         try:
-            recorder = Recorder(options.record, setup.step_us)
+            recorder = BackgroundRecorder(options.record, setup.step_us)
             return play(process, recorder, router, lambda: reveal(issued))
         finally:
             router_file.remove(options.router)

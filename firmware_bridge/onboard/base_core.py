@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import Final, Protocol
 
 from actors.geometry import Pose
-from actors.instant import Duration, Instant, milliseconds
+from actors.instant import Duration, Instant, in_seconds, milliseconds
 from actors.messages import (
     AIRED,
     CONTROL,
@@ -39,10 +39,15 @@ from actors.messages import (
 )
 from actors.portable import cos_sin
 from actors.runtime.core import Address, Inputs, Output, at, read, to
+from actors.runtime.errors import AcrcError
 from actors.topic import Message
 
 AIR_PATIENCE: Final[Duration] = milliseconds(20)
 """How long a step waits for the bridge: a fifth of a step; a bridge on the same machine takes about one."""
+
+
+class HangError(AcrcError):
+    """A process that lives, and does not answer."""
 
 
 class Vehicle(Protocol):
@@ -57,8 +62,11 @@ class Vehicle(Protocol):
     def scan(self) -> Scan | None:
         """The last sweep, once."""
 
-    def command(self, now: Instant, vx: float, omega: float) -> None:
-        """Want a velocity, m/s and rad/s; what stops it is the vehicle's own affair."""
+    def command(self, now: Instant, issued: Instant, vx: float, omega: float) -> None:
+        """Want a velocity, m/s and rad/s, by what was sensed at `issued`: one that is too old is not driven.
+
+        What else stops it is the vehicle's own affair.
+        """
 
 
 class BaseCore:
@@ -100,6 +108,10 @@ class BaseCore:
         self._unanswered = self._void = 0
         """Truths that the bridge has not answered, and how many of them concern a robot that has ended."""
         self._transmits = 0
+        self.patience: Duration | None = None
+        """A robot or bridge that does not answer for so long hangs; None: it may."""
+        self._asked_at = begin
+        """When the bridge was asked what it has not answered yet."""
         self._stopping = False
         self._reports = 0
         self._left = places
@@ -159,7 +171,7 @@ class BaseCore:
     def _halt(self) -> Sequence[Output]:
         """The last messages: to the robot, and to the bridge."""
         self.finished = True
-        self._vehicle.command(self.now, 0.0, 0.0)
+        self._vehicle.command(self.now, self.now, 0.0, 0.0)
         last = self._step if self._sensed is None else max(self._step, self._sensed + 1)
         senses = self._senses_of(last, halt=True)
         truth = Truth(last, self._instant(last), (), halt=True)
@@ -190,6 +202,7 @@ class BaseCore:
     def _tick(self) -> Sequence[Output]:
         if not self._robot_there or self._paused:
             return ()
+        self._check_answers()
         if self._busy or self._opening is not None:
             self.overruns += 1
             return ()
@@ -199,11 +212,24 @@ class BaseCore:
         self._opening, self._air_due = self._step, Instant(self.now + AIR_PATIENCE)
         if self._asked:
             return ()
-        self._asked = True
+        self._asked, self._asked_at = True, self.now
         assert self._sensed is not None
         self._unanswered += 1
         truth = Truth(self._sensed, self._instant(self._sensed), (self._truth(),))
         return (to(TRUTH, truth),)
+
+    def _check_answers(self) -> None:
+        """Raises HangError for a robot or bridge that was asked too long ago."""
+        if self.patience is None or self._sensed is None:
+            return
+        for waits, since, who in (
+            (self._busy, self._instant(self._sensed), self._robot),
+            (self._asked, self._asked_at, "the radio's bridge"),
+        ):
+            if waits and self.now - since > self.patience:
+                raise HangError(
+                    f"step {self._step}: {who} has not answered for {in_seconds(self.patience):g} s"
+                )
 
     def _open(self, step: int) -> list[Output]:
         self._opening, self._busy, self._sensed = None, True, step
@@ -227,7 +253,7 @@ class BaseCore:
         late = self.now - self._instant(drive.step)
         self.lateness_ms[late // 1000] += 1
         if not self._paused:
-            self._vehicle.command(self.now, drive.vx, drive.omega)
+            self._vehicle.command(self.now, self._instant(drive.step), drive.vx, drive.omega)
         self._transmits = drive.transmits
         self._reports += len(drive.reports)
         self._left = self._left if drive.route is None else len(drive.route)
@@ -258,7 +284,7 @@ class BaseCore:
                     return self._halt()
                 case Pause():
                     self._paused = True
-                    self._vehicle.command(self.now, 0.0, 0.0)
+                    self._vehicle.command(self.now, self.now, 0.0, 0.0)
                 case Resume():
                     self._paused = False
                 case _:

@@ -1,20 +1,22 @@
 """A TurtleBot 2 with its range sensor: what the base core senses and does by them."""
 
-import sys
 from collections.abc import Callable, Sequence
 from typing import Protocol
-
-import numpy as np
-from numpy.typing import NDArray
 
 from actors.instant import Instant, in_seconds
 from actors.messages import Odometry, Scan
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.events import Fed
+from firmware_bridge.kobuki.safety import Cause
+from firmware_bridge.onboard.last_word import LastWord
 from firmware_bridge.onboard.wire import Wire
-from firmware_bridge.range_sensors.depth import DepthScanner
+from firmware_bridge.range_sensors.camera_feed import CameraFeed
+from firmware_bridge.range_sensors.depth import DepthError, DepthScanner
 from firmware_bridge.range_sensors.rplidar import Rplidar
 from firmware_bridge.serial_port import SerialPort
+
+Say = Callable[[str], None]
+"""Takes a line for the log; does not wait for a disk."""
 
 
 class Ranger(Protocol):
@@ -29,6 +31,9 @@ class Ranger(Protocol):
     def scan(self) -> Scan | None:
         """The last sweep, once."""
 
+    def sees(self, now: Instant) -> bool:
+        """True while it measures, and anything is seen."""
+
     def close(self) -> None:
         """Let it rest."""
 
@@ -36,32 +41,27 @@ class Ranger(Protocol):
 class Lidar:
     """An RPLIDAR on a port."""
 
-    def __init__(self, open_port: Callable[[], SerialPort], driver: Rplidar) -> None:
-        self._wire = Wire(open_port, driver, driver.take)
+    def __init__(self, open_port: Callable[[], SerialPort], driver: Rplidar, say: Say) -> None:
+        self._wire = Wire(open_port, driver, driver.take, say)
         self.descriptors = self._wire.descriptors
         self.serve = self._wire.serve
         self.close = self._wire.close
         self.scan = driver.scan
-
-
-class Camera(Protocol):
-    """Gives depth images."""
-
-    def read(self, patience: float) -> NDArray[np.uint16] | None:
-        """The next image, mm; None if there is none after `patience` s."""
-
-    def close(self) -> None:
-        """Give the camera back."""
+        self.sees = driver.sees
 
 
 class DepthRanger:
     """A depth camera; it has no descriptor, and is looked at whenever the base is served."""
 
-    def __init__(self, camera: Camera, scanner: DepthScanner) -> None:
-        self._camera = camera
+    def __init__(self, feed: CameraFeed, scanner: DepthScanner, say: Say) -> None:
+        self._feed = feed
         self._scanner = scanner
+        self._say = say
         self.scan = scanner.scan
-        self.close = camera.close
+        self.sees = scanner.sees
+        self.close = feed.close
+        self.errors = 0
+        """Images that cannot be this camera's."""
 
     def descriptors(self) -> Sequence[int]:
         """None."""
@@ -69,20 +69,32 @@ class DepthRanger:
 
     def serve(self, now: Instant) -> None:
         """Take in an image if there is a new one."""
-        image = self._camera.read(0.0)
-        if image is not None:
-            self._scanner.take(now, image)
+        if (image := self._feed.take()) is None:
+            return
+        try:
+            self._scanner.take(image.stamp, image.depth)
+        except DepthError as error:
+            if not self.errors:
+                self._say(str(error))
+            self.errors += 1
 
 
 class TurtleBot:
-    """A Kobuki, and a range sensor if there is one."""
+    """A Kobuki, a guardian that has the last word to it, and a range sensor if there is one."""
 
     def __init__(
-        self, base: Callable[[], SerialPort], kobuki: KobukiDriver, ranger: Ranger | None = None
+        self,
+        base: Callable[[], SerialPort],
+        kobuki: KobukiDriver,
+        ranger: Ranger | None,
+        last_word: LastWord,
+        say: Say,
     ) -> None:
         self._kobuki = kobuki
-        self._wire = Wire(base, kobuki, self._feed)
+        self._wire = Wire(base, kobuki, self._feed, say)
         self._ranger = ranger
+        self._last_word = last_word
+        self._say = say
 
     @property
     def wake(self) -> Instant | None:
@@ -94,14 +106,18 @@ class TurtleBot:
         return [*self._wire.descriptors(), *(self._ranger.descriptors() if self._ranger else ())]
 
     def serve(self, now: Instant) -> None:
-        """Read what has come, write what is due."""
-        self._wire.serve(now)
+        """Read what has come, write what is due; nothing may move unseen, or without a guardian."""
+        self._last_word.serve(now, self._wire.port)
+        self._kobuki.hold(Cause.UNWATCHED, not self._last_word.holds(now))
         if self._ranger is not None:
             self._ranger.serve(now)
+            self._kobuki.hold(Cause.BLIND, not self._ranger.sees(now))
+        self._wire.serve(now)
 
     def close(self) -> None:
         """Stand, whatever was wanted."""
         self._wire.close()
+        self._last_word.close()
         if self._ranger is not None:
             self._ranger.close()
 
@@ -117,12 +133,11 @@ class TurtleBot:
         """The last sweep, once."""
         return None if self._ranger is None else self._ranger.scan()
 
-    def command(self, now: Instant, vx: float, omega: float) -> None:
-        """Want a velocity; the safety stop has the last word."""
-        self._kobuki.command(now, vx, omega)
+    def command(self, now: Instant, issued: Instant, vx: float, omega: float) -> None:
+        """Want a velocity, decided from what was sensed at `issued`; the safety stop has the last word."""
+        self._kobuki.command(now, vx, omega, issued)
 
     def _feed(self, now: Instant, data: bytes) -> None:
         for event in self._kobuki.take(now, data):
             if not isinstance(event, Fed):
-                sys.stdout.write(f"{in_seconds(now):.3f} {event}\n")
-                sys.stdout.flush()
+                self._say(f"{in_seconds(now):.3f} {event}")

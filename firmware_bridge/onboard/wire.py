@@ -1,6 +1,5 @@
 """A device on a serial port that may come and go, and its driver without I/O."""
 
-import sys
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
@@ -25,9 +24,14 @@ class Wire:
     """One device on one port, which may come and go."""
 
     def __init__(
-        self, open_port: Callable[[], SerialPort], driver: WireDriver, take: Callable[[Instant, bytes], None]
+        self,
+        open_port: Callable[[], SerialPort],
+        driver: WireDriver,
+        take: Callable[[Instant, bytes], None],
+        say: Callable[[str], None],
     ) -> None:
-        """`take`: gives the driver what has come."""
+        """`take`: gives the driver what has come. `say` is told, in a sentence, when the port is away."""
+        self._tell = say
         self._open = open_port
         self._driver = driver
         self._take = take
@@ -38,6 +42,11 @@ class Wire:
     def descriptors(self) -> Sequence[int]:
         """What to wait for."""
         return () if self._port is None else (self._port.fileno(),)
+
+    @property
+    def port(self) -> SerialPort | None:
+        """Another object each time that it is opened; None while it is not."""
+        return self._port
 
     def serve(self, now: Instant) -> None:
         """Read what has come, write what is due; open the port anew if it has gone."""
@@ -79,6 +88,5 @@ class Wire:
     def _say(self, sentence: str) -> None:
         """Each thing once, into the process's log."""
         if sentence and sentence != self._said:
-            sys.stderr.write(f"{sentence}\n")
-            sys.stderr.flush()
+            self._tell(sentence)
         self._said = sentence

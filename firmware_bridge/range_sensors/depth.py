@@ -6,16 +6,20 @@ of the robot's model are filled by angle and none counts twice.
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.instant import Instant
+from actors.instant import Duration, Instant, milliseconds
 from actors.messages import Scan
 from actors.portable import atan, tan
 from actors.robot_model import RangeSensor as SensorModel
 from actors.runtime.errors import AcrcError
 from firmware_bridge.range_sensors.sensor import REACH, Rays
+
+SIGHT: Final[Duration] = milliseconds(200)
+"""An image in which something is seen says so much of the time after it; own choice, six images."""
 
 
 class DepthError(AcrcError):
@@ -86,6 +90,13 @@ class DepthScanner:
         self._scan: Scan | None = None
         self.missed = 0
         """Scans that nobody fetched before the next."""
+        self.blind = 0
+        """Images in which nothing was seen: covered, dark, or too near. They make no scan."""
+        self._seen: Instant | None = None
+
+    def sees(self, now: Instant) -> bool:
+        """True while images come in which something is seen."""
+        return self._seen is not None and now - self._seen <= SIGHT
 
     def take(self, stamp: Instant, depth: NDArray[np.uint16]) -> None:
         """An image that was taken at `stamp`: (height, width), mm along the axis; 0 = nothing measured."""
@@ -95,6 +106,10 @@ class DepthScanner:
                 f"a depth image has {depth.shape[1]} columns and {depth.shape[0]} rows; "
                 f"it should have {camera.width} and {camera.height}"
             )
+        if not (depth[camera.rows] * self._lengths >= camera.range_min).any():
+            self.blind += 1
+            return
+        self._seen = stamp
         self.missed += self._scan is not None
         self._scan = self._rays.scan(stamp, self._angles, self.ranges(depth))
 

@@ -7,6 +7,7 @@ then writes what `due` gives. On the adapter of an A1 the motor turns while the 
 import math
 from dataclasses import dataclass
 from enum import Enum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ from firmware_bridge.range_sensors.rplidar_wire import (
 from firmware_bridge.range_sensors.sensor import Rays
 from firmware_bridge.serial_port import Device, SerialPort
 
+_NOTICEABLE_Q6: Final = 10 * 64
+"""A head that turns goes on by so much, 1/64°."""
 RPLIDAR = Device(name="RPLIDAR", symlink="/dev/rplidar", baud=115_200)
 
 
@@ -43,6 +46,9 @@ class RplidarParameters:
     """After stopping it; application notes: at least 1 ms."""
     reset: Duration = milliseconds(2000)  # noqa: RUF009
     """After resetting it; application notes: at least 2 ms, but an A1 first prints a greeting."""
+    sight: Duration = milliseconds(250)  # noqa: RUF009
+    """Without an echo, or without its head turning, for so long it sees nothing; own choice: a turn of an A1
+    takes 182 ms at most."""
     fewest: int = 90
     """Samples of a turn that is a scan; own choice, a quarter of what an A1 gives. Others are left out."""
     most: int = 8192
@@ -72,6 +78,8 @@ class RplidarCounts:
     """Turns with too few or too many samples, or with a gap."""
     missed: int = 0
     """Scans that nobody fetched before the next."""
+    blind: int = 0
+    """Turns without a single echo; they are no scans."""
     starts: int = 0
     """How often it was started from the beginning."""
     skipped: int = 0
@@ -97,6 +105,12 @@ class Rplidar:
         self._scan: Scan | None = None
         self._alive = started
         """The last time that it said something right."""
+        self._echo: Instant | None = None
+        """When there last was an echo."""
+        self._turning_at = started
+        """When the head last was seen to turn on, ..."""
+        self._mark_q6 = -_NOTICEABLE_Q6
+        """... and where it was then."""
         self.phase = Phase.STOPPING
         self._entered = started
         self.counts = RplidarCounts()
@@ -126,6 +140,12 @@ class Rplidar:
             f"no scan from the RPLIDAR for {in_seconds(now - self._alive):.1f} s; it should be plugged in, "
             f"and its head should turn (it is {self.phase.value})"
         )
+
+    def sees(self, now: Instant) -> bool:
+        """True while its head turns and something is seen."""
+        if self.phase is not Phase.SCANNING or self._echo is None:
+            return False
+        return now - min(self._echo, self._turning_at) <= self._p.sight
 
     def take(self, now: Instant, data: bytes) -> None:
         """Bytes that have come, also none."""
@@ -198,6 +218,10 @@ class Rplidar:
         if samples:
             self._alive = now
         for sample in samples:
+            if sample.distance_q2:
+                self._echo = now
+            if abs(sample.angle_q6 - self._mark_q6) >= _NOTICEABLE_Q6:
+                self._mark_q6, self._turning_at = sample.angle_q6, now
             if sample.start:
                 self._turned(now)
                 self._turn, self._turn_began = [], now
@@ -211,6 +235,9 @@ class Rplidar:
         turn = np.array(self._turn, np.float64).reshape(-1, 2)
         if not self._whole(turn[:, 0]):
             self.counts.thin += 1
+            return
+        if not turn[:, 1].any():
+            self.counts.blind += 1
             return
         angles = self._zero + self._turning * turn[:, 0]
         stamp = Instant((self._turn_began + now) // 2)

@@ -51,6 +51,10 @@ class EmulatedRplidar:
         """Set it to make the lidar ill."""
         self.silent = False
         """Set it to make the lidar say nothing."""
+        self.dark = False
+        """Set it to let nothing give an echo."""
+        self.stuck = False
+        """Set it to hold the head: it measures on, in one direction."""
 
     def take(self, now: Instant, data: bytes) -> None:
         """Bytes from the driver, that end `now`."""
@@ -101,9 +105,12 @@ class EmulatedRplidar:
             return
         self._sampled = int(numbers[-1]) + 1
         turns = numbers / self._p.samples * self._p.turns
+        if self.stuck:
+            turns = np.full_like(turns, self._last_turn + 0.25)
         angles = turns % 1
         ranges = self._sight(-2 * np.pi * angles)
         seen = (ranges >= self._p.range_min) & (ranges <= self._p.range_max)
+        seen &= not self.dark
         distances = np.where(seen, np.rint(np.where(seen, ranges, 0) * 4000), 0)
         rows = np.column_stack((turns // 1, angles * FULL_TURN_Q6 // 1, distances)).astype(int).tolist()
         for turn, angle, distance in rows:

@@ -43,6 +43,17 @@ def test_the_service_is_the_robot_from_switching_on_and_is_not_restarted_for_eve
     assert sections["Install"]["WantedBy"] == ["multi-user.target"]
 
 
+def test_a_supervisor_that_hangs_is_noticed_and_what_is_killed_with_it_has_a_last_word() -> None:
+    service = unit()["Service"]
+    assert (service["Type"], service["NotifyAccess"]) == (["notify"], ["main"])
+    assert (service["TimeoutStartSec"], service["WatchdogSec"]) == (["900"], ["20"])
+    python, *stop = words(service["ExecStopPost"][0])
+    assert python == f"-{ROOT}/.venv/bin/python"
+    guardian = ROOT / "firmware_bridge" / "kobuki" / "guardian.py"
+    assert stop == ["-I", "-S", str(guardian), "alone", "/dev/kobuki"]
+    assert guardian.is_file()
+
+
 def test_it_waits_for_its_devices_but_for_no_network() -> None:
     sections = unit('base = "/dev/ttyUSB0"\nradio = "/dev/robot-1/bee click"\nrange = "openni"')
     assert sections["Unit"]["Wants"] == [r"dev-ttyUSB0.device dev-robot\x2d1-bee\x20click.device"]

@@ -194,6 +194,28 @@ def test_the_battery_runs_down_by_levels_and_does_not_flicker() -> None:
     ]
 
 
+def test_a_low_battery_is_shown_and_heard_and_with_a_nearly_empty_one_it_stands() -> None:
+    rig = Rig()
+    rig.run(1.0, (0.1, 0.0))
+    assert rig.base.outputs == POWER_RAILS and heard(rig, SoundSequence) == []
+    rig.base.faults.battery = 14.0
+    rig.run(1.0, (0.1, 0.0))
+    assert rig.base.outputs == POWER_RAILS | Colour.ORANGE.value
+    assert heard(rig, SoundSequence) == [SoundSequence(Melody.RECHARGE)]
+    assert rig.body.truth().v > 0
+    rig.told.clear()
+    rig.base.faults.battery = 13.2
+    rig.run(1.0, (0.1, 0.0))
+    assert rig.base.outputs == POWER_RAILS | Colour.RED.value
+    assert len(heard(rig, SoundSequence)) == 2
+    assert rig.body.truth().v == 0
+    (change,) = [e for e in rig.told if isinstance(e, StopsChanged)]
+    assert [stop.cause for stop in change.stops] == [Cause.BATTERY]
+    rig.base.faults.battery = 16.0
+    rig.run(1.0, (0.1, 0.0))
+    assert rig.base.outputs == POWER_RAILS and rig.body.truth().v > 0
+
+
 def test_why_the_base_stands_is_told_when_it_changes() -> None:
     rig = Rig()
     rig.run(1.0, (0.1, 0.0))

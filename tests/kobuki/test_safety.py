@@ -24,7 +24,7 @@ class Story:
         self.safety = SafetyStop(START)
         self.ticks = 0
         self.rate = 0
-        self.bumper = self.cliff = self.drop = 0
+        self.bumper = self.cliff = self.drop = self.overcurrent = 0
         self.silent = False
         self.allowed = Allowed(0.0, 0.0, ())
 
@@ -34,7 +34,14 @@ class Story:
             self.now = Instant(self.now + 20_000)
             if not self.silent:
                 basic = Basic(
-                    0, self.bumper, self.drop, self.cliff, self.ticks & 0xFFFF, 0, 0, 0, 0, 0, 160, 0
+                    0,
+                    self.bumper,
+                    self.drop,
+                    self.cliff,
+                    self.ticks & 0xFFFF,
+                    *5 * (0,),
+                    160,
+                    self.overcurrent,
                 )
                 self.safety.sense(self.now, basic, Inertial(0, self.rate))
             if v is not None:
@@ -70,6 +77,33 @@ def test_at_bumper_or_cliff_it_only_backs_off_until_released(sensor: str, cause:
     assert max(wheel_speeds(story.allowed.v, story.allowed.omega)) <= 0
     assert story.allowed.omega > 1.5
     setattr(story, sensor, 0)
+    story.go(3000, 0.4)
+    assert story.allowed == Allowed(0.4, 0.0, ())
+
+
+def test_over_current_stops_it_until_it_is_over_and_a_second_has_passed() -> None:
+    story = rolling()
+    story.overcurrent = 2
+    story.go(20, 0.4)
+    assert (story.allowed.v, story.causes) == (0.0, [Cause.OVERCURRENT])
+    assert story.allowed.stops[0].bits == 2
+    story.overcurrent = 0
+    story.go(1000, 0.4)
+    assert (story.allowed.v, story.causes) == (0.0, [Cause.OVERCURRENT])
+    story.go(3000, 0.4)
+    assert story.allowed == Allowed(0.4, 0.0, ())
+
+
+def test_what_others_know_stops_it_at_once_for_as_long() -> None:
+    story = rolling()
+    story.safety.hold(Cause.BLIND, True)
+    story.safety.hold(Cause.UNWATCHED, True)
+    story.go(20, 0.4)
+    assert (story.allowed.v, story.causes) == (0.0, [Cause.BLIND, Cause.UNWATCHED])
+    story.safety.hold(Cause.BLIND, False)
+    story.go(20, -0.4)
+    assert (story.allowed.v, story.causes) == (0.0, [Cause.UNWATCHED])
+    story.safety.hold(Cause.UNWATCHED, False)
     story.go(3000, 0.4)
     assert story.allowed == Allowed(0.4, 0.0, ())
 

@@ -111,8 +111,8 @@ def test_an_unknown_verb_is_told(laboratory: Laboratory, lines: Lines) -> None:
     with pytest.raises(AcrcError) as caught:
         Bench(laboratory, lines).do("explode r1")
     assert str(caught.value) == (
-        "there is no 'explode'; it should be one of battery, deafen, edge, gps, gyro, heal, lift, lower, "
-        "plug, press, reboot, release, scramble, sicken, silence, unplug"
+        "there is no 'explode'; it should be one of battery, darken, deafen, edge, gps, gyro, heal, jam, "
+        "lift, lower, plug, press, reboot, release, scramble, sicken, silence, strain, unplug, where"
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import pytest
 
 from actors.geometry import Pose
-from actors.instant import Instant
+from actors.instant import Instant, seconds
 from actors.messages import (
     AIRED,
     CONTROL,
@@ -31,7 +31,7 @@ from actors.messages import (
 )
 from actors.runtime.core import Address, Output, at
 from actors.topic import Message
-from firmware_bridge.onboard.base_core import AIR_PATIENCE, BaseCore
+from firmware_bridge.onboard.base_core import AIR_PATIENCE, BaseCore, HangError
 
 STEP = 100_000
 START = Pose(10.0, 5.0, math.pi / 2)
@@ -41,6 +41,7 @@ BEGIN = 1_700_000_000_000_000
 class Vehicle:
     def __init__(self) -> None:
         self.commands: list[tuple[int, float, float]] = []
+        self.issued: list[int] = []
         self.sweep: Scan | None = None
 
     def odometry(self) -> Odometry:
@@ -53,8 +54,9 @@ class Vehicle:
         sweep, self.sweep = self.sweep, None
         return sweep
 
-    def command(self, now: Instant, vx: float, omega: float) -> None:
+    def command(self, now: Instant, issued: Instant, vx: float, omega: float) -> None:
         self.commands.append((now - BEGIN, vx, omega))
+        self.issued.append(issued - BEGIN)
 
 
 class Stage:
@@ -100,10 +102,30 @@ def first_step(stage: Stage) -> None:
     assert stage.drive(STEP + 4_000, 1, transmits=3) == []
 
 
+def test_a_robot_or_bridge_that_does_not_answer_for_too_long_is_named() -> None:
+    robot, bridge = Stage(), Stage()
+    for stage in (robot, bridge):
+        stage.core.patience = seconds(1.0)
+        first_step(stage)
+        stage.at(2 * STEP)
+    robot.aired(2 * STEP + 1000, 1)
+    with pytest.raises(HangError) as hung:
+        for step in range(3, 20):
+            robot.at(step * STEP)
+    assert str(hung.value) == "step 13: r1 has not answered for 1 s"
+    with pytest.raises(HangError) as hung:
+        for step in range(2, 20):
+            bridge.at(step * STEP + 25_000)
+            bridge.drive(step * STEP + 27_000, step)
+            bridge.at((step + 1) * STEP)
+    assert str(hung.value) == "step 13: the radio's bridge has not answered for 1 s"
+
+
 def test_a_step_begins_at_its_instant_and_the_answer_drives_the_robot_at_once() -> None:
     stage = Stage()
     first_step(stage)
     assert stage.vehicle.commands == [(104_000, 0.3, 0.1)]
+    assert stage.vehicle.issued == [STEP], "as old as what it was decided from"
     (truth,) = stage.at(2 * STEP)
     assert isinstance(truth, Truth)
     assert (truth.step, truth.instant, truth.robots[0].transmits) == (1, BEGIN + STEP, 3)

@@ -70,6 +70,7 @@ def test_the_nearest_valid_value_of_the_rows_counts() -> None:
     depth[240] = 2000
     depth[241] = 300  # nearer than the camera can measure
     ahead = slice(315, 325)
+    depth[:, 0] = 3000  # not all is unseen
     assert np.isnan(scanned(depth)[ahead]).all()
     assert scanned(depth, DepthCamera(scan_height=2))[ahead] == pytest.approx(2.0, abs=0.001)
     assert scanned(depth, DepthCamera(scan_height=4))[ahead] == pytest.approx(1.0, abs=0.001)
@@ -83,6 +84,7 @@ def test_the_nearest_valid_value_of_the_rows_counts() -> None:
 def test_values_outside_the_limits_are_no_echo(depth_mm: int, seen: bool) -> None:
     depth = np.full((480, 640), depth_mm, np.uint16)
     depth[:, :310] = depth[:, 330:] = 0
+    depth[:, 0] = 3000  # not all is unseen
     ranges = scanned(depth, DepthCamera(centre_x=320.0))
     assert np.isfinite(ranges[315:325]).any() == seen
     assert np.isnan(ranges[:300]).all()
@@ -112,5 +114,20 @@ def test_images_and_rows_that_do_not_fit() -> None:
 def test_scans_that_nobody_fetches_are_counted() -> None:
     scanner = DepthScanner(KINECT)
     for _ in range(3):
-        scanner.take(Instant(0), np.zeros((480, 640), np.uint16))
+        scanner.take(Instant(0), np.full((480, 640), 2000, np.uint16))
     assert scanner.missed == 2
+
+
+@pytest.mark.parametrize("depth_mm", [0, 300])
+def test_an_image_in_which_nothing_is_seen_or_all_is_too_near_is_no_free_floor(depth_mm: int) -> None:
+    scanner = DepthScanner(KINECT)
+    assert not scanner.sees(Instant(0))
+    scanner.take(Instant(10_000), np.full((480, 640), 2000, np.uint16))
+    assert scanner.scan() is not None
+    for stamp in range(40_000, 250_000, 33_000):
+        scanner.take(Instant(stamp), np.full((480, 640), depth_mm, np.uint16))
+        assert scanner.scan() is None
+        assert scanner.sees(Instant(stamp)) == (stamp <= 210_000)
+    assert scanner.blind == 7
+    scanner.take(Instant(270_000), np.full((480, 640), 20_000, np.uint16))
+    assert scanner.sees(Instant(270_000)), "what is far away is seen, too"

@@ -292,3 +292,37 @@ def _first_scan(path: str) -> Scan | None:
             scan = lidar.scan()
         port.write(lidar.farewell())
     return scan
+
+
+@pytest.mark.parametrize("fault", ["dark", "stuck", "silent"])
+def test_it_is_blind_within_a_quarter_of_a_second_and_what_it_does_not_see_is_no_free_floor(
+    fault: str,
+) -> None:
+    rig = Rig()
+    assert not rig.lidar.sees(rig.now)
+    rig.run(2.0)
+    assert rig.lidar.sees(rig.now)
+    setattr(rig.device, fault, True)
+    begun = rig.now
+    while rig.lidar.sees(rig.now):
+        rig.run(0.005)
+    assert rig.now - begun <= milliseconds(260)
+    rig.run(0.2)  # what was seen of the last turn is a scan yet
+    rig.scans.clear()
+    rig.run(0.5)
+    assert rig.scans == [] and not rig.lidar.sees(rig.now)
+    assert (rig.lidar.counts.blind > 1) == (fault == "dark")
+    setattr(rig.device, fault, False)
+    rig.run(3.0)
+    assert rig.lidar.sees(rig.now) and rig.scans != []
+
+
+def test_one_thing_in_sight_is_enough() -> None:
+    def post(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.where(np.abs(np.remainder(angles, math.tau) - 1.0) < 0.02, 2.0, np.inf)
+
+    rig = Rig(post)
+    rig.run(2.0)
+    for _ in range(100):
+        rig.run(0.01)
+        assert rig.lidar.sees(rig.now)

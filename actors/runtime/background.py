@@ -1,0 +1,142 @@
+"""Writing to a disk that may be slow, full or dead, for a process that must not wait for it."""
+
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Final
+
+import msgspec
+
+from actors.runtime.recording import Recorder
+
+_FAREWELL_S: Final = 5.0
+"""How long a slow disk is waited for in the end; own choice, as long as a process may take to end."""
+
+
+class Background:
+    """Does things one after the other in a thread of its own.
+
+    What comes while `LIMIT` wait is dropped and counted, and so is all that comes after an OSError.
+    """
+
+    LIMIT: Final = 20_000
+    """Some minutes of a base's messages."""
+
+    def __init__(self) -> None:
+        self.dropped = 0
+        self.error: OSError | None = None
+        """The first one."""
+        self._tasks: deque[Callable[[], None]] = deque()
+        self._changed = threading.Condition()
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, name="disk", daemon=True)
+        self._thread.start()
+
+    def do(self, task: Callable[[], None]) -> None:
+        """Some time later; never waits."""
+        with self._changed:
+            if self._closed or self.error is not None or len(self._tasks) >= self.LIMIT:
+                self.dropped += 1
+                return
+            self._tasks.append(task)
+            self._changed.notify()
+
+    def close(self, patience_s: float = _FAREWELL_S) -> bool:
+        """Take no more, and wait so long for what is still to be done; True if all of it has been."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+        self._thread.join(patience_s)
+        return not self._thread.is_alive() and self.dropped == 0 and self.error is None
+
+    def _run(self) -> None:
+        while (task := self._next()) is not None:
+            try:
+                task()
+            except OSError as error:
+                with self._changed:
+                    self.error = error
+                    self.dropped += 1 + len(self._tasks)
+                    self._tasks.clear()
+
+    def _next(self) -> Callable[[], None] | None:
+        with self._changed:
+            while not self._tasks:
+                if self._closed:
+                    return None
+                self._changed.wait()
+            return self._tasks.popleft()
+
+
+class BackgroundRecorder(Recorder):
+    """A recorder whose disk cannot hold up the process: what it cannot take is lost, counted, and said.
+
+    What was recorded last may be missing after the death of the process.
+    """
+
+    def __init__(self, path: Path, step_us: int) -> None:
+        super().__init__(path, step_us)
+        self._path = path
+        self._background = Background()
+
+    @property
+    def dropped(self) -> int:
+        """Records that were lost so far."""
+        return self._background.dropped
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        wrote = self._background.close()
+        failure = self._background.error
+        if wrote:
+            try:
+                super().__exit__(kind, error, trace)
+            except OSError as late:
+                failure = late
+        if failure is not None or not wrote:
+            why = "the disk is too slow" if failure is None else failure.strerror
+            sys.stderr.write(f"{self._path}: {self.dropped} records are missing: {why}\n")
+
+    def note(self, name: str, content: msgspec.Struct) -> None:
+        """As in Recorder, later."""
+        self._background.do(lambda: super(BackgroundRecorder, self).note(name, content))
+
+    def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
+        """As in Recorder, later."""
+        self._background.do(lambda: super(BackgroundRecorder, self).received(key, step, sequence, payload))
+
+    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes) -> None:
+        """As in Recorder, later."""
+        self._background.do(
+            lambda: super(BackgroundRecorder, self).sent(key, step, sequence, payload, sha256)
+        )
+
+    def flush(self) -> None:
+        """As in Recorder, later."""
+        self._background.do(lambda: super(BackgroundRecorder, self).flush())
+
+
+class Log:
+    """Lines for a log, from a loop that must not wait for it."""
+
+    def __init__(self, write: Callable[[str], None]) -> None:
+        self._write = write
+        self._background = Background()
+
+    def say(self, line: str) -> None:
+        """One line, later."""
+        self._background.do(lambda: self._write(f"{line}\n"))
+
+    def close(self) -> None:
+        """Wait a moment for what is still to be written."""
+        self._background.close(1.0)
+
+
+def to_stderr(text: str) -> None:
+    """Write text to standard error, at once."""
+    sys.stderr.write(text)
+    sys.stderr.flush()

@@ -1,0 +1,224 @@
+"""The last word to a Kobuki: whatever becomes of the base process or of its guardian, the wheels stand soon.
+
+Wall time on a busy computer: what should take 0.17 s is given half a second.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from actors.instant import Instant
+from firmware_bridge.kobuki import frame, guardian, motion
+from firmware_bridge.kobuki import port as kobuki_port
+from firmware_bridge.kobuki.guardian import Standstill
+from firmware_bridge.kobuki.packets import BaseControl, Basic
+from firmware_bridge.kobuki.wire import encode_command, encode_feedback
+from firmware_bridge.onboard.last_word import LastWord, start_guardian
+from firmware_bridge.serial_port import SerialPort
+from tests.onboard.kobuki_line import KobukiLine
+
+SOON_S = 0.5
+DRIVE = frame.encode(encode_command(motion.base_control(0.3, 0.0)))
+
+
+HUNG_BASE = """
+import socket, subprocess, sys, time
+ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+number = theirs.fileno()
+command = [sys.executable, "-I", "-S", sys.argv[1], "beside", str(number), "port"]
+subprocess.Popen(command, pass_fds=(number,))
+time.sleep(60)
+"""
+
+
+class BaseProcess:
+    """What a base process does to its port and its guardian; the test is that process."""
+
+    def __init__(self, link: Path) -> None:
+        self.port: SerialPort = kobuki_port.open_port(str(link), patience=0.0)
+        self.guardians: list[subprocess.Popen[bytes]] = []
+        self.word = LastWord(str(link), self._start)
+
+    def serve(self, until: Callable[[], bool], patience_s: float = 10.0) -> None:
+        """Go round, without a command, until then."""
+        deadline = time.monotonic() + patience_s
+        while not until():
+            assert time.monotonic() < deadline, "it has not come to that"
+            self.word.serve(now(), self.port)
+            self.port.read()
+            time.sleep(0.005)
+
+    def die(self) -> None:
+        """As by SIGKILL: no farewell, all descriptors closed."""
+        assert self.word._channel is not None
+        self.word._channel.close()
+        self.port.close()
+
+    def _start(self, channel: int, name: str) -> "subprocess.Popen[bytes]":
+        self.guardians.append(start_guardian(channel, name))
+        return self.guardians[-1]
+
+
+def now() -> Instant:
+    return Instant(time.monotonic_ns() // 1000)
+
+
+@pytest.fixture
+def line(tmp_path: Path) -> Iterator[KobukiLine]:
+    with KobukiLine(tmp_path / "kobuki") as line:
+        yield line
+
+
+@pytest.fixture
+def process(line: KobukiLine) -> Iterator[BaseProcess]:
+    """It drives, with a guardian that has the port."""
+    base = BaseProcess(line.link)
+    base.serve(lambda: base.word.holds(now()))
+    base.port.write(DRIVE)
+    base.serve(lambda: line.speed > 0)
+    yield base
+    for one in base.guardians:
+        one.kill()
+        one.wait()
+
+
+def test_a_base_that_dies_stands_at_once_though_what_is_said_first_is_not_heard(
+    line: KobukiLine, process: BaseProcess
+) -> None:
+    line.base.faults.deaf = True
+    process.die()
+    time.sleep(0.1)
+    assert line.speed > 0.29, "several stops were lost on the line"
+    line.base.faults.deaf = False
+    assert line.standing_after(SOON_S) < SOON_S
+    assert process.guardians[0].wait(5) == 0, "it goes once the wheels stand"
+
+
+def test_a_base_that_hangs_stands_and_drives_again_when_it_goes_on(
+    line: KobukiLine, process: BaseProcess
+) -> None:
+    assert line.standing_after(SOON_S) < SOON_S  # nobody serves
+    process.serve(lambda: process.word.holds(now()))
+    process.port.write(DRIVE)
+    process.serve(lambda: line.speed > 0)
+    begun = time.monotonic()
+    process.serve(lambda: time.monotonic() - begun > 0.3)
+    assert line.speed > 0.29, "its guardian leaves it alone"
+
+
+def test_a_base_that_hangs_for_good_is_killed(tmp_path: Path) -> None:
+    """The base starts a guardian and then does nothing; the guardian is a copy that has less patience."""
+    impatient = tmp_path / "guardian.py"
+    impatient.write_text(
+        Path(guardian.__file__).read_text().replace("HUNG_S: Final = 5.0", "HUNG_S: Final = 0.3")
+    )
+    base = subprocess.run(
+        [sys.executable, "-c", HUNG_BASE, str(impatient)], timeout=30, capture_output=True, check=False
+    )
+    assert base.returncode == -signal.SIGKILL
+
+
+def test_nothing_may_move_once_the_guardian_is_dead_or_stopped_and_there_is_another_soon(
+    process: BaseProcess,
+) -> None:
+    for number in (signal.SIGKILL, signal.SIGSTOP):
+        os.kill(process.guardians[-1].pid, number)
+        begun = time.monotonic()
+        process.serve(lambda: not process.word.holds(now()))
+        assert time.monotonic() - begun < SOON_S
+        process.serve(lambda: process.word.holds(now()))
+    assert process.word.started == len(process.guardians) == 3
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_the_guardian_outlives_the_signals_that_end_the_others(
+    line: KobukiLine, process: BaseProcess, number: signal.Signals
+) -> None:
+    os.kill(process.guardians[0].pid, number)
+    process.die()
+    assert line.standing_after(SOON_S) < SOON_S
+
+
+def test_a_port_that_was_opened_anew_is_the_one_that_stop_is_said_on(
+    line: KobukiLine, process: BaseProcess
+) -> None:
+    process.port.write(frame.encode(encode_command(BaseControl(0, 0))))
+    process.port.close()
+    time.sleep(0.02)
+    process.word.serve(now(), None)
+    assert not process.word.holds(now())
+    time.sleep(0.1)
+    process.port = kobuki_port.open_port(str(line.link), patience=0.0)
+    process.serve(lambda: process.word.holds(now()))
+    process.port.write(DRIVE)
+    process.serve(lambda: line.speed > 0)
+    process.die()
+    assert line.standing_after(SOON_S) < SOON_S
+
+
+def test_alone_it_opens_the_port_and_says_stop_until_the_wheels_stand(line: KobukiLine) -> None:
+    with kobuki_port.open_port(str(line.link)) as port:
+        port.write(DRIVE)
+        while not line.speed:
+            time.sleep(0.005)
+    done = alone(line.link)
+    assert line.speed == 0 and done.returncode == 0
+    assert done.stdout.startswith(f"{line.link}: stop was said ")
+    assert done.stdout.endswith(" times, until the wheels stood\n")
+    nowhere = alone(line.link.with_name("nothing"))
+    assert nowhere.returncode == 1
+    assert nowhere.stdout == (
+        f"{line.link.with_name('nothing')}: stop cannot be said: No such file or directory\n"
+    )
+
+
+def alone(port: Path) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-I", "-S", guardian.__file__, "alone", str(port)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+
+
+def test_a_base_that_cannot_be_heard_to_stand_is_named() -> None:
+    silent = os.open("/dev/ptmx", os.O_RDWR | os.O_NONBLOCK)
+    said = guardian.farewell(silent, limit_s=0.05)
+    os.close(silent)
+    assert "but the base was not heard to stand: it may still be driving" in said
+
+
+def test_its_stop_is_a_kobukis() -> None:
+    assert frame.encode(encode_command(BaseControl(0, 0))) == guardian.STOP
+
+
+def feedback(stamp: int, left: int, right: int) -> bytes:
+    basic = Basic(stamp & 0xFFFF, 0, 0, 0, left & 0xFFFF, right & 0xFFFF, 0, 0, 0, 0, 160, 0)
+    return frame.encode(encode_feedback(basic))
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    speed=st.sampled_from([0, 1, 3, 40, -40]),
+    begin=st.integers(0, 0xFFFF),
+    noise=st.binary(max_size=12),
+    cut=st.integers(1, 40),
+)
+def test_only_wheels_that_stand_are_heard_to_stand(speed: int, begin: int, noise: bytes, cut: int) -> None:
+    """`speed`: ticks of the right wheel from one feedback to the next."""
+    heard = Standstill()
+    data = b"".join(noise + feedback(20 * i, 7, begin + speed * i) for i in range(40))
+    for at in range(0, len(data), cut):
+        heard.take(data[at : at + cut])
+        assert not (speed and heard.reached)
+    assert heard.reached == (speed == 0)
+
+
+def test_one_feedback_heard_again_and_again_is_no_standstill() -> None:
+    heard = Standstill()
+    heard.take(20 * feedback(7, 1, 2))
+    assert not heard.reached

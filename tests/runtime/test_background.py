@@ -1,0 +1,86 @@
+"""A disk that is slow, full or dead holds up nobody, and what it has not taken is said."""
+
+import errno
+import os
+import threading
+import time
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from actors.runtime.background import Background, BackgroundRecorder, Log
+from actors.runtime.recording import Recorder
+
+
+class Final(msgspec.Struct):
+    said: str
+
+
+def fill(recorder: Recorder) -> None:
+    with recorder:
+        recorder.note("run", Final("begin"))
+        for step in range(50):
+            payload = msgspec.msgpack.encode(["x", step])
+            recorder.received("swarm/a", step, step, payload)
+            recorder.sent("swarm/b", step, step, payload, b"h" * 32)
+            recorder.flush()
+        recorder.note("final", Final("end"))
+
+
+def test_the_file_is_that_of_a_recorder_that_waits(tmp_path: Path) -> None:
+    fill(Recorder(tmp_path / "waits.mcap", 100_000))
+    fill(BackgroundRecorder(tmp_path / "later.mcap", 100_000))
+    assert (tmp_path / "later.mcap").read_bytes() == (tmp_path / "waits.mcap").read_bytes()
+
+
+def test_a_slow_disk_holds_up_nobody_and_a_full_one_is_said_in_the_end(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow, full = threading.Event(), OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def flush(self: Recorder) -> None:
+        slow.wait(10)
+        raise full
+
+    recorder = BackgroundRecorder(tmp_path / "base.mcap", 100_000)
+    monkeypatch.setattr(Recorder, "flush", flush)
+    with recorder:
+        begun = time.monotonic()
+        for step in range(10):
+            recorder.received("swarm/a", step, step, b"payload")
+            recorder.flush()
+        assert time.monotonic() - begun < 0.5
+        slow.set()
+    assert capsys.readouterr().err == (
+        f"{tmp_path / 'base.mcap'}: 19 records are missing: No space left on device\n"
+    )
+
+
+def test_what_does_not_fit_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Background, "LIMIT", 3)
+    begun, stuck, done = threading.Event(), threading.Event(), []
+    background = Background()
+
+    def hang() -> None:
+        begun.set()
+        stuck.wait(10)
+
+    background.do(hang)
+    assert begun.wait(10)
+    for number in range(5):
+        background.do(lambda number=number: done.append(number))  # type: ignore[misc]
+    assert background.dropped == 2
+    assert not background.close(0.01)
+    stuck.set()
+    background._thread.join(10)
+    assert done == [0, 1, 2]
+
+
+def test_lines_are_written_in_their_order() -> None:
+    lines: list[str] = []
+    log = Log(lines.append)
+    for number in range(3):
+        log.say(f"line {number}")
+    log.close()
+    assert lines == ["line 0\n", "line 1\n", "line 2\n"]
