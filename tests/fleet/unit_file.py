@@ -4,7 +4,8 @@ import re
 
 KNOWN = {
     "Unit": "Description Wants After StartLimitIntervalSec StartLimitBurst",
-    "Service": "Type NotifyAccess TimeoutStartSec WatchdogSec ExecStopPost User SupplementaryGroups StateDirectory WorkingDirectory ExecStart Restart RestartSec "
+    "Service": "Type NotifyAccess TimeoutStartSec WatchdogSec ExecStopPost "
+    "User SupplementaryGroups StateDirectory WorkingDirectory ExecStart Restart RestartSec "
     "KillMode SuccessExitStatus TimeoutStopSec Nice StandardOutput StandardError SyslogIdentifier "
     "DevicePolicy DeviceAllow ProtectSystem ReadWritePaths PrivateTmp NoNewPrivileges CapabilityBoundingSet "
     "ProtectClock ProtectControlGroups ProtectHostname ProtectKernelLogs ProtectKernelModules "
