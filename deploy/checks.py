@@ -1,4 +1,4 @@
-"""The checks that every change must pass: form, faults, types, and who may import whom."""
+"""The checks that every change must pass: form, faults, arithmetic, types, and who may import whom."""
 
 import subprocess
 import sys
@@ -21,6 +21,7 @@ class Check:
 CHECKS: Final = (
     Check("ruff format --check", ("-m", "ruff", "format", "--check", ".")),
     Check("ruff check", ("-m", "ruff", "check", ".")),
+    Check("portable arithmetic", ("-m", "deploy.portability")),
     Check("mypy", ("-m", "mypy")),
     Check("lint-imports", ("-c", "import sys; from importlinter import cli; cli.lint_imports_command()")),
 )

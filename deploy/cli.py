@@ -244,7 +244,7 @@ def test(context: typer.Context) -> None:
 
 @app.command()
 def check() -> None:
-    """Check form, faults, types and imports of the sources."""
+    """Check form, faults, arithmetic, types and imports of the sources."""
     if not run_checks(REPOSITORY, Console()):
         raise typer.Exit(1)
 

@@ -51,7 +51,7 @@ class DirectReach:
         loss = self._propagation.loss_db(places, places)
         one, other = np.triu_indices(len(places), 1)
         self._pairs += one.size
-        self._in_reach += int((loss[one, other] <= self._greatest_loss_db).sum())
+        self._in_reach += int(np.count_nonzero(loss[one, other] <= self._greatest_loss_db))
 
     def counters(self) -> dict[str, int]:
         """`pairs`: all pairs seen, one a second each; `pairs_in_reach`: those that can hear each other."""

@@ -148,7 +148,7 @@ class Medium:
     @property
     def pending(self) -> int:
         """How many frames are in the air or wait in a queue."""
-        return int(self._state.nodes["queued"].sum())
+        return int(self._state.nodes["queued"].sum(dtype=np.int64))
 
     def _advance(self, until_ns: int, ends_too: bool) -> NDArray[np.void]:
         state, air = self._state, self._state.air

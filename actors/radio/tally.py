@@ -48,11 +48,13 @@ class Tally:
         count each frame, when it ends, once per other station that was powered when it began: with n stations
         always on their sum is n - 1 times `frames_sent`; `events_*` count lost events.
         """
-        frames = {name: int(nodes[field].sum()) for name, field in FRAMES.items()}
+        frames = {name: int(nodes[field].sum(dtype=np.int64)) for name, field in FRAMES.items()}
         frames["frames_refused"] = self.refused
-        frames["frames_discarded"] = int(nodes["discarded"].sum() + self.discarded.sum())
-        frames["bytes_sent"] = int(nodes["octets_sent"].sum())
-        copies = {name: int(nodes["fates"][:, fate].sum()) for name, fate in COPIES.items()}
+        frames["frames_discarded"] = int(
+            nodes["discarded"].sum(dtype=np.int64) + self.discarded.sum(dtype=np.int64)
+        )
+        frames["bytes_sent"] = int(nodes["octets_sent"].sum(dtype=np.int64))
+        copies = {name: int(nodes["fates"][:, fate].sum(dtype=np.int64)) for name, fate in COPIES.items()}
         return frames | copies | {f"events_{end}": count for end, count in self._events.items()}
 
     def by_robot(self, robots: Sequence[str], nodes: NDArray[np.void]) -> dict[str, dict[str, int]]:

@@ -265,7 +265,7 @@ class BaseCore:
             self._void -= 1
             return ()
         self._asked = False
-        self._events += sum(count.events for count in aired.counts if count.id == self._robot)
+        self._events += sum(int(count.events) for count in aired.counts if count.id == self._robot)
         return self._open(self._opening) if self._opening is not None else ()
 
     def _ready(self, ready: Ready) -> Sequence[Output]:
