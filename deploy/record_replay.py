@@ -7,9 +7,10 @@ from pathlib import Path
 from actors.radio.program import part as radio_part
 from actors.robot.program import part as robot_part
 from actors.runtime.errors import AcrcError
+from actors.runtime.fingerprint import difference, otherwise
 from actors.runtime.process import Part, RunNote
 from actors.runtime.recording import Entry, RecordingError, Unrecorded, decoded, read_notes, read_recording
-from actors.runtime.replay_bus import ReplayBus, replay
+from actors.runtime.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.shell import Shell
 from actors.world import program as world_program
 from deploy.record import recordings
@@ -39,7 +40,11 @@ def replay_actor(out: Path, actor: str) -> ReplayReport:
     shell = Shell(part.core, bus, Unrecorded(), actor=run.actor, open_to=part.open_to)
     if part.ready is not None:
         shell.send(part.ready)
-    replay(shell, bus)
+    try:
+        replay(shell, bus)
+    except ReplayError as error:
+        why = difference(run.processor, part.run.processor, otherwise(run.kernels, part.run.kernels))
+        raise ReplayError(f"{error}; {why}" if why else str(error)) from None
     return ReplayReport(actor, bus.compared)
 
 

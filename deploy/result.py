@@ -11,6 +11,7 @@ from actors.instant import in_seconds
 from actors.radio.link_budget import share
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import FinalNote
+from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import decoded, read_notes
 from actors.runtime.tally import run_digest
 from actors.world.referee import PlaceOutcome
@@ -107,6 +108,8 @@ class RunResult(msgspec.Struct, frozen=True):
     None if there never were two robots with power."""
     not_delivered: tuple[str, ...] = ()
     """The keys that `undelivered` is about, with who counted what, a sentence each."""
+    processor: Processor = Processor("")
+    """What the run was made on; of no influence on the digest."""
     frames_by_robot: dict[str, dict[str, int]] = {}
     """`frames` for each robot: what became of its own, and of the copies of others' frames. With all robots
     on, the copies at one, and what the others lost before it was sent, add up to all frames of the others."""
@@ -194,6 +197,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         isolation=about.isolation,
         bus=about.bus,
         out=str(about.out),
+        processor=processor(),
     )
     return Gathered(result, outcome.places)
 

@@ -116,10 +116,11 @@ def _entries(kernel: Any, x: ArrayLike) -> Floats:
     return results
 
 
-def fingerprint() -> bytes:
-    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+def fingerprint() -> dict[str, bytes]:
+    """What the functions give for fixed inputs: differs where a processor or compiler does otherwise."""
     x = np.arange(-40.0, 40.0) * 0.37 + 0.11
     positive = x * x
-    parts = [sin(x), cos(x), exp(x), exp10(x), expm1(x), atan(x), hypot(x, positive), total([x * positive])]
-    parts += [log(positive), log10(positive), log1p(positive)]
-    return b"".join(part.tobytes() for part in parts)
+    results = {function.__name__: function(x) for function in (sin, cos, exp, exp10, expm1, atan)}
+    results |= {function.__name__: function(positive) for function in (log, log10, log1p)}
+    results |= {"hypot": hypot(x, positive), "total": total([x * positive])}
+    return {name: result.tobytes() for name, result in results.items()}

@@ -7,6 +7,8 @@ from pathlib import Path
 import msgspec
 
 from actors.messages import RADIO_READY, TRANSMIT, TRUTH, Ready
+from actors.portable import arrays, foundations
+from actors.portable import draws as portable_draws
 from actors.radio import medium, propagation
 from actors.radio.core import RadioCore
 from actors.radio.setup import RadioSetup
@@ -15,9 +17,10 @@ from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined, fingerprints
 from actors.runtime.process import Part, RunNote
+from actors.runtime.processor import processor
 from actors.runtime.seat import ArgumentParser, Seat, add_seat_options, seat
 
-KERNELS = (propagation, medium)
+KERNELS = (foundations, arrays, portable_draws, propagation, medium)
 """Modules with numeric kernels that a radio computes with."""
 GREATEST_ADDRESS = 0xFFFD
 """0xFFFE and 0xFFFF mean "no address" and "everyone" (IEEE 802.15.4-2006, 7.2.1)."""
@@ -86,6 +89,7 @@ def part(argv: Sequence[str]) -> Part:
         commit=options.seat.commit,
         scenario=msgspec.json.encode(setup).decode(),
         kernels=prints,
+        processor=processor(),
     )
     return Part(
         core=core,

@@ -23,6 +23,7 @@ from actors.robot_model import load_model
 from actors.runtime.core import to
 from actors.runtime.fingerprint import combined
 from actors.runtime.process import Part, RunNote
+from actors.runtime.processor import processor
 from actors.runtime.seat import ArgumentError, ArgumentParser, Seat, add_seat_options, seat
 
 _ID: Final = re.compile(r"[A-Za-z0-9_-]{1,32}")
@@ -66,6 +67,7 @@ def part(argv: Sequence[str]) -> Part:
         commit=options.seat.commit,
         scenario=msgspec.json.encode(setup).decode(),
         kernels=prints,
+        processor=processor(),
     )
     ready = to(READY, Ready(setup.first_step, setup.id, setup.epoch, combined(prints)), setup.id)
     return Part(core=core, listens=core.listens(), run=run, ready=ready, outcome=core.outcome)

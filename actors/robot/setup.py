@@ -7,6 +7,7 @@ from typing import Final
 from actors import distance, flood
 from actors.geometry import Point, Pose
 from actors.grid import OccupancyGrid
+from actors.portable import arrays, draws, foundations
 from actors.randomness import generator
 from actors.robot import cell_distance, dwa, inflation, localisation, map_grid, potential, ray_tracing
 from actors.robot.adaptation import Adaptation
@@ -25,7 +26,19 @@ from actors.robot_model import RobotModel
 from actors.runtime.fingerprint import fingerprints
 
 _KERNELS: Final = (
-    *(distance, flood, potential, cell_distance, inflation, ray_tracing, map_grid, dwa),
+    *(
+        foundations,
+        arrays,
+        draws,
+        distance,
+        flood,
+        potential,
+        cell_distance,
+        inflation,
+        ray_tracing,
+        map_grid,
+        dwa,
+    ),
     *localisation.KERNELS,
 )
 

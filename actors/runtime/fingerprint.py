@@ -1,8 +1,10 @@
-"""What the numeric kernels give on fixed inputs here: numpy and numba may differ in the last bit by CPU."""
+"""What the numeric kernels give on fixed inputs here: the alarm, should a processor compute otherwise."""
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Protocol
+
+from actors.runtime.processor import Processor
 
 
 class KernelModule(Protocol):
@@ -10,16 +12,43 @@ class KernelModule(Protocol):
 
     __name__: str
 
-    def fingerprint(self) -> bytes:
-        """The bytes that its kernels give on fixed inputs."""
+    def fingerprint(self) -> bytes | dict[str, bytes]:
+        """The bytes that its kernels give on fixed inputs, together or by function."""
 
 
 def fingerprints(modules: Iterable[KernelModule]) -> dict[str, str]:
-    """The sha256 of each module's fingerprint, by the module's name."""
-    return {module.__name__: hashlib.sha256(module.fingerprint()).hexdigest() for module in modules}
+    """The sha256 of each module's fingerprint, by the name of the module or of the function in it."""
+    return {name: hashlib.sha256(given).hexdigest() for module in modules for name, given in _of(module)}
 
 
 def combined(prints: dict[str, str]) -> str:
     """One hash over all of them."""
     lines = "".join(f"{name} {value}\n" for name, value in sorted(prints.items()))
     return hashlib.sha256(lines.encode()).hexdigest()
+
+
+def otherwise(there: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
+    """What computes otherwise there than here, by name, sorted; what only one of them has is left out."""
+    return sorted(name for name in there.keys() & here.keys() if there[name] != here[name])
+
+
+def difference(there: Processor, here: Processor, names: list[str]) -> str:
+    """In words what may be the cause of other bits than were recorded; "" if nothing speaks for one.
+
+    `names`: what computes otherwise, see `otherwise`.
+    """
+    if names:
+        few = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+        if there == here:
+            return f"recorded with another version of this software: other bits come from {few}"
+        return f"recorded on another processor: other bits come from {few}; it was {there}, this is {here}"
+    if there != here and there.architecture:
+        return f"recorded on another processor, {there}; this is {here}, and its functions give the same bits"
+    return ""
+
+
+def _of(module: KernelModule) -> Iterable[tuple[str, bytes]]:
+    given = module.fingerprint()
+    if isinstance(given, bytes):
+        return [(module.__name__, given)]
+    return [(f"{module.__name__}.{function}", result) for function, result in given.items()]

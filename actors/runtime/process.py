@@ -18,6 +18,7 @@ import zenoh
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
 from actors.runtime.keeper import cpu_s
+from actors.runtime.processor import Processor
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell, run_shell
 from actors.runtime.tally import ActorDigest
@@ -40,7 +41,9 @@ class RunNote(msgspec.Struct, frozen=True):
     commit: str
     scenario: str
     kernels: dict[str, str]
-    """Fingerprint of each numeric kernel on fixed inputs, by module."""
+    """Fingerprint of each numeric kernel on fixed inputs, by module or function."""
+    processor: Processor = Processor("")
+    """What it ran on."""
 
 
 class FinalNote(msgspec.Struct, frozen=True):

@@ -1,15 +1,30 @@
 """Which processor this is, and what of it arithmetic may depend on: for people, never in a digest."""
 
 import platform
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
 import msgspec
-import numpy as np
 
-_FEATURES: Final = frozenset({"sse2", "sse4_2", "avx", "avx2", "fma", "avx512f", "avx512_skx", "neon", "sve"})
-"""Those whose presence changes which code is run, as numpy names them in lower case; `fma3` is `fma` there."""
+_FEATURES: Final = frozenset(
+    {
+        "sse2",
+        "sse42",
+        "avx",
+        "avx2",
+        "fma3",
+        "avx512f",
+        "avx512_skx",
+        "x86_v3",
+        "x86_v4",
+        "neon",
+        "asimd",
+        "sve",
+    }
+)
+"""Those whose presence changes which code is run, as numpy names them, in lower case."""
 
 
 class Processor(msgspec.Struct, frozen=True):
@@ -18,7 +33,7 @@ class Processor(msgspec.Struct, frozen=True):
     architecture: str
     model: str = ""
     features: tuple[str, ...] = ()
-    """Extensions of its arithmetic that it has and numpy uses, by name, sorted."""
+    """Extensions of its arithmetic that numpy found, by name, sorted; none where numpy is not loaded."""
 
     def __str__(self) -> str:
         model = f" ({self.model})" if self.model else ""
@@ -32,9 +47,9 @@ def processor() -> Processor:
 
 
 def _features() -> tuple[str, ...]:
-    core = getattr(np, "_core", None)
-    known: dict[str, bool] = getattr(getattr(core, "_multiarray_umath", None), "__cpu_features__", {})
-    names = {name.lower().replace("fma3", "fma") for name, present in known.items() if present}
+    loaded = sys.modules.get("numpy._core._multiarray_umath")
+    known: dict[str, bool] = getattr(loaded, "__cpu_features__", {})
+    names = {name.lower() for name, present in known.items() if present}
     return tuple(sorted(names & _FEATURES))
 
 

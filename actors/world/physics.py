@@ -14,7 +14,7 @@ from pymunk import batch
 from actors.geometry import Point, Pose, Twist
 from actors.instant import START, Duration, Instant, in_seconds, milliseconds
 from actors.portable import arrays
-from actors.robot_model import RobotModel
+from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
 from actors.world.clearance import Shape, disc, gap, placed, smallest_gap, wall_gap
 from actors.world.drive import MEMORY, drive_forces, limits, moment_of_inertia, press_bumpers
@@ -291,3 +291,16 @@ def _wrapped(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     copy = poses.copy()
     copy[..., 2] = np.pi - np.mod(np.pi - copy[..., 2], 2 * np.pi)
     return copy
+
+
+def fingerprint() -> bytes:
+    """Where pymunk has bodies that push one another: differs where a processor or compiler does otherwise."""
+    wall = np.array([[0.5, -2.0, 0.55, 2.0]])
+    turtlebot, omnibox = load_model("turtlebot2"), load_model("omnibox")
+    models, names = [turtlebot, omnibox, turtlebot], ["r1", "r2", "r3"]
+    arena = Arena(wall, names, models, [Pose(-0.8, 0.05, 0.1), Pose(-0.3, 0.0, 0.4), Pose(0.2, -0.1, 0.2)])
+    for index in range(3):
+        arena.command(index, Twist(0.5, 0.0, 0.3), START)
+    poses = arena.advance(100)
+    assert arena.contacts
+    return poses.tobytes() + arena.velocities.tobytes()

@@ -8,20 +8,22 @@ from typing import Final
 import msgspec
 
 from actors import distance, flood
+from actors.portable import arrays, draws, foundations
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import fingerprints
 from actors.runtime.pace import Pace
 from actors.runtime.patience import patience
 from actors.runtime.process import Part, RunNote
+from actors.runtime.processor import processor
 from actors.runtime.seat import ArgumentParser
 from actors.runtime.shell import Shell, run_shell
 from actors.runtime.zenoh_bus import ZenohBus
-from actors.world import dead_reckoning, drive, rays, visits
+from actors.world import dead_reckoning, drive, physics, rays, visits
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
 from actors.world.setup import WorldSetup
 
-KERNELS: Final = (dead_reckoning, drive, rays, visits, distance, flood)
+KERNELS: Final = (foundations, arrays, draws, dead_reckoning, drive, physics, rays, visits, distance, flood)
 """Modules with numeric kernels that a world computes with."""
 
 
@@ -112,6 +114,7 @@ def run_note(setup: WorldSetup, argv: Sequence[str], commit: str) -> RunNote:
         commit=commit,
         scenario=msgspec.json.encode(setup).decode(),
         kernels=fingerprints(KERNELS),
+        processor=processor(),
     )
 
 

@@ -23,6 +23,7 @@ from actors.runtime.credentials import reveal
 from actors.runtime.errors import AcrcError
 from actors.runtime.parent import die_with_parent
 from actors.runtime.process import Part, RunNote, play
+from actors.runtime.processor import processor
 from actors.runtime.seat import ArgumentParser
 from actors.runtime.shell import Shell
 from actors.runtime.tls import onboard_router_config
@@ -142,6 +143,7 @@ def part(base: Base, setup: BaseSetup, argv: Sequence[str], commit: str) -> Part
         commit=commit,
         scenario=msgspec.json.encode(setup).decode(),
         kernels={},
+        processor=processor(),
     )
     return Part(
         core=base.core,

@@ -15,6 +15,7 @@ from actors.runtime.core import to
 from actors.runtime.errors import AcrcError
 from actors.runtime.parent import die_with_parent
 from actors.runtime.process import Part, RunNote, play
+from actors.runtime.processor import processor
 from actors.runtime.recording import Recorder
 from actors.runtime.seat import ArgumentParser, Seat, add_seat_options, seat
 from actors.runtime.shell import Shell
@@ -129,6 +130,7 @@ def part(bridge: Bridge, setup: BridgeSetup, argv: Sequence[str], commit: str) -
         commit=commit,
         scenario=msgspec.json.encode(setup).decode(),
         kernels={},
+        processor=processor(),
     )
     return Part(
         core=bridge.core,

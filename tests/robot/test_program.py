@@ -91,7 +91,8 @@ def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_wi
     assert [address.key for address in robot.listens] == ["swarm/down/r1/senses", "swarm/down/r1/received"]
     assert (robot.run.actor, robot.run.seed, robot.run.step_us) == ("r1", 7, 50_000)
     assert robot.run.argv == tuple(flat(argv))
-    assert sorted(robot.run.kernels) == [
+    ours = [name for name in sorted(robot.run.kernels) if not name.startswith("actors.portable.")]
+    assert ours == [
         "actors.distance",
         "actors.flood",
         "actors.robot.cell_distance",
