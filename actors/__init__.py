@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 
 
-def _kernel_cache() -> Path:
+def kernel_cache() -> Path:
     """A folder for compiled kernels that belongs to this very state of the sources.
 
     numba itself looks at a kernel's own file only, not at those of the kernels that it calls and inlines:
@@ -20,4 +20,4 @@ def _kernel_cache() -> Path:
 
 # Read by numba when it is first imported, which no module of this package does before this line.
 if "NUMBA_CACHE_DIR" not in os.environ:
-    os.environ["NUMBA_CACHE_DIR"] = str(_kernel_cache())
+    os.environ["NUMBA_CACHE_DIR"] = str(kernel_cache())

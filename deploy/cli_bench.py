@@ -305,3 +305,25 @@ def portable(
     from benchmarks import portable as functions
 
     functions.run(arguments, json)
+
+
+@app.command()
+def processors(
+    seconds: Annotated[
+        float, typer.Option(metavar="S", min=1, max=3600, help="Of the chapter's run.")
+    ] = 600.0,
+    crowd: Annotated[
+        float, typer.Option(metavar="S", min=1, max=3600, help="Of the house test's run.")
+    ] = 90.0,
+    install: Annotated[
+        bool, typer.Option("--install", help="Let apt-get install qemu and debootstrap if they are missing.")
+    ] = False,
+    folder: Annotated[
+        Path, typer.Option(metavar="DIR", help="Where what is built is kept.", show_default=False)
+    ] = REPOSITORY / ".processors",
+    json: _Json = False,
+) -> None:
+    """Compare the digests of two runs over processors, their features and Pythons; aarch64 in an emulator."""
+    from benchmarks.processors import table
+
+    raise typer.Exit(table.run(seconds, crowd, install, folder.absolute(), json))

@@ -25,7 +25,7 @@ def from_elsewhere(item: Entry | Note) -> Entry | Note:
     run = msgspec.json.decode(item.json, type=RunNote)
     assert SINE in run.kernels
     other = msgspec.structs.replace(run, processor=ELSEWHERE, kernels=run.kernels | {SINE: "0" * 64})
-    return item._replace(json=msgspec.json.encode(other))
+    return item._replace(json=msgspec.json.encode(other).decode())
 
 
 def from_elsewhere_and_different(item: Entry | Note) -> Entry | Note:

@@ -1,0 +1,94 @@
+"""A Python on some processor, and what a run gives there."""
+
+import json
+import os
+import subprocess
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import actors
+from deploy.repository import REPOSITORY
+
+_LAST_WORDS: Final = 200
+"""Characters of a failed command's last line that are told."""
+
+
+@dataclass(frozen=True)
+class Computer:
+    """Where a run is made; without a command it cannot be made, and `missing` says why."""
+
+    name: str
+    command: tuple[str, ...] = ()
+    """Starts Python."""
+    environment: Mapping[str, str] = field(default_factory=dict)
+    """Added to ours."""
+    missing: str = ""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A run to be made everywhere."""
+
+    title: str
+    scenario: Path
+    seconds: float
+    robots: int | None = None
+    """None: the scenario's."""
+
+    def words(self, out: Path) -> list[str]:
+        """The command line after `acrc`."""
+        robots = [] if self.robots is None else ["--robots", str(self.robots)]
+        words = ["run", str(self.scenario), "--duration", f"{self.seconds:g}", *robots]
+        return [*words, "--bus", "memory", "--json", "--out", str(out)]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a task on a computer."""
+
+    digest: str
+    """Empty if there is none."""
+    fault: str = ""
+    wall_s: float = 0.0
+    """Compiling included."""
+
+
+def make(task: Task, computer: Computer, folder: Path, patience_s: float) -> Outcome:
+    """Make the run; its files and the compiled kernels go to `folder`."""
+    if not computer.command:
+        return Outcome("", computer.missing)
+    own = folder / _file_name(computer.name)
+    own.mkdir(parents=True, exist_ok=True)
+    kernels = own / actors.kernel_cache().name
+    out = own / f"run-{time.time_ns()}"
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(REPOSITORY),
+        "NUMBA_CACHE_DIR": str(kernels),
+        **computer.environment,
+    }
+    begun = time.monotonic()
+    try:
+        done = subprocess.run(
+            [*computer.command, "-m", "deploy", *task.words(out)],
+            cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False, timeout=patience_s,
+        )  # fmt: skip
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return Outcome("", f"not run: {type(error).__name__}")
+    wall = round(time.monotonic() - begun, 1)
+    if done.returncode:
+        return Outcome("", last_words(done.stderr), wall)
+    return Outcome(json.loads(done.stdout)["digest"], "", wall)
+
+
+def last_words(text: str) -> str:
+    """The last line of what a failed command said."""
+    lines: Sequence[str] = text.strip().splitlines() or ["without a word"]
+    return f"failed: {lines[-1][:_LAST_WORDS]}"
+
+
+def _file_name(name: str) -> str:
+    return "".join(c if c.isalnum() or c in ".-" else "_" for c in name)

@@ -1,0 +1,77 @@
+"""Other Pythons on this processor, each with the pinned packages in an environment of its own."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Final
+
+from benchmarks.processors.computer import Computer
+from deploy.repository import REPOSITORY
+
+MINORS: Final = (11, 12, 13, 14)
+"""Of Python 3 that are tried."""
+_NEWEST_PINS: Final = 14
+"""From here on there are newer pins of numpy, numba and llvmlite."""
+_PATIENCE_S: Final = 900.0
+
+
+def computers(folder: Path) -> list[Computer]:
+    """One for each Python that is not this one, and the newest one with the packages of 3.14."""
+    found = {minor: interpreter(minor) for minor in MINORS if minor != sys.version_info.minor}
+    made = [_computer(f"Python 3.{minor}", path, minor, folder) for minor, path in found.items()]
+    able = [minor for minor, path in found.items() if path is not None and 12 <= minor < _NEWEST_PINS]
+    if able and found.get(_NEWEST_PINS) is None:
+        name = f"Python 3.{max(able)}, the packages of 3.{_NEWEST_PINS}"
+        made.append(_computer(name, found[max(able)], _NEWEST_PINS, folder))
+    return made
+
+
+def interpreter(minor: int) -> Path | None:
+    """A Python 3.`minor` that runs: on the path, or among those that pyenv has installed."""
+    name = f"python3.{minor}"
+    known = sorted(Path.home().glob(f".pyenv/versions/3.{minor}.*/bin/{name}"), reverse=True)
+    on_path = shutil.which(name)
+    for path in ([Path(on_path)] if on_path else []) + known:
+        if subprocess.run([path, "-c", ""], capture_output=True, check=False).returncode == 0:
+            return path
+    return None
+
+
+def pins(minor: int) -> list[str]:
+    """The base's and the simulator's packages, as they are pinned for Python 3.`minor`."""
+    chosen: list[str] = []
+    section = ""
+    for line in (REPOSITORY / "constraints.txt").read_text().splitlines():
+        if line.startswith("# ["):
+            section = line[3:].partition("]")[0]
+        elif line and not line.startswith("#") and section in {"base", "sim"}:
+            pin, _, marker = line.partition(";")
+            if not marker or (">=" in marker) == (minor >= _NEWEST_PINS):
+                chosen.append(pin.strip())
+    return chosen
+
+
+def pip(python: Path, *words: str) -> bool:
+    """Whether that Python's pip did it."""
+    asked = [str(python), "-m", "pip", "--disable-pip-version-check", "-q", *words]
+    try:
+        done = subprocess.run(asked, capture_output=True, check=False, timeout=_PATIENCE_S)
+    except subprocess.TimeoutExpired:
+        return False
+    return done.returncode == 0
+
+
+def _computer(name: str, path: Path | None, minor: int, folder: Path) -> Computer:
+    if path is None:
+        return Computer(name, missing="no such interpreter was found")
+    place = folder / name.replace(" ", "-").replace(",", "")
+    python = place / "bin" / "python"
+    if not (place / "complete").exists():
+        shutil.rmtree(place, ignore_errors=True)
+        made = subprocess.run([path, "-m", "venv", place], capture_output=True, check=False)
+        wanted = ("install", "--only-binary", ":all:", "--no-deps", *pins(minor))
+        if made.returncode or not pip(python, *wanted):
+            return Computer(name, missing="the packages could not be installed: not all have wheels for it")
+        (place / "complete").touch()
+    return Computer(name, (str(python),))

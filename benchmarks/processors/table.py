@@ -1,0 +1,95 @@
+"""The table of digests: all tasks on all computers."""
+
+import json as json_format
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Final
+
+from benchmarks.processors import aarch64, here, pythons
+from benchmarks.processors.computer import Computer, Outcome, Task, make
+from deploy.repository import REPOSITORY
+
+_PATIENCE_S: Final = 3600.0
+_SHOWN: Final = 12
+"""Digits of a digest."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What became of all tasks on one computer."""
+
+    computer: str
+    outcomes: Mapping[str, Outcome]
+    """By title of the task."""
+
+
+def tasks(seconds: float, crowd_seconds: float) -> list[Task]:
+    """The house test's crowd, with a contact every second, and the chapter's four robots."""
+    crowd = Task("crowd", REPOSITORY / "tests" / "swarm" / "crowd.toml", crowd_seconds)
+    chapter = Task("chapter", REPOSITORY / "scenarios" / "chapter.toml", seconds, robots=4)
+    return [crowd, chapter]
+
+
+def computers(folder: Path, install: bool) -> Iterable[Computer]:
+    """All of them, built one after the other."""
+    yield from here.computers()
+    yield from pythons.computers(folder)
+    yield aarch64.computer(folder, install)
+
+
+def measure(
+    wanted: Sequence[Task], candidates: Iterable[Computer], folder: Path, on_row: Callable[[Row], None]
+) -> list[Row]:
+    """Make every run; each row is told as soon as it is known."""
+    rows = []
+    for computer in candidates:
+        outcomes = {task.title: make(task, computer, folder / "runs", _PATIENCE_S) for task in wanted}
+        rows.append(Row(computer.name, outcomes))
+        on_row(rows[-1])
+    return rows
+
+
+def digests(rows: Iterable[Row], title: str) -> set[str]:
+    """The different ones of a task."""
+    return {row.outcomes[title].digest for row in rows} - {""}
+
+
+def line(row: Row) -> str:
+    """A row for people."""
+    faults = {outcome.fault for outcome in row.outcomes.values() if outcome.fault}
+    cells = [outcome.digest[:_SHOWN] or "-" for outcome in row.outcomes.values()]
+    return (
+        f"{row.computer:44s} "
+        + "  ".join(f"{cell:{_SHOWN}s}" for cell in cells)
+        + "".join(f"  {fault}" for fault in sorted(faults))
+    )
+
+
+def run(seconds: float, crowd_seconds: float, install: bool, folder: Path, json: bool) -> int:
+    """Print the table; 1 if there is more than one digest of a task, or none."""
+    wanted = tasks(seconds, crowd_seconds)
+    if not json:
+        heads = [f"{task.title}, {task.seconds:g} s" for task in wanted]
+        sys.stdout.write(f"{'':44s} " + "  ".join(f"{head:{_SHOWN}s}" for head in heads) + "\n")
+
+    def tell(row: Row) -> None:
+        if not json:
+            sys.stdout.write(line(row).rstrip() + "\n")
+            sys.stdout.flush()
+
+    rows = measure(wanted, computers(folder, install), folder, tell)
+    found = {task.title: digests(rows, task.title) for task in wanted}
+    if json:
+        sys.stdout.write(json_format.dumps([asdict(row) for row in rows]) + "\n")
+    else:
+        sys.stdout.writelines(f"{title}: {verdict(different)}\n" for title, different in found.items())
+    return 0 if all(len(different) == 1 for different in found.values()) else 1
+
+
+def verdict(different: set[str]) -> str:
+    """What the digests of one task say."""
+    if not different:
+        return "no digest"
+    return "one digest" if len(different) == 1 else f"{len(different)} digests, where there should be one"

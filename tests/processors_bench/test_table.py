@@ -1,0 +1,78 @@
+"""The table of digests: what is run, what is said where something is missing, and when it is content."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks.processors import aarch64, here, pythons, table
+from benchmarks.processors.computer import Computer, Outcome, Task, last_words, make
+from benchmarks.processors.table import Row, digests, line, measure, tasks, verdict
+from deploy.repository import REPOSITORY
+
+
+def row(name: str, **outcomes: Outcome) -> Row:
+    return Row(name, outcomes)
+
+
+def test_both_tasks_are_those_of_the_house_test_and_the_chapter() -> None:
+    crowd, chapter = tasks(600.0, 90.0)
+    assert crowd.scenario == REPOSITORY / "tests" / "swarm" / "crowd.toml" and crowd.robots is None
+    assert chapter.words(Path("o")) == [
+        "run", str(REPOSITORY / "scenarios" / "chapter.toml"), "--duration", "600", "--robots", "4",
+        "--bus", "memory", "--json", "--out", "o",
+    ]  # fmt: skip
+
+
+def test_this_processor_is_measured_with_each_part_of_its_arithmetic_as_an_older_one_has_it() -> None:
+    computers = here.computers()
+    assert next(computer.command for computer in computers if computer.command) == (sys.executable,)
+    assert [set(computer.environment) for computer in computers[2:4]] == [set(here.NO_FMA), set(here.GENERIC)]
+    assert set(here.NO_FMA) | set(here.GENERIC) <= set(computers[4].environment)
+
+
+def test_what_is_missing_is_said_in_the_table(tmp_path: Path) -> None:
+    absent = Computer("Python 3.99", missing="no such interpreter was found")
+    task = Task("crowd", tmp_path / "none.toml", 1.0)
+    (found,) = measure([task], [absent], tmp_path, lambda row: None)
+    assert line(found) == f"{'Python 3.99':44s} {'-':12s}  no such interpreter was found"
+
+
+def test_a_run_that_fails_says_its_last_words(tmp_path: Path) -> None:
+    task = Task("crowd", tmp_path / "none.toml", 1.0)
+    outcome = make(task, Computer("here", (sys.executable,)), tmp_path, 60.0)
+    assert not outcome.digest and outcome.fault.startswith("failed: ") and "none.toml" in outcome.fault
+    assert last_words("one\ntwo\n") == "failed: two" and last_words("") == "failed: without a word"
+
+
+def test_the_verdict() -> None:
+    rows = [
+        row("a", crowd=Outcome("1")),
+        row("b", crowd=Outcome("1")),
+        row("c", crowd=Outcome("", "missing")),
+    ]
+    assert digests(rows, "crowd") == {"1"}
+    assert verdict({"1"}) == "one digest" and verdict(set()) == "no digest"
+    assert verdict(digests([*rows, row("d", crowd=Outcome("2"))], "crowd")) == (
+        "2 digests, where there should be one"
+    )
+
+
+def test_pins_are_those_of_the_python() -> None:
+    older, newer = pythons.pins(11), pythons.pins(14)
+    assert [pin.partition("==")[0] for pin in older].count("numpy") == 1
+    assert sorted(pin.partition("==")[0] for pin in older) == sorted(pin.partition("==")[0] for pin in newer)
+    assert set(older) != set(newer) and any(pin.startswith("pymunk==") for pin in older)
+
+
+def test_an_emulator_that_is_not_there_is_said_with_what_brings_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: None if "qemu" in name else f"/usr/bin/{name}")
+    found = aarch64.computer(tmp_path, install=False)
+    assert (found.name, found.missing) == (
+        aarch64.NAME,
+        "qemu-aarch64-static not found; --install, or: sudo apt install qemu-user-static",
+    )
+    assert table.line(row(found.name, crowd=Outcome("", found.missing))).endswith(found.missing)
