@@ -3,7 +3,7 @@
 import contextlib
 import os
 import sys
-from datetime import UTC, datetime
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 
 from actors.runtime.errors import AcrcError
+from deploy import streams
 from deploy.checks import run_checks
 from deploy.cli_bench import app as bench
 from deploy.cli_collect import collect
@@ -39,6 +40,7 @@ _PASS_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_opti
 
 def main() -> None:
     """Run the command line; an AcrcError is a line on standard error and exit code 1, or 2 for an option."""
+    streams.settle()
     try:
         app(prog_name="acrc")
     except AcrcError as error:
@@ -97,13 +99,13 @@ def run(
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")] = False,
 ) -> None:
     """Run a swarm and say what came of it. Options replace what the scenario says."""
-    from deploy.options import run_options
+    from deploy.options import folder_name, run_options
     from deploy.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario
 
     overrides = Overrides(robots, seed, duration, step, strategy)
-    out = out or _new_folder(scenario or DEFAULT_SCENARIO)
+    name = folder_name(scenario or DEFAULT_SCENARIO)
     options = run_options(
-        out,
+        out or Path("runs", name),
         speed=speed,
         bus=bus,
         spawn=spawn,
@@ -115,16 +117,19 @@ def run(
     )
     chosen = load_scenario(scenario, overrides)
 
-    from deploy import deliveries, summary, swarm
+    from deploy import deliveries, out_folder, summary, swarm
     from deploy.signals import Interrupted
 
+    if out is None:
+        options = replace(options, out=out_folder.claim(options.out.parent, name))
     try:
-        if hardware:
-            from deploy import hardware_in_the_loop, outing_summary
+        with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
+            if hardware:
+                from deploy import hardware_in_the_loop, outing_summary
 
-            outing_summary.print_outing(hardware_in_the_loop.run(chosen, options), json=json)
-            return
-        result = swarm.run(chosen, options)
+                outing_summary.print_outing(hardware_in_the_loop.run(chosen, options), json=json)
+                return
+            result = swarm.run(chosen, options)
     except Interrupted as interrupt:
         Console(stderr=True, soft_wrap=True, highlight=False).print(
             f"acrc: ended from outside; what was recorded is in {options.out}"
@@ -165,16 +170,19 @@ def onboard(
     ] = None,
 ) -> None:
     """Be a robot: drive the TurtleBot and the radio board that are plugged in, until told to stop."""
-    from deploy import onboard_run
+    from deploy import onboard_run, out_folder
     from deploy.fleet import load_fleet
     from deploy.signals import Interrupted
 
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
     loaded = load_fleet(fleet)
+    if out is not None:
+        out_folder.check(out, mesh=True)
     folder = out.absolute() if out else onboard_run.new_folder(Path("runs"))
     options = onboard_run.OnboardOptions(folder, isolate, debugpy)
     try:
-        onboard_run.run(onboard_run.prepare(loaded, robot, options, console.print), console.print)
+        with out_folder.dropped_if_empty(folder):
+            onboard_run.run(onboard_run.prepare(loaded, robot, options, console.print), console.print)
     except Interrupted as interrupt:
         console.print(f"acrc: ended from outside; what was recorded is in {folder}")
         raise typer.Exit(interrupt.exit_code) from None
@@ -209,9 +217,7 @@ def watch(
         with contextlib.suppress(KeyboardInterrupt):
             laptop.watch(endpoints, keys)
     sys.stdout.flush()
-    os._exit(
-        code
-    )  # not to wait for attempts that hang in the network, nor to pull the interpreter from under them
+    os._exit(code)  # attempts that hang in the network keep their interpreter, and are not waited for
 
 
 @app.command(context_settings={"ignore_unknown_options": True})
@@ -253,10 +259,3 @@ def _absolute(word: str) -> str:
     """An argument that names a file, or a test in one, as it is found from any folder."""
     path, colons, name = word.partition("::")
     return f"{Path(path).absolute()}{colons}{name}" if Path(path).exists() else word
-
-
-def _new_folder(scenario: Path) -> Path:
-    """A folder in `runs` that does not exist yet, named after the scenario and the time."""
-    name = f"{scenario.stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
-    names = (name if number == 1 else f"{name}-{number}" for number in range(1, 1000))
-    return next(path for path in (Path("runs", name) for name in names) if not path.exists())

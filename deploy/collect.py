@@ -5,13 +5,13 @@ from pathlib import Path
 
 import msgspec
 
+from deploy.out_folder import make_folder
 from deploy.outing_clocks import OutingClocks
 from deploy.outing_files import read_outing
 from deploy.outing_places import outing_places
 from deploy.outing_result import OutingResult, outing_result
 from deploy.outing_truth import read_truth, with_truth
 from deploy.place_table import write_table
-from deploy.plan import make_folder
 
 
 def collect(folders: Sequence[Path], out: Path | None = None, truth: Path | None = None) -> OutingResult:

@@ -27,8 +27,9 @@ from deploy.launch import Child, Launcher, Program, launcher
 from deploy.onboard import Onboard, Ports
 from deploy.onboard_watch import Watch
 from deploy.options import RunOptions
+from deploy.out_folder import make_folder
 from deploy.outing_result import OutingResult
-from deploy.plan import Plan, make_folder
+from deploy.plan import Plan
 from deploy.scenario import Scenario
 from deploy.signals import signals_as_interrupts
 from firmware_bridge.laboratory.setup import LaboratorySetup

@@ -12,7 +12,8 @@ from actors.runtime import credentials, router_file
 from actors.runtime.credentials import Credentials
 from actors.world.setup import RobotSetup
 from deploy.launch import Program
-from deploy.plan import ROUTER_FILE, OutFolderError, Plan, lay_out_robot, robot_program, seat_argv
+from deploy.out_folder import OutFolderError
+from deploy.plan import ROUTER_FILE, Plan, lay_out_robot, robot_program, seat_argv
 from firmware_bridge.onboard.setup import BaseSetup, BridgeSetup
 
 BASE: Final = "base"

@@ -20,9 +20,9 @@ from deploy import onboard as layout
 from deploy.epochs import EpochCounter
 from deploy.fleet import Fleet, FleetRobot
 from deploy.launch import launcher
-from deploy.new_folder import claim
 from deploy.onboard import Onboard, Ports
 from deploy.onboard_watch import OnboardError, Watch
+from deploy.out_folder import claim, writing
 from deploy.plan import Plan
 from deploy.service_notice import ServiceNotice
 from deploy.signals import signals_as_interrupts
@@ -73,7 +73,8 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
 
 def run(prepared: Onboard, say: Callable[[str], None]) -> None:
     """Run until the operator stops it, a signal comes (Interrupted), or the budget of restarts is used up."""
-    layout.lay_out(prepared)
+    with writing(prepared.plan.out):
+        layout.lay_out(prepared)
     with signals_as_interrupts(), launcher("exec") as launched:
         service = ServiceNotice()
         watch = Watch(prepared, launched, say, lives=service.lives)

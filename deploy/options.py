@@ -1,10 +1,13 @@
 """How a scenario is to be run: everything that must not change what comes out."""
 
 import math
+import re
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, cast, get_args
 
+from deploy import out_folder
 from deploy.usage import OptionError
 
 SLOWEST = 0.01
@@ -66,8 +69,7 @@ def run_options(  # one for each option of the command line
             "--hardware-in-the-loop: runs processes in wall time; "
             "must stand without --bus memory, --view, and a --speed other than 1"
         )
-    if out.exists() and not out.is_dir():
-        raise OptionError(f"--out {out}: is a file; must be a folder that is new or empty")
+    out_folder.check(out, mesh=bus == "zenoh")
     return RunOptions(
         out.absolute(),
         _speed(speed),
@@ -79,6 +81,12 @@ def run_options(  # one for each option of the command line
         hardware,
         json,
     )
+
+
+def folder_name(scenario: Path) -> str:
+    """What a run's folder is called: after the scenario, and the time in UTC."""
+    stem = re.sub(r"[^\w.-]", "-", scenario.stem)  # "#" and "?" could not be part of the path of a socket
+    return f"{stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
 
 
 def _speed(text: str) -> str:

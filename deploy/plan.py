@@ -12,17 +12,13 @@ from actors.radio.setup import RadioSetup
 from actors.randomness import derived_seed
 from actors.runtime import credentials, router_file
 from actors.runtime.credentials import Credentials, unix_endpoint
-from actors.runtime.errors import AcrcError
 from actors.runtime.seat import own_folder
 from actors.world.setup import RobotSetup, WorldSetup
 from deploy.launch import Program
+from deploy.out_folder import make_folder
 
 ROUTER_FILE = "router.json"
 """In the world's folder: where the router listens and whom it knows."""
-
-
-class OutFolderError(AcrcError):
-    """A folder for the results that cannot be used."""
 
 
 @dataclass(frozen=True)
@@ -74,13 +70,6 @@ def lay_out(plan: Plan) -> None:
     (plan.folder("world") / "places.json").write_bytes(msgspec.json.encode(places))
     for robot in plan.world.robots:
         lay_out_robot(plan, robot)
-
-
-def make_folder(out: Path) -> None:
-    """Make the folder for the results; OutFolderError if there is something already."""
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise OutFolderError(f"--out {out}: exists and is not an empty folder; name a new one")
-    out.mkdir(parents=True, exist_ok=True)
 
 
 def lay_out_robot(plan: Plan, robot: RobotSetup) -> None:

@@ -12,8 +12,9 @@ from actors.messages import Progress as ProgressMessage
 
 @contextmanager
 def shown(duration_us: int, places: int, *, quiet: bool) -> Iterator[Callable[[ProgressMessage], None]]:
-    """A bar on standard error that follows what it is told; nothing at all if `quiet`."""
-    if quiet:
+    """A bar on standard error that follows what it is told; nothing at all if `quiet` or in no terminal."""
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
         yield lambda message: None
         return
     columns = (
@@ -23,7 +24,7 @@ def shown(duration_us: int, places: int, *, quiet: bool) -> Iterator[Callable[[P
         TextColumn("{task.fields[places]}"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=in_seconds(duration_us), what="starting", places="")
 
         def follow(message: ProgressMessage) -> None:

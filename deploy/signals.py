@@ -16,12 +16,16 @@ class Interrupted(Exception):  # noqa: N818  # what a person or the system asked
 
 @contextmanager
 def signals_as_interrupts() -> Iterator[None]:
-    """Ctrl-C, SIGTERM and SIGHUP become Interrupted, so that what was started is ended in order."""
+    """Ctrl-C, SIGTERM and SIGHUP become Interrupted, so that what was started is ended in order.
+
+    One that whoever started this process has it ignore, as `nohup` does, stays ignored.
+    """
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise Interrupted(128 + number)
 
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    wanted = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    numbers = [number for number in wanted if signal.getsignal(number) is not signal.SIG_IGN]
     before = [signal.signal(number, interrupt) for number in numbers]
     try:
         yield

@@ -10,7 +10,8 @@ from actors.messages import ProcessOrder
 from deploy import onboard, plan, swarm
 from deploy.onboard import Onboard, Ports
 from deploy.options import RunOptions
-from deploy.plan import OutFolderError, Plan
+from deploy.out_folder import OutFolderError
+from deploy.plan import Plan
 from deploy.scenario_file import load_scenario
 
 ROOT = Path(__file__).parents[2]

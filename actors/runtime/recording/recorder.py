@@ -43,7 +43,7 @@ class Recorder:
 
     def __init__(self, path: Path, step_us: int) -> None:
         self._path = path
-        self._stream = _Checked(_created(path))
+        self._stream = _Checked(_created(path), path)
         self._writer = Writer(
             self._stream,  # type: ignore[arg-type]  # it needs `write` and `tell`
             compression=CompressionType.NONE,  # the others need what constraints.txt leaves out
@@ -131,21 +131,41 @@ class Recorder:
 
 
 class _Checked:
-    """A file that knows the CRC-32 of what was written to it."""
+    """A file that knows the CRC-32 of what was written to it; RecordingError where the disk takes no more."""
 
-    def __init__(self, stream: IO[bytes]) -> None:
+    def __init__(self, stream: IO[bytes], path: Path) -> None:
         self._stream = stream
+        self._path = path
         self.crc32 = 0
         self.unsealed = 0
         """Bytes since the last seal."""
-        self.tell, self.flush = stream.tell, stream.flush
-        self.close, self.fileno = stream.close, stream.fileno
+        self.tell, self.fileno = stream.tell, stream.fileno
 
     def write(self, data: bytes) -> int:
         """Append."""
         self.crc32 = zlib.crc32(data, self.crc32)
         self.unsealed += len(data)
-        return self._stream.write(data)
+        try:
+            return self._stream.write(data)
+        except OSError as error:
+            raise self._full(error) from None
+
+    def flush(self) -> None:
+        """Hand everything to the operating system."""
+        try:
+            self._stream.flush()
+        except OSError as error:
+            raise self._full(error) from None
+
+    def close(self) -> None:
+        """The last call."""
+        try:
+            self._stream.close()
+        except OSError as error:
+            raise self._full(error) from None
+
+    def _full(self, error: OSError) -> RecordingError:
+        return RecordingError(f"{self._path}: cannot be written: {(error.strerror or str(error)).lower()}")
 
 
 class Unrecorded:

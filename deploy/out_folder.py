@@ -1,0 +1,130 @@
+"""The folder for what a run writes: one that is asked for, or a new one that no other run takes."""
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from itertools import count
+from pathlib import Path
+from typing import Final
+
+from actors.runtime.errors import AcrcError
+from deploy.usage import OptionError
+
+_OF_THE_MACHINE: Final = frozenset({
+    errno.EACCES, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ELOOP, errno.EMFILE, errno.ENAMETOOLONG,
+    errno.ENFILE, errno.ENOSPC, errno.ENOTDIR, errno.EPERM, errno.EROFS, errno.ESTALE,
+})  # fmt: skip
+"""What is wrong with a disk or a path, and not with this program."""
+_ENDPOINT_MARKS: Final = "?#"
+"""What ends the path of a socket in the address that Zenoh takes."""
+_PROBE_BYTES: Final = 65536
+
+
+class OutFolderError(AcrcError):
+    """A folder for the results that cannot be used."""
+
+
+def claim(parent: Path, name: str) -> Path:
+    """Make a folder `name` in `parent`, or `name-2` and so on where that exists; its absolute path.
+
+    To make it is to claim it, so two that ask in the same instant get two. Raises OutFolderError.
+    """
+    for number in count(1):
+        folder = parent.absolute() / (name if number == 1 else f"{name}-{number}")
+        try:
+            folder.mkdir(parents=True)
+        except OSError as error:
+            if isinstance(error, FileExistsError) and folder.parent.is_dir():
+                continue
+            raise _unusable(folder, error) from None
+        return folder
+    raise AssertionError("there is always one more number")
+
+
+@contextmanager
+def dropped_if_empty(folder: Path) -> Iterator[None]:
+    """Whatever is raised takes the folder along if nothing has been written to it yet."""
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):
+            folder.rmdir()
+        raise
+
+
+def check(out: Path, *, mesh: bool) -> None:
+    """Raise OptionError for a folder that can be seen to be of no use; `mesh`: sockets will lie in it."""
+    try:
+        if out.exists() and not out.is_dir():
+            raise OptionError(f"--out {out}: is a file; must be a folder that is new or empty")
+    except OSError as error:
+        words = f"{_reason(error)}; must be a folder that is new or empty"
+        raise OptionError(f"--out {_short(out)}: {words}") from None
+    mark = next((mark for mark in _ENDPOINT_MARKS if mark in str(out.absolute())), None)
+    if mesh and mark is not None:
+        raise OptionError(
+            f'--out {out}: the path {out.absolute()} has a "{mark}", which cannot be part of a '
+            "socket's address; choose a folder without, or --bus memory"
+        )
+
+
+def make_folder(out: Path) -> None:
+    """Make the folder for the results. OutFolderError if there is something already, or it cannot be made."""
+    try:
+        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+            raise OutFolderError(f"--out {out}: exists and is not an empty folder; name a new one")
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _unusable(out, error) from None
+
+
+@contextmanager
+def writing(out: Path) -> Iterator[None]:
+    """What the system refuses while results are written there becomes an OutFolderError.
+
+    Any other AcrcError is told with it if nothing can be written there any more: a process that cannot write
+    cannot say why it ended.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in _OF_THE_MACHINE:
+            raise
+        where = error.filename if isinstance(error.filename, str) else out
+        raise OutFolderError(f"{where}: cannot be written: {_reason(error)}") from error
+    except AcrcError as error:
+        why = _fault(out)
+        if why is None or why in str(error):
+            raise
+        raise OutFolderError(f"{error}; {out}: cannot be written: {why}") from error
+
+
+def _fault(out: Path) -> str | None:
+    """Why nothing can be written there, found out by trying; None if something can, or there is no folder."""
+    if not out.is_dir():
+        return None
+    probe = out / f".probe-{os.getpid()}"
+    try:
+        with probe.open("xb") as file:
+            file.write(bytes(_PROBE_BYTES))
+    except OSError as error:
+        return _reason(error)
+    finally:
+        with suppress(OSError):
+            probe.unlink()
+    return None
+
+
+def _unusable(out: Path, error: OSError) -> OutFolderError:
+    return OutFolderError(f"--out {_short(out)}: cannot be made: {_reason(error)}; choose another place")
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()
+
+
+def _short(path: Path) -> str:
+    """A path as it can be read; one that is too long for the system is too long for a person."""
+    text = str(path)
+    return text if len(text) <= 200 else f"{text[:200]}…"
