@@ -1,5 +1,6 @@
 """Floor plans from files: the YAML and image of ROS map_server (wiki.ros.org/map_server, "Map format")."""
 
+import reprlib
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,9 @@ from actors.runtime.errors import AcrcError
 
 KEYS: Final = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 """What the YAML must hold; `mode: trinary` may stand beside it."""
+_BRIEF: Final = reprlib.Repr()
+"""YAML can refer to one list a million times, so its whole text may be without end."""
+_BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother = 2, 80, 80
 
 
 class MapError(AcrcError):
@@ -68,15 +72,17 @@ def _header(path: Path, limits: MapLimits) -> _Header:
             raise MapError(f"{path}: the key {key!r} is missing; a map needs {', '.join(KEYS)}.")
     for key in fields:
         if key not in (*KEYS, "mode"):
-            raise MapError(f"{path}: the key {key!r} is not known; a map has {', '.join(KEYS)} and mode.")
+            raise MapError(
+                f"{path}: the key {_BRIEF.repr(key)} is not known; a map has {', '.join(KEYS)} and mode."
+            )
     if fields.get("mode", "trinary") != "trinary":
-        raise MapError(f"{path}: mode is {fields['mode']!r}, but only 'trinary' is supported.")
+        raise MapError(f"{path}: mode is {_BRIEF.repr(fields['mode'])}, but only 'trinary' is supported.")
     image = fields["image"]
     if not isinstance(image, str) or not image:
-        raise MapError(f"{path}: image is {image!r}, but must be the name of a file.")
+        raise MapError(f"{path}: image is {_BRIEF.repr(image)}, but must be the name of a file.")
     negate = fields["negate"]
     if not isinstance(negate, int) or negate not in (0, 1):
-        raise MapError(f"{path}: negate is {negate!r}, but must be 0 or 1.")
+        raise MapError(f"{path}: negate is {_BRIEF.repr(negate)}, but must be 0 or 1.")
     resolution = _number(path, fields, "resolution")
     if resolution <= 0:
         raise MapError(f"{path}: resolution is {resolution:g}, but a cell must be longer than 0 m.")
@@ -116,7 +122,7 @@ def _is_number(value: object) -> bool:
 def _number(path: Path, fields: dict[Any, Any], key: str) -> float:
     value = fields[key]
     if not _is_number(value):
-        raise MapError(f"{path}: {key} is {value!r}, but must be a number below 1e9.")
+        raise MapError(f"{path}: {key} is {_BRIEF.repr(value)}, but must be a number below 1e9.")
     return float(value)
 
 
@@ -124,7 +130,8 @@ def _origin(path: Path, fields: dict[Any, Any]) -> Point:
     origin = fields["origin"]
     if not isinstance(origin, list) or len(origin) != 3 or not all(map(_is_number, origin)):
         raise MapError(
-            f"{path}: origin is {origin!r}, but must be three numbers below 1e9: x and y in m, yaw 0."
+            f"{path}: origin is {_BRIEF.repr(origin)}, "
+            "but must be three numbers below 1e9: x and y in m, yaw 0."
         )
     x, y, yaw = map(float, origin)
     if yaw != 0:

@@ -1,7 +1,6 @@
 """Robot models: one TOML file each says what a robot's body, drive and sensors are, to world and robot."""
 
 import math
-import tomllib
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from actors import convex
+from actors import convex, toml_file
 from actors.geometry import Pose
 from actors.instant import Duration, seconds
 from actors.portable import hypot
@@ -224,11 +223,11 @@ def load_model(name_or_path: str, sensor: str | None = None) -> RobotModel:
     """
     name, text = _read(name_or_path)
     try:
-        file = _ModelFile.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise RobotModelError(f"{name} is no TOML file: {error}") from None
+        file = _ModelFile.model_validate(toml_file.loads(text))
     except ValidationError as error:
         raise RobotModelError(_sentence(name, error)) from None
+    except ValueError as error:
+        raise RobotModelError(f"{name} is no TOML file: {error}") from None
     mounted = file.default_sensor if sensor is None else sensor
     if mounted not in file.sensors:
         asked = f"default_sensor is {mounted!r}" if sensor is None else f"there is no sensor {mounted!r}"
@@ -258,8 +257,14 @@ def _read(name_or_path: str) -> tuple[str, str]:
             f"it should be one of {', '.join(known)}, or the path of a .toml file"
         )
     try:
-        return name_or_path, Path(name_or_path).read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        with Path(name_or_path).open("rb") as opened:
+            content = opened.read(toml_file.LARGEST_FILE + 1)
+        if len(content) > toml_file.LARGEST_FILE:
+            raise RobotModelError(
+                f"the robot model {name_or_path} may have at most {toml_file.LARGEST_FILE} bytes"
+            )
+        return name_or_path, content.decode("utf-8")
+    except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
         raise RobotModelError(f"cannot read the robot model {name_or_path}: {reason}") from None
 

@@ -3,19 +3,34 @@
 import difflib
 import json
 from collections.abc import Collection
+from itertools import islice
 from typing import Final
 
 _LONGEST: Final = 60
 """Characters of a value that a sentence shows."""
+_DEPTH: Final = 3
 
 
 def shown(value: object) -> str:
     """A value as it would stand in a TOML file, cut short where it is long."""
     try:
-        text = json.dumps(value, ensure_ascii=False)
+        text = json.dumps(_short(value), ensure_ascii=False)
     except TypeError:  # a date or a time
         text = str(value)
+    except ValueError:
+        text = "a number of more digits than can be shown"
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
+def _short(value: object, depth: int = 0) -> object:
+    """As much of a value as a sentence could show: it may refer to itself, or to one part a million times."""
+    if isinstance(value, str):
+        return value[: _LONGEST + 1]
+    if isinstance(value, dict) and depth < _DEPTH:
+        return {str(key)[:_LONGEST]: _short(part, depth + 1) for key, part in islice(value.items(), _LONGEST)}
+    if isinstance(value, list | tuple) and depth < _DEPTH:
+        return [_short(part, depth + 1) for part in value[:_LONGEST]]
+    return "…" if isinstance(value, dict | list | tuple) else value
 
 
 def unknown_key(table: str, name: str, known: Collection[str]) -> str:

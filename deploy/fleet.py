@@ -4,6 +4,7 @@ Every robot has a copy of the file, beside its copy of the map. Lengths in m, an
 """
 
 import ipaddress
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,9 +13,10 @@ from typing import Annotated, Final
 
 from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, ValidationError
 
+from actors import toml_file
 from actors.robot.ports import Setting
 from actors.runtime.errors import AcrcError
-from deploy import toml_file, wording
+from deploy import wording
 from deploy.kinds import (
     A_POINT,
     A_POSE,
@@ -216,7 +218,7 @@ def parse(text: str, path: Path) -> Fleet:
         raise FleetError(f"{path}: {sentence}") from None
     if fault := _fault(file) or stack_fault(file):
         raise FleetError(f"{path}: {fault}")
-    return _fleet(file, path.resolve())
+    return _fleet(file, Path(os.path.realpath(path)))
 
 
 def _fault(file: _FleetFile) -> str | None:
@@ -261,7 +263,7 @@ def _fleet(file: _FleetFile, path: Path) -> Fleet:
 
     return Fleet(
         path=path,
-        map=(folder / file.map).resolve(),
+        map=Path(os.path.realpath(folder / file.map)),
         step_ms=file.step_ms,
         seed=file.seed,
         keys=folder / (file.keys or f"{path.stem}-keys"),

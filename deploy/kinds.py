@@ -55,6 +55,13 @@ def _setting(value: object) -> object:
     raise ValueError
 
 
+def _without_zero(value: str) -> str:
+    """A zero character ends a path for the operating system."""
+    if "\0" in value:
+        raise ValueError
+    return value
+
+
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5)]
 Pose = Annotated[tuple[Coordinate, Coordinate, Coordinate], BeforeValidator(as_tuples)]
 Point = Annotated[tuple[Coordinate, Coordinate], BeforeValidator(as_tuples)]
@@ -68,7 +75,7 @@ A_POSE: Final = "a pose [x, y, heading] in m, m and rad"
 A_POINT: Final = "a point [x, y] in m"
 Id = Annotated[str, StringConstraints(pattern=rf"^{ROBOT_ID.pattern}$")]
 RobotId = Annotated[Id, Right('the id of a robot, such as "r2"')]
-Text = Annotated[str, StringConstraints(min_length=1)]
+Text = Annotated[str, StringConstraints(min_length=1), AfterValidator(_without_zero)]
 Names = Annotated[
     tuple[Text, ...],
     BeforeValidator(as_tuples),

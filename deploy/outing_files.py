@@ -1,5 +1,6 @@
 """The recordings of an outing: which files there are, whose they are, and what they tell."""
 
+import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -11,7 +12,7 @@ import msgspec
 from actors.robot.places import load_places
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote
-from actors.runtime.recording import LARGE, Note, RecordingError, read_notes, read_recording
+from actors.runtime.recording import LARGE, Note, RecordingError, decoded, read_notes, read_recording
 from deploy.robot_log import Identity, RobotLog, large_messages, read_log
 
 
@@ -108,7 +109,7 @@ def _recordings(folders: Iterable[Path]) -> list[Path]:
         if not own and not inside:
             raise OutingError(f"{folder}: no recording in it; there should be *.mcap or */*.mcap")
         for path in (*own, *inside, *beside):
-            found.setdefault(path.resolve(), path)
+            found.setdefault(Path(os.path.realpath(path)), path)
     return list(found.values())
 
 
@@ -127,9 +128,9 @@ def _first_record(path: Path, notes: list[str]) -> RunNote | None:
         notes.append(f"{path}: ends before its first record, or is no actor's recording; left out")
         return None
     try:
-        return msgspec.json.decode(first.json, type=RunNote)
-    except ValueError as error:
-        notes.append(f"{path}: the first record is not that of an actor: {error}; left out")
+        return decoded(path, "run", first.json, RunNote)
+    except RecordingError as error:
+        notes.append(f"{error}; left out")
         return None
 
 
@@ -137,7 +138,7 @@ def _identity(run: RunNote) -> Identity | None:
     """Whose recording it is; None if it is no robot's."""
     try:
         return msgspec.json.decode(run.scenario, type=Identity)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
 
 
@@ -175,7 +176,7 @@ def _take_base(path: Path, run: RunNote, outing: Outing) -> None:
             outing.notes.append(f"{path}: has no last record, so the lateness that it counted is not known")
             return
         outcome = msgspec.json.decode(final, type=_Outcome).outcome
-    except (AcrcError, ValueError) as error:
+    except (AcrcError, ValueError, RecursionError) as error:
         outing.notes.append(f"{path}: its first or last record is not that of a base: {error}")
         return
     outing.lateness_ms.setdefault(robot, Counter()).update(outcome.lateness_ms)

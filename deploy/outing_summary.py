@@ -7,6 +7,7 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
+from actors.runtime.errors import printable
 from deploy.outing_clocks import ClockReport
 from deploy.outing_result import OutingResult, RobotOuting
 
@@ -21,7 +22,7 @@ def print_outing(result: OutingResult, *, json: bool) -> None:
     for sentence in _sentences(result):
         console.print(sentence)
     for note in result.notes:
-        console.print(note, style="yellow")
+        console.print(printable(note), style="yellow", markup=False)
     if result.out is not None:
         console.print(f"written to {result.out}")
 

@@ -15,7 +15,7 @@ def read_truth(path: Path) -> LaboratoryResult:
     """A laboratory's result. Raises OutingError."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=LaboratoryResult)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise OutingError(f"--truth {path}: no result of a laboratory: {error}") from None
 
 

@@ -30,7 +30,7 @@ from actors.messages import (
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import FailureNote, FinalNote
-from actors.runtime.recording import Entry, Note, RecordingError, read_recording
+from actors.runtime.recording import Entry, Note, RecordingError, decoded, read_recording
 from actors.runtime.replay_bus import topic_of
 from actors.topic import Message
 
@@ -148,9 +148,9 @@ class _Reader:
         """Take in one item."""
         if isinstance(item, Note):
             if item.name == "final":
-                self.log.final = msgspec.json.decode(item.json, type=FinalNote)
+                self.log.final = decoded(self.log.path, item.name, item.json, FinalNote)
             elif item.name == "failure":
-                self.log.failure = msgspec.json.decode(item.json, type=FailureNote)
+                self.log.failure = decoded(self.log.path, item.name, item.json, FailureNote)
         elif item.key in self._topics:
             self._message(item)
         else:

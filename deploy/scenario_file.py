@@ -1,5 +1,6 @@
 """Reads a scenario file, lays the command line's wishes over it, and says what is wrong in one sentence."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -7,8 +8,9 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
+from actors import toml_file
 from actors.runtime.errors import AcrcError
-from deploy import areas, events, robot_tables, toml_file, wording
+from deploy import areas, events, robot_tables, wording
 from deploy.repository import REPOSITORY
 from deploy.scenario import Scenario
 from deploy.stack_tables import stack_fault
@@ -68,7 +70,7 @@ def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario
     for fault in (find(scenario) for find in faults):
         if fault:
             raise ScenarioError(f"{path}: {fault}")
-    return _with_absolute_paths(scenario, path.resolve().parent)
+    return _with_absolute_paths(scenario, Path(os.path.realpath(path)).parent)
 
 
 def _lay_over(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[str, ...], str]:
@@ -129,5 +131,5 @@ def _with_absolute_paths(scenario: Scenario, folder: Path) -> Scenario:
         robot if robot.model is None else robot.model_copy(update={"model": absolute(robot.model)})
         for robot in scenario.robot
     )
-    path = str((folder / scenario.map).resolve())
+    path = os.path.realpath(folder / scenario.map)
     return scenario.model_copy(update={"map": path, "run": run, "robots": robots, "robot": others})

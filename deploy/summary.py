@@ -9,6 +9,7 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
+from actors.runtime.errors import printable
 from deploy.result import RobotResult, RunResult
 
 
@@ -34,7 +35,7 @@ def print_result(result: RunResult, *, json: bool) -> None:
     for sentence in _navigation(result):
         console.print(sentence, highlight=False)
     for sentence in result.refused_orders:
-        console.print(f"order refused {sentence}", style="bold red", highlight=False, markup=False)
+        console.print(f"order refused {printable(sentence)}", style="bold red", highlight=False, markup=False)
     if result.unread:
         console.print(f"messages delivered and not read: {result.unread}", style="bold red")
     console.print(f"digest {result.digest}\nrecorded in {result.out}", highlight=False, soft_wrap=True)
@@ -45,7 +46,7 @@ def print_view(out: Path) -> None:
     console = Console(stderr=True, soft_wrap=True, highlight=False)
     log = out / "view.log"
     if log.is_file():
-        console.print(log.read_text().strip(), markup=False)
+        console.print(printable(log.read_text(errors="replace").strip()), markup=False)
     viewer = Path(sys.executable).parent / "rerun"
     console.print(f"To see it again: {viewer} {out / 'view.rrd'}", markup=False)
 

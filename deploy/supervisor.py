@@ -4,14 +4,12 @@ import signal
 import time
 from collections.abc import Callable, Iterable
 
-import msgspec
-
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress, Roster
 from actors.runtime.bus import Bus
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import FailureNote
-from actors.runtime.recording import RecordingError, read_notes
+from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.topic import Message, Topic
 from deploy.launch import Child, Launcher, Program
 
@@ -159,9 +157,9 @@ def _failure(program: Program) -> FailureNote | None:
     assert program.record is not None
     try:
         text = read_notes(program.record).get("failure")
+        return None if text is None else decoded(program.record, "failure", text, FailureNote)
     except RecordingError:
         return None
-    return None if text is None else msgspec.json.decode(text, type=FailureNote)
 
 
 def _last_line(program: Program) -> str:

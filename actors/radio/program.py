@@ -71,7 +71,7 @@ def load_setup(path: Path) -> RadioSetup:
     """The set-up in a JSON file."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=RadioSetup)
-    except (OSError, msgspec.DecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise AcrcError(f"{path}: no set-up of a radio: {error}") from None
 
 

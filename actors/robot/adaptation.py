@@ -1,12 +1,12 @@
 """What a robot is told about its adaptation: the strategy's settings, the exchange of knowledge, areas."""
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Final, TypeGuard
 
+from actors import toml_file
 from actors.instant import Duration, seconds
 from actors.placement import Area
 from actors.robot.ports import ExchangeSettings, Setting
@@ -58,8 +58,8 @@ def load_adaptation(path: Path) -> Adaptation:
 def adaptation(text: str) -> Adaptation:
     """What the text of an adaptation.toml says. Raises AdaptationError."""
     try:
-        content = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError, and whole numbers of 4301 digits
+        content = toml_file.loads(text)
+    except ValueError as error:
         raise AdaptationError(f"this is no TOML: {error}") from None
     strategy, deeco, areas = content.pop("strategy", {}), content.pop("deeco", {}), content.pop("area", [])
     if content:

@@ -1,10 +1,10 @@
 """A robot's list of places to be cleaned, from its file."""
 
 import math
-import tomllib
 from pathlib import Path
 from typing import Final
 
+from actors import toml_file
 from actors.geometry import Point
 from actors.runtime.errors import AcrcError
 
@@ -25,10 +25,10 @@ def load_places(path: Path) -> tuple[Point, ...]:
             raise PlacesError(
                 f"{path}: a file of places may have at most {BYTES_LIMIT} bytes, and this has more"
             )
-        content = tomllib.loads(text.decode("utf-8"))
+        content = toml_file.loads(text.decode("utf-8"))
     except OSError as error:
         raise PlacesError(f"cannot read the places {path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # no TOML, or no UTF-8
         raise PlacesError(f"{path} is no TOML file: {error}") from None
     places = content.get("places")
     if list(content) != ["places"] or not isinstance(places, list):

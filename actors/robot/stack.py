@@ -11,12 +11,12 @@ Beside the presets, any field of the parameters may be set; durations in s.
 """
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
+from actors import toml_file
 from actors.instant import Duration, seconds
 from actors.robot.dwa_parameters import DWA_PRESETS, DwaParameters
 from actors.robot.local_map import LOCAL_MAP_PRESETS, LocalMapParameters
@@ -71,8 +71,8 @@ def load_stack(path: Path) -> Stack:
 def parse(text: str) -> Stack:
     """What the text of a navigation.toml says. Raises StackError."""
     try:
-        content = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError, and whole numbers of 4301 digits
+        content = toml_file.loads(text)
+    except ValueError as error:
         raise StackError(f"this is no TOML: {error}") from None
     for name, table in content.items():
         if name not in TABLES:

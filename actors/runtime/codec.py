@@ -1,6 +1,7 @@
 """Messages to bytes and back: one version byte, then a msgpack array; whatever does not fit is named."""
 
 import re
+import reprlib
 from typing import Any, Final
 
 import msgspec
@@ -14,6 +15,8 @@ _ENCODER: Final = msgspec.msgpack.Encoder()
 _DECODERS: Final[dict[type[Message], msgspec.msgpack.Decoder[Any]]] = {
     topic.kind: msgspec.msgpack.Decoder(topic.kind) for topic in TOPICS
 }
+_BRIEF: Final = reprlib.Repr()
+_BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother = 2, 60, 60
 
 
 class WireError(AcrcError):
@@ -34,7 +37,7 @@ def decode(topic: Topic[Message], key: str, payload: bytes) -> Message:
         message: Message = _DECODERS[topic.kind].decode(memoryview(payload)[1:])
     except msgspec.ValidationError as error:
         raise WireError(_explain(topic, key, payload[1:], str(error))) from None
-    except ValueError as error:  # msgspec.DecodeError, and text that is not UTF-8
+    except (ValueError, RecursionError) as error:  # DecodeError; text that is not UTF-8; nested too deeply
         raise WireError(f"{key}: not msgpack after {len(payload)} bytes: {error}") from None
     return message
 
@@ -44,7 +47,7 @@ def _explain(topic: Topic[Message], key: str, body: bytes, reason: str) -> str:
     reason, _, path = reason.partition(" - at `$")
     try:
         value = msgspec.msgpack.decode(body)
-    except ValueError:
+    except (ValueError, RecursionError, TypeError):  # TypeError: a map with a list for a key
         return f"{key}: {topic.kind.__name__} does not decode: {reason}"
     name = topic.kind.__name__
     fields: tuple[str, ...] = topic.kind.__struct_fields__
@@ -54,5 +57,4 @@ def _explain(topic: Topic[Message], key: str, body: bytes, reason: str) -> str:
             break
         name += f".{fields[number]}" if depth == 0 else f"[{number}]"
         value = value[number]
-    shown = repr(value)
-    return f"{key}: {name} = {shown[:60]}{'…' if len(shown) > 60 else ''}: {reason[:1].lower()}{reason[1:]}"
+    return f"{key}: {name} = {_BRIEF.repr(value)}: {reason[:1].lower()}{reason[1:]}"

@@ -70,7 +70,7 @@ def load_setup(path: Path) -> WorldSetup:
     """The set-up in a JSON file."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=WorldSetup)
-    except (OSError, msgspec.DecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise SetupError(f"{path}: no set-up of a world: {error}") from None
 
 

@@ -80,5 +80,5 @@ def load(path: Path) -> LaboratorySetup:
         return msgspec.json.decode(path.read_bytes(), type=LaboratorySetup)
     except OSError as error:
         raise LaboratorySetupError(f"{path}: cannot be read ({error.strerror}); give a JSON file") from None
-    except msgspec.DecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise LaboratorySetupError(f"{path}: no set-up of a laboratory: {error}") from None

@@ -55,5 +55,5 @@ def load(path: Path, kind: type[S]) -> S:
     """The set-up in a JSON file. Raises AcrcError."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=kind)
-    except (OSError, msgspec.DecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise AcrcError(f"{path}: no {kind.__name__}: {error}") from None

@@ -15,7 +15,7 @@ from deploy.scenario_file import Overrides, load_scenario, parse
 from deploy.scenario_text import adaptation, to_toml
 from tests.deploy.faults import scenario
 
-texts = some.text(some.characters(codec="utf-8"), min_size=1, max_size=8)
+texts = some.text(some.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=8)
 finite = some.floats(allow_nan=False, allow_infinity=False)
 coordinates = some.floats(-1e5, 1e5, allow_nan=False)
 points = some.tuples(coordinates, coordinates)

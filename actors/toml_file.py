@@ -1,0 +1,91 @@
+"""TOML that a person has written, or somebody else: read within bounds, every failure one sentence."""
+
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from actors.runtime.errors import AcrcError
+
+LARGEST_FILE: Final = 1_000_000
+"""Bytes; a scenario of 1000 robots with 10 places each needs half of that."""
+MOST_PARTS: Final = 32
+"""Of a dotted key; time grows with their square, and no file of this project has more than three."""
+MOST_BITS: Final = 14_000
+"""Of a whole number; Python reads longer ones where they are hexadecimal, and then cannot show them."""
+_TOKENS: Final = re.compile(
+    r'(?P<skipped>"{3}(?:[^"\\]|\\.|"(?!""))*"{0,3}|\'{3}(?:[^\']|\'(?!\'\'))*\'{0,3}|#[^\n]*)'
+    r"|(?P<part>[A-Za-z0-9_-]+|\"(?:[^\"\\\n]|\\.)*\"|'[^'\n]*')|(?P<dot>\.)|(?P<blank>[ \t]+)|(?P<other>.)",
+    re.DOTALL,
+)
+
+
+def read(path: Path, kind: str, fault: type[AcrcError]) -> str:
+    """The text of a file of that kind, such as "scenario". Raises `fault`."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)
+        if len(content) > LARGEST_FILE:
+            raise fault(f"{path}: a {kind} file may have at most {LARGEST_FILE} bytes, but this has more")
+        return content.decode("utf-8")
+    except OSError as error:
+        raise fault(f"{path}: the {kind} file cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise fault(f"{path}: byte {error.start} of the {kind} file is not UTF-8") from None
+
+
+def tables(text: str, path: Path, fault: type[AcrcError]) -> dict[str, Any]:
+    """What the text of the file `path` says. Raises `fault`."""
+    try:
+        return loads(text)
+    except ValueError as error:
+        raise fault(f"{path}: this is no TOML: {error}") from None
+
+
+def loads(text: str) -> dict[str, Any]:
+    """What a text says, in time that grows with its length alone. Raises ValueError.
+
+    Refused beside what is no TOML: whole numbers that could not be shown, and keys of more than MOST_PARTS
+    parts.
+    """
+    _check_keys(text)
+    try:
+        content = tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError(str(error)) from None
+    if any(isinstance(value, int) and value.bit_length() > MOST_BITS for value in _values(content)):
+        raise ValueError(f"a whole number in it has more than {MOST_BITS} bits")
+    return content
+
+
+def _check_keys(text: str) -> None:
+    parts = dots = 0
+    for token in _TOKENS.finditer(text):
+        match token.lastgroup:
+            case "dot":
+                dots += 1
+            case "part" if dots == parts:
+                parts += 1
+                if parts > MOST_PARTS:
+                    line = text.count("\n", 0, token.start()) + 1
+                    raise ValueError(f"line {line} has a key of more than {MOST_PARTS} parts")
+            case "part":
+                parts, dots = 1, 0
+            case "blank":
+                pass
+            case _:
+                parts = dots = 0
+
+
+def _values(content: object) -> Iterator[object]:
+    """Every value, however deep."""
+    todo = [content]
+    while todo:
+        value = todo.pop()
+        if isinstance(value, dict):
+            todo.extend(value.values())
+        elif isinstance(value, list):
+            todo.extend(value)
+        else:
+            yield value
