@@ -82,6 +82,15 @@ def general_name(host: str) -> x509.DNSName | x509.IPAddress:
         return x509.DNSName(host)
 
 
+def hosts(certificate: x509.Certificate) -> tuple[str, ...]:
+    """The names and addresses that it holds for."""
+    try:
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except x509.ExtensionNotFound:
+        return ()
+    return tuple(str(name.value) for name in names if isinstance(name, x509.DNSName | x509.IPAddress))
+
+
 def common_name(certificate: x509.Certificate) -> str:
     """The common name of whom it was made for; empty if it has none."""
     names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)

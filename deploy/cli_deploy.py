@@ -65,6 +65,13 @@ def keys(
         typer.Option(metavar="ID=HOST", help="A name or an address of a robot; may be repeated."),
     ] = None,
     days: Annotated[int, typer.Option(metavar="N", help="How long the keys hold.")] = 730,
+    revoke: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID",
+            help='A robot whose keys were lost, or "operator": replace those of all; may be repeated.',
+        ),
+    ] = None,
 ) -> None:
     """Make the keys of a fleet: its certificate authority, and a certificate for each robot and the operator.
 
@@ -76,8 +83,17 @@ def keys(
 
     loaded = load_fleet(fleet)
     hosts = fleet_keys.hosts_of(host or [], loaded)
-    made = fleet_keys.issue(loaded, (out or loaded.keys).absolute(), hosts, now=datetime.now(UTC), days=days)
+    folder, now = (out or loaded.keys).absolute(), datetime.now(UTC)
+    if not revoke:
+        _print_keys(loaded, fleet_keys.issue(loaded, folder, hosts, now=now, days=days))
+        return
+    made, aside = fleet_keys.renew(loaded, folder, revoke, hosts, now=now, days=days)
     _print_keys(loaded, made)
+    _console().print(
+        f"What {', '.join(revoke)} had is worth nothing to a machine that has its new folder: copy them all, "
+        "the operator's first, and start the robots again.\n"
+        f"The old keys are in {aside}; delete them after that."
+    )
 
 
 def doctor(
@@ -105,7 +121,8 @@ def doctor(
 def _print_keys(fleet: "Fleet", made: "FleetKeys") -> None:
     console = _console()
     console.print(
-        f"{made.home}\n  stays with you, and off the robots: whoever has it can make keys of this fleet"
+        f"{made.home}\n  stays with you, and off the robots: whoever has it can make keys of this fleet, "
+        "for its key is not encrypted"
     )
     for machine in made.machines:
         if machine.hosts:

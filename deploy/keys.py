@@ -81,12 +81,7 @@ def issue(
             f"{out}: exists already; move it away to give the whole fleet new keys, or name another folder "
             "with --out"
         )
-    machines = [_robot(robot, out, hosts.get(robot.id, ())) for robot in fleet.robots]
-    made = FleetKeys(
-        home=out / HOME,
-        valid_until=now + timedelta(days=days),
-        machines=(*machines, MachineKeys(OPERATOR, out / OPERATOR, (), listens_unnamed=False)),
-    )
+    made = _described(fleet, out, hosts, now, days)
     issuer = certificates.authority(f"fleet {fleet.path.stem}", now, days)
     with _new_folder(out) as draft:
         _write(draft / HOME, issuer, issuer)
@@ -98,13 +93,71 @@ def issue(
     return made
 
 
+def renew(
+    fleet: Fleet,
+    out: Path,
+    revoked: Sequence[str],
+    hosts: Mapping[str, Sequence[str]],
+    *,
+    now: datetime,
+    days: int,
+) -> tuple[FleetKeys, Path]:
+    """Make all keys anew, by a new authority, in place of those in `out`; and where the old ones are now.
+
+    Thereby the keys of the machines `revoked` are worth nothing to a machine that has its new folder: Zenoh
+    knows no list of revoked certificates. What the old certificates held for the new ones hold for, too.
+    Raises KeysError where there are no old keys, else as `issue`.
+    """
+    for machine in revoked:
+        if machine != OPERATOR:
+            fleet.robot(machine)
+    if not (out / HOME / AUTHORITY_FILE).is_file():
+        raise KeysError(
+            f"{out}: there are no keys to revoke; `acrc deploy keys` without --revoke makes the first"
+        )
+    known = {robot.id: (*_held_for(out / robot.id), *hosts.get(robot.id, ())) for robot in fleet.robots}
+    aside = out.with_name(f"{out.name}.until-{now:%Y%m%d-%H%M%S}")
+    if aside.exists():
+        raise KeysError(f"{aside}: exists already; the old keys would be put there")
+    draft = out.with_name(f"{out.name}.new-{now:%Y%m%d-%H%M%S}")
+    issue(fleet, draft, known, now=now, days=days)
+    try:
+        out.rename(aside)
+        draft.rename(out)
+    except OSError as error:
+        raise KeysError(
+            f"{out}: the new keys are in {draft}, but cannot go there: {error.strerror}"
+        ) from None
+    return _described(fleet, out, known, now, days), aside
+
+
+def _held_for(folder: Path) -> tuple[str, ...]:
+    """What a machine's certificate holds for; nothing if it has none."""
+    try:
+        return certificates.hosts(certificates.read((folder / CERTIFICATE_FILE).read_bytes()))
+    except (OSError, ValueError):
+        return ()
+
+
+def _described(
+    fleet: Fleet, out: Path, hosts: Mapping[str, Sequence[str]], now: datetime, days: int
+) -> FleetKeys:
+    machines = [_robot(robot, out, hosts.get(robot.id, ())) for robot in fleet.robots]
+    return FleetKeys(
+        home=out / HOME,
+        valid_until=now + timedelta(days=days),
+        machines=(*machines, MachineKeys(OPERATOR, out / OPERATOR, (), listens_unnamed=False)),
+    )
+
+
 def _robot(robot: FleetRobot, out: Path, hosts: Sequence[str]) -> MachineKeys:
     """Its own id as a name, also with mDNS's ending, where it listens, and what was given."""
     names = [robot.id, f"{robot.id}.local"]
     if robot.listen_host is not None and not robot.listens_everywhere:
         names.append(robot.listen_host)
     every = tuple(dict.fromkeys([*names, *hosts]))
-    return MachineKeys(robot.id, out / robot.id, every, robot.listens_everywhere and not hosts)
+    reachable = set(every) - {robot.id, f"{robot.id}.local"}
+    return MachineKeys(robot.id, out / robot.id, every, robot.listens_everywhere and not reachable)
 
 
 @contextmanager

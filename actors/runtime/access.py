@@ -16,6 +16,10 @@ from actors.runtime import credentials
 from actors.runtime.credentials import AccessError, Credentials, unix_endpoint, unnamed
 from actors.runtime.session_config import session_config, set_value
 
+CERTIFIED: Final = "certificate"
+"""User and password of whoever comes over TLS, for a router that asks some for passwords asks all. It is no
+secret: no rule knows the user without a certificate, so it opens nothing where there is none."""
+
 
 @dataclass(frozen=True)
 class Grant:
@@ -87,14 +91,19 @@ def access_rules(
     """Zenoh's `access_control` section: nothing passes but what the actors' grants allow.
 
     `robots` and `others` are known by their user names, `certified` by the common names of their TLS
-    certificates. Raises AccessError for an actor that there is no grant for.
+    certificates and the user CERTIFIED. Where anybody is certified a password counts on this machine's own
+    sockets only, and a certificate adds nothing to it. Raises AccessError for an actor without a grant.
     """
-    admitted = [(robot, "usernames", robot, robot_grant(robot)) for robot in robots]
-    admitted += [(other, "usernames", other, _other_grant(other)) for other in others]
-    admitted += [(f"certified {name}", "cert_common_names", name, _other_grant(name)) for name in certified]
+    here: dict[str, Any] = {"link_protocols": ["unixsock-stream"]} if certified else {}
+    admitted: list[tuple[str, dict[str, Any], Grant]] = []
+    admitted += [(robot, {"usernames": [robot], **here}, robot_grant(robot)) for robot in robots]
+    admitted += [(other, {"usernames": [other], **here}, _other_grant(other)) for other in others]
+    for name in certified:
+        shown = {"cert_common_names": [name], "usernames": [CERTIFIED], "link_protocols": ["tls"]}
+        admitted.append((f"certified {name}", shown, _other_grant(name)))
     rules: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
-    for subject, _, _, grant in admitted:
+    for subject, _, grant in admitted:
         own = [
             _rule(f"{subject} publishes", "ingress", "put", grant.publish),
             _rule(f"{subject} subscribes", "ingress", "declare_subscriber", grant.subscribe),
@@ -108,7 +117,7 @@ def access_rules(
         "enabled": True,
         "default_permission": "deny",
         "rules": rules,
-        "subjects": [{"id": subject, known_by: [name]} for subject, known_by, name, _ in admitted],
+        "subjects": [{"id": subject, **known_by} for subject, known_by, _ in admitted],
         "policies": policies,
     }
 

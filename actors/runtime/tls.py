@@ -11,7 +11,7 @@ from typing import Final
 
 import zenoh
 
-from actors.runtime.access import access_rules, router_config
+from actors.runtime.access import CERTIFIED, access_rules, router_config
 from actors.runtime.credentials import AccessError, Credentials
 from actors.runtime.session_config import session_config, set_value
 
@@ -23,10 +23,6 @@ PRIVATE_KEY_FILE: Final = "key.pem"
 """The machine's own private key."""
 OPERATOR: Final = "operator"
 """Common name of the laptop that may watch, and stop the robots."""
-
-_BEARER: Final = "certificate"
-"""User and password of whoever comes over TLS, for a router that asks some for passwords asks all. It is no
-secret: no rule knows the user, so it opens nothing where no certificate does."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +69,7 @@ def listening_router_config(
     name if that is one of `certified`, else nothing. Adds a line to `issued.dictionary`, so call it once.
     """
     with issued.dictionary.open("a", encoding="utf-8") as dictionary:
-        dictionary.write(f"{_BEARER}:{_BEARER}\n")
+        dictionary.write(f"{CERTIFIED}:{CERTIFIED}\n")
     config = router_config(issued, endpoints)
     set_value(config, "access_control", access_rules(issued.robots, issued.others, certified))
     set_value(
@@ -112,7 +108,7 @@ def laptop_config(keys: Keys, endpoint: str) -> zenoh.Config:
     config = session_config("client")
     set_value(config, "connect/endpoints", [endpoint])
     set_value(config, "listen/endpoints", [])
-    set_value(config, "transport/auth/usrpwd", {"user": _BEARER, "password": _BEARER})
+    set_value(config, "transport/auth/usrpwd", {"user": CERTIFIED, "password": CERTIFIED})
     set_value(
         config,
         "transport/link/tls",

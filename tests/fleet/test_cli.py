@@ -33,7 +33,8 @@ def test_keys_are_made_beside_the_fleet_file_and_each_has_a_goal(office: Path) -
     lines = out.splitlines()
     assert lines[:4] == [
         f"{keys}/authority",
-        "  stays with you, and off the robots: whoever has it can make keys of this fleet",
+        "  stays with you, and off the robots: whoever has it can make keys of this fleet, "
+        "for its key is not encrypted",
         f"{keys}/r1",
         f"  to r1:{keys}/r1; holds for r1, r1.local, 10.0.0.1",
     ]
@@ -44,6 +45,25 @@ def test_keys_are_made_beside_the_fleet_file_and_each_has_a_goal(office: Path) -
     assert lines[10].startswith("All hold until 20")
     for machine in ("r1", "r2", "r3", "operator"):
         assert stat.S_IMODE(load_keys(keys / machine).private_key.stat().st_mode) == 0o600
+
+
+def test_revoking_replaces_all_keys_and_says_what_is_to_be_done(office: Path) -> None:
+    assert acrc("deploy", "keys", str(office), "--host", "r1=10.0.0.1", "--host", "r3=10.0.0.3")[0] == 0
+    code, out, err = acrc("deploy", "keys", str(office), "--revoke", "r2", "--revoke", "operator")
+    assert (code, err) == (0, UNNAMED.format("r2"))
+    keys = office.parent / "office-keys"
+    (aside,) = office.parent.glob("office-keys.until-*")
+    assert out.splitlines()[3] == f"  to r1:{keys}/r1; holds for r1, r1.local, 10.0.0.1"
+    assert out.splitlines()[-2:] == [
+        "What r2, operator had is worth nothing to a machine that has its new folder: copy them all, the "
+        "operator's first, and start the robots again.",
+        f"The old keys are in {aside}; delete them after that.",
+    ]
+    assert acrc("deploy", "keys", str(office), "--revoke", "r9") == (
+        1,
+        "",
+        f'acrc: {office}: there is no robot "r9" in the fleet; it has r1, r2, r3\n',
+    )
 
 
 def test_keys_that_are_there_stay(office: Path) -> None:

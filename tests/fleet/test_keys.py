@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from cryptography import x509
+from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, EllipticCurvePublicKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.verification import PolicyBuilder, Store
@@ -15,7 +16,7 @@ from actors.runtime.credentials import AccessError
 from actors.runtime.errors import AcrcError
 from actors.runtime.tls import Keys, load_keys
 from deploy import certificates
-from deploy.keys import FleetKeys, hosts_of, issue
+from deploy.keys import FleetKeys, hosts_of, issue, renew
 from tests.fleet.texts import ROOT, fleet, robot
 
 NOW = datetime(2030, 5, 1, 12, tzinfo=UTC)
@@ -173,3 +174,33 @@ def test_keys_that_are_not_there_are_missed_by_name(tmp_path: Path) -> None:
         f"{tmp_path}/keys/r2/key.pem cannot be read (No such file or directory); `acrc deploy keys` makes "
         "the keys of all machines, and this machine needs a copy of its own folder"
     )
+
+
+def test_revoked_keys_are_worth_nothing_to_whoever_has_the_new_ones(tmp_path: Path) -> None:
+    old = made(tmp_path / "keys")
+    later = NOW + timedelta(days=3)
+    new, aside = renew(FLEET, tmp_path / "keys", ["r2"], {"r4": ["10.0.0.4"]}, now=later, days=30)
+    assert aside == tmp_path / "keys.until-20300504-120000"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["keys", aside.name]
+    assert [one.hosts for one in new.machines[:3]] == [one.hosts for one in old.machines[:3]]
+    assert new.machines[3].hosts == ("r4", "r4.local", "10.0.0.4")
+    authority = certificate(new.home, "authority.pem")
+    verifier = PolicyBuilder().store(Store([authority])).time(later)
+    for one in new.machines[:-1]:
+        certificate(one.folder).verify_directly_issued_by(authority)
+        host = certificates.general_name(one.machine)
+        verifier.build_server_verifier(host).verify(certificate(one.folder), [])
+        with pytest.raises(x509.verification.VerificationError):
+            verifier.build_server_verifier(host).verify(certificate(aside / one.machine), [])
+    certificate(tmp_path / "keys" / "operator").verify_directly_issued_by(authority)
+    with pytest.raises(InvalidSignature):
+        certificate(aside / "operator").verify_directly_issued_by(authority)
+
+
+def test_where_there_are_no_keys_there_is_nothing_to_revoke(tmp_path: Path) -> None:
+    with pytest.raises(AcrcError) as caught:
+        renew(FLEET, tmp_path / "keys", ["r2"], {}, now=NOW, days=30)
+    assert str(caught.value) == (
+        f"{tmp_path}/keys: there are no keys to revoke; `acrc deploy keys` without --revoke makes the first"
+    )
+    assert list(tmp_path.iterdir()) == []

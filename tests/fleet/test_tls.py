@@ -207,6 +207,32 @@ def test_the_word_that_goes_with_a_certificate_opens_nothing_without_one(
         )
 
 
+@pytest.mark.parametrize("user", ["r1", "operator"])
+def test_a_certificate_and_a_password_do_not_add_up(user: str, robot: Robot, router: zenoh.Session) -> None:
+    """Neither the rights of the one nor those of the other: over TLS the certificate alone counts."""
+    name, password = credentials.read(robot.issued.files[user])
+    config = laptop_config(robot.keys("operator", robot.issuer), robot.endpoint)
+    config.insert_json5("transport/auth/usrpwd", f'{{"user": "{name}", "password": "{password}"}}')
+    operator = laptop_config(robot.keys("operator", robot.issuer), robot.endpoint)
+    with zenoh.open(config) as session:
+        assert_powerless(session, router, operator)
+        ear = Ear(router)
+        session.put(DRIVE, b"as r1")
+        with zenoh.open(operator) as own:
+            own.put(CONTROL, b"")
+            assert ear.until(CONTROL) == []
+        ear.close()
+
+
+def test_a_robots_password_goes_on_opening_its_own_socket(robot: Robot, router: zenoh.Session) -> None:
+    ear = Ear(router)
+    config = access.client_config(robot.issued.files["r1"], robot.issued.endpoint("r1"))
+    with zenoh.open(config) as session:
+        session.put(DRIVE, b"as r1")
+        assert str(ear._subscriber.recv().key_expr) == DRIVE
+    ear.close()
+
+
 @pytest.mark.timeout(30, method="thread")  # a signal would not end it
 def test_a_laptop_that_stops_reading_does_not_hold_the_robot_up(robot: Robot, tmp_path: Path) -> None:
     """With low latency on this link the first of these messages that finds no room would wait for ever."""
