@@ -60,10 +60,10 @@ def make(task: Task, computer: Computer, folder: Path, patience_s: float) -> Out
     """Make the run; its files and the compiled kernels go to `folder`."""
     if not computer.command:
         return Outcome("", computer.missing)
-    own = folder / _file_name(computer.name)
-    own.mkdir(parents=True, exist_ok=True)
-    kernels = own / actors.kernel_cache().name
-    out = own / f"run-{time.time_ns()}"
+    # compiled once for all rows of one Python: numba itself tells processors apart, but not its own releases
+    kernels = folder / actors.kernel_cache().name / _file_name(computer.command[-1])
+    out = folder / f"{_file_name(computer.name)}-{task.title}-{time.time_ns()}"
+    folder.mkdir(parents=True, exist_ok=True)
     environment = {
         **os.environ,
         "PYTHONPATH": str(REPOSITORY),
