@@ -29,7 +29,7 @@ class Ready(Message, frozen=True):
     actor: str
     epoch: int
     kernels: str
-    """Digest over the fingerprints of the actor's numeric kernels."""
+    """The fingerprints of what the actor computes with (`actors.runtime.fingerprint.combined`)."""
 
 
 # --- world and robot ---------------------------------------------------------------------------------------

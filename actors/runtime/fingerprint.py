@@ -1,10 +1,14 @@
 """What the numeric kernels give on fixed inputs here: the alarm, should a processor compute otherwise."""
 
 import hashlib
+import re
 from collections.abc import Iterable, Mapping
-from typing import Protocol
+from typing import Final, Protocol
 
 from actors.runtime.processor import Processor
+
+_SHORT: Final = 16
+"""Digits of a hash in a message."""
 
 
 class KernelModule(Protocol):
@@ -21,15 +25,25 @@ def fingerprints(modules: Iterable[KernelModule]) -> dict[str, str]:
     return {name: hashlib.sha256(given).hexdigest() for module in modules for name, given in _of(module)}
 
 
-def combined(prints: dict[str, str]) -> str:
-    """One hash over all of them."""
-    lines = "".join(f"{name} {value}\n" for name, value in sorted(prints.items()))
-    return hashlib.sha256(lines.encode()).hexdigest()
+def combined(prints: Mapping[str, str]) -> str:
+    """All of them in a text that a message holds, shortened."""
+    return "\n".join(f"{name}={value[:_SHORT]}" for name, value in sorted(prints.items()))
+
+
+def parted(text: str) -> dict[str, str]:
+    """What `combined` made, whoever sent it; drops names of more than letters, digits, dots, blanks."""
+    pairs = (line.partition("=") for line in text.split("\n"))
+    return {name: value for name, _, value in pairs if re.fullmatch(r"[\w. ]{1,100}", name, re.ASCII)}
 
 
 def otherwise(there: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
     """What computes otherwise there than here, by name, sorted; what only one of them has is left out."""
     return sorted(name for name in there.keys() & here.keys() if there[name] != here[name])
+
+
+def few(names: list[str]) -> str:
+    """The first of them for a sentence."""
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 def difference(there: Processor, here: Processor, names: list[str]) -> str:
@@ -38,10 +52,10 @@ def difference(there: Processor, here: Processor, names: list[str]) -> str:
     `names`: what computes otherwise, see `otherwise`.
     """
     if names:
-        few = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
         if there == here:
-            return f"recorded with another version of this software: other bits come from {few}"
-        return f"recorded on another processor: other bits come from {few}; it was {there}, this is {here}"
+            return f"recorded with another version of this software: other bits come from {few(names)}"
+        cause = f"other bits come from {few(names)}"
+        return f"recorded on another processor: {cause}; it was {there}, this is {here}"
     if there != here and there.architecture:
         return f"recorded on another processor, {there}; this is {here}, and its functions give the same bits"
     return ""

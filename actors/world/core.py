@@ -35,6 +35,7 @@ from actors.messages import (
 from actors.messages import Roster as RosterMessage
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
+from actors.runtime.fingerprint import few, otherwise, parted
 from actors.world.body import Bodies
 from actors.world.orders import Orders
 from actors.world.referee import PlaceOutcome, Referee
@@ -179,9 +180,11 @@ class WorldCore:
             )
         first = self._roster.members[0]
         if first.kernels and ready.kernels != first.kernels:
+            names = otherwise(parted(first.kernels), parted(ready.kernels))
+            source = few(names) or "other kernels"
             raise RollCallError(
-                f"{ready.actor} computes with other kernels than {first.id} ({ready.kernels[:12]} instead of "
-                f"{first.kernels[:12]}): all robots of a run need the same version of this software"
+                f"{ready.actor} computes otherwise than {first.id}: other bits come from {source}; "
+                "all robots of a run need the same version of this software and processors that compute alike"
             )
         member.kernels = ready.kernels
         member.standing = Standing.STEPPING

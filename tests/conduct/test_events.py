@@ -24,6 +24,7 @@ from actors.messages import (
 from actors.runtime.bus import Delivery
 from actors.runtime.codec import encode
 from actors.runtime.core import at
+from actors.runtime.fingerprint import combined
 from actors.runtime.memory_bus import StalledError
 from actors.world.core import RollCallError
 from actors.world.orders import OrderError
@@ -235,10 +236,20 @@ def test_an_order_that_makes_no_sense_ends_the_run(
     assert str(caught.value) == sentence
 
 
-def test_robots_with_other_kernels_are_refused() -> None:
+@pytest.mark.parametrize(
+    ("said", "named"),
+    [
+        (combined({"a.cos": "1" * 64, "a.sin": "4" * 64}), "a.sin"),
+        ("a.sin=\x1b[2J", "a.sin"),
+        ("\x1b[2J=1", "other kernels"),
+        ("", "other kernels"),
+    ],
+)
+def test_robots_that_compute_otherwise_are_refused(said: str, named: str) -> None:
+    here = combined({"a.cos": "1" * 64, "a.sin": "2" * 64, "a.tan": "3" * 64})
     with pytest.raises(RollCallError) as caught:
-        Theatre(1.0, kernels={"r1": "a" * 64, "r2": "b" * 64}).run()
+        Theatre(1.0, kernels={"r1": here, "r2": said}).run()
     assert str(caught.value) == (
-        "r2 computes with other kernels than r1 (bbbbbbbbbbbb instead of aaaaaaaaaaaa): all robots of a run "
-        "need the same version of this software"
+        f"r2 computes otherwise than r1: other bits come from {named}; all robots of a run need the same "
+        "version of this software and processors that compute alike"
     )
