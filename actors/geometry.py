@@ -61,6 +61,16 @@ class Twist(NamedTuple):
 STILL = Twist(0.0, 0.0, 0.0)
 
 
+def between(first: Pose, second: Pose, share: float) -> Pose:
+    """The pose at a share, 0 to 1, of the straight way from the first to the second."""
+    turn = wrap(second.heading - first.heading)
+    return Pose(
+        first.x + share * (second.x - first.x),
+        first.y + share * (second.y - first.y),
+        wrap(first.heading + share * turn),
+    )
+
+
 def wrap(angle: float) -> float:
     """The same angle in (−π, π]."""
     wrapped = math.remainder(angle, math.tau)

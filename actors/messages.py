@@ -64,9 +64,11 @@ class Senses(Message, frozen=True):
     bumper: int
     """Bit 0 right, 1 centre, 2 left."""
     scan: Scan | None = None
-    """The sweeps belong to the sensor's own rate: absent where none ended since the last step."""
+    """The last sweep since the last step; absent where none ended: sweeps have the sensor's own rate."""
     halt: bool = False
     """The last message to this process: no answer is expected."""
+    earlier_scans: tuple[Scan, ...] = ()
+    """The sweeps before `scan` since the last step, oldest first: a sensor may be faster than the steps."""
 
 
 class PlaceKey(Part, frozen=True):

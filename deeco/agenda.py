@@ -4,7 +4,8 @@ import heapq
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
-from deeco.instant import Duration, Instant
+from deeco.errors import ExecutionError
+from deeco.instant import Duration, Instant, in_seconds
 
 Task = Callable[[Instant], None]
 """Called with the instant for which it was planned."""
@@ -18,21 +19,34 @@ class _Entry(NamedTuple):
 
 
 class Agenda:
-    """A heap of (instant, order, serial): at one instant the lower order goes first, then who came first."""
+    """A heap of (instant, order, serial): at one instant the lower order goes first, then who came first.
 
-    def __init__(self) -> None:
+    Planning raises ExecutionError once too much is planned.
+    """
+
+    def __init__(self, most: int = 100_000) -> None:
+        """`most`: tasks that may be planned at once; more are a mistake that feeds itself."""
+        self._most = most
         self._heap: list[tuple[Instant, int, int, _Entry]] = []
         self._added = 0
 
     def repeat(self, task: Task, first: Instant, every: Duration, order: int = 0) -> None:
         """Do the task at `first` and every `every` after it."""
-        self._added += 1
+        self._make_room()
         heapq.heappush(self._heap, (first, order, self._added, _Entry(task, every)))
 
     def once(self, task: Task, at: Instant, order: int = 0) -> None:
         """Do the task at one instant."""
-        self._added += 1
+        self._make_room()
         heapq.heappush(self._heap, (at, order, _ONCE + self._added, _Entry(task, None)))
+
+    def _make_room(self) -> None:
+        if len(self._heap) >= self._most:
+            raise ExecutionError(
+                f"{self._most} tasks are planned already, the next at {in_seconds(self._heap[0][0]):g} s; "
+                "no more can be until some are done"
+            )
+        self._added += 1
 
     def run(self, until: Instant) -> None:
         """Do what is planned before `until`, also what is planned meanwhile."""

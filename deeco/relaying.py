@@ -34,7 +34,7 @@ class RelayParameters:
     """At this strength and above the wait is the longest, dBm. Default: about what arrives over 1 m at the
     original testbed's transmit power in dBm less the path loss of 40 dB, rounded up for stronger senders."""
     waiting: int = 64
-    """Packets that may wait at once."""
+    """Packets that may wait at once, with those that were cancelled while they waited."""
 
     def delay(self, rssi_dbm: float | None, chance: float) -> Duration:
         """How long to wait; `chance` in [0, 1) chooses within the spread. Of unknown strength: medium."""
@@ -66,6 +66,8 @@ class Relay:
         self._send = send
         self._counters = counters
         self._waiting: dict[str, _Waiting] = {}
+        self._planned = 0
+        """Instants that are planned, also for what was cancelled since."""
 
     def heard(self, packet: KnowledgePacket) -> None:
         """Somebody has sent this, too: what waits and is no newer need not be relayed."""
@@ -78,24 +80,27 @@ class Relay:
         """Relay news, unless it has come far enough."""
         if packet.hops >= self._p.hop_limit:
             return
-        if len(self._waiting) >= self._p.waiting:
+        if self._planned >= self._p.waiting:
             self._counters.relays_refused += 1
             return
         waiting = self._waiting[packet.component] = _Waiting(packet.version, relayed(data))
         at = Instant(heard + self._p.delay(rssi_dbm, self._chance(packet)))
 
         def due(now: Instant) -> None:
+            self._planned -= 1
             if self._waiting.get(packet.component) is waiting:
                 del self._waiting[packet.component]
                 self._counters.relayed += 1
                 self._send(now, waiting.data)
 
+        self._planned += 1
         self._plan(due, at)
 
     def clear(self) -> None:
-        """Relay nothing of what waits: it is too late for it."""
+        """Relay nothing of what waits: it is too late for it, and what was planned is not done."""
         self._counters.relays_cancelled += len(self._waiting)
         self._waiting.clear()
+        self._planned = 0
 
     def _chance(self, packet: KnowledgePacket) -> float:
         """In [0, 1): by node and packet only, so that no other draw changes it."""

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping
 
+from actors.robot.cell_distance import MOST_REACH
 from actors.runtime.errors import AcrcError
 
 
@@ -11,9 +12,14 @@ class ParameterError(AcrcError):
 
 
 def check(
-    table: str, parameters: object, *, positive: Iterable[str] = (), least: Mapping[str, float] | None = None
+    table: str,
+    parameters: object,
+    *,
+    positive: Iterable[str] = (),
+    least: Mapping[str, float] | None = None,
+    most: Mapping[str, float] | None = None,
 ) -> None:
-    """Raise ParameterError if a field in `positive` is not above 0, or one in `least` below what that says.
+    """Raise ParameterError for a field in `positive` that is not above 0, or one beyond `least` or `most`.
 
     `table`: how the sentence names the parameters.
     """
@@ -25,3 +31,15 @@ def check(
         value = getattr(parameters, name)
         if not bound <= value < math.inf:
             raise ParameterError(f"{table}.{name} is {value:g}, but must be at least {bound:g}")
+    for name, bound in (most or {}).items():
+        value = getattr(parameters, name)
+        if value > bound:
+            raise ParameterError(f"{table}.{name} is {value:g}, but must be at most {bound:g}")
+
+
+def check_reach(what: str, reach: float, cell: float) -> None:
+    """Raise ParameterError if `reach`, m, is more cells of side `cell`, m, than distances are known for."""
+    if reach > MOST_REACH * cell:
+        raise ParameterError(
+            f"{what} reaches {reach:g} m far, but must reach at most {MOST_REACH} cells of {cell:g} m"
+        )

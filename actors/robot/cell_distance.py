@@ -4,16 +4,22 @@ As actors.distance, first along columns, then along rows; but where no more than
 to look at all of them, many columns at a time, is quicker than the lower envelope of parabolas.
 """
 
+from typing import Final
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+MOST_REACH: Final = 126
+"""Cells; 2 (reach + 1)² must fit into int16."""
 
 
 def squared_within(marks: NDArray[np.uint8], reach: int) -> NDArray[np.int16]:
     """Squared distance from every cell to the nearest marked one, cells², at most (reach + 1)²; exact.
 
-    `marks`: (rows, columns), 0 where nothing is marked, and so is the result's shape. `reach`: 1 to 100.
+    `marks`: (rows, columns), 0 where nothing is marked; the result has that shape. `reach`: 1 to MOST_REACH.
     """
+    assert 1 <= reach <= MOST_REACH
     squared: NDArray[np.int16] = _squared_within(marks, reach)
     return squared
 

@@ -145,6 +145,10 @@ class RobotCore:
         parts, odometry, instant = self._parts, senses.odometry, Instant(senses.instant)
         sweep = parts.sweeps.take(instant, odometry, senses.scan)
         here = Pose(odometry.x, odometry.y, odometry.heading)
+        for scan in senses.earlier_scans:
+            earlier = parts.sweeps.placed(scan)
+            parts.localisation.update(here, earlier)
+            parts.navigation.sense(instant, here, earlier)
         estimate = parts.localisation.update(here, sweep)
         pose = estimate.pose
         velocity = Twist(odometry.vx, odometry.vy, odometry.omega)

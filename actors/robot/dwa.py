@@ -225,7 +225,7 @@ def _driven(
     rotate_c, rotate_s = cos(angle), sin(angle)
     half_c, half_s = cos(0.5 * angle), sin(0.5 * angle)
     chord = speed * time / count
-    if angle != 0.0:
+    if 0.5 * angle != 0.0:  # half of the smallest number is 0
         chord *= half_s / (0.5 * angle)
     limit = _limit(speed, w)
     if count * abs(chord) > w.goal_distance:

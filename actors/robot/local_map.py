@@ -17,7 +17,7 @@ from actors.geometry import Pose
 from actors.grid import Cell
 from actors.instant import Duration, Instant, in_seconds, seconds
 from actors.portable import arrays
-from actors.robot.bounds import ParameterError, check
+from actors.robot.bounds import ParameterError, check, check_reach
 from actors.robot.cell_distance import squared_within
 from actors.robot.inflation import Inflation
 from actors.robot.ray_tracing import stamp, take_in
@@ -108,6 +108,7 @@ class LocalMap:
         """`radius`: of the body, m."""
         p = self.parameters = parameters
         self.inflation: Final = Inflation(radius + p.padding, p.inflation_radius, p.scaling)
+        check_reach("local_map: the body with its padding", self.inflation.inscribed, p.cell)
         self.table: Final = self.inflation.table(p.cell)
         """Cost by squared distance in cells."""
         self._radius = radius
@@ -169,7 +170,7 @@ class LocalMap:
         )
 
     def free_behind(self, here: Pose, distance: float) -> bool:
-        """True if the body at `here` can back off straight by `distance`, m, as far as the map shows.
+        """True if the body at `here` can back off straight by `distance`, m, and the map shows so far.
 
         Where it is too near to something already, that must not come nearer.
         """
@@ -177,6 +178,8 @@ class LocalMap:
         for step in range(math.ceil(distance / cell) + 1):
             back = here.compose(Pose(-min(step * cell, distance), 0.0, 0.0))
             x, y = self._cells(back.x, back.y)
+            if not (0 <= x < len(self.squared) and 0 <= y < len(self.squared)):
+                return False
             near = cell * math.sqrt(self.squared[math.floor(y), math.floor(x)])
             if near < min(self._radius, apart):
                 return False

@@ -57,6 +57,7 @@ class NavigationParameters:
             self,
             positive=("replanning", *lengths),
             least={"recoveries": 0, "reset_distance": 0},
+            most={"retreat": 1.0},
         )
 
 

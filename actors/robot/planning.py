@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from actors import distance, flood
 from actors.geometry import Point
 from actors.grid import FREE, OCCUPIED, Cell, OccupancyGrid
-from actors.robot.bounds import check
+from actors.robot.bounds import check, check_reach
 from actors.robot.cell_distance import squared_within
 from actors.robot.inflation import INSCRIBED, Inflation
 from actors.robot.potential import UNREACHABLE, descent, potential
@@ -39,11 +39,13 @@ class PlanningParameters:
     """A goal where the robot cannot stand becomes the nearest point, within so many m, where it can
     (navfn default_tolerance); the same holds for the start."""
     cached: int = 16
-    """Potentials kept for goals to come back to; about 0.5 MB each on the corridor map."""
+    """At most so many potentials are kept for goals to come back to; 0.5 MB each on the corridor map."""
+    cached_mb: float = 16.0
+    """They take at most so much memory, MB; the last one is kept whatever it takes."""
 
     def __post_init__(self) -> None:
         lengths = {"margin": 0, "inflation_radius": 0, "scaling": 0, "factor": 0, "wall": 0, "tolerance": 0}
-        check("planner", self, positive=("cell",), least={"neutral": 1, "cached": 1, **lengths})
+        check("planner", self, positive=("cell", "cached_mb"), least={"neutral": 1, "cached": 1, **lengths})
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,10 +129,14 @@ class Planner:
     """Finds ways on one ground; keeps the potentials of the last goals."""
 
     def __init__(self, ground: Ground, parameters: PlanningParameters = PlanningParameters()) -> None:
+        farthest = max(parameters.inflation_radius, ground.reach)
+        check_reach("planner: what is marked", farthest, ground.grid.resolution)
         self._ground = ground
         self._parameters = parameters
         self._region = np.zeros(ground.costs.shape, dtype=np.bool_)
         self._fields: OrderedDict[Cell, NDArray[np.int32]] = OrderedDict()
+        in_memory = int(parameters.cached_mb * 1e6) // ground.costs.nbytes
+        self._room = max(1, min(parameters.cached, in_memory))
 
     def path(
         self, start: Point, goal: Point, marks: NDArray[np.float64] | None = None
@@ -191,7 +197,7 @@ class Planner:
         field = self._fields.get(goal)
         if field is None:
             field = potential(self._ground.costs, *goal)
-            while len(self._fields) >= self._parameters.cached:
+            while len(self._fields) >= self._room:
                 self._fields.popitem(last=False)
             self._fields[goal] = field
         else:

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.geometry import Pose, wrap
+from actors.geometry import Pose, between
 from actors.instant import Instant
 from actors.messages import Odometry, Scan
 from actors.robot_model import RangeSensor
@@ -37,13 +37,15 @@ class Sweeps:
         self._track: deque[tuple[Instant, Pose]] = deque(maxlen=_KEPT)
 
     def take(self, instant: Instant, odometry: Odometry, scan: Scan | None) -> Sweep | None:
-        """The scan that arrived at a step's start, if one did. Raises ScanError for a wrong number of rays.
+        """The odometry, and the scan if one did, that arrived at a step's start: see `placed`."""
+        self._track.append((instant, Pose(odometry.x, odometry.y, odometry.heading)))
+        return None if scan is None else self.placed(scan)
+
+    def placed(self, scan: Scan) -> Sweep:
+        """A scan with its pose. Raises ScanError for a wrong number of rays.
 
         A stamp beyond what is remembered, or in the future, gets the nearest pose that is known.
         """
-        self._track.append((instant, Pose(odometry.x, odometry.y, odometry.heading)))
-        if scan is None:
-            return None
         if len(scan.ranges_mm) != 2 * self._rays:
             raise ScanError(
                 f"a scan of {len(scan.ranges_mm)} bytes arrived; the {self._rays} rays of the robot's "
@@ -57,16 +59,6 @@ class Sweeps:
             if instant <= stamp:
                 if instant == later or stamp >= later:
                     return pose
-                return _between(pose, after, (stamp - instant) / (later - instant))
+                return between(pose, after, (stamp - instant) / (later - instant))
             later, after = instant, pose
         return after
-
-
-def _between(first: Pose, second: Pose, share: float) -> Pose:
-    """The pose at a share of the way from the first to the second."""
-    turn = wrap(second.heading - first.heading)
-    return Pose(
-        first.x + share * (second.x - first.x),
-        first.y + share * (second.y - first.y),
-        wrap(first.heading + share * turn),
-    )

@@ -12,7 +12,7 @@ from actors.map_file import load_map
 from actors.messages import Drive, Scan, Senses
 from actors.placement import check_pose
 from actors.randomness import generator
-from actors.robot_model import load_model
+from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
 from actors.world.odometry import Odometers
 from actors.world.physics import SUBSTEP, Arena
@@ -22,6 +22,10 @@ from actors.world.setup import WorldSetup
 
 class StepLengthError(AcrcError):
     """A step that the physics cannot make."""
+
+
+class SweepRateError(AcrcError):
+    """A range sensor that sweeps more often than the world moves on."""
 
 
 class Bodies:
@@ -47,8 +51,9 @@ class Bodies:
             SUBSTEP,
         )
         self._periods = [model.sensor.period for model in self._models]
-        self._scans: list[Scan | None] = [None] * len(names)
+        self._scans: list[list[Scan]] = [[] for _ in names]
         self._bumpers = np.zeros(len(names), np.uint8)
+        self._most_sweeps = [_sweeps(model, setup.step_us) for model in self._models]
         self._scan_due(Instant(0))
         self._cache()
 
@@ -68,9 +73,10 @@ class Bodies:
 
     def senses(self, index: int, step: int, instant: Instant, events: int, halt: bool) -> Senses:
         """What the robot's base has to say now. A scan is handed out once."""
-        scan, self._scans[index] = self._scans[index], None
+        scans, self._scans[index] = self._scans[index], []
+        scan = scans.pop() if scans else None
         bumper, self._bumpers[index] = int(self._bumpers[index]), 0
-        return Senses(step, instant, events, self._odometers.read(index), bumper, scan, halt)
+        return Senses(step, instant, events, self._odometers.read(index), bumper, scan, halt, tuple(scans))
 
     def command(self, index: int, drive: Drive, instant: Instant) -> None:
         """The robot's wish from `instant` on."""
@@ -94,6 +100,7 @@ class Bodies:
         check_pose(self._grid, pose.point, self._models[index].footprint.inradius, self._names[index])
         self._arena.move(index, pose)
         self._odometers.carry(index, pose)
+        self._scans[index].clear()  # it shows the place that the robot was taken from
         self._cache()
 
     def add_obstacle(self, x: float, y: float, radius: float) -> None:
@@ -114,12 +121,25 @@ class Bodies:
             return
         poses, obstacles = self._arena.poses, self._arena.obstacles
         for index, ranges in zip(due, self._sensors.scan(due, poses, obstacles), strict=True):
-            self._scans[index] = Scan(now, ranges.astype("<u2", copy=False).tobytes())
+            kept = self._scans[index]
+            if len(kept) == self._most_sweeps[index]:  # a frozen robot asks for none
+                del kept[0]
+            kept.append(Scan(now, ranges.astype("<u2", copy=False).tobytes()))
 
     def _cache(self) -> None:
         """The states as plain numbers, once per step: reading arrays item by item is slow."""
         self._poses = self._arena.poses.tolist()
         self._velocities = self._arena.velocities.tolist()
+
+
+def _sweeps(model: RobotModel, step_us: int) -> int:
+    """How many sweeps of the model's sensor end in a step at most; at least 1."""
+    if model.sensor.period < SUBSTEP:
+        raise SweepRateError(
+            f"the range sensor of {model.name!r} sweeps {model.sensor.rate:g} times a second; "
+            f"the world lets it at most {1_000_000 // SUBSTEP} times"
+        )
+    return max(-(-step_us // model.sensor.period), 1)
 
 
 def _on_grid(instant: int) -> int:

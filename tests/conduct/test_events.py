@@ -1,9 +1,11 @@
 """Failures are events: what kill, freeze, restart and the rest do to barrier, body and radio."""
 
 from math import inf, nan
+from unittest.mock import patch
 
 import pytest
 
+from actors.instant import Instant
 from actors.messages import (
     ANSWERED,
     CONTROL,
@@ -21,14 +23,17 @@ from actors.messages import (
     Stop,
     Thaw,
 )  # fmt: skip
+from actors.robot_model import load_model
 from actors.runtime.bus import Delivery
 from actors.runtime.codec import encode
 from actors.runtime.core import at
 from actors.runtime.fingerprint import combined
 from actors.runtime.memory_bus import StalledError
+from actors.world.body import Bodies, SweepRateError
 from actors.world.core import RollCallError
 from actors.world.orders import OrderError
-from tests.conduct.theatre import Scripted, Theatre, told
+from tests.conduct.theatre import STEP, Scripted, Theatre, told
+from tests.world.scenery import with_sensor
 
 
 def ordered(play: Theatre, *given: Order, ticket: str = "") -> list[Answered]:
@@ -104,6 +109,36 @@ def test_a_moved_robot_stands_where_it_was_put() -> None:
     assert (play.truths[9].robots[0].x, play.truths[9].robots[0].y) == (12.0, 13.0)
     moved = play.truths[10].robots[0]
     assert (moved.x, moved.y, moved.heading) == (3.0, 12.0, 1.5)
+
+
+def test_a_moved_robot_is_told_nothing_of_where_it_was_taken_from() -> None:
+    """The sweep that ended at the instant of the move shows the old place, and the odometry the new one."""
+    play = Theatre(1.0, [(0.5, Move("r1", 3.0, 12.0, 1.5))], drive=lambda senses: (0.0, 0.0)).run()
+    scans = {senses.step: senses.scan for senses in play.acts["r1"].senses}
+    assert scans[4] is not None and scans[5] is None
+    assert scans[6] is not None and scans[6].stamp == 600_000
+
+
+def test_no_sweep_of_a_fast_sensor_is_lost() -> None:
+    fast = with_sensor(load_model("turtlebot2"), rate=50.0)
+    setup = Theatre.setup_of(["r1"])
+    with patch("actors.world.body.load_model", lambda *_: fast):
+        bodies = Bodies(setup)
+    told: list[int] = []
+    for step in range(4):
+        senses = bodies.senses(0, step, Instant(step * STEP), 0, False)
+        told += [scan.stamp for scan in (*senses.earlier_scans, senses.scan) if scan is not None]
+        bodies.move(Instant(step * STEP), STEP)
+    assert told == list(range(0, 300_001, 20_000))
+
+
+def test_a_sensor_faster_than_the_world_is_refused() -> None:
+    fast = with_sensor(load_model("turtlebot2"), rate=200.0)
+    with patch("actors.world.body.load_model", lambda *_: fast), pytest.raises(SweepRateError) as raised:
+        Bodies(Theatre.setup_of(["r1"]))
+    assert str(raised.value) == (
+        "the range sensor of 'TurtleBot 2' sweeps 200 times a second; the world lets it at most 100 times"
+    )
 
 
 def test_a_jammer_silences_and_ends() -> None:

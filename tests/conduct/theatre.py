@@ -110,11 +110,7 @@ class Theatre:
         kernels: Mapping[str, str] | None = None,
         places: tuple[tuple[float, float], ...] = ((15.0, 12.5),),
     ) -> None:
-        setups = tuple(
-            RobotSetup(robot, "turtlebot2", None, "exact", STARTS[robot], places) for robot in robots
-        )
-        timed = tuple(TimedOrder(round(when * 1e6), order) for when, order in events)
-        setup = WorldSetup("maps/corridor.yaml", 1, STEP, round(seconds * 1e6), setups, timed)
+        setup = self.setup_of(robots, seconds, events, places)
         self.bus = MemoryBus()
         self.bodies = Bodies(setup)
         self.core = WorldCore(setup, self.bodies)
@@ -134,6 +130,20 @@ class Theatre:
         radio.send(to(RADIO_READY, Ready(0, "radio", 0, "")))
         for robot in robots:
             self.start(robot, 0, 0, (kernels or {}).get(robot, "k"))
+
+    @staticmethod
+    def setup_of(
+        robots: Sequence[str],
+        seconds: float = 1.0,
+        events: Sequence[tuple[float, Order]] = (),
+        places: tuple[tuple[float, float], ...] = (),
+    ) -> WorldSetup:
+        """The set-up of a world with these robots."""
+        setups = tuple(
+            RobotSetup(robot, "turtlebot2", None, "exact", STARTS[robot], places) for robot in robots
+        )
+        timed = tuple(TimedOrder(round(when * 1e6), order) for when, order in events)
+        return WorldSetup("maps/corridor.yaml", 1, STEP, round(seconds * 1e6), setups, timed)
 
     def start(self, robot: str, epoch: int, step: int, kernels: str = "k") -> None:
         """Start a robot's shell and have it say Ready."""

@@ -2,10 +2,12 @@
 
 from typing import TypeVar
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from deeco.agenda import Agenda, Task
+from deeco.errors import ExecutionError
 from deeco.instant import Duration, Instant
 
 T = TypeVar("T")
@@ -78,3 +80,17 @@ def test_any_cutting_into_steps_gives_the_same(tasks: list[tuple[int, int, int]]
     whole = log_of([60])
     assert log_of([*sorted(cuts), 60]) == whole
     assert [now for now, _ in whole] == sorted(now for now, _ in whole)
+
+
+def test_what_plans_without_end_is_stopped() -> None:
+    agenda = Agenda(most=3)
+    agenda.repeat(lambda now: None, Instant(7_000_000), Duration(10))
+    for _ in range(2):
+        agenda.once(lambda now: None, Instant(9_000_000))
+    sentence = "3 tasks are planned already, the next at 7 s; no more can be until some are done"
+    with pytest.raises(ExecutionError, match=sentence):
+        agenda.once(lambda now: None, Instant(1))
+    with pytest.raises(ExecutionError, match=sentence):
+        agenda.repeat(lambda now: None, Instant(1), Duration(1))
+    agenda.run(Instant(9_000_001))
+    agenda.once(lambda now: None, Instant(10_000_000))

@@ -1,15 +1,18 @@
 """Nodes as proxies: who relays what, when, and how far."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from deeco import Knowledge, component, ensemble, milliseconds, role, seconds
+from deeco.instant import Instant
 from deeco.network import NetworkParameters
 from deeco.node import Node
-from deeco.relaying import RelayParameters
+from deeco.packet import KnowledgePacket, Version, pack
+from deeco.relaying import Relay, RelayParameters
+from deeco.statistics import Counters
 from tests.deeco.air import Air, Reach
 
 RELAY = RelayParameters()
@@ -147,6 +150,26 @@ def test_a_full_queue_refuses_and_counts() -> None:
     nodes = cars(positions, relay)
     run(positions, nodes)
     assert total(nodes, "relays_refused") > 0
+
+
+def test_what_was_cancelled_still_counts_until_its_time() -> None:
+    """Else whoever sends one version after another has the receiver plan without end."""
+    planned: list[Callable[[Instant], None]] = []
+    counters = Counters()
+    relay = Relay(RelayParameters(waiting=4), 1, lambda task, at: planned.append(task), _unsent, counters)
+    for number in range(100):
+        packet = KnowledgePacket("c0", Version(0, number), 0, ())
+        relay.heard(packet)
+        relay.take(packet, pack(packet), Instant(0), -60.0)
+    assert len(planned) == 4 and counters.relays_refused == 96
+    for task in planned:
+        task(Instant(1))
+    relay.take(packet, pack(packet), Instant(1), -60.0)
+    assert len(planned) == 5
+
+
+def _unsent(now: Instant, data: bytes) -> None:
+    """Takes a packet, and sends nothing."""
 
 
 @pytest.mark.parametrize("hops", [1, 3, 15])

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.messages import NO_ECHO_MM
+from actors.robot.bounds import ParameterError
 from actors.robot.inflation import INSCRIBED, LETHAL
 from actors.robot.local_map import LOCAL_MAP_PRESETS, LocalMap, LocalMapParameters
+from actors.robot.navigation import NavigationParameters
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor, load_model
 
@@ -147,3 +149,17 @@ def test_below_the_body_nothing_is_marked_and_all_is_trusted() -> None:
     local.take(START, ORIGIN, sweep(ORIGIN, only=dict.fromkeys(range(360), 30)))
     assert not local.marks().size
     assert local.trusted(START)[38:42, 38:42].all()
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.0, -1.3])
+def test_nothing_is_free_where_the_map_does_not_reach(heading: float) -> None:
+    here = Pose(0.0, 0.0, heading)
+    local = mapped(sweep(here))
+    assert local.free_behind(here, 1.0)
+    assert not any(local.free_behind(here, distance) for distance in (3.0, 7.0, 50.0))
+
+
+def test_a_retreat_is_bounded() -> None:
+    with pytest.raises(ParameterError) as raised:
+        NavigationParameters(retreat=1.5)
+    assert str(raised.value) == "navigation.retreat is 1.5, but must be at most 1"

@@ -18,6 +18,7 @@ from actors.robot.localisation import (
     LikelihoodField,
     likelihood_field,
 )
+from actors.robot.localisation.motion import parts_of
 from actors.robot.sweep import Sweep
 from tests.localisation.scenes import APARTMENT, FIELD, ROOM, Drive, amcl, blind, error, place, scan
 
@@ -277,3 +278,30 @@ def test_dead_reckoning_says_nothing_and_needs_no_scan() -> None:
 def test_the_field_is_the_one_of_the_parameters() -> None:
     with pytest.raises(AssertionError):
         amcl(replace(CHAPTER, max_distance=1.0), START, FIELD)
+
+
+def after_a_drive(parameters: AmclParameters, odometry: Pose) -> Amcl:
+    """A filter that begins while the odometry is there already, by a scan that says nothing."""
+    localiser = amcl(parameters, START)
+    localiser.update(odometry, Sweep(blind(), odometry))
+    return localiser
+
+
+@BOTH
+def test_what_was_driven_before_the_first_scan_is_no_single_step(parameters: AmclParameters) -> None:
+    """As after a restart: the base has driven 3 m, and so much has its odometry not lost of it."""
+    localiser = after_a_drive(parameters, Pose(3.0, 0.0, 0.0))
+    particles = localiser.particles
+    middle = np.mean(particles[:, :2], axis=0)
+    assert np.hypot(*(middle - (START.x + 3.0, START.y))) < 0.2
+    assert np.hypot(*np.std(particles[:, :2], axis=0)) < 0.8  # 2.1 m as one step with the chapter's numbers
+
+
+def test_a_long_way_costs_bounded_time_and_stays_finite() -> None:
+    localiser = after_a_drive(CHAPTER, Pose(1e7, -1e7, 3.0))
+    assert np.isfinite(localiser.particles).all()
+
+
+def test_short_steps_are_taken_whole() -> None:
+    assert parts_of(Pose(1.0, 2.0, 0.3), Pose(1.4, 2.4, 3.0), CHAPTER) == 1
+    assert parts_of(Pose(0.0, 0.0, 0.0), Pose(3.0, 0.0, 0.0), CHAPTER) == 12

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from actors.robot.localisation import PRESETS, AmclParameters, LocalisationError
+from actors.robot.localisation.recovery import Recovery
 
 
 @pytest.mark.parametrize(
@@ -28,6 +29,26 @@ def test_a_value_that_makes_no_sense_is_refused_with_a_sentence(field: str, valu
     with pytest.raises(LocalisationError) as raised:
         AmclParameters(**{field: value})
     assert str(raised.value) == f"the localiser's {field} is {value!r}; it should {right}"
+
+
+@pytest.mark.parametrize(("slow", "fast"), [(1.0, 1.0), (0.1, 0.1), (0.5, 0.1)])
+def test_the_long_average_has_to_be_the_slower_one(slow: float, fast: float) -> None:
+    with pytest.raises(LocalisationError) as raised:
+        AmclParameters(recovery_slow=slow, recovery_fast=fast)
+    sentence = f"the localiser's recovery_slow is {slow!r}; it should be below recovery_fast {fast!r}"
+    assert str(raised.value) == sentence
+
+
+@pytest.mark.parametrize(("slow", "fast"), [(0.0, 0.0), (0.0, 0.1), (0.001, 0.0)])
+def test_recovery_is_off_where_an_average_stands_still(slow: float, fast: float) -> None:
+    recovery = Recovery(AmclParameters(recovery_slow=slow, recovery_fast=fast))
+    assert [recovery.injection(fit) for fit in (1.0, 0.0, 0.0, 0.5)] == [0.0] * 4
+
+
+@pytest.mark.parametrize("fit", [0.0, 1.0])
+def test_how_likely_a_new_pose_is_stays_a_probability(fit: float) -> None:
+    recovery = Recovery(AmclParameters(recovery_slow=0.999, recovery_fast=1.0))
+    assert all(0.0 <= recovery.injection(fit) <= 1.0 for _ in range(2000))
 
 
 def test_presets_can_be_written_down() -> None:

@@ -13,6 +13,7 @@ from actors.distance import point_clearance
 from actors.geometry import Point
 from actors.grid import FREE, OCCUPIED, Cell, OccupancyGrid
 from actors.map_file import load_map
+from actors.robot.bounds import ParameterError
 from actors.robot.planning import Ground, Planner, PlanningParameters, ground
 from tests.robot.base import TWO_ROOMS, plan
 
@@ -84,6 +85,24 @@ def test_a_potential_that_is_kept_gives_the_way_that_a_new_one_would() -> None:
         again, anew = small.path(Point(1.0, 1.0), goal), Planner(floor).path(Point(1.0, 1.0), goal)
         assert again is not None and anew is not None
         assert np.array_equal(again, anew)
+
+
+@pytest.mark.parametrize(("megabytes", "kept"), [(1e-9, 1), (0.0, 0), (100.0, 6)])
+def test_potentials_take_as_much_memory_as_is_said(megabytes: float, kept: int) -> None:
+    floor = ground(TWO_ROOMS, RADIUS)
+    if not kept:
+        with pytest.raises(ParameterError):
+            PlanningParameters(cached_mb=megabytes)
+        return
+    planner = Planner(floor, PlanningParameters(cached_mb=megabytes))
+    for i in range(6):
+        planner.path(Point(1.0, 1.0), Point(9.0, 0.5 + 0.3 * i))
+    assert len(planner._fields) == kept
+    for_two = 2.5 * floor.costs.nbytes / 1e6
+    two = Planner(floor, PlanningParameters(cached_mb=for_two))
+    for i in range(6):
+        two.path(Point(1.0, 1.0), Point(9.0, 0.5 + 0.3 * i))
+    assert len(two._fields) == 2
 
 
 @settings(max_examples=60, deadline=None)

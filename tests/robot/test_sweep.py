@@ -49,3 +49,10 @@ def test_another_number_of_rays_is_refused() -> None:
     with pytest.raises(ScanError) as raised:
         Sweeps(KIND.sensor).take(Instant(0), _odometry(0.0), Scan(0, RANGES + b"12"))
     assert str(raised.value) == ("a scan of 18 bytes arrived; the 8 rays of the robot's range sensor give 16")
+
+
+def test_an_earlier_scan_of_the_step_gets_its_own_pose() -> None:
+    sweeps = _sweeps((100, 1.0, 0.0))
+    latest = sweeps.take(Instant(200), _odometry(2.0), Scan(200, RANGES))
+    assert latest is not None and latest.pose.x == 2.0
+    assert sweeps.placed(Scan(150, RANGES)).pose.x == 1.5

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors.geometry import Point, Pose
+from actors.geometry import Point, Pose, between
 from actors.portable import arrays
 from actors.portable.draws import normals
 from actors.robot.localisation.beams import beams, ends
@@ -21,7 +21,7 @@ from actors.robot.localisation.estimate import Estimate
 from actors.robot.localisation.histogram import Cluster, Histogram, heaviest_cluster, histogram
 from actors.robot.localisation.likelihood_field import LikelihoodField
 from actors.robot.localisation.measurement import Measurement
-from actors.robot.localisation.motion import move, spread, step
+from actors.robot.localisation.motion import move, parts_of, spread, step
 from actors.robot.localisation.parameters import AmclParameters
 from actors.robot.localisation.recovery import Recovery
 from actors.robot.localisation.resampling import resample
@@ -128,10 +128,19 @@ class Amcl:
             self._resample(found, injection)
 
     def _move(self, pose: Pose) -> None:
-        """Each particle by its own idea of what the odometry's step was."""
-        made = step(self._odometry or _ORIGIN, pose)
-        draws = normals(self._generator, (3, self._count))
-        move(self._poses, self._count, made, spread(made, self._parameters), draws)
+        """Each particle by its own idea of what the odometry's step was.
+
+        A long way without a scan that counts, such as all since the base was switched on or that of a robot
+        that was blind, is gone in parts: as one step it would have the spread of a single turn and dash.
+        """
+        since = before = self._odometry or _ORIGIN
+        parts = parts_of(before, pose, self._parameters)
+        for part in range(1, parts + 1):
+            after = pose if part == parts else between(since, pose, part / parts)
+            made = step(before, after)
+            draws = normals(self._generator, (3, self._count))
+            move(self._poses, self._count, made, spread(made, self._parameters), draws)
+            before = after
         self._odometry = pose
 
     def _weigh(self, sweep: Sweep) -> float | None:

@@ -32,6 +32,12 @@ class Step(NamedTuple):
     """rad."""
 
 
+_SEVERAL: Final = 5
+"""Scans that count come after each step of the usual length, or the next; own choice."""
+_MOST_STEPS: Final = 1000
+"""Of so many steps a way is at most taken to consist: 200 m in steps of 0.2 m."""
+
+
 class Spread(NamedTuple):
     """Standard deviations of a step's parts: rad, m, rad."""
 
@@ -60,6 +66,16 @@ def spread(made: Step, parameters: AmclParameters) -> Spread:
     if parameters.odometry_model == "diff":
         return Spread(*variances)
     return Spread(*map(math.sqrt, variances))
+
+
+def parts_of(before: Pose, after: Pose, parameters: AmclParameters) -> int:
+    """In how many steps the straight way from one pose of the odometry to the other is best taken; ≥ 1.
+
+    One, unless it is as long as several after which scans count: then so many.
+    """
+    moved = before.relative(after)
+    parts = hypot(moved.x, moved.y) / max(parameters.update_distance, _TURN_ON_THE_SPOT)
+    return math.ceil(min(parts, _MOST_STEPS)) if parts > _SEVERAL else 1
 
 
 def _sharpness(turn: float) -> float:

@@ -95,6 +95,11 @@ class AmclParameters:
     """Standard deviation of the start's heading, rad; amcl's initial_cov_aa is its square. Own choice, as
     above; amcl's default is 15°."""
 
+    @property
+    def recovers(self) -> bool:
+        """Whether new poses are tried at all: not if one of the averages stands still."""
+        return self.recovery_slow > 0 and self.recovery_fast > 0
+
     def __post_init__(self) -> None:
         for name, known in (("odometry_model", OdometryModel), ("weighting", Weighting)):
             if getattr(self, name) not in get_args(known):
@@ -108,6 +113,11 @@ class AmclParameters:
         for name in _SHARES:
             if not 0 <= getattr(self, name) <= 1:
                 _refuse(name, getattr(self, name), "lie in 0 to 1")
+        self._check_pairs()
+
+    def _check_pairs(self) -> None:
+        if self.recovers and self.recovery_slow >= self.recovery_fast:
+            _refuse("recovery_slow", self.recovery_slow, f"be below recovery_fast {self.recovery_fast!r}")
         if self.max_particles < self.min_particles:
             _refuse("max_particles", self.max_particles, f"be at least min_particles {self.min_particles}")
 

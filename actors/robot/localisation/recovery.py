@@ -18,8 +18,12 @@ class Recovery:
         self._fast = 1.0
 
     def injection(self, fit: float) -> float:
-        """How likely a particle is to be a new pose, after a scan of that fit."""
+        """How likely a particle is to be a new pose, after a scan of that fit; 0 where recovery is off."""
         parameters = self._parameters
+        if not parameters.recovers:
+            return 0.0
         self._slow += parameters.recovery_slow * (fit - self._slow)
         self._fast += parameters.recovery_fast * (fit - self._fast)
+        if self._slow <= 0.0:  # after hundreds of scans that fit nowhere at all
+            return 1.0
         return max(0.0, 1.0 - parameters.recovery_tolerance * self._fast / self._slow)
