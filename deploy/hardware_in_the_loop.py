@@ -2,6 +2,7 @@
 
 import itertools
 import signal
+import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -20,8 +21,8 @@ from actors.runtime.credentials import unix_endpoint
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import ROUTER_PATIENCE_S
 from actors.runtime.zenoh_bus import ZenohBus, open_mesh
+from deploy import loop_limits, progress, swarm
 from deploy import onboard as layout
-from deploy import progress, swarm
 from deploy.collect import collect
 from deploy.launch import Child, Launcher, Program, launcher
 from deploy.onboard import Onboard, Ports
@@ -50,8 +51,12 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     """Run the scenario until everything is done, or to its limit, and gather what came of it.
 
     The result also stands in run.json, and what became of every place in places.csv. `launched` starts the
-    processes; None: as the options say.
+    processes; None: as the options say. Raises OptionError for a scenario that asks for more than emulated
+    devices have.
     """
+    loop_limits.check(scenario)
+    if said := loop_limits.note(scenario):
+        sys.stderr.write(f"acrc: {said}\n")
     plan = swarm.plan(scenario, options)
     _lay_out(plan)
     places = sum(len(robot.places) for robot in plan.world.robots)
@@ -135,7 +140,8 @@ def _robot(plan: Plan, index: int, folder: Path) -> Onboard:
         radio=msgspec.structs.replace(plan.radio, robots=((robot.id, plan.address(robot.id)),)),
     )
     links = folder / "links" / robot.id
-    ports = Ports(str(links / "base"), str(links / "radio"), str(links / "range"), PAN, CHANNEL, -10.0)
+    channel = plan.radio.channel or CHANNEL
+    ports = Ports(str(links / "base"), str(links / "radio"), str(links / "range"), PAN, channel, -10.0)
     return Onboard(alone, ports, itertools.count().__next__)
 
 
