@@ -113,7 +113,21 @@ def test_the_first_run_installs_base_and_simulation_and_the_second_nothing(clone
     assert not {"rerun-sdk", "pytest", "lz4", "zstandard"} & clone.installed()
     assert not (clone.folder / ".venv/installer").exists()
     assert clone.call("run") == (0, f"in {clone.folder}: -P -m deploy run\n", "")
-    assert clone.pip_calls() == 2
+    assert clone.pip_calls() == 3
+    assert not (clone.folder / ".venv/build").exists()
+
+
+def test_nothing_is_installed_but_by_its_hash_and_the_build_has_what_is_pinned_too(clone: Clone) -> None:
+    clone.call("run")
+    packages, build, project = clone.notes.read_text().splitlines()
+    assert packages.endswith("--only-binary :all: --require-hashes -r .venv/pins.txt")
+    assert build.endswith(
+        "--only-binary :all: --require-hashes --upgrade --target .venv/build -r .venv/build.txt"
+    )
+    assert project.endswith("install --no-compile --no-deps --no-build-isolation -e .")
+    pins = (clone.tools.parent / "notes.pins").read_text().splitlines()
+    assert all(" --hash=sha256:" in line and "\\" not in line for line in pins)
+    assert (clone.tools.parent / "notes.build").read_text().startswith("setuptools==")
 
 
 def test_extras_come_when_a_command_needs_them_and_stay(clone: Clone) -> None:
@@ -189,7 +203,7 @@ def test_two_first_uses_at_once_install_once(clone: Clone) -> None:
     assert [(out, code) for out, _, code in ends] == [
         (f"in {clone.folder}: -P -m deploy run {number}\n", 0) for number in (1, 2)
     ]
-    assert clone.pip_calls() == 2
+    assert clone.pip_calls() == 3
     assert sorted(err.splitlines()[0] for _, err, _ in ends) == [
         "acrc: another acrc is installing; waiting for it",
         "acrc: making .venv with Python 3.11.7",

@@ -11,14 +11,19 @@ ROOT = Path(__file__).parents[2]
 LEFT_OUT = {"lz4", "zstandard"}
 
 
+def lines() -> list[str]:
+    """Those of constraints.txt, each with those that continue it."""
+    return (ROOT / "constraints.txt").read_text().replace("\\\n", " ").splitlines()
+
+
 def sections() -> dict[str, dict[str, Requirement]]:
     """The pins of each section that apply to this Python, by the package's canonical name."""
     found: dict[str, dict[str, Requirement]] = {}
-    for line in (ROOT / "constraints.txt").read_text().splitlines():
+    for line in lines():
         if header := re.fullmatch(r"# \[(\w+)\]", line):
             current = found.setdefault(header[1], {})
         elif line and not line.startswith("#"):
-            pin = Requirement(line)
+            pin = Requirement(line.partition(" --hash=")[0])
             if pin.marker is None or pin.marker.evaluate():
                 assert canonicalize_name(pin.name) not in current, f"{pin.name} is pinned twice"
                 current[canonicalize_name(pin.name)] = pin
@@ -27,7 +32,16 @@ def sections() -> dict[str, dict[str, Requirement]]:
 
 def wanted() -> dict[str, list[str]]:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    return {"base": project["dependencies"], **project["optional-dependencies"]}
+    return {
+        "build": build_requirements(),
+        "base": project["dependencies"],
+        **project["optional-dependencies"],
+    }
+
+
+def build_requirements() -> list[str]:
+    needed: list[str] = tomllib.loads((ROOT / "pyproject.toml").read_text())["build-system"]["requires"]
+    return needed
 
 
 def closure(names: list[str]) -> set[str]:
@@ -49,7 +63,25 @@ def test_the_sections_are_the_extras() -> None:
     assert list(sections()) == list(wanted())
 
 
-@pytest.mark.parametrize("extra", list(wanted()))
+def test_what_builds_the_project_is_pinned_as_it_says_itself() -> None:
+    assert [str(pin) for pin in sections()["build"].values()] == build_requirements()
+
+
+def test_every_pin_has_the_hashes_of_its_files() -> None:
+    """For Linux on x86-64 and ARM: one for each, unless one file is for all; none is there twice."""
+    seen: dict[str, str] = {}
+    for line in lines():
+        if not line or line.startswith("#"):
+            continue
+        pin, *options = line.split(" --hash=")
+        hashes = [option.strip() for option in options]
+        assert hashes and all(re.fullmatch("sha256:[0-9a-f]{64}", one) for one in hashes), pin
+        assert hashes == sorted(set(hashes)), pin
+        for one in hashes:
+            assert seen.setdefault(one, pin.strip()) == pin.strip(), f"{pin} has a hash of {seen[one]}"
+
+
+@pytest.mark.parametrize("extra", [name for name in wanted() if name != "build"])
 def test_the_pins_of_an_extra_are_what_it_needs_and_nothing_else(extra: str) -> None:
     base, own = set(sections()["base"]), set(sections()[extra])
     needed = closure(wanted()[extra])
@@ -58,16 +90,18 @@ def test_the_pins_of_an_extra_are_what_it_needs_and_nothing_else(extra: str) -> 
 
 
 def test_every_pin_is_exact_and_what_is_installed() -> None:
-    for section in sections().values():
+    for extra, section in sections().items():
         for name, pin in section.items():
             (exact,) = pin.specifier
             assert exact.operator == "=="
+            if extra == "build":
+                continue  # in a folder of its own, and only while the project is installed
             assert (name, exact.version) == (name, metadata.version(name))
 
 
 def test_the_pins_satisfy_one_another() -> None:
     pins = {name: pin for section in sections().values() for name, pin in section.items()}
-    for name in pins:
+    for name in set(pins) - set(sections()["build"]):
         for text in metadata.requires(name) or []:
             requirement = Requirement(text)
             other = pins.get(canonicalize_name(requirement.name))
