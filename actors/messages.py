@@ -357,6 +357,12 @@ class Progress(Message, frozen=True):
     reports: int
     finished: bool
     paused: bool = False
+    awaited: tuple[str, ...] = ()
+    """While no step is taken: the ids of the robots, or "radio", whose messages are missing; else nobody."""
+    awaits: str = ""
+    """What the first of them owes, in words; empty unless the world waits."""
+    starting: bool = False
+    """The world waits for actors that have only been started."""
 
 
 # --- what a radio board tells beside radio -----------------------------------------------------------------

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from actors.runtime.errors import AcrcError
 from deploy import hardware_in_the_loop, record_replay
-from deploy.launch import ExecLauncher
+from deploy.launch import ServedLauncher
 from deploy.options import RunOptions
 from deploy.repository import REPOSITORY
 from deploy.scenario_file import Overrides, load_scenario
@@ -43,7 +43,7 @@ def run(json_output: bool = False, task: OnboardTask | None = None) -> dict[str,
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         out = Path(folder) / "out"
         options = RunOptions(out, spawn="exec", hardware=True, json=json_output)
-        result = hardware_in_the_loop.run(scenario, options, ExecLauncher(NO_NETWORK))
+        result = hardware_in_the_loop.run(scenario, options, ServedLauncher("exec", NO_NETWORK, reap=False))
         again = {robot: _again(out, robot) for robot in result.per_robot}
     late = {name: (robot.lateness_p50_ms, robot.lateness_p99_ms) for name, robot in result.per_robot.items()}
     figures: dict[str, object] = {

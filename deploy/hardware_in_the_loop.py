@@ -19,7 +19,6 @@ from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.credentials import unix_endpoint
 from actors.runtime.errors import AcrcError
-from actors.runtime.process import ROUTER_PATIENCE_S
 from actors.runtime.zenoh_bus import ZenohBus, open_mesh
 from deploy import loop_limits, progress, swarm
 from deploy import onboard as layout
@@ -61,7 +60,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     _lay_out(plan)
     places = sum(len(robot.places) for robot in plan.world.robots)
     with progress.shown(plan.world.duration_us, places, quiet=options.json) as follow:
-        _run_processes(plan, launched or launcher(options.spawn), follow)
+        _run_processes(plan, launched or launcher(options.spawn, reap=False), follow)
     folders = [plan.folder(robot.id) for robot in plan.world.robots]
     return collect(folders, truth=plan.folder(LABORATORY) / "result.json", out=plan.out / "result")
 
@@ -157,7 +156,7 @@ def _watch(robot: Onboard, launched: Launcher, stack: ExitStack) -> Watch:
 def _listen(robot: Onboard, stack: ExitStack) -> ZenohBus:
     folder = robot.folder(layout.BASE).resolve()
     config = access.client_config(folder / "operator.credentials", unix_endpoint(folder / "router.sock"))
-    return stack.enter_context(open_mesh(config, (at(PROGRESS),), patience_s=ROUTER_PATIENCE_S))
+    return stack.enter_context(open_mesh(config, (at(PROGRESS),), patience_s=_PATIENCE_S))
 
 
 def _follow(

@@ -1,4 +1,4 @@
-"""Starts actor processes, by a forkserver with everything preloaded or by exec, and sees them end."""
+"""Starts actor processes through a server that forks or executes them, and sees them end."""
 
 import json
 import os
@@ -7,15 +7,16 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
+from actors.runtime import processes
 from actors.runtime.environment import passed_on
 from actors.runtime.errors import AcrcError
-from actors.runtime.log import create_log
 from deploy.forkserver import MESSAGE_LIMIT
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -46,6 +47,8 @@ class Child:
     pid: int
     exit_code: int | None = None
     """None while it runs; negative: the signal that ended it."""
+    strays: int = 0
+    """Processes that it had started, that ran on when it ended, and that have been ended since."""
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal; one that has ended already is left alone."""
@@ -72,14 +75,26 @@ class Launcher(Protocol):
         """Return when a child may have ended, at the latest after `timeout_s`, with all exit codes known."""
 
 
-class ForkLauncher:
-    """Children of a forkserver: each runs the very `main(argv)` that exec would run."""
+class ServedLauncher:
+    """Children of a small server (`deploy.forkserver`), which reaps them, and whatever they leave behind."""
 
-    def __init__(self) -> None:
+    def __init__(self, how: str, before: Sequence[str] = (), *, reap: bool = True) -> None:
+        """`how`: fork or exec. `before`: words in front of the server's command, such as `unshare --net`;
+        must end in exec. `reap`: end what children leave running; not on board, where the base leaves the last
+        word to a process of its own."""
+        self._reap = reap
+        self._command = [*before, sys.executable, "-m", "deploy.forkserver"]
+        self._how = how
+        self._children: dict[int, Child] = {}
+        self._ended: dict[int, tuple[int, int]] = {}
+        """Exit code and strays of children whose start has not been answered yet."""
+        self._lost = False
+
+    def __enter__(self) -> Self:
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             self._server = subprocess.Popen(
-                [sys.executable, "-m", "deploy.forkserver", str(theirs.fileno())],
+                [*self._command, str(theirs.fileno()), self._how, "reap" if self._reap else "spare"],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 pass_fds=(theirs.fileno(),),
@@ -87,12 +102,13 @@ class ForkLauncher:
                 cwd=ROOT,
                 env=passed_on(os.environ),
             )
-        self._children: dict[int, Child] = {}
-        self._codes: dict[int, int] = {}
-
-    def __enter__(self) -> Self:
-        while "ready" not in self._hear():
-            pass
+        try:
+            while "ready" not in self._hear():
+                pass
+        except BaseException:  # ended from outside while it was importing and compiling
+            self._server.kill()
+            self.__exit__(None, None, None)
+            raise
         return self
 
     def __exit__(
@@ -100,97 +116,72 @@ class ForkLauncher:
     ) -> None:
         self._channel.close()
         self._server.wait()
+        if self._lost and self._reap:  # it has reaped nobody
+            processes.end_sessions(self._children)
 
     def start(self, program: Program) -> Child:
         """Start one program."""
         request = {"start": [program.module, program.argv, str(program.log)]}
-        self._channel.send(json.dumps(request).encode())
-        while "started" not in (answer := self._hear()):
+        try:
+            self._channel.send(json.dumps(request).encode())
+        except BrokenPipeError:
+            raise self._loss() from None
+        while not {"started", "refused"} & (answer := self._hear()).keys():
             pass
+        if "refused" in answer:
+            raise LaunchError(f"{program.actor} is not started; {answer['refused']}")
         child = Child(program, answer["started"])
-        child.exit_code = self._codes.pop(child.pid, None)
+        if child.pid in self._ended:
+            child.exit_code, child.strays = self._ended.pop(child.pid)
         self._children[child.pid] = child
         return child
 
     def wait(self, timeout_s: float) -> None:
-        """Return when a child may have ended, at the latest after `timeout_s`, with all exit codes known."""
+        """Return when a child may have ended, at the latest after `timeout_s`, with all exit codes known.
+
+        Raises LaunchError once if the server has ended; its children end with it.
+        """
+        if self._lost:
+            time.sleep(timeout_s)
+            self._look()
+            return
         while select.select([self._channel], [], [], timeout_s)[0]:
             self._hear()
             timeout_s = 0.0
 
-    def _hear(self) -> dict[str, int]:
+    def _hear(self) -> dict[str, Any]:
         """The server's next message; the end of a child is noted on the way."""
         try:
             text = self._channel.recv(MESSAGE_LIMIT)
         except ConnectionResetError:
             text = b""
         if not text:
-            raise LaunchError(
-                f"the forkserver has ended with exit code {self._server.wait()}; what it said stands above"
-            )
-        message: dict[str, int] = json.loads(text)
+            raise self._loss()
+        message: dict[str, Any] = json.loads(text)
         if "ended" in message:
+            end = (message["code"], message["strays"])
             child = self._children.get(message["ended"])
             if child is None:
-                self._codes[message["ended"]] = message["code"]
+                self._ended[message["ended"]] = end
             else:
-                child.exit_code = message["code"]
+                child.exit_code, child.strays = end
         return message
 
+    def _loss(self) -> LaunchError:
+        self._lost = True
+        code = self._server.wait()
+        how = f"was ended by signal {signal.Signals(-code).name}" if code < 0 else f"has ended with {code}"
+        return LaunchError(f"the forkserver {how}, and every process of the run with it")
 
-class ExecLauncher:
-    """Children by exec, in a session of their own so that a terminal's Ctrl-C passes them by."""
-
-    def __init__(self, before: Sequence[str] = ()) -> None:
-        """`before`: words in front of every command, such as `unshare --net`; must end in exec."""
-        self._before = before
-        self._running: list[tuple[Child, subprocess.Popen[bytes]]] = []
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return None
-
-    def start(self, program: Program) -> Child:
-        """Start one program."""
-        log = create_log(program.log)
-        try:
-            process = subprocess.Popen(
-                [*self._before, sys.executable, "-m", program.module, *program.argv],
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,
-                cwd=ROOT,
-                env=passed_on(os.environ),
-            )
-        finally:
-            os.close(log)
-        child = Child(program, process.pid)
-        self._running.append((child, process))
-        return child
-
-    def wait(self, timeout_s: float) -> None:
-        """Return when a child may have ended, at the latest after `timeout_s`, with all exit codes known."""
-        if hasattr(os, "pidfd_open"):
-            _await_any([process.pid for _, process in self._running], timeout_s)
-        for child, process in self._running:
-            child.exit_code = process.poll()
-        self._running = [(child, process) for child, process in self._running if child.exit_code is None]
+    def _look(self) -> None:
+        """Without the server: which children are gone, though not how."""
+        for child in self._children.values():
+            if child.exit_code is None:
+                there = processes.glance(child.pid)
+                if there is None or there.state == "Z":
+                    child.exit_code = -signal.SIGTERM
 
 
-def launcher(spawn: str) -> Launcher:
-    """`forkserver` or `exec`."""
-    return ForkLauncher() if spawn == "forkserver" else ExecLauncher()
-
-
-def _await_any(pids: Sequence[int], timeout_s: float) -> None:
-    descriptors = [os.pidfd_open(pid) for pid in pids]
-    try:
-        select.select(descriptors, [], [], timeout_s)
-    finally:
-        for descriptor in descriptors:
-            os.close(descriptor)
+def launcher(spawn: str, *, reap: bool = True) -> Launcher:
+    """`forkserver` or `exec`; for `reap` see ServedLauncher."""
+    return ServedLauncher("fork" if spawn == "forkserver" else "exec", reap=reap)

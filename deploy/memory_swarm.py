@@ -1,8 +1,12 @@
 """A run in one process: the same cores, shells, bytes and recordings, but no processes and no mesh."""
 
+import os
+import signal
+import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from typing import NoReturn
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.messages import Roster as RosterMessage
@@ -11,16 +15,19 @@ from actors.robot.program import part as robot_part
 from actors.runtime.bus import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.core import at
+from actors.runtime.failure import OutOfPatience, failure_note, in_words
 from actors.runtime.memory_bus import MemoryBus, run_shells
 from actors.runtime.pace import Pace
-from actors.runtime.process import Part, failure_note, final_note
+from actors.runtime.process import Part, final_note
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell
 from actors.world import program as world_program
 from actors.world.core import WorldCore
+from deploy.household import Leftovers, exits_caught, watched
 from deploy.launch import Program
 from deploy.plan import Plan, radio_program, robot_program
 from deploy.plan import world_program as world_as_program
+from deploy.supervisor import RunFailedError
 
 
 class MemorySwarm:
@@ -48,14 +55,23 @@ class MemorySwarm:
         """Run to the end; whatever happens, the recordings are closed and say how it ended."""
         with self._stack:
             try:
-                self._build()
-                run_shells(self._shells, self._hold)
+                with Leftovers() as leftovers:
+                    self._play()
+            except (SystemExit, OutOfPatience) as error:
+                raise RunFailedError(self._note_failure(error)) from None
             except Exception as error:
                 self._note_failure(error)
                 raise
+            if leftovers.fault is not None:
+                raise RunFailedError(f"a strategy failed: {leftovers.fault}")
             cpu_s = time.process_time() / len(self._seats)  # one process: everyone gets an equal share
             for _, part, shell, recorder in self._seats:
                 recorder.note("final", final_note(shell, part, cpu_s))
+
+    def _play(self) -> None:
+        with exits_caught(), watched(self._shells, self._plan.patience, self._whose_turn, self._give_up):
+            self._build()
+            run_shells(self._shells, self._hold)
 
     def _build(self) -> None:
         plan = self._plan
@@ -83,11 +99,29 @@ class MemorySwarm:
         if part.ready is not None:
             shell.send(part.ready)
 
-    def _note_failure(self, error: Exception) -> None:
+    def _note_failure(self, error: BaseException) -> str:
         """In the file of the actor whose turn it was; the others end in the middle, as processes would."""
+        note = failure_note("the run", 0, error)
         for _, part, shell, recorder in self._seats:
             if shell is self._turn:
-                recorder.note("failure", failure_note(part.run.actor, shell.core.step, error))
+                note = failure_note(part.run.actor, shell.core.step, error)
+                recorder.note("failure", note)
+        return in_words(note)
+
+    def _whose_turn(self) -> str:
+        turn = self._turn
+        if turn is None:
+            return "the actors are not made"
+        return f"step {turn.core.step}: {turn.actor} does not come to the step's end"
+
+    def _give_up(self, sentence: str) -> NoReturn:
+        """End this process, although something in it catches whatever is raised."""
+        self._note_failure(OutOfPatience(sentence))
+        self._stack.close()
+        sys.stderr.write(f"acrc: {sentence}\n")
+        sys.stderr.flush()
+        os.kill(os.getpid(), signal.SIGKILL)
+        raise AssertionError
 
     def _hold(self, shell: Shell) -> None:
         assert self._core is not None

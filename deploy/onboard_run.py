@@ -75,7 +75,7 @@ def run(prepared: Onboard, say: Callable[[str], None]) -> None:
     """Run until the operator stops it, a signal comes (Interrupted), or the budget of restarts is used up."""
     with writing(prepared.plan.out):
         layout.lay_out(prepared)
-    with signals_as_interrupts(), launcher("exec") as launched:
+    with signals_as_interrupts(), launcher("exec", reap=False) as launched:
         service = ServiceNotice()
         watch = Watch(prepared, launched, say, lives=service.lives)
         try:

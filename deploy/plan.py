@@ -1,7 +1,7 @@
 """Lays a run out on disk: what every process reads, and the command line it is started with."""
 
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
@@ -16,6 +16,7 @@ from actors.runtime.seat import own_folder
 from actors.world.setup import RobotSetup, WorldSetup
 from deploy.launch import Program
 from deploy.out_folder import make_folder
+from deploy.silence import Patience
 
 ROUTER_FILE = "router.json"
 """In the world's folder: where the router listens and whom it knows."""
@@ -47,8 +48,8 @@ class Plan:
     hidden: tuple[Path, ...] = ()
     """Files beside the strategy's code that a robot must not see: the scenario."""
     view: bool = False
-    patience_s: float = 30.0
-    """Seconds without an advance after which the world gives the run up."""
+    patience: Patience = field(default=Patience())
+    """How long the run may take no step."""
 
     def folder(self, actor: str) -> Path:
         """The actor's own folder."""
@@ -98,7 +99,7 @@ def world_program(plan: Plan) -> Program:
     argv = (
         *("--setup", str(folder / "setup.json"), "--router", str(folder / ROUTER_FILE)),
         *("--record", str(folder / "world.mcap"), "--commit", plan.commit),
-        *("--speed", plan.speed, "--patience", f"{plan.patience_s:g}", "--with-parent"),
+        *("--speed", plan.speed, "--with-parent"),
     )
     return Program("world", "actors.world", argv, folder / "world.log", folder / "world.mcap")
 

@@ -29,7 +29,8 @@ from actors.messages import (
 )
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
-from actors.runtime.process import FailureNote, FinalNote
+from actors.runtime.failure import FailureNote
+from actors.runtime.process import FinalNote
 from actors.runtime.recording import Entry, Note, RecordingError, decoded, read_recording
 from actors.runtime.replay_bus import topic_of
 from actors.topic import Message

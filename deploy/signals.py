@@ -1,13 +1,22 @@
 """Being ended from outside: by Ctrl-C, by the system, by a terminal that closes."""
 
+import math
 import signal
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Final
+
+_CLEARANCE_S: Final = 10.0
+"""How long what a signal has set off may take, s; longer than every process gets to end."""
 
 
-class Interrupted(Exception):  # noqa: N818  # what a person or the system asked for is no error
-    """The run was ended from outside; `exit_code` is 128 + the signal's number."""
+class Interrupted(BaseException):  # what a person or the system asked for is no error
+    """The run was ended from outside; `exit_code` is 128 + the signal's number.
+
+    No Exception, so that a strategy in this process, which may catch those, does not keep it to itself.
+    """
 
     def __init__(self, exit_code: int) -> None:
         super().__init__(exit_code)
@@ -18,17 +27,24 @@ class Interrupted(Exception):  # noqa: N818  # what a person or the system asked
 def signals_as_interrupts() -> Iterator[None]:
     """Ctrl-C, SIGTERM and SIGHUP become Interrupted, so that what was started is ended in order.
 
-    One that whoever started this process has it ignore, as `nohup` does, stays ignored.
+    What one of them has set off is not cut short by the next. A signal that this process was started to
+    ignore, as by nohup, stays ignored.
     """
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    raised_s = -math.inf
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        raise Interrupted(128 + number)
+        nonlocal raised_s
+        if time.monotonic() > raised_s + _CLEARANCE_S:
+            raised_s = time.monotonic()
+            raise Interrupted(128 + number)
 
-    wanted = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    numbers = [number for number in wanted if signal.getsignal(number) is not signal.SIG_IGN]
-    before = [signal.signal(number, interrupt) for number in numbers]
+    before = {number: signal.getsignal(number) for number in numbers}
+    heeded = [number for number, handler in before.items() if handler is not signal.SIG_IGN]
     try:
+        for number in heeded:
+            signal.signal(number, interrupt)
         yield
     finally:
-        for number, handler in zip(numbers, before, strict=True):
+        for number, handler in before.items():
             signal.signal(number, handler)

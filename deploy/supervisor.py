@@ -1,17 +1,22 @@
 """Watches over the processes of a run: starts them, notices the first that fails, and ends them all."""
 
+import contextlib
 import signal
 import time
 from collections.abc import Callable, Iterable
+from pathlib import Path
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress, Roster
 from actors.runtime.bus import Bus
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
-from actors.runtime.process import FailureNote
+from actors.runtime.failure import FailureNote, in_words
+from actors.runtime.leftovers import fault
 from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.topic import Message, Topic
-from deploy.launch import Child, Launcher, Program
+from deploy.launch import Child, Launcher, LaunchError, Program
+from deploy.silence import Patience
+from deploy.vigil import Vigil
 
 
 class RunFailedError(AcrcError):
@@ -24,25 +29,26 @@ class Supervisor:
     POLL_S = 0.05
     GRACE_S = 3.0
     """How long a process may take to end after it was asked to."""
-    FAREWELL_S = 20.0
-    """How long the processes may take to close their files after the last step."""
+    VIEW_S = 15.0
+    """How long an observer may take to finish its file once the run is over; then it is asked to end."""
 
     def __init__(
         self,
         launcher: Launcher,
         restart: Callable[[ProcessOrder, int], Program],
         on_progress: Callable[[Progress], None],
-        silence_s: float,
+        patience: Patience,
+        say: Callable[[str], None] = lambda sentence: None,
     ) -> None:
-        """`silence_s`: how long the world may take no step, s."""
+        """`say` is told what the person at the terminal should know while the run goes on."""
         self._launcher = launcher
         self._restart = restart
         self._on_progress = on_progress
-        self._silence_s = silence_s
+        self._vigil = Vigil(patience, launcher.wait, say)
         self._children: list[Child] = []
-        self._finished_at: float | None = None
-        self._paused = False
-        self._grown = (0, time.monotonic())
+        self._complete: set[int] = set()
+        """Processes that have ended as planned, by id."""
+        self._finished = False
         self.rosters = 0
         """Roster messages received."""
 
@@ -62,48 +68,67 @@ class Supervisor:
 
     def watch(self, bus: Bus) -> None:
         """Stay until every process has ended as planned; RunFailedError at the first that does not."""
-        while self._running():
+        while any(child.program.record for child in self._running()):
             self._launcher.wait(self.POLL_S)
-            self.check()
             self._take_messages(bus)
-            self._watch_world()
-            if self._finished_at and time.monotonic() > self._finished_at + self.FAREWELL_S:
-                names = ", ".join(child.program.actor for child in self._running())
-                raise RunFailedError(f"{names} did not end within {self.FAREWELL_S:g} s of the last step")
+            self.look()
         self._take_messages(bus)
+        self.check()
+        deadline = time.monotonic() + self.VIEW_S
+        while self._running() and time.monotonic() < deadline:
+            self._launcher.wait(self.POLL_S)
+
+    def await_file(self, path: Path, needed: str) -> bool:
+        """Stay until a process has made the file, so that nobody has to try again and again.
+
+        False if the process `needed`, which was to make it, has ended.
+        """
+        while not path.exists():
+            if not any(child.program.actor == needed for child in self._running()):
+                self.check()
+                return False
+            self._launcher.wait(0.005)
+            self.look()
+        return True
+
+    def look(self) -> None:
+        """RunFailedError if a process has ended otherwise than planned, or keeps the run from going on."""
+        self.check()
+        running = [child for child in self._running() if child.program.record]
+        world = next((child for child in self._children if child.program.actor == "world"), None)
+        assert world is not None and world.program.record is not None
+        if self._finished:
+            fault = self._vigil.look_for_ends(running, f"{_names(running)} did not end after the last step")
+        else:
+            fault = self._vigil.look(running, world.program.record)
+        if fault is not None:
+            self.check()  # what has just ended says more
+            raise RunFailedError(fault)
 
     def check(self) -> None:
         """RunFailedError if a process has ended otherwise than planned."""
         self._launcher.wait(0.0)
-        failed = [
-            child
-            for child in self._children
-            if child.exit_code not in (None, 0) and child.program.record is not None
-        ]
+        ended = [child for child in self._children if child.exit_code is not None and child.program.record]
+        failed = [child for child in ended if child.exit_code]
         if failed:
             raise RunFailedError(_cause(failed))
-
-    def _watch_world(self) -> None:
-        """RunFailedError if the world, which watches all others, has itself written nothing for too long."""
-        world = next(
-            (child.program.record for child in self._running() if child.program.actor == "world"), None
-        )
-        if world is None or not world.exists():
-            return
-        size, since = world.stat().st_size, self._grown[1]
-        if size != self._grown[0] or self._paused:
-            self._grown = (size, time.monotonic())
-        elif time.monotonic() > since + self._silence_s:
-            raise RunFailedError(f"the world has not taken a step for {self._silence_s:g} s")
+        for child in ended:
+            if child.pid not in self._complete:
+                self._complete.add(child.pid)
+                _check_end(child)
 
     def end_all(self) -> None:
         """Ask every process to end, then make it."""
         for number, patience_s in ((signal.SIGTERM, self.GRACE_S), (signal.SIGKILL, self.GRACE_S)):
             for child in self._running():
                 child.send(number)
+                child.send(signal.SIGCONT)  # one that is stopped would not hear it
             deadline = time.monotonic() + patience_s
             while self._running() and time.monotonic() < deadline:
-                self._launcher.wait(self.POLL_S)
+                with contextlib.suppress(
+                    LaunchError
+                ):  # the server's end was told before, or is of no interest
+                    self._launcher.wait(self.POLL_S)
 
     def _running(self) -> list[Child]:
         return [child for child in self._children if child.exit_code is None]
@@ -111,9 +136,10 @@ class Supervisor:
     def _take_messages(self, bus: Bus) -> None:
         while (progress := _next(bus, PROGRESS)) is not None:
             assert isinstance(progress, Progress)
-            self._paused = progress.paused
-            if progress.finished:
-                self._finished_at = time.monotonic()
+            self._vigil.hear(progress)
+            if progress.finished and not self._finished:
+                self._finished = True
+                self._vigil.broken()
             self._on_progress(progress)
         while (roster := _next(bus, ROSTER)) is not None:
             assert isinstance(roster, Roster)
@@ -122,13 +148,12 @@ class Supervisor:
 
     def _restart_robots(self, roster: Roster) -> None:
         for order in roster.start:
-            deadline = time.monotonic() + self.FAREWELL_S
-            while any(child.program.actor == order.robot for child in self._running()):
+            self._vigil.broken()
+            while old := [child for child in self._running() if child.program.actor == order.robot]:
                 self._launcher.wait(self.POLL_S)
-                if time.monotonic() > deadline:
-                    raise RunFailedError(
-                        f"{order.robot} did not end within {self.FAREWELL_S:g} s of its kill"
-                    )
+                self.check()
+                if fault := self._vigil.look_for_ends(old, f"{order.robot} did not end when it was to"):
+                    raise RunFailedError(fault)
             self.start([self._restart(order, roster.step)])
 
 
@@ -142,8 +167,7 @@ def _cause(failed: list[Child]) -> str:
     notes = [note for note in (_failure(child.program) for child in failed) if note is not None]
     if notes:
         note = min(notes, key=lambda note: (not note.expected, note.actor == "world"))
-        where = "" if note.cause.startswith("step ") else f"{note.actor} failed in step {note.step}: "
-        return f"{where}{note.cause}"
+        return in_words(note)
     child = failed[0]
     code = child.exit_code
     assert code is not None
@@ -151,6 +175,23 @@ def _cause(failed: list[Child]) -> str:
         return f"{child.program.actor} was ended by signal {signal.Signals(-code).name}"
     last = _last_line(child.program)
     return f"{child.program.actor} ended with exit code {code}" + (f": {last}" if last else "")
+
+
+def _check_end(child: Child) -> None:
+    """RunFailedError if a process with exit code 0 has ended before its time, or left something running."""
+    program = child.program
+    assert program.record is not None
+    if "final" not in read_notes(program.record):
+        raise RunFailedError(
+            f"{program.actor} ended with exit code 0 in the middle of the run, as by os._exit(0); "
+            f"its log is {program.log}"
+        )
+    if wrong := fault(child.strays > 0):
+        raise RunFailedError(f"{program.actor} failed: {wrong}")
+
+
+def _names(children: Iterable[Child]) -> str:
+    return ", ".join(child.program.actor for child in children)
 
 
 def _failure(program: Program) -> FailureNote | None:

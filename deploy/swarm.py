@@ -1,5 +1,6 @@
 """A whole run: from a scenario to processes over the mesh or cores in memory, and to the result."""
 
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -12,7 +13,6 @@ from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.runtime import access, isolation
 from actors.runtime.core import at
 from actors.runtime.memory_bus import MemoryBus
-from actors.runtime.process import ROUTER_PATIENCE_S
 from actors.runtime.zenoh_bus import open_mesh
 from deploy import progress
 from deploy.cast import cast
@@ -40,8 +40,6 @@ from deploy.version import software
 
 OPERATOR: Final = "operator"
 """Name of the parent process on the mesh."""
-WORLD_GRACE_S: Final = 5.0
-"""How much longer than the world's own patience the parent waits for the world."""
 OnProgress = Callable[[Progress], None]
 
 
@@ -113,16 +111,17 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
         launched,
         lambda order, step: robot_program(plan, robots[order.robot], order, step),
         on_progress,
-        silence_s=plan.patience_s + WORLD_GRACE_S,
+        plan.patience,
+        _say,
     )
     try:
         supervisor.start([world_program(plan), radio_program(plan)])
-        _await_file(supervisor, issued.sockets[OPERATOR])
+        supervisor.await_file(issued.sockets[OPERATOR], "world")
         config = access.client_config(issued.files[OPERATOR], issued.endpoint(OPERATOR))
-        with open_mesh(config, (at(PROGRESS), at(ROSTER)), patience_s=ROUTER_PATIENCE_S) as bus:
+        with open_mesh(config, (at(PROGRESS), at(ROSTER)), between=supervisor.look) as bus:
             if plan.view:
                 supervisor.start([observer_program(plan)])
-                _await_file(supervisor, plan.out / "view.rrd")
+                supervisor.await_file(plan.out / "view.rrd", "observer")
             first = (ProcessOrder(robot, 0) for robot in robots)
             supervisor.start([robot_program(plan, robots[order.robot], order, 0) for order in first])
             supervisor.watch(bus)
@@ -148,11 +147,8 @@ def _isolated(options: RunOptions) -> bool:
     return reason is None
 
 
-def _await_file(supervisor: Supervisor, path: Path) -> None:
-    """Return when a process has made the file, so that nobody has to try again and again."""
-    while not path.exists() and supervisor.running:
-        time.sleep(0.005)
-        supervisor.check()
+def _say(sentence: str) -> None:
+    sys.stderr.write(f"acrc: {sentence}\n")
 
 
 def _finish(plan: Plan, programs: Sequence[Program], about: Circumstances) -> RunResult:

@@ -18,7 +18,6 @@ from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.parent import die_with_parent, leave_in_order
-from actors.runtime.process import ROUTER_PATIENCE_S
 from actors.runtime.seat import ArgumentParser
 from actors.runtime.zenoh_bus import ZenohBus, open_mesh
 from actors.topic import Message
@@ -63,8 +62,8 @@ def main(argv: Sequence[str]) -> int:
         options = parse(argv)
         if options.with_parent:
             die_with_parent(os.getppid())
-        config = client_config(options.credentials, options.router)
-        with open_mesh(config, (at(TRUTH), at(DRIVE, "*")), patience_s=ROUTER_PATIENCE_S) as bus:
+        config = client_config(options.credentials, options.router, onlooker=True)
+        with open_mesh(config, (at(TRUTH), at(DRIVE, "*")), onlooker=True) as bus:
             observer = Observer(options.out, load_map(options.map), load_places(options.places))
             try:
                 _watch(bus, observer)

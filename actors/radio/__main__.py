@@ -7,20 +7,21 @@ from collections.abc import Sequence
 from actors.radio.program import parse, part
 from actors.runtime.access import client_config
 from actors.runtime.errors import AcrcError
-from actors.runtime.parent import die_with_parent
+from actors.runtime.parent import answer_where, die_with_parent
 from actors.runtime.process import play
 from actors.runtime.recording import Recorder
 
 
 def main(argv: Sequence[str]) -> int:
     """Run the radio; the exit code."""
+    answer_where()
     try:
         options = parse(argv)
         if options.seat.with_parent:
             die_with_parent(os.getppid())
         config = client_config(options.seat.credentials, options.seat.router)
-        radio = part(argv)
-        return play(radio, Recorder(options.seat.record, radio.run.step_us), config)
+        radio, seat = part(argv), options.seat
+        return play(radio, Recorder(seat.record, radio.run.step_us), config, patience_s=seat.patience_s)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

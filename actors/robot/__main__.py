@@ -8,13 +8,14 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs a process of one thread
 
 import sys
+import threading
 from collections.abc import Sequence
 
 from actors.robot import program, setup
 from actors.runtime.access import client_config
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import Plan, isolate
-from actors.runtime.parent import die_with_parent
+from actors.runtime.parent import answer_where, die_with_parent, leave
 from actors.runtime.process import play
 from actors.runtime.recording import Recorder
 from actors.runtime.seat import own_folder
@@ -22,7 +23,8 @@ from actors.runtime.seat import own_folder
 
 def main(argv: Sequence[str]) -> int:
     """Be one robot until told to halt; the exit code."""
-    parent = os.getppid()
+    parent, threads = os.getppid(), threading.enumerate()
+    answer_where()
     try:
         options = program.parse(argv)
         setup.kernels()  # compiled while the cache can still be written
@@ -42,11 +44,12 @@ def main(argv: Sequence[str]) -> int:
         elif options.seat.with_parent:
             die_with_parent(parent)
         config = client_config(options.seat.credentials, options.seat.router)
-        return play(program.part(argv), recorder, config)
+        robot, patience_s = program.part(argv), options.seat.patience_s
+        return play(robot, recorder, config, threads=threads, patience_s=patience_s)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    leave(main(sys.argv[1:]))

@@ -24,7 +24,10 @@ _TAGS: Final = 2**63
 
 @dataclass(frozen=True)
 class RobotLimits:
-    """How much a behaviour may ask for in one step; own choices, far above what a strategy needs."""
+    """How much a behaviour may ask for in one step; own choices, far above what a strategy needs.
+
+    What it says about places must also fit one message (actors.runtime.codec.MESSAGE_LIMIT).
+    """
 
     frames: int = 32
     """Frames to be sent; at 250 kbit/s a step of 0.1 s has air time for about as many of 80 bytes."""

@@ -14,7 +14,7 @@ import zenoh
 from actors.messages import AIRED, BOARD, CONTROL, RADIO_READY, RECEIVED, TRANSMIT, TRUTH
 from actors.runtime import credentials
 from actors.runtime.credentials import AccessError, Credentials, unix_endpoint, unnamed
-from actors.runtime.session_config import session_config, set_value
+from actors.runtime.session_config import LinkParameters, session_config, set_value
 
 CERTIFIED: Final = "certificate"
 """User and password of whoever comes over TLS, for a router that asks some for passwords asks all. It is no
@@ -67,13 +67,18 @@ def router_config(issued: Credentials, endpoints: Sequence[str] = ()) -> zenoh.C
     set_value(config, "listen/endpoints", [*sockets, *endpoints])
     # Without this the router sleeps half a second when it is opened.
     set_value(config, "scouting/delay", 0)
+    # For links with a queue, which observers have; the actors' have none, and take everything or block.
+    wait_us = round(1e6 * LinkParameters.onlooker_s)
+    set_value(config, "transport/link/tx/queue/congestion_control/block/wait_before_close", wait_us)
     set_value(config, "transport/auth/usrpwd", {"dictionary_file": str(issued.dictionary)})
     set_value(config, "access_control", access_rules(issued.robots, issued.others))
     return config
 
 
-def client_config(credentials_file: Path, endpoint: str) -> zenoh.Config:
+def client_config(credentials_file: Path, endpoint: str, *, onlooker: bool = False) -> zenoh.Config:
     """The session of any other actor: it connects to `endpoint` and to nothing else.
+
+    An `onlooker` may lose messages, and holds nobody up.
 
     Raises AccessError where `credentials_file` cannot be read or does not hold `user:password`.
     """
@@ -82,6 +87,8 @@ def client_config(credentials_file: Path, endpoint: str) -> zenoh.Config:
     set_value(config, "connect/endpoints", [endpoint])
     set_value(config, "listen/endpoints", [])
     set_value(config, "transport/auth/usrpwd", {"user": user, "password": password})
+    if onlooker:  # then the router has a queue for it, and closes the link where that stays full
+        set_value(config, "transport/unicast/lowlatency", False)
     return config
 
 

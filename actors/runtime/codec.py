@@ -2,6 +2,7 @@
 
 import re
 import reprlib
+from collections.abc import Iterable
 from typing import Any, Final
 
 import msgspec
@@ -19,13 +20,56 @@ _BRIEF: Final = reprlib.Repr()
 _BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother = 2, 60, 60
 
 
+MESSAGE_LIMIT: Final = 65_000
+"""Bytes of one message, on every bus: what fits a batch of Zenoh's low-latency transport (65 535 bytes, which
+it does not split) beside the longest key."""
+
+
 class WireError(AcrcError):
     """Bytes on a key that are no message of its topic."""
 
 
-def encode(message: Message) -> bytes:
-    """The bytes of `message`; equal messages give equal bytes."""
-    return _PREFIX + _ENCODER.encode(message)
+class UnfitMessageError(AcrcError):
+    """A message that no bus takes."""
+
+
+def encode(message: Message, key: str = "") -> bytes:
+    """The bytes of `message`; equal messages give equal bytes.
+
+    UnfitMessageError for more than MESSAGE_LIMIT of them, and for values that are not of the plain types of
+    the message's fields; it says on which `key`.
+    """
+    try:
+        payload = _PREFIX + _ENCODER.encode(message)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise UnfitMessageError(f"{_title(message, key)} {_unfit(message) or error}") from None
+    if len(payload) > MESSAGE_LIMIT:
+        raise UnfitMessageError(
+            f"{_title(message, key)} has {len(payload)} bytes; a message may have at most {MESSAGE_LIMIT}"
+        )
+    return payload
+
+
+def _title(message: Message, key: str) -> str:
+    return f"step {message.step!r}: {type(message).__name__}{f' on {key}' if key else ''}"
+
+
+def _unfit(value: object, name: str = "") -> str:
+    """What cannot be encoded in a message or a part of it; empty if nothing was found."""
+    inner: Iterable[tuple[str, object]] = ()
+    if isinstance(value, msgspec.Struct):
+        inner = ((f"{name}.{field}", getattr(value, field)) for field in value.__struct_fields__)
+    elif isinstance(value, tuple):
+        inner = ((f"{name}[{index}]", item) for index, item in enumerate(value))
+    else:
+        try:
+            _ENCODER.encode(value)
+        except (TypeError, ValueError, OverflowError) as error:
+            kind = f"{type(value).__module__}.{type(value).__qualname__}"
+            shown = ascii(value)
+            shown = f"{shown[:60]}…" if len(shown) > 60 else shown
+            return f"holds {shown}, a {kind}, in {name.lstrip('.')}; it must be a plain value ({error})"
+    return next(filter(None, (_unfit(item, place) for place, item in inner)), "")
 
 
 def decode(topic: Topic[Message], key: str, payload: bytes) -> Message:

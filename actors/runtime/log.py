@@ -10,11 +10,10 @@ def create_log(path: Path) -> int:
     return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_APPEND, 0o644)
 
 
-def open_log(path: Path) -> None:
-    """Send this process's standard output and error to a new file, from the operating system's level on."""
-    stream = create_log(path)
+def write_to(log: int) -> None:
+    """Send this process's standard output and error to an open log, from the system's level on."""
     sys.stdout.flush()
     sys.stderr.flush()
-    os.dup2(stream, 1)
-    os.dup2(stream, 2)
-    os.close(stream)
+    os.dup2(log, 1)
+    os.dup2(log, 2)
+    os.close(log)

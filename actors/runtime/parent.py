@@ -1,11 +1,17 @@
 """The tie between a process and the one that started it."""
 
+import faulthandler
 import os
 import signal
 import sys
 from types import FrameType
+from typing import NoReturn
 
 from actors.runtime.linux import PR_SET_PDEATHSIG, prctl
+
+
+class Ended(SystemExit):
+    """This process was told to end by SIGTERM, and does so in order."""
 
 
 def die_with_parent(parent: int, number: signal.Signals = signal.SIGKILL) -> None:
@@ -23,9 +29,21 @@ def die_with_parent(parent: int, number: signal.Signals = signal.SIGKILL) -> Non
 
 
 def leave_in_order() -> None:
-    """Let SIGTERM end this process by SystemExit, so that sockets, files and sessions are closed."""
+    """Let SIGTERM end this process by Ended, so that sockets, files and sessions are closed."""
 
     def leave(number: int, frame: FrameType | None) -> None:
-        raise SystemExit(128 + number)
+        raise Ended(128 + number)
 
     signal.signal(signal.SIGTERM, leave)
+
+
+def leave(code: int) -> NoReturn:
+    """End this process now: what threads of a user's own do is not waited for."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
+
+
+def answer_where() -> None:
+    """From now on SIGUSR1 writes to standard error where this process stands, out of an endless loop, too."""
+    faulthandler.register(signal.SIGUSR1, file=2, all_threads=True)

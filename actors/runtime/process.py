@@ -4,28 +4,29 @@ import ctypes
 import gc
 import resource
 import sys
+import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 import msgspec
 import zenoh
 
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
+from actors.runtime.failure import failure_note
 from actors.runtime.keeper import cpu_s
+from actors.runtime.leftovers import LeftoverError, fault
+from actors.runtime.parent import Ended
+from actors.runtime.processes import has_strays
 from actors.runtime.processor import Processor
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell, run_shell
 from actors.runtime.tally import ActorDigest
 from actors.runtime.zenoh_bus import ZenohBus, open_session
-
-ROUTER_PATIENCE_S: Final = 30.0
-"""How long a process tries to reach the router."""
 
 Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 
@@ -70,16 +71,6 @@ class FinalNote(msgspec.Struct, frozen=True):
     """What the actor has to say about the run, by subject."""
 
 
-class FailureNote(msgspec.Struct, frozen=True):
-    """The last record of a process that failed: the step it was in, and the cause in one sentence."""
-
-    actor: str
-    step: int
-    cause: str
-    expected: bool
-    """True for an AcrcError, whose sentence says it all; False for a bug, whose traceback is in the log."""
-
-
 @dataclass(frozen=True)
 class Part:
     """What a process plays: its core and the core's connections."""
@@ -96,17 +87,25 @@ class Part:
 
 
 def play(
-    part: Part, recorder: Recorder, config: zenoh.Config, on_listening: Callable[[], None] = lambda: None
+    part: Part,
+    recorder: Recorder,
+    config: zenoh.Config,
+    on_listening: Callable[[], None] = lambda: None,
+    *,
+    threads: Collection[threading.Thread] | None = None,
+    patience_s: float = 0.0,
 ) -> int:
     """Run an actor to its end over the mesh; the exit code: 0 = ended as planned, 1 = failed.
 
-    `recorder` is closed. `on_listening` is called once every message to the actor would be received.
+    `recorder` is closed. `on_listening` is called once every message to the actor would be received; a router
+    that is not there is waited for so long. `threads`: those from before any code of the user's; others must
+    have ended by the end, and so must processes. None: there is no such code.
     """
     with ExitStack() as stack:
         stack.enter_context(recorder)
         recorder.note("run", part.run)
         try:
-            session = stack.enter_context(open_session(config, ROUTER_PATIENCE_S))
+            session = stack.enter_context(open_session(config, patience_s))
             bus = part.bus(session, part.listens)
             on_listening()
             shell = Shell(part.core, bus, recorder, actor=part.run.actor, open_to=part.open_to)
@@ -114,8 +113,12 @@ def play(
                 shell.send(part.ready)
             settle()
             part.drive(shell, bus)
+            if threads is not None and (wrong := fault(has_strays(), threads)):
+                raise LeftoverError(wrong)
             recorder.note("final", final_note(shell, part, cpu_s()))
-        except Exception as error:
+        except Ended:
+            raise
+        except BaseException as error:  # a strategy may call sys.exit, which is no Exception
             recorder.note("failure", failure_note(part.run.actor, part.core.step, error))
             if not isinstance(error, AcrcError):
                 traceback.print_exc()  # a bug: the whole story, into the process's log
@@ -149,12 +152,3 @@ def final_note(shell: Shell, part: Part, cpu_s: float) -> FinalNote:
         arrived=dict(shell.tally.arrived),
         outcome={name: msgspec.Raw(msgspec.json.encode(value)) for name, value in part.outcome().items()},
     )
-
-
-def failure_note(actor: str, step: int, error: Exception) -> FailureNote:
-    """The cause in one sentence."""
-    if isinstance(error, AcrcError):
-        return FailureNote(actor, step, str(error), expected=True)
-    frame = traceback.extract_tb(error.__traceback__)[-1]
-    place = f"{Path(frame.filename).name}:{frame.lineno}"
-    return FailureNote(actor, step, f"{type(error).__name__}: {error} ({place})", expected=False)

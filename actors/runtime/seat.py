@@ -1,6 +1,7 @@
 """The options that every actor process shares, on its command line."""
 
 import argparse
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -34,6 +35,11 @@ class Seat:
     """Version of the software, for the first record."""
     with_parent: bool
     """End as soon as the process that started this one has ended."""
+
+    @property
+    def patience_s(self) -> float:
+        """How long the router may take to be there, s; who is looked after waits until he is ended."""
+        return math.inf if self.with_parent else 30.0
 
 
 def own_folder(folder: Path) -> Path:

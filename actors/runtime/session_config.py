@@ -1,10 +1,26 @@
 """What the configurations of all Zenoh sessions have in common."""
 
+from dataclasses import dataclass
+
 import msgspec
 import zenoh
 
 
-def session_config(mode: str) -> zenoh.Config:
+@dataclass(frozen=True)
+class LinkParameters:
+    """When a link counts as dead."""
+
+    lease_s: float = 86_400.0
+    """Silence after which the other end closes the link, s. Own choice: a day, for on one machine the end of
+    a process closes its sockets, and silence means that it, or the machine, was stopped and may go on."""
+    lease_over_network_s: float = 10.0
+    """The same where the other end may be out of reach; Zenoh's default."""
+    onlooker_s: float = 0.1
+    """How long a message may wait for an observer that takes nothing, s; then its link is closed; it connects
+    anew once it goes on. Own choice: a run is held up once, for the blink of an eye."""
+
+
+def session_config(mode: str, lease_s: float = LinkParameters.lease_s) -> zenoh.Config:
     """A `router` or a `client` that looks for nobody, stamps nothing and shares no memory."""
     config = zenoh.Config()
     set_value(config, "mode", mode)
@@ -18,6 +34,7 @@ def session_config(mode: str) -> zenoh.Config:
     # priority is enough, for the barrier has at most a handful of messages on a link.
     set_value(config, "transport/unicast/lowlatency", True)
     set_value(config, "transport/unicast/qos/enabled", False)
+    set_value(config, "transport/link/tx/lease", round(1000 * lease_s))
     return config
 
 

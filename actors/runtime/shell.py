@@ -108,7 +108,7 @@ class Shell:
         """Publish one message outside of an advance, such as Ready."""
         address, message = output
         key = address.key
-        payload = encode(message)
+        payload = encode(message, key)
         if not is_telemetry(address.topic):
             sequence = self.tally.sending(key)
             sha256 = hashlib.sha256(payload).digest()

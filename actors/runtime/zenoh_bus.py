@@ -1,8 +1,9 @@
 """The mesh: one Zenoh session per process; every put blocks rather than drops."""
 
+import math
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
 
@@ -27,16 +28,17 @@ class MeshError(AcrcError):
 class ZenohBus:
     """Publishes and receives over one session; each listened topic has a queue of its own.
 
-    A full queue holds the sender up (congestion control BLOCK); nothing is dropped.
+    A full queue holds the sender up (congestion control BLOCK); nothing is dropped. With `onlooker` it holds
+    nobody up, and the newest messages are kept.
     """
 
     QUEUE: Final = 4096
 
-    def __init__(self, session: zenoh.Session, listens: Sequence[Address]) -> None:
+    def __init__(self, session: zenoh.Session, listens: Sequence[Address], *, onlooker: bool = False) -> None:
         self._session = session
+        channel = zenoh.handlers.RingChannel if onlooker else zenoh.handlers.FifoChannel
         self._subscribers: dict[Topic[Message], Any] = {
-            address.topic: session.declare_subscriber(address.key, zenoh.handlers.FifoChannel(self.QUEUE))
-            for address in listens
+            address.topic: session.declare_subscriber(address.key, channel(self.QUEUE)) for address in listens
         }
 
     def publish(self, key: str, payload: bytes) -> None:
@@ -58,15 +60,27 @@ def _delivery(topic: Topic[Message], sample: zenoh.Sample) -> Delivery:
 
 
 @contextmanager
-def open_mesh(config: zenoh.Config, listens: Sequence[Address], *, patience_s: float) -> Iterator[ZenohBus]:
-    """A bus over a new session; tries again for `patience_s` while the router is not there yet."""
-    with open_session(config, patience_s) as session:
-        yield ZenohBus(session, listens)
+def open_mesh(
+    config: zenoh.Config,
+    listens: Sequence[Address],
+    *,
+    patience_s: float = math.inf,
+    between: Callable[[], None] = lambda: None,
+    onlooker: bool = False,
+) -> Iterator[ZenohBus]:
+    """A bus over a new session; see `open_session`."""
+    with open_session(config, patience_s, between) as session:
+        yield ZenohBus(session, listens, onlooker=onlooker)
 
 
 @contextmanager
-def open_session(config: zenoh.Config, patience_s: float) -> Iterator[zenoh.Session]:
-    """A new session for a bus; tries again for `patience_s` while the router is not there yet."""
+def open_session(
+    config: zenoh.Config, patience_s: float = math.inf, between: Callable[[], None] = lambda: None
+) -> Iterator[zenoh.Session]:
+    """A new session for a bus; tries again for `patience_s` while the router is not there yet.
+
+    `between` is called between two attempts, and may raise; without limit is for whoever is looked after.
+    """
     os.environ.setdefault("ZENOH_RUNTIME", _ONE_THREAD)  # read when the process opens its first session
     # Zenoh logs to standard output, where a result may stand; what goes wrong is raised, or counted
     zenoh.init_log_from_env_or("off")
@@ -76,6 +90,7 @@ def open_session(config: zenoh.Config, patience_s: float) -> Iterator[zenoh.Sess
             session = zenoh.open(config)
             break
         except zenoh.ZError as error:
+            between()
             if time.monotonic() > deadline:
                 raise MeshError(f"no session with the router within {patience_s:g} s: {error}") from None
             time.sleep(0.005)

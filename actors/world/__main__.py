@@ -9,7 +9,7 @@ from actors.runtime import router_file
 from actors.runtime.access import router_config
 from actors.runtime.credentials import reveal
 from actors.runtime.errors import AcrcError
-from actors.runtime.parent import die_with_parent, leave_in_order
+from actors.runtime.parent import answer_where, die_with_parent, leave_in_order
 from actors.runtime.process import play
 from actors.runtime.recording import Recorder
 from actors.world.program import Conductor, build, load_setup, parse, part, run_note
@@ -18,13 +18,14 @@ from actors.world.program import Conductor, build, load_setup, parse, part, run_
 def main(argv: Sequence[str]) -> int:
     """Conduct a run; the exit code."""
     leave_in_order()
+    answer_where()
     try:
         options = parse(argv)
         if options.with_parent:
             die_with_parent(os.getppid(), signal.SIGTERM)
         setup = load_setup(options.setup)
         core = build(setup)
-        conductor = Conductor(core, options.speed, options.patience)
+        conductor = Conductor(core, options.speed)
         note = run_note(setup, argv, options.commit)
         issued = router_file.read(options.router)
         world = part(core, note, conductor.drive)

@@ -8,6 +8,8 @@ restart.
 from collections.abc import Sequence
 from enum import Enum
 
+import msgspec
+
 from actors.instant import Instant, in_seconds
 from actors.messages import (
     AIRED,
@@ -303,6 +305,15 @@ class WorldCore:
         left = {(place.owner, place.place) for route in self._roster.routes.values() for place in route}
         reports = self._referee.reports
         return Progress(self._step, self.instant, len(left), reports, self._finished, self.paused)
+
+    def waiting(self, addresses: Sequence[Address]) -> Progress:
+        """How things stand while these messages are missing."""
+        names = tuple(dict.fromkeys(address.robot or "radio" for address in addresses))
+        what = (
+            self.describe_wait(addresses[0]) if addresses else f"step {self._step}: the world takes no step"
+        )
+        starting = self._phase is Phase.ROLL_CALL
+        return msgspec.structs.replace(self._progress(), awaited=names, awaits=what, starting=starting)
 
     def describe_wait(self, address: Address) -> str:
         """Who and what the world waits for, in the words of the run."""

@@ -3,20 +3,23 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 from typing import Final
 
 import msgspec
 
 from actors import distance, flood
+from actors.messages import PROGRESS
 from actors.portable import arrays, draws, foundations
+from actors.runtime.core import to
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import fingerprints
 from actors.runtime.pace import Pace
-from actors.runtime.patience import patience
 from actors.runtime.process import Part, RunNote
 from actors.runtime.processor import processor
 from actors.runtime.seat import ArgumentParser
 from actors.runtime.shell import Shell, run_shell
+from actors.runtime.ticks import ticking
 from actors.runtime.zenoh_bus import ZenohBus
 from actors.world import dead_reckoning, drive, physics, rays, visits
 from actors.world.body import Bodies
@@ -45,8 +48,6 @@ class WorldOptions:
     """Simulated seconds per second; None = as fast as possible."""
     with_parent: bool
     """End as soon as the process that started this one has ended."""
-    patience: float
-    """Seconds without an advance after which the run is given up."""
 
 
 def parse(argv: Sequence[str]) -> WorldOptions:
@@ -57,13 +58,10 @@ def parse(argv: Sequence[str]) -> WorldOptions:
     parser.add_argument("--record", required=True, type=Path, help="MCAP file to write")
     parser.add_argument("--commit", default="", help="version of the software, for the first record")
     parser.add_argument("--speed", default="max", help='"max", or simulated seconds per second')
-    parser.add_argument("--patience", type=float, default=30.0, help="seconds to wait for a message")
     parser.add_argument("--with-parent", action="store_true", help="end when the starting process ends")
     given = parser.parse_args(argv)
     speed = None if given.speed == "max" else float(given.speed)
-    return WorldOptions(
-        given.setup, given.router, given.record, given.commit, speed, given.with_parent, given.patience
-    )
+    return WorldOptions(given.setup, given.router, given.record, given.commit, speed, given.with_parent)
 
 
 def load_setup(path: Path) -> WorldSetup:
@@ -119,16 +117,25 @@ def run_note(setup: WorldSetup, argv: Sequence[str], commit: str) -> RunNote:
 
 
 class Conductor:
-    """Drives the world over the mesh: keeps the pace, and gives up when somebody stays silent."""
+    """Drives the world over the mesh: keeps the pace, and says what it waits for when it waits long."""
 
-    def __init__(self, core: WorldCore, speed: float | None, patience_s: float) -> None:
+    TICK_S: Final = 1.0
+
+    def __init__(self, core: WorldCore, speed: float | None) -> None:
         self._core = core
         self._pace = None if speed is None else Pace(speed)
-        self._patience_s = patience_s
 
     def drive(self, shell: Shell, bus: ZenohBus) -> None:
         """Run to the end."""
-        with patience(shell, self._patience_s, lambda: self._silence(shell), lambda: self._core.paused):
+        seen = -1
+
+        def tick(frame: FrameType | None) -> None:
+            nonlocal seen
+            if shell.advances == seen and not self._core.paused:
+                shell.send(to(PROGRESS, self._core.waiting(shell.awaited)))
+            seen = shell.advances
+
+        with ticking(self.TICK_S, tick):
             run_shell(shell, bus, self.hold)
 
     def hold(self) -> None:
@@ -139,9 +146,3 @@ class Conductor:
             self._pace.restart()
         elif self._core.opening:
             self._pace.hold(self._core.instant)
-
-    def _silence(self, shell: Shell) -> str:
-        awaited = shell.awaited
-        if not awaited:
-            return f"step {self._core.step}: the world itself does not come to an end"
-        return self._core.describe_wait(awaited[0])

@@ -9,7 +9,8 @@ import numpy as np
 
 from actors.messages import Drive, Heard, RadioEvent, Received, Senses, Sent, Transmit
 from actors.runtime.codec import decode, encode
-from actors.runtime.process import FailureNote, FinalNote, RunNote
+from actors.runtime.failure import FailureNote
+from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import Entry, Note, Recorder, read_recording
 from actors.runtime.replay_bus import topic_of
 from actors.topic import Message

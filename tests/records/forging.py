@@ -6,7 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from actors.runtime.process import FailureNote, FinalNote, RunNote
+from actors.runtime.failure import FailureNote
+from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import Entry, Note, Recorder, read_recording
 
 Change = Callable[[Entry | Note], Entry | Note | None]

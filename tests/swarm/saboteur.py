@@ -1,6 +1,10 @@
 """Behaviours that go wrong on purpose, by entry string."""
 
+import os
+import sys
+import threading
 import time
+from collections.abc import Callable
 
 from actors.instant import Instant, seconds
 from actors.robot.ports import Behaviour, Decision, Start, View
@@ -23,14 +27,54 @@ class Raises:
         return self._inner.advance(view, until)
 
 
-class Hangs(Raises):
-    """The same, but it never answers."""
+class Behaves(Raises):
+    """Follows the baseline, but for what r2 does once after two seconds."""
+
+    def __init__(self, start: Start, deed: Callable[[], object]) -> None:
+        super().__init__(start)
+        self._deed = deed
 
     def advance(self, view: View, until: Instant) -> Decision:
         """As the baseline, for a while."""
-        while self._guilty and view.instant >= WHEN:
-            time.sleep(1)
+        if self._guilty and view.instant >= WHEN:
+            self._guilty = False
+            self._deed()
         return self._inner.advance(view, until)
+
+
+def _sleep() -> None:
+    while True:
+        time.sleep(1)
+
+
+def _spin() -> None:
+    count = 0
+    while True:
+        count += 1
+
+
+def _fork() -> None:
+    if os.fork() == 0:
+        time.sleep(1000)
+        os._exit(0)
+
+
+def _fork_twice() -> None:
+    child = os.fork()
+    if child == 0:
+        if os.fork() == 0:
+            os.setsid()
+            time.sleep(1000)
+        os._exit(0)
+    os.waitpid(child, 0)
+
+
+def _start_a_thread() -> None:
+    threading.Thread(target=time.sleep, args=(1000,), name="mine").start()
+
+
+def _say_much() -> None:
+    raise ValueError("first line\nsecond \x1b[31mline\udc80")
 
 
 def raises(start: Start) -> Behaviour:
@@ -39,5 +83,40 @@ def raises(start: Start) -> Behaviour:
 
 
 def hangs(start: Start) -> Behaviour:
-    """Entry `tests.swarm.saboteur:hangs`."""
-    return Hangs(start)
+    """Never answers, and uses no processor."""
+    return Behaves(start, _sleep)
+
+
+def spins(start: Start) -> Behaviour:
+    """Never answers, and uses as much processor as there is."""
+    return Behaves(start, _spin)
+
+
+def forks(start: Start) -> Behaviour:
+    """Leaves a process behind."""
+    return Behaves(start, _fork)
+
+
+def forks_twice(start: Start) -> Behaviour:
+    """Leaves a process behind whose parent has ended."""
+    return Behaves(start, _fork_twice)
+
+
+def starts_a_thread(start: Start) -> Behaviour:
+    """Leaves a thread behind, that is no daemon."""
+    return Behaves(start, _start_a_thread)
+
+
+def exits(start: Start) -> Behaviour:
+    """Ends its process as if all were well."""
+    return Behaves(start, lambda: sys.exit(0))
+
+
+def exits_hard(start: Start) -> Behaviour:
+    """Ends its process as if all were well, and nobody can say a last word."""
+    return Behaves(start, lambda: os._exit(0))
+
+
+def says_much(start: Start) -> Behaviour:
+    """Raises with more than a line of text, and not only letters in it."""
+    return Behaves(start, _say_much)

@@ -1,8 +1,10 @@
 """An unplanned death, hang or exception ends the run: the cause is named and nothing is left behind."""
 
 import os
+import re
 import signal
 import subprocess
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,10 +14,13 @@ import pytest
 from msgspec.structs import replace as replace_struct
 
 from actors.messages import Progress
+from actors.runtime import processes
+from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_notes, read_recording
 from deploy import swarm
 from deploy.options import RunOptions
 from deploy.scenario_file import Overrides, load_scenario
+from deploy.silence import Patience
 from deploy.supervisor import RunFailedError
 from tests.swarm.command import acrc, leftovers, processes_of, run, start
 
@@ -61,7 +66,7 @@ def gone(out: Path) -> bool:
 def started(out: Path, *words: object) -> subprocess.Popen[str]:
     """A long run that has begun to step."""
     process = start("run", "--duration", 100_000, "--out", out, *words)
-    until(lambda: stepping(out))
+    until(lambda: stepping(out), timeout_s=120.0)  # nothing may be compiled yet
     return process
 
 
@@ -87,7 +92,7 @@ def test_an_exception_is_named_with_its_place(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert done.stderr.strip().splitlines()[-1] == (
         "acrc: r2 failed in step 20: ZeroDivisionError: my strategy divides by the number of its friends "
-        "(saboteur.py:22)"
+        "(saboteur.py:26)"
     )
     log = (out / "r2" / "r2.log").read_text()
     assert "Traceback" in log and "in step 20 (2 s): behaviour 'tests.swarm.saboteur:raises' of r2" in log
@@ -104,30 +109,100 @@ def test_in_memory_an_exception_is_the_guilty_actors(tmp_path: Path) -> None:
     assert last_step(out / "r1" / "r1.mcap") == 20
 
 
-def test_a_hang_is_named_after_the_patience_with_step_actor_and_message(tmp_path: Path) -> None:
-    overrides = Overrides(strategy="tests.swarm.saboteur:hangs")
-    out = tmp_path / "out"
-    plan = replace(swarm.plan(load_scenario(None, overrides), RunOptions(out)), patience_s=1.0)
-    with pytest.raises(RunFailedError) as caught:
-        swarm.run_processes(plan, "forkserver", lambda progress: None)
-    assert str(caught.value) == "step 20 (2 s): no Drive from r2 for 1 s"
+def failure(out: Path, behaviour: str, bus: str = "zenoh", spawn: str = "forkserver", **limits: float) -> str:
+    """The sentence with which a run ends whose r2 behaves like that; nothing is left of it."""
+    overrides = Overrides(strategy=f"tests.swarm.saboteur:{behaviour}", robots=2, duration=3)
+    plan = swarm.plan(load_scenario(None, overrides), RunOptions(out, isolate=bus == "isolated"))  # type: ignore[arg-type]
+    plan = replace(plan, patience=Patience(**limits))
+    with pytest.raises(AcrcError) as caught:
+        if bus == "memory":
+            swarm.run_in_memory(plan, lambda progress: None)
+        else:
+            swarm.run_processes(plan, spawn, lambda progress: None)
     assert gone(out)
+    return str(caught.value)
 
 
-def test_a_world_that_hangs_is_noticed_by_the_parent(tmp_path: Path) -> None:
+def test_a_hang_is_named_after_the_patience_with_step_actor_message_and_line(tmp_path: Path) -> None:
+    assert failure(tmp_path / "out", "hangs", step_s=1.0) == (
+        "step 20 (2 s): no Drive from r2 for 1 s; r2 stands at saboteur.py:47 (_sleep)"
+    )
+
+
+@pytest.mark.parametrize("bus", ["zenoh", "memory"])
+def test_an_endless_loop_is_named_by_its_line(tmp_path: Path, bus: str) -> None:
+    said = failure(tmp_path / "out", "spins", bus, step_s=1.0)
+    where = r"saboteur\.py:(52|53) \(_spin\)"
+    if bus == "zenoh":
+        expected = rf"step 20 \(2 s\): no Drive from r2 after 1 s of processor time; r2 stands at {where}"
+    else:
+        expected = (
+            r"step 20: r2 does not come to the step's end after 1 s of processor time; "
+            rf"it stands at {where}"
+        )
+    assert re.fullmatch(expected, said)
+
+
+@pytest.mark.parametrize("bus", ["zenoh", "isolated", "memory"])
+@pytest.mark.parametrize("behaviour", ["forks", "forks_twice"])
+def test_what_a_strategy_forks_is_ended_and_named(tmp_path: Path, behaviour: str, bus: str) -> None:
+    before = processes.children(os.getpid(), processes.table())
+    if bus == "memory":
+        who = "a strategy failed"
+    else:  # outside of isolation, who has lost its parent is found by the server only
+        who = "r2 failed" if (behaviour, bus) == ("forks_twice", "zenoh") else "r2 failed in step 30"
+    assert failure(tmp_path / "out", behaviour, bus) == (
+        f"{who}: processes of its own were still running at its end: "
+        "a strategy must start neither processes nor threads"
+    )
+    assert processes.children(os.getpid(), processes.table()) == before
+
+
+@pytest.mark.parametrize("spawn", SPAWNS)
+def test_a_thread_of_a_strategy_holds_nothing_up_and_is_named(tmp_path: Path, spawn: str) -> None:
+    assert failure(tmp_path / "out", "starts_a_thread", spawn=spawn) == (
+        "r2 failed in step 30: threads of its own were still running at its end (mine): "
+        "a strategy must start neither processes nor threads"
+    )
+
+
+@pytest.mark.parametrize("bus", ["zenoh", "memory"])
+def test_a_strategy_that_exits_is_named_at_once(tmp_path: Path, bus: str) -> None:
+    began = time.monotonic()
+    assert failure(tmp_path / "soft", "exits", bus) == (
+        "r2 failed in step 20: its code called sys.exit(0) (saboteur.py:112)"
+    )
+    said = failure(tmp_path / "hard", "exits_hard", bus)
+    if bus == "memory":
+        assert said == "r2 failed in step 20: its code called os._exit(0) (saboteur.py:117)"
+    else:
+        log = tmp_path / "hard" / "r2" / "r2.log"
+        assert said == (
+            f"r2 ended with exit code 0 in the middle of the run, as by os._exit(0); its log is {log}"
+        )
+    assert time.monotonic() - began < 25  # not the 30 s of a silent actor
+
+
+def test_an_exception_is_shown_whole_but_for_what_a_terminal_would_obey(tmp_path: Path) -> None:
+    assert failure(tmp_path / "out", "says_much") == (
+        "r2 failed in step 20: ValueError: first line\nsecond \\x1b[31mline\\udc80 (saboteur.py:77)"
+    )
+
+
+def test_a_world_that_is_stopped_is_waited_for(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
-    plan = swarm.plan(load_scenario(None, Overrides(robots=1, duration=100_000)), RunOptions(out))
+    plan = swarm.plan(load_scenario(None, Overrides(robots=1, duration=20)), RunOptions(out))
     seen: list[int] = []
 
     def stop_the_world(progress: Progress) -> None:
         if not seen:
             seen.append(process_of(out, "world"))
             os.kill(seen[0], signal.SIGSTOP)
+            threading.Timer(2.5, os.kill, (seen[0], signal.SIGCONT)).start()
 
-    with pytest.raises(RunFailedError) as caught:
-        swarm.run_processes(replace(plan, patience_s=0.5), "forkserver", stop_the_world)
-    assert str(caught.value) == "the world has not taken a step for 5.5 s"
-    assert gone(out)
+    plan = replace(plan, patience=Patience(step_s=1.0))
+    assert swarm.run_processes(plan, "forkserver", stop_the_world).simulated_s == 20.0
+    assert "acrc: world stopped by a signal; the run waits for SIGCONT" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("spawn", SPAWNS)

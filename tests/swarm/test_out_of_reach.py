@@ -8,7 +8,7 @@ import pytest
 from actors.runtime.isolation import available
 from actors.runtime.log import create_log
 from actors.runtime.recording import Entry, read_recording
-from deploy.launch import ExecLauncher, Program
+from deploy.launch import LaunchError, Program, launcher
 from deploy.repository import REPOSITORY
 from tests.swarm.command import acrc, run
 
@@ -78,9 +78,12 @@ def test_a_log_is_a_new_file(tmp_path: Path) -> None:
     (tmp_path / "r1.log").symlink_to(victim)
     (tmp_path / "r2.log").touch()
     (tmp_path / "r3.log").symlink_to(tmp_path / "nothing.txt")
-    for name in ("r1", "r2", "r3"):
-        with pytest.raises(FileExistsError):
-            create_log(tmp_path / f"{name}.log")
-        with pytest.raises(FileExistsError):
-            ExecLauncher().start(Program(name, "this", (), tmp_path / f"{name}.log", None))
+    with launcher("exec") as launched:
+        for name in ("r1", "r2", "r3"):
+            log = tmp_path / f"{name}.log"
+            with pytest.raises(FileExistsError):
+                create_log(log)
+            with pytest.raises(LaunchError) as caught:
+                launched.start(Program(name, "this", (), log, None))
+            assert str(caught.value) == f"{name} is not started; {log}: File exists"
     assert victim.read_text() == "untouched" and not (tmp_path / "nothing.txt").exists()

@@ -1,0 +1,130 @@
+"""What the system says about running processes, and how all that descend from one are ended. For Linux.
+
+On other systems nothing is known: there are no processes in any table.
+"""
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Collection, Iterable, Mapping
+from pathlib import Path
+from typing import Final, NamedTuple
+
+_PROC: Final = Path("/proc")
+_TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
+_LONGEST_SWEEP_S: Final = 5.0
+"""How long something that starts processes as fast as they are ended is run after."""
+
+
+class Glance(NamedTuple):
+    """One process at one instant, from /proc/PID/stat (proc(5))."""
+
+    parent: int
+    session: int
+    state: str
+    """R running or waiting for a processor, S and D waiting, T and t stopped, Z ended."""
+    cpu_s: float
+    """Of the process itself and of those of its children that have ended and been waited for."""
+
+    @property
+    def stopped(self) -> bool:
+        """True while a signal or a debugger holds it."""
+        return self.state in ("T", "t")
+
+
+def table() -> dict[int, Glance]:
+    """Every process of the machine by its id, as far as it can be seen."""
+    if not (_PROC / "self/stat").exists():
+        return {}
+    found = {int(entry.name): glance(int(entry.name)) for entry in _PROC.iterdir() if entry.name.isdigit()}
+    return {pid: one for pid, one in found.items() if one is not None}
+
+
+def glance(pid: int) -> Glance | None:
+    """One process; None if there is none."""
+    try:
+        text = (_PROC / str(pid) / "stat").read_text(errors="replace")
+    except OSError:
+        return None
+    # The name stands in parentheses and may hold anything; what follows the last one is numbers.
+    words = text.rpartition(")")[2].split()
+    cpu_ticks = sum(map(int, words[11:15]))
+    return Glance(int(words[1]), int(words[3]), words[0], cpu_ticks / _TICKS_PER_S)
+
+
+def children(of: int, among: Mapping[int, Glance]) -> set[int]:
+    """The processes that `of` is the parent of."""
+    return {pid for pid, one in among.items() if one.parent == of}
+
+
+def descendants(of: Iterable[int], among: Mapping[int, Glance]) -> set[int]:
+    """These processes and all that descend from them."""
+    below: dict[int, list[int]] = {}
+    for pid, one in among.items():
+        below.setdefault(one.parent, []).append(pid)
+    found: set[int] = set()
+    waiting = [pid for pid in of if pid in among]
+    while waiting:
+        pid = waiting.pop()
+        if pid not in found:
+            found.add(pid)
+            waiting += below.get(pid, [])
+    return found
+
+
+def end_orphans(heirs: Collection[int]) -> int:
+    """End these children of this process with all that descend from them; how many of them still ran.
+
+    What is orphaned on the way must fall to this process (PR_SET_CHILD_SUBREAPER) to be found.
+    """
+    me = os.getpid()
+    bystanders = children(me, table()) - set(heirs)
+    ended: set[int] = set()
+    deadline = time.monotonic() + _LONGEST_SWEEP_S
+    while time.monotonic() < deadline:
+        known = table()
+        own = children(me, known) - bystanders
+        if not own:
+            break
+        living = {pid for pid in descendants(own, known) if known[pid].state != "Z"}
+        for number in (signal.SIGSTOP, signal.SIGKILL):  # nothing that is stopped starts another one
+            for pid in living:
+                _signal(pid, number)
+        ended |= living
+        for pid in own:
+            _wait(pid)
+        time.sleep(0.002)
+    return len(ended)
+
+
+def end_sessions(leaders: Collection[int]) -> None:
+    """End what is left of the sessions that these processes have begun (setsid(2))."""
+    for pid, one in table().items():
+        if one.session in leaders:
+            _signal(pid, signal.SIGKILL)
+
+
+def has_strays() -> bool:
+    """True if a process runs that this one, or what descends from it, has started."""
+    with contextlib.suppress(ChildProcessError):
+        while os.waitpid(-1, os.WNOHANG)[0]:  # what has only not been waited for
+            pass
+    if os.getppid() == 0:  # a process namespace of its own, whose other processes /proc need not show
+        try:
+            os.kill(-1, 0)
+        except ProcessLookupError:
+            return False
+        return True
+    known, me = table(), os.getpid()
+    return any(known[pid].state != "Z" for pid in descendants((me,), known) - {me})
+
+
+def _signal(pid: int, number: signal.Signals) -> None:
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.kill(pid, number)
+
+
+def _wait(pid: int) -> None:
+    with contextlib.suppress(ChildProcessError):
+        os.waitpid(pid, os.WNOHANG)
