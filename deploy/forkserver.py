@@ -3,10 +3,10 @@
 `python -m deploy.forkserver FD fork|exec reap|spare` serves on a socket: `{"start": [module, argv, log]}` is
 answered by `{"started": pid}`, or by `{"refused": why}` where the log is no new file, and the end of a child
 is told as `{"ended": pid, "code": code, "strays": n}`: n processes that the child had started outlived it and
-have been ended (`reap`; `spare` leaves them alone). `fork`: it has imported and compiled everything once, and forks from there; `exec`: it is
-small, and every child begins anew. It ends, and all that descends from it, when the other end of the socket
-closes. The standard library's forkserver leaves a socket file and keeps running when its parent is killed,
-see docs/decisions.
+have been ended (`reap`; `spare` leaves them alone). `fork`: it has imported and compiled everything once, and
+forks from there; `exec`: it is small, and every child begins anew. It ends, and its children, when the other
+end of the socket closes. The standard library's forkserver leaves a socket file and keeps running when its
+parent is killed, see docs/decisions.
 """
 
 import importlib

@@ -80,8 +80,8 @@ class ServedLauncher:
 
     def __init__(self, how: str, before: Sequence[str] = (), *, reap: bool = True) -> None:
         """`how`: fork or exec. `before`: words in front of the server's command, such as `unshare --net`;
-        must end in exec. `reap`: end what children leave running; not on board, where the base leaves the last
-        word to a process of its own."""
+        must end in exec. `reap`: end what children leave running; not on board, where the base leaves the
+        last word to a process of its own."""
         self._reap = reap
         self._command = [*before, sys.executable, "-m", "deploy.forkserver"]
         self._how = how

@@ -112,7 +112,7 @@ def test_in_memory_an_exception_is_the_guilty_actors(tmp_path: Path) -> None:
 def failure(out: Path, behaviour: str, bus: str = "zenoh", spawn: str = "forkserver", **limits: float) -> str:
     """The sentence with which a run ends whose r2 behaves like that; nothing is left of it."""
     overrides = Overrides(strategy=f"tests.swarm.saboteur:{behaviour}", robots=2, duration=3)
-    plan = swarm.plan(load_scenario(None, overrides), RunOptions(out, isolate=bus == "isolated"))  # type: ignore[arg-type]
+    plan = swarm.plan(load_scenario(None, overrides), RunOptions(out, isolate=bus == "isolated"))
     plan = replace(plan, patience=Patience(**limits))
     with pytest.raises(AcrcError) as caught:
         if bus == "memory":
