@@ -78,20 +78,24 @@ def end_orphans(heirs: Collection[int]) -> int:
 
     What is orphaned on the way must fall to this process (PR_SET_CHILD_SUBREAPER) to be found.
     """
-    me = os.getpid()
-    bystanders = children(me, table()) - set(heirs)
     ended: set[int] = set()
+    wanted = set(heirs)
+    sessions: set[int] = set()
     deadline = time.monotonic() + _LONGEST_SWEEP_S
     while time.monotonic() < deadline:
         known = table()
-        own = children(me, known) - bystanders
+        # Others may lose their parent at this moment, too: what is not of these families is left alone.
+        own = {pid for pid in children(os.getpid(), known) if pid in wanted or known[pid].session in sessions}
         if not own:
             break
-        living = {pid for pid in descendants(own, known) if known[pid].state != "Z"}
+        family = descendants(own, known)
+        living = {pid for pid in family if known[pid].state != "Z"}
         for number in (signal.SIGSTOP, signal.SIGKILL):  # nothing that is stopped starts another one
             for pid in living:
                 _signal(pid, number)
         ended |= living
+        wanted |= family
+        sessions |= {known[pid].session for pid in family} - {os.getsid(0)}
         for pid in own:
             _wait(pid)
         time.sleep(0.002)
