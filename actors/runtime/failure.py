@@ -9,7 +9,7 @@ from typing import Final
 
 import msgspec
 
-from actors.runtime.errors import AcrcError
+from actors.runtime.errors import AcrcError, printable
 
 _LIBRARIES: Final = tuple(
     f"{sysconfig.get_path(name)}/" for name in ("stdlib", "platstdlib", "purelib", "platlib")
@@ -64,17 +64,6 @@ def own_place(frames: Sequence[tuple[str, int]]) -> tuple[str, int]:
     """Of file names and lines, the innermost first, the first that is in no library."""
     own = (frame for frame in frames if not frame[0].startswith((*_LIBRARIES, "<")))
     return next(own, frames[0] if frames else ("nowhere", 0))
-
-
-def printable(text: str) -> str:
-    """`text` with everything that a terminal would obey, or that no file can hold, in escapes; lines stay."""
-    return "".join(_visible(letter) for letter in text)
-
-
-def _visible(letter: str) -> str:
-    if letter.isprintable() or letter == "\n":
-        return letter
-    return letter.encode("unicode_escape").decode()
 
 
 def _said(error: BaseException) -> str:
