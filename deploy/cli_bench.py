@@ -327,3 +327,22 @@ def processors(
     from benchmarks.processors import table
 
     raise typer.Exit(table.run(seconds, crowd, install, folder.absolute(), json))
+
+
+@app.command()
+def endings(
+    count: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="Runs.")] = 200,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="From which all that is done follows.")] = 1,
+    longest_stop: Annotated[
+        float, typer.Option(metavar="S", min=5, max=3600, help="Processes are stopped for 5 s to so long.")
+    ] = 60.0,
+    workers: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="Runs at a time.")] = 4,
+    json: _Json = False,
+) -> None:
+    """Kill, stop and signal runs at random instants; say what was not named, was left, or cannot be read."""
+    from benchmarks import endings as trials
+    from benchmarks.endings_trial import EndingsTask
+
+    task = EndingsTask(count, seed, longest_stop=longest_stop)
+    if not trials.run(task, workers, json):
+        raise typer.Exit(1)
