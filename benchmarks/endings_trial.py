@@ -41,8 +41,8 @@ class EndingsTask:
     longest_stop: float = 60.0
     """s for which a process is stopped."""
     window: float = 8.0
-    """The deed comes within so many s of the start, or as soon as its victim is there: own choice, about what a
-    run takes."""
+    """The deed comes within so many s of the start, or as soon as its victim is there: own choice, about what
+    a run takes."""
     simulated: float = 24.0
     speed: float = 6.0
     """Simulated time, s, and how fast: so that a run lasts long enough to be hit."""
