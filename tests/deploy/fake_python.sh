@@ -12,6 +12,7 @@ case "$1 $2" in
         sleep "${PIP_TAKES:-0}"
         [ -z "${PIP_FAILS:-}" ] || exit 1
         [ ! -f .venv/pins.txt ] || cp .venv/pins.txt "$NOTES.pins"
+        [ ! -f .venv/hashed.txt ] || cp .venv/hashed.txt "$NOTES.hashed"
         [ ! -f .venv/build.txt ] || cp .venv/build.txt "$NOTES.build"
         ;;
     '-P -m') echo "in $PWD: $*" ;;

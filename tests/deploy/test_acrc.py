@@ -120,13 +120,15 @@ def test_the_first_run_installs_base_and_simulation_and_the_second_nothing(clone
 def test_nothing_is_installed_but_by_its_hash_and_the_build_has_what_is_pinned_too(clone: Clone) -> None:
     clone.call("run")
     packages, build, project = clone.notes.read_text().splitlines()
-    assert packages.endswith("--only-binary :all: --require-hashes -r .venv/pins.txt")
+    assert packages.endswith("--only-binary :all: --require-hashes -r .venv/hashed.txt")
     assert build.endswith(
         "--only-binary :all: --require-hashes --upgrade --target .venv/build -r .venv/build.txt"
     )
     assert project.endswith("install --no-compile --no-deps --no-build-isolation -e .")
+    hashed = (clone.tools.parent / "notes.hashed").read_text().splitlines()
+    assert all(" --hash=sha256:" in line and "\\" not in line for line in hashed)
     pins = (clone.tools.parent / "notes.pins").read_text().splitlines()
-    assert all(" --hash=sha256:" in line and "\\" not in line for line in pins)
+    assert pins == [line.partition(" --hash=")[0].rstrip() for line in hashed], "to constrain other packages"
     assert (clone.tools.parent / "notes.build").read_text().startswith("setuptools==")
 
 
