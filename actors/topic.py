@@ -35,3 +35,9 @@ class Topic(Generic[M]):
 
     def __repr__(self) -> str:
         return f"Topic({self.pattern!r}, {self.kind.__name__})"
+
+
+def sender(key: str) -> str | None:
+    """The robot that alone may write to `key`, `swarm/up/<id>/…`; None for a key of somebody else."""
+    parts = key.split("/")
+    return parts[2] if parts[:2] == ["swarm", "up"] and len(parts) > 3 else None

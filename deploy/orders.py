@@ -25,13 +25,13 @@ from actors.messages import (
     Stop,
     Thaw,
 )
+from actors.order_limits import OrderLimits, fault
 from actors.runtime import access, router_file
 from actors.runtime.bus import Bus
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.zenoh_bus import open_mesh
-from actors.world.order_limits import OrderLimits, fault
 from deploy.plan import ROUTER_FILE
 
 

@@ -75,6 +75,8 @@ def _sentences(result: RunResult) -> Iterator[str]:
     if result.places_claimed > result.places_done:
         untrue = result.places_claimed - result.places_done
         yield f"{_places(untrue)} reported although no robot had been there"
+        if result.settled_s is not None:
+            yield "the run ended on false claims"
     if result.places_lost:
         yield f"{_places(result.places_lost)} lost: neither reported nor given up, and in nobody's route"
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from actors.limits import transmit_fault, truth_fault
 from actors.messages import (
     AIRED,
     RECEIVED,
@@ -75,6 +76,8 @@ class RadioCore:
         if truth.halt:
             self._finished = True
             return ()
+        if wrong := truth_fault(truth, self._step):
+            raise AcrcError(f"Step {self._step}: the world {wrong}.")
         events = self._events(truth, inputs)
         outputs = []
         counts = []
@@ -125,13 +128,10 @@ class RadioCore:
         for robot in truth.robots:
             if not _sends(robot):
                 continue
-            frames = read(inputs, TRANSMIT, robot.id).frames
-            if len(frames) != robot.transmits:
-                raise AcrcError(
-                    f"Step {self._step}: {robot.id} announced {robot.transmits} frames, "
-                    f"but its Transmit carries {len(frames)}."
-                )
-            for frame in frames:
+            transmit = read(inputs, TRANSMIT, robot.id)
+            if wrong := transmit_fault(transmit, self._step, robot.transmits):
+                raise AcrcError(f"Step {self._step}: {robot.id} {wrong}.")
+            for frame in transmit.frames:
                 fault = self._fault(robot.id, frame, truth.instant)
                 if fault:
                     nearest = min(max(frame.instant, truth.instant), truth.instant + self._step_us - 1)

@@ -18,6 +18,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined, fingerprints
 from actors.runtime.process import Part, RunNote
 from actors.runtime.processor import processor
+from actors.runtime.quota_bus import QuotaBus
 from actors.runtime.seat import ArgumentParser, Seat, add_seat_options, seat
 
 KERNELS = (foundations, arrays, portable_draws, propagation, medium)
@@ -95,6 +96,7 @@ def part(argv: Sequence[str]) -> Part:
         core=core,
         listens=(at(TRUTH), at(TRANSMIT, "*")),
         run=run,
+        bus=QuotaBus,
         ready=to(RADIO_READY, Ready(0, "radio", 0, combined(prints))),
         outcome=lambda: {"frames": core.counters(), "frames_by_robot": core.counters_by_robot()},
     )

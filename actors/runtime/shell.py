@@ -13,7 +13,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.keeper import cpu_s
 from actors.runtime.recording import Journal
 from actors.runtime.tally import Tally, is_digested, is_from_outside, is_telemetry
-from actors.topic import Message
+from actors.topic import Message, sender
 
 
 class OutOfTurnError(AcrcError):
@@ -38,6 +38,8 @@ class Shell:
 
     INBOX_LIMIT: Final = 100_000
     """Messages that may wait for the core; more mean that the barrier is broken."""
+    KEY_LIMIT: Final = 5000
+    """Of them, on one key: somebody sends what nobody asks for."""
 
     def __init__(
         self,
@@ -84,10 +86,17 @@ class Shell:
                 f"step {self.core.step}: {self.actor} has {self._waiting} messages waiting, the last one on "
                 f"{delivery.key}, and takes none; at most {self.INBOX_LIMIT} may wait"
             )
+        waiting = self._inbox.setdefault(delivery.key, deque())
+        if len(waiting) >= self.KEY_LIMIT:
+            who = sender(delivery.key) or "somebody"
+            raise OutOfTurnError(
+                f"step {self.core.step}: {who} floods {delivery.key}: {self.actor} has {len(waiting)} "
+                f"messages from there and has asked for none of them; at most {self.KEY_LIMIT} may wait"
+            )
         self._waiting += 1
         if not is_from_outside(delivery.topic):
             self.tally.arrived[delivery.key] += 1
-        self._inbox.setdefault(delivery.key, deque()).append(delivery.payload)
+        waiting.append(delivery.payload)
 
     def pump(self) -> Address | None:
         """Advance the core once if everything it misses is here; else the first address that is missing."""

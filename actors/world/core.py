@@ -7,10 +7,12 @@ restart.
 
 from collections.abc import Sequence
 from enum import Enum
+from typing import Final
 
 import msgspec
 
 from actors.instant import Instant, in_seconds
+from actors.limits import brief, drive_fault
 from actors.messages import (
     AIRED,
     ANSWERED,
@@ -45,12 +47,19 @@ from actors.world.roster import Member, Roster, Standing
 from actors.world.setup import WorldSetup
 from actors.world.whereabouts import PoseError, Whereabouts
 
+_SHOWN: Final = 32
+"""Characters of a name, which somebody else says, that a sentence shows; none of ours is longer."""
+
 
 class RollCallError(AcrcError):
     """An actor that cannot take part."""
 
 
-class UnknownPlaceError(AcrcError):
+class FalseMessageError(AcrcError):
+    """A message that nobody who keeps to the rules sends."""
+
+
+class UnknownPlaceError(FalseMessageError):
     """A robot that speaks of a place that there is not."""
 
 
@@ -177,7 +186,8 @@ class WorldCore:
     def _admit(self, member: Member, ready: Ready) -> None:
         if (ready.actor, ready.epoch, ready.step) != (member.id, member.epoch, self._step):
             raise RollCallError(
-                f"step {self._step}: {ready.actor} is ready for step {ready.step} in epoch {ready.epoch}; "
+                f"step {self._step}: {ready.actor[:_SHOWN]} is ready for step {ready.step} in epoch "
+                f"{ready.epoch}; "
                 f"{member.id} in epoch {member.epoch} was due"
             )
         first = self._roster.members[0]
@@ -219,7 +229,17 @@ class WorldCore:
         return [to(ANSWERED, Answered(self._step, control.ticket, refusals))] if control.ticket else []
 
     def _take_counts(self, aired: Aired) -> None:
+        if aired.step != self._step - 1:
+            raise FalseMessageError(
+                f"{self._when()}: the radio says what it aired in step {aired.step}; "
+                f"it should be of step {self._step - 1}"
+            )
         for count in aired.counts:
+            if count.id not in self._roster or count.events < 1:
+                raise FalseMessageError(
+                    f"{self._when()}: the radio counts {count.events} events for {brief(count.id)}; "
+                    "it should be at least 1, for a robot of the run"
+                )
             self._roster[count.id].events += count.events
 
     def _end_processes(self) -> list[Output]:
@@ -255,6 +275,9 @@ class WorldCore:
         held: dict[int, tuple[float, float, float] | None] = {}
         for member in self._roster.of(Standing.STEPPING):
             drive: Drive = read(inputs, DRIVE, member.id)
+            end = self.instant + self._setup.step_us
+            if wrong := drive_fault(drive, self._step, self.instant, end):
+                raise FalseMessageError(f"{self._when()}: {member.id} {wrong}")
             self._bodies.command(member.index, drive, self.instant)
             self._take_word(member, drive)
             held[member.index] = drive.pose
@@ -282,9 +305,12 @@ class WorldCore:
     def _check(self, member: Member, verb: str, place: PlaceKey | PlaceReport | PlaceGivenUp) -> None:
         if not self._referee.knows(place):
             raise UnknownPlaceError(
-                f"step {self._step}: {member.id} {verb} place {place.place} of {place.owner!r}, "
+                f"{self._when()}: {member.id} {verb} place {place.place} of {brief(place.owner)}, "
                 "which nobody was given"
             )
+
+    def _when(self) -> str:
+        return f"step {self._step} ({in_seconds(self.instant):g} s)"
 
     def _truth(self, member: Member, transmits: int) -> RobotTruth:
         x, y, heading, vx, vy, omega = self._bodies.truth(member.index)
@@ -319,4 +345,4 @@ class WorldCore:
         """Who and what the world waits for, in the words of the run."""
         what = address.topic.kind.__name__
         who = address.robot or "the radio"
-        return f"step {self._step} ({in_seconds(self.instant):g} s): no {what} from {who}"
+        return f"{self._when()}: no {what} from {who}"

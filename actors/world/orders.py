@@ -20,9 +20,9 @@ from actors.messages import (
     Stop,
     Thaw,
 )  # fmt: skip
+from actors.order_limits import OrderLimits, fault
 from actors.runtime.errors import AcrcError
 from actors.world.body import Bodies
-from actors.world.order_limits import OrderLimits, fault
 from actors.world.roster import Roster, Standing
 from actors.world.setup import TimedOrder
 

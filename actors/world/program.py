@@ -11,16 +11,17 @@ import msgspec
 from actors import distance, flood
 from actors.messages import PROGRESS
 from actors.portable import arrays, draws, foundations
+from actors.runtime.bus import Bus
 from actors.runtime.core import to
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import fingerprints
 from actors.runtime.pace import Pace
 from actors.runtime.process import Part, RunNote
 from actors.runtime.processor import processor
+from actors.runtime.quota_bus import QuotaBus
 from actors.runtime.seat import ArgumentParser
 from actors.runtime.shell import Shell, run_shell
 from actors.runtime.ticks import ticking
-from actors.runtime.zenoh_bus import ZenohBus
 from actors.world import dead_reckoning, drive, physics, rays, visits
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
@@ -84,13 +85,14 @@ def part_of(argv: Sequence[str]) -> Part:
     return part(build(setup), run_note(setup, argv, options.commit))
 
 
-def part(core: WorldCore, run: RunNote, hold: Callable[[Shell, ZenohBus], None] = run_shell) -> Part:
+def part(core: WorldCore, run: RunNote, hold: Callable[[Shell, Bus], None] = run_shell) -> Part:
     """The core and its connections."""
     return Part(
         core=core,
         listens=core.listens(),
         run=run,
         open_to=core.open_to,
+        bus=QuotaBus,
         drive=hold,
         outcome=lambda: {
             "places": core.places,
@@ -125,7 +127,7 @@ class Conductor:
         self._core = core
         self._pace = None if speed is None else Pace(speed)
 
-    def drive(self, shell: Shell, bus: ZenohBus) -> None:
+    def drive(self, shell: Shell, bus: Bus) -> None:
         """Run to the end."""
         seen = -1
 

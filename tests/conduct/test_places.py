@@ -20,7 +20,7 @@ def given_up(key: PlaceKey, instant: int = 700_000) -> Says:
 
 def test_the_run_ends_when_every_place_is_reported_or_given_up() -> None:
     play = Theatre(60.0)
-    play.acts["r1"].says = {3: reported(R1), 7: given_up(R2)}  # whoever it belongs to
+    play.acts["r1"].says = {3: reported(R1, 300_000), 7: given_up(R2)}  # whoever it belongs to
     play.run()
     assert play.core.step == 8 and play.progress[-1].finished
     assert [place.verdict for place in play.core.places] == [Verdict.MISTAKEN, Verdict.GIVEN_UP]
@@ -44,13 +44,17 @@ def test_without_any_place_the_run_goes_to_its_limit() -> None:
 
 def test_the_run_goes_on_while_events_lie_ahead() -> None:
     play = Theatre(5.0, [(2.0, Obstacle(25.0, 12.0, 0.2))])
-    play.acts["r1"].says = {3: Says(given_up=(*given_up(R1).given_up, *given_up(R2).given_up))}
+    play.acts["r1"].says = {
+        3: Says(given_up=(*given_up(R1, 399_999).given_up, *given_up(R2, 300_000).given_up))
+    }
     assert play.run().core.step == 20
 
 
 def test_the_run_goes_on_until_a_robot_that_is_started_again_has_come() -> None:
     play = Theatre(5.0, [(0.4, Restart("r2"))])
-    play.acts["r1"].says = {3: Says(given_up=(*given_up(R1).given_up, *given_up(R2).given_up))}
+    play.acts["r1"].says = {
+        3: Says(given_up=(*given_up(R1, 399_999).given_up, *given_up(R2, 300_000).given_up))
+    }
     assert play.run().core.step == 5 and "r2.1" in play.acts
 
 
@@ -77,11 +81,11 @@ def test_a_robot_started_again_has_the_places_that_it_was_given() -> None:
 @pytest.mark.parametrize(
     ("says", "sentence"),
     [
-        (reported(PlaceKey("r2", 1)), "step 7: r1 reports place 1 of 'r2', which nobody was given"),
-        (given_up(PlaceKey("r9", 0)), "step 7: r1 gives up place 0 of 'r9', which nobody was given"),
+        (reported(PlaceKey("r2", 1)), "step 7 (0.7 s): r1 reports place 1 of 'r2', which nobody was given"),
+        (given_up(PlaceKey("r9", 0)), "step 7 (0.7 s): r1 gives up place 0 of 'r9', which nobody was given"),
         (
             Says(route=(R1, PlaceKey("r1", -1))),
-            "step 7: r1 has in its route place -1 of 'r1', which nobody was given",
+            "step 7 (0.7 s): r1 has in its route place -1 of 'r1', which nobody was given",
         ),
     ],
 )

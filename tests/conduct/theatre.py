@@ -65,6 +65,8 @@ class Scripted:
         self.received: list[Received] = []
         self.talks = False
         self.says: dict[int, Says] = {}
+        self.lies: dict[int, Drive] = {}
+        """What it answers in these steps, whatever it is asked."""
         self._robot = robot
         self._drive = drive
 
@@ -93,6 +95,7 @@ class Scripted:
         outputs = [to(TRANSMIT, Transmit(senses.step, frames), self._robot)] if frames else []
         says = self.says.get(senses.step, Says())
         drive = Drive(senses.step, v, 0.0, omega, len(frames), says.reports, says.given_up, says.route)
+        drive = self.lies.get(senses.step, drive)
         self.step += 1
         return [*outputs, to(DRIVE, drive, self._robot)]
 

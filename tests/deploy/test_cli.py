@@ -137,11 +137,20 @@ def test_places_given_up_mistaken_or_lost_are_said_where_there_are_any(
     assert cells(lines) == [
         ["r1", "2 of 2", "0", "311.2 s"], ["r2", "1 of 7", "3", "not all"], ["all", "3 of 9", "3", "not all"]
     ]  # fmt: skip
-    assert lines[-9:-6] == [
+    assert lines[-10:-6] == [
         "every place was reported or given up by 480.2 s",
         "1 place was reported although no robot had been there",
+        "the run ended on false claims",
         "2 places were lost: neither reported nor given up, and in nobody's route",
     ]
+
+
+def test_false_claims_of_a_run_that_went_on_did_not_end_it(capsys: pytest.CaptureFixture[str]) -> None:
+    some = msgspec.structs.replace(RESULT, places_claimed=5, completion_s=None, settled_s=None)
+    summary.print_result(some, json=False)
+    said = capsys.readouterr().out
+    assert "\n2 places were reported although no robot had been there\n" in said
+    assert "the run ended on false claims" not in said
 
 
 def test_messages_that_were_not_read_are_said_loudly(capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,7 +2,9 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
+import msgspec
 import pytest
 
 from actors.messages import (
@@ -375,6 +377,42 @@ def test_a_transmit_that_breaks_its_announcement_ends_the_run() -> None:
     with pytest.raises(AcrcError) as error:
         swarm.core.advance({TRUTH.key(): truth, TRANSMIT.key("a"): Transmit(0, (Outgoing(0, 0, b"x"),))})
     assert str(error.value) == "Step 0: a announced 2 frames, but its Transmit carries 1."
+
+
+def test_a_transmit_of_another_step_ends_the_run() -> None:
+    swarm = three()
+    truth = swarm.truth([Frame(0, "a")])
+    with pytest.raises(AcrcError) as error:
+        swarm.core.advance({TRUTH.key(): truth, TRANSMIT.key("a"): Transmit(3, (Outgoing(0, 0, b"x"),))})
+    assert str(error.value) == "Step 0: a gives a Transmit of step 3; it should be of step 0."
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"step": 2}, "gives Truth of step 2; it should be of step 0"),
+        (
+            {"robots": (RobotTruth("a", math.nan, 0.0, 0.0, 0.0, 0.0, 0.0, True, True, 0),)},
+            "says that a is at (nan, 0), or moves, as no robot can",
+        ),
+        (
+            {"jams": (Jam(0.0, 0.0, -1.0, STEP),)},
+            "switches a jammer on that cannot be: a jammer reaches -1 m; it should be above 0 and at most "
+            "1e+06 m",
+        ),
+        (
+            {"jams": (Jam(0.0, 0.0, 1.0, 10**16),)},
+            "switches a jammer on that cannot be: a jammer is on for 1e+10 s; it should be above 0 and at "
+            "most 1e+06 s",
+        ),
+    ],
+)
+def test_a_truth_that_cannot_be_ends_the_run(changes: dict[str, Any], sentence: str) -> None:
+    swarm = three()
+    truth = msgspec.structs.replace(swarm.truth([]), **changes)
+    with pytest.raises(AcrcError) as error:
+        swarm.core.advance({TRUTH.key(): truth})
+    assert str(error.value) == f"Step 0: the world {sentence}."
 
 
 def test_halt_finishes_without_an_answer() -> None:

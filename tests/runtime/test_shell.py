@@ -96,9 +96,21 @@ def test_a_lost_message_is_named_and_counted() -> None:
 def test_an_inbox_that_only_grows_is_an_error() -> None:
     shell = Shell(Answerer("r1"), MemoryBus(), Unrecorded(), actor="r1")
     delivery = Delivery(DRIVE, "swarm/up/r2/drive", b"")  # type: ignore[arg-type]
+    for _ in range(Shell.KEY_LIMIT):
+        shell.deliver(delivery)
+    with pytest.raises(OutOfTurnError) as caught:
+        shell.deliver(delivery)
+    assert str(caught.value) == (
+        "step 0: r2 floods swarm/up/r2/drive: r1 has 5000 messages from there and has asked for none of "
+        "them; at most 5000 may wait"
+    )
+
+
+def test_many_inboxes_that_grow_are_an_error_too() -> None:
+    shell = Shell(Answerer("r1"), MemoryBus(), Unrecorded(), actor="r1")
     with pytest.raises(OutOfTurnError, match="r1 has 100000 messages waiting"):
-        for _ in range(Shell.INBOX_LIMIT + 1):
-            shell.deliver(delivery)
+        for number in range(Shell.INBOX_LIMIT + 1):
+            shell.deliver(Delivery(DRIVE, f"swarm/up/r{number % 30}/drive", b""))  # type: ignore[arg-type]
 
 
 @pytest.fixture

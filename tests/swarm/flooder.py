@@ -1,0 +1,49 @@
+"""A robot that sends what nobody asks for, by its own session and on a key that it may write to."""
+
+import sys
+from typing import Any
+
+from actors.instant import Instant, seconds
+from actors.messages import READY, TRANSMIT
+from actors.robot.ports import Behaviour, Decision, Start, View
+from actors.runtime.zenoh_bus import ZenohBus
+from actors.topic import Topic
+
+FRAMES = 50_000
+WHEN = seconds(1)
+
+
+class Floods:
+    """Stands still, and after a second writes again and again to a key that its readers have done with."""
+
+    def __init__(self, start: Start, topic: Topic[Any]) -> None:
+        self._key = topic.key(start.robot) if start.robot == "r2" else None
+
+    def advance(self, view: View, until: Instant) -> Decision:
+        """Nothing, or far too much."""
+        if self._key is not None and view.instant >= WHEN:
+            bus = _bus()
+            for _ in range(FRAMES):
+                bus.publish(self._key, b"x" * 100)
+        return Decision()
+
+
+def _bus() -> ZenohBus:
+    """That of the shell which has called."""
+    frame = sys._getframe()
+    while not isinstance(frame.f_locals.get("bus"), ZenohBus):
+        assert frame.f_back is not None
+        frame = frame.f_back
+    bus = frame.f_locals["bus"]
+    assert isinstance(bus, ZenohBus)
+    return bus
+
+
+def ready(start: Start) -> Behaviour:
+    """Entry `tests.swarm.flooder:ready`: the world has read it, and does so again after a restart only."""
+    return Floods(start, READY)
+
+
+def transmit(start: Start) -> Behaviour:
+    """Entry `tests.swarm.flooder:transmit`: the radio waits for the world's word instead."""
+    return Floods(start, TRANSMIT)
