@@ -110,6 +110,7 @@ def run(
         bus=bus,
         spawn=spawn,
         isolate=isolate,
+        scenario=(scenario or DEFAULT_SCENARIO).name,
         hidden=(scenario.absolute(),) if scenario else (),
         view=view,
         hardware=hardware,
@@ -118,12 +119,14 @@ def run(
     chosen = load_scenario(scenario, overrides)
 
     from deploy import deliveries, out_folder, summary, swarm
+    from deploy.kernels import compile_kernels
     from deploy.signals import Interrupted
 
     if out is None:
         options = replace(options, out=out_folder.claim(options.out.parent, name))
     try:
         with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
+            compile_kernels(quiet=json)
             if hardware:
                 from deploy import hardware_in_the_loop, outing_summary
 
@@ -237,6 +240,16 @@ def order(
     if refusal:
         raise AcrcError(f"the run refused the order {given!r} {refusal}")
     print(f"acrc: the run has carried out: {given}")
+
+
+@app.command()
+def add(
+    names: Annotated[
+        list[str], typer.Argument(metavar="NAME…", help="As pip knows them: pandas, pandas==3.0.0.")
+    ],
+) -> None:
+    """Install packages that your strategies import, and keep them, in requirements.txt of this clone."""
+    raise OptionError(f"add {' '.join(names)}: is done by the script itself; call ./acrc of this clone")
 
 
 @app.command(context_settings=_PASS_ON)

@@ -68,7 +68,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
 def _lay_out(plan: Plan) -> None:
     make_folder(plan.out)
     plan.folder(LABORATORY).mkdir()
-    (plan.out / "scenario.toml").write_text(plan.scenario)
+    plan.write_scenario()
 
 
 def _run_processes(plan: Plan, launching: Launcher, on_progress: OnProgress) -> None:

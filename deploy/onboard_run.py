@@ -24,6 +24,7 @@ from deploy.onboard import Onboard, Ports
 from deploy.onboard_watch import OnboardError, Watch
 from deploy.out_folder import claim, writing
 from deploy.plan import Plan
+from deploy.scenario_copy import ScenarioCopy
 from deploy.service_notice import ServiceNotice
 from deploy.signals import signals_as_interrupts
 from deploy.version import software
@@ -118,7 +119,7 @@ def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> Plan:
         modules=(Path(fleet.run.modules),) if fleet.run.modules else (),
         adaptation=fleet.adaptation,
         navigation=fleet.navigation,
-        scenario="",
+        scenario=ScenarioCopy("", ()),
         commit=software(),
         speed="1",
         isolate=able if wanted is None else wanted,

@@ -31,6 +31,8 @@ class RunOptions:
     isolate: bool | None = None
     """Shut every robot's process off from everything but its own two branches of the mesh; None: do so where
     the machine can, with processes to shut off."""
+    scenario: str = ""
+    """Name of the scenario's file, for the result."""
     hidden: tuple[Path, ...] = ()
     """Files that robots must not see, even beside the code of their strategy: the scenario's own."""
     view: bool = False
@@ -48,6 +50,7 @@ def run_options(  # one for each option of the command line
     bus: str = "zenoh",
     spawn: str = "forkserver",
     isolate: bool | None = None,
+    scenario: str = "",
     hidden: tuple[Path, ...] = (),
     view: bool = False,
     hardware: bool = False,
@@ -76,6 +79,7 @@ def run_options(  # one for each option of the command line
         cast(Bus, bus),
         cast(Spawn, spawn),
         isolate,
+        scenario,
         hidden,
         view,
         hardware,

@@ -14,6 +14,7 @@ from actors.runtime import credentials, router_file
 from actors.runtime.credentials import Credentials, unix_endpoint
 from actors.runtime.seat import own_folder
 from actors.world.setup import RobotSetup, WorldSetup
+from deploy import scenario_copy
 from deploy.launch import Program
 from deploy.out_folder import make_folder
 from deploy.silence import Patience
@@ -38,8 +39,8 @@ class Plan:
     """What every robot reads about its strategy and exchange, as TOML."""
     navigation: str
     """What every robot reads about how it localises and navigates, as TOML."""
-    scenario: str
-    """The resolved scenario as TOML."""
+    scenario: scenario_copy.ScenarioCopy
+    """The resolved scenario, as it lies beside the result."""
     commit: str
     """Version of the software."""
     speed: str
@@ -55,6 +56,15 @@ class Plan:
         """The actor's own folder."""
         return self.out / actor
 
+    def write_scenario(self) -> None:
+        """Write the scenario, with the files that it names."""
+        (self.out / "scenario.toml").write_text(self.scenario.text)
+        (self.out / scenario_copy.MAP).mkdir()
+        copy_map(Path(self.world.map), self.out / scenario_copy.MAP)
+        for source, place in self.scenario.models:
+            (self.out / place).parent.mkdir(exist_ok=True)
+            shutil.copy(source, self.out / place)
+
     def address(self, robot: str) -> int:
         """The robot's short address on the air."""
         return dict(self.radio.robots)[robot]
@@ -63,7 +73,7 @@ class Plan:
 def lay_out(plan: Plan) -> None:
     """Write the files that the actors read; the folder must be new or empty."""
     make_folder(plan.out)
-    (plan.out / "scenario.toml").write_text(plan.scenario)
+    plan.write_scenario()
     for actor, setup in (("world", plan.world), ("radio", plan.radio)):
         plan.folder(actor).mkdir()
         (plan.folder(actor) / "setup.json").write_bytes(msgspec.json.format(msgspec.json.encode(setup)))

@@ -25,6 +25,7 @@ from deploy.navigation_result import (
     navigation_outcome,
     navigation_result,
 )
+from deploy.origin import UNKNOWN, Origin
 from deploy.place_table import counted
 
 
@@ -108,6 +109,8 @@ class RunResult(msgspec.Struct, frozen=True):
     None if there never were two robots with power."""
     not_delivered: tuple[str, ...] = ()
     """The keys that `undelivered` is about, with who counted what, a sentence each."""
+    origin: Origin = UNKNOWN
+    """Scenario, strategy, commit and versions."""
     processor: Processor = Processor("")
     """What the run was made on; of no influence on the digest."""
     frames_by_robot: dict[str, dict[str, int]] = {}
@@ -129,6 +132,7 @@ class Circumstances:
     """Wall clock when the command began, s since the epoch."""
     parent_cpu_s: float
     parent_received: int
+    origin: Origin = UNKNOWN
 
 
 class WorldOutcome(msgspec.Struct):
@@ -197,6 +201,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         isolation=about.isolation,
         bus=about.bus,
         out=str(about.out),
+        origin=about.origin,
         processor=processor(),
     )
     return Gathered(result, outcome.places)

@@ -14,7 +14,7 @@ from actors.runtime import access, isolation
 from actors.runtime.core import at
 from actors.runtime.memory_bus import MemoryBus
 from actors.runtime.zenoh_bus import open_mesh
-from deploy import progress
+from deploy import progress, scenario_copy
 from deploy.cast import cast
 from deploy.launch import Launcher, Program, launcher
 from deploy.memory_swarm import MemorySwarm
@@ -33,7 +33,7 @@ from deploy.plan import (
 from deploy.rehearsal import rehearse
 from deploy.result import Circumstances, RunResult, gather
 from deploy.scenario import Scenario
-from deploy.scenario_text import adaptation, navigation, to_toml
+from deploy.scenario_text import adaptation, navigation
 from deploy.signals import signals_as_interrupts
 from deploy.supervisor import Supervisor
 from deploy.version import software
@@ -73,7 +73,7 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
         modules=modules,
         adaptation=told,
         navigation=navigation(settled.scenario),
-        scenario=to_toml(settled.scenario),
+        scenario=scenario_copy.beside(settled, options),
         commit=software(),
         speed=options.speed,
         isolate=_isolated(options),
@@ -167,6 +167,7 @@ def _circumstances(plan: Plan, began: float, bus: str, rosters: int) -> Circumst
         step_us=plan.world.step_us,
         isolation=isolation_kind,
         bus=bus,
+        origin=plan.scenario.origin,
         began_s=began,
         parent_cpu_s=0.0,
         parent_received=rosters,

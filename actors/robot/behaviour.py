@@ -1,6 +1,7 @@
 """Finds the user's behaviour by its entry string `module:function`."""
 
 import importlib
+import importlib.util
 from collections.abc import Callable
 from typing import Any, cast
 
@@ -42,7 +43,12 @@ def entry_function(entry: str) -> Callable[[Start], Any]:
     except ModuleNotFoundError as error:
         missing = error.name or module_name
         if module_name != missing and not module_name.startswith(f"{missing}."):
-            raise  # the module is there, and imports something that is not
+            if _is_installed(missing):
+                raise  # the module is there, and imports a part of a package that the package has not
+            raise BehaviourError(
+                f"behaviour {entry!r}: {module_name} imports {missing!r}, which is not installed; "
+                "`./acrc add NAME` installs a package for good, by the name that pip knows it by"
+            ) from None
         raise BehaviourError(
             f"behaviour {entry!r}: there is no module {missing!r} on Python's path"
         ) from None
@@ -56,3 +62,7 @@ def entry_function(entry: str) -> Callable[[Start], Any]:
             f"behaviour {entry!r} is a {type(function).__name__}, but should be a function of a Start"
         )
     return cast(Callable[[Start], Any], function)
+
+
+def _is_installed(module: str) -> bool:
+    return importlib.util.find_spec(module.partition(".")[0]) is not None

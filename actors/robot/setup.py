@@ -25,7 +25,7 @@ from actors.robot.sweep import Sweeps
 from actors.robot_model import RobotModel
 from actors.runtime.fingerprint import fingerprints
 
-_KERNELS: Final = (
+KERNELS: Final = (
     *(
         foundations,
         arrays,
@@ -110,4 +110,4 @@ def _localisation(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> 
 
 def kernels() -> dict[str, str]:
     """Fingerprint of every numeric kernel that a robot computes with, by module; also compiles them all."""
-    return fingerprints(_KERNELS)
+    return fingerprints(KERNELS)

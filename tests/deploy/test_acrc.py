@@ -104,7 +104,8 @@ def test_the_scripts_are_well_formed(script: str) -> None:
 def test_the_first_run_installs_base_and_simulation_and_the_second_nothing(clone: Clone) -> None:
     code, out, err = clone.call("run", "--robots", "3", "two words")
     assert (code, out) == (0, f"in {clone.folder}: -P -m deploy run --robots 3 two words\n")
-    first, second, third, last = err.splitlines()
+    size, first, second, third, last = err.splitlines()
+    assert size == "acrc: .venv will take 285 MB"
     assert first == "acrc: making .venv with Python 3.11.7"
     assert second == "acrc: installing 24 packages: base sim"
     assert third == "acrc: installing this project into it"
@@ -139,13 +140,87 @@ def test_extras_come_when_a_command_needs_them_and_stay(clone: Clone) -> None:
     assert clone.extras() == ["sim"]
     clone.call("run", "--seed", "3", "--view")
     assert clone.extras() == ["observe", "sim"]
-    clone.call("test")
+    clone.call("check")
     assert clone.extras() == ["dev", "hardware", "observe", "sim"]
     assert {"numba", "pymunk", "rerun-sdk", "pytest"} <= clone.installed()
     calls = clone.pip_calls()
     for command in (["run"], ["run", "--view"], ["check"], ["record", "check", "out"], []):
         clone.call(*command)
     assert clone.pip_calls() == calls
+
+
+def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Clone) -> None:
+    _, _, err = clone.call("test")
+    assert clone.extras() == ["dev", "hardware", "sim"]
+    assert err.splitlines()[0] == "acrc: .venv will take 513 MB"
+    assert "rerun-sdk" not in clone.installed()
+
+
+@pytest.mark.parametrize(
+    ("command", "extras"),
+    [
+        (("record", "check", "out"), []),
+        (("record", "replay", "out", "r1"), ["sim"]),
+        (("bench", "onboard"), ["hardware", "sim"]),
+        (("bench", "portable"), ["dev", "sim"]),
+        (("watch", "tls/r1:7447"), []),
+        (("collect", "out"), []),
+        (("order", "out", "stop"), []),
+    ],
+)
+def test_a_command_installs_what_it_needs_and_nothing_else(
+    clone: Clone, command: tuple[str, ...], extras: list[str]
+) -> None:
+    clone.call(*command)
+    assert clone.extras() == extras
+
+
+def test_packages_that_are_added_stay_over_every_new_installation(clone: Clone) -> None:
+    own = clone.folder / "requirements.txt"
+    clone.call("run")
+    code, out, err = clone.call("add", "pandas==3.0.0", "networkx[default]")
+    assert (code, out) == (0, "")
+    assert own.read_text() == "pandas==3.0.0\nnetworkx[default]\n"
+    assert err.splitlines()[-1] == (
+        "acrc: requirements.txt names what strategies need beside what is pinned here: "
+        "pandas==3.0.0 networkx[default] "
+    )
+    told = "install --no-compile -c .venv/pins.txt -r requirements.txt"
+    assert clone.notes.read_text().splitlines()[-1].endswith(told)
+    calls = clone.pip_calls()
+    clone.call("add", "pandas==3.0.0")
+    clone.call("run")
+    assert clone.pip_calls() == calls and own.read_text().count("pandas") == 1
+    with (clone.folder / "constraints.txt").open("a") as file:
+        file.write("# changed\n")
+    clone.call("run")
+    assert clone.notes.read_text().splitlines()[-1].endswith(told)
+    shutil.rmtree(clone.folder / ".venv")
+    clone.call("run")
+    assert clone.notes.read_text().splitlines()[-1].endswith(told)
+    own.write_text("scipy\n")  # by hand
+    clone.call("run")
+    assert clone.pip_calls() == calls + 12
+
+
+def test_what_cannot_be_added_leaves_no_trace(clone: Clone) -> None:
+    own = clone.folder / "requirements.txt"
+    assert clone.call("add") == (
+        1, "", "acrc: add: which packages? For instance: ./acrc add pandas networkx\n"
+    )  # fmt: skip
+    for name in ("--index-url", "a b", "git+https://somewhere/x", "x;y"):
+        assert clone.call("add", name) == (
+            1,
+            "",
+            f"acrc: add: {name} is no package; name one as pip knows it, such as pandas or pandas==3.0.0\n",
+        )
+    assert not own.exists()
+    clone.call("run")
+    own.write_text("pandas\n")
+    clone.settings["PIP_FAILS"] = "yes"
+    code, _, err = clone.call("add", "no-such-package")
+    assert code == 1 and err.splitlines()[-1] == "acrc: add: no-such-package was not added"
+    assert own.read_text() == "pandas\n"
 
 
 def test_keys_come_with_what_hardware_needs_and_the_doctor_installs_nothing_of_his_own(clone: Clone) -> None:
@@ -207,8 +282,8 @@ def test_two_first_uses_at_once_install_once(clone: Clone) -> None:
     ]
     assert clone.pip_calls() == 3
     assert sorted(err.splitlines()[0] for _, err, _ in ends) == [
+        "acrc: .venv will take 285 MB",
         "acrc: another acrc is installing; waiting for it",
-        "acrc: making .venv with Python 3.11.7",
     ]
 
 

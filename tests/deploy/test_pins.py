@@ -116,3 +116,18 @@ def test_no_file_names_a_place_to_download_from() -> None:
         (ROOT / name).read_text() for name in ("acrc", "constraints.txt", "pyproject.toml", ".ci/run")
     )
     assert not re.search(r"https?://|--(extra-)?index-url|--find-links", text)
+
+
+@pytest.mark.parametrize("extra", ["base", "sim", "observe", "hardware", "dev"])
+def test_the_script_says_how_much_an_extra_takes(extra: str) -> None:
+    """Within a quarter, for wheels differ between machines, or 5 MB."""
+    script = (ROOT / "acrc").read_text()
+    said = re.search(
+        r"total=(\d+)\n" if extra == "base" else rf"{extra}\) total=\$\(\(total \+ (\d+)\)\)", script
+    )
+    assert said is not None
+    files = [
+        Path(str(file.locate())) for name in sections()[extra] for file in metadata.files(name) or () if file
+    ]
+    true = sum(file.stat().st_size for file in files if file.is_file()) / 1e6
+    assert abs(true - int(said[1])) < max(5.0, 0.25 * true)

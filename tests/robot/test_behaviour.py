@@ -71,6 +71,13 @@ def test_errors_of_the_users_own_code_are_passed_on(tmp_path: Path, monkeypatch:
         load_behaviour("tests.robot.behaviours:fails", START)
     (tmp_path / "study_without_library.py").write_text("import no_such_library\n")
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(ModuleNotFoundError) as caught:
+    with pytest.raises(BehaviourError) as refused:
         load_behaviour("study_without_library:behaviour", START)
-    assert caught.value.name == "no_such_library"
+    assert str(refused.value) == (
+        "behaviour 'study_without_library:behaviour': study_without_library imports 'no_such_library', which "
+        "is not installed; `./acrc add NAME` installs a package for good, by the name that pip knows it by"
+    )
+    (tmp_path / "study_of_a_part.py").write_text("import json.no_such_part\n")
+    with pytest.raises(ModuleNotFoundError) as caught:
+        load_behaviour("study_of_a_part:behaviour", START)
+    assert caught.value.name == "json.no_such_part"

@@ -82,7 +82,8 @@ def test_installed_strategies_are_listed_beside_the_shipped_ones(site: Path) -> 
         "behaviour 'no_such_module:behaviour': there is no module 'no_such_module' on Python's path"
     )
     assert everyone["broken", "sad_study 1.2"]["error"] == (
-        "cannot be imported: ModuleNotFoundError: No module named 'no_such_library'"
+        "behaviour 'broken:behaviour': broken imports 'no_such_library', which is not installed; "
+        "`./acrc add NAME` installs a package for good, by the name that pip knows it by"
     )
     table = acrc("strategies")
     assert table.returncode == 0

@@ -1,0 +1,62 @@
+"""Compiles the numeric kernels before the first run, and says so: it takes half a minute, or two."""
+
+import os
+import platform
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from importlib.metadata import version
+from pathlib import Path
+from typing import Final
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from actors.runtime.fingerprint import KernelModule, fingerprints
+from actors.runtime.processor import processor
+
+_WORDS: Final = "compiling the numeric kernels, once after an installation or a change of the sources"
+_DONE: Final = "complete"
+"""File in the cache of one state of the sources: on which machine all of them have been compiled."""
+
+
+def compile_kernels(*, quiet: bool = False) -> None:
+    """Compile whatever a run computes with, unless that was done; tells a person how far it is."""
+    stamp = Path(os.environ["NUMBA_CACHE_DIR"]) / _DONE  # actors has set it
+    here = f"{processor()} {platform.python_version()} {version('numba')}"
+    with suppress(OSError):
+        if here in stamp.read_text().splitlines():
+            return
+    modules = _modules()
+    with _told(len(modules), quiet=quiet) as tell:
+        for module in modules:
+            fingerprints([module])
+            tell()
+    with suppress(OSError), stamp.open("a") as file:  # without a cache there is one more bar the next time
+        file.write(f"{here}\n")
+
+
+def _modules() -> Sequence[KernelModule]:
+    """Every module with kernels, once; what imports them all takes a second."""
+    from actors.radio.program import KERNELS as RADIO  # noqa: PLC0415
+    from actors.robot.setup import KERNELS as ROBOT  # noqa: PLC0415
+    from actors.world.program import KERNELS as WORLD  # noqa: PLC0415
+
+    return tuple({module.__name__: module for module in (*WORLD, *RADIO, *ROBOT)}.values())
+
+
+@contextmanager
+def _told(count: int, *, quiet: bool) -> Iterator[Callable[[], None]]:
+    """What is to be called after each of so many modules."""
+    console, began = Console(stderr=True, soft_wrap=True, highlight=False), time.monotonic()
+    if quiet:
+        yield lambda: None
+    elif console.is_terminal:
+        columns = (TextColumn(_WORDS), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        with Progress(*columns, console=console, transient=True) as bar:
+            task = bar.add_task("", total=count)
+            yield lambda: bar.advance(task)
+    else:
+        console.print(f"acrc: {_WORDS}: {count} modules")
+        yield lambda: None
+        console.print(f"acrc: compiled in {time.monotonic() - began:.0f} s")
