@@ -1,10 +1,11 @@
 """Robot models: one TOML file each says what a robot's body, drive and sensors are, to world and robot."""
 
 import math
+import reprlib
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,6 +217,10 @@ def scan_angles(sensor: RangeSensor) -> NDArray[np.float64]:
     return wrapped
 
 
+_BRIEF: Final = reprlib.Repr()
+_BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother = 2, 80, 80
+
+
 def load_model(name_or_path: str, sensor: str | None = None) -> RobotModel:
     """The robot model of that name (`turtlebot2`) or in that .toml file, with that sensor mounted.
 
@@ -280,7 +285,7 @@ def _sentence(name: str, error: ValidationError) -> str:
     right = first["msg"].removeprefix("Input should ").removeprefix("Value error, ")
     if first["type"] == "value_error":
         return f"{name}: {key or 'the model'} should {right}"
-    return f"{name}: {key} is {first['input']!r}; it should {right}"
+    return f"{name}: {key} is {_BRIEF.repr(first['input'])}; it should {right}"
 
 
 def _known(location: tuple[Any, ...]) -> list[str]:

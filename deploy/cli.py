@@ -97,6 +97,12 @@ def run(
         ),
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")] = False,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check", help="Then execute every robot again: what follows more than it is told is found."
+        ),
+    ] = False,
 ) -> None:
     """Run a swarm and say what came of it. Options replace what the scenario says."""
     from deploy.options import folder_name, run_options
@@ -115,6 +121,7 @@ def run(
         view=view,
         hardware=hardware,
         json=json,
+        check=check,
     )
     chosen = load_scenario(scenario, overrides)
 
@@ -142,6 +149,18 @@ def run(
     if view:
         summary.print_view(options.out)
     deliveries.demand_all(result.undelivered, result.not_delivered)
+    if check:
+        _check_again(options.out)
+
+
+def _check_again(out: Path) -> None:
+    """Execute a run's actors again; what comes out stands on standard error, beside the result."""
+    from deploy.recheck import recheck
+
+    again = recheck(out)
+    Console(stderr=True, soft_wrap=True, highlight=False).print(
+        f"checked: {again.actors} actors executed again, all {again.outputs} messages equal"
+    )
 
 
 @app.command()

@@ -41,6 +41,8 @@ class RunOptions:
     """Robots as on board, with emulated devices, in wall time."""
     json: bool = False
     """Print the result as JSON on standard output, and nothing else."""
+    check: bool = False
+    """Execute every actor again afterwards, and compare."""
 
 
 def run_options(  # one for each option of the command line
@@ -55,6 +57,7 @@ def run_options(  # one for each option of the command line
     view: bool = False,
     hardware: bool = False,
     json: bool = False,
+    check: bool = False,
 ) -> RunOptions:
     """The options as they stand on the command line, checked. Raises OptionError."""
     if bus not in get_args(Bus):
@@ -72,6 +75,10 @@ def run_options(  # one for each option of the command line
             "--hardware-in-the-loop: runs processes in wall time; "
             "must stand without --bus memory, --view, and a --speed other than 1"
         )
+    if hardware and check:
+        raise OptionError(
+            "--check: executes a simulated run again; must stand without --hardware-in-the-loop"
+        )
     out_folder.check(out, mesh=bus == "zenoh")
     return RunOptions(
         out.absolute(),
@@ -84,6 +91,7 @@ def run_options(  # one for each option of the command line
         view,
         hardware,
         json,
+        check,
     )
 
 

@@ -20,6 +20,8 @@ _ID: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 _SOCKET_PATH_LIMIT: Final = 107
 """Bytes of a Unix socket's path on Linux: sun_path less the closing zero (unix(7))."""
 _PASSWORD_BYTES: Final = 24
+_LARGEST: Final = 1000
+"""Bytes of a file with one name and one password."""
 
 
 class AccessError(AcrcError):
@@ -88,12 +90,15 @@ def issue(robot_folders: Mapping[str, Path], infra: Path, others: Sequence[str] 
 def read(file: Path) -> tuple[str, str]:
     """The user and the password that `file` holds; AccessError where it cannot be read or holds neither."""
     try:
-        user, _, password = file.read_text("utf-8").strip().partition(":")
+        with file.open("rb") as secret:
+            user, _, password = secret.read(_LARGEST).decode("utf-8").strip().partition(":")
     except OSError as error:
         raise AccessError(
             f"the credentials file {file} cannot be read ({error.strerror}); "
             "the start of the run should have written it"
         ) from error
+    except ValueError:
+        user = password = ""  # no UTF-8
     if not (user and password):
         raise AccessError(f"the credentials file {file} should hold one line user:password, but does not")
     return user, password

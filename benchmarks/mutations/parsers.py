@@ -1,0 +1,150 @@
+"""Every parser of bytes from outside, with sound bytes to begin with."""
+
+import shutil
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from actors.instant import START
+from actors.map_file import load_map
+from actors.messages import TOPICS, TRANSMIT, Transmit
+from actors.radio import frame_codec
+from actors.robot.adaptation import load_adaptation
+from actors.robot.places import load_places
+from actors.robot.stack import load_stack
+from actors.robot_model import load_model
+from actors.runtime import credentials, router_file
+from actors.runtime.codec import decode
+from actors.runtime.process import FailureNote, FinalNote, RunNote
+from actors.runtime.recording import Entry, decoded, read_notes, read_recording
+from actors.runtime.replay_bus import topic_of
+from actors.world.program import load_setup
+from benchmarks.mutations.devices import device_parsers
+from deeco.packet import unpack
+from deeco.reassembly import Reassembly
+from deploy import swarm
+from deploy.fleet import load_fleet
+from deploy.options import RunOptions
+from deploy.outing_files import read_outing
+from deploy.outing_truth import read_truth
+from deploy.record_check import check
+from deploy.repository import REPOSITORY
+from deploy.scenario_file import Overrides, load_scenario
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Parser:
+    """What reads bytes; it may raise AcrcError and what it names itself, and nothing else."""
+
+    name: str
+    seeds: tuple[bytes, ...]
+    parse: Callable[[bytes], object]
+
+
+def parsers(scratch: Path, run: Path | None = None) -> Iterator[Parser]:
+    """All of them; `scratch` is an empty folder to work in. `run`: the folder of a run to begin with."""
+    out = scratch / "run"
+    if run is not None:
+        shutil.copytree(run, out)
+    else:
+        scenario = load_scenario(REPOSITORY / "scenarios" / "head_on.toml", Overrides(duration=5.0))
+        swarm.run_in_memory(swarm.plan(scenario, RunOptions(out, bus="memory")), lambda progress: None)
+    yield from _messages(out)
+    yield from _recordings(out)
+    yield from _files(out, scratch)
+    yield from (Parser(*one) for one in device_parsers())
+
+
+def _messages(out: Path) -> Iterator[Parser]:
+    payloads = defaultdict[str, list[bytes]](list)
+    for path in sorted(out.glob("*/*.mcap")):
+        for item in read_recording(path):
+            if isinstance(item, Entry) and item.payload is not None:
+                payloads[topic_of(item.key).pattern].append(item.payload)
+    for topic in TOPICS:
+        seeds = tuple(payloads[topic.pattern][:200]) or (b"\x93\x00\x00\x00",)
+        yield Parser(f"{topic.kind.__name__} on {topic.pattern}", seeds, _decoder(topic))
+    sent = [decode(TRANSMIT, "", payload) for payload in payloads[TRANSMIT.pattern]]  # type: ignore[arg-type]
+    frames = tuple(frame.data for one in sent if isinstance(one, Transmit) for frame in one.frames)
+    yield Parser("frames of fragments", frames, lambda data: Reassembly().take(START, 1, data))
+    packets = tuple(packet for frame in frames for packet in Reassembly().take(START, 1, frame))
+    yield Parser("packets of knowledge", packets or frames, unpack)
+    psdus = tuple(frame_codec.encode(frame_codec.beeclick(1, 2, frame)) for frame in frames[:50])
+    yield Parser("octets of a frame", psdus, frame_codec.decode)
+
+
+def _recordings(out: Path) -> Iterator[Parser]:
+    path = out / "r1" / "r1.mcap"
+    sound = path.read_bytes()
+    notes = read_notes(path)
+
+    def in_its_place(data: bytes) -> None:
+        path.write_bytes(data)
+        try:
+            check(out)
+        finally:
+            path.write_bytes(sound)
+
+    def collected(data: bytes) -> None:
+        path.write_bytes(data)
+        try:
+            read_outing([out])
+        finally:
+            path.write_bytes(sound)
+
+    yield Parser("recording, checked", (sound,), in_its_place)
+    yield Parser("recording, collected", (sound,), collected)
+    for name, kind in (("run", RunNote), ("final", FinalNote), ("failure", FailureNote)):
+        text = notes.get(name, '{"actor":"r1","step":3,"cause":"none","expected":true}').encode()
+        yield Parser(f"note {name}", (text,), _noted(path, name, kind))
+
+
+def _files(out: Path, scratch: Path) -> Iterator[Parser]:
+    robot = out / "r1"
+    image = (robot / "map.png").read_bytes()
+    (scratch / "world").mkdir()
+    router_file.write(scratch / "router.json", credentials.issue({"r1": robot}, scratch / "world"))
+    readers: tuple[tuple[str, Iterable[Path], Callable[[Path], object]], ...] = (
+        ("scenario", (REPOSITORY / "scenarios").glob("*.toml"), load_scenario),
+        ("fleet", (REPOSITORY / "fleets").glob("*.toml"), load_fleet),
+        (
+            "robot model",
+            (REPOSITORY / "actors" / "models").glob("*.toml"),
+            lambda path: load_model(str(path)),
+        ),
+        ("places", (robot / "places.toml",), load_places),
+        ("adaptation", (robot / "adaptation.toml",), load_adaptation),
+        ("navigation", (robot / "navigation.toml",), load_stack),
+        ("map", (robot / "map.yaml",), load_map),
+        ("set-up of a world", (out / "world" / "setup.json",), load_setup),
+        ("router file", (scratch / "router.json",), router_file.read),
+        ("credentials", (robot / "credentials",), credentials.read),
+        ("laboratory's result", (out / "world" / "setup.json",), read_truth),
+    )
+    (scratch / "map.png").write_bytes(image)
+    for name, paths, reader in readers:
+        seeds = tuple(path.read_bytes() for path in paths)
+        yield Parser(name, seeds, _through_a_file(scratch / "file.toml", reader))
+    (scratch / "map.yaml").write_bytes((robot / "map.yaml").read_bytes())
+    through = _through_a_file(scratch / "map.png", lambda path: load_map(path.with_suffix(".yaml")))
+    yield Parser("image of a map", (image,), through)
+
+
+def _decoder(topic: object) -> Callable[[bytes], object]:
+    return lambda data: decode(topic, "swarm/key", data)  # type: ignore[arg-type]
+
+
+def _noted(path: Path, name: str, kind: type[T]) -> Callable[[bytes], T]:
+    return lambda data: decoded(path, name, data.decode("utf-8", "replace"), kind)
+
+
+def _through_a_file(path: Path, reader: Callable[[Path], object]) -> Callable[[bytes], object]:
+    def parse(data: bytes) -> object:
+        path.write_bytes(data)
+        return reader(path)
+
+    return parse
