@@ -199,6 +199,20 @@ def beeclick(
 
 
 @app.command()
+def mutations(
+    size: Annotated[
+        int, typer.Option("--bytes", metavar="N", min=1, help="Damaged bytes for each parser.")
+    ] = 10_000_000,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of the damage.")] = 1,
+    json: _Json = False,
+) -> None:
+    """Feed every parser of files, messages, frames and serial lines with damaged bytes."""
+    from benchmarks.mutations import command
+
+    command.run(size, json, seed)
+
+
+@app.command()
 def kobuki(
     size: Annotated[int, typer.Option("--bytes", metavar="N", min=1, help="Of noise and talk.")] = 10_000_000,
     json: _Json = False,
@@ -346,17 +360,3 @@ def endings(
     task = EndingsTask(count, seed, longest_stop=longest_stop)
     if not trials.run(task, workers, json):
         raise typer.Exit(1)
-
-
-@app.command()
-def mutations(
-    size: Annotated[
-        int, typer.Option("--bytes", metavar="N", min=1, help="Damaged bytes for each parser.")
-    ] = 10_000_000,
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of the damage.")] = 1,
-    json: _Json = False,
-) -> None:
-    """Feed every parser of files, messages, frames and serial lines with damaged bytes."""
-    from benchmarks.mutations import command
-
-    command.run(size, json, seed)

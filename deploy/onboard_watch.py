@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from actors.runtime.errors import AcrcError
 from deploy import onboard as layout
 from deploy.launch import Child, Launcher, Program
+from deploy.log_end import last_line
 from deploy.onboard import Onboard
 
 
@@ -147,9 +148,7 @@ class Watch:
 
 def _cause(child: Child) -> str:
     """Why a process has ended, as far as it can be told."""
-    log = child.program.log
-    lines = log.read_text(errors="replace").split("\n") if log.is_file() else []
-    last = next((line.strip() for line in reversed(lines) if line.strip()), "")
+    last = last_line(child.program.log)
     code = child.exit_code or 0
     how = f"by signal {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
     return f"{how}{f', {last}' if last else ''}"

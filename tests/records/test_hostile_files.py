@@ -22,6 +22,7 @@ from actors.runtime.errors import AcrcError, printable
 from actors.topic import Message, Topic
 from deploy.collect import collect
 from deploy.fleet import load_fleet
+from deploy.log_end import last_line
 from deploy.scenario_file import load_scenario
 
 SECONDS = 3.0
@@ -152,3 +153,13 @@ def test_what_a_terminal_would_obey_is_shown_instead() -> None:
         r"r1 \x1b[2J\x9b31m\x07 says \u202eabc\ud800\r"
     )
     assert printable("ä → \t b\n") == "ä → \t b\n"
+
+
+def test_the_last_line_of_an_endless_log(tmp_path: Path) -> None:
+    path = tmp_path / "r1.log"
+    path.write_bytes(b"first\n" + bytes(50_000_000) + b"\n the \x1b[2Jlast \xff\n\n")
+    tracemalloc.start()
+    assert last_line(path) == "the \\x1b[2Jlast \ufffd"
+    assert tracemalloc.get_traced_memory()[1] < 1_000_000
+    tracemalloc.stop()
+    assert last_line(tmp_path / "none.log") == ""
