@@ -17,7 +17,8 @@ from actors.robot.stack import load_stack
 from actors.robot_model import load_model
 from actors.runtime import credentials, router_file
 from actors.runtime.codec import decode
-from actors.runtime.process import FailureNote, FinalNote, RunNote
+from actors.runtime.failure import FailureNote
+from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import Entry, decoded, read_notes, read_recording
 from actors.runtime.replay_bus import topic_of
 from actors.world.program import load_setup
