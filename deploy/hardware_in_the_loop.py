@@ -23,6 +23,7 @@ from actors.runtime.zenoh_bus import ZenohBus, open_mesh
 from deploy import loop_limits, progress, swarm
 from deploy import onboard as layout
 from deploy.collect import collect
+from deploy.isolating import warn
 from deploy.launch import Child, Launcher, Program, launcher
 from deploy.onboard import Onboard, Ports
 from deploy.onboard_watch import Watch
@@ -30,6 +31,7 @@ from deploy.options import RunOptions
 from deploy.out_folder import make_folder
 from deploy.outing_result import OutingResult
 from deploy.plan import Plan
+from deploy.rehearsal import rehearse
 from deploy.scenario import Scenario
 from deploy.signals import signals_as_interrupts
 from firmware_bridge.laboratory.setup import LaboratorySetup
@@ -57,6 +59,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     if said := loop_limits.note(scenario):
         sys.stderr.write(f"acrc: {said}\n")
     plan = swarm.plan(scenario, options)
+    warn(plan.warning)
     _lay_out(plan)
     places = sum(len(robot.places) for robot in plan.world.robots)
     with progress.shown(plan.world.duration_us, places, quiet=options.json) as follow:
@@ -74,6 +77,7 @@ def _lay_out(plan: Plan) -> None:
 def _run_processes(plan: Plan, launching: Launcher, on_progress: OnProgress) -> None:
     folder = plan.folder(LABORATORY)
     with signals_as_interrupts(), launching as launched, ExitStack() as stack:
+        rehearse(plan, launched)
         room = _Room(plan, launched)
         stack.callback(room.end)
         room.start()

@@ -13,12 +13,12 @@ from actors.map_file import load_map
 from actors.placement import check_pose
 from actors.radio.setup import RadioSetup
 from actors.robot_model import load_model
-from actors.runtime import isolation
 from actors.world.setup import RobotSetup, WorldSetup
 from cleaning.strategies import entry
 from deploy import onboard as layout
 from deploy.epochs import EpochCounter
 from deploy.fleet import Fleet, FleetRobot
+from deploy.isolating import choose
 from deploy.launch import launcher
 from deploy.onboard import Onboard, Ports
 from deploy.onboard_watch import OnboardError, Watch
@@ -74,6 +74,8 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
 
 def run(prepared: Onboard, say: Callable[[str], None]) -> None:
     """Run until the operator stops it, a signal comes (Interrupted), or the budget of restarts is used up."""
+    if prepared.plan.warning:
+        say(prepared.plan.warning)
     with writing(prepared.plan.out):
         layout.lay_out(prepared)
     with signals_as_interrupts(), launcher("exec", reap=False) as launched:
@@ -107,10 +109,7 @@ def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> Plan:
         robot.start,
         robot.places,
     )
-    wanted = options.isolate
-    if wanted and (reason := isolation.available()) is not None:
-        raise isolation.IsolationError(reason)
-    able = isolation.available() is None and options.debug_port is None
+    choice = choose(options.isolate, debugged=options.debug_port is not None)
     return Plan(
         out=options.out,
         world=WorldSetup(str(fleet.map), fleet.seed, step_us, FOREVER, (body,)),
@@ -122,5 +121,6 @@ def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> Plan:
         scenario=ScenarioCopy("", ()),
         commit=software(),
         speed="1",
-        isolate=able if wanted is None else wanted,
+        isolate=choice.isolate,
+        warning=choice.warning,
     )

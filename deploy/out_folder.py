@@ -71,10 +71,18 @@ def check(out: Path, *, mesh: bool) -> None:
 
 def make_folder(out: Path) -> None:
     """Make the folder for the results. OutFolderError if there is something already, or it cannot be made."""
+    check_new(out)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _unusable(out, error) from None
+
+
+def check_new(out: Path) -> None:
+    """Raise OutFolderError if there is something already in the folder for the results, or it is closed."""
     try:
         if out.exists() and (not out.is_dir() or any(out.iterdir())):
             raise OutFolderError(f"--out {out}: exists and is not an empty folder; name a new one")
-        out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise _unusable(out, error) from None
 

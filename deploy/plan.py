@@ -46,6 +46,8 @@ class Plan:
     speed: str
     """As on the command line: "max" or a number."""
     isolate: bool
+    warning: str = ""
+    """What is missing of the robots' isolation, for the user; empty if nothing is."""
     hidden: tuple[Path, ...] = ()
     """Files beside the strategy's code that a robot must not see: the scenario."""
     view: bool = False

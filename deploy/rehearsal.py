@@ -1,33 +1,92 @@
-"""Makes the first robot's behaviour once in the parent: what is wrong is said before anything is started."""
+"""Makes the first robot once before a run: what is wrong with a strategy is said before anything is laid out.
+
+In a run of processes it is made as it will be, by a process of its own that is shut off like a robot's: the
+strategy is somebody's code, and in the parent it could reach every robot's folder.
+"""
 
 import contextlib
+import re
+import signal
 import sys
+import tempfile
+import time
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
+
+import msgspec
+from rich.console import Console
 
 from actors.geometry import Point, Pose
 from actors.map_file import load_map
+from actors.messages import ProcessOrder
+from actors.randomness import derived_seed
 from actors.robot import setup
 from actors.robot.adaptation import adaptation
 from actors.robot.behaviour import load_behaviour
 from actors.robot.program import look_in
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
+from actors.runtime.process import FailureNote
+from actors.runtime.recording import RecordingError, read_notes
 from deploy.cast import Cast
+from deploy.launch import Child, Launcher, Program
+from deploy.plan import Plan, lay_out_robot, robot_program
+
+_HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL | re.MULTILINE)
+"""What faulthandler writes of the place where the main thread was."""
 
 
-def rehearse(settled: Cast, text: str, modules: Sequence[Path]) -> None:
-    """Make the first robot's behaviour as its process will, told the adaptation.toml `text`, and drop it.
+class RehearsalError(AcrcError):
+    """A robot that cannot be made."""
 
-    Raises an AcrcError for settings, areas or equipment that do not fit, and for an entry that leads nowhere.
-    Any other error is in the strategy's own code, and is passed on with a note of which one it is.
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a rehearsal may take."""
+
+    patience_s: float = 120.0
+    """Until the robot has been made, kernels included, which are compiled at the first start ever."""
+    grace_s: float = 5.0
+    """Beyond that, for a process that does not heed it."""
+    shown_bytes: int = 20_000
+    """Of what the strategy says, the last part is shown."""
+
+
+def rehearse(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None:
+    """Make the first robot in a process of its own, in a folder that is gone afterwards.
+
+    Raises RehearsalError where that fails, hangs or ends; a bug's traceback is shown first.
+    """
+    robot = plan.world.robots[0]
+    with tempfile.TemporaryDirectory(prefix="acrc") as folder:
+        stage = replace(plan, out=Path(folder).resolve())
+        lay_out_robot(stage, robot)
+        program = robot_program(stage, robot, ProcessOrder(robot.id, 0), 0)
+        program = replace(program, argv=(*program.argv, "--rehearse", f"{bounds.patience_s:g}"))
+        child = launched.start(program)
+        try:
+            _await_end(child, launched, bounds)
+        finally:
+            child.send(signal.SIGKILL)
+            _await_end(child, launched, replace(bounds, patience_s=0.0))
+        _judge(plan, child, bounds)
+
+
+def rehearse_here(settled: Cast, text: str, modules: Sequence[Path]) -> None:
+    """Make the first robot's behaviour in this process, told the adaptation.toml `text`, and drop it.
+
+    For a run in memory, where the strategy runs in this process anyway. Raises an AcrcError for settings,
+    areas or equipment that do not fit, and for an entry that leads nowhere. Any other error is in the
+    strategy's own code, and is passed on with a note of which one it is.
     """
     name, robot = settled.scenario.run.strategy, settled.world.robots[0]
     behaviour = setup.RobotSetup(
         id=robot.id,
         epoch=0,
         first_step=0,
-        seed=settled.world.seed,
+        seed=derived_seed(settled.world.seed, robot.id),
         step_us=settled.world.step_us,
         address=dict(settled.radio.robots)[robot.id],
         start=Pose(*robot.start),
@@ -47,6 +106,65 @@ def rehearse(settled: Cast, text: str, modules: Sequence[Path]) -> None:
             which = repr(name) if name == settled.behaviour else f"{name!r}, {settled.behaviour!r},"
             error.add_note(f"in strategy {which} made for {robot.id} before the run")
             raise
+
+
+def _await_end(child: Child, launched: Launcher, bounds: Bounds) -> None:
+    deadline = time.monotonic() + bounds.patience_s + bounds.grace_s
+    while child.exit_code is None and time.monotonic() < deadline:
+        launched.wait(0.05)
+
+
+def _judge(plan: Plan, child: Child, bounds: Bounds) -> None:
+    """RehearsalError unless the robot's process says that the robot could be made."""
+    made = f"strategy {plan.behaviour!r}, made for {child.program.actor} before the run"
+    notes = _notes(child.program)
+    if "failure" in notes:
+        note = msgspec.json.decode(notes["failure"], type=FailureNote)
+        if note.expected:
+            raise RehearsalError(_printable(note.cause))
+        _show(_said(child.program, bounds))
+        raise RehearsalError(f"{made}: {_printable(note.cause)}")
+    if child.exit_code == 0 and "run" in notes:
+        return
+    said = _said(child.program, bounds)
+    hung = _HUNG.search(said)
+    if hung is not None:
+        where = f"{Path(hung[1]).name}:{hung[2]}"
+        raise RehearsalError(f"{made}: is not done after {bounds.patience_s:g} s; it is at {where}")
+    if child.exit_code == 2 and said.strip():  # it says why before it comes to the strategy
+        raise RehearsalError(said.strip().splitlines()[-1])
+    _show(said)
+    if child.exit_code is None or child.exit_code < 0:
+        number = signal.SIGKILL if child.exit_code is None else signal.Signals(-child.exit_code)
+        raise RehearsalError(f"{made}: its process was ended by signal {number.name}")
+    raise RehearsalError(f"{made}: its process ended with exit code {child.exit_code}")
+
+
+def _notes(program: Program) -> dict[str, bytes]:
+    assert program.record is not None
+    try:
+        return {name: bytes(text, "utf-8") for name, text in read_notes(program.record).items()}
+    except (OSError, RecordingError):
+        return {}
+
+
+def _said(program: Program, bounds: Bounds) -> str:
+    """The end of what the process wrote to its log."""
+    if not program.log.is_file():
+        return ""
+    with program.log.open("rb") as log:
+        log.seek(max(0, program.log.stat().st_size - bounds.shown_bytes))
+        return _printable(log.read(bounds.shown_bytes).decode(errors="replace"))
+
+
+def _printable(text: str) -> str:
+    """The text without what would steer a terminal."""
+    return "".join(character if character.isprintable() or character == "\n" else "�" for character in text)
+
+
+def _show(said: str) -> None:
+    if said.strip():
+        Console(stderr=True, soft_wrap=True).print(said.rstrip("\n"), markup=False, highlight=False)
 
 
 @contextlib.contextmanager

@@ -10,15 +10,17 @@ from typing import Final
 import msgspec
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
-from actors.runtime import access, isolation
+from actors.runtime import access
 from actors.runtime.core import at
 from actors.runtime.memory_bus import MemoryBus
 from actors.runtime.zenoh_bus import open_mesh
 from deploy import progress, scenario_copy
 from deploy.cast import cast
+from deploy.isolating import Choice, choose, warn
 from deploy.launch import Launcher, Program, launcher
 from deploy.memory_swarm import MemorySwarm
 from deploy.options import RunOptions
+from deploy.out_folder import check_new
 from deploy.place_table import write_table
 from deploy.plan import (
     Plan,
@@ -30,7 +32,7 @@ from deploy.plan import (
     robot_program,
     world_program,
 )
-from deploy.rehearsal import rehearse
+from deploy.rehearsal import rehearse, rehearse_here
 from deploy.result import Circumstances, RunResult, gather
 from deploy.scenario import Scenario
 from deploy.scenario_text import adaptation, navigation
@@ -49,6 +51,7 @@ def run(scenario: Scenario, options: RunOptions) -> RunResult:
     The result also stands in run.json, and what became of every place in places.csv.
     """
     prepared = plan(scenario, options)
+    warn(prepared.warning)
     places = sum(len(robot.places) for robot in prepared.world.robots)
     with progress.shown(prepared.world.duration_us, places, quiet=options.json) as follow:
         if options.bus == "memory":
@@ -59,12 +62,15 @@ def run(scenario: Scenario, options: RunOptions) -> RunResult:
 def plan(scenario: Scenario, options: RunOptions) -> Plan:
     """The run that the scenario and the options mean, with everything drawn.
 
-    The strategy's code runs once in this process; what it raises, but for AcrcError, is its own.
+    For a run in memory the strategy's code runs once in this process; what it raises, but for AcrcError, is
+    its own.
     """
+    choice = Choice(False) if options.bus == "memory" else choose(options.isolate)
     settled = cast(scenario)
     modules = _module_folders(settled.scenario)
     told = adaptation(settled.scenario)
-    rehearse(settled, told, modules)
+    if options.bus == "memory":
+        rehearse_here(settled, told, modules)
     return Plan(
         out=options.out,
         world=settled.world,
@@ -76,7 +82,8 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
         scenario=scenario_copy.beside(settled, options),
         commit=software(),
         speed=options.speed,
-        isolate=_isolated(options),
+        isolate=choice.isolate,
+        warning=choice.warning,
         hidden=options.hidden,
         view=options.view,
     )
@@ -95,8 +102,10 @@ def run_in_memory(plan: Plan, on_progress: OnProgress, bus: MemoryBus | None = N
 def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
     """Run every actor as a process of its own; none is left when this returns or raises."""
     began = time.time()
-    lay_out(plan)
+    check_new(plan.out)
     with signals_as_interrupts(), launcher(spawn) as launched:
+        rehearse(plan, launched)
+        lay_out(plan)
         supervisor = _supervise(plan, launched, on_progress)
     about = _circumstances(plan, began, "zenoh", supervisor.rosters)
     about = replace(about, parent_cpu_s=time.process_time())
@@ -135,16 +144,6 @@ def _module_folders(scenario: Scenario) -> tuple[Path, ...]:
     """Where a strategy of one's own may lie: beside the scenario, and where one stands."""
     own = (Path(scenario.run.modules),) if scenario.run.modules else ()
     return tuple(dict.fromkeys((*own, Path.cwd())))
-
-
-def _isolated(options: RunOptions) -> bool:
-    """Whether robots are to be shut off; IsolationError if that was asked for and is not to be had."""
-    if options.bus == "memory" or options.isolate is False:
-        return False
-    reason = isolation.available()
-    if reason is not None and options.isolate:
-        raise isolation.IsolationError(reason)
-    return reason is None
 
 
 def _say(sentence: str) -> None:

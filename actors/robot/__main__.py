@@ -7,8 +7,10 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs a process of one thread
 
+import faulthandler
 import sys
 import threading
+import traceback
 from collections.abc import Sequence
 
 from actors.robot import program, setup
@@ -16,9 +18,23 @@ from actors.runtime.access import client_config
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import Plan, isolate
 from actors.runtime.parent import answer_where, die_with_parent, leave
-from actors.runtime.process import play
+from actors.runtime.process import failure_note, play
 from actors.runtime.recording import Recorder
 from actors.runtime.seat import own_folder
+
+
+def rehearse(argv: Sequence[str], recorder: Recorder, patience_s: float) -> int:
+    """Make the robot and no more; the recording's first record, or its last, says what came of it."""
+    faulthandler.dump_traceback_later(patience_s, exit=True)
+    with recorder:
+        try:
+            recorder.note("run", program.part(argv).run)
+        except Exception as error:
+            recorder.note("failure", failure_note("robot", 0, error))
+            if not isinstance(error, AcrcError):
+                traceback.print_exc()
+            return 1
+    return 0
 
 
 def main(argv: Sequence[str]) -> int:
@@ -28,7 +44,6 @@ def main(argv: Sequence[str]) -> int:
     try:
         options = program.parse(argv)
         setup.kernels()  # compiled while the cache can still be written
-        program.look_in(options.path)  # while it can be seen; what is on the path stays readable
         recorder = Recorder(options.seat.record, options.setup.step_us)  # in a folder that is closed later
         if options.isolate:
             folder = options.seat.record.resolve().parent
@@ -37,12 +52,15 @@ def main(argv: Sequence[str]) -> int:
                     own=own_folder(folder),
                     hidden=(folder.parent, *options.hidden),
                     readable=(folder,),
+                    code=options.path,
                     descriptors=(1, 2, recorder.fileno()),
                     parent=parent if options.seat.with_parent else None,
                 )
             )
         elif options.seat.with_parent:
             die_with_parent(parent)
+        if options.rehearse_s is not None:
+            return rehearse(argv, recorder, options.rehearse_s)
         config = client_config(options.seat.credentials, options.seat.router)
         robot, patience_s = program.part(argv), options.seat.patience_s
         return play(robot, recorder, config, threads=threads, patience_s=patience_s)

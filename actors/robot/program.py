@@ -41,6 +41,8 @@ class RobotOptions:
     """Folders to look for the behaviour's module in, the first one first, before Python's own."""
     isolate: bool
     """Shut the process off from everything but the router."""
+    rehearse_s: float | None
+    """Only make the robot, in at most so many seconds, and end."""
     hidden: tuple[Path, ...]
     """What it must not see then, although it lies beside its code: the scenario."""
     seat: Seat
@@ -98,6 +100,7 @@ def parse(argv: Sequence[str]) -> RobotOptions:
         sensor=given.sensor,
         path=tuple(given.path),
         isolate=given.isolate,
+        rehearse_s=given.rehearse,
         hidden=tuple(given.hide),
         seat=seat(given),
     )
@@ -137,6 +140,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--hide", type=Path, action="append", default=[], help="not to be seen when shut off: the scenario"
     )
+    parser.add_argument("--rehearse", type=float, metavar="S", help="only make the robot, within S seconds")
     add_seat_options(parser)
     return parser
 

@@ -21,6 +21,8 @@ _NAMESPACES: Final = (
     linux.CLONE_NEWUSER | linux.CLONE_NEWNET | linux.CLONE_NEWNS | linux.CLONE_NEWIPC | linux.CLONE_NEWPID
 )
 _TRIAL: Final = "import sys; from actors.runtime.isolation import trial; trial(sys.argv[1])"
+ADVICE: Final = "allow unprivileged user namespaces on this machine, or run with --no-isolate"
+"""How each IsolationError's sentence ends."""
 _PROJECT: Final = Path(__file__).resolve().parents[2]
 """Where the packages of this project are."""
 _NOT_ITS_CODE: Final = ("deploy", "scenarios", "fleets", "runs")
@@ -42,6 +44,8 @@ class Plan:
     the run's output folder, the scenario. What lies deeper and is named as own or readable is seen."""
     readable: tuple[Path, ...] = ()
     """Files and folders that the robot must read; seen whole. Python, system and this project always are."""
+    code: tuple[Path, ...] = ()
+    """Folders with the code that it runs, like those on Python's path: seen entry by entry, without runs."""
     log: Path | None = None
     """File in the own folder that stdout and stderr go to. None: they stay what they are, and then the
     starter must have given this robot ones of its own, for a shared pipe or terminal is a way to a peer."""
@@ -128,7 +132,7 @@ def _shown(plan: Plan) -> Iterator[Path]:
     yield from installed
     own = (*plan.hidden, *(_PROJECT / name for name in _NOT_ITS_CODE))
     hidden = tuple(dict.fromkeys((*own, *(path.resolve() for path in own), *mounts.SCRATCH, *mounts.NEVER)))
-    code = [*(Path(path).absolute() for path in sys.path if path), _PROJECT]
+    code = [*(Path(path).absolute() for path in sys.path if path), *plan.code, _PROJECT]
     outside = [path for path in code if not any(path.is_relative_to(p) for p in (*installed, *mounts.SYSTEM))]
     for path in dict.fromkeys(plan.readable):
         if not any(one.is_relative_to(path.resolve()) for one in hidden):
@@ -170,4 +174,4 @@ def _said(error: OSError) -> str:
 
 
 def _sentence(reason: str) -> str:
-    return f"{reason}; allow unprivileged user namespaces on this machine, or run with --no-isolate"
+    return f"{reason}; {ADVICE}"

@@ -1,14 +1,18 @@
-"""What is wrong with a strategy is said in the parent, before anything is laid out or started."""
+"""What is wrong with a strategy is said before anything is laid out or started."""
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation import available
 from deploy import swarm
+from deploy.launch import ForkLauncher
 from deploy.options import RunOptions
 from deploy.plan import Plan
+from deploy.rehearsal import Bounds, RehearsalError, rehearse
 from tests.deploy.faults import scenario
 
 STUDY = """
@@ -108,3 +112,102 @@ def test_a_bug_is_the_strategys_own_and_named(tmp_path: Path) -> None:
     with pytest.raises(ZeroDivisionError) as caught:
         planned(tmp_path, "study_buggy", "", "buggy")
     assert caught.value.__notes__ == ["in strategy 'study_buggy:buggy' made for r1 before the run"]
+
+
+HOSTILE = """
+import os, signal, sys, time
+from pathlib import Path
+
+def behaviour(start):
+    raise ZeroDivisionError("first line\\n\\x1b[31msecond")
+
+def leaves(start):
+    print("not a word of this is a sentence of ours")
+    sys.exit(0)
+
+def vanishes(start):
+    os._exit(0)
+
+def dies(start):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+def hangs(start):
+    while True: pass
+
+def sends_a_courier(start):
+    if os.fork() == 0:
+        os.setsid()
+        if os.fork() == 0:
+            for number in (0, 1, 2):
+                os.close(number)
+            while True:
+                for folder in Path(__file__).parent.glob("out*/r2/own"):
+                    (folder / "mail").write_text(Path(folder, "../../r1/places.toml").read_text())
+                time.sleep(0.01)
+        os._exit(0)
+    os.wait()
+    return start
+"""
+
+
+@pytest.fixture(scope="module")
+def launched() -> Iterator[ForkLauncher]:
+    if (reason := available()) is not None:
+        pytest.skip(reason)
+    with ForkLauncher() as launcher:
+        yield launcher
+
+
+def hostile(folder: Path, function: str) -> Plan:
+    (folder / "hostile.py").write_text(HOSTILE)
+    text = f'[run]\nstrategy = "hostile:{function}"\nmodules = "{folder}"\n'
+    return swarm.plan(scenario(text), RunOptions(folder / "out", isolate=True))
+
+
+MADE = "strategy 'hostile:{}', made for r1 before the run: "
+
+
+@pytest.mark.parametrize(
+    ("function", "sentence"),
+    [
+        ("leaves", MADE + "its process ended with exit code 0"),
+        ("vanishes", MADE + "its process ended with exit code 0"),
+        ("dies", MADE + "its process was ended by signal SIGKILL"),
+        ("hangs", MADE + "is not done after 1 s; it is at hostile.py:19"),
+        ("behavior", "behaviour 'hostile:behavior': module 'hostile' has no 'behavior'"),
+        ("sends_a_courier", "behaviour 'hostile:sends_a_courier' gives a Start, which has no method "
+         "advance(view, until)"),
+    ],
+)  # fmt: skip
+def test_a_robot_that_cannot_be_made_is_one_sentence(
+    tmp_path: Path, launched: ForkLauncher, function: str, sentence: str
+) -> None:
+    with pytest.raises(RehearsalError) as caught:
+        rehearse(hostile(tmp_path, function), launched, Bounds(patience_s=1.0))
+    assert str(caught.value) == sentence.format(function)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_bug_shows_its_traceback_and_nothing_that_steers_the_terminal(
+    tmp_path: Path, launched: ForkLauncher, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(RehearsalError) as caught:
+        rehearse(hostile(tmp_path, "behaviour"), launched)
+    assert str(caught.value) == (
+        f"{MADE.format('behaviour')}ZeroDivisionError: first line\n�[31msecond (hostile.py:6)"
+    )
+    said = capsys.readouterr().err
+    assert "Traceback (most recent call last):" in said and "\x1b" not in said
+
+
+def test_what_a_strategy_starts_before_the_run_reaches_no_robot_and_is_gone(
+    tmp_path: Path, launched: ForkLauncher
+) -> None:
+    for robot in ("r1", "r2"):
+        (tmp_path / "out1" / robot / "own").mkdir(parents=True)
+        (tmp_path / "out1" / robot / "places.toml").write_text("where r1 has to go")
+    with pytest.raises(RehearsalError):
+        rehearse(hostile(tmp_path, "sends_a_courier"), launched)
+    assert [path.name for path in (tmp_path / "out1" / "r2" / "own").iterdir()] == []
+    server = launched._server.pid
+    assert Path(f"/proc/{server}/task/{server}/children").read_text() == ""

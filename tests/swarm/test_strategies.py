@@ -161,8 +161,8 @@ def test_what_is_wrong_with_a_strategy_is_said_before_anything_is_written(tmp_pa
     # the settings are those of the strategy that the file names, and another one does not get them
     done = acrc("run", path, "--strategy", "wanderer:buggy", "--out", tmp_path / "out")
     assert done.returncode == 1
-    *traceback, last, note = done.stderr.splitlines()
+    *traceback, cause, last = done.stderr.splitlines()
     assert traceback[0] == "Traceback (most recent call last):"
-    assert last == "ZeroDivisionError: my strategy divides by the number of its friends"
-    assert note == "in strategy 'wanderer:buggy' made for r1 before the run"
+    assert cause == "ZeroDivisionError: my strategy divides by the number of its friends"
+    assert last == f"acrc: strategy 'wanderer:buggy', made for r1 before the run: {cause} (wanderer.py:31)"
     assert not (tmp_path / "out").exists()
