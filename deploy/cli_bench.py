@@ -360,3 +360,11 @@ def endings(
     task = EndingsTask(count, seed, longest_stop=longest_stop)
     if not trials.run(task, workers, json):
         raise typer.Exit(1)
+
+
+@app.command()
+def attacks(json: _Json = False) -> None:
+    """Try every known way between robots past the radio, and say what held and what got through."""
+    from benchmarks.attacks import command
+
+    command.run(json)

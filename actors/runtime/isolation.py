@@ -85,7 +85,8 @@ def isolate(plan: Plan) -> None:
 
 def separate(plan: Plan) -> None:
     """The first part of `isolate`: own descriptors, namespaces and file tree; capabilities are kept."""
-    view = mounts.View(plan.own, plan.hidden, tuple(_shown(plan)), plan.scratch_bytes)
+    sealed = (*plan.hidden, *_code(plan))
+    view = mounts.View(plan.own, sealed, tuple(_shown(plan)), plan.scratch_bytes)
     _shed_descriptors(plan)
     user, group = os.getuid(), os.getgid()
     linux.unshare(_NAMESPACES)
@@ -128,12 +129,10 @@ def trial(folder: str) -> None:
 
 def _shown(plan: Plan) -> Iterator[Path]:
     """What is seen beside the system and the own folder: Python whole, folders with code entry by entry."""
-    installed = [Path(prefix) for prefix in dict.fromkeys((sys.prefix, sys.base_prefix))]
-    yield from installed
+    yield from _installed()
     own = (*plan.hidden, *(_PROJECT / name for name in _NOT_ITS_CODE))
     hidden = tuple(dict.fromkeys((*own, *(path.resolve() for path in own), *mounts.SCRATCH, *mounts.NEVER)))
-    code = [*(Path(path).absolute() for path in sys.path if path), *plan.code, _PROJECT]
-    outside = [path for path in code if not any(path.is_relative_to(p) for p in (*installed, *mounts.SYSTEM))]
+    outside = _code(plan)
     for path in dict.fromkeys(plan.readable):
         if not any(one.is_relative_to(path.resolve()) for one in hidden):
             yield path
@@ -142,6 +141,19 @@ def _shown(plan: Plan) -> Iterator[Path]:
     for folder in dict.fromkeys(outside):
         if not any(folder.resolve().is_relative_to(path.resolve()) for path in own):
             yield from code_folder.entries(folder, hidden)
+
+
+def _installed() -> list[Path]:
+    """Where Python and its packages are."""
+    return [Path(prefix) for prefix in dict.fromkeys((sys.prefix, sys.base_prefix))]
+
+
+def _code(plan: Plan) -> list[Path]:
+    """Folders with code that is neither installed nor the system's."""
+    folders = [*(Path(path).absolute() for path in sys.path if path), *plan.code, _PROJECT]
+    return [
+        path for path in folders if not any(path.is_relative_to(p) for p in (*_installed(), *mounts.SYSTEM))
+    ]
 
 
 def _shed_descriptors(plan: Plan) -> None:

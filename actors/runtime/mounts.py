@@ -46,8 +46,8 @@ class View(NamedTuple):
 
     own: Path
     """The only folder that can be written to and lasts."""
-    hidden: Sequence[Path]
-    """Folders of which only what is deeper and shown is seen; they cannot be written to."""
+    sealed: Sequence[Path]
+    """Folders of which only what is deeper and shown is seen; they cannot be written to, even in /tmp."""
     shown: Sequence[Path]
     """Files and folders that can be read; what is not there is left out."""
     scratch_bytes: int
@@ -63,9 +63,8 @@ def enter(view: View) -> None:
     links = {path: path.readlink() for path in SYSTEM if path.is_symlink()}
     handles = _handles(view, [path for path in SYSTEM if path not in links])
     linux.mount("tmpfs", _STAGE, "tmpfs", MS_NOSUID | MS_NODEV, f"size={view.scratch_bytes},mode=0755")
-    # What is written beside the own folder is to be refused, not to be lost with a scratch folder.
-    around = {place for path in view.hidden for place in _places(path) if _is_under(view.own, [place])}
-    for folder in (*SCRATCH, *sorted(around - {Path("/"), *SCRATCH})):
+    sealed = {place for path in view.sealed if _is_folder(path) for place in _places(path)}
+    for folder in (*SCRATCH, *sorted(path for path in sealed - {*SCRATCH} if _is_under(path, SCRATCH))):
         _new(folder).mkdir(parents=True, exist_ok=True)
         options = f"size={view.scratch_bytes},mode=0755"
         linux.mount("tmpfs", _new(folder), "tmpfs", MS_NOSUID | MS_NODEV, options)
@@ -156,6 +155,10 @@ def _unescaped(field: str) -> str:
 def _is_there(path: Path) -> bool:
     """False also where a closed folder is in the way, which stays in the robot's way."""
     return os.path.exists(path)  # noqa: PTH110 — Path.exists raises where access is denied
+
+
+def _is_folder(path: Path) -> bool:
+    return os.path.isdir(path)  # noqa: PTH112 — Path.is_dir raises where access is denied
 
 
 def _is_under(path: Path, folders: Iterable[Path]) -> bool:

@@ -1,6 +1,8 @@
 """What an attack is: a few stages, each carried out by one member of the swarm."""
 
+import os
 from enum import IntEnum
+from pathlib import Path
 from typing import NamedTuple
 
 from benchmarks.attacks.member import Member, Note, Stage
@@ -38,6 +40,20 @@ class Attack(NamedTuple):
     """Only tried where there are so many."""
     traces: bool = False
     """Only tried where one may trace one's own processes (Yama's ptrace_scope)."""
+
+
+def missing_means(attack: Attack) -> str | None:
+    """Why this user could not carry out the attack even against an unprotected swarm; None if he could."""
+    if attack.folder.startswith("/") and not os.access(attack.folder, os.W_OK):
+        return f"{attack.folder} cannot be written to by this user"
+    if attack.root and os.getuid() != 0:
+        return "only root could do this"
+    if len(os.sched_getaffinity(0)) < attack.processors:
+        return f"needs {attack.processors} processors"
+    yama = Path("/proc/sys/kernel/yama/ptrace_scope")
+    if attack.traces and os.getuid() != 0 and yama.exists() and yama.read_text().strip() != "0":
+        return "Yama forbids to trace one's own processes"
+    return None
 
 
 def eavesdrop(member: Member, _: Note) -> None:

@@ -1,15 +1,18 @@
 """The only way to a peer is the radio: every other way is tried, with and without what closes it."""
 
+import json
 import os
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 
 import pytest
 
 from actors.runtime.isolation import available
-from benchmarks.attacks.attack import Attack, Layer
+from benchmarks.attacks import command
+from benchmarks.attacks.attack import Attack, Layer, missing_means
 from benchmarks.attacks.attacks import ATTACKS
 from benchmarks.attacks.swarm import MODES, Swarm
 from benchmarks.attacks.table import table
@@ -47,13 +50,9 @@ def need_isolation() -> None:
 
 def need_means(attack: Attack) -> None:
     """Skip an attack that this user could not carry out even against an unprotected swarm."""
-    if attack.folder.startswith("/") and not os.access(attack.folder, os.W_OK):
-        pytest.skip(f"{attack.folder} cannot be written to by this user")
-    if attack.root and os.getuid() != 0:
-        pytest.skip("only root could do this")
-    yama = Path("/proc/sys/kernel/yama/ptrace_scope")
-    if attack.traces and os.getuid() != 0 and yama.exists() and yama.read_text().strip() != "0":
-        pytest.skip("Yama forbids to trace one's own processes")
+    reason = missing_means(attack)
+    if reason is not None:
+        pytest.skip(reason)
 
 
 CASES = [
@@ -82,3 +81,26 @@ def test_attacks_have_names_of_their_own() -> None:
 
 def test_the_documentation_has_the_table_of_attacks() -> None:
     assert table() in DOCUMENT.read_text("utf-8"), "python -m benchmarks.attacks.table prints the table"
+
+
+def test_the_benchmark_finds_all_held_but_what_is_stated(capsys: pytest.CaptureFixture[str]) -> None:
+    need_isolation()
+    verdicts = command.run(json_output=True)
+    assert json.loads(capsys.readouterr().out) == [asdict(verdict) for verdict in verdicts]
+    through = {verdict.name for verdict in verdicts if verdict.outcome == "through"}
+    assert through == {attack.name for attack in ATTACKS if attack.layer == Layer.REMAINS}
+    assert len(verdicts) == sum(attack.layer != Layer.NONE for attack in ATTACKS)
+
+
+def test_what_gets_through_unstated_fails_the_benchmark() -> None:
+    remains = [attack for attack in ATTACKS if attack.layer == Layer.REMAINS]
+    text = DOCUMENT.read_text("utf-8")
+    assert all(command.is_stated(attack, text) for attack in remains)
+    silent = text.replace(remains[0].name, "all is well")
+    verdicts = [
+        command.Verdict(attack.name, attack.closed_by, "through", command.is_stated(attack, silent))
+        for attack in remains
+    ]
+    with pytest.raises(command.AttacksError) as caught:
+        command.judge(verdicts)
+    assert str(caught.value) == f"through, and isolation.md does not say so: {remains[0].name}"
