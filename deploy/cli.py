@@ -96,6 +96,9 @@ def run(
             "--hardware-in-the-loop", help="Robots as on board, their devices emulated; in wall time."
         ),
     ] = False,
+    trust: Annotated[
+        bool, typer.Option("--trust", help="Run the code that the scenario names, whoever wrote it.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")] = False,
     check: Annotated[
         bool,
@@ -124,6 +127,13 @@ def run(
         check=check,
     )
     chosen = load_scenario(scenario, overrides)
+
+    from cleaning.strategies import entry
+    from deploy import foreign
+
+    if not trust:
+        strategy = entry(chosen.run.strategy)
+        foreign.refuse_foreign(scenario or DEFAULT_SCENARIO, strategy, foreign.beside(chosen))
 
     from deploy import deliveries, out_folder, summary, swarm
     from deploy.kernels import compile_kernels

@@ -32,11 +32,21 @@ def check(out: _Out) -> None:
 def replay(
     out: _Out,
     actor: Annotated[str, typer.Argument(metavar="ACTOR", help="world, radio, r1, or r1.1 once restarted.")],
+    trust: Annotated[
+        bool, typer.Option("--trust", help="Run the code that the recording names, whoever wrote it.")
+    ] = False,
+    isolate: Annotated[
+        bool | None,
+        typer.Option(
+            "--isolate/--no-isolate",
+            help="Shut the robot's process off from everything.  [default: where the machine can]",
+        ),
+    ] = None,
 ) -> None:
     """Execute one actor again from what it received, and compare everything it sends."""
-    from deploy import record_replay
+    from deploy import trusted_replay
 
-    report = record_replay.replay_actor(out, actor)
+    report = trusted_replay.replay(out, actor, trust=trust, isolate=isolate)
     Console(soft_wrap=True, highlight=False).print(
         f"{report.actor}: {report.outputs} messages sent again, all equal to the recorded ones"
     )

@@ -122,18 +122,18 @@ def _judge(plan: Plan, child: Child, bounds: Bounds) -> None:
         note = msgspec.json.decode(notes["failure"], type=FailureNote)
         if note.expected:
             raise RehearsalError(_printable(note.cause))
-        _show(_said(child.program, bounds))
+        show(said(child.program, bounds.shown_bytes))
         raise RehearsalError(f"{made}: {_printable(note.cause)}")
     if child.exit_code == 0 and "run" in notes:
         return
-    said = _said(child.program, bounds)
-    hung = _HUNG.search(said)
+    told = said(child.program, bounds.shown_bytes)
+    hung = _HUNG.search(told)
     if hung is not None:
         where = f"{Path(hung[1]).name}:{hung[2]}"
         raise RehearsalError(f"{made}: is not done after {bounds.patience_s:g} s; it is at {where}")
-    if child.exit_code == 2 and said.strip():  # it says why before it comes to the strategy
-        raise RehearsalError(said.strip().splitlines()[-1])
-    _show(said)
+    if child.exit_code == 2 and told.strip():  # it says why before it comes to the strategy
+        raise RehearsalError(told.strip().splitlines()[-1])
+    show(told)
     if child.exit_code is None or child.exit_code < 0:
         number = signal.SIGKILL if child.exit_code is None else signal.Signals(-child.exit_code)
         raise RehearsalError(f"{made}: its process was ended by signal {number.name}")
@@ -148,13 +148,13 @@ def _notes(program: Program) -> dict[str, bytes]:
         return {}
 
 
-def _said(program: Program, bounds: Bounds) -> str:
-    """The end of what the process wrote to its log."""
+def said(program: Program, limit: int = Bounds.shown_bytes) -> str:
+    """The end of what a process wrote to its log, without what would steer a terminal."""
     if not program.log.is_file():
         return ""
     with program.log.open("rb") as log:
-        log.seek(max(0, program.log.stat().st_size - bounds.shown_bytes))
-        return _printable(log.read(bounds.shown_bytes).decode(errors="replace"))
+        log.seek(max(0, program.log.stat().st_size - limit))
+        return _printable(log.read(limit).decode(errors="replace"))
 
 
 def _printable(text: str) -> str:
@@ -162,9 +162,10 @@ def _printable(text: str) -> str:
     return "".join(character if character.isprintable() or character == "\n" else "�" for character in text)
 
 
-def _show(said: str) -> None:
-    if said.strip():
-        Console(stderr=True, soft_wrap=True).print(said.rstrip("\n"), markup=False, highlight=False)
+def show(told: str) -> None:
+    """Show on standard error what a process said, if it said anything."""
+    if told.strip():
+        Console(stderr=True, soft_wrap=True).print(told.rstrip("\n"), markup=False, highlight=False)
 
 
 @contextlib.contextmanager

@@ -16,6 +16,7 @@ from actors.runtime.memory_bus import MemoryBus
 from actors.runtime.zenoh_bus import open_mesh
 from deploy import progress, scenario_copy
 from deploy.cast import cast
+from deploy.foreign import beside, folder_of
 from deploy.isolating import Choice, choose, warn
 from deploy.launch import Launcher, Program, launcher
 from deploy.memory_swarm import MemorySwarm
@@ -67,7 +68,7 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
     """
     choice = Choice(False) if options.bus == "memory" else choose(options.isolate)
     settled = cast(scenario)
-    modules = _module_folders(settled.scenario)
+    modules = module_folders(settled.behaviour, settled.scenario)
     told = adaptation(settled.scenario)
     if options.bus == "memory":
         rehearse_here(settled, told, modules)
@@ -140,10 +141,13 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
     return supervisor
 
 
-def _module_folders(scenario: Scenario) -> tuple[Path, ...]:
-    """Where a strategy of one's own may lie: beside the scenario, and where one stands."""
-    own = (Path(scenario.run.modules),) if scenario.run.modules else ()
-    return tuple(dict.fromkeys((*own, Path.cwd())))
+def module_folders(behaviour: str, scenario: Scenario) -> tuple[Path, ...]:
+    """Where the behaviour's module is looked for before all else, if it is there.
+
+    Nowhere for one that is shipped or installed: then nothing beside a scenario can take a library's place.
+    """
+    folders = beside(scenario)
+    return folders if folder_of(behaviour, folders) else ()
 
 
 def _say(sentence: str) -> None:

@@ -106,6 +106,12 @@ def parse(argv: Sequence[str]) -> RobotOptions:
     )
 
 
+def code_of(argv: Sequence[str]) -> tuple[str, tuple[Path, ...]]:
+    """The entry of the behaviour in `argv`, and the folders that it is looked for in first; reads no file."""
+    given = _parser().parse_args(argv)
+    return given.behaviour, tuple(given.path)
+
+
 def look_in(folders: Sequence[Path]) -> None:
     """Let Python find modules in these folders, too."""
     for folder in reversed(folders):

@@ -10,7 +10,9 @@ from tests.swarm.command import ROOT, acrc, run
 
 WANDERER = '''
 """Robots that go from one random place to the next."""
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from actors.instant import Duration, Instant, seconds
 from actors.robot.ports import Behaviour, Decision, GoalOrder, Start, View
 from cleaning.settings import from_settings
@@ -35,6 +37,8 @@ def behaviour(start: Start) -> Behaviour:
 
     This is its second line.
     """
+    with suppress(OSError):
+        Path(__file__).with_name("mark").write_text("this ran with the user's rights")
     return Wanderer(start)
 
 def buggy(start: Start) -> Behaviour:
@@ -134,35 +138,56 @@ def own_scenario(folder: Path, text: str = "") -> Path:
 
 def test_a_module_beside_the_scenario_gives_one_digest_and_runs_again(tmp_path: Path) -> None:
     path = own_scenario(tmp_path / "study")
-    memory = run(tmp_path / "memory", path, "--bus", "memory")
-    assert run(tmp_path / "isolated", path, "--isolate")["digest"] == memory["digest"]
-    again = run(tmp_path / "again", tmp_path / "isolated" / "scenario.toml", "--bus", "memory")
+    memory = run(tmp_path / "memory", path, "--trust", "--bus", "memory")
+    (tmp_path / "study" / "mark").unlink()  # in memory there are no walls
+    assert run(tmp_path / "isolated", path, "--trust", "--isolate")["digest"] == memory["digest"]
+    assert not (tmp_path / "study" / "mark").exists()  # neither tried out nor run unguarded
+    again = run(tmp_path / "again", tmp_path / "isolated" / "scenario.toml", "--trust", "--bus", "memory")
     assert again["digest"] == memory["digest"]  # with its module, its settings and its areas
-    replayed = acrc("record", "replay", tmp_path / "isolated", "r2")
+    (tmp_path / "study" / "mark").unlink()
+    asked = acrc("record", "replay", tmp_path / "isolated", "r2")
+    assert asked.returncode == 1
+    assert asked.stderr == (
+        f"acrc: {tmp_path}/isolated/r2/r2.mcap runs code from {tmp_path}/study/wanderer.py, which is "
+        "neither this project's nor installed nor below the folder where you stand; read it, and say --trust "
+        "if it may run\n"
+    )
+    replayed = acrc("record", "replay", tmp_path / "isolated", "r2", "--trust")
     assert replayed.returncode == 0, replayed.stderr
+    assert not (tmp_path / "study" / "mark").exists()
 
 
 def test_settings_reach_every_robot(tmp_path: Path) -> None:
-    default = run(tmp_path / "default", own_scenario(tmp_path / "study"), "--bus", "memory")
+    default = run(tmp_path / "default", own_scenario(tmp_path / "study"), "--trust", "--bus", "memory")
     other = own_scenario(tmp_path / "other", "[strategy]\npause = 0.5")
-    memory = run(tmp_path / "memory", other, "--bus", "memory")
+    memory = run(tmp_path / "memory", other, "--trust", "--bus", "memory")
     assert memory["digest"] != default["digest"]
-    assert run(tmp_path / "processes", other)["digest"] == memory["digest"]
+    assert run(tmp_path / "processes", other, "--trust")["digest"] == memory["digest"]
     told = (tmp_path / "processes" / "r2" / "adaptation.toml").read_text()
     assert "[strategy]\npause = 0.5\n" in told and "'left'" not in told and 'name = "right"' in told
 
 
 def test_what_is_wrong_with_a_strategy_is_said_before_anything_is_written(tmp_path: Path) -> None:
     path = own_scenario(tmp_path / "study", "[strategy]\npauze = 0.5")
-    done = acrc("run", path, "--out", tmp_path / "out")
+    done = acrc("run", path, "--trust", "--out", tmp_path / "out")
     assert (done.returncode, done.stdout, done.stderr) == (
         1, "", "acrc: strategy.pauze is not known; did you mean strategy.pause?\n"
     )  # fmt: skip
     # the settings are those of the strategy that the file names, and another one does not get them
-    done = acrc("run", path, "--strategy", "wanderer:buggy", "--out", tmp_path / "out")
+    done = acrc("run", path, "--trust", "--strategy", "wanderer:buggy", "--out", tmp_path / "out")
     assert done.returncode == 1
     *traceback, cause, last = done.stderr.splitlines()
     assert traceback[0] == "Traceback (most recent call last):"
     assert cause == "ZeroDivisionError: my strategy divides by the number of its friends"
-    assert last == f"acrc: strategy 'wanderer:buggy', made for r1 before the run: {cause} (wanderer.py:31)"
+    assert last == f"acrc: strategy 'wanderer:buggy', made for r1 before the run: {cause} (wanderer.py:35)"
     assert not (tmp_path / "out").exists()
+
+
+def test_a_scenarios_own_code_needs_a_word(tmp_path: Path) -> None:
+    path = own_scenario(tmp_path / "study")
+    done = acrc("run", path, "--out", tmp_path / "out")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == (
+        f"acrc: {path} runs code from {tmp_path}/study/wanderer.py, which is neither this project's nor "
+        "installed nor below the folder where you stand; read it, and say --trust if it may run\n"
+    )
