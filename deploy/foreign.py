@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Sequence
-from importlib.machinery import PathFinder
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
 from actors.runtime.errors import AcrcError
@@ -31,8 +31,7 @@ def refuse_foreign(source: Path, entry: str, folders: Sequence[Path]) -> None:
 
 def found(entry: str, folders: Sequence[Path]) -> Path | None:
     """The file or folder that an entry's top-level module would come from; None if there is none."""
-    name = entry.partition(":")[0].partition(".")[0]
-    spec = PathFinder.find_spec(name, [*map(str, folders), *sys.path]) if name else None
+    spec = _spec(entry, [*map(str, folders), *sys.path])
     if spec is None:
         return None
     places = list(spec.submodule_search_locations or ())
@@ -48,8 +47,14 @@ def beside(scenario: Scenario) -> tuple[Path, ...]:
 
 def folder_of(entry: str, folders: Sequence[Path]) -> Path | None:
     """The first of the folders in which an entry's top-level module lies."""
+    return next((path for path in folders if _spec(entry, [str(path)])), None)
+
+
+def _spec(entry: str, folders: Sequence[str]) -> ModuleSpec | None:
+    """Where the top-level module of an entry is, without importing it."""
     name = entry.partition(":")[0].partition(".")[0]
-    return next((path for path in folders if name and PathFinder.find_spec(name, [str(path)])), None)
+    sound = [folder for folder in folders if "\0" not in folder]
+    return PathFinder.find_spec(name, sound) if name else None
 
 
 def _homes() -> list[Path]:

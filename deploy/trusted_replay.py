@@ -22,7 +22,8 @@ ANSWER_BYTES = 1 << 16
 
 
 def replay(out: Path, actor: str, *, trust: bool, isolate: bool | None) -> ReplayReport:
-    """Execute one actor again; a robot in a process that is shut off, where the machine can.
+    """Execute one actor again; a robot in a process that is shut off, where the machine can and `isolate`
+    lets it.
 
     World and radio run no code but this project's. Raises ForeignCodeError for a robot whose recording names
     somebody's code, without `trust`; ReplayError at the first output that differs.
@@ -38,6 +39,8 @@ def replay(out: Path, actor: str, *, trust: bool, isolate: bool | None) -> Repla
         refuse_foreign(files[actor], entry, folders)
     choice = choose(isolate)
     warn(choice.warning)
+    if isolate is False:
+        return replay_actor(out, actor)  # in this process, where a debugger may be
     with tempfile.TemporaryDirectory(prefix="acrc") as name:
         home = Path(name).resolve()
         (home / "own").mkdir()

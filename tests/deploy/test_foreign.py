@@ -55,6 +55,11 @@ def test_ours_what_is_installed_and_what_lies_where_one_stands_is_not_foreign(
     foreign.refuse_foreign(Path("x.toml"), "strategy:behaviour", [study])
 
 
+def test_a_path_that_no_file_has_leads_nowhere() -> None:
+    assert foreign.found("strategy:behaviour", [Path("a\0b"), Path("x" * 5000)]) is None
+    assert foreign.folder_of("strategy:behaviour", [Path("a\0b"), Path("/dev/null/x")]) is None
+
+
 def test_a_module_that_takes_the_place_of_ours_is_foreign(study: Path) -> None:
     (study / "cleaning").mkdir()
     (study / "cleaning" / "__init__.py").write_text("")
