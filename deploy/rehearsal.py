@@ -28,7 +28,7 @@ from actors.robot.behaviour import load_behaviour
 from actors.robot.program import look_in
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
-from actors.runtime.process import FailureNote
+from actors.runtime.failure import FailureNote
 from actors.runtime.recording import RecordingError, read_notes
 from deploy.cast import Cast
 from deploy.launch import Child, Launcher, Program

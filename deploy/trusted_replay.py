@@ -11,7 +11,7 @@ from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.runtime.replay_bus import ReplayError
 from deploy.foreign import folder_of, refuse_foreign
 from deploy.isolating import choose, warn
-from deploy.launch import ExecLauncher, Program
+from deploy.launch import Program, launcher
 from deploy.record import recordings
 from deploy.record_replay import ReplayReport, replay_actor
 from deploy.rehearsal import said, show
@@ -56,7 +56,7 @@ def replay(out: Path, actor: str, *, trust: bool, isolate: bool | None) -> Repla
 
 def _answer(program: Program, home: Path) -> ReplayReport:
     """What the process has to say; ReplayError if that is a fault, or nothing."""
-    with ExecLauncher() as launched:
+    with launcher("exec") as launched:
         child = launched.start(program)
         while child.exit_code is None:
             launched.wait(0.5)

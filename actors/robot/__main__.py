@@ -16,9 +16,10 @@ from collections.abc import Sequence
 from actors.robot import program, setup
 from actors.runtime.access import client_config
 from actors.runtime.errors import AcrcError
+from actors.runtime.failure import failure_note
 from actors.runtime.isolation import Plan, isolate
 from actors.runtime.parent import answer_where, die_with_parent, leave
-from actors.runtime.process import failure_note, play
+from actors.runtime.process import play
 from actors.runtime.recording import Recorder
 from actors.runtime.seat import own_folder
 

@@ -9,7 +9,7 @@ import pytest
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import available
 from deploy import swarm
-from deploy.launch import ForkLauncher
+from deploy.launch import ServedLauncher
 from deploy.options import RunOptions
 from deploy.plan import Plan
 from deploy.rehearsal import Bounds, RehearsalError, rehearse
@@ -151,11 +151,11 @@ def sends_a_courier(start):
 
 
 @pytest.fixture(scope="module")
-def launched() -> Iterator[ForkLauncher]:
+def launched() -> Iterator[ServedLauncher]:
     if (reason := available()) is not None:
         pytest.skip(reason)
-    with ForkLauncher() as launcher:
-        yield launcher
+    with ServedLauncher("fork") as launched:
+        yield launched
 
 
 def hostile(folder: Path, function: str) -> Plan:
@@ -180,7 +180,7 @@ MADE = "strategy 'hostile:{}', made for r1 before the run: "
     ],
 )  # fmt: skip
 def test_a_robot_that_cannot_be_made_is_one_sentence(
-    tmp_path: Path, launched: ForkLauncher, function: str, sentence: str
+    tmp_path: Path, launched: ServedLauncher, function: str, sentence: str
 ) -> None:
     with pytest.raises(RehearsalError) as caught:
         rehearse(hostile(tmp_path, function), launched, Bounds(patience_s=1.0))
@@ -189,7 +189,7 @@ def test_a_robot_that_cannot_be_made_is_one_sentence(
 
 
 def test_a_bug_shows_its_traceback_and_nothing_that_steers_the_terminal(
-    tmp_path: Path, launched: ForkLauncher, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, launched: ServedLauncher, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(RehearsalError) as caught:
         rehearse(hostile(tmp_path, "behaviour"), launched)
@@ -201,7 +201,7 @@ def test_a_bug_shows_its_traceback_and_nothing_that_steers_the_terminal(
 
 
 def test_what_a_strategy_starts_before_the_run_reaches_no_robot_and_is_gone(
-    tmp_path: Path, launched: ForkLauncher
+    tmp_path: Path, launched: ServedLauncher
 ) -> None:
     for robot in ("r1", "r2"):
         (tmp_path / "out1" / robot / "own").mkdir(parents=True)
