@@ -232,6 +232,17 @@ def onboard(json: _Json = False) -> None:
 
 
 @app.command()
+def standstill(
+    trials: Annotated[int, typer.Option(metavar="N", min=1, max=1000, help="Of each case.")] = 3,
+    json: _Json = False,
+) -> None:
+    """Kill, stop and hold each process of a robot in the loop while it drives: when it stands, and where."""
+    from benchmarks import standstill as cases
+
+    cases.run(json, cases.StandstillTask(trials))
+
+
+@app.command()
 def localisation(
     cell: Annotated[
         list[str] | None,
