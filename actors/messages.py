@@ -115,7 +115,7 @@ class Drive(Message, frozen=True):
     first word, those that it was given."""
     pose: tuple[float, float, float] | None = None
     """Where the robot held itself to be at the step's start: x, y, heading, map frame. For the record, for
-    observers and to measure; nobody steers by it."""
+    observers and to measure; nobody steers by it. None: it does not know."""
 
 
 # --- robot and radio ---------------------------------------------------------------------------------------

@@ -200,6 +200,14 @@ def onboard(
     debugpy: Annotated[
         int | None, typer.Option(metavar="PORT", min=1, max=65535, help="Let a debugger in there.")
     ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHERE",
+            help="Where it stands: `start`, as the fleet file has it, or X,Y,HEADING in m and rad.  "
+            "[default: about where it last was, which it first makes sure of; `start` the first time]",
+        ),
+    ] = None,
 ) -> None:
     """Be a robot: drive the TurtleBot and the radio board that are plugged in, until told to stop."""
     from deploy import onboard_run, out_folder
@@ -211,7 +219,7 @@ def onboard(
     if out is not None:
         out_folder.check(out, mesh=True)
     folder = out.absolute() if out else onboard_run.new_folder(Path("runs"))
-    options = onboard_run.OnboardOptions(folder, isolate, debugpy)
+    options = onboard_run.OnboardOptions(folder, isolate, debugpy, at)
     try:
         with out_folder.dropped_if_empty(folder):
             onboard_run.run(onboard_run.prepare(loaded, robot, options, console.print), console.print)

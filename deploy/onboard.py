@@ -14,6 +14,7 @@ from actors.world.setup import RobotSetup
 from deploy.launch import Program
 from deploy.out_folder import OutFolderError
 from deploy.plan import ROUTER_FILE, Plan, lay_out_robot, robot_program, seat_argv
+from firmware_bridge.onboard import last_pose
 from firmware_bridge.onboard.setup import BaseSetup, BridgeSetup
 
 BASE: Final = "base"
@@ -48,6 +49,14 @@ class Onboard:
     debug_port: int | None = None
     """Wait there for a debugger, and end without one."""
 
+    last_pose: Path | None = None
+    """File with where the robot last held itself to be; None: one in the base's folder, not there yet."""
+
+    @property
+    def pose_file(self) -> Path:
+        """As `last_pose`."""
+        return self.last_pose or self.folder(BASE) / "last.pose"
+
     @property
     def robot(self) -> RobotSetup:
         """The one robot."""
@@ -78,6 +87,7 @@ def lay_out(onboard: Onboard) -> None:
         ports.range,
         ports.listen,
         ports.keys,
+        str(onboard.pose_file),
         *((None,) if onboard.debug_port is not None else ()),
     )
     bridge = BridgeSetup(
@@ -134,9 +144,13 @@ def bridge_program(onboard: Onboard, start: int) -> Program:
 
 def onboard_robot_program(onboard: Onboard, start: int) -> Program:
     """The robot's program, as in simulation and in a new epoch; under a debugger if one is wanted."""
-    robot = onboard.robot
+    robot, doubt = onboard.robot, tuple[str, ...]()
+    if (last := last_pose.read(onboard.pose_file)) is not None:
+        robot = msgspec.structs.replace(robot, start=(*last.origin,))
+        doubt = ("--doubt", f"{last.spread!r}")
     order = ProcessOrder(robot.id, onboard.epochs())
     program = robot_program(onboard.plan, robot, order, first_step=0, name=_numbered(robot.id, start))
+    program = replace(program, argv=(*program.argv, *doubt))
     if onboard.debug_port is None:
         return program
     waiting = ("--listen", str(onboard.debug_port), "-m", program.module)

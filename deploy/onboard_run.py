@@ -1,9 +1,10 @@
 """A robot on board: from the fleet file to running processes, until it is told to stop."""
 
 import importlib.util
+import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -27,10 +28,14 @@ from deploy.plan import Plan
 from deploy.scenario_copy import ScenarioCopy
 from deploy.service_notice import ServiceNotice
 from deploy.signals import signals_as_interrupts
+from deploy.usage import OptionError
 from deploy.version import software
+from firmware_bridge.onboard import last_pose
 
 FOREVER: Final = 2**62
 """µs; a robot's run has no end of its own."""
+AT_START: Final = "start"
+"""Where the fleet file says that the robot is switched on."""
 _LOOK_S: Final = 0.5
 
 
@@ -43,6 +48,8 @@ class OnboardOptions:
     isolate: bool | None = None
     """As for a run; None: where the machine can, and no debugger is wanted."""
     debug_port: int | None = None
+    at: str | None = None
+    """Where it is told to be: AT_START, or X,Y,HEADING; None: it may have moved since it last knew."""
 
 
 def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str], None]) -> Onboard:
@@ -55,7 +62,10 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
             f"--debugpy {options.debug_port}: the Python package debugpy is not installed; "
             "`.venv/bin/python -m ensurepip` and `.venv/bin/python -m pip install debugpy` bring it"
         )
+    pose_file = options.out.parent / f"{name}.pose"
     robot = fleet.robot(name)
+    if options.at is not None:
+        robot = replace(robot, start=_told(options.at, robot))
     model = load_model(robot.model, robot.sensor)
     check_pose(load_map(str(fleet.map)), Point(*robot.start[:2]), model.footprint.circumradius, name)
     ports = Ports(
@@ -69,7 +79,9 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
         None if robot.listen is None else str(fleet.keys_of(name)),
     )
     counter = EpochCounter(name, options.out.parent, say)
-    return Onboard(_plan(fleet, robot, options), ports, counter.claim, options.debug_port)
+    if options.at is not None:
+        pose_file.unlink(missing_ok=True)
+    return Onboard(_plan(fleet, robot, options), ports, counter.claim, options.debug_port, pose_file)
 
 
 def run(prepared: Onboard, say: Callable[[str], None]) -> None:
@@ -79,18 +91,38 @@ def run(prepared: Onboard, say: Callable[[str], None]) -> None:
     with writing(prepared.plan.out):
         layout.lay_out(prepared)
     with signals_as_interrupts(), launcher("exec", reap=False) as launched:
-        service = ServiceNotice()
+        service, in_doubt = ServiceNotice(), last_pose.read(prepared.pose_file) is not None
         watch = Watch(prepared, launched, say, lives=service.lives)
         try:
             watch.start()
             service.ready()
             say(f"{prepared.robot.id} is running; it records into {prepared.plan.out}")
+            if in_doubt:
+                say(
+                    f"{prepared.robot.id} is in doubt about where it is, and stands until its scans say "
+                    "that it is where it last was; `--at start` or `--at X,Y,HEADING` tells it"
+                )
             while watch.look(_LOOK_S):
                 pass
             say(f"{prepared.robot.id} was told to stop")
         finally:
             watch.end()
             layout.withdraw(prepared)
+
+
+def _told(at: str, robot: FleetRobot) -> tuple[float, float, float]:
+    """Where the robot is told to be. Raises OptionError."""
+    if at == AT_START:
+        return robot.start
+    try:
+        x, y, heading = (float(word) for word in at.split(","))
+    except ValueError:
+        x = math.nan
+    if not math.isfinite(x) or not (math.isfinite(y) and math.isfinite(heading)):
+        raise OptionError(
+            f"--at {at}: should be {AT_START}, or X,Y,HEADING in m and rad, map frame, such as 12.0,5.0,1.57"
+        )
+    return x, y, heading
 
 
 def new_folder(runs: Path) -> Path:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, cast
 
-from actors.geometry import Pose, Twist
+from actors.geometry import STILL, Pose, Twist
 from actors.instant import Instant, in_seconds
 from actors.messages import (
     DRIVE,
@@ -141,7 +141,7 @@ class RobotCore:
             raise BehaviourError(f"step {self._step}: behaviour {self._entry!r} of {self._robot} {wrong}")
         return own | cast(dict[str, object], outcome)
 
-    def _act(self, senses: Senses, events: tuple[RadioEvent, ...]) -> tuple[Decision, Twist, Pose]:
+    def _act(self, senses: Senses, events: tuple[RadioEvent, ...]) -> tuple[Decision, Twist, Pose | None]:
         parts, odometry, instant = self._parts, senses.odometry, Instant(senses.instant)
         sweep = parts.sweeps.take(instant, odometry, senses.scan)
         here = Pose(odometry.x, odometry.y, odometry.heading)
@@ -153,14 +153,16 @@ class RobotCore:
         pose = estimate.pose
         velocity = Twist(odometry.vx, odometry.vy, odometry.omega)
         parts.navigation.sense(instant, here, sweep)
-        twist = parts.navigation.advance(instant, here, pose, velocity, senses.bumper != 0)
+        twist = STILL
+        if estimate.located:  # else it stands: navigation waits, too
+            twist = parts.navigation.advance(instant, here, pose, velocity, senses.bumper != 0)
         moving = parts.moving.exceeded_by(velocity)
         view = View(instant, pose, moving, parts.navigation.goal, events, estimate.covariance)
         decision = self._decide(view, Instant(instant + self._step_us))
         parts.navigation.take(decision.goal, decision.paused)
         if decision.peers is not None:
             parts.localisation.mask(decision.peers)
-        return decision, twist, pose
+        return decision, twist, pose if estimate.located else None
 
     def _decide(self, view: View, until: Instant) -> Decision:
         try:
@@ -175,10 +177,12 @@ class RobotCore:
     def _where(self, instant: int) -> str:
         return f"step {self._step} ({in_seconds(instant):g} s): behaviour {self._entry!r} of {self._robot}"
 
-    def _outputs(self, decision: Decision, twist: Twist, pose: Pose) -> list[Output]:
+    def _outputs(self, decision: Decision, twist: Twist, pose: Pose | None) -> list[Output]:
         said = (decision.reports, decision.given_up, decision.route)
         frames = len(decision.frames)
-        drive = Drive(self._step, *twist, frames, *said, (pose.x, pose.y, pose.heading))
+        drive = Drive(
+            self._step, *twist, frames, *said, None if pose is None else (pose.x, pose.y, pose.heading)
+        )
         if not frames:
             return [to(DRIVE, drive, self._robot)]
         transmit = Transmit(self._step, decision.frames)

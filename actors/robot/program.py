@@ -88,6 +88,7 @@ def parse(argv: Sequence[str]) -> RobotOptions:
         step_us=_whole("--step-us", given.step_us, 1),
         address=_whole("--address", given.address, 0),
         start=_pose(given.start),
+        doubt=given.doubt,
         places=load_places(given.places),
         behaviour=given.behaviour,
         adaptation=Adaptation() if given.adaptation is None else load_adaptation(given.adaptation),
@@ -133,6 +134,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--start", required=True, help="x,y,heading at switch-on, m and rad; =-1,2,0 if x < 0"
     )
+    parser.add_argument(
+        "--doubt", type=_spread, help="standard deviation of the start, m: it stands until it is located"
+    )
     parser.add_argument("--places", type=Path, required=True, help="TOML file: places = [[x, y], ...]")
     parser.add_argument(
         "--adaptation", type=Path, help="TOML file: settings of the strategy and of the exchange, areas"
@@ -155,6 +159,13 @@ def _whole(option: str, value: int, least: int) -> int:
     if value < least:
         raise ArgumentError(f"{option} is {value}; it should be at least {least}")
     return value
+
+
+def _spread(text: str) -> float:
+    spread = float(text)
+    if not 0 < spread <= 100:
+        raise ValueError
+    return spread
 
 
 def _pose(text: str) -> Pose:

@@ -60,6 +60,8 @@ class RobotSetup:
     """Entry string `module:function`."""
     adaptation: Adaptation = field(default_factory=Adaptation)
     stack: Stack = field(default_factory=Stack)
+    doubt: float | None = None
+    """Standard deviation of `start`, m and rad: it stands until it has been located; None: it knows."""
 
 
 def floor(plan: OccupancyGrid, model: RobotModel, stack: Stack) -> Ground:
@@ -102,10 +104,10 @@ def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCor
 def _localisation(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> Localisation:
     parameters = setup.stack.localisation
     if parameters is None:
-        return DeadReckoning(setup.start)
+        return DeadReckoning(setup.start, setup.doubt)
     field = likelihood_field(plan, parameters.max_distance)
     own = generator(setup.seed, "localisation", setup.id, setup.epoch)
-    return Amcl(field, model.sensor, setup.start, own, parameters)
+    return Amcl(field, model.sensor, setup.start, own, parameters, setup.doubt)
 
 
 def kernels() -> dict[str, str]:

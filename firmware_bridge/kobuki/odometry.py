@@ -102,6 +102,11 @@ class KobukiOdometry:
         """False while the heading comes from the wheels."""
         return self._last is not None and self._last.angle is not None and not self._frozen
 
+    @property
+    def unknown(self) -> int:
+        """How often the base has moved unheard, perhaps, so that the pose is no longer what it says."""
+        return self.counts.gaps + self.counts.restarts
+
     def read(self) -> Odometry:
         """Pose since the first feedback, and velocity between the last two."""
         return Odometry(self._x, self._y, wrap(self.heading), self._v, 0.0, self._omega)

@@ -161,11 +161,12 @@ class Bench:
                 self._lines.plug(jack)
 
     def where(self, robot: str, _: Sequence[str]) -> str:
-        """No fault, but the truth: time, s, way so far, m, and speed, m/s."""
+        """No fault, but the truth: time, s, way so far, m, speed, m/s, and 1 if told to stand."""
         laboratory = self._laboratory
         time = in_seconds(Duration(laboratory.now - START))
-        speed = self._of(robot).body.truth().v
-        return f"{time:.3f} {laboratory.travelled(robot):.4f} {speed:.4f}"
+        body = self._of(robot).body
+        way, told = laboratory.travelled(robot), int(body.is_told_to_stand)
+        return f"{time:.3f} {way:.4f} {body.truth().v:.4f} {told}"
 
     def _of(self, robot: str) -> Hardware:
         return self._laboratory.robots[robot]

@@ -15,10 +15,16 @@ class RobotBody:
         self._bodies = bodies
         self._index = index
         self._wanted = (0.0, 0.0)
+        """As it was told last: m/s, rad/s."""
 
     def drive(self, v: float, omega: float) -> None:
         """As in Body."""
         self._wanted = (v, omega)
+
+    @property
+    def is_told_to_stand(self) -> bool:
+        """True if the wheels were last told not to turn; the body brakes as it can."""
+        return self._wanted == (0.0, 0.0)
 
     def hold(self, now: Instant) -> None:
         """Go on as last told: of a watchdog in a Kobuki nothing is known, so it should be safe without.

@@ -33,9 +33,10 @@ from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.onboard.base_core import BaseCore
 from firmware_bridge.onboard.clock import Clock
 from firmware_bridge.onboard.conduct import conduct
+from firmware_bridge.onboard.last_pose import UNHEARD, PoseKeeper
 from firmware_bridge.onboard.last_word import LastWord
 from firmware_bridge.onboard.setup import OPENNI, BaseSetup, load
-from firmware_bridge.onboard.vehicle import DepthRanger, Lidar, Ranger, Say, TurtleBot
+from firmware_bridge.onboard.vehicle import DepthRanger, Lidar, MotionUnknownError, Ranger, Say, TurtleBot
 from firmware_bridge.range_sensors import rplidar
 from firmware_bridge.range_sensors.camera_feed import CameraFeed
 from firmware_bridge.range_sensors.depth import DepthScanner
@@ -93,7 +94,10 @@ class Base:
         self._clock = clock
         self._log = Log(to_stderr)
         self._vehicle = turtlebot(setup, clock, self._log.say)
-        self.core = BaseCore(setup.robot, setup.step_us, now, Pose(*setup.start), setup.places, self._vehicle)
+        self._keeper = None if setup.last_pose is None else PoseKeeper(Path(setup.last_pose), now)
+        begun = None if self._keeper is None else self._keeper.begun
+        start = Pose(*(setup.start if begun is None else begun.pose))
+        self.core = BaseCore(setup.robot, setup.step_us, now, start, setup.places, self._vehicle)
         self.core.patience = None if setup.patience_s is None else seconds(setup.patience_s)
         self._stopped = False
 
@@ -105,9 +109,14 @@ class Base:
             conduct(shell, bus, core, self, self._clock, lambda: core.wake, self._timely)
         except AcrcError as error:
             self._log.say(str(error))
+            if self._keeper is not None and isinstance(error, MotionUnknownError):
+                self._vehicle.close()
+                self._keeper.doubt(UNHEARD)
             raise
         finally:
             self._vehicle.close()
+            if self._keeper is not None:
+                self._keeper.close()
             self._log.close()
             signal.signal(signal.SIGTERM, before)
 
@@ -121,8 +130,11 @@ class Base:
         return self._vehicle.descriptors()
 
     def serve(self, now: Instant) -> None:
-        """Read what has come, write what is due."""
+        """Read what has come, write what is due. Raises MotionUnknownError."""
         self._vehicle.serve(now)
+        self._vehicle.check_odometry()
+        if self._keeper is not None and self.core.held is not None:
+            self._keeper.keep(now, *self.core.held)
         if self._stopped:
             self.core.stop()
 

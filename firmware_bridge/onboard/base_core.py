@@ -112,6 +112,10 @@ class BaseCore:
         """A robot or bridge that does not answer for so long hangs; None: it may."""
         self._asked_at = begin
         """When the bridge was asked what it has not answered yet."""
+        self._odometry = Odometry(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        """As the robot was told last."""
+        self.held: tuple[Pose, Odometry] | None = None
+        """Where the robot held itself to be, map frame, and the odometry there; None: it has never known."""
         self._stopping = False
         self._reports = 0
         self._left = places
@@ -243,7 +247,8 @@ class BaseCore:
         self._events = 0
         scan = None if halt else vehicle.scan()
         instant = self._instant(step)
-        return Senses(step, instant, events, vehicle.odometry(), vehicle.bumper(), scan, halt)
+        self._odometry = vehicle.odometry()
+        return Senses(step, instant, events, self._odometry, vehicle.bumper(), scan, halt)
 
     def _drive(self, drive: Drive) -> Sequence[Output]:
         if drive.step != self._sensed or not self._busy:
@@ -254,6 +259,8 @@ class BaseCore:
         self.lateness_ms[late // 1000] += 1
         if not self._paused:
             self._vehicle.command(self.now, self._instant(drive.step), drive.vx, drive.omega)
+        if drive.pose is not None:
+            self.held = Pose(*drive.pose), self._odometry
         self._transmits = drive.transmits
         self._reports += len(drive.reports)
         self._left = self._left if drive.route is None else len(drive.route)

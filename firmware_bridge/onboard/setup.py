@@ -32,6 +32,8 @@ class BaseSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where the operator's laptop may connect, `tls/HOST:PORT`; None = nowhere."""
     keys: str | None = None
     """Folder with the robot's own keys; needed to listen."""
+    last_pose: str | None = None
+    """File with where the robot last held itself to be; None: nobody keeps it."""
     patience_s: float | None = 30.0
     """A robot or bridge that does not answer for so long hangs, and the base ends, s; own choice: a restarted
     robot should be there by then. None: a debugger may hold it."""

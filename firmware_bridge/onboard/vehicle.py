@@ -5,6 +5,7 @@ from typing import Protocol
 
 from actors.instant import Instant, in_seconds
 from actors.messages import Odometry, Scan
+from actors.runtime.errors import AcrcError
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.events import Fed
 from firmware_bridge.kobuki.safety import Cause
@@ -17,6 +18,10 @@ from firmware_bridge.serial_port import SerialPort
 
 Say = Callable[[str], None]
 """Takes a line for the log; does not wait for a disk."""
+
+
+class MotionUnknownError(AcrcError):
+    """Odometry that is no longer what it says."""
 
 
 class Ranger(Protocol):
@@ -124,6 +129,14 @@ class TurtleBot:
     def odometry(self) -> Odometry:
         """Pose since it was switched on, and velocity."""
         return self._kobuki.odometry.read()
+
+    def check_odometry(self) -> None:
+        """Raises MotionUnknownError if the base may have moved unheard."""
+        if self._kobuki.odometry.unknown:
+            raise MotionUnknownError(
+                "the base was not heard for too long, or has been switched off and on: "
+                "what it moved meanwhile is not known"
+            )
 
     def bumper(self) -> int:
         """Bits as in Senses, of the time since the last call."""

@@ -217,7 +217,7 @@ def test_particles_off_the_map_do_no_harm(parameters: AmclParameters) -> None:
 
 def test_before_the_first_scan_the_start_is_believed() -> None:
     unsure = replace(CHAPTER, start_spread=0.5, start_turn_spread=0.2)
-    pose, covariance = amcl(unsure, START).update(Pose(0.0, 0.0, 0.0), None)
+    pose, covariance, _ = amcl(unsure, START).update(Pose(0.0, 0.0, 0.0), None)
     assert pose == START
     assert covariance[0] == pytest.approx(0.25, rel=0.15)
     assert covariance[8] == pytest.approx(0.04, rel=0.15)
@@ -271,7 +271,7 @@ def test_dead_reckoning_says_nothing_and_needs_no_scan() -> None:
     reckoning = DeadReckoning(START)
     reckoning.mask([Point(0.0, 0.0)])
     found = reckoning.update(Pose(1.0, 0.0, 0.5), Sweep(blind(), Pose(1.0, 0.0, 0.5)))
-    assert found == (Pose(2.0, 4.5, 0.5), (0.0,) * 9)
+    assert found == (Pose(2.0, 4.5, 0.5), (0.0,) * 9, True)
     assert reckoning.outcome() == {}
 
 

@@ -20,6 +20,7 @@ from actors.robot.localisation.beams import beams, ends
 from actors.robot.localisation.estimate import Estimate
 from actors.robot.localisation.histogram import Cluster, Histogram, heaviest_cluster, histogram
 from actors.robot.localisation.likelihood_field import LikelihoodField
+from actors.robot.localisation.locating import Locating
 from actors.robot.localisation.measurement import Measurement
 from actors.robot.localisation.motion import move, parts_of, spread, step
 from actors.robot.localisation.parameters import AmclParameters
@@ -46,8 +47,12 @@ class Amcl:
         start: Pose | None,
         generator: Generator,
         parameters: AmclParameters,
+        doubt: float | None = None,
     ) -> None:
         """`start`: the pose where the odometry is (0, 0, 0), as far as known; None: anywhere on free floor.
+
+        `doubt`: standard deviation of the start, m and rad: the robot has to be located first, by scans made
+        while it stands. None: as the parameters say, and it is located.
 
         `field`: with the parameters' max_distance.
         """
@@ -61,6 +66,8 @@ class Amcl:
         self._tally = Tally()
         self._peers = np.empty((0, 2))
         self._odometry: Pose | None = None
+        self._doubt = doubt
+        self._locating = None if doubt is None else Locating(doubt)
         self._count = parameters.max_particles
         self._poses = self._scatter(start)
         self._drawn = np.empty_like(self._poses)
@@ -73,7 +80,8 @@ class Amcl:
         """The estimate at a step's start: `here` is the odometry's pose then, `sweep` the scan that came."""
         if sweep is not None and self._counts(sweep.pose):
             self._take(sweep)
-        return Estimate(self._correction.compose(here), self._cluster.covariance)
+        located = self._locating is None
+        return Estimate(self._correction.compose(here), self._cluster.covariance, located)
 
     def mask(self, peers: Sequence[Point]) -> None:
         """From now on, believe no beam that ends at one of these points of the map frame, m."""
@@ -97,7 +105,8 @@ class Amcl:
         """(3, n): particles around the start, or everywhere."""
         if start is None:
             return self._field.poses(self._generator, self._count)
-        around, turned = self._parameters.start_spread, self._parameters.start_turn_spread
+        p, doubt = self._parameters, self._doubt
+        around, turned = (p.start_spread, p.start_turn_spread) if doubt is None else (doubt, doubt)
         poses = np.array([[around], [around], [turned]]) * normals(self._generator, (3, self._count))
         poses += np.array(start)[:, np.newaxis]
         poses[2] = np.remainder(poses[2] + np.pi, 2 * np.pi) - np.pi
@@ -105,7 +114,7 @@ class Amcl:
 
     def _counts(self, pose: Pose) -> bool:
         """True for a scan made far enough from the last one that counted, and for the first one."""
-        if self._odometry is None:
+        if self._odometry is None or self._locating is not None:
             return True
         moved = self._odometry.relative(pose)
         far = moved.point.distance_to(_ORIGIN.point) >= self._parameters.update_distance
@@ -113,6 +122,10 @@ class Amcl:
 
     def _take(self, sweep: Sweep) -> None:
         """One update of the filter by a scan that counts."""
+        if self._odometry is None and self._locating is not None:  # the doubt is of where it is now
+            believed = self._correction.compose(sweep.pose)
+            self._poses, self._locating.believed = self._scatter(believed), believed.point
+            self._odometry = sweep.pose
         self._move(sweep.pose)
         fit = self._weigh(sweep)
         found = histogram(self._poses, self._count)
@@ -123,6 +136,8 @@ class Amcl:
         if fit is None:
             self._tally.blind += 1
             return
+        if self._locating is not None and self._locating.take(self._cluster, fit):
+            self._locating = None
         injection = self._recovery.injection(fit)
         if self._tally.updates % self._parameters.resample_interval == 0:
             self._resample(found, injection)

@@ -17,6 +17,8 @@ class Estimate(NamedTuple):
 
     pose: Pose
     covariance: Covariance
+    located: bool = True
+    """False while the robot does not know where it is: it should stand."""
 
 
 class Localisation(Protocol):

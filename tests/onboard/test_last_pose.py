@@ -1,0 +1,81 @@
+"""Where a robot last held itself to be: the file, and what a robot is started with by it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from actors.geometry import Pose
+from actors.instant import Instant, seconds
+from actors.messages import Odometry
+from deploy.fleet import FleetRobot
+from deploy.onboard import Onboard, onboard_robot_program
+from deploy.onboard_run import AT_START, _told
+from deploy.plan import Plan
+from deploy.usage import OptionError
+from firmware_bridge.onboard import last_pose
+from firmware_bridge.onboard.last_pose import SPREAD, LastPose, PoseKeeper
+from tests.fleet.texts import fleet, robot
+from tests.onboard.test_same_robot import PORTS, alone
+
+__all__ = ["alone"]
+NOW = Instant(1_000_000)
+
+
+def test_it_is_kept_twice_a_second_and_is_its_successors_whose_odometry_begins_anew(tmp_path: Path) -> None:
+    path = tmp_path / "r1.pose"
+    keeper = PoseKeeper(path, NOW)
+    assert keeper.begun is None
+    for step in range(8):
+        at = Instant(NOW + seconds(0.1) * step)
+        keeper.keep(at, Pose(2.0, 3.0, 0.1 * step), Odometry(1.0 * step, 0.0, 0.0, 0.0, 0.0, 0.0))
+    keeper.close()
+    kept = LastPose((2.0, 3.0, 0.5), (5.0, 0.0, 0.0))
+    assert last_pose.read(path) == kept
+    assert kept.origin.compose(Pose(5.0, 0.0, 0.0)) == pytest.approx((2.0, 3.0, 0.5))
+    successor = PoseKeeper(path, NOW)
+    assert successor.begun == kept
+    successor.doubt(1.0)
+    assert last_pose.read(path) == LastPose((2.0, 3.0, 0.5), (0.0, 0.0, 0.0), SPREAD + 1.0)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"",
+        b"{",
+        b"\xff\xfe",
+        b'{"pose": [1, 2], "odometry": [0, 0, 0]}',
+        b'{"pose": [1, 2, 1e300], "odometry": [0, 0, 0]}',
+        b'{"pose": [1, 2, 3], "odometry": [0, 0, 0], "spread": -1}',
+        b'{"pose": [1, 2, 3], "odometry": [0, 0, 0]}' + 5000 * b" ",
+    ],
+)
+def test_a_damaged_file_is_none(tmp_path: Path, text: bytes) -> None:
+    path = tmp_path / "r1.pose"
+    path.write_bytes(text)
+    assert (last_pose.read(path) is None) == (len(text) < 4096)
+    assert last_pose.read(tmp_path / "none") is None
+
+
+def test_a_robot_that_was_on_before_is_started_in_doubt(alone: Plan, tmp_path: Path) -> None:
+    path = tmp_path / "r1.pose"
+    prepared = Onboard(alone, PORTS, lambda: 0, last_pose=path)
+    assert "--doubt" not in onboard_robot_program(prepared, 0).argv
+    last_pose.write(path, LastPose((2.0, 3.0, 0.0), (1.0, 0.5, 0.0)))
+    argv = onboard_robot_program(prepared, 1).argv
+    assert argv[argv.index("--doubt") + 1] == "0.3"
+    assert "--start=1.0,2.5,0.0" in argv
+    assert replace(prepared, last_pose=None).pose_file == alone.out / "r1.base" / "last.pose"
+
+
+def test_it_can_be_told_where_it_is() -> None:
+    stands: FleetRobot = fleet(robot(2)).robot("r2")
+    assert _told(AT_START, stands) == stands.start
+    assert _told("1,2.5,-0.5", stands) == (1.0, 2.5, -0.5)
+    for wrong in ("here", "1,2", "1,2,3,4", "nan,0,0", "1,inf,0"):
+        with pytest.raises(OptionError) as refused:
+            _told(wrong, stands)
+        assert str(refused.value) == (
+            f"--at {wrong}: should be start, or X,Y,HEADING in m and rad, map frame, such as 12.0,5.0,1.57"
+        )

@@ -1,0 +1,82 @@
+"""A robot in the loop stands whatever becomes of its processes, and drives again once it knows where it is.
+
+Wall time on a busy computer: what takes 0.2 s at most on one of its own is given more. The figures come from
+`acrc bench standstill`, which does the same for all processes.
+"""
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from benchmarks.standstill import Standstill, StandstillTask, events, measured, meets
+from benchmarks.standstill_rig import GUARDIAN, Rig, killed, stopped
+from tests.onboard.test_live import senses
+from tests.swarm.command import processes_of
+
+SOON_S, NEAR_M = 0.8, 0.4
+ROBOT, BASE = "actors.robot", "firmware_bridge.onboard.base"
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
+    with Rig(tmp_path_factory.mktemp("standstill")) as rig:
+        yield rig
+
+
+def stands_soon(rig: Rig, event: Callable[[Rig], None]) -> None:
+    rig.until_driving()
+    found = measured(rig, event)
+    assert found.told_s is not None and found.told_s <= SOON_S, found
+    assert found.told_m <= NEAR_M, found
+
+
+def test_a_robot_that_is_stopped_stands_and_goes_on_when_it_does(rig: Rig) -> None:
+    stands_soon(rig, lambda rig: stopped(rig.processes(ROBOT)))
+    for process in rig.processes(ROBOT):
+        os.kill(process, signal.SIGCONT)
+
+
+def test_without_a_guardian_it_stands_until_there_is_another(rig: Rig) -> None:
+    (before,) = rig.processes(GUARDIAN)
+    stands_soon(rig, lambda rig: killed(rig.processes(GUARDIAN)))
+    rig.until_driving()
+    (after,) = rig.processes(GUARDIAN)
+    assert after != before
+
+
+def test_a_lidar_that_sees_nothing_stops_it(rig: Rig) -> None:
+    stands_soon(rig, lambda rig: rig.expect_ok("darken r1"))
+    rig.expect_ok("heal r1")
+
+
+def test_a_killed_base_stands_and_its_successor_drives_once_the_robot_has_been_located(rig: Rig) -> None:
+    stands_soon(rig, lambda rig: killed(rig.processes(BASE)))
+    stood = rig.where()
+    rig.until_driving()
+    records = sorted((rig.out / "r1").glob("*.mcap"), key=lambda path: path.stat().st_mtime)
+    scans = [one.scan is not None for one in senses(records[-1])]
+    assert sum(scans) >= 5, "it looked round before it drove"
+    assert rig.where().way - stood.way < 2.0
+    assert "--doubt" in command(rig)
+
+
+def test_what_is_killed_with_the_supervisor_stands(rig: Rig) -> None:
+    stands_soon(rig, lambda rig: killed(rig.processes("onboard")))
+    assert processes_of(rig.out / "nothing") == []
+
+
+def command(rig: Rig) -> list[str]:
+    return Path(f"/proc/{rig.processes(ROBOT)[0]}/cmdline").read_bytes().decode().split("\0")
+
+
+def test_the_bench_has_a_case_for_each_process_and_judges_them() -> None:
+    cases = events()
+    assert {case[0] for case in cases} >= {"robot", "bridge", "base", "guardian", "supervisor", "lidar"}
+    task, late = StandstillTask(), Standstill(0.31, 0.1, 0.5, 0.2, 0.5)
+    assert meets(("base", "killed"), [Standstill(0.3, 0.15, 0.6, 0.3, 0.5)], task)
+    assert not meets(("base", "killed"), [late], task)
+    assert not meets(("base", "killed"), [Standstill(None, 0.9, None, 0.9, 0.5)], task)
+    assert meets(("bridge", "killed"), [Standstill(None, 0.9, None, 0.9, 0.5)], task)
