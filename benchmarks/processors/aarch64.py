@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from benchmarks.processors.computer import Computer
-from benchmarks.processors.pythons import pins, pip
+from benchmarks.processors.pythons import pip
 from deploy.repository import REPOSITORY
 
 NAME: Final = "aarch64 in qemu, Debian's Python 3.11"
@@ -87,17 +87,8 @@ def _packages(site: Path) -> None:
     platforms = [
         word for name in (*(f"{p}_aarch64" for p in _PLATFORMS), "any") for word in ("--platform", name)
     ]
-    wanted = (
-        "--no-deps",
-        "--only-binary",
-        ":all:",
-        "--python-version",
-        "3.11",
-        *platforms,
-        "-d",
-        str(wheels),
-    )
-    if not pip(installer / "bin" / "python", "download", *wanted, *pins(11)):
+    wanted = ("--python-version", "3.11", *platforms, "-d", str(wheels))
+    if not pip(installer / "bin" / "python", site, 11, "download", *wanted):
         raise NotBuiltError("the wheels for aarch64 could not be fetched")
     for wheel in sorted(wheels.glob("*.whl")):
         with zipfile.ZipFile(wheel) as archive:

@@ -39,22 +39,26 @@ def interpreter(minor: int) -> Path | None:
 
 
 def pins(minor: int) -> list[str]:
-    """The base's and the simulator's packages, as they are pinned for Python 3.`minor`."""
+    """The base's and the simulator's packages with their hashes, as they are pinned for Python 3.`minor`."""
     chosen: list[str] = []
     section = ""
-    for line in (REPOSITORY / "constraints.txt").read_text().splitlines():
+    for line in (REPOSITORY / "constraints.txt").read_text().replace("\\\n", " ").splitlines():
         if line.startswith("# ["):
             section = line[3:].partition("]")[0]
         elif line and not line.startswith("#") and section in {"base", "sim"}:
-            pin, _, marker = line.partition(";")
+            pin, _, hashes = line.partition(" --hash")
+            name, _, marker = pin.partition(";")
             if not marker or (">=" in marker) == (minor >= _NEWEST_PINS):
-                chosen.append(pin.strip())
+                chosen.append(f"{name.strip()} --hash{hashes}")
     return chosen
 
 
-def pip(python: Path, *words: str) -> bool:
-    """Whether that Python's pip did it."""
-    asked = [str(python), "-m", "pip", "--disable-pip-version-check", "-q", *words]
+def pip(python: Path, place: Path, minor: int, *words: str) -> bool:
+    """Whether that Python's pip did it with those pins; a list of them is left in the folder `place`."""
+    listed = place / "pins.txt"
+    listed.write_text("".join(f"{pin}\n" for pin in pins(minor)))
+    common = ("--only-binary", ":all:", "--no-deps", "--require-hashes", "-r", str(listed))
+    asked = [str(python), "-m", "pip", "--disable-pip-version-check", "-q", *words, *common]
     try:
         done = subprocess.run(asked, capture_output=True, check=False, timeout=_PATIENCE_S)
     except subprocess.TimeoutExpired:
@@ -70,8 +74,7 @@ def _computer(name: str, path: Path | None, minor: int, folder: Path) -> Compute
     if not (place / "complete").exists():
         shutil.rmtree(place, ignore_errors=True)
         made = subprocess.run([path, "-m", "venv", place], capture_output=True, check=False)
-        wanted = ("install", "--only-binary", ":all:", "--no-deps", *pins(minor))
-        if made.returncode or not pip(python, *wanted):
+        if made.returncode or not pip(python, place, minor, "install"):
             return Computer(name, missing="the packages could not be installed: not all have wheels for it")
         (place / "complete").touch()
     return Computer(name, (str(python),))
