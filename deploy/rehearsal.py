@@ -27,7 +27,7 @@ from actors.robot.adaptation import adaptation
 from actors.robot.behaviour import load_behaviour
 from actors.robot.program import look_in
 from actors.robot_model import load_model
-from actors.runtime.errors import AcrcError
+from actors.runtime.errors import AcrcError, printable
 from actors.runtime.failure import FailureNote
 from actors.runtime.recording import RecordingError, read_notes
 from deploy.cast import Cast
@@ -121,9 +121,9 @@ def _judge(plan: Plan, child: Child, bounds: Bounds) -> None:
     if "failure" in notes:
         note = msgspec.json.decode(notes["failure"], type=FailureNote)
         if note.expected:
-            raise RehearsalError(_printable(note.cause))
+            raise RehearsalError(printable(note.cause))
         show(said(child.program, bounds.shown_bytes))
-        raise RehearsalError(f"{made}: {_printable(note.cause)}")
+        raise RehearsalError(f"{made}: {printable(note.cause)}")
     if child.exit_code == 0 and "run" in notes:
         return
     told = said(child.program, bounds.shown_bytes)
@@ -154,12 +154,7 @@ def said(program: Program, limit: int = Bounds.shown_bytes) -> str:
         return ""
     with program.log.open("rb") as log:
         log.seek(max(0, program.log.stat().st_size - limit))
-        return _printable(log.read(limit).decode(errors="replace"))
-
-
-def _printable(text: str) -> str:
-    """The text without what would steer a terminal."""
-    return "".join(character if character.isprintable() or character == "\n" else "�" for character in text)
+        return printable(log.read(limit).decode(errors="replace"))
 
 
 def show(told: str) -> None:

@@ -194,7 +194,7 @@ def test_a_bug_shows_its_traceback_and_nothing_that_steers_the_terminal(
     with pytest.raises(RehearsalError) as caught:
         rehearse(hostile(tmp_path, "behaviour"), launched)
     assert str(caught.value) == (
-        f"{MADE.format('behaviour')}ZeroDivisionError: first line\n�[31msecond (hostile.py:6)"
+        f"{MADE.format('behaviour')}ZeroDivisionError: first line\n\\x1b[31msecond (hostile.py:6)"
     )
     said = capsys.readouterr().err
     assert "Traceback (most recent call last):" in said and "\x1b" not in said
