@@ -104,7 +104,8 @@ class Rig:
         if self._onboard.poll() is None:
             self._onboard.kill()
         self._onboard.wait()
-        for word in ("actors.robot", "firmware_bridge.onboard", GUARDIAN):
+        parts = ("base", "bridge")
+        for word in ("actors.robot", *(f"firmware_bridge.onboard.{part}" for part in parts), GUARDIAN):
             killed(self.processes(word))
         self._room.kill()
         self._room.wait()
