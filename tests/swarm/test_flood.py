@@ -1,7 +1,6 @@
 """A robot cannot stop the run by filling what others read: it is named at once."""
 
 import re
-import time
 from pathlib import Path
 
 import pytest
@@ -14,7 +13,6 @@ pytestmark = pytest.mark.alone
 @pytest.mark.parametrize(("entry", "reader"), [("ready", "world"), ("transmit", "radio")])
 def test_a_flood_ends_the_run_and_names_who_sent_it(tmp_path: Path, entry: str, reader: str) -> None:
     out = tmp_path / "out"
-    began = time.monotonic()
     done = acrc("run", "--robots", 2, "--strategy", f"tests.swarm.flooder:{entry}", "--out", out)
     assert done.returncode == 1
     assert re.fullmatch(
@@ -22,5 +20,4 @@ def test_a_flood_ends_the_run_and_names_who_sent_it(tmp_path: Path, entry: str, 
         r"[0-9]+ bytes wait there and nobody has asked for them; at most 1000 of together 67108864 may wait",
         done.stderr.strip().splitlines()[-1],
     )
-    assert time.monotonic() - began < 60  # a start and a second; without the quota it stood until killed
     assert processes_of(out) == [] and leftovers(out) == []
