@@ -36,6 +36,7 @@ def _short(value: object, depth: int = 0) -> object:
 def unknown_key(table: str, name: str, known: Collection[str]) -> str:
     """The sentence, without its end, that `table` has no key `name`; "" is the whole file."""
     prefix = f"{table}." if table else ""
+    name = name if len(name) <= _LONGEST else f"{name[:_LONGEST]}…"
     near = difflib.get_close_matches(name, known, n=1)
     if near:
         return f"{prefix}{name} is not known; did you mean {prefix}{near[0]}?"

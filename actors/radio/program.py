@@ -73,7 +73,7 @@ def load_setup(path: Path) -> RadioSetup:
     try:
         return msgspec.json.decode(path.read_bytes(), type=RadioSetup)
     except (OSError, ValueError, RecursionError) as error:
-        raise AcrcError(f"{path}: no set-up of a radio: {error}") from None
+        raise AcrcError(f"{path}: no set-up of a radio: {str(error)[:300]}") from None
 
 
 def part(argv: Sequence[str]) -> Part:

@@ -18,7 +18,7 @@ def read(path: Path) -> Credentials:
     try:
         return msgspec.json.decode(path.read_bytes(), type=Credentials, dec_hook=_path)
     except (OSError, ValueError, RecursionError) as error:
-        raise AccessError(f"{path}: no router file: {error}") from None
+        raise AccessError(f"{path}: no router file: {str(error)[:300]}") from None
 
 
 def remove(path: Path) -> None:

@@ -70,7 +70,7 @@ def load_setup(path: Path) -> WorldSetup:
     try:
         return msgspec.json.decode(path.read_bytes(), type=WorldSetup)
     except (OSError, ValueError, RecursionError) as error:
-        raise SetupError(f"{path}: no set-up of a world: {error}") from None
+        raise SetupError(f"{path}: no set-up of a world: {str(error)[:300]}") from None
 
 
 def build(setup: WorldSetup) -> WorldCore:

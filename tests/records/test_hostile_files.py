@@ -163,3 +163,10 @@ def test_the_last_line_of_an_endless_log(tmp_path: Path) -> None:
     assert tracemalloc.get_traced_memory()[1] < 1_000_000
     tracemalloc.stop()
     assert last_line(tmp_path / "none.log") == ""
+
+
+def test_a_key_without_end_is_cut_in_its_sentence() -> None:
+    with pytest.raises(AcrcError) as caught:
+        parse_stack("[localisation]\n" + "a" * 5000 + " = 1\n")
+    assert str(caught.value).startswith(f"localisation.{'a' * 60}… is not known; ")
+    assert len(str(caught.value)) < 1000

@@ -31,7 +31,9 @@ def decoded(path: Path, name: str, text: str, kind: type[T]) -> T:
     try:
         return msgspec.json.decode(text, type=kind)
     except (ValueError, RecursionError) as error:
-        raise RecordingError(f"{path}: its record {name!r} is not what it should be: {error}") from None
+        raise RecordingError(
+            f"{path}: its record {name!r} is not what it should be: {str(error)[:300]}"
+        ) from None
 
 
 def _indexed(stream: IO[bytes]) -> list[Note]:
