@@ -99,6 +99,19 @@ def run(
     trust: Annotated[
         bool, typer.Option("--trust", help="Run the code that the scenario names, whoever wrote it.")
     ] = False,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=N",
+            help="What each robot's process may have: memory_mb, open_files, file_mb, processes. Repeatable.",
+        ),
+    ] = None,
+    patience: Annotated[
+        float,
+        typer.Option(
+            metavar="S", min=1, max=86400, help="How long an actor may keep all from the next step."
+        ),
+    ] = 30.0,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")] = False,
     check: Annotated[
         bool,
@@ -123,6 +136,8 @@ def run(
         hidden=(scenario.absolute(),) if scenario else (),
         view=view,
         hardware=hardware,
+        limit=limit or (),
+        patience=patience,
         json=json,
         check=check,
     )

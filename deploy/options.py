@@ -2,16 +2,21 @@
 
 import math
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, cast, get_args
 
+from actors.runtime.limits import ProcessLimits, limits
 from deploy import out_folder
+from deploy.silence import Patience
 from deploy.usage import OptionError
 
 SLOWEST = 0.01
 """At this speed a step of 100 ms takes 10 s, well under the patience with an actor that is silent."""
+_SLOWEST_STEP_S = 0.1
+"""The longest step that a scenario may have."""
 Bus = Literal["zenoh", "memory"]
 Spawn = Literal["forkserver", "exec"]
 
@@ -39,6 +44,10 @@ class RunOptions:
     """Show the run while it goes on."""
     hardware: bool = False
     """Robots as on board, with emulated devices, in wall time."""
+    limits: ProcessLimits = field(default=ProcessLimits())
+    """What each robot's process may have."""
+    patience_s: float = Patience.step_s
+    """How long an actor may keep all others from the next step, s; see `deploy.silence`."""
     json: bool = False
     """Print the result as JSON on standard output, and nothing else."""
     check: bool = False
@@ -56,6 +65,8 @@ def run_options(  # one for each option of the command line
     hidden: tuple[Path, ...] = (),
     view: bool = False,
     hardware: bool = False,
+    limit: Sequence[str] = (),
+    patience: float = Patience.step_s,
     json: bool = False,
     check: bool = False,
 ) -> RunOptions:
@@ -79,6 +90,12 @@ def run_options(  # one for each option of the command line
         raise OptionError(
             "--check: executes a simulated run again; must stand without --hardware-in-the-loop"
         )
+    if limit and (bus == "memory" or hardware):
+        raise OptionError("--limit: holds a simulated robot's process; must stand with --bus zenoh only")
+    if _speed(speed) != "max" and not patience > (slowest := _SLOWEST_STEP_S / float(speed)):
+        raise OptionError(
+            f"--patience {patience:g}: must be more than the {slowest:g} s of a step at --speed {speed}"
+        )
     out_folder.check(out, mesh=bus == "zenoh")
     return RunOptions(
         out.absolute(),
@@ -90,6 +107,8 @@ def run_options(  # one for each option of the command line
         hidden,
         view,
         hardware,
+        limits(tuple(limit)),
+        patience,
         json,
         check,
     )

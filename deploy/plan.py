@@ -12,6 +12,7 @@ from actors.radio.setup import RadioSetup
 from actors.randomness import derived_seed
 from actors.runtime import credentials, router_file
 from actors.runtime.credentials import Credentials, unix_endpoint
+from actors.runtime.limits import ProcessLimits, as_words
 from actors.runtime.seat import own_folder
 from actors.world.setup import RobotSetup, WorldSetup
 from deploy import scenario_copy
@@ -51,6 +52,8 @@ class Plan:
     hidden: tuple[Path, ...] = ()
     """Files beside the strategy's code that a robot must not see: the scenario."""
     view: bool = False
+    limits: ProcessLimits = field(default=ProcessLimits())
+    """What each robot's process may have."""
     patience: Patience = field(default=Patience())
     """How long the run may take no step."""
 
@@ -136,6 +139,7 @@ def robot_program(
         *robot_argv(plan, robot, order.epoch, first_step),
         *seat_argv(plan, robot.id, "", folder / f"{name}.mcap"),
         *(("--isolate",) if plan.isolate else ()),
+        *(word for limit in (as_words(plan.limits) or ("",)) for word in ("--limit", limit)),
         *(word for path in plan.hidden for word in ("--hide", str(path))),
     )
     return Program(robot.id, "actors.robot", argv, folder / f"{name}.log", folder / f"{name}.mcap")

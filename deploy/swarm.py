@@ -38,6 +38,7 @@ from deploy.result import Circumstances, RunResult, gather
 from deploy.scenario import Scenario
 from deploy.scenario_text import adaptation, navigation
 from deploy.signals import signals_as_interrupts
+from deploy.silence import Patience
 from deploy.supervisor import Supervisor
 from deploy.version import software
 
@@ -85,6 +86,8 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
         speed=options.speed,
         isolate=choice.isolate,
         warning=choice.warning,
+        limits=options.limits,
+        patience=Patience(step_s=options.patience_s),
         hidden=options.hidden,
         view=options.view,
     )

@@ -18,6 +18,7 @@ from actors.runtime.access import client_config
 from actors.runtime.errors import AcrcError
 from actors.runtime.failure import failure_note
 from actors.runtime.isolation import Plan, isolate
+from actors.runtime.limits import enforce
 from actors.runtime.parent import answer_where, die_with_parent, leave
 from actors.runtime.process import play
 from actors.runtime.recording import Recorder
@@ -60,6 +61,8 @@ def main(argv: Sequence[str]) -> int:
             )
         elif options.seat.with_parent:
             die_with_parent(parent)
+        if options.limits is not None:
+            enforce(options.limits, isolated=options.isolate)
         if options.rehearse_s is not None:
             return rehearse(argv, recorder, options.rehearse_s)
         config = client_config(options.seat.credentials, options.seat.router)

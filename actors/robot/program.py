@@ -22,6 +22,7 @@ from actors.robot.stack import Stack, load_stack
 from actors.robot_model import load_model
 from actors.runtime.core import to
 from actors.runtime.fingerprint import combined
+from actors.runtime.limits import ProcessLimits, limits
 from actors.runtime.process import Part, RunNote
 from actors.runtime.processor import processor
 from actors.runtime.seat import ArgumentError, ArgumentParser, Seat, add_seat_options, seat
@@ -39,6 +40,8 @@ class RobotOptions:
     sensor: str | None
     path: tuple[Path, ...]
     """Folders to look for the behaviour's module in, the first one first, before Python's own."""
+    limits: ProcessLimits | None
+    """What its process may have; None: whatever there is."""
     isolate: bool
     """Shut the process off from everything but the router."""
     rehearse_s: float | None
@@ -100,6 +103,7 @@ def parse(argv: Sequence[str]) -> RobotOptions:
         model=given.model,
         sensor=given.sensor,
         path=tuple(given.path),
+        limits=None if given.limit is None else limits(tuple(filter(None, given.limit))),
         isolate=given.isolate,
         rehearse_s=given.rehearse,
         hidden=tuple(given.hide),
@@ -147,6 +151,9 @@ def _parser() -> argparse.ArgumentParser:
         "--path", type=Path, action="append", default=[], help="folder with the behaviour's module"
     )
     parser.add_argument("--isolate", action="store_true", help="shut off from all but the router")
+    parser.add_argument(
+        "--limit", action="append", help="limit of the process, name=number; '' for the default"
+    )
     parser.add_argument(
         "--hide", type=Path, action="append", default=[], help="not to be seen when shut off: the scenario"
     )

@@ -120,3 +120,14 @@ def exits_hard(start: Start) -> Behaviour:
 def says_much(start: Start) -> Behaviour:
     """Raises with more than a line of text, and not only letters in it."""
     return Behaves(start, _say_much)
+
+
+def hoards(start: Start) -> Behaviour:
+    """Takes more memory than there is, and writes on it."""
+    hoard: list[bytearray] = []
+
+    def take() -> None:
+        while True:
+            hoard.append(bytearray(10_000_000))
+
+    return Behaves(start, take)

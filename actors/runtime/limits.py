@@ -1,0 +1,73 @@
+"""What the system lets one robot's process have: memory, files, disk, processes (setrlimit(2))."""
+
+import resource
+from dataclasses import dataclass, fields, replace
+from typing import Final
+
+from actors.runtime.errors import AcrcError
+
+_MB: Final = 1_000_000
+
+
+class LimitError(AcrcError):
+    """A limit that is none."""
+
+
+@dataclass(frozen=True)
+class ProcessLimits:
+    """How much one robot's process may have; own choices, far above what a strategy needs."""
+
+    memory_mb: int = 4096
+    """Its data, MB (RLIMIT_DATA); what it asks for beyond is a MemoryError in the strategy's line. A robot
+    itself has about 300."""
+    open_files: int = 256
+    """Open files (RLIMIT_NOFILE)."""
+    file_mb: int = 16_384
+    """Each file that it writes, its log and its recording among them, MB (RLIMIT_FSIZE)."""
+    processes: int = 64
+    """Processes and threads (RLIMIT_NPROC); isolated robots only, for else the system counts all of the
+    user's."""
+
+
+def limits(words: tuple[str, ...]) -> ProcessLimits:
+    """The limits with these set, each as `name=number`. Raises LimitError."""
+    known = [field.name for field in fields(ProcessLimits)]
+    found = ProcessLimits()
+    for word in words:
+        name, _, number = word.partition("=")
+        if (
+            name not in known
+            or not number.isascii()
+            or not number.isdigit()
+            or not 0 < int(number[:10]) < 10**9
+        ):
+            raise LimitError(
+                f'--limit {word}: must be one of {", ".join(known)}, "=" and a number from 1 to 999999999'
+            )
+        found = replace(found, **{name: int(number[:10])})
+    return found
+
+
+def as_words(chosen: ProcessLimits) -> tuple[str, ...]:
+    """What `limits` makes them of: those that differ from the default."""
+    usual = ProcessLimits()
+    names = [field.name for field in fields(chosen)]
+    return tuple(
+        f"{name}={getattr(chosen, name)}" for name in names if getattr(chosen, name) != getattr(usual, name)
+    )
+
+
+def enforce(chosen: ProcessLimits, *, isolated: bool) -> None:
+    """Hold this process, and what it starts, to the limits from now on."""
+    _lower(resource.RLIMIT_DATA, chosen.memory_mb * _MB)
+    _lower(resource.RLIMIT_NOFILE, chosen.open_files)
+    _lower(resource.RLIMIT_FSIZE, chosen.file_mb * _MB)
+    _lower(resource.RLIMIT_CORE, 0)
+    if isolated and hasattr(resource, "RLIMIT_NPROC"):
+        _lower(resource.RLIMIT_NPROC, chosen.processes)
+
+
+def _lower(kind: int, most: int) -> None:
+    hard = resource.getrlimit(kind)[1]
+    allowed = most if hard == resource.RLIM_INFINITY else min(most, hard)
+    resource.setrlimit(kind, (allowed, allowed))

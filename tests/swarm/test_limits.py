@@ -1,0 +1,47 @@
+"""What one robot's process may have ends before the machine does, and is named with the strategy's line."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from actors.runtime.limits import LimitError, ProcessLimits, as_words, limits
+from deploy.options import run_options
+from deploy.usage import OptionError
+from tests.swarm.command import acrc, leftovers, processes_of
+
+
+def test_limits_as_words_and_back() -> None:
+    chosen = ProcessLimits(memory_mb=1500, processes=9)
+    assert as_words(chosen) == ("memory_mb=1500", "processes=9") and limits(as_words(chosen)) == chosen
+    assert as_words(ProcessLimits()) == ()
+
+
+@pytest.mark.parametrize(
+    "word", ["memory_mb", "memory_mb=", "memory_mb=0", "memory_mb=-1", "disk=3", "file_mb=1e9"]
+)
+def test_a_limit_that_is_none_is_refused(word: str) -> None:
+    with pytest.raises(LimitError) as caught:
+        limits((word,))
+    assert str(caught.value) == (
+        f"--limit {word}: must be one of memory_mb, open_files, file_mb, processes, "
+        '"=" and a number from 1 to 999999999'
+    )
+
+
+def test_limits_and_patience_that_do_not_fit_the_other_options(tmp_path: Path) -> None:
+    with pytest.raises(OptionError) as caught:
+        run_options(tmp_path / "out", bus="memory", limit=("file_mb=1",))
+    assert str(caught.value) == "--limit: holds a simulated robot's process; must stand with --bus zenoh only"
+    with pytest.raises(OptionError) as caught:
+        run_options(tmp_path / "out", speed="0.02", patience=5.0)
+    assert str(caught.value) == "--patience 5: must be more than the 5 s of a step at --speed 0.02"
+
+
+def test_a_strategy_that_takes_all_memory_ends_the_run_and_is_named(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ("--robots", 2, "--duration", 4, "--limit", "memory_mb=1500", "--patience", 60)
+    done = acrc("run", "--strategy", "tests.swarm.saboteur:hoards", *words, "--out", out)
+    assert done.returncode == 1
+    assert re.search(r"acrc: r2 failed in step 20: MemoryError \(saboteur.py:\d+\)\n$", done.stderr)
+    assert processes_of(out) == [] and leftovers(out) == []
