@@ -9,6 +9,7 @@ end of the socket closes. The standard library's forkserver leaves a socket file
 parent is killed, see docs/decisions.
 """
 
+import contextlib
 import importlib
 import importlib.util
 import json
@@ -24,7 +25,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from actors.runtime import processes
-from actors.runtime.linux import PR_SET_CHILD_SUBREAPER, PR_SET_PDEATHSIG, prctl
+from actors.runtime.linux import PR_SET_CHILD_SUBREAPER, PR_SET_PDEATHSIG, prctl, set_title
 from actors.runtime.log import create_log, write_to
 
 MESSAGE_LIMIT: Final = 1 << 16
@@ -80,13 +81,13 @@ class Server:
         except OSError as error:
             self._tell({"refused": f"{log}: {error.strerror}"})
             return True
-        pid = self._fork(module, argv, stream)
+        pid = self._fork(module, argv, stream, Path(log).stem)
         os.close(stream)
         self._actors[pid] = log
         self._tell({"started": pid})
         return True
 
-    def _fork(self, module: str, argv: Sequence[str], log: int) -> int:
+    def _fork(self, module: str, argv: Sequence[str], log: int, actor: str) -> int:
         server = os.getpid()
         pid = os.fork()
         if pid:
@@ -100,6 +101,7 @@ class Server:
             for descriptor in (self._channel.fileno(), self._alarm_out, self._alarm_in):
                 os.close(descriptor)
             write_to(log)
+            _show(actor)
             code = self._enter(module, argv)
         except SystemExit as leave:
             code = leave.code if isinstance(leave.code, int) else 1
@@ -185,6 +187,13 @@ def _tie_to(parent: int) -> None:
             os._exit(1)
 
 
+def _show(title: str) -> None:
+    """Let ps and top say which process this is; wholly on Linux, and nowhere else."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError):  # without /proc it goes by its parent's
+            set_title(f"acrc {title}")
+
+
 def _tie_to_starter(channel: socket.socket) -> None:
     """End at once with whoever started this process; for as long as the socket is not listened to."""
     if sys.platform == "linux":
@@ -204,6 +213,7 @@ def main(argv: Sequence[str]) -> int:
     channel.set_inheritable(False)
     _tie_to_starter(channel)
     if how == "fork":
+        _show("forkserver")
         importlib.import_module("deploy.preload")
     server = Server(channel, enter if how == "fork" else execute, reap=whose == "reap")
     if sys.platform == "linux":

@@ -43,6 +43,7 @@ _SYS_PIVOT_ROOT: Final = {"x86_64": 155, "aarch64": 41}
 MNT_DETACH: Final = 0x2
 
 PR_SET_PDEATHSIG: Final = 1
+_PR_SET_NAME: Final = 15
 PR_SET_SECCOMP: Final = 22
 PR_SET_CHILD_SUBREAPER: Final = 36
 _PR_CAPBSET_DROP: Final = 24
@@ -122,6 +123,19 @@ def prctl(option: int, argument: int = 0, more: int | ctypes.c_void_p = 0) -> No
     last = more if isinstance(more, ctypes.c_void_p) else ctypes.c_ulong(more)
     result = _libc().prctl(option, ctypes.c_ulong(argument), last, ctypes.c_ulong(0), ctypes.c_ulong(0))
     _checked(result, f"prctl option {option}")
+
+
+def set_title(title: str) -> None:
+    """Show `title` where ps and top show the name and the command line of this process, as far as it fits.
+
+    The command line is overwritten where the kernel has put it (proc(5), arg_start in /proc/PID/stat).
+    """
+    name = ctypes.create_string_buffer(title.encode()[:15])
+    prctl(_PR_SET_NAME, ctypes.addressof(name))
+    numbers = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
+    start, end = int(numbers[45]), int(numbers[46])
+    ctypes.memset(start, 0, end - start)
+    ctypes.memmove(start, title.encode(), min(len(title.encode()), end - start - 1))
 
 
 def drop_capabilities() -> None:

@@ -1,0 +1,25 @@
+"""ps and top say which process of a run is which."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.swarm.command import processes_of, start
+from tests.swarm.test_failures import stepping, until
+
+pytestmark = pytest.mark.alone
+
+
+@pytest.mark.parametrize("isolation", ["--isolate", "--no-isolate"])
+def test_every_process_is_called_by_what_it_is(tmp_path: Path, isolation: str) -> None:
+    out = tmp_path / "out"
+    process = start("run", "--robots", 2, "--duration", 100_000, isolation, "--out", out)
+    try:
+        until(lambda: stepping(out))
+        about = [Path(f"/proc/{pid}") for pid in processes_of(out) if pid != process.pid]
+        names = {(folder / "comm").read_text().strip() for folder in about}
+        lines = {(folder / "cmdline").read_bytes().rstrip(b"\0").decode() for folder in about}
+        assert names == lines == {"acrc world", "acrc radio", "acrc r1", "acrc r2"}
+    finally:
+        process.terminate()
+        process.communicate(timeout=30)
