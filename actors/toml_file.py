@@ -12,8 +12,8 @@ LARGEST_FILE: Final = 1_000_000
 """Bytes; a scenario of 1000 robots with 10 places each needs half of that."""
 MOST_PARTS: Final = 32
 """Of a dotted key; time grows with their square, and no file of this project has more than three."""
-MOST_BITS: Final = 14_000
-"""Of a whole number; Python reads longer ones where they are hexadecimal, and then cannot show them."""
+MOST_BITS: Final = 1023
+"""Of a whole number; a longer one is none as a float, and from 14 000 bits on Python cannot even show it."""
 _TOKENS: Final = re.compile(
     r'(?P<skipped>"{3}(?:[^"\\]|\\.|"(?!""))*"{0,3}|\'{3}(?:[^\']|\'(?!\'\'))*\'{0,3}|#[^\n]*)'
     r"|(?P<part>[A-Za-z0-9_-]+|\"(?:[^\"\\\n]|\\.)*\"|'[^'\n]*')|(?P<dot>\.)|(?P<blank>[ \t]+)|(?P<other>.)",
@@ -46,7 +46,7 @@ def tables(text: str, path: Path, fault: type[AcrcError]) -> dict[str, Any]:
 def loads(text: str) -> dict[str, Any]:
     """What a text says, in time that grows with its length alone. Raises ValueError.
 
-    Refused beside what is no TOML: whole numbers that could not be shown, and keys of more than MOST_PARTS
+    Refused beside what is no TOML: whole numbers beyond any float, and keys of more than MOST_PARTS
     parts.
     """
     _check_keys(text)

@@ -34,6 +34,7 @@ TOMLS = {
     "lists in lists": "a = " + "[" * 100_000,
     "tables in tables": "a = " + "{a = " * 100_000,
     "a hexadecimal number": "a = 0x" + "f" * 5000,
+    "a number beyond any float": "[deeco]\npublish = " + "1" * 400,
     "a decimal number": "a = " + "1" * 5000,
     "a binary number": "a = 0b" + "1" * 900_000,
     "an open text": 'a = """' + "\\" * 900_000,
