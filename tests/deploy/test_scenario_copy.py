@@ -36,7 +36,7 @@ def scenario_file(folder: Path) -> Path:
 
 def test_a_result_says_where_it_comes_from_and_is_had_again_elsewhere(tmp_path: Path) -> None:
     study = scenario_file(tmp_path / "study")
-    first = run(tmp_path / "one" / "out", study, "--bus", "memory")
+    first = run(tmp_path / "one" / "out", study, "--trust", "--bus", "memory")
     origin = first["origin"]
     assert origin == json.loads((tmp_path / "one" / "out" / "run.json").read_text())["origin"]
     assert origin["versions"].pop("python") == platform.python_version()
@@ -55,7 +55,7 @@ def test_a_result_says_where_it_comes_from_and_is_had_again_elsewhere(tmp_path: 
     assert said["map"] == "map/map.yaml" and said["run"]["modules"] == "../../study"
     assert said["robots"]["model"] == said["robot"][0]["model"] == "models/1-mine.toml"
     (tmp_path / "one").rename(tmp_path / "two")
-    again = run(tmp_path / "again", tmp_path / "two" / "out" / "scenario.toml", "--bus", "memory")
+    again = run(tmp_path / "again", tmp_path / "two" / "out" / "scenario.toml", "--trust", "--bus", "memory")
     assert again["digest"] == first["digest"]
 
 

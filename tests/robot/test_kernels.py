@@ -18,7 +18,7 @@ from actors.robot_model import load_model
 from tests.robot.base import TWO_ROOMS, FakeBase
 
 def variants():
-    kernels = [k for m in setup._KERNELS for k in vars(m).values() if isinstance(k, Dispatcher)]
+    kernels = [k for m in setup.KERNELS for k in vars(m).values() if isinstance(k, Dispatcher)]
     return sum(len(kernel.signatures) for kernel in kernels)
 
 setup.kernels()
