@@ -57,6 +57,8 @@ from pathlib import Path
 from actors.runtime import linux
 repository, token, out = sys.argv[1:]
 for folder in (out, "/tmp", "/run"):
+    if Path(repository).is_relative_to(folder):
+        continue  # what is to be written to would go with it
     ctypes.CDLL(None).umount2(folder.encode(), 2)
 for folder in ("/", repository, "/tmp", "/run", out):
     with suppress(OSError):

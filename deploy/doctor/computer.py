@@ -112,13 +112,14 @@ def namespaces(machine: Machine) -> Iterator[Finding]:
 
 
 def _sections(constraints: str, python: tuple[int, int]) -> Mapping[str, Mapping[str, str]]:
-    """The pins of each extra that apply to this Python."""
+    """The pins of base and extras that apply to this Python; without what is there while building only."""
     sections: dict[str, dict[str, str]] = {}
     for line in constraints.splitlines():
         if header := re.fullmatch(r"# \[(\w+)\]", line):
             pins = sections.setdefault(header[1], {})
         elif (pin := _PIN.fullmatch(line)) and _applies(pin, python):
             pins[pin["name"]] = pin["version"]
+    sections.pop("build", None)
     return sections
 
 
