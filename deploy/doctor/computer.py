@@ -117,7 +117,7 @@ def _sections(constraints: str, python: tuple[int, int]) -> Mapping[str, Mapping
     for line in constraints.splitlines():
         if header := re.fullmatch(r"# \[(\w+)\]", line):
             pins = sections.setdefault(header[1], {})
-        elif (pin := _PIN.fullmatch(line)) and _applies(pin, python):
+        elif (pin := _PIN.fullmatch(line.removesuffix("\\").rstrip())) and _applies(pin, python):
             pins[pin["name"]] = pin["version"]
     sections.pop("build", None)
     return sections
