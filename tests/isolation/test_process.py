@@ -12,7 +12,8 @@ import pytest
 
 from actors.runtime import syscall_filter
 from actors.runtime.syscall_filter import Instruction
-from benchmarks.attacks.process_attacks import NEST, PTRACE_ATTACH, UNDO
+from benchmarks.attacks.breakouts import NEST, UNDO
+from benchmarks.attacks.process_attacks import PTRACE_ATTACH
 from tests.isolation.test_attacks import need_isolation
 
 pytestmark = pytest.mark.alone
