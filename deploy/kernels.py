@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -23,7 +24,7 @@ _DONE: Final = "complete"
 def compile_kernels(*, quiet: bool = False) -> None:
     """Compile whatever a run computes with, unless that was done; tells a person how far it is."""
     stamp = Path(os.environ["NUMBA_CACHE_DIR"]) / _DONE  # actors has set it
-    here = f"{processor()} {platform.python_version()} {version('numba')}"
+    here = _machine()
     with suppress(OSError):
         if here in stamp.read_text().splitlines():
             return
@@ -34,6 +35,11 @@ def compile_kernels(*, quiet: bool = False) -> None:
             tell()
     with suppress(OSError), stamp.open("a") as file:  # without a cache there is one more bar the next time
         file.write(f"{here}\n")
+
+
+def _machine() -> str:
+    """What compiled code depends on beside the sources; numpy is loaded here, as it tells the features."""
+    return f"{processor()} Python {platform.python_version()} numba {version('numba')} numpy {np.__version__}"
 
 
 def _modules() -> Sequence[KernelModule]:

@@ -1,6 +1,8 @@
 """What is compiled before the first run is said, and how far it is; afterwards nothing is said."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -53,3 +55,9 @@ def test_every_module_with_kernels_is_compiled_once() -> None:
     names = [module.__name__ for module in kernels._modules()]
     assert {"actors.world.rays", "actors.radio.medium", "actors.robot.dwa"} <= set(names)
     assert len(names) == len(set(names)) > 20
+
+
+def test_every_command_means_the_same_machine_whatever_it_has_loaded_before() -> None:
+    told = "from deploy import kernels; print(kernels._machine())"
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == kernels._machine()
