@@ -103,7 +103,8 @@ def run(
         list[str] | None,
         typer.Option(
             metavar="NAME=N",
-            help="What each robot's process may have: memory_mb, open_files, file_mb, processes. Repeatable.",
+            help="What each robot's process may have: memory_mb, open_files, file_mb, disk_mb, disk_files, "
+            "processes. Repeatable.",
         ),
     ] = None,
     patience: Annotated[

@@ -339,7 +339,7 @@ def processors(
     ] = 600.0,
     crowd: Annotated[
         float, typer.Option(metavar="S", min=1, max=3600, help="Of the house test's run.")
-    ] = 90.0,
+    ] = 50.0,
     install: Annotated[
         bool, typer.Option("--install", help="Let apt-get install qemu and debootstrap if they are missing.")
     ] = False,

@@ -14,6 +14,7 @@ from actors.runtime.failure import FailureNote, in_words
 from actors.runtime.leftovers import fault
 from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.topic import Message, Topic
+from deploy.disk_use import DiskWatch
 from deploy.launch import Child, Launcher, LaunchError, Program
 from deploy.silence import Patience
 from deploy.vigil import Vigil
@@ -38,12 +39,14 @@ class Supervisor:
         restart: Callable[[ProcessOrder, int], Program],
         on_progress: Callable[[Progress], None],
         patience: Patience,
+        disk: DiskWatch,
         say: Callable[[str], None] = lambda sentence: None,
     ) -> None:
         """`say` is told what the person at the terminal should know while the run goes on."""
         self._launcher = launcher
         self._restart = restart
         self._on_progress = on_progress
+        self._disk = disk
         self._vigil = Vigil(patience, launcher.wait, say)
         self._children: list[Child] = []
         self._complete: set[int] = set()
@@ -101,6 +104,7 @@ class Supervisor:
             fault = self._vigil.look_for_ends(running, f"{_names(running)} did not end after the last step")
         else:
             fault = self._vigil.look(running, world.program.record)
+        fault = fault or self._disk.fault(child.program for child in running)
         if fault is not None:
             self.check()  # what has just ended says more
             raise RunFailedError(fault)

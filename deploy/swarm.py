@@ -16,6 +16,7 @@ from actors.runtime.memory_bus import MemoryBus
 from actors.runtime.zenoh_bus import open_mesh
 from deploy import progress, scenario_copy
 from deploy.cast import cast
+from deploy.disk_use import DiskWatch
 from deploy.foreign import beside, folder_of
 from deploy.isolating import Choice, choose, warn
 from deploy.launch import Launcher, Program, launcher
@@ -125,6 +126,7 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
         lambda order, step: robot_program(plan, robots[order.robot], order, step),
         on_progress,
         plan.patience,
+        DiskWatch(plan.limits),
         _say,
     )
     try:

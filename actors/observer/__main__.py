@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import msgspec
 from actors.geometry import Point
 from actors.map_file import load_map
 from actors.messages import DRIVE, TRUTH, Drive, Truth
-from actors.observer.observer import Observer
+from actors.observer.observer import Observer, Summary
 from actors.runtime.access import client_config
 from actors.runtime.bus import Delivery
 from actors.runtime.codec import decode
@@ -69,9 +69,8 @@ def main(argv: Sequence[str]) -> int:
                 _watch(bus, observer)
             finally:
                 summary = observer.close()
-                sys.stdout.write(f"{observer.notice}\n" if observer.notice else "")
-                if summary.missed:
-                    sys.stdout.write(f"the view lacks {summary.missed} steps that were not received\n")
+                for sentence in filter(None, (observer.notice, *_gaps(summary))):
+                    sys.stdout.write(f"{sentence}\n")
         return 0
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
@@ -87,9 +86,17 @@ def _watch(bus: ZenohBus, observer: Observer) -> None:
             drive = _message(delivery)
             assert isinstance(drive, Drive)
             observer.drive(drive)
+        observer.truth(truth)
         if truth.halt:
             return
-        observer.truth(truth)
+
+
+def _gaps(summary: Summary) -> Iterator[str]:
+    """What the view lacks of the run, in sentences; the world's last word is a Truth of its own."""
+    if summary.missed:
+        yield f"the view lacks {summary.missed} steps that were not received"
+    if not summary.whole:
+        yield f"the view ends before step {summary.expected}: what came later was not received"
 
 
 def _message(delivery: Delivery) -> Message:

@@ -29,6 +29,10 @@ class Summary(NamedTuple):
     """Steps whose Truth never came."""
     shown: int
     """Pictures drawn."""
+    expected: int
+    """The first step after all whose Truth came."""
+    whole: bool
+    """The run's last word has come, so nothing is missing after that."""
 
 
 class Observer:
@@ -57,6 +61,7 @@ class Observer:
         self._period_us = appearance.period_us
         self._expected = 0
         self._missed = 0
+        self._whole = False
         self._shown = 0
         self._due = 0
         self._waiting: Truth | None = None
@@ -70,6 +75,7 @@ class Observer:
         """Take in the truth of a step; those between two pictures are counted but not drawn."""
         self._missed += max(0, message.step - self._expected)
         self._expected = max(self._expected, message.step + 1)
+        self._whole = self._whole or message.halt
         if not message.robots:
             return
         if message.instant < self._due:
@@ -93,7 +99,7 @@ class Observer:
         except RuntimeError:  # rerun says so when a window is gone; the file has everything all the same
             self.notice = f"The window was closed before the run's end: the whole view is in {self.path}."
         self._recording.disconnect()
-        return Summary(self._missed, self._shown)
+        return Summary(self._missed, self._shown, self._expected, self._whole)
 
     def _show(self, message: Truth) -> None:
         self._waiting = None

@@ -24,6 +24,11 @@ class ProcessLimits:
     """Open files (RLIMIT_NOFILE)."""
     file_mb: int = 16_384
     """Each file that it writes, its log and its recording among them, MB (RLIMIT_FSIZE)."""
+    disk_mb: int = 32_768
+    """All files in its folder together, MB; looked at twice a second. One that it has deleted and keeps open
+    is not counted, nor what an open robot writes elsewhere."""
+    disk_files: int = 100_000
+    """Files and folders there."""
     processes: int = 64
     """Processes and threads (RLIMIT_NPROC); isolated robots only, for else the system counts all of the
     user's."""

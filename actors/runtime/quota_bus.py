@@ -1,8 +1,8 @@
 """The mesh for those whom every robot may write to: nobody can fill it up for the others.
 
 The queues of `ZenohBus` hold a sender up when they are full, and with him, as a session has one thread,
-whoever else sends to it: a flood on a key that the core does not read would stop the run. Here each key has a
-quota; who goes beyond it ends the run, and is named.
+whoever else sends to it: a flood on a key that the core does not read would stop the run. Here each robot has
+a quota, over all keys that it may write to; who goes beyond it ends the run, and is named.
 """
 
 from collections.abc import Sequence
@@ -22,10 +22,10 @@ class FloodError(AcrcError):
 
 
 class QuotaBus:
-    """Publishes and receives over one session; each listened topic has a queue, each key a quota."""
+    """Publishes and receives over one session; each listened topic has a queue, each sender a quota."""
 
     MESSAGES: Final = 1000
-    """That may wait on one key; whoever keeps to the protocol has one or two there, a person some more."""
+    """Of one sender that may wait; whoever keeps to the protocol has one or two there, a person some more."""
     BYTES: Final = 1 << 26
     """In them."""
 
@@ -58,7 +58,7 @@ class QuotaBus:
         if self._flood is not None:
             raise self._flood
         assert isinstance(taken, Delivery)
-        counts = self._taken.setdefault(taken.key, [0, 0])
+        counts = self._taken.setdefault(_account(taken.key), [0, 0])
         counts[0] += 1
         counts[1] += len(taken.payload)
         return taken
@@ -71,10 +71,11 @@ class QuotaBus:
             if self._flood is not None:
                 return
             key, payload = str(sample.key_expr), sample.payload.to_bytes()
-            counts = put.setdefault(key, [0, 0])
+            account = _account(key)
+            counts = put.setdefault(account, [0, 0])
             counts[0] += 1
             counts[1] += len(payload)
-            done = taken.get(key, (0, 0))
+            done = taken.get(account, (0, 0))
             if counts[0] - done[0] > self.MESSAGES or counts[1] - done[1] > self.BYTES:
                 self._give_up(key, counts[0] - done[0], counts[1] - done[1])
             else:
@@ -86,8 +87,13 @@ class QuotaBus:
         """Wake whoever waits, on whichever topic."""
         who = sender(key) or "somebody"
         self._flood = FloodError(
-            f"{who} floods {key}: {messages} messages of together {size} bytes wait there and nobody has "
-            f"asked for them; at most {self.MESSAGES} of together {self.BYTES} may wait"
+            f"{who} floods {key}: {messages} messages of together {size} bytes wait and nobody has asked "
+            f"for them; at most {self.MESSAGES} of together {self.BYTES} may wait"
         )
         for queue in self._queues.values():
             queue.put(self._flood)
+
+
+def _account(key: str) -> str:
+    """Whose quota a message counts towards: the robot's that alone may write there, else the key's own."""
+    return sender(key) or key

@@ -17,7 +17,7 @@ def test_a_flood_ends_the_run_and_names_who_sent_it(tmp_path: Path, entry: str, 
     assert done.returncode == 1
     assert re.fullmatch(
         rf"acrc: {reader} failed in step 1[01]: r2 floods swarm/up/r2/{entry}: 1001 messages of together "
-        r"[0-9]+ bytes wait there and nobody has asked for them; at most 1000 of together 67108864 may wait",
+        r"[0-9]+ bytes wait and nobody has asked for them; at most 1000 of together 67108864 may wait",
         done.stderr.strip().splitlines()[-1],
     )
     assert processes_of(out) == [] and leftovers(out) == []

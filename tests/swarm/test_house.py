@@ -49,7 +49,7 @@ def test_the_scenario_is_hard_enough(reference: dict[str, object]) -> None:
     assert isinstance(frames, dict) and frames["copies_heard"] > 100 and frames["frames_access_failure"] > 0
     model = reference["deeco"]
     assert isinstance(model, dict) and model["counters"]["relayed"] > 100
-    assert min(model["exchanges"].values()) >= 3 and len(model["exchanges"]) == 2  # 5 and 5 with these bits
+    assert min(model["exchanges"].values()) > 5 and len(model["exchanges"]) == 2
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,6 @@ def test_the_scenario_is_hard_enough(reference: dict[str, object]) -> None:
         (("--no-isolate",), ()),
         (("--isolate",), ONE_CORE),
         (("--spawn", "exec", "--isolate"), ()),
-        (("--spawn", "exec", "--no-isolate"), ()),
         (("--speed", "20"), ()),
         (("--view",), ()),
     ],

@@ -24,7 +24,7 @@ def test_a_limit_that_is_none_is_refused(word: str) -> None:
     with pytest.raises(LimitError) as caught:
         limits((word,))
     assert str(caught.value) == (
-        f"--limit {word}: must be one of memory_mb, open_files, file_mb, processes, "
+        f"--limit {word}: must be one of memory_mb, open_files, file_mb, disk_mb, disk_files, processes, "
         '"=" and a number from 1 to 999999999'
     )
 
