@@ -29,7 +29,7 @@ class DiskWatch:
     LOOK_S: Final = 0.5
     """Time between two looks; own choice: a fast disk takes a GB in it."""
     SHARE: Final = 20
-    """A look may take the n-th part of the time at most: the next one is put off for as long as that takes."""
+    """A look may take the n-th part of the time at most: the next one is put off accordingly."""
 
     def __init__(self, limits: ProcessLimits, clock: Callable[[], float] = time.monotonic) -> None:
         self._limits = limits
@@ -37,7 +37,7 @@ class DiskWatch:
         self._next_s = clock() + self.LOOK_S
 
     def fault(self, programs: Iterable[Program]) -> str | None:
-        """A sentence on the first robot that has written too much; None where nobody has, or it is not time."""
+        """A sentence on the first robot that has written too much; None if nobody has, or it is not time."""
         began_s = self._clock()
         if began_s < self._next_s:
             return None

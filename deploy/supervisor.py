@@ -12,6 +12,7 @@ from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.failure import FailureNote, in_words
 from actors.runtime.leftovers import fault
+from actors.runtime.processes import glance
 from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.topic import Message, Topic
 from deploy.disk_use import DiskWatch
@@ -78,7 +79,9 @@ class Supervisor:
         self._take_messages(bus)
         self.check()
         deadline = time.monotonic() + self.VIEW_S
-        while self._running() and time.monotonic() < deadline:
+        while (running := self._running()) and time.monotonic() < deadline:
+            if all((seen := glance(child.pid)) is not None and seen.stopped for child in running):
+                return
             self._launcher.wait(self.POLL_S)
 
     def await_file(self, path: Path, needed: str) -> bool:

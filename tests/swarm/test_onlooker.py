@@ -15,7 +15,7 @@ import pytest
 from tests.swarm.command import leftovers, processes_of, run, start
 
 pytestmark = pytest.mark.alone
-WORDS = ("--robots", 2, "--duration", 150, "--no-isolate", "--speed", 15)
+WORDS = ("--robots", 2, "--duration", 100, "--no-isolate", "--speed", 20)
 
 
 @pytest.fixture(scope="module")
@@ -39,15 +39,15 @@ def watched(tmp_path: Path) -> Iterator[tuple[Popen[str], Path, int]]:
 
 
 def grown(out: Path) -> bool:
-    """The world has taken some hundred steps."""
+    """The world has taken some dozens of steps."""
     record = out / "world" / "world.mcap"
-    return record.exists() and record.stat().st_size > 200_000
+    return record.exists() and record.stat().st_size > 50_000
 
 
 def observer_of(out: Path) -> int:
     """The process that writes the view's log."""
     log = str(out / "view.log")
-    return next(pid for pid in processes_of(out) if os.readlink(f"/proc/{pid}/fd/1") == log)
+    return next(pid for pid in processes_of(out) if str(Path(f"/proc/{pid}/fd/1").readlink()) == log)
 
 
 def result_of(process: "Popen[str]", out: Path) -> dict[str, Any]:
@@ -63,15 +63,17 @@ def test_an_observer_that_is_stopped_for_a_while_misses_steps_and_counts_them(
 ) -> None:
     process, out, observer = watched
     os.kill(observer, signal.SIGSTOP)
-    time.sleep(4.0)
+    time.sleep(3.0)
     before = (out / "world" / "world.mcap").stat().st_size
-    time.sleep(1.0)
+    time.sleep(0.5)
     assert (out / "world" / "world.mcap").stat().st_size > before, "the world waits for who only looks on"
     os.kill(observer, signal.SIGCONT)
     result = result_of(process, out)
     assert result["digest"] == undisturbed["digest"]
-    lacks = re.search(r"^the view lacks (\d+) steps that were not received$", (out / "view.log").read_text(), re.M)
-    assert lacks is not None and 100 <= int(lacks[1]) < 1500
+    lacks = re.search(
+        r"^the view lacks (\d+) steps that were not received$", (out / "view.log").read_text(), re.M
+    )
+    assert lacks is not None and 50 <= int(lacks[1]) < 1000
 
 
 def test_an_observer_that_is_stopped_for_good_is_not_waited_for_and_says_where_the_view_ends(
@@ -81,6 +83,9 @@ def test_an_observer_that_is_stopped_for_good_is_not_waited_for_and_says_where_t
     os.kill(observer, signal.SIGSTOP)
     result = result_of(process, out)
     assert result["digest"] == undisturbed["digest"]
-    ends = re.search(r"^the view ends before step (\d+): what came later was not received$",
-                     (out / "view.log").read_text(), re.M)
-    assert ends is not None and 0 < int(ends[1]) < 1500
+    ends = re.search(
+        r"^the view ends before step (\d+): what came later was not received$",
+        (out / "view.log").read_text(),
+        re.M,
+    )
+    assert ends is not None and 0 < int(ends[1]) < 1000
