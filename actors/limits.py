@@ -18,6 +18,7 @@ from actors.messages import (
     PlaceGivenUp,
     PlaceKey,
     PlaceReport,
+    Senses,
     StartJam,
     Transmit,
     Truth,
@@ -110,6 +111,18 @@ def truth_fault(truth: Truth, step: int) -> str | None:
 
 def _order(jam: Jam, now: int) -> StartJam:
     return StartJam(jam.x, jam.y, jam.radius, jam.until - now)
+
+
+def senses_fault(senses: Senses) -> str | None:
+    """What is wrong with the odometry that a base gives its robot."""
+    odometry = senses.odometry
+    moves = is_place(odometry.vx, odometry.vy) and is_heading(odometry.omega)
+    if is_place(odometry.x, odometry.y) and is_heading(odometry.heading) and moves:
+        return None
+    return (
+        f"the odometry ({odometry.x:g}, {odometry.y:g}), {odometry.heading:g} rad, at {odometry.vx:g}, "
+        f"{odometry.vy:g} m/s and {odometry.omega:g} rad/s; each should be at most {GREATEST_COORDINATE:g}"
+    )
 
 
 def word_fault(word: Word, begin: int, end: int, limits: MessageLimits) -> str | None:

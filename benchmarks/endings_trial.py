@@ -75,7 +75,12 @@ class Ending(NamedTuple):
 
 
 def deed(number: int, task: EndingsTask) -> Deed:
-    """The n-th deed; it follows from the task's seed."""
+    """The n-th deed; it follows from the task's seed.
+
+    The first ones are a run, started in each way, that is stopped as a whole for as long as any is.
+    """
+    if number < len(MODES):
+        return Deed(tuple(MODES)[number], signal.SIGSTOP, _ALL, task.window / 2, task.longest_stop)
     draw = random.Random(f"{task.seed} {number}")
     what = draw.choice(DEEDS)
     anyone = (_PARENT, _FORKSERVER, *SWARM)

@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.standstill_rig import GUARDIAN, Rig, held, killed, stopped
+from deploy.kernels import compile_kernels
 from firmware_bridge.laboratory.laboratory import RADIO, RANGE
 
 PROCESSES: Final = {
@@ -76,6 +77,7 @@ Case = tuple[str, str]
 def run(json_output: bool = False, task: StandstillTask | None = None) -> dict[str, object]:
     """Run, print and give what came of it."""
     task = task or StandstillTask()
+    compile_kernels()  # or the first robot would take a minute to start
     found: dict[Case, list[Standstill]] = defaultdict(list)
     for _ in range(task.trials):
         for case, event in events().items():

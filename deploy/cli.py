@@ -228,6 +228,7 @@ def onboard(
     """Be a robot: drive the TurtleBot and the radio board that are plugged in, until told to stop."""
     from deploy import onboard_run, out_folder
     from deploy.fleet import load_fleet
+    from deploy.kernels import compile_kernels
     from deploy.signals import Interrupted
 
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
@@ -238,7 +239,9 @@ def onboard(
     options = onboard_run.OnboardOptions(folder, isolate, debugpy, at)
     try:
         with out_folder.dropped_if_empty(folder):
-            onboard_run.run(onboard_run.prepare(loaded, robot, options, console.print), console.print)
+            prepared = onboard_run.prepare(loaded, robot, options, console.print)
+            compile_kernels(onboard=True)  # else it would seem to hang for a minute, or five on a small board
+            onboard_run.run(prepared, console.print)
     except Interrupted as interrupt:
         console.print(f"acrc: ended from outside; what was recorded is in {folder}")
         raise typer.Exit(interrupt.exit_code) from None

@@ -373,6 +373,19 @@ def endings(
         raise typer.Exit(1)
 
 
+@app.command("crowded-start")
+def crowded_start(
+    robots: Annotated[int, typer.Option(metavar="N", min=1, max=500)] = 100,
+    hogs: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="Busy processes per core.")] = 4,
+    json: _Json = False,
+) -> None:
+    """Start many robots beside processes that keep every core busy, and compare with the run alone."""
+    from benchmarks import crowded_start as trials
+
+    if not trials.run(trials.CrowdedStartTask(robots, hogs_per_core=hogs), json):
+        raise typer.Exit(1)
+
+
 @app.command()
 def attacks(json: _Json = False) -> None:
     """Try every known way between robots past the radio, and say what held and what got through."""

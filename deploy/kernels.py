@@ -21,14 +21,17 @@ _DONE: Final = "complete"
 """File in the cache of one state of the sources: on which machine all of them have been compiled."""
 
 
-def compile_kernels(*, quiet: bool = False) -> None:
-    """Compile whatever a run computes with, unless that was done; tells a person how far it is."""
+def compile_kernels(*, quiet: bool = False, onboard: bool = False) -> None:
+    """Compile whatever a run computes with, unless that was done; tells a person how far it is.
+
+    `onboard`: only what a robot computes with, whose computer has no world and need not have pymunk.
+    """
     stamp = Path(os.environ["NUMBA_CACHE_DIR"]) / _DONE  # actors has set it
-    here = _machine()
+    here = f"{_machine()}, {'robot' if onboard else 'all'}"
     with suppress(OSError):
         if here in stamp.read_text().splitlines():
             return
-    modules = _modules()
+    modules = _modules(onboard)
     with _told(len(modules), quiet=quiet) as tell:
         for module in modules:
             fingerprints([module])
@@ -42,10 +45,13 @@ def _machine() -> str:
     return f"{processor()} Python {platform.python_version()} numba {version('numba')} numpy {np.__version__}"
 
 
-def _modules() -> Sequence[KernelModule]:
+def _modules(onboard: bool) -> Sequence[KernelModule]:
     """Every module with kernels, once; what imports them all takes a second."""
-    from actors.radio.program import KERNELS as RADIO  # noqa: PLC0415
     from actors.robot.setup import KERNELS as ROBOT  # noqa: PLC0415
+
+    if onboard:
+        return ROBOT
+    from actors.radio.program import KERNELS as RADIO  # noqa: PLC0415
     from actors.world.program import KERNELS as WORLD  # noqa: PLC0415
 
     return tuple({module.__name__: module for module in (*WORLD, *RADIO, *ROBOT)}.values())

@@ -22,7 +22,7 @@ def run_suite(root: Path, words: Sequence[str]) -> int:
     if words:
         return _pytest(root, words)
     workers = str(os.cpu_count() or 1)
-    beside = _pytest(root, ("-m", f"not {ALONE}", "-n", workers, "--dist", "loadfile"))
+    beside = _pytest(root, ("-m", f"not {ALONE}", "-n", workers, "--dist", "worksteal"))
     alone = _pytest(root, ("-m", ALONE))
     if beside == alone == NO_TESTS:
         return NO_TESTS

@@ -12,6 +12,7 @@ from typing import Final, cast
 
 from actors.geometry import STILL, Pose, Twist
 from actors.instant import Instant, in_seconds
+from actors.limits import senses_fault
 from actors.messages import (
     DRIVE,
     RECEIVED,
@@ -36,7 +37,7 @@ _LIMITS: Final = RobotLimits()
 
 
 class StepError(AcrcError):
-    """A message that does not belong to the robot's step."""
+    """A message that does not belong to the robot's step, or cannot be."""
 
 
 @dataclass(frozen=True)
@@ -196,6 +197,8 @@ class RobotCore:
                 f"it should be of step {self._step} or later"
             )
         self._step = senses.step
+        if wrong := senses_fault(senses):
+            raise StepError(f"step {self._step}: {self._robot} got {wrong}")
 
     def _check_received(self, received: Received, events: int) -> None:
         if received.step > self._step:  # an earlier one was kept while the robot was frozen

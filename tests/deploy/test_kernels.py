@@ -15,7 +15,7 @@ from deploy import kernels
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache with nothing in it, as far as can be told, and one module to compile."""
     monkeypatch.setitem(os.environ, "NUMBA_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(kernels, "_modules", lambda: (visits,))
+    monkeypatch.setattr(kernels, "_modules", lambda onboard: (visits,))
     return tmp_path
 
 
@@ -52,7 +52,7 @@ def test_a_program_that_wants_json_is_told_nothing(cache: Path, capsys: pytest.C
 
 
 def test_every_module_with_kernels_is_compiled_once() -> None:
-    names = [module.__name__ for module in kernels._modules()]
+    names = [module.__name__ for module in kernels._modules(onboard=False)]
     assert {"actors.world.rays", "actors.radio.medium", "actors.robot.dwa"} <= set(names)
     assert len(names) == len(set(names)) > 20
 
@@ -61,3 +61,21 @@ def test_every_command_means_the_same_machine_whatever_it_has_loaded_before() ->
     told = "from deploy import kernels; print(kernels._machine())"
     done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == kernels._machine()
+
+
+def test_a_robot_s_computer_compiles_what_a_robot_needs_and_nothing_of_the_world() -> None:
+    robot, everything = (
+        {module.__name__ for module in kernels._modules(onboard)} for onboard in (True, False)
+    )
+    assert robot < everything
+    assert "actors.robot.dwa" in robot and not any(name.startswith("actors.world") for name in robot)
+
+
+def test_what_a_robot_compiles_does_not_count_for_a_run(
+    cache: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kernels.compile_kernels(onboard=True)
+    kernels.compile_kernels(onboard=True)
+    assert capsys.readouterr().err.count("compiling") == 1
+    kernels.compile_kernels()
+    assert capsys.readouterr().err.count("compiling") == 1

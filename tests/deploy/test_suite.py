@@ -53,7 +53,7 @@ def test_both_halves_decide(
 ) -> None:
     assert suite(**files) == (
         code,
-        [["-m", "not alone", "-n", "2", "--dist", "loadfile"], ["-m", "alone"]],
+        [["-m", "not alone", "-n", "2", "--dist", "worksteal"], ["-m", "alone"]],
     )
 
 

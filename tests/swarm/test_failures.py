@@ -24,8 +24,6 @@ from deploy.silence import Patience
 from deploy.supervisor import RunFailedError
 from tests.swarm.command import acrc, leftovers, processes_of, run, start
 
-pytestmark = pytest.mark.alone
-
 SPAWNS = ("forkserver", "exec")
 
 

@@ -7,8 +7,6 @@ import pytest
 
 from tests.swarm.command import acrc, leftovers, processes_of
 
-pytestmark = pytest.mark.alone
-
 
 @pytest.mark.parametrize(("entry", "reader"), [("ready", "world"), ("transmit", "radio")])
 def test_a_flood_ends_the_run_and_names_who_sent_it(tmp_path: Path, entry: str, reader: str) -> None:

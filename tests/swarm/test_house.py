@@ -11,8 +11,6 @@ import pytest
 
 from tests.swarm.command import acrc, leftovers, processes_of, run
 
-pytestmark = pytest.mark.alone
-
 CROWD = Path(__file__).parent / "crowd.toml"
 ONE_CORE = ("taskset", "-c", "0")
 

@@ -13,8 +13,6 @@ from deploy.orders import OrderError
 from tests.swarm.command import acrc, leftovers, processes_of, start
 from tests.swarm.test_failures import stepping, until
 
-pytestmark = pytest.mark.alone
-
 
 @pytest.mark.parametrize(
     ("words", "order"),

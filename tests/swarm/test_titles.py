@@ -7,8 +7,6 @@ import pytest
 from tests.swarm.command import processes_of, start
 from tests.swarm.test_failures import stepping, until
 
-pytestmark = pytest.mark.alone
-
 
 @pytest.mark.parametrize("isolation", ["--isolate", "--no-isolate"])
 def test_every_process_is_called_by_what_it_is(tmp_path: Path, isolation: str) -> None:
