@@ -363,6 +363,8 @@ class Progress(Message, frozen=True):
     """What the first of them owes, in words; empty unless the world waits."""
     starting: bool = False
     """The world waits for actors that have only been started."""
+    held: tuple[str, ...] = ()
+    """On board: what keeps the base from driving as it is told, or soon will, in words."""
 
 
 # --- what a radio board tells beside radio -----------------------------------------------------------------

@@ -27,9 +27,9 @@ def compile_kernels(*, quiet: bool = False, onboard: bool = False) -> None:
     `onboard`: only what a robot computes with, whose computer has no world and need not have pymunk.
     """
     stamp = Path(os.environ["NUMBA_CACHE_DIR"]) / _DONE  # actors has set it
-    here = f"{_machine()}, {'robot' if onboard else 'all'}"
+    here, whole = (f"{_machine()}, {part}" for part in ("robot" if onboard else "all", "all"))
     with suppress(OSError):
-        if here in stamp.read_text().splitlines():
+        if {here, whole} & set(stamp.read_text().splitlines()):
             return
     modules = _modules(onboard)
     with _told(len(modules), quiet=quiet) as tell:

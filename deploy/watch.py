@@ -23,7 +23,7 @@ from actors.messages import (
 )
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Address, at
-from actors.runtime.errors import AcrcError
+from actors.runtime.errors import AcrcError, printable
 from actors.runtime.tls import Keys, laptop_config, load_keys
 from actors.runtime.zenoh_bus import ZenohBus, open_session
 from deploy.usage import OptionError
@@ -222,7 +222,7 @@ def _news(bus: ZenohBus) -> list[str]:
                 state = "stopped" if message.finished else "paused" if message.paused else "running"
                 lines.append(
                     f"step {message.step}: {message.places_left} places left, "
-                    f"{message.reports} reported, {state}"
+                    f"{message.reports} reported, {', '.join((state, *map(printable, message.held)))}"
                 )
             elif isinstance(message, Board):
                 lines += [f"{in_seconds(note.instant):.3f} {note}" for note in message.notes]

@@ -162,6 +162,11 @@ class KobukiDriver:
         return self._reader.reception
 
     @property
+    def battery(self) -> BatteryLevel | None:
+        """How full it is; None before the first feedback."""
+        return None if self._battery is None else self._battery.level
+
+    @property
     def late_commands(self) -> int:
         """Commands that were overtaken by newer ones, and left out."""
         return self._safety.late_commands
@@ -281,7 +286,7 @@ class KobukiDriver:
                 self._told.append(Changed(now, sense, before, value))
             self._senses[sense] = value
         volts = basic.battery_dv / 10
-        known = None if self._battery is None else self._battery.level
+        known = self.battery
         here = level(volts, known, self._p.battery)
         if here is not known:
             self._battery = BatteryChanged(now, volts, here)

@@ -68,6 +68,9 @@ class Vehicle(Protocol):
         What else stops it is the vehicle's own affair.
         """
 
+    def held(self) -> tuple[str, ...]:
+        """What keeps it from driving as it is told, or soon will, in words; empty: nothing."""
+
 
 class BaseCore:
     """One robot's steps; `expect` announces each message, and without one an advance takes in the time."""
@@ -313,5 +316,11 @@ class BaseCore:
 
     def _progress(self) -> Progress:
         return Progress(
-            self._step, self._instant(self._step), self._left, self._reports, self.finished, self._paused
+            self._step,
+            self._instant(self._step),
+            self._left,
+            self._reports,
+            self.finished,
+            self._paused,
+            held=self._vehicle.held(),
         )

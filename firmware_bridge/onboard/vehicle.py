@@ -6,6 +6,7 @@ from typing import Protocol
 from actors.instant import Instant, in_seconds
 from actors.messages import Odometry, Scan
 from actors.runtime.errors import AcrcError
+from firmware_bridge.kobuki.battery import BatteryLevel
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.events import Fed
 from firmware_bridge.kobuki.safety import Cause
@@ -149,6 +150,11 @@ class TurtleBot:
     def command(self, now: Instant, issued: Instant, vx: float, omega: float) -> None:
         """Want a velocity, decided from what was sensed at `issued`; the safety stop has the last word."""
         self._kobuki.command(now, vx, omega, issued)
+
+    def held(self) -> tuple[str, ...]:
+        """Why the safety stop lets it not drive as is wanted; and whether its battery runs low."""
+        stops = tuple(stop.cause.value for stop in self._kobuki.allowed.stops)
+        return (*stops, "the battery is low") if self._kobuki.battery is BatteryLevel.LOW else stops
 
     def _feed(self, now: Instant, data: bytes) -> None:
         for event in self._kobuki.take(now, data):

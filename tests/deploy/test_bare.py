@@ -30,6 +30,11 @@ STARTS = {
     "record replay": ACTORS,
     "onboard": ("actors.robot.__main__", *ON_BOARD),
     "bench onboard": ("firmware_bridge.laboratory.__main__", *ACTORS, *ON_BOARD),
+    "bench standstill": ("firmware_bridge.laboratory.__main__", ACTORS[2], *ON_BOARD),
+    "bench endings": ("deploy.swarm", "deploy.forkserver", *ACTORS),
+    "bench crowded-start": ("deploy.swarm", "deploy.forkserver", *ACTORS),
+    "bench attacks": ("deploy.swarm", *ACTORS),
+    "bench processors": ("deploy.swarm", *ACTORS),
     "bench steps": ("benchmarks.ping_pong", *ACTORS),
     "bench swarm": ACTORS,
     "bench portable": ("mpmath",),
@@ -120,6 +125,29 @@ def test_every_command_is_looked_at() -> None:
     some = {"run", "record replay", "onboard", "watch", "collect", "doctor", "deploy keys", "bench onboard"}
     assert some <= set(commands())
     assert all(modules for name, modules in commands().items() if name != "order") and len(commands()) > 25
+
+
+def starts_processes(module: str, seen: set[str]) -> bool:
+    """True if a benchmark's module, or one of the benchmarks that it imports, runs Python anew."""
+    path = ROOT / module.replace(".", "/")
+    path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    if module in seen or not path.is_file():
+        return False
+    seen.add(module)
+    source = path.read_text()
+    deeper = [name for name in re.findall(r"\b(benchmarks(?:\.\w+)+)", source) if name != module]
+    deeper += [f"benchmarks.{name}" for name in re.findall(r"^from benchmarks import (\w+)", source, re.M)]
+    return "sys.executable" in source or any(starts_processes(name, seen) for name in deeper)
+
+
+def test_what_a_benchmark_starts_is_looked_at_too() -> None:
+    starting = {
+        name
+        for name, function in functions().items()
+        if name.startswith("bench ") and any(starts_processes(one, set()) for one in imported(function))
+    }
+    assert "bench standstill" in starting
+    assert starting <= set(STARTS)
 
 
 @pytest.mark.parametrize("present", sorted(by_extras()), ids=lambda present: "+".join(("base", *present)))

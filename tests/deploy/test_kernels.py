@@ -79,3 +79,6 @@ def test_what_a_robot_compiles_does_not_count_for_a_run(
     assert capsys.readouterr().err.count("compiling") == 1
     kernels.compile_kernels()
     assert capsys.readouterr().err.count("compiling") == 1
+    (cache / "complete").write_text("".join((cache / "complete").read_text().splitlines(True)[1:]))
+    kernels.compile_kernels(onboard=True)
+    assert capsys.readouterr().err == "", "what a run computes with holds what a robot does"

@@ -43,6 +43,10 @@ class Vehicle:
         self.commands: list[tuple[int, float, float]] = []
         self.issued: list[int] = []
         self.sweep: Scan | None = None
+        self.causes: tuple[str, ...] = ()
+
+    def held(self) -> tuple[str, ...]:
+        return self.causes
 
     def odometry(self) -> Odometry:
         return Odometry(1.0, 2.0, 0.5, 0.1, 0.0, 0.2)
@@ -276,3 +280,14 @@ def test_whoever_gives_an_order_learns_that_it_was_obeyed(order: Order, paused: 
     outputs = stage.core.advance({CONTROL.key(): Control(0, (order,))})
     (said,) = (output.message for output in outputs if isinstance(output.message, Progress))
     assert (said.paused, said.finished) == (paused, finished)
+
+
+def test_what_holds_the_vehicle_is_said_with_the_progress() -> None:
+    stage = Stage()
+    stage.vehicle.causes = ("the battery is low",)
+    first_step(stage)
+    stage.core.now = Instant(BEGIN + 150_000)
+    stage.core.expect(CONTROL.key())
+    outputs = stage.core.advance({CONTROL.key(): Control(0, (Pause(),))})
+    (said,) = (output.message for output in outputs if isinstance(output.message, Progress))
+    assert said.held == ("the battery is low",)
