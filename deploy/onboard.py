@@ -13,7 +13,7 @@ from actors.runtime.credentials import Credentials
 from actors.world.setup import RobotSetup
 from deploy.launch import Program
 from deploy.out_folder import OutFolderError
-from deploy.plan import ROUTER_FILE, Plan, lay_out_robot, robot_program, seat_argv
+from deploy.plan import Plan, lay_out_robot, robot_program, seat_argv
 from firmware_bridge.onboard import last_pose
 from firmware_bridge.onboard.setup import BaseSetup, BridgeSetup
 
@@ -108,13 +108,13 @@ def issue(onboard: Onboard) -> Credentials:
     """Draw new passwords: the robot's lies in its folder, all others in the base's."""
     plan = onboard.plan
     issued = credentials.issue({onboard.robot.id: plan.folder(onboard.robot.id)}, onboard.folder(BASE))
-    router_file.write(onboard.folder(BASE) / ROUTER_FILE, issued)
+    router_file.write(onboard.folder(BASE) / router_file.NAME, issued)
     return issued
 
 
 def withdraw(onboard: Onboard) -> None:
     """Remove what is left of passwords and sockets."""
-    router_file.remove(onboard.folder(BASE) / ROUTER_FILE)
+    router_file.remove(onboard.folder(BASE) / router_file.NAME)
 
 
 def base_program(onboard: Onboard, start: int) -> Program:
@@ -122,7 +122,7 @@ def base_program(onboard: Onboard, start: int) -> Program:
     plan, folder = onboard.plan, onboard.folder(BASE)
     name = _numbered(folder.name, start)
     argv = (
-        *("--setup", str(folder / "setup.json"), "--router", str(folder / ROUTER_FILE)),
+        *("--setup", str(folder / "setup.json"), "--router", str(folder / router_file.NAME)),
         *("--record", str(folder / f"{name}.mcap"), "--commit", plan.commit, "--with-parent"),
     )
     log, record = folder / f"{name}.log", folder / f"{name}.mcap"

@@ -32,7 +32,6 @@ from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.zenoh_bus import open_mesh
-from deploy.plan import ROUTER_FILE
 
 
 class OrderError(AcrcError):
@@ -103,7 +102,7 @@ def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:
     None if it was carried out, else why it was refused. OrderError if no run is going on there, or it says
     nothing within `patience_s`.
     """
-    file = out / "world" / ROUTER_FILE
+    file = out / "world" / router_file.NAME
     if not file.is_file():
         raise OrderError(f"{out}: no run is going on here; name the folder of one that is, over Zenoh")
     issued = router_file.read(file)

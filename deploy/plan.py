@@ -20,9 +20,6 @@ from deploy.launch import Program
 from deploy.out_folder import make_folder
 from deploy.silence import Patience
 
-ROUTER_FILE = "router.json"
-"""In the world's folder: where the router listens and whom it knows."""
-
 
 @dataclass(frozen=True)
 class Plan:
@@ -112,7 +109,7 @@ def world_program(plan: Plan) -> Program:
     """The world's program."""
     folder = plan.folder("world")
     argv = (
-        *("--setup", str(folder / "setup.json"), "--router", str(folder / ROUTER_FILE)),
+        *("--setup", str(folder / "setup.json"), "--router", str(folder / router_file.NAME)),
         *("--record", str(folder / "world.mcap"), "--commit", plan.commit),
         *("--speed", plan.speed, "--with-parent"),
     )
@@ -168,13 +165,13 @@ def issue_credentials(plan: Plan) -> Credentials:
     issued = credentials.issue(
         {robot.id: plan.folder(robot.id) for robot in plan.world.robots}, plan.folder("world")
     )
-    router_file.write(plan.folder("world") / ROUTER_FILE, issued)
+    router_file.write(plan.folder("world") / router_file.NAME, issued)
     return issued
 
 
 def remove_credentials(plan: Plan) -> None:
     """Remove what the run has left of passwords and sockets, if the world has not done so."""
-    router_file.remove(plan.folder("world") / ROUTER_FILE)
+    router_file.remove(plan.folder("world") / router_file.NAME)
 
 
 def observer_program(plan: Plan) -> Program:

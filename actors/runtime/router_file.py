@@ -1,11 +1,14 @@
 """The file from which the router's process learns whom it knows and where it listens for each."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
 from actors.runtime.credentials import AccessError, Credentials, unnamed
+
+NAME: Final = "router.json"
+"""In the folder of the router's process."""
 
 
 def write(path: Path, issued: Credentials) -> None:

@@ -6,6 +6,7 @@ Wall time on a busy computer: what takes 0.2 s at most on one of its own is give
 
 import os
 import signal
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -61,6 +62,20 @@ def test_a_killed_base_stands_and_its_successor_drives_once_the_robot_has_been_l
     assert sum(scans) >= 5, "it looked round before it drove"
     assert rig.where().way - stood.way < 2.0
     assert "--doubt" in command(rig)
+
+
+def test_a_serial_line_that_is_silent_for_long_leaves_the_robot_in_doubt_about_its_motion(rig: Rig) -> None:
+    rig.until_driving()
+    (before,) = rig.processes(BASE)
+    rig.expect_ok("silence r1 base")
+    time.sleep(4.0)
+    rig.expect_ok("heal r1")
+    rig.until_driving()
+    (after,) = rig.processes(BASE)
+    assert after != before, "what the base moved meanwhile is not known, so it begins anew"
+    assert "--doubt" in command(rig)
+    log = (rig.out / "base" / "base.log").read_text()
+    assert "the base was not heard for too long" in log
 
 
 def test_what_is_killed_with_the_supervisor_stands(rig: Rig) -> None:

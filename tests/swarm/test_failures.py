@@ -4,6 +4,7 @@ import os
 import re
 import signal
 import subprocess
+import tempfile
 import threading
 import time
 from collections.abc import Callable
@@ -63,7 +64,7 @@ def gone(out: Path) -> bool:
 
 def started(out: Path, *words: object) -> subprocess.Popen[str]:
     """A long run that has begun to step."""
-    process = start("run", "--duration", 100_000, "--out", out, *words)
+    process = start("run", "--robots", 3, "--duration", 100_000, "--out", out, *words)
     until(lambda: stepping(out), timeout_s=120.0)  # nothing may be compiled yet
     return process
 
@@ -246,6 +247,17 @@ def test_isolation_is_on_where_the_platform_allows(tmp_path: Path) -> None:
     words = ("--duration", 2, "--robots", 1)
     assert run(tmp_path / "default", *words)["isolation"] == "full"
     assert run(tmp_path / "off", *words, "--no-isolate")["isolation"] == "credentials"
+
+
+def test_isolation_is_full_also_where_everything_lies_in_shared_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A robot's own /dev/shm is closed to it, but for its folder where that lies there."""
+    with tempfile.TemporaryDirectory(prefix="acrc-test-", dir="/dev/shm") as folder:
+        monkeypatch.setenv("TMPDIR", folder)
+        result = run(Path(folder) / "out", "--duration", 2, "--robots", 2)
+        assert result["isolation"] == "full"
+        assert leftovers(Path(folder)) == []
 
 
 def test_a_world_that_cannot_begin_ends_the_run(tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def test_what_is_no_order(words: str, sentence: str) -> None:
 
 def test_a_run_is_paused_changed_resumed_stopped_and_replayed(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    process = start("run", "--duration", 100_000, "--out", out, "--json")
+    process = start("run", "--duration", 100_000, "--speed", 5, "--out", out, "--json")
     until(lambda: stepping(out))
 
     def order(*words: object) -> None:
