@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.geometry import Point, Pose, wrap
-from actors.grid import FREE, OCCUPIED, Cell, OccupancyGrid, largest_region
+from actors.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid, largest_region
 from actors.map_file import load_map
 from actors.messages import NO_ECHO_MM
 from actors.robot.localisation import (
@@ -28,17 +28,20 @@ from actors.world.sensing import RangeSensors
 TURTLEBOT: Final = load_model("turtlebot2", "chapter")
 CAMERA: Final = load_model("turtlebot2", "kinect")
 APARTMENT: Final = load_map(Path(__file__).parents[2] / "maps" / "apartment.yaml")
+_MARGIN: Final = 1.0
+"""How far the map goes on behind the room's walls, m: maps that were made by a robot do."""
 STEP: Final = 0.1
 """s from one scan to the next."""
 
 
 def room(walls: Sequence[tuple[float, float, float, float]] = (), size: float = 8.0) -> OccupancyGrid:
-    """A square room of cells of 5 cm with walls x0, y0, x1, y1 in it, m."""
+    """A square room of cells of 5 cm with walls x0, y0, x1, y1 in it, m; around it nothing is known."""
     cells = np.full((round(size / 0.05),) * 2, FREE, np.uint8)
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     for x0, y0, x1, y1 in walls:
         cells[round(y0 / 0.05) : round(y1 / 0.05), round(x0 / 0.05) : round(x1 / 0.05)] = OCCUPIED
-    return OccupancyGrid(cells, 0.05)
+    margin = round(_MARGIN / 0.05)
+    return OccupancyGrid(np.pad(cells, margin, constant_values=UNKNOWN), 0.05, Point(-_MARGIN, -_MARGIN))
 
 
 ROOM: Final = room(((2.0, 0.0, 2.3, 3.0), (5.0, 5.0, 8.0, 5.2), (4.0, 2.5, 4.5, 3.0)))

@@ -35,7 +35,7 @@ def twin(
         eye = pose.compose(TURTLEBOT.sensor.mount)
         shares = np.arange(0.0, 1.0, 0.005 / length)
         line = [Point(eye.x + s * (end.x - eye.x), eye.y + s * (end.y - eye.y)) for s in shares.tolist()]
-        row, column = np.clip(np.add(ROOM.cell(end), 2), 0, np.subtract(FIELD.levels.shape, 1))
+        row, column = np.clip(np.add(ROOM.cell(end), 1), 0, np.subtract(FIELD.levels.shape, 1))
         far = FIELD.distances[FIELD.levels[row, column]] > margin
         if far and all(ROOM.is_free(point) for point in line):
             strangers += 1

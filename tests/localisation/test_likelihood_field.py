@@ -17,19 +17,28 @@ def _plan(seed: int = 0) -> OccupancyGrid:
 def test_distances_are_those_between_the_centres_of_cells() -> None:
     plan = _plan()
     field = likelihood_field(plan, 1.0)
-    walls = np.argwhere(np.pad(plan.blocking, 1, constant_values=True)) - 1
+    walls = np.argwhere(plan.cells == OCCUPIED)
     for row, column in [(0, 0), (29, 39), (15, 20), (12, 8), (12, 7), (3, 30)]:
         nearest = 0.1 * np.hypot(*(walls - (row, column)).T).min()
-        found = field.distances[field.levels[row + 2, column + 2]]
+        found = field.distances[field.levels[row + 1, column + 1]]
         assert found == pytest.approx(min(nearest, 1.0), abs=0.5 * 1.0 / 255 + 1e-12)
 
 
-def test_around_the_map_is_wall_and_beyond_it_nothing() -> None:
+def test_beyond_the_map_is_nothing() -> None:
     field = likelihood_field(_plan(), 1.0)
-    assert field.levels.shape == (34, 44)
-    assert (field.levels[[1, -2], 1:-1] == 0).all() and (field.levels[1:-1, [1, -2]] == 0).all()
+    assert field.levels.shape == (32, 42)
     assert (field.levels[[0, -1]] == 255).all() and (field.levels[:, [0, -1]] == 255).all()
-    assert field.frame == pytest.approx([-1.2, 1.8, 0.1])
+    assert field.frame == pytest.approx([-1.1, 1.9, 0.1])
+
+
+def test_what_is_unknown_is_no_wall() -> None:
+    cells = np.full((30, 40), FREE, np.uint8)
+    cells[10:12] = UNKNOWN
+    field = likelihood_field(OccupancyGrid(cells, 0.1, Point(0.0, 0.0)), 1.0)
+    assert (field.levels == 255).all(), "where nothing is occupied every wall is far"
+    cells[20] = OCCUPIED
+    field = likelihood_field(OccupancyGrid(cells, 0.1, Point(0.0, 0.0)), 1.0)
+    assert field.distances[field.levels[12, 5]] == pytest.approx(0.9, abs=0.002)
 
 
 def test_nothing_that_is_shared_can_be_changed() -> None:

@@ -8,13 +8,13 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors import distance
-from actors.grid import OccupancyGrid
+from actors.grid import OCCUPIED, OccupancyGrid
 from actors.robot.localisation.estimate import LocalisationError
 
 LEVELS: Final = 256
 """Distances are kept in so many steps, one byte each, so that the whole map stays in a processor's cache."""
-_RING: Final = 2
-"""Rings of cells around the map: the inner one is wall, and the outer one stands for everything beyond."""
+_RING: Final = 1
+"""Rings of cells around the map, which stand for everything beyond."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +22,8 @@ class LikelihoodField:
     """Made once per map; never changes, so that all robots of a process may share it."""
 
     levels: NDArray[np.uint8]
-    """(rows + 4, columns + 4): distance from a cell's centre to that of the nearest wall's cell, in steps of
-    `max_distance` / 255; 255 where it is farther. Two rings lie around the map's own cells."""
+    """(rows + 2, columns + 2): distance from a cell's centre to that of the nearest wall's cell, in steps of
+    `max_distance` / 255; 255 where it is farther. A ring lies around the map's own cells."""
     frame: NDArray[np.float64]
     """(3,): x and y of the south-west corner of `levels`, and the side of a cell, m."""
     max_distance: float
@@ -54,9 +54,11 @@ class LikelihoodField:
 def likelihood_field(plan: OccupancyGrid, max_distance: float) -> LikelihoodField:
     """The field of a floor plan, with distances up to `max_distance`, m.
 
-    Walls are what blocks in the plan: what is not free, and its edge. Beyond the edge the nearest wall counts
-    as infinitely far (as amcl: ros-planning/navigation, amcl_laser.cpp, LikelihoodFieldModel). Raises
-    LocalisationError for a plan without free floor and a distance not above 0.
+    Walls are the plan's occupied cells, and nothing else: unknown cells may be anything, and if they were
+    walls, beams that go too far would fit best on every map whose outside is unknown, and draw the particles
+    outward. Beyond the edge the nearest wall counts as infinitely far (both as amcl: ros-planning/navigation,
+    map_cspace.cpp and amcl_laser.cpp, LikelihoodFieldModel). Raises LocalisationError for a plan without free
+    floor and a distance not above 0.
     """
     if not max_distance > 0:
         raise LocalisationError(
@@ -67,10 +69,9 @@ def likelihood_field(plan: OccupancyGrid, max_distance: float) -> LikelihoodFiel
         raise LocalisationError(
             f"the map of {plan.rows} x {plan.columns} cells has no free cell; a robot needs floor to be on"
         )
-    walls = np.pad(plan.blocking, 1, constant_values=True)
-    metres = np.sqrt(distance.squared_distance(walls)) * plan.resolution
+    metres = np.sqrt(distance.squared_distance(plan.cells == OCCUPIED)) * plan.resolution
     inner = np.rint(np.minimum(metres / max_distance, 1.0) * (LEVELS - 1)).astype(np.uint8)
-    levels = np.pad(inner, _RING - 1, constant_values=LEVELS - 1)
+    levels = np.pad(inner, _RING, constant_values=LEVELS - 1)
     west, south = plan.origin.x, plan.origin.y
     offset = _RING * plan.resolution
     frame = np.array([west - offset, south - offset, plan.resolution])
