@@ -36,6 +36,9 @@ class CheckReport:
 def check(out: Path) -> CheckReport:
     """Read all recordings of a run, and compare; CheckError or RecordingError where they do not agree."""
     passes = [read_pass(actor, path) for actor, path in recordings(out).items()]
+    blank = [told for told in passes if told.blank]
+    if blank and all(told.final is not None for told in passes if not told.blank):
+        raise CheckError(f"{blank[0].path}: ends before its first record")
     unreceived = sum(_compare(key, passes) for key in _keys(passes))
     complete = all(told.final is not None and told.whole for told in passes)
     report = CheckReport(

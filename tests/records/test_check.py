@@ -61,7 +61,7 @@ def test_no_flipped_bit_passes_or_raises_a_traceback(copy: Path) -> None:
 def test_no_flipped_bit_of_an_end_passes(copy: Path) -> None:
     path = copy / "r1" / "r1.mcap"
     sound = path.read_bytes()
-    for at in range(len(sound) - 600, len(sound)):
+    for at in range(len(sound) - 750, len(sound)):
         path.write_bytes(sound[:at] + bytes([sound[at] ^ 1 << at % 8]) + sound[at + 1 :])
         assert str(path) in fault(copy)
 
@@ -107,6 +107,16 @@ def test_any_cut_is_read_up_to_its_last_whole_step(copy: Path) -> None:
             assert not report.complete
             until.append(-1 if report.good_until is None else report.good_until)
     assert until == sorted(until) and until[0] == -1 and until[-1] == 30
+
+
+def test_a_robot_that_was_ended_while_it_started_is_part_of_a_run_that_was_cut(copy: Path) -> None:
+    (copy / "run.json").unlink()
+    world, robot = copy / "world" / "world.mcap", copy / "r2" / "r2.mcap"
+    robot.write_bytes(b"")
+    assert fault(copy) == f"{robot}: ends before its first record", "all others have ended as planned"
+    world.write_bytes(world.read_bytes()[: world.stat().st_size // 2])
+    report = check(copy)
+    assert not report.complete and report.good_until is None
 
 
 def test_other_bytes_received_than_sent(copy: Path) -> None:

@@ -6,11 +6,13 @@ as eight little-endian bytes and then the sha256 of the encoded message, which w
 and which its receiver recorded in full. Metadata records: `run` first, then `final` or `failure` as the last
 one before the end of data; each has its text as `json` and the text's CRC-32 as `crc32`.
 
-The channel `seal` has the checksums: each of its messages holds the CRC-32 of the whole file before it, and
-the step of the last message before it (-1: there is none). What no seal vouches for does not count.
+The channel `seal` has the checksums: each of its messages holds the CRC-32 of the whole file before it and of
+its own head, and the step of the last message before it (-1: there is none). What no seal vouches for does
+not count.
 """
 
 import struct
+import zlib
 from typing import Final, Literal, NamedTuple
 
 from actors.runtime.errors import AcrcError
@@ -29,7 +31,7 @@ HEAD: Final = struct.Struct("<BQ")
 FIELDS: Final = struct.Struct("<HIQQ")
 """Of a message before its data: channel, sequence, log time, publish time."""
 SEAL: Final = struct.Struct("<Iq")
-"""CRC-32, and step."""
+"""CRC-32 of the file up to it, with the seal's own head, fields and step (see `vouched`); and that step."""
 MESSAGES: Final = "acrc-msgpack"
 HASHED: Final = "sha256"
 SEALS: Final = "acrc-seal"
@@ -57,3 +59,11 @@ class Note(NamedTuple):
 
     name: str
     json: str
+
+
+def vouched(crc: int, head: bytes, fields: bytes, step: int) -> int:
+    """The CRC-32 that a seal gives, where that of the file before it is `crc`.
+
+    It covers the seal itself, too, for nothing vouches for the last one of a file.
+    """
+    return zlib.crc32(step.to_bytes(8, "little", signed=True), zlib.crc32(fields, zlib.crc32(head, crc)))

@@ -37,6 +37,7 @@ from actors.runtime.recording.form import (
     Entry,
     Note,
     RecordingError,
+    vouched,
 )
 from actors.runtime.recording.summary import sound_end
 
@@ -80,7 +81,7 @@ class Reading:
                     if opcode == Opcode.DATA_END:
                         self._end(body, stream)
                         return
-                    if self._take(opcode, body, crc):
+                    if self._take(opcode, head, body, crc):
                         yield from self._unsealed
                         self._unsealed, size = [], 0
                 except FAULTS as error:
@@ -101,14 +102,14 @@ class Reading:
         body = stream.read(length)
         return (opcode, head, body) if len(body) == length else None
 
-    def _take(self, opcode: int, body: bytes, crc: int) -> bool:
+    def _take(self, opcode: int, head: bytes, body: bytes, crc: int) -> bool:
         """Take in one record; True if it was a seal, and a true one."""
         match opcode:
             case Opcode.MESSAGE:
                 channel, sequence, _, _ = FIELDS.unpack_from(body)
                 data = body[FIELDS.size :]
                 if self._channels[channel].message_encoding == SEALS:
-                    self._check(data, crc)
+                    self._check(head, body, crc)
                     return True
                 self._unsealed.append(_entry(self._channels[channel], sequence, data))
             case Opcode.CHANNEL:
@@ -128,10 +129,11 @@ class Reading:
                 raise ValueError(f"a record of kind {opcode:#04x}, which a recording has not")
         return False
 
-    def _check(self, data: bytes, crc: int) -> None:
-        checksum, step = SEAL.unpack(data)
-        if checksum != crc:
-            raise ValueError(f"its checksum is {crc:08x}, where {checksum:08x} was written")
+    def _check(self, head: bytes, body: bytes, crc: int) -> None:
+        checksum, step = SEAL.unpack(body[FIELDS.size :])
+        due = vouched(crc, head, body[: FIELDS.size], step)
+        if checksum != due:
+            raise ValueError(f"its checksum is {due:08x}, where {checksum:08x} was written")
         self.step = None if step < 0 else step
 
     def _end(self, body: bytes, stream: IO[bytes]) -> None:

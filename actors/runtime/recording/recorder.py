@@ -22,6 +22,7 @@ from actors.runtime.recording.form import (
     UNSEALED,
     Direction,
     RecordingError,
+    vouched,
 )
 
 
@@ -124,8 +125,11 @@ class Recorder:
 
     def _seal(self) -> None:
         """Vouch for everything up to here."""
-        checksum = SEAL.pack(self._stream.crc32, self._last)
-        self._write(self._seals, max(self._last, 0), self._sealed, checksum)
+        instant = max(self._last, 0) * self._step_ns
+        head = HEAD.pack(Opcode.MESSAGE, FIELDS.size + SEAL.size)
+        fields = FIELDS.pack(self._seals, self._sealed, instant, instant)
+        checksum = vouched(self._stream.crc32, head, fields, self._last)
+        self._stream.write(head + fields + SEAL.pack(checksum, self._last))
         self._sealed += 1
         self._stream.unsealed = 0
 
