@@ -1,6 +1,7 @@
 """Runs that are killed, stopped and sent signals at random instants: what they say, and what they leave."""
 
 import json
+import signal
 import subprocess
 import sys
 import tempfile
@@ -20,6 +21,7 @@ from deploy.repository import REPOSITORY
 def run(task: EndingsTask, workers: int, json_output: bool = False) -> bool:
     """Try, print, and say whether every run ended, or went on, as it must."""
     console = Console(stderr=True, highlight=False, soft_wrap=True)
+    _obeyed_by_children()
     digest = _undisturbed(task)
     endings: list[Ending] = []
     with ThreadPoolExecutor(workers) as pool:
@@ -57,6 +59,16 @@ def table_rows(endings: Sequence[Ending]) -> list[dict[str, object]]:
             {"started by": mode, "signal": name, "runs": len(chosen), **outcome, "not as due": faulty}
         )
     return rows
+
+
+def _obeyed_by_children() -> None:
+    """Let what is started obey signals that this process was told to ignore, as by nohup or in a background.
+
+    A signal that is ignored stays so in every process that is started; one that is handled does not.
+    """
+    for number in (signal.SIGINT, signal.SIGHUP):
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, lambda _number, _frame: None)
 
 
 def _undisturbed(task: EndingsTask) -> str:

@@ -1,6 +1,8 @@
 """The bench of endings: what it does follows from its seed, and a handful of it, fixed."""
 
 import signal
+import subprocess
+import sys
 from collections import Counter
 from pathlib import Path
 
@@ -42,3 +44,15 @@ def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_an_ending_leaves_nothing_and_is_named(digest: str, one: Deed, came: str, tmp_path: Path) -> None:
     ending = attempt(one, TASK, digest)
     assert ending == Ending(one, came, (), ending.said)
+
+
+def test_also_a_bench_that_ignores_signals_starts_runs_that_do_not() -> None:
+    shown = "import signal; print(signal.getsignal(signal.SIGINT), repr(signal.getsignal(signal.SIGHUP)))"
+    program = (
+        "import signal, subprocess, sys; from benchmarks import endings\n"
+        "for number in (signal.SIGINT, signal.SIGHUP): signal.signal(number, signal.SIG_IGN)\n"
+        "endings._obeyed_by_children()\n"
+        f"subprocess.run([sys.executable, '-S', '-c', {shown!r}])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert "default_int_handler" in done.stdout and "SIG_DFL" in done.stdout
