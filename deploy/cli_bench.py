@@ -346,12 +346,15 @@ def processors(
     folder: Annotated[
         Path, typer.Option(metavar="DIR", help="Where what is built is kept.", show_default=False)
     ] = REPOSITORY / ".processors",
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="WORD", help="Only what is so called. May be repeated.")
+    ] = None,
     json: _Json = False,
 ) -> None:
     """Compare the digests of two runs over processors, their features and Pythons; aarch64 in an emulator."""
     from benchmarks.processors import table
 
-    raise typer.Exit(table.run(seconds, crowd, install, folder.absolute(), json))
+    raise typer.Exit(table.run(seconds, crowd, install, folder.absolute(), json, only or ()))
 
 
 @app.command()

@@ -54,12 +54,14 @@ class Outcome:
     fault: str = ""
     wall_s: float = 0.0
     """Compiling included."""
+    ran: bool = True
+    """False: there is no such computer here."""
 
 
 def make(task: Task, computer: Computer, folder: Path, patience_s: float) -> Outcome:
     """Make the run; its files and the compiled kernels go to `folder`."""
     if not computer.command:
-        return Outcome("", computer.missing)
+        return Outcome("", computer.missing, ran=False)
     # compiled once for all rows of one Python: numba itself tells processors apart, but not its own releases
     kernels = folder / actors.kernel_cache().name / _file_name(computer.command[-1])
     out = folder / f"{_file_name(computer.name)}-{task.title}-{time.time_ns()}"

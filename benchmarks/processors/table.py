@@ -67,8 +67,13 @@ def line(row: Row) -> str:
     )
 
 
-def run(seconds: float, crowd_seconds: float, install: bool, folder: Path, json: bool) -> int:
-    """Print the table; 1 if there is more than one digest of a task, or none."""
+def run(
+    seconds: float, crowd_seconds: float, install: bool, folder: Path, json: bool, only: Sequence[str] = ()
+) -> int:
+    """Print the table; 1 if there is more than one digest of a task, or none, or a run has failed.
+
+    `only`: parts of the names of the computers that are wanted; none: all.
+    """
     wanted = tasks(seconds, crowd_seconds)
     if not json:
         heads = [f"{task.title}, {task.seconds:g} s" for task in wanted]
@@ -79,13 +84,20 @@ def run(seconds: float, crowd_seconds: float, install: bool, folder: Path, json:
             sys.stdout.write(line(row).rstrip() + "\n")
             sys.stdout.flush()
 
-    rows = measure(wanted, computers(folder, install), folder, tell)
+    chosen = (one for one in computers(folder, install) if not only or any(word in one.name for word in only))
+    rows = measure(wanted, chosen, folder, tell)
     found = {task.title: digests(rows, task.title) for task in wanted}
     if json:
         sys.stdout.write(json_format.dumps([asdict(row) for row in rows]) + "\n")
     else:
         sys.stdout.writelines(f"{title}: {verdict(different)}\n" for title, different in found.items())
-    return 0 if all(len(different) == 1 for different in found.values()) else 1
+    sound = all(len(different) == 1 for different in found.values()) and not any(map(failed, rows))
+    return 0 if sound else 1
+
+
+def failed(row: Row) -> bool:
+    """True if a run on that computer gave no digest, although the computer is there."""
+    return any(outcome.fault and outcome.ran for outcome in row.outcomes.values())
 
 
 def verdict(different: set[str]) -> str:

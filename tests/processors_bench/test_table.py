@@ -59,6 +59,24 @@ def test_the_verdict() -> None:
     )
 
 
+def test_a_run_that_fails_on_a_computer_that_is_there_is_a_fault_and_a_missing_computer_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    absent = Computer("Python 3.99", missing="no such interpreter was found")
+    broken = Computer("a broken one", ("/bin/false",))
+    monkeypatch.setattr(table, "computers", lambda folder, install: [absent, broken])
+    monkeypatch.setattr(table, "make", lambda task, computer, *_: (
+        Outcome("1") if computer.name == "well" else make(task, computer, tmp_path, 60.0)
+    ))  # fmt: skip
+    (lost,) = measure([Task("t", tmp_path, 1.0)], [absent], tmp_path, lambda row: None)
+    (worse,) = measure([Task("t", tmp_path, 1.0)], [broken], tmp_path, lambda row: None)
+    assert not table.failed(lost) and table.failed(worse)
+    well = Computer("well", ("/bin/true",))
+    monkeypatch.setattr(table, "computers", lambda folder, install: [absent, broken, well])
+    assert table.run(1.0, 1.0, False, tmp_path, json=True, only=["Python", "well"]) == 0
+    assert table.run(1.0, 1.0, False, tmp_path, json=True) == 1
+
+
 def test_pins_are_those_of_the_python_with_their_hashes() -> None:
     older, newer = pythons.pins(11), pythons.pins(14)
     names = [[pin.partition("==")[0] for pin in pins] for pins in (older, newer)]
