@@ -58,8 +58,6 @@ def test_the_scenario_is_hard_enough(reference: dict[str, object]) -> None:
         (("--isolate",), ()),
         (("--no-isolate",), ()),
         (("--isolate",), ONE_CORE),
-        (("--spawn", "exec", "--isolate"), ()),
-        (("--speed", "20"), ()),
         (("--view",), ()),
     ],
     ids=lambda words: " ".join(words) or "-",
@@ -76,6 +74,15 @@ def test_one_digest(
     told = ("places_done", "places_lost", "contacts", "frames", "deeco", "per_robot")
     assert {key: result[key] for key in told} == {key: reference[key] for key in told}
     assert processes_of(out) == [] and leftovers(out) == []
+
+
+@pytest.mark.parametrize("isolation", ["--isolate", "--no-isolate"])
+def test_one_digest_where_every_process_is_started_anew(tmp_path: Path, isolation: str) -> None:
+    """Fewer robots, for each of them imports everything, which takes longer than the run."""
+    words = ("--robots", 3, "--duration", 30)
+    reference = run(tmp_path / "memory", *words, "--bus", "memory")
+    anew = run(tmp_path / "anew", *words, "--spawn", "exec", isolation)
+    assert anew["digest"] == reference["digest"]
 
 
 def test_one_digest_beside_a_hog(reference: dict[str, object], tmp_path: Path) -> None:
