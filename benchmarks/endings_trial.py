@@ -1,5 +1,6 @@
 """One run that is ended, or held, at a random instant; and what came of it."""
 
+import contextlib
 import json
 import os
 import random
@@ -143,13 +144,18 @@ def _do(one: Deed, process: "subprocess.Popen[str]", out: Path) -> bool:
         family = processes.descendants((process.pid,), processes.table())
         chosen = [pid for pid in family if one.victim in (_ALL, _role(pid, process.pid, out))]
         time.sleep(0.05)
-    for pid in chosen:
-        os.kill(pid, one.number)
+    _send(one.number, chosen)
     if one.hold:
         time.sleep(one.hold)
-        for pid in chosen:
-            os.kill(pid, signal.SIGCONT)
+        _send(signal.SIGCONT, chosen)
     return True
+
+
+def _send(number: signal.Signals, pids: Sequence[int]) -> None:
+    """To each of them that is still there: some of a run's processes live for a moment only."""
+    for pid in pids:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, number)
 
 
 def _role(pid: int, parent: int, out: Path) -> str:

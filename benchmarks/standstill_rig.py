@@ -180,9 +180,10 @@ class Rig:
 
 
 def killed(processes: Sequence[int]) -> None:
-    """As by `kill -KILL`."""
+    """As by `kill -KILL`; who has just ended is left alone."""
     for process in processes:
-        os.kill(process, signal.SIGKILL)
+        with suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL)
 
 
 def stopped(processes: Sequence[int]) -> None:
