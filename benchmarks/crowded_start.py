@@ -12,10 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from rich.console import Console
-from rich.table import Table
-
 from actors.runtime.errors import AcrcError
+from benchmarks.rows import print_rows
 from deploy.repository import REPOSITORY
 
 _ACRC: Final = (sys.executable, "-P", "-m", "deploy")
@@ -41,19 +39,13 @@ def run(task: CrowdedStartTask, json_output: bool = False) -> bool:
         _row("processes", (), 0, task),
         _row("processes, busy computer", (), task.hogs_per_core * (os.cpu_count() or 1), task),
     ]
-    if json_output:
-        sys.stdout.write(json.dumps(rows) + "\n")
-    else:
-        table = Table(*rows[0], title=f"{task.robots} robots, {task.simulated_s:g} s simulated")
-        for row in rows:
-            table.add_row(*map(str, row.values()))
-        Console().print(table)
+    print_rows(rows, f"{task.robots} robots, {task.simulated_s:g} s simulated", json_output=json_output)
     return len({row["digest"] for row in rows}) == 1
 
 
 def _row(name: str, words: Sequence[str], hogs: int, task: CrowdedStartTask) -> dict[str, object]:
     began_s = time.monotonic()
-    with tempfile.TemporaryDirectory(prefix="acrc-") as folder, _busy(hogs):
+    with tempfile.TemporaryDirectory(prefix="acrc-") as folder, busy(hogs):
         done = subprocess.run(
             [
                 *_ACRC, "run", "--robots", str(task.robots), "--duration", f"{task.simulated_s:g}", "--json",
@@ -74,7 +66,7 @@ def _row(name: str, words: Sequence[str], hogs: int, task: CrowdedStartTask) -> 
 
 
 @contextmanager
-def _busy(hogs: int) -> Iterator[None]:
+def busy(hogs: int) -> Iterator[None]:
     """So many processes compute meanwhile."""
     spinning = [subprocess.Popen(_SPIN) for _ in range(hogs)]
     try:

@@ -3,7 +3,6 @@
 import json
 import signal
 import subprocess
-import sys
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
@@ -11,10 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 
 from actors.runtime.errors import AcrcError
 from benchmarks.endings_trial import MODES, Ending, EndingsTask, attempt, deed, run_command
+from benchmarks.rows import print_rows
 from deploy.repository import REPOSITORY
 
 
@@ -31,13 +30,7 @@ def run(task: EndingsTask, workers: int, json_output: bool = False) -> bool:
             for fault in ending.faults:
                 console.print(f"{len(endings)}: {ending.deed}: {fault}", markup=False)
     rows = table_rows(endings)
-    if json_output:
-        sys.stdout.write(json.dumps(rows) + "\n")
-    else:
-        table = Table(*rows[0], title=f"{task.count} runs, seed {task.seed}")
-        for row in rows:
-            table.add_row(*map(str, row.values()))
-        Console().print(table)
+    print_rows(rows, f"{task.count} runs, seed {task.seed}", json_output=json_output)
     return not any(ending.faults for ending in endings)
 
 

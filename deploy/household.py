@@ -97,7 +97,6 @@ class Leftovers:
 
 def _adopt_orphans(adopt: bool) -> None:
     if sys.platform == "linux":
-        with contextlib.suppress(
-            OSError
-        ):  # in an emulator of processes, which has no such thing, children alone are found
+        # An emulator of processes has no such thing: there, children alone are found.
+        with contextlib.suppress(OSError):
             prctl(PR_SET_CHILD_SUBREAPER, int(adopt))

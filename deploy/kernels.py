@@ -31,7 +31,7 @@ def compile_kernels(*, quiet: bool = False, onboard: bool = False) -> None:
     with suppress(OSError):
         if {here, whole} & set(stamp.read_text().splitlines()):
             return
-    modules = _modules(onboard)
+    modules = kernel_modules(onboard=onboard)
     with _told(len(modules), quiet=quiet) as tell:
         for module in modules:
             fingerprints([module])
@@ -45,8 +45,8 @@ def _machine() -> str:
     return f"{processor()} Python {platform.python_version()} numba {version('numba')} numpy {np.__version__}"
 
 
-def _modules(onboard: bool) -> Sequence[KernelModule]:
-    """Every module with kernels, once; what imports them all takes a second."""
+def kernel_modules(*, onboard: bool = False) -> Sequence[KernelModule]:
+    """Every module with kernels that a run, or only a robot, computes with; importing them takes a second."""
     from actors.robot.setup import KERNELS as ROBOT  # noqa: PLC0415
 
     if onboard:

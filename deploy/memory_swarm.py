@@ -10,9 +10,7 @@ from typing import NoReturn
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.messages import Roster as RosterMessage
-from actors.radio.program import KERNELS as RADIO_KERNELS
 from actors.radio.program import part as radio_part
-from actors.robot import setup as robot_setup
 from actors.robot.program import part as robot_part
 from actors.runtime.bus import Delivery
 from actors.runtime.codec import decode
@@ -26,19 +24,12 @@ from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell
 from actors.world import program as world_program
 from actors.world.core import WorldCore
-from actors.world.program import KERNELS as WORLD_KERNELS
 from deploy.household import Leftovers, exits_caught, watched
+from deploy.kernels import kernel_modules
 from deploy.launch import Program
 from deploy.plan import Plan, radio_program, robot_program
 from deploy.plan import world_program as world_as_program
 from deploy.supervisor import RunFailedError
-
-
-def compile_kernels() -> None:
-    """Compile every numeric kernel that is not in the cache."""
-    fingerprints(WORLD_KERNELS)
-    fingerprints(RADIO_KERNELS)
-    robot_setup.kernels()
 
 
 class MemorySwarm:
@@ -80,7 +71,7 @@ class MemorySwarm:
                 recorder.note("final", final_note(shell, part, cpu_s))
 
     def _play(self) -> None:
-        compile_kernels()  # before anybody's patience begins: the very first time takes a minute
+        fingerprints(kernel_modules())  # before anybody's patience begins: the very first time takes a minute
         with exits_caught(), watched(self._shells, self._plan.patience, self._whose_turn, self._give_up):
             self._build()
             run_shells(self._shells, self._hold)

@@ -80,6 +80,7 @@ class Supervisor:
         self.check()
         deadline = time.monotonic() + self.VIEW_S
         while (running := self._running()) and time.monotonic() < deadline:
+            # who is held by a signal finishes nothing; it is let go, and told to end, by `end_all`
             if all((seen := glance(child.pid)) is not None and seen.stopped for child in running):
                 return
             self._launcher.wait(self.POLL_S)

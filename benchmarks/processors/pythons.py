@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -16,15 +17,20 @@ _NEWEST_PINS: Final = 14
 _PATIENCE_S: Final = 900.0
 
 
-def computers(folder: Path) -> list[Computer]:
-    """One for each Python that is not this one, and the newest one with the packages of 3.14."""
+def computers(folder: Path, wanted: Callable[[str], bool]) -> Iterator[Computer]:
+    """One for each Python that is not this one, and the newest one with the packages of 3.14.
+
+    Only what is `wanted`, by its name, is built.
+    """
     found = {minor: interpreter(minor) for minor in MINORS if minor != sys.version_info.minor}
-    made = [_computer(f"Python 3.{minor}", path, minor, folder) for minor, path in found.items()]
+    tried = [(f"Python 3.{minor}", path, minor) for minor, path in found.items()]
     able = [minor for minor, path in found.items() if path is not None and 12 <= minor < _NEWEST_PINS]
     if able and found.get(_NEWEST_PINS) is None:
         name = f"Python 3.{max(able)}, the packages of 3.{_NEWEST_PINS}"
-        made.append(_computer(name, found[max(able)], _NEWEST_PINS, folder))
-    return made
+        tried.append((name, found[max(able)], _NEWEST_PINS))
+    for name, path, minor in tried:
+        if wanted(name):
+            yield _computer(name, path, minor, folder)
 
 
 def interpreter(minor: int) -> Path | None:

@@ -32,11 +32,16 @@ def tasks(seconds: float, crowd_seconds: float) -> list[Task]:
     return [crowd, chapter]
 
 
-def computers(folder: Path, install: bool) -> Iterable[Computer]:
-    """All of them, built one after the other."""
-    yield from here.computers()
-    yield from pythons.computers(folder)
-    yield aarch64.computer(folder, install)
+def computers(folder: Path, install: bool, only: Sequence[str] = ()) -> Iterable[Computer]:
+    """All whose name has one of the words, or all where there is none, built one after the other."""
+
+    def wanted(name: str) -> bool:
+        return not only or any(word in name for word in only)
+
+    yield from (computer for computer in here.computers() if wanted(computer.name))
+    yield from pythons.computers(folder, wanted)
+    if wanted(aarch64.NAME):
+        yield aarch64.computer(folder, install)
 
 
 def measure(
@@ -84,8 +89,7 @@ def run(
             sys.stdout.write(line(row).rstrip() + "\n")
             sys.stdout.flush()
 
-    chosen = (one for one in computers(folder, install) if not only or any(word in one.name for word in only))
-    rows = measure(wanted, chosen, folder, tell)
+    rows = measure(wanted, computers(folder, install, only), folder, tell)
     found = {task.title: digests(rows, task.title) for task in wanted}
     if json:
         sys.stdout.write(json_format.dumps([asdict(row) for row in rows]) + "\n")

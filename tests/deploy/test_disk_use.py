@@ -80,9 +80,11 @@ def test_who_writes_too_much_is_named_and_the_world_may(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("look_s", "pause_s"), [(0.001, 0.5), (1.0, 20.0)])
 def test_slow_looks_are_rare(tmp_path: Path, look_s: float, pause_s: float) -> None:
-    times = iter([0.0, 10.0, 10.0 + look_s, 10.0 + look_s + pause_s - 0.01])
+    done_s = 10.0 + look_s
+    times = iter([0.0, 10.0, done_s, done_s + pause_s - 0.01, done_s + pause_s + 0.01, done_s + 2 * pause_s])
     watch = DiskWatch(ProcessLimits(disk_files=1), lambda: next(times))
     assert watch.fault([]) is None
     (tmp_path / "a").touch()
     (tmp_path / "b").touch()
     assert watch.fault([program(tmp_path)]) is None, "put off"
+    assert watch.fault([program(tmp_path)]) is not None

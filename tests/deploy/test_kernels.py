@@ -15,7 +15,7 @@ from deploy import kernels
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache with nothing in it, as far as can be told, and one module to compile."""
     monkeypatch.setitem(os.environ, "NUMBA_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(kernels, "_modules", lambda onboard: (visits,))
+    monkeypatch.setattr(kernels, "kernel_modules", lambda onboard=False: (visits,))
     return tmp_path
 
 
@@ -52,7 +52,7 @@ def test_a_program_that_wants_json_is_told_nothing(cache: Path, capsys: pytest.C
 
 
 def test_every_module_with_kernels_is_compiled_once() -> None:
-    names = [module.__name__ for module in kernels._modules(onboard=False)]
+    names = [module.__name__ for module in kernels.kernel_modules()]
     assert {"actors.world.rays", "actors.radio.medium", "actors.robot.dwa"} <= set(names)
     assert len(names) == len(set(names)) > 20
 
@@ -65,7 +65,7 @@ def test_every_command_means_the_same_machine_whatever_it_has_loaded_before() ->
 
 def test_a_robot_s_computer_compiles_what_a_robot_needs_and_nothing_of_the_world() -> None:
     robot, everything = (
-        {module.__name__ for module in kernels._modules(onboard)} for onboard in (True, False)
+        {module.__name__ for module in kernels.kernel_modules(onboard=onboard)} for onboard in (True, False)
     )
     assert robot < everything
     assert "actors.robot.dwa" in robot and not any(name.startswith("actors.world") for name in robot)

@@ -64,7 +64,6 @@ def test_a_run_that_fails_on_a_computer_that_is_there_is_a_fault_and_a_missing_c
 ) -> None:
     absent = Computer("Python 3.99", missing="no such interpreter was found")
     broken = Computer("a broken one", ("/bin/false",))
-    monkeypatch.setattr(table, "computers", lambda folder, install: [absent, broken])
     monkeypatch.setattr(table, "make", lambda task, computer, *_: (
         Outcome("1") if computer.name == "well" else make(task, computer, tmp_path, 60.0)
     ))  # fmt: skip
@@ -72,9 +71,20 @@ def test_a_run_that_fails_on_a_computer_that_is_there_is_a_fault_and_a_missing_c
     (worse,) = measure([Task("t", tmp_path, 1.0)], [broken], tmp_path, lambda row: None)
     assert not table.failed(lost) and table.failed(worse)
     well = Computer("well", ("/bin/true",))
-    monkeypatch.setattr(table, "computers", lambda folder, install: [absent, broken, well])
-    assert table.run(1.0, 1.0, False, tmp_path, json=True, only=["Python", "well"]) == 0
-    assert table.run(1.0, 1.0, False, tmp_path, json=True) == 1
+    for there, code in (([absent, well], 0), ([absent, broken, well], 1)):
+        monkeypatch.setattr(table, "computers", lambda *_, there=there: there)
+        assert table.run(1.0, 1.0, False, tmp_path, json=True) == code
+
+
+def test_what_is_not_wanted_is_not_built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pythons, "_computer", lambda name, *_: Computer(name, missing="built"))
+    monkeypatch.setattr(aarch64, "computer", lambda *_: Computer(aarch64.NAME, missing="built"))
+    assert [one.name for one in table.computers(tmp_path, False, ["aarch64"])] == [aarch64.NAME]
+    assert [one.name for one in table.computers(tmp_path, False, ["Python 3.14", "FMA"])] == [
+        "glibc without AVX2 and FMA",
+        "Python 3.14",
+    ]
+    assert len(list(table.computers(tmp_path, False))) >= 9
 
 
 def test_pins_are_those_of_the_python_with_their_hashes() -> None:

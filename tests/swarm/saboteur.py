@@ -5,6 +5,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from actors.instant import Instant, seconds
 from actors.robot.ports import Behaviour, Decision, Start, View
@@ -131,3 +132,14 @@ def hoards(start: Start) -> Behaviour:
             hoard.append(bytearray(10_000_000))
 
     return Behaves(start, take)
+
+
+def fills(start: Start) -> Behaviour:
+    """Fills the disk, a file after the other, and waits for what comes of it."""
+
+    def write() -> None:
+        for number in range(60):
+            Path(f"{number}.bin").write_bytes(bytes(1_000_000))
+        _sleep()
+
+    return Behaves(start, write)

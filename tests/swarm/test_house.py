@@ -1,31 +1,15 @@
 """The house test: one scenario and seed give one digest, however the actors are run."""
 
 import os
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
+from benchmarks.crowded_start import busy
 from tests.swarm.command import acrc, leftovers, processes_of, run
 
 CROWD = Path(__file__).parent / "crowd.toml"
 ONE_CORE = ("taskset", "-c", "0")
-
-
-@contextmanager
-def hog() -> Iterator[None]:
-    """Something that keeps every core busy."""
-    spin = [sys.executable, "-c", "while True: pass"]
-    hogs = [subprocess.Popen(spin) for _ in range(os.cpu_count() or 1)]
-    try:
-        yield
-    finally:
-        for process in hogs:
-            process.kill()
-            process.wait()
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +70,7 @@ def test_one_digest_where_every_process_is_started_anew(tmp_path: Path, isolatio
 
 
 def test_one_digest_beside_a_hog(reference: dict[str, object], tmp_path: Path) -> None:
-    with hog():
+    with busy(os.cpu_count() or 1):
         assert run(tmp_path / "out", CROWD)["digest"] == reference["digest"]
 
 

@@ -45,3 +45,14 @@ def test_a_strategy_that_takes_all_memory_ends_the_run_and_is_named(tmp_path: Pa
     assert done.returncode == 1
     assert re.search(r"acrc: r2 failed in step 20: MemoryError \(saboteur.py:\d+\)\n$", done.stderr)
     assert processes_of(out) == [] and leftovers(out) == []
+
+
+def test_a_strategy_that_fills_the_disk_ends_the_run_and_is_named(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ("--robots", 2, "--duration", 4, "--isolate", "--limit", "disk_mb=30")
+    done = acrc("run", "--strategy", "tests.swarm.saboteur:fills", *words, "--out", out)
+    assert done.returncode == 1
+    assert done.stderr.strip().splitlines()[-1] == (
+        f"acrc: r2 has written more than 30 MB to {out}/r2; --limit disk_mb=N allows more"
+    )
+    assert processes_of(out) == [] and leftovers(out) == []
