@@ -69,10 +69,8 @@ def started(out: Path, *words: object) -> subprocess.Popen[str]:
     return process
 
 
-@pytest.mark.parametrize(
-    ("actor", "spawn"),
-    [("r2", "forkserver"), ("radio", "forkserver"), ("world", "forkserver"), ("world", "exec")],
-)
+@pytest.mark.parametrize("spawn", SPAWNS)
+@pytest.mark.parametrize("actor", ["r2", "radio", "world"])
 def test_a_killed_process_ends_the_run_at_once(tmp_path: Path, spawn: str, actor: str) -> None:
     out = tmp_path / "out"
     process = started(out, "--spawn", spawn)
