@@ -123,7 +123,7 @@ class Reading:
                 self._notes += 1
                 if self._notes > MOST_NOTES:
                     raise ValueError(f"it has more than {MOST_NOTES} notes")
-            case Opcode.HEADER:
+            case Opcode.HEADER if not self._channels:  # later, it is a record whose kind was damaged
                 pass
             case _:
                 raise ValueError(f"a record of kind {opcode:#04x}, which a recording has not")
