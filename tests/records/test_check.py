@@ -11,7 +11,15 @@ from actors.messages import Senses
 from actors.runtime.codec import decode, encode
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import FinalNote, RunNote
-from actors.runtime.recording import Entry, Note, Reading, Recorder, RecordingError, read_notes, read_recording
+from actors.runtime.recording import (
+    Entry,
+    Note,
+    Reading,
+    Recorder,
+    RecordingError,
+    read_notes,
+    read_recording,
+)
 from actors.runtime.replay_bus import topic_of
 from deploy.record_check import check
 from deploy.record_pass import CheckError
