@@ -90,7 +90,8 @@ def test_a_killed_process_ends_the_run_at_once(tmp_path: Path, spawn: str, actor
     assert said.strip().splitlines()[-1] == f"acrc: {actor} was ended by signal SIGKILL"
     assert gone(out)
     steps = [last_step(path) for path in sorted(out.glob("*/*.mcap"))]
-    assert len(steps) == 5 and max(steps) - min(steps) <= 1
+    # its own last step may be sent and not yet in its file, while the world is in the one after
+    assert len(steps) == 5 and max(steps) - min(steps) <= 2
 
 
 def test_an_exception_is_named_with_its_place(tmp_path: Path) -> None:
