@@ -44,6 +44,13 @@ class Pose(NamedTuple):
         dx, dy = other.x - self.x, other.y - self.y
         return Pose(c * dx + s * dy, c * dy - s * dx, wrap(other.heading - self.heading))
 
+    def frame(self, local: "Pose") -> "Pose":
+        """The frame in which this pose is `local`, as a pose in this one's parent frame."""
+        return self.compose(local.relative(ORIGIN))
+
+
+ORIGIN: Final = Pose(0.0, 0.0, 0.0)
+
 
 Covariance: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
 """Of x, y and heading, row by row: m², m·rad, rad²."""

@@ -13,7 +13,7 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import goal_log
+from benchmarks import goal_log, navigation_log
 from benchmarks.confidence import proportion
 from benchmarks.navigation_course import Course
 from benchmarks.navigation_run import Leg, RunFigures, measure
@@ -84,6 +84,23 @@ def run(task: NavigationTask = NavigationTask(), json_output: bool = False) -> l
     else:
         _print(figures)
     return figures
+
+
+def write_log(task: NavigationTask, file: Path, seed: int) -> None:
+    """Write what r1 decides in one run on the first map, with the largest number of robots asked for.
+
+    Raises NavigationLogError.
+    """
+    robots = max(task.robots)
+    each = math.ceil(task.goals / (task.runs * robots))
+    course = Course(task.maps[0], robots, each, seed, task.localisation, task.navigation)
+    written = navigation_log.write(file, course)
+    Console(stderr=True).print(
+        f"{file}: {written.cycles} cycles of r1 among {robots} on {course.map.stem}, seed {seed}, "
+        f"{written.plans} plans, {written.invalid} cycles without a valid trajectory",
+        highlight=False,
+        soft_wrap=True,
+    )
 
 
 def _courses(task: NavigationTask, map_file: Path, robots: int) -> list[Course]:

@@ -9,6 +9,7 @@ from actors.radio import presets as radio_presets
 from actors.radio.setup import RadioSetup
 from actors.robot_model import load_model
 from actors.world.setup import RobotSetup, WorldSetup
+from actors.world.uncertainty import Uncertainty
 from cleaning.strategies import entry
 from deploy.air import check_walls, radio_setup
 from deploy.areas import check_areas, of_places
@@ -58,9 +59,19 @@ def cast(scenario: Scenario) -> Cast:
         duration_us=seconds(run.duration),
         robots=robots,
         events=timed_orders(scenario),
+        uncertainty=Uncertainty(**dict(scenario.uncertainty)),
     )
+    if world.uncertainty != Uncertainty():  # else what is said above of the map holds
+        _check_floor(world)
     addresses = tuple((robot.id, number) for number, robot in enumerate(robots, start=1))
     return Cast(_settled(scenario, robots), world, radio_setup(scenario, addresses), behaviour)
+
+
+def _check_floor(world: WorldSetup) -> None:
+    """Raise PlacementError now, and not in the world's process, if there is no such floor."""
+    from actors.world.body import real_floor  # noqa: PLC0415 - the physics, for few scenarios
+
+    real_floor(world, [load_model(robot.model, robot.sensor) for robot in world.robots])
 
 
 def _figure(robot: str, scenario: Scenario) -> Figure:

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from deploy.cli_bench_localisation import localisation
 from deploy.repository import REPOSITORY
 
 CORRIDOR = REPOSITORY / "maps" / "corridor.yaml"
@@ -136,6 +137,11 @@ def navigation(
     runs: Annotated[int, typer.Option(metavar="N", min=1, max=1000, help="Over which they spread.")] = 8,
     localisation: _Localisation = None,
     preset: _Navigation = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Only write what r1 decides on the first map, cycle by cycle."),
+    ] = None,
+    seed: Annotated[int, typer.Option(metavar="N", min=1, help="Of the run for --log.")] = 1,
     json: _Json = False,
 ) -> None:
     """Measure how many random goals robots reach, how fast, and how near to walls and each other."""
@@ -144,7 +150,10 @@ def navigation(
     task = driving.NavigationTask(
         tuple(map_file or driving.MAPS), tuple(robots or driving.ROBOTS), goals, runs, localisation, preset
     )
-    driving.run(task, json)
+    if log is None:
+        driving.run(task, json)
+    else:
+        driving.write_log(task, log, seed)
 
 
 @app.command()
@@ -242,45 +251,7 @@ def standstill(
     cases.run(json, cases.StandstillTask(trials))
 
 
-@app.command()
-def localisation(
-    cell: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME", help="Part of it: alone, realistic, tracking, mask, global, kidnapped, cpu."
-        ),
-    ] = None,
-    seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="Runs per cell.")] = 20,
-    runs: Annotated[
-        int, typer.Option(metavar="N", min=1, max=10_000, help="Runs per cell that has a goal.")
-    ] = 100,
-    seconds: Annotated[float, typer.Option(metavar="S", min=1, max=3600, help="Of a course.")] = 240.0,
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", min=1, max=256, help="Processes.  [default: one per processor]")
-    ] = None,
-    log: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Only write the course of the first such cell, from --seed."),
-    ] = None,
-    seed: Annotated[int, typer.Option(metavar="N", min=1, help="Of the course for --log.")] = 1,
-    source: Annotated[
-        Path | None, typer.Option("--from", metavar="FILE", help="Only feed the filter with such a log.")
-    ] = None,
-    json: _Json = False,
-) -> None:
-    """Measure how well the robot keeps track of where it is, beside the truth."""
-    from benchmarks.localisation import cells, command
-
-    other = REPOSITORY / "maps" / "apartment.yaml"
-    extent = cells.Extent(seeds, runs, seconds)
-    if log is not None and source is not None:
-        raise typer.BadParameter("is another thing to do than --from", param_hint="--log")
-    if log is not None:
-        command.write_log(log, CORRIDOR, other, cell or (), seed, extent)
-    elif source is not None:
-        command.run_log(source, seeds, json)
-    else:
-        command.run(CORRIDOR, other, cell or (), extent, workers, json)
+app.command("localisation")(localisation)
 
 
 @app.command()

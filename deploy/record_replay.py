@@ -6,6 +6,7 @@ from pathlib import Path
 
 from actors.radio.program import part as radio_part
 from actors.robot.program import part as robot_part
+from actors.runtime.core import Core
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import difference, otherwise
 from actors.runtime.process import Part, RunNote
@@ -25,8 +26,11 @@ class ReplayReport:
     """How many messages it sent again, all equal to the recorded ones."""
 
 
-def replay_actor(out: Path, actor: str) -> ReplayReport:
-    """Execute one actor again from what it received; ReplayError at the first output that differs."""
+def replay_actor(out: Path, actor: str, prepare: Callable[[Core], None] | None = None) -> ReplayReport:
+    """Execute one actor again from what it received; ReplayError at the first output that differs.
+
+    `prepare`: is given the actor's core before its first step, to look on.
+    """
     files = recordings(out)
     if actor not in files:
         raise RecordingError(f"{out}: no recording of {actor!r}; there are {', '.join(files)}")
@@ -36,6 +40,8 @@ def replay_actor(out: Path, actor: str) -> ReplayReport:
         raise RecordingError(f"{path}: ends before its first record")
     run = decoded(path, "run", notes["run"], RunNote)
     part = _builders().get(actor, robot_part)(run.argv)
+    if prepare is not None:
+        prepare(part.core)
     bus = ReplayBus(path, lambda sha256: _recall(files.values(), sha256))
     shell = Shell(part.core, bus, Unrecorded(), actor=run.actor, open_to=part.open_to)
     if part.ready is not None:

@@ -107,6 +107,19 @@ class PlacesTable(Table):
     """How many each robot gets; absent: 10, as in the original testbed."""
 
 
+class UncertaintyTable(Table):
+    """[uncertainty]: how the floor differs from the robots' map, and how far their odometry drifts."""
+
+    map_error: Annotated[float, Field(ge=0, le=0.5), Right("a number of metres from 0 to 0.5")] = 0.0
+    """Standard deviation of how far walls are from where the map has them, m."""
+    glass: Annotated[float, Field(ge=0, le=1), Right("a share from 0 to 1")] = 0.0
+    """Share of the walls that range sensors look through."""
+    furniture: Annotated[int, Field(ge=0, le=1000), Right("a whole number from 0 to 1000")] = 0
+    """So many things on the floor, of 0.25 m radius, that the map does not have."""
+    drift: Annotated[float, Field(ge=0, le=1000), Right("a number from 0 to 1000")] = 1.0
+    """The odometry's errors are so many times as large as those of its kind."""
+
+
 class AreaTable(Table):
     """[[area]]: a rectangle of the floor that has a name."""
 
@@ -177,6 +190,7 @@ class Scenario(Table):
     robots: RobotsTable = RobotsTable()
     places: PlacesTable = PlacesTable()
     radio: RadioTable = RadioTable()
+    uncertainty: UncertaintyTable = UncertaintyTable()
     area: Annotated[tuple[AreaTable, ...], BeforeValidator(as_tuples)] = ()
     robot: Annotated[tuple[RobotTable, ...], BeforeValidator(as_tuples)] = ()
     event: Annotated[tuple[EventTable, ...], BeforeValidator(as_tuples)] = ()

@@ -90,6 +90,11 @@ class RobotCore:
         self._senses, self._received = at(SENSES, robot), at(RECEIVED, robot)
 
     @property
+    def navigation(self) -> Navigation:
+        """What drives the robot."""
+        return self._parts.navigation
+
+    @property
     def step(self) -> int:
         """The step that the robot is in."""
         return self._step
@@ -158,7 +163,8 @@ class RobotCore:
         if estimate.located:  # else it stands: navigation waits, too
             twist = parts.navigation.advance(instant, here, pose, velocity, senses.bumper != 0)
         moving = parts.moving.exceeded_by(velocity)
-        view = View(instant, pose, moving, parts.navigation.goal, events, estimate.covariance)
+        trust = estimate.covariance, estimate.lost
+        view = View(instant, pose, moving, parts.navigation.goal, events, *trust)
         decision = self._decide(view, Instant(instant + self._step_us))
         parts.navigation.take(decision.goal, decision.paused)
         if decision.peers is not None:

@@ -14,12 +14,14 @@ class RobotPositioning:
     def __init__(self, pose: Pose) -> None:
         self.pose = pose
         self.covariance = CERTAIN
+        self.is_lost = 0.0
         self.moving = False
         self._peers: tuple[Point, ...] | None = None
 
     def take(self, view: View) -> None:
         """Take in the view of a new step."""
-        self.pose, self.covariance, self.moving = view.pose, view.covariance, view.moving
+        self.pose, self.moving = view.pose, view.moving
+        self.covariance, self.is_lost = view.covariance, view.lost
 
     def disregard(self, peers: Sequence[Point]) -> None:
         """Do not believe range readings that end at other robots."""

@@ -1,12 +1,14 @@
 """Drives along a plan by the dynamic window approach, as ros-planning/navigation's dwa_local_planner."""
 
 import math
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.geometry import STILL, Pose, Twist, wrap
+from actors.grid import Cell
 from actors.instant import Duration, Instant, in_seconds
 from actors.portable import cos_sin, hypot
 from actors.robot.dwa import WEIGHTS, Fields, best, squared_at
@@ -29,6 +31,27 @@ class Steering(NamedTuple):
 
 
 _NOWHERE: Final = Steering(STILL, False)
+
+
+class Cycle(NamedTuple):
+    """One choice of the controller: what it was made from, and what was chosen."""
+
+    instant: Instant
+    here: Pose
+    """The body's pose, m and rad, odometry frame."""
+    estimate: Pose
+    """The same, map frame."""
+    velocity: Twist
+    """The base's own."""
+    way: NDArray[np.float64]
+    """(n, 2): the plan, m, map frame."""
+    corner: Cell
+    """Row and column of the window's south-west cell, counted from the odometry frame's origin."""
+    costs: NDArray[np.uint8]
+    """(rows, columns) of the window, row 0 the southernmost: costs as costmap_2d has them."""
+    turning: bool
+    """True while the robot turns on the spot to where the plan leads."""
+    steering: Steering
 
 
 class Driver:
@@ -60,6 +83,8 @@ class Driver:
         self._turning = False
         self._due: Instant | None = None
         self._held = _NOWHERE
+        self.witness: Callable[[Cycle], None] | None = None
+        """Is told of every cycle; for those who execute a robot again to look into it."""
 
     def begin(self) -> None:
         """The robot is to go somewhere else now: forget the plan, the command, and how it came about."""
@@ -87,6 +112,10 @@ class Driver:
             since = Duration(0) if self._due is None else Duration((instant - self._due) % p.period)
             self._due = Instant(instant - since + p.period)
             self._held = self._choose(instant, here, estimate, velocity)
+            if self.witness is not None:
+                local = self._local
+                given = instant, here, estimate, velocity, self._way, local.corner, local.costs()
+                self.witness(Cycle(*given, self._turning, self._held))
         return self._held
 
     def _choose(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:

@@ -24,6 +24,14 @@ class Positioning(Protocol):
         """How far the pose is to be trusted: of x, y and heading, row by row, m², m·rad, rad²."""
 
     @property
+    def is_lost(self) -> float:
+        """The probability that the robot is somewhere else altogether, 0 to 1, by what its scans say.
+
+        Above 0.95 it is time to act on it: `acrc bench localisation` counts how seldom that is wrong. The
+        odometry alone never finds out, and says 0.
+        """
+
+    @property
     def moving(self) -> bool:
         """True while the base reports more than a creeping speed."""
 

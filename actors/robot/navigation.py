@@ -150,6 +150,11 @@ class Navigation:
         self._journal = Journal()
 
     @property
+    def driver(self) -> Driver:
+        """What follows the plans."""
+        return self._driver
+
+    @property
     def goal(self) -> Goal | None:
         """The last goal, how it stands and why; None before the first and after it was cancelled."""
         return self._goal

@@ -141,6 +141,8 @@ class View(NamedTuple):
     """What the transceiver had to say since the last step, in order of its instants; junk included."""
     covariance: Covariance = CERTAIN
     """How far the pose is to be trusted."""
+    lost: float = 0.0
+    """Probability that the robot is somewhere else altogether."""
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """All bodies of a world: what moves them, what they sense, and where they truly are, by index."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from actors.world.odometry import Odometers
 from actors.world.physics import SUBSTEP, Arena
 from actors.world.sensing import RangeSensors
 from actors.world.setup import WorldSetup
+from actors.world.uncertainty import Floor, drifting, floor
 
 
 class StepLengthError(AcrcError):
@@ -34,21 +36,23 @@ class Bodies:
     def __init__(self, setup: WorldSetup) -> None:
         if setup.step_us <= 0 or setup.step_us % SUBSTEP:
             raise StepLengthError(f"a step of {setup.step_us} µs; it must be a multiple of {SUBSTEP} µs")
-        self._grid = grid = load_map(Path(setup.map))
         self._models = [load_model(robot.model, robot.sensor) for robot in setup.robots]
+        grid, visible = real_floor(setup, self._models)
+        self._grid = grid
+        stage, kobuki = drifting(setup.uncertainty)
         poses = [Pose(*robot.start) for robot in setup.robots]
         self._names = names = [robot.id for robot in setup.robots]
-        for name, model, pose in zip(names, self._models, poses, strict=True):
-            check_pose(grid, pose.point, model.footprint.inradius, name)
         self._arena = Arena(outline(grid), names, self._models, poses)
         noise = [generator(setup.seed, "range noise", name) for name in names]
-        self._sensors = RangeSensors(grid, self._models, noise)
+        self._sensors = RangeSensors(visible, self._models, noise)
         self._odometers = Odometers(
             [robot.odometry for robot in setup.robots],
             self._models,
             self._arena.poses,
             [generator(setup.seed, "odometry", name) for name in names],
             SUBSTEP,
+            stage,
+            kobuki,
         )
         self._periods = [model.sensor.period for model in self._models]
         self._scans: list[list[Scan]] = [[] for _ in names]
@@ -130,6 +134,17 @@ class Bodies:
         """The states as plain numbers, once per step: reading arrays item by item is slow."""
         self._poses = self._arena.poses.tolist()
         self._velocities = self._arena.velocities.tolist()
+
+
+def real_floor(setup: WorldSetup, models: Sequence[RobotModel]) -> Floor:
+    """The floor of a run, on which all robots can stand where they start. Raises MapError, PlacementError."""
+    kept_off = [Point(*robot.start[:2]) for robot in setup.robots]
+    kept_off += [Point(*place) for robot in setup.robots for place in robot.places]
+    chance = generator(setup.seed, "uncertainty", "world")
+    real = floor(load_map(Path(setup.map)), setup.uncertainty, chance, kept_off)
+    for robot, model in zip(setup.robots, models, strict=True):
+        check_pose(real.solid, Point(*robot.start[:2]), model.footprint.inradius, robot.id)
+    return real
 
 
 def _sweeps(model: RobotModel, step_us: int) -> int:

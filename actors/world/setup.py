@@ -4,6 +4,7 @@ import msgspec
 
 from actors.messages import Order
 from actors.robot_model import OdometryKind
+from actors.world.uncertainty import Uncertainty
 
 
 class RobotSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -40,6 +41,8 @@ class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     robots: tuple[RobotSetup, ...]
     events: tuple[TimedOrder, ...] = ()
     """In order of their instants."""
+    uncertainty: Uncertainty = Uncertainty()
+    """How the floor differs from the map, and how far odometry drifts."""
     reach: float = 0.7
     """A place counts as visited when ground truth was within so many metres: the 0.5 m at which robots report
     it (d3scomp's testbed), and 0.2 m for what a robot that is not lost may err about where it is."""

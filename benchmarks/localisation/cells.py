@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.runtime.errors import AcrcError
+from actors.world.uncertainty import Uncertainty
 from benchmarks.localisation.course import CourseSetup
 from benchmarks.localisation.filters import Arm, Preset
 
@@ -27,8 +28,10 @@ class CellError(AcrcError):
 class Goal:
     """What a cell should come to: no robot lost, and this error at most."""
 
-    rmse: float
-    """m."""
+    rmse: float | None
+    """m; None: any."""
+    lost: float = 0.0
+    """Share of the runs."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,8 @@ class Cell:
         course, arm = self.course, self.arm
         robots = f"{course.robots}{'-at-times' if course.at_times else ''}"
         parts = [self.section, Path(course.plan).stem, view(course), course.base, robots, arm.preset]
+        if extra := doses(course):
+            parts.append(extra.replace(" ", "-"))
         if self.section == "mask":
             parts.append("on" if arm.masked else "off")
         if arm.recovery is not None:
@@ -57,8 +62,15 @@ class Cell:
 
 
 def view(course: CourseSetup) -> str:
-    """The field of view in degrees."""
-    return "360" if course.view == "chapter" else "58"
+    """The field of view in degrees, and what else is special."""
+    return {"chapter": "360", "written": "360-as-written", "kinect": "58"}[course.view]
+
+
+def doses(course: CourseSetup) -> str:
+    """How the floor differs from the map and odometry drifts; empty: not at all, and no more than usual."""
+    told = {field: getattr(course.dose, field) for field in course.dose.__struct_fields__}
+    usual = {field: getattr(Uncertainty(), field) for field in told}
+    return ", ".join(f"{field} {value:g}" for field, value in told.items() if value != usual[field])
 
 
 @dataclass(frozen=True)
@@ -75,12 +87,14 @@ class Extent:
     carried_at: float = CARRIED_AT
 
 
-def cells(corridor: str, other: str, extent: Extent) -> list[Cell]:
-    """Every cell, on the corridor and, where it matters, on the other map, which has no symmetry."""
+def cells(corridor: str, others: Sequence[str], extent: Extent) -> list[Cell]:
+    """Every cell, on the corridor and, where it matters, on the other maps, which have no symmetry."""
     course = CourseSetup(corridor, 0, seconds=extent.seconds)
-    found = [*_goals(course, extent), *_tracking(course, extent), *_mask(course, extent)]
-    for plan in (corridor, other):
-        found += _from_nowhere(replace(course, plan=plan, base="kobuki"), extent)
+    found = [*_goals(course, extent), *_tracking(course, extent)]
+    found += [*_range(course, extent), *_mask(course, extent), *_causes(course, extent)]
+    for plan in (corridor, *others):
+        anywhere = replace(course, plan=plan, base="kobuki")
+        found += [*_crowd(anywhere, extent), *_from_nowhere(anywhere, extent)]
     return found
 
 
@@ -120,6 +134,48 @@ def _tracking(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
                 for preset in PRESETS:
                     setup = replace(course, view=seen, base=base, robots=robots)
                     yield Cell("tracking", setup, Arm(preset), extent.seeds)
+
+
+def _range(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
+    for seen in ("chapter", "written"):
+        for robots in (0, 4, 10):
+            for preset in PRESETS:
+                setup = replace(course, view=seen, base="kobuki", robots=robots)
+                yield Cell("range", setup, Arm(preset), extent.seeds)
+
+
+_DOSES: Final = (
+    *(Uncertainty(drift=times) for times in (5.0, 20.0)),
+    *(Uncertainty(map_error=error) for error in (0.05, 0.1, 0.2)),
+    *(Uncertainty(glass=share) for share in (0.2, 0.5)),
+    *(Uncertainty(furniture=things) for things in (10, 30)),
+    Uncertainty(0.1, 0.2, 10, 5.0),
+)
+"""Each alone, and one with a bit of everything."""
+
+
+def _causes(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
+    """One cause at a time, from what the chapter's simulation had: nobody near, a full circle, no drift."""
+    kobuki = replace(course, base="kobuki")
+    setups = [
+        course,
+        replace(course, base="stage"),
+        kobuki,
+        replace(course, robots=4, at_times=True),
+        *(replace(course, robots=robots) for robots in (4, 10)),
+        *(replace(kobuki if dose.drift > 1 else course, dose=dose) for dose in _DOSES),
+    ]
+    for seen in ("chapter", "kinect"):
+        for setup in setups:
+            for preset in PRESETS:
+                yield Cell("causes", replace(setup, view=seen), Arm(preset), extent.seeds)
+
+
+def _crowd(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
+    for seen in ("chapter", "kinect"):
+        for preset in PRESETS:
+            goal = Goal(None, 0.05) if preset == "robust" else None
+            yield Cell("crowd", replace(course, view=seen, robots=10), Arm(preset), extent.seeds, goal)
 
 
 def _mask(course: CourseSetup, extent: Extent) -> Iterator[Cell]:

@@ -9,13 +9,11 @@ from typing import Any, Final
 
 from rich.console import Console
 
-from benchmarks.localisation import log, log_reader, report
-from benchmarks.localisation.cells import COST, PRESETS, Cell, Extent, cells, chosen
-from benchmarks.localisation.course import STEP_US, Course, made
-from benchmarks.localisation.filters import Arm, Preset
-from benchmarks.localisation.metrics import Run, beside_truth
+from benchmarks.localisation import log, report
+from benchmarks.localisation.cells import COST, Cell, Extent, cells, chosen
+from benchmarks.localisation.course import STEP_US, made
+from benchmarks.localisation.metrics import Run
 from benchmarks.localisation.pool import Key, processors, run_all, tasks
-from benchmarks.localisation.replay import replay
 from benchmarks.localisation.speed import BEAMS, GOAL_US, PARTICLES, UpdateCost, update_costs
 from benchmarks.localisation.summary import Summary, summary
 
@@ -24,7 +22,7 @@ _EXTENT: Final = Extent()
 
 def run(
     corridor: Path,
-    other: Path,
+    others: Sequence[Path],
     patterns: Sequence[str] = (),
     extent: Extent = _EXTENT,
     workers: int | None = None,
@@ -32,11 +30,11 @@ def run(
 ) -> dict[str, Any]:
     """Measure the cells that match, and print and give their figures.
 
-    `corridor`: map file of the chapter's floor; `other`: of one without symmetry. `workers`: processes, as
+    `corridor`: map file of the chapter's floor; `others`: of some without symmetry. `workers`: processes, as
     many as there are processors if None; the figures, but for CPU times, do not depend on it. Raises
     CellError, MapError.
     """
-    everything = cells(str(corridor), str(other), extent)
+    everything = cells(str(corridor), [str(other) for other in others], extent)
     wanted = [pattern for pattern in patterns if pattern != COST]
     todo = chosen(everything, wanted) if wanted or not patterns else []
     costs = update_costs(str(corridor)) if COST in patterns or not patterns else []
@@ -51,13 +49,19 @@ def run(
 
 
 def write_log(
-    file: Path, corridor: Path, other: Path, patterns: Sequence[str], seed: int, extent: Extent = _EXTENT
+    file: Path,
+    corridor: Path,
+    others: Sequence[Path],
+    patterns: Sequence[str],
+    seed: int,
+    extent: Extent = _EXTENT,
 ) -> None:
     """Write the course of the first cell that matches, from that seed.
 
     Raises CellError, LogError, MapError.
     """
-    cell = chosen(cells(str(corridor), str(other), extent), patterns or ("realistic",))[0]
+    everything = cells(str(corridor), [str(other) for other in others], extent)
+    cell = chosen(everything, patterns or ("realistic",))[0]
     course = made(replace(cell.course, seed=seed))
     log.write(file, course)
     size = file.stat().st_size / 1e6
@@ -67,32 +71,6 @@ def write_log(
         highlight=False,
         soft_wrap=True,
     )
-
-
-def run_log(file: Path, seeds: int = 1, json_output: bool = False) -> dict[str, Any]:
-    """Feed each preset, and the odometry alone, with a log; print and give what came of it.
-
-    `seeds`: of the filter's own chance, from 1 on. Raises LogError.
-    """
-    course = log_reader.read(file)
-    presets: tuple[Preset, ...] = (*PRESETS, "odometry")
-    rows = [(preset, _fed(course, Arm(preset), seeds)) for preset in presets]
-    figures: dict[str, Any] = {preset: [one.figures() for one in runs] for preset, runs in rows}
-    if json_output:
-        sys.stdout.write(json.dumps(figures) + "\n")
-        return figures
-    console = _console()
-    console.print(report.log_table(file.name, [(preset, summary(runs)) for preset, runs in rows]))
-    console.print(report.legend(), highlight=False)
-    return figures
-
-
-def _fed(course: Course, arm: Arm, seeds: int) -> list[Run]:
-    runs = []
-    for seed in range(1, seeds + 1):
-        track = replay(course, arm.localisation(course, seed))
-        runs.append(beside_truth(seed, course.truth, course.odometry, track))
-    return runs
 
 
 def _runs(todo: Sequence[Cell], workers: int) -> Any:

@@ -1,7 +1,7 @@
 """Courses: where a robot truly was, and what its sensors said of it; made by the world's own models."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -14,6 +14,7 @@ from actors.randomness import generator
 from actors.robot_model import RangeSensor
 from actors.world.odometry import Odometers
 from actors.world.sensing import RangeSensors
+from actors.world.uncertainty import Uncertainty, drifting, floor
 from benchmarks.localisation.crowd import Crowd, CrowdParameters
 from benchmarks.localisation.route import CONTROLS, SUBSTEP, Route
 from benchmarks.localisation.site import Site, site
@@ -22,8 +23,9 @@ STEP_US: Final = 100_000
 """From one odometry pose and scan to the next, µs."""
 ROBOT: Final = "robot"
 
-View = Literal["chapter", "kinect"]
-Base = Literal["exact", "kobuki"]
+_NONE: Final = Uncertainty()
+View = Literal["chapter", "written", "kinect"]
+Base = Literal["exact", "stage", "kobuki"]
 
 
 @dataclass(frozen=True)
@@ -38,10 +40,12 @@ class CourseSetup:
     at_times: bool = False
     """They are near for 15 s of every minute, else all the time."""
     view: View = "chapter"
-    """The sensor of the TurtleBot 2: 360° without noise, or 58° with it."""
+    """The sensor of the TurtleBot 2: 360° without noise up to 5 m or, "written", to 6.5 m; or 58° with it."""
     base: Base = "exact"
     """The odometry's errors."""
     seconds: float = 240.0
+    dose: Uncertainty = _NONE
+    """How the floor differs from the map, and how far the odometry drifts."""
     carried_at: float | None = None
     """Then somebody puts the robot elsewhere, which its odometry does not notice; s."""
 
@@ -70,13 +74,16 @@ class Course:
     @property
     def origin(self) -> Pose:
         """The pose, map frame, at which the odometry would say (0, 0, 0), had it never erred."""
-        first = Pose(*self.odometry[0].tolist())
-        return self.start.compose(first.relative(Pose(0.0, 0.0, 0.0)))
+        return self.start.frame(Pose(*self.odometry[0].tolist()))
 
 
 def made(setup: CourseSetup) -> Course:
     """Drive a course. Raises CourseError, MapError."""
-    place = site(setup.plan, setup.view)
+    place = mapped = site(setup.plan, setup.view)
+    chance = generator(setup.seed, "localisation/uncertainty", ROBOT)
+    solid, visible = floor(mapped.grid, setup.dose, chance, ())
+    if setup.dose != Uncertainty():  # else the way over it is known already
+        place = replace(mapped, grid=solid)
     steps = round(setup.seconds * 1e6 / STEP_US)
     route = generator(setup.seed, "localisation/route", ROBOT)
     start = _pose(place, route)
@@ -100,8 +107,8 @@ def made(setup: CourseSetup) -> Course:
         odometry[step] = base.read()
     peers = _crowd(setup, place, truth)
     instants = np.arange(steps + 1, dtype=np.int64) * STEP_US
-    scans = _scans(setup, place, truth, peers)
-    return Course(place.grid, place.model.sensor, start, instants, odometry, truth, instants, scans, peers)
+    scans = _scans(setup, replace(place, grid=visible), truth, peers)
+    return Course(mapped.grid, place.model.sensor, start, instants, odometry, truth, instants, scans, peers)
 
 
 def _pose(place: Site, draws: np.random.Generator) -> Pose:
@@ -114,7 +121,8 @@ class _Base:
     def __init__(self, setup: CourseSetup, place: Site, start: Pose) -> None:
         draws = generator(setup.seed, "localisation/odometry", ROBOT)
         step = Duration(round(SUBSTEP * 1e6))
-        self._odometers = Odometers([setup.base], [place.model], np.array([start]), [draws], step)
+        errors = drifting(setup.dose)
+        self._odometers = Odometers([setup.base], [place.model], np.array([start]), [draws], step, *errors)
 
     def follow(self, track: NDArray[np.float64], velocity: NDArray[np.float64]) -> None:
         assert len(track) == CONTROLS

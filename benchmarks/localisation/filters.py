@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
+from actors.geometry import Pose
 from actors.grid import OccupancyGrid
 from actors.randomness import generator
 from actors.robot.localisation import (
@@ -21,7 +22,7 @@ from benchmarks.localisation.course import ROBOT, Course
 Preset = Literal["chapter", "robust", "odometry"]
 """A preset of the filter, or the odometry alone."""
 RECOVERY = (0.001, 0.1)
-"""Decays of the slow and the fast average where recovery is on, and the preset has none of its own;
+"""Decays of the slow and the fast average where recovery is on, and the preset neither has them nor searches;
 wiki.ros.org/amcl advises them."""
 
 
@@ -35,7 +36,7 @@ class Arm:
     placed: bool = True
     """It is told where the robot starts, else it may be anywhere on the map."""
     recovery: bool | None = None
-    """Whether new poses are tried once scans fit badly; None: as the preset has it."""
+    """Whether the robot is looked for elsewhere once scans fit badly; None: as the preset has it."""
 
     @property
     def parameters(self) -> AmclParameters:
@@ -43,8 +44,11 @@ class Arm:
         parameters = PRESETS[self.preset]
         if self.recovery is None:
             return parameters
-        own = parameters.recovery_slow, parameters.recovery_fast
-        slow, fast = (own if all(own) else RECOVERY) if self.recovery else (0.0, 0.0)
+        if not self.recovery:
+            return dataclasses.replace(parameters, recovery_slow=0.0, recovery_fast=0.0, search_poses=0)
+        if parameters.search_poses or parameters.recovers:
+            return parameters
+        slow, fast = RECOVERY
         return dataclasses.replace(parameters, recovery_slow=slow, recovery_fast=fast)
 
     def localisation(self, course: Course, seed: int) -> Localisation:
@@ -53,8 +57,9 @@ class Arm:
             return DeadReckoning(course.origin)
         draws = generator(seed, "localisation/filter", ROBOT)
         field = _field(course.grid, self.parameters.max_distance)
-        start = course.origin if self.placed else None
-        return Amcl(field, course.sensor, start, draws, self.parameters)
+        start = course.start if self.placed else None
+        first = Pose(*course.odometry[0].tolist())
+        return Amcl(field, course.sensor, start, draws, self.parameters, origin=first)
 
 
 @lru_cache(maxsize=8)

@@ -33,12 +33,10 @@ def write(file: Path, course: Course) -> None:
     """Write the course, but for its peers, who are only seen in the scans. Raises LogError."""
     sensor, start = course.sensor.model_dump(), list(course.start)
     about = {"format": FORMAT, "version": VERSION, "sensor": sensor, "start": start}
-    grid = course.grid
     rays = ",".join(f"r{i}" for i in range(course.sensor.rays))
     members: dict[str, str | bytes] = {
         "about.json": json.dumps(about, indent=2) + "\n",
-        "map.yaml": _MAP.format(resolution=grid.resolution, x=float(grid.origin.x), y=float(grid.origin.y)),
-        "map.png": _image(grid),
+        **map_members(course.grid),
         "odometry.csv": _table(POSES, course.instants, course.odometry),
         "truth.csv": _table(POSES, course.instants, course.truth),
         "scans.csv": _table(f"time_us,{rays}", course.stamps, course.scans),
@@ -49,6 +47,12 @@ def write(file: Path, course: Course) -> None:
                 archive.writestr(zipfile.ZipInfo(name, _WHEN), content, zipfile.ZIP_DEFLATED)
     except OSError as error:
         raise LogError(f"{file}: the log cannot be written: {error.strerror}.") from error
+
+
+def map_members(grid: OccupancyGrid) -> dict[str, str | bytes]:
+    """The floor plan as ROS map_server has it."""
+    header = _MAP.format(resolution=grid.resolution, x=float(grid.origin.x), y=float(grid.origin.y))
+    return {"map.yaml": header, "map.png": _image(grid)}
 
 
 def _image(grid: OccupancyGrid) -> bytes:

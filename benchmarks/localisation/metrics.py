@@ -13,6 +13,13 @@ LOST: Final = 1.0
 """A robot so far off at the end of its course is lost, m."""
 NEES_BOUNDS: Final = (0.2158, 9.3484)
 """The two-sided 95 % bounds of χ² with three degrees of freedom (quantiles 0.025 and 0.975)."""
+ANNOUNCED: Final = 0.95
+"""A robot says that it is lost where it holds that for more probable than this: with 0.5, more than half of
+what it says in a crowd at 58° is no more than a passing doubt."""
+SPELL: Final = 30
+"""A robot farther off than LOST for so many steps on end is lost in a spell of its own; 3 s."""
+AROUND: Final = 50
+"""An announcement is false if the robot was nowhere beyond BEYOND so many steps before and after it; 5 s."""
 FOUND: Final = (0.5, math.radians(15.0))
 """Nearer than both, m and rad, a robot that was lost has found itself."""
 
@@ -27,6 +34,8 @@ class Track:
     """(n, 3): x, y, heading, m and rad, map frame."""
     covariances: Floats
     """(n, 3, 3)."""
+    lost: Floats
+    """(n,): how probable it holds it that it is lost."""
     costs: Floats
     """(n,), CPU s of each call."""
     outcome: dict[str, object]
@@ -44,6 +53,8 @@ class Run:
     """(n,), rad ≥ 0: how far the heading was off."""
     nees: NDArray[np.float32]
     """(n,): normalised estimation error squared; inf where the covariance is singular."""
+    announced: NDArray[np.bool_]
+    """(n,): it says that it is lost."""
     costs: NDArray[np.float32]
     """(m,), CPU s of the calls that weighed a scan."""
     outcome: dict[str, object]
@@ -57,6 +68,26 @@ class Run:
     def mean_square(self) -> float:
         """m²."""
         return float(np.mean(np.square(self.errors, dtype=np.float64)))
+
+    @property
+    def tracking(self) -> NDArray[np.float32]:
+        """The NEES of the steps at which it was no farther off than BEYOND."""
+        return self.nees[self.errors <= BEYOND]
+
+    @property
+    def spells(self) -> list[bool]:
+        """Of each spell of being lost, whether it was announced while it lasted."""
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], self.errors > LOST, [False])).astype(int)))
+        pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+        return [bool(self.announced[begin:end].any()) for begin, end in pairs if end - begin >= SPELL]
+
+    @property
+    def false_alarms(self) -> int:
+        """How often it came to say that it is lost while it was not."""
+        said = np.flatnonzero(np.diff(self.announced.astype(int)) > 0) + 1
+        return sum(
+            bool((self.errors[max(at - AROUND, 0) : at + AROUND] <= BEYOND).all()) for at in said.tolist()
+        )
 
     @property
     def lost(self) -> bool:
@@ -80,6 +111,10 @@ class Run:
             "end": float(self.errors[-1]),
             "lost": self.lost,
             "nees_median": finite(np.median(self.nees)),
+            "nees_tracking": finite(np.median(self.tracking)) if self.tracking.size else None,
+            "spells": len(self.spells),
+            "spells_announced": sum(self.spells),
+            "false_alarms": self.false_alarms,
             "nees_below": float(np.mean(self.nees < low)),
             "nees_above": float(np.mean(self.nees > high)),
             "updates": len(self.costs),
@@ -98,6 +133,7 @@ def beside_truth(seed: int, truth: Floats, odometry: Floats, track: Track) -> Ru
         np.hypot(off[:, 0], off[:, 1]).astype(np.float32),
         np.abs(off[:, 2]).astype(np.float32),
         nees(off, track.covariances).astype(np.float32),
+        track.lost > ANNOUNCED,
         track.costs[weighed(odometry, track.poses)].astype(np.float32),
         track.outcome,
     )

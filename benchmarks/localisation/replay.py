@@ -25,7 +25,7 @@ def replay(
     # the scan to go with each pose: the last one made by then
     newest = np.searchsorted(course.stamps, course.instants, side="right") - 1
     poses = course.odometry.tolist()
-    track = np.empty((len(poses), 12))
+    track = np.empty((len(poses), 13))
     costs = np.empty(len(poses))
     taken = -1
     for step, here in enumerate(poses):
@@ -40,5 +40,6 @@ def replay(
         begun = time.process_time_ns()
         estimate = localisation.update(Pose(*here), sweep)
         costs[step] = (time.process_time_ns() - begun) / 1e9
-        track[step, :3], track[step, 3:] = estimate.pose, estimate.covariance
-    return Track(track[:, :3], track[:, 3:].reshape(-1, 3, 3), costs, localisation.outcome())
+        track[step] = *estimate.pose, *estimate.covariance, estimate.lost
+    covariances = track[:, 3:12].reshape(-1, 3, 3)
+    return Track(track[:, :3], covariances, track[:, 12], costs, localisation.outcome())

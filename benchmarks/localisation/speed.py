@@ -42,7 +42,7 @@ def update_costs(corridor: str, repeats: int = 15, seconds: float = 60.0) -> lis
 def _cost(preset: str, course: Course, repeats: int) -> UpdateCost:
     parameters = replace(
         PRESETS[preset], min_particles=PARTICLES, max_particles=PARTICLES, beams=BEAMS,
-        update_distance=1e-6, update_angle=1e-6, resample_interval=1,
+        update_angle=1e-6, resample_interval=1,  # every scan counts: the heading is never at rest
     )  # fmt: skip
     field = likelihood_field(course.grid, parameters.max_distance)
     every = 6  # as far apart as an update_distance of 0.25 m has them

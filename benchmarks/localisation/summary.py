@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from benchmarks.localisation.course import STEP_US
 from benchmarks.localisation.metrics import BEYOND, NEES_BOUNDS, Run, finite
 
 _NORMAL_975: Final = 1.959964
@@ -42,9 +43,15 @@ class Summary:
     """Of the time with an error above BEYOND."""
     lost: Share
     nees_median: float | None
+    """Over the steps with an error up to BEYOND."""
     nees_below: float
     nees_above: float
     """Shares of the time outside NEES_BOUNDS; 2.5 % each where the covariance is right."""
+    spells: Share
+    """Of the spells of being lost those that were announced."""
+    false_alarms: int
+    hours: float
+    """Of robots under way."""
     cpu_us_mean: float | None
     """CPU time per call that weighed a scan, µs; the minimum over all runs beside it."""
     cpu_us_min: float | None
@@ -54,7 +61,8 @@ def summary(runs: Sequence[Run]) -> Summary:
     """What the runs of a cell, at least one, come to."""
     squares = np.array([run.mean_square for run in runs])
     errors = np.concatenate([run.errors for run in runs])
-    consistency = np.concatenate([run.nees for run in runs])
+    consistency = np.concatenate([run.tracking for run in runs])
+    spells = [announced for run in runs for announced in run.spells]
     costs = np.concatenate([run.costs for run in runs])
     low, high = interval(squares)
     return Summary(
@@ -67,9 +75,12 @@ def summary(runs: Sequence[Run]) -> Summary:
         float(errors.max()),
         float(np.mean(errors > BEYOND)),
         share(sum(run.lost for run in runs), len(runs)),
-        finite(np.median(consistency)),
-        float(np.mean(consistency < NEES_BOUNDS[0])),
-        float(np.mean(consistency > NEES_BOUNDS[1])),
+        finite(np.median(consistency)) if consistency.size else None,
+        float(np.mean(consistency < NEES_BOUNDS[0])) if consistency.size else 0.0,
+        float(np.mean(consistency > NEES_BOUNDS[1])) if consistency.size else 0.0,
+        share(sum(spells), len(spells)),
+        sum(run.false_alarms for run in runs),
+        errors.size * STEP_US / 3.6e9,
         float(costs.mean() * 1e6) if costs.size else None,
         float(costs.min() * 1e6) if costs.size else None,
     )
@@ -84,6 +95,8 @@ def interval(squares: "np.typing.NDArray[np.float64]") -> tuple[float, float]:
 
 def share(count: int, of: int) -> Share:
     """With Wilson's interval, which holds for 0 and all as well."""
+    if not of:
+        return Share(0, 0, 0.0, 1.0)
     z2 = _NORMAL_975**2
     middle = (count + z2 / 2) / (of + z2)
     half = _NORMAL_975 / (of + z2) * math.sqrt(count * (of - count) / of + z2 / 4)

@@ -9,6 +9,7 @@ from deploy.scenario_file import Overrides, ScenarioError, load_scenario
 from deploy.usage import OptionError
 from tests.deploy.faults import fault
 
+METRES = "but must be a number of metres from 0 to 0.5"
 POSES = "[x, y, heading] in m, m and rad"
 DURATION = "but must be a number of seconds above 0, at most 1000000"
 INSTANT = "but must be a number of seconds from 0 to below the duration"
@@ -60,6 +61,13 @@ ACTIONS = "kill, freeze, thaw, restart, move, jam, obstacle"
             "[radio]\ncorrelation_distance = 0",
             "radio.correlation_distance is 0, but must be a number of metres from 0.1 to 1000",
         ),
+        ("[uncertainty]\nmap_error = -1", f"uncertainty.map_error is -1, {METRES}"),
+        ("[uncertainty]\nglass = 2", "uncertainty.glass is 2, but must be a share from 0 to 1"),
+        (
+            "[uncertainty]\nfurniture = 1.5",
+            "uncertainty.furniture is 1.5, but must be a whole number from 0 to 1000",
+        ),
+        ("[uncertainty]\ndrift = inf", "uncertainty.drift is Infinity, but must be a number from 0 to 1000"),
         ("[[wall]]\nx = [1, 2]\ny = [1, 2]", f"wall[0].material is missing, {MATERIAL}"),
         (
             "[[wall]]\nmaterial = 'glass'\nx = [2, 1]\ny = [1, 2]",
@@ -138,7 +146,7 @@ def test_a_wrong_value(text: str, sentence: str) -> None:
             "xyz = 1",
             "xyz is not known; known are map, run, strategy, deeco,"
             " localisation, navigation, planner, local_map, dwa,"
-            " robots, places, radio, area, robot, event, wall, wifi",
+            " robots, places, radio, uncertainty, area, robot, event, wall, wifi",
         ),
         ("[deeco]\nrelays = true", "deeco.relays is not known; did you mean deeco.relay?"),
         ('[[event]]\nat = 1\nkil = "r1"', "event[0].kil is not known; did you mean event[0].kill?"),

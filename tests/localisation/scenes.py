@@ -1,7 +1,7 @@
 """Floors, sensors and drives for tests of localisation: truth, odometry and scans of a robot under way."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.geometry import Point, Pose, wrap
+from actors.geometry import ORIGIN, Point, Pose, wrap
 from actors.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid, largest_region
 from actors.map_file import load_map
 from actors.messages import NO_ECHO_MM
@@ -18,6 +18,7 @@ from actors.robot.localisation import (
     Amcl,
     AmclParameters,
     LikelihoodField,
+    beams,
     likelihood_field,
 )
 from actors.robot.planning import Ground, Planner, ground
@@ -30,6 +31,7 @@ CAMERA: Final = load_model("turtlebot2", "kinect")
 APARTMENT: Final = load_map(Path(__file__).parents[2] / "maps" / "apartment.yaml")
 _MARGIN: Final = 1.0
 """How far the map goes on behind the room's walls, m: maps that were made by a robot do."""
+BEAMS: Final = beams.beams(TURTLEBOT.sensor, 60)
 STEP: Final = 0.1
 """s from one scan to the next."""
 
@@ -48,6 +50,28 @@ ROOM: Final = room(((2.0, 0.0, 2.3, 3.0), (5.0, 5.0, 8.0, 5.2), (4.0, 2.5, 4.5, 
 """8 m by 8 m, with three walls that make every place unlike the others."""
 FIELD: Final = likelihood_field(ROOM, 2.0)
 NOBODY: Final = np.empty((0, 3))
+APART: Final = 6.0
+"""The middle of a twin room is so far from the other's, m."""
+
+
+def twins(shorter: float = 0.0) -> OccupancyGrid:
+    """Two rooms of 6 m by 6 m, west and east, without a door; turned by half a turn the whole is the same.
+
+    `shorter`: the eastern room ends so much sooner, m, at its south; what is behind is not known.
+    """
+    edge = round(_MARGIN / 0.05)
+    west = room(((1.5, 0.0, 1.7, 2.0), (4.0, 2.5, 6.0, 2.7)), 6.0).cells[edge:-edge, edge:-edge]
+    east = west[::-1, ::-1].copy()
+    if shorter > 0:
+        south = round(shorter / 0.05)
+        east[:south], east[south] = UNKNOWN, OCCUPIED
+    both = np.pad(np.hstack((west, east)), edge, constant_values=UNKNOWN)
+    return OccupancyGrid(both, 0.05, Point(-_MARGIN, -_MARGIN))
+
+
+def twin_of(pose: Pose) -> Pose:
+    """The same place in the other twin room."""
+    return Pose(2 * APART - pose.x, APART - pose.y, wrap(pose.heading + math.pi))
 
 
 @cache
@@ -113,11 +137,44 @@ def blind() -> NDArray[np.uint16]:
     return frozen(np.full(TURTLEBOT.sensor.rays, NO_ECHO_MM, np.uint16))
 
 
+def counted(track: Iterable[tuple[Pose, Sweep]]) -> Iterator[tuple[Pose, Sweep]]:
+    """Those that a filter looks at: after every 0.25 m, or 0.2 rad."""
+    last: Pose | None = None
+    for truth, sweep in track:
+        made = Pose(math.inf, 0.0, 0.0) if last is None else last.relative(sweep.pose)
+        if math.hypot(made.x, made.y) >= 0.25 or abs(made.heading) >= 0.2:
+            last = sweep.pose
+            yield truth, sweep
+
+
+def anywhere(*seed: int) -> Pose:
+    """Somewhere in the apartment."""
+    rng = np.random.default_rng(seed)
+    point = place(APARTMENT, rng)
+    return Pose(point.x, point.y, rng.uniform(-math.pi, math.pi))
+
+
+@cache
+def apartment() -> LikelihoodField:
+    """The field of the apartment."""
+    return likelihood_field(APARTMENT, 2.0)
+
+
+def ends(ranges: NDArray[np.uint16]) -> NDArray[np.float64]:
+    """(b, 2): where the beams of a scan end, m, body's frame."""
+    return beams.ends(ranges, BEAMS, ORIGIN, np.empty((0, 2)), 0.0).points
+
+
 def amcl(
-    parameters: AmclParameters, start: Pose | None, field: LikelihoodField = FIELD, seed: int = 0
+    parameters: AmclParameters,
+    start: Pose | None,
+    field: LikelihoodField = FIELD,
+    seed: int = 0,
+    origin: Pose = ORIGIN,
 ) -> Amcl:
     """A filter for the TurtleBot."""
-    return Amcl(field, TURTLEBOT.sensor, start, np.random.default_rng(seed), parameters)
+    generator = np.random.default_rng(seed)
+    return Amcl(field, TURTLEBOT.sensor, start, generator, parameters, origin=origin)
 
 
 def error(pose: Pose, truth: Pose) -> float:

@@ -19,10 +19,12 @@ def stand(believed: Pose, doubt: float, preset: str, seed: int, scans: int = 60)
     parameters, generator = PRESETS[preset], np.random.default_rng(seed)
     localiser = Amcl(FIELD, TURTLEBOT.sensor, start, generator, parameters, doubt)
     seen = scan(ROOM, TRUTH)
-    assert not localiser.update(HERE, None).located
+    before = localiser.update(HERE, None)
+    assert not before.located and before.lost == 1.0
     for number in range(1, scans + 1):
         estimate = localiser.update(HERE, Sweep(seen, HERE))
         if estimate.located:
+            assert estimate.lost < 0.1
             return number, estimate.pose
     return None, estimate.pose
 

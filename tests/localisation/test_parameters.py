@@ -19,7 +19,7 @@ from actors.robot.localisation.recovery import Recovery
         ("sigma_hit", 0.0, "be above 0"),
         ("z_rand", 0.0, "be above 0"),
         ("recovery_fast", 1.5, "lie in 0 to 1"),
-        ("recovery_tolerance", 0.5, "be at least 1"),
+        ("search_poses", -1, "be at least 0"),
         ("weighting", "sum", "be one of cubes, product"),
         ("odometry_model", "omni", "be one of diff, diff-corrected"),
         ("max_distance", float("nan"), "be above 0"),
@@ -66,4 +66,9 @@ def test_chapter_has_the_chapter_s_numbers() -> None:
     assert (chapter.z_hit, chapter.z_rand, chapter.sigma_hit, chapter.max_distance) == (0.5, 0.5, 0.2, 2.0)
     assert (chapter.update_distance, chapter.update_angle, chapter.resample_interval) == (0.25, 0.2, 1)
     assert (chapter.recovery_slow, chapter.recovery_fast) == (0.0, 0.0)
-    assert not chapter.beam_skip and not chapter.stranger_filter
+    assert not chapter.beam_skip and not chapter.stranger_filter and not chapter.search_poses
+
+
+def test_robust_searches_beside_the_particles_and_leaves_them_alone() -> None:
+    robust = PRESETS["robust"]
+    assert robust.search_poses > 0 and robust.stranger_filter and not robust.recovers

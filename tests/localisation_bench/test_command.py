@@ -4,19 +4,19 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.localisation import command
+from benchmarks.localisation import command, logs
 from benchmarks.localisation.cells import CellError, Extent, cells, chosen
 from benchmarks.localisation.log import LogError
 from benchmarks.localisation.speed import update_costs
 from deploy.cli_bench import app
 from tests.localisation_bench.scenes import APARTMENT, CORRIDOR
 
-MAPS = Path(CORRIDOR), Path(APARTMENT)
+MAPS = Path(CORRIDOR), [Path(APARTMENT)]
 SMALL = Extent(seeds=1, runs=2, seconds=5, after=(1.0, 3.0), carried_at=2.0)
 
 
 def test_the_cells_are_those_that_were_asked_for() -> None:
-    everything = cells(CORRIDOR, APARTMENT, Extent())
+    everything = cells(CORRIDOR, [APARTMENT], Extent())
     names = [cell.name for cell in everything]
     assert len(set(names)) == len(names)
     tracking = {name for name in names if name.startswith("tracking/")}
@@ -27,12 +27,18 @@ def test_the_cells_are_those_that_were_asked_for() -> None:
         for robots in (0, 4, 10)
         for preset in ("chapter", "robust")
     }
-    goals = {cell.name: (cell.goal.rmse, cell.runs) for cell in everything if cell.goal}
+    goals = {cell.name: (cell.goal.rmse, cell.goal.lost, cell.runs) for cell in everything if cell.goal}
     assert goals == {
-        "alone/corridor/360/exact/0/chapter": (0.08, 100),
-        "alone/corridor/360/exact/0/robust": (0.08, 100),
-        "realistic/corridor/360/kobuki/4-at-times/robust": (0.15, 100),
+        "alone/corridor/360/exact/0/chapter": (0.08, 0.0, 100),
+        "alone/corridor/360/exact/0/robust": (0.08, 0.0, 100),
+        "realistic/corridor/360/kobuki/4-at-times/robust": (0.15, 0.0, 100),
+        "crowd/corridor/360/kobuki/10/robust": (None, 0.05, 20),
+        "crowd/corridor/58/kobuki/10/robust": (None, 0.05, 20),
+        "crowd/apartment/360/kobuki/10/robust": (None, 0.05, 20),
+        "crowd/apartment/58/kobuki/10/robust": (None, 0.05, 20),
     }
+    assert "range/corridor/360-as-written/kobuki/4/robust" in names
+    assert "causes/corridor/58/exact/0/chapter/map_error-0.1" in names
     assert all(cell.runs == 20 for cell in everything if cell.section not in ("alone", "realistic"))
     for section in ("global", "kidnapped"):
         its = [cell for cell in everything if cell.section == section]
@@ -41,7 +47,7 @@ def test_the_cells_are_those_that_were_asked_for() -> None:
 
 
 def test_cells_are_chosen_by_section_or_pattern() -> None:
-    everything = cells(CORRIDOR, APARTMENT, Extent())
+    everything = cells(CORRIDOR, [APARTMENT], Extent())
     assert {cell.section for cell in chosen(everything, ["mask", "alone"])} == {"mask", "alone"}
     assert [cell.name for cell in chosen(everything, ["mask/*/58/*/2/robust/on"])] == [
         "mask/corridor/58/kobuki/2/robust/on"
@@ -68,11 +74,19 @@ def test_the_figures_of_every_seed_are_told(capsys: pytest.CaptureFixture[str]) 
 
 
 def test_tables_and_goals_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    patterns = ["realistic", "mask/*/360/*/2/robust", "kidnapped/apartment"]
+    patterns = [
+        "realistic",
+        "mask/*/360/*/2/robust",
+        "kidnapped/apartment",
+        "causes/*/360/exact/0/robust/*",
+        "crowd/apartment/58",
+    ]
     command.run(*MAPS, patterns, SMALL, workers=1)
     printed = capsys.readouterr().out
-    for title in ("realistic: four others near", "mask: peers' positions told", "kidnapped: carried"):
+    titles = "realistic: four others near", "mask: peers' positions told", "kidnapped: carried"
+    for title in (*titles, "causes: one at a time", "map_error 0.1", "furniture 30", "crowd: ten others"):
         assert title in printed
+    assert "goal, crowd/apartment/58/kobuki/10/robust: at most 5% lost: " in printed
     goal = "goal, realistic/corridor/360/kobuki/4-at-times/robust: rmse ≤ 0.15 m and none lost: "
     assert goal in printed and "(with 2 runs only; 100 are asked for)" in printed
 
@@ -82,9 +96,9 @@ def test_a_course_is_written_and_fed(tmp_path: Path, capsys: pytest.CaptureFixtu
     command.write_log(file, *MAPS, ["tracking/*/4/chapter"], 7, SMALL)
     said = capsys.readouterr().err
     assert "the course of tracking/corridor/360/exact/4/chapter, seed 7: 51 poses, 51 scans" in said
-    figures = command.run_log(file, seeds=2)
+    figures = logs.run(file, seeds=2)
     printed = capsys.readouterr().out
-    assert "course.zip" in printed and all(name in printed for name in ("chapter", "robust", "odometry"))
+    assert "course" in printed and all(name in printed for name in ("chapter", "robust", "odometry"))
     assert [len(runs) for runs in figures.values()] == [2, 2, 2]
     assert figures["odometry"][0]["max"] < 1e-6  # this odometry is exact
     direct = command.run(*MAPS, ["tracking/corridor/360/exact/4/chapter"], Extent(7, 1, 5), workers=1)

@@ -116,6 +116,7 @@ def test_the_number_of_workers_changes_nothing() -> None:
 def test_recovery_is_switched_whatever_the_preset_has() -> None:
     for preset in PRESETS:
         on, off = Arm(preset, recovery=True).parameters, Arm(preset, recovery=False).parameters
-        assert 0 < on.recovery_slow < on.recovery_fast and off.recovery_slow == off.recovery_fast == 0
-        assert replace(on, recovery_slow=0.0, recovery_fast=0.0) == off
+        assert on.recovers or on.search_poses > 0
+        assert not off.recovers and off.search_poses == 0
+        assert replace(on, recovery_slow=0.0, recovery_fast=0.0, search_poses=0) == off
     assert Arm("chapter").parameters.recovery_fast == 0  # the preset's own

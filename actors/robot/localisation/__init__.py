@@ -2,7 +2,16 @@
 
 from typing import Final
 
-from actors.robot.localisation import beams, histogram, measurement, motion, resampling
+from actors.robot.localisation import (
+    beams,
+    confidence,
+    evidence,
+    histogram,
+    line_of_sight,
+    measurement,
+    motion,
+    resampling,
+)
 from actors.robot.localisation.amcl import Amcl
 from actors.robot.localisation.dead_reckoning import DeadReckoning
 from actors.robot.localisation.estimate import (
@@ -13,7 +22,16 @@ from actors.robot.localisation.estimate import (
 from actors.robot.localisation.likelihood_field import LikelihoodField, likelihood_field
 from actors.robot.localisation.parameters import PRESETS, AmclParameters
 
-KERNELS: Final = (beams, histogram, measurement, motion, resampling)
+KERNELS: Final = (
+    beams,
+    line_of_sight,
+    evidence,
+    confidence,
+    histogram,
+    measurement,
+    motion,
+    resampling,
+)
 """The modules with numeric kernels."""
 
 __all__ = [

@@ -13,28 +13,37 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors.geometry import Point, Pose, between
+from actors.geometry import ORIGIN, Point, Pose, between
 from actors.portable import arrays
 from actors.portable.draws import normals
 from actors.robot.localisation.beams import beams, ends
+from actors.robot.localisation.confidence import Confidence
 from actors.robot.localisation.estimate import Estimate
+from actors.robot.localisation.evidence import Judgement, judge
 from actors.robot.localisation.histogram import Cluster, Histogram, heaviest_cluster, histogram
 from actors.robot.localisation.likelihood_field import LikelihoodField
 from actors.robot.localisation.locating import Locating
+from actors.robot.localisation.lost import Lost
 from actors.robot.localisation.measurement import Measurement
 from actors.robot.localisation.motion import move, parts_of, spread, step
 from actors.robot.localisation.parameters import AmclParameters
 from actors.robot.localisation.recovery import Recovery
 from actors.robot.localisation.resampling import resample
+from actors.robot.localisation.search import Search
 from actors.robot.localisation.tally import Tally
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
 
-_ORIGIN: Final = Pose(0.0, 0.0, 0.0)
 _TOGETHER: Final = 0.9
 """The particles are together while the estimate's cluster has so much of their weight,"""
 _APART: Final = 0.5
 """and they are, on the root of the mean square, no farther from it than this, m."""
+_SEARCHED: Final = 0.5
+"""Where the robot is lost with a higher probability, it is searched,"""
+_FOUND: Final = 0.01
+"""until it is lost with no higher one than this."""
+_GATHERED: Final = (0.1, 0.1, 0.05)
+"""Around where it was found, the particles are gathered with these standard deviations: m, m, rad."""
 
 
 class Amcl:
@@ -48,8 +57,9 @@ class Amcl:
         generator: Generator,
         parameters: AmclParameters,
         doubt: float | None = None,
+        origin: Pose = ORIGIN,
     ) -> None:
-        """`start`: the pose where the odometry is (0, 0, 0), as far as known; None: anywhere on free floor.
+        """`start`: the pose where the odometry is `origin`, as far as known; None: anywhere on free floor.
 
         `doubt`: standard deviation of the start, m and rad: the robot has to be located first, by scans made
         while it stands. None: as the parameters say, and it is located.
@@ -63,9 +73,13 @@ class Amcl:
         self._beams = beams(sensor, parameters.beams)
         self._measurement = Measurement(field, sensor.range_max, parameters)
         self._recovery = Recovery(parameters)
+        self._confidence = Confidence(field, sensor, len(self._beams.rays))
+        self._lost = Lost() if start is not None else Lost(1.0)
+        self._search: Search | None = None
         self._tally = Tally()
         self._peers = np.empty((0, 2))
-        self._odometry: Pose | None = None
+        self._odometry = origin
+        self._begun = False
         self._doubt = doubt
         self._locating = None if doubt is None else Locating(doubt)
         self._count = parameters.max_particles
@@ -74,14 +88,17 @@ class Amcl:
         self._directions = np.stack((arrays.cos(self._poses[2]), arrays.sin(self._poses[2])))
         self._weights = np.full(self._count, 1 / self._count)
         self._cluster = self._heaviest(histogram(self._poses, self._count))
-        self._correction = self._cluster.pose if start is None else start
+        pose = self._cluster.pose if start is None else start
+        self._correction = pose.frame(origin)
+        self._covariance = self._cluster.covariance
 
     def update(self, here: Pose, sweep: Sweep | None) -> Estimate:
         """The estimate at a step's start: `here` is the odometry's pose then, `sweep` the scan that came."""
         if sweep is not None and self._counts(sweep.pose):
             self._take(sweep)
         located = self._locating is None
-        return Estimate(self._correction.compose(here), self._cluster.covariance, located)
+        lost = self._lost.probability if located else 1.0
+        return Estimate(self._correction.compose(here), self._covariance, located, lost)
 
     def mask(self, peers: Sequence[Point]) -> None:
         """From now on, believe no beam that ends at one of these points of the map frame, m."""
@@ -109,38 +126,84 @@ class Amcl:
         around, turned = (p.start_spread, p.start_turn_spread) if doubt is None else (doubt, doubt)
         poses = np.array([[around], [around], [turned]]) * normals(self._generator, (3, self._count))
         poses += np.array(start)[:, np.newaxis]
-        poses[2] = np.remainder(poses[2] + np.pi, 2 * np.pi) - np.pi
+        poses[2] = _wrapped(poses[2])
         return poses
 
     def _counts(self, pose: Pose) -> bool:
         """True for a scan made far enough from the last one that counted, and for the first one."""
-        if self._odometry is None or self._locating is not None:
+        if not self._begun or self._locating is not None:
             return True
         moved = self._odometry.relative(pose)
-        far = moved.point.distance_to(_ORIGIN.point) >= self._parameters.update_distance
+        far = moved.point.distance_to(ORIGIN.point) >= self._parameters.update_distance
         return far or abs(moved.heading) >= self._parameters.update_angle
 
     def _take(self, sweep: Sweep) -> None:
         """One update of the filter by a scan that counts."""
-        if self._odometry is None and self._locating is not None:  # the doubt is of where it is now
+        if not self._begun and self._locating is not None:  # the doubt is of where it is now
             believed = self._correction.compose(sweep.pose)
             self._poses, self._locating.believed = self._scatter(believed), believed.point
             self._odometry = sweep.pose
+        self._begun = True
         self._move(sweep.pose)
-        fit = self._weigh(sweep)
+        points, judged = self._judged(sweep)
+        if len(points):
+            self._lost.take(judged.agreeing, judged.beyond)
+        fit = self._weigh(judged)
         found = histogram(self._poses, self._count)
         self._cluster = self._heaviest(found)
-        self._correction = self._cluster.pose.compose(sweep.pose.relative(_ORIGIN))
+        self._correction = self._cluster.pose.frame(sweep.pose)
         self._tally.updates += 1
         self._tally.particles += self._count
-        if fit is None:
+        if len(judged.known):
+            self._draw(found, fit)
+        else:
             self._tally.blind += 1
-            return
-        if self._locating is not None and self._locating.take(self._cluster, fit):
-            self._locating = None
+        if len(points):
+            self._look(points, judged, sweep.pose)
+        self._covariance = self._confidence.covariance(
+            judged.known, self._cluster.pose, self._cluster.covariance, self._lost.probability
+        )
+
+    def _draw(self, found: Histogram, fit: float) -> None:
+        """The particles of the next scan."""
         injection = self._recovery.injection(fit)
         if self._tally.updates % self._parameters.resample_interval == 0:
             self._resample(found, injection)
+
+    def _look(self, points: NDArray[np.float64], judged: Judgement, here: Pose) -> None:
+        """Where is the robot, if it has been in doubt from the start, or seems to be lost now?"""
+        lost = self._lost.probability
+        self._tally.lost += lost > _SEARCHED
+        if self._locating is not None:
+            if self._locating.take(self._cluster, judged.agreeing / len(points)):
+                self._locating = None
+            return
+        if self._search is None and self._parameters.search_poses and lost > _SEARCHED:
+            self._search = Search(
+                self._field, self._beams.mount, self._generator, self._parameters.search_poses
+            )
+        elif lost < _FOUND:
+            self._search = None
+        if self._search is not None:
+            self._tally.injected += self._parameters.search_poses
+            place = self._search.take(points, here, self._cluster.pose)
+            if place is not None:
+                self._gather(place.frame.compose(here), here)
+                self._lost = Lost(max(place.lost.probability, _SEARCHED))
+            rivals = self._search.rivals(here, self._cluster.pose)
+            self._lost = Lost(max(self._lost.probability, rivals / (rivals + 1)))
+
+    def _gather(self, pose: Pose, here: Pose) -> None:
+        """All particles around a pose, where the odometry is `here`."""
+        self._tally.found += 1
+        self._count = self._parameters.min_particles
+        draws = normals(self._generator, (3, self._count))
+        self._poses[:, : self._count] = np.array([pose]).T + np.array([_GATHERED]).T * draws
+        self._poses[2] = _wrapped(self._poses[2])
+        self._weights[: self._count] = 1 / self._count
+        self._directions = np.stack((arrays.cos(self._poses[2]), arrays.sin(self._poses[2])))
+        self._cluster = self._heaviest(histogram(self._poses, self._count))
+        self._correction = pose.frame(here)
 
     def _move(self, pose: Pose) -> None:
         """Each particle by its own idea of what the odometry's step was.
@@ -148,7 +211,7 @@ class Amcl:
         A long way without a scan that counts, such as all since the base was switched on or that of a robot
         that was blind, is gone in parts: as one step it would have the spread of a single turn and dash.
         """
-        since = before = self._odometry or _ORIGIN
+        since = before = self._odometry
         parts = parts_of(before, pose, self._parameters)
         for part in range(1, parts + 1):
             after = pose if part == parts else between(since, pose, part / parts)
@@ -158,27 +221,28 @@ class Amcl:
             before = after
         self._odometry = pose
 
-    def _weigh(self, sweep: Sweep) -> float | None:
-        """Each particle by the scan; gives the fit, None without a beam to believe."""
-        parameters, tally, together = self._parameters, self._tally, self._together()
-        points, masked, strangers = ends(
-            sweep.ranges_mm,
-            self._beams,
-            self._correction.compose(sweep.pose),
-            self._peers,
-            parameters.peer_radius,
-            self._field,
-            parameters.stranger_distance if parameters.stranger_filter and together else math.inf,
-            parameters.stranger_error_threshold,
-        )
-        fit, skipped = self._measurement.weigh(
-            points, self._poses, self._weights, self._directions, self._count, together=together
+    def _judged(self, sweep: Sweep) -> tuple[NDArray[np.float64], Judgement]:
+        """The ends of the scan's beams, and how they look from where the robot should be."""
+        parameters, tally, mount = self._parameters, self._tally, self._beams.mount
+        pose = self._correction.compose(sweep.pose)
+        points, masked = ends(sweep.ranges_mm, self._beams, pose, self._peers, parameters.peer_radius)
+        filtered = parameters.stranger_filter and self._together()
+        judged = judge(
+            self._field, points, mount, pose, parameters.stranger_distance if filtered else math.inf
         )
         tally.beams_masked += masked
-        tally.beams_strange += strangers
+        tally.beams_strange += judged.strangers
+        return points, judged
+
+    def _weigh(self, judged: Judgement) -> float:
+        """Each particle by the beams that are believed; gives the fit."""
+        known, tally = judged.known, self._tally
+        fit, skipped = self._measurement.weigh(
+            known, self._poses, self._weights, self._directions, self._count, together=self._together()
+        )
         tally.beams_skipped += skipped
-        tally.beams_used += len(points) - skipped
-        return fit * len(points) / (len(points) + strangers) if len(points) else None
+        tally.beams_used += len(known) - skipped
+        return fit
 
     def _together(self) -> bool:
         """True while nearly all particles, by weight, are about the estimate."""
@@ -210,6 +274,11 @@ class Amcl:
         self._weights[: self._count] = 1 / self._count
         self._tally.resamplings += 1
         self._tally.injected += new
+
+
+def _wrapped(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    wrapped: NDArray[np.float64] = np.remainder(angles + np.pi, 2 * np.pi) - np.pi
+    return wrapped
 
 
 def _read_only(array: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,7 +17,8 @@ class DeadReckoning:
 
     def update(self, here: Pose, sweep: Sweep | None) -> Estimate:
         """The odometry's pose in the frame of the start pose; the covariance is 0, for it knows no better."""
-        return Estimate(self._start.compose(here), CERTAIN, self._located)
+        lost = 0.0 if self._located else 1.0
+        return Estimate(self._start.compose(here), CERTAIN, self._located, lost)
 
     def mask(self, peers: Sequence[Point]) -> None:
         """Without effect, as no beam is believed."""

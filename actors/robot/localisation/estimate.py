@@ -19,6 +19,8 @@ class Estimate(NamedTuple):
     covariance: Covariance
     located: bool = True
     """False while the robot does not know where it is: it should stand."""
+    lost: float = 0.0
+    """Probability that the robot is somewhere else altogether."""
 
 
 class Localisation(Protocol):

@@ -1,6 +1,8 @@
 """The map as a particle filter sees it: how far the nearest wall is from any point, and where floor is."""
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -8,6 +10,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors import distance
+from actors.geometry import Covariance
 from actors.grid import OCCUPIED, OccupancyGrid
 from actors.robot.localisation.estimate import LocalisationError
 
@@ -35,6 +38,23 @@ class LikelihoodField:
     def distances(self) -> NDArray[np.float64]:
         """(256,): the distance that each level stands for, m."""
         return np.linspace(0.0, self.max_distance, LEVELS, dtype=np.float64)
+
+    @cached_property
+    def anywhere(self) -> Covariance:
+        """Of the difference of two poses drawn evenly from free floor and headings, the short way round."""
+        side = self.frame[2]
+        cells = np.rint((self.floor - self.frame[:2]) / side).astype(
+            np.int64
+        )  # whole, so that sums are exact
+        count, (x, y) = len(cells), cells.sum(axis=0).tolist()
+        (xx, xy), (_, yy) = (cells.T @ cells).tolist()
+        scale = 2 * float(side) ** 2 / count**2
+        between = scale * (count * xy - x * y)
+        return (
+            scale * (count * xx - x * x), between, 0.0,
+            between, scale * (count * yy - y * y), 0.0,
+            0.0, 0.0, math.pi**2 / 3,
+        )  # fmt: skip
 
     def poses(self, generator: Generator, count: int) -> NDArray[np.float64]:
         """Poses drawn evenly over the free floor and all headings: (3, count), x, y, heading."""

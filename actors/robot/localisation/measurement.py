@@ -108,7 +108,7 @@ def weigh_by_product(
     """Multiply weights by (Πp)^`sharpness`; gives the fit, and how many beams were skipped.
 
     A beam is skipped if its end's level is at most `agreeing` for less than a share `threshold` of the
-    particles, unless at least a share `most` of the beams would be. The fit counts skipped beams, too.
+    particles, unless at least a share `most` of the beams would be. The fit is that of the others.
     `logarithms`: ln p by level; all else as for `weigh_by_cubes`.
     """
     fit, skipped = _weigh_by_product(
@@ -265,10 +265,10 @@ def _sums(
         agree = 0
         for i in range(count):
             agree += seen[i] <= agreeing
-        agreements += agree
         if agree < threshold * count:
             skipped += 1
             continue
+        agreements += agree
         for i in range(count):
             sums[i] += logarithms[seen[i]]
-    return sums, agreements / max(ends.shape[0] * count, 1), skipped
+    return sums, agreements / max((ends.shape[0] - skipped) * count, 1), skipped

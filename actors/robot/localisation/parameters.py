@@ -59,7 +59,7 @@ class AmclParameters:
     """With "product": drop beams that few particles agree with, while the particles are together."""
     beam_skip_distance: float = 0.5
     """A particle agrees with a beam that ends, seen from it, nearer to a wall than this, m. The fit that
-    recovery goes by is the share of the beams, over all particles, that are agreed with."""
+    recovery goes by is the share of the believed beams, over all particles, that are agreed with."""
     beam_skip_threshold: float = 0.3
     """A beam with which a smaller share of the particles agrees is dropped,"""
     beam_skip_error_threshold: float = 0.9
@@ -68,10 +68,8 @@ class AmclParameters:
     """Drop beams that end in the open, in sight of the estimate, while the particles are together: what is
     not on the map. Beams that reach behind its walls stay. Own form of the distance filter of Fox, Burgard
     and Thrun, "Markov localization for mobile robots in dynamic environments", JAIR 11, 1999."""
-    stranger_distance: float = 0.3
+    stranger_distance: float = 0.12
     """In the open is what is farther from walls, m; own choice by measurement."""
-    stranger_error_threshold: float = 0.9
-    """If this share of the beams, or more, would be dropped, none is; own choice by measurement."""
     peer_radius: float = 0.45
     """A beam that ends so near a masked peer is not believed, m; own choice: two bodies' radii and 0.1 m."""
     update_distance: float = 0.25
@@ -84,9 +82,9 @@ class AmclParameters:
     """Decay of the slow average of the fit, per scan that counts; 0: none are ever put elsewhere."""
     recovery_fast: float = 0.0
     """Decay of the fast average; new poses are tried where it falls below the slow one."""
-    recovery_tolerance: float = 1.0
-    """The fast average counts for so many times what it is, ≥ 1: so that other robots in view do not make
-    the filter look for its robot elsewhere; own addition, 1 is the book's."""
+    search_poses: int = 0
+    """So many poses all over the map are tried per scan that counts while the robot is lost, beside the
+    particles, until one of them explains the scans; 0: none. Own addition."""
     start_spread: float = 0.1
     """Standard deviation of the start's x and y, m; amcl's initial_cov_xx and _yy are its square. Own choice,
     as robots are put where they are said to be; amcl's default is 0.5 m, with which `chapter` loses its way
@@ -123,9 +121,9 @@ class AmclParameters:
 
 
 _LEAST: Final = {
-    **dict.fromkeys(("min_particles", "beams", "resample_interval", "recovery_tolerance"), 1),
+    **dict.fromkeys(("min_particles", "beams", "resample_interval"), 1),
     **dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "kld_quantile", "beam_skip_distance"), 0),
-    "stranger_distance": 0,
+    **dict.fromkeys(("stranger_distance", "search_poses"), 0),
     **dict.fromkeys(
         ("peer_radius", "update_distance", "update_angle", "start_spread", "start_turn_spread"), 0
     ),
@@ -137,7 +135,6 @@ _SHARES: Final = (
     "z_rand",
     "beam_skip_threshold",
     "beam_skip_error_threshold",
-    "stranger_error_threshold",
     "recovery_slow",
     "recovery_fast",
 )
@@ -149,17 +146,15 @@ def _refuse(name: str, value: object, right: str) -> None:
 
 _ROBUST: Final = AmclParameters(
     odometry_model="diff-corrected",
-    alpha1=0.005,
-    alpha2=0.005,
-    alpha3=0.005,
-    alpha4=0.005,
+    alpha1=0.002,
+    alpha2=0.002,
+    alpha3=0.002,
+    alpha4=0.002,
     weighting="product",
-    sharpness=0.3,
+    sharpness=0.2,
     beam_skip_distance=0.3,
     stranger_filter=True,
-    recovery_slow=0.001,
-    recovery_fast=0.1,
-    recovery_tolerance=1.4,
+    search_poses=3000,
 )
 
 PRESETS: Final[Mapping[str, AmclParameters]] = MappingProxyType(

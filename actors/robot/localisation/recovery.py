@@ -26,4 +26,4 @@ class Recovery:
         self._fast += parameters.recovery_fast * (fit - self._fast)
         if self._slow <= 0.0:  # after hundreds of scans that fit nowhere at all
             return 1.0
-        return max(0.0, 1.0 - parameters.recovery_tolerance * self._fast / self._slow)
+        return max(0.0, 1.0 - self._fast / self._slow)

@@ -16,6 +16,10 @@ class Tally:
     """Sum over the scans that counted."""
     injected: int = 0
     """New poses tried."""
+    lost: int = 0
+    """Scans that counted after which the robot was more likely lost than not."""
+    found: int = 0
+    """How often the search found it somewhere else."""
     beams_used: int = 0
     beams_masked: int = 0
     """Dropped as they ended at a masked peer."""

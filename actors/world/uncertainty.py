@@ -1,0 +1,147 @@
+"""How the floor differs from the robots' map, and how far odometry drifts: what makes robots lose their way.
+
+All of it is drawn once, from the run's seed; robots have the map as it is in its file.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from actors.geometry import Point
+from actors.grid import FREE, OCCUPIED, OccupancyGrid
+from actors.placement import PlacementError, draw_points
+from actors.portable.draws import normals
+from actors.world.odometry import KobukiErrors, StageErrors
+
+_LATTICE: Final = 2.0
+"""The map's errors at points so far apart, m, are independent of each other; own choice, as all below."""
+_PANE: Final = 1.0
+"""Glass comes in squares of this side, m."""
+_FURNITURE: Final = 0.25
+"""Radius of a thing on the floor, m,"""
+_PASSAGE: Final = 0.6
+"""and how far it is from walls and other things at least, m: a robot gets past it. From robots' starts and
+places its middle is twice its radius farther."""
+
+
+class Uncertainty(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The doses; those of the defaults are none."""
+
+    map_error: float = 0.0
+    """Standard deviation of how far a wall is from where the map has it, m, by direction."""
+    glass: float = 0.0
+    """Share of the walls that range sensors look through."""
+    furniture: int = 0
+    """So many things on the floor that the map does not have."""
+    drift: float = 1.0
+    """The odometry's errors are so many times as large."""
+
+
+class Floor(NamedTuple):
+    """What is really there."""
+
+    solid: OccupancyGrid
+    """What bodies run into."""
+    visible: OccupancyGrid
+    """What range sensors see: where there is glass nothing is, nor outside of it."""
+
+
+def floor(plan: OccupancyGrid, dose: Uncertainty, generator: Generator, kept_off: Sequence[Point]) -> Floor:
+    """The floor behind a robots' map `plan`; no furniture stands at `kept_off`.
+
+    Raises PlacementError if there is no room for the furniture.
+    """
+    cells = _shifted(plan, dose.map_error, generator) if dose.map_error else plan.cells
+    seen = _without_glass(plan, cells, dose.glass, generator) if dose.glass else cells
+    solid = replace(plan, cells=cells)
+    if not dose.furniture:
+        return Floor(solid, solid if seen is cells else replace(plan, cells=seen))
+    taken = _taken(plan, _things(solid, dose.furniture, generator, kept_off))
+    return Floor(*(replace(plan, cells=np.where(taken, OCCUPIED, part)) for part in (cells, seen)))
+
+
+def _things(
+    solid: OccupancyGrid, count: int, generator: Generator, kept_off: Sequence[Point]
+) -> Sequence[Point]:
+    try:
+        return draw_points(
+            solid,
+            count,
+            rng=generator,
+            clearance=_FURNITURE + _PASSAGE,
+            apart=2 * _FURNITURE + _PASSAGE,
+            keep_off=kept_off,
+        )
+    except PlacementError as error:
+        raise PlacementError(f"uncertainty.furniture is {count}, but {error}") from None
+
+
+def drifting(dose: Uncertainty) -> tuple[StageErrors, KobukiErrors]:
+    """The odometry's errors."""
+    stage, kobuki, times = StageErrors(), KobukiErrors(), dose.drift
+    return (
+        replace(
+            stage, forward=times * stage.forward, leftward=times * stage.leftward, turn=times * stage.turn
+        ),
+        replace(
+            kobuki,
+            gyro_noise_deg=times * kobuki.gyro_noise_deg,
+            gyro_bias_deg=times * kobuki.gyro_bias_deg,
+            gyro_walk_deg=times * kobuki.gyro_walk_deg,
+            wheel_scale=times * kobuki.wheel_scale,
+            slip=times * kobuki.slip,
+        ),
+    )
+
+
+def _shifted(plan: OccupancyGrid, error: float, generator: Generator) -> NDArray[np.uint8]:
+    """Each cell is what the map has where a smooth field of errors leads; walls stay without gaps."""
+    rows, columns = np.indices(plan.cells.shape).astype(np.float64)
+    down, across = (_smooth(plan, generator) * (error / plan.resolution) for _ in range(2))
+    blocked = np.zeros(plan.cells.shape, np.bool_)
+    for half in ((0.0, 0.0), (0.0, 0.5), (0.5, 0.0), (0.5, 0.5)):
+        row = np.clip(np.rint(rows + down + half[0]), 0, plan.rows - 1).astype(np.intp)
+        column = np.clip(np.rint(columns + across + half[1]), 0, plan.columns - 1).astype(np.intp)
+        blocked |= np.equal(plan.cells[row, column], OCCUPIED)
+    rest = np.where(np.equal(plan.cells, OCCUPIED), FREE, plan.cells)
+    return np.where(blocked, OCCUPIED, rest).astype(np.uint8)
+
+
+def _smooth(plan: OccupancyGrid, generator: Generator) -> NDArray[np.float64]:
+    """(rows, columns): standard normal at the points of a lattice, and linear between them."""
+    spacing = _LATTICE / plan.resolution
+    shape = (int(plan.rows / spacing) + 2, int(plan.columns / spacing) + 2)
+    lattice = normals(generator, shape)
+    row, column = (np.arange(count) / spacing for count in plan.cells.shape)
+    r, c = row.astype(np.intp)[:, None], column.astype(np.intp)[None, :]
+    y, x = row[:, None] - r, column[None, :] - c
+    south = lattice[r, c] * (1 - x) + lattice[r, c + 1] * x
+    north = lattice[r + 1, c] * (1 - x) + lattice[r + 1, c + 1] * x
+    smooth: NDArray[np.float64] = south * (1 - y) + north * y
+    return smooth
+
+
+def _without_glass(
+    plan: OccupancyGrid, cells: NDArray[np.uint8], share: float, generator: Generator
+) -> NDArray[np.uint8]:
+    rows, columns = np.indices(cells.shape)
+    side = max(round(_PANE / plan.resolution), 1)
+    panes = generator.random((plan.rows // side + 1, plan.columns // side + 1)) < share
+    seen = np.equal(cells, OCCUPIED) & ~panes[rows // side, columns // side]
+    return np.where(seen, OCCUPIED, FREE).astype(np.uint8)
+
+
+def _taken(plan: OccupancyGrid, things: Sequence[Point]) -> NDArray[np.bool_]:
+    """(rows, columns): the cells under the furniture."""
+    rows, columns = np.indices(plan.cells.shape)
+    x = plan.origin.x + (columns + 0.5) * plan.resolution
+    y = plan.origin.y + (rows + 0.5) * plan.resolution
+    taken = np.zeros(plan.cells.shape, np.bool_)
+    for thing in things:
+        taken |= np.square(x - thing.x) + np.square(y - thing.y) <= _FURNITURE * _FURNITURE
+    return taken

@@ -1,0 +1,133 @@
+"""How far an estimate is to be trusted: the covariance against numpy, and what walls have to do with it."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from actors.geometry import Covariance, Pose
+from actors.robot.localisation import LikelihoodField, confidence, likelihood_field
+from actors.robot.localisation.confidence import Confidence, sharpened
+from actors.robot.localisation.evidence import AGREES
+from tests.localisation.scenes import BEAMS, FIELD, ROOM, TURTLEBOT, apartment, ends, room, scan
+
+HERE = Pose(3.2, 4.0, 0.4)
+PRIOR: Covariance = (0.09, 0.02, 0.01, 0.02, 0.05, -0.01, 0.01, -0.01, 0.04)
+NONE = np.empty((0, 2))
+
+
+def matrix(covariance: Covariance) -> NDArray[np.float64]:
+    return np.array(covariance).reshape(3, 3)
+
+
+def seen_from(pose: Pose, others: int = 0, seed: int = 0) -> NDArray[np.float64]:
+    """The ends of a scan made there."""
+    middle = np.random.default_rng(seed).uniform(1.0, 7.0, (others, 2))
+    return ends(scan(ROOM, pose, np.column_stack((middle, np.full(others, 0.18)))))
+
+
+def level(field: LikelihoodField, at: NDArray[np.float64]) -> float:
+    """The distance to the nearest wall, m."""
+    column, row = np.floor((at - field.frame[:2]) / field.frame[2]).astype(int)
+    return float(field.distances[field.levels[row, column]])
+
+
+def slope(field: LikelihoodField, at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The gradient of that distance, by the cells on both sides."""
+    side = float(field.frame[2])
+    over = np.array([[side, 0.0], [0.0, side]])
+    return np.array([(level(field, at + d) - level(field, at - d)) / (2 * side) for d in over])
+
+
+def informed(
+    field: LikelihoodField, points: NDArray[np.float64], pose: Pose, variance: float
+) -> NDArray[np.float64]:
+    """The twin in the information form: every beam near a wall adds its own to what the prior knew."""
+    c, s = math.cos(pose.heading), math.sin(pose.heading)
+    turn, turning = np.array([[c, -s], [s, c]]), np.array([[-s, -c], [c, -s]])
+    information = np.linalg.inv(matrix(PRIOR))
+    near = [point for point in points if level(field, turn @ point + (pose.x, pose.y)) <= AGREES]
+    for point in near:
+        by_place = slope(field, turn @ point + (pose.x, pose.y))
+        g = np.append(by_place, by_place @ (turning @ point))
+        information += np.outer(g, g) / (variance * (len(points) / len(near)) ** 2)
+    return np.linalg.inv(information)
+
+
+def trust(field: LikelihoodField = FIELD, count: int = 60) -> Confidence:
+    return Confidence(field, TURTLEBOT.sensor, count)
+
+
+@pytest.mark.parametrize("variance", [0.0004, 0.01, 1.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_it_is_that_of_the_information_form(seed: int, variance: float) -> None:
+    x, y, heading = np.random.default_rng(seed).normal(HERE, (0.05, 0.05, 0.03)).tolist()
+    pose, points = Pose(x, y, heading), seen_from(HERE, 3, seed)
+    after = matrix(sharpened(FIELD, points, pose, PRIOR, variance))
+    assert after == pytest.approx(informed(FIELD, points, pose, variance), rel=1e-6, abs=1e-12)
+    assert np.array_equal(after, after.T)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_it_is_wider_than_before_in_no_direction_and_below_nothing_in_none(seed: int) -> None:
+    pose = Pose(*FIELD.poses(np.random.default_rng(seed), 1)[:, 0].tolist())
+    for points in (seen_from(pose), seen_from(HERE)):
+        after = matrix(sharpened(FIELD, points, pose, PRIOR, 0.001))
+        assert np.linalg.eigvalsh(matrix(PRIOR) - after).min() > -1e-12
+        assert np.linalg.eigvalsh(after).min() > 0.0
+
+
+def test_without_beams_nothing_is_learned() -> None:
+    assert sharpened(FIELD, NONE, HERE, PRIOR, 0.001) == PRIOR
+    assert trust().covariance(NONE, HERE, PRIOR, 0.0) == pytest.approx(PRIOR)
+
+
+def test_beams_that_end_far_from_walls_say_nothing() -> None:
+    middle = 0.7 * BEAMS.directions + BEAMS.mount
+    assert sharpened(FIELD, middle, HERE, PRIOR, 0.001) == PRIOR
+    for off in (Pose(-50.0, 3.0, 0.0), Pose(1e6, -1e6, 1.0)):
+        assert sharpened(FIELD, seen_from(HERE), off, PRIOR, 0.001) == PRIOR
+
+
+def test_in_a_long_corridor_it_is_wide_along_and_narrow_across() -> None:
+    """20 m long, and both ends are out of the sensor's reach."""
+    plan = room(((0.0, 9.0, 20.0, 9.2), (0.0, 10.8, 20.0, 11.0)), 20.0)
+    field, pose = likelihood_field(plan, 2.0), Pose(10.0, 10.0, 0.0)
+    cloud = (0.25, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0, 0.0, 0.04)
+    found = trust(field).covariance(ends(scan(plan, pose)), pose, cloud, 0.0)
+    assert found[0] == pytest.approx(0.25)
+    assert found[4] < 0.05 * 0.25 and found[8] < 0.05 * 0.04
+    everywhere = trust().covariance(seen_from(HERE), HERE, cloud, 0.0)
+    assert everywhere[0] < 0.05 * 0.25 and everywhere[4] < 0.05 * 0.25
+
+
+def test_more_beams_that_meet_the_same_walls_say_hardly_more() -> None:
+    """They are wrong together: 120 at 3° know what 60 at 6° know."""
+    few, many = seen_from(HERE), np.repeat(seen_from(HERE), 2, axis=0)
+    once, twice = trust(count=60), trust(count=120)
+    expected = once.covariance(few, HERE, PRIOR, 0.0)
+    assert twice.covariance(many, HERE, PRIOR, 0.0) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("lost", [0.1, 0.5, 1.0])
+def test_who_may_be_lost_may_be_anywhere(lost: float) -> None:
+    points = seen_from(HERE)
+    tracking = np.array(trust().covariance(points, HERE, PRIOR, 0.0))
+    found = trust().covariance(points, HERE, PRIOR, lost)
+    assert found == pytest.approx((1 - lost) * tracking + lost * np.array(FIELD.anywhere))
+    assert trust().covariance(points, HERE, PRIOR, 0.04) == pytest.approx(tracking)  # hardly lost
+
+
+@pytest.mark.parametrize("field", [FIELD, apartment()], ids=["room", "apartment"])
+def test_anywhere_is_what_two_poses_differ_by(field: LikelihoodField) -> None:
+    """100 000 draws: 2 % of the larger are about five standard errors."""
+    rng = np.random.default_rng(0)
+    apart = field.poses(rng, 100_000) - field.poses(rng, 100_000)
+    apart[2] = np.remainder(apart[2] + np.pi, 2 * np.pi) - np.pi
+    scale = np.sqrt(np.outer(np.diag(matrix(field.anywhere)), np.diag(matrix(field.anywhere))))
+    assert np.cov(apart) / scale == pytest.approx(matrix(field.anywhere) / scale, abs=0.02)
+
+
+def test_fingerprint_is_the_same_each_time() -> None:
+    assert confidence.fingerprint() == confidence.fingerprint()

@@ -1,0 +1,211 @@
+"""What a scan says of a pose: strangers, walls that agree, and walls that were passed."""
+
+import math
+from collections import Counter
+from types import ModuleType
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from actors.geometry import Point, Pose
+from actors.grid import OCCUPIED, OccupancyGrid
+from actors.messages import NO_ECHO_MM
+from actors.robot.localisation import PRESETS, LikelihoodField, beams, evidence, line_of_sight
+from actors.robot.localisation.evidence import AGREES, Judgement, explain, judge, worth
+from actors.robot.sweep import Sweep
+from tests.localisation.scenes import (
+    APARTMENT,
+    BEAMS,
+    FIELD,
+    NOBODY,
+    ROOM,
+    TURTLEBOT,
+    amcl,
+    apartment,
+    ends,
+    frozen,
+    place,
+    scan,
+)
+
+HERE = Pose(3.2, 4.0, 0.4)
+ROBUST = PRESETS["robust"]
+PLACES = pytest.mark.parametrize(
+    ("plan", "field"), [(ROOM, FIELD), (APARTMENT, apartment())], ids=["room", "apartment"]
+)
+OFF = [Pose(-50.0, 3.0, 0.0), Pose(1e6, -1e6, 1.0), Pose(-0.9, -0.9, 2.0)]
+
+
+def judged(points: NDArray[np.float64], pose: Pose = HERE, margin: float = 0.12) -> Judgement:
+    return judge(FIELD, points, BEAMS.mount, pose, margin)
+
+
+def to_wall(point: Point) -> float:
+    """From a point to the nearest wall, m, as the field has it."""
+    row, column = np.clip(np.add(ROOM.cell(point), 1), 0, np.subtract(FIELD.levels.shape, 1))
+    return float(FIELD.distances[FIELD.levels[row, column]])
+
+
+def is_wall(point: Point) -> bool:
+    cell = ROOM.cell(point)
+    return ROOM.contains(point) and ROOM.cells[cell.row, cell.column] == OCCUPIED
+
+
+def passes(eye: Point, end: Point) -> bool:
+    """Whether a wall lies before the end of a beam: by fine steps instead of leaps."""
+    shares = np.arange(0.0, 1.0, 0.005 / eye.distance_to(end)).tolist()
+    return any(is_wall(Point(eye.x + s * (end.x - eye.x), eye.y + s * (end.y - eye.y))) for s in shares)
+
+
+def twin(points: NDArray[np.float64], pose: Pose, margin: float) -> Judgement:
+    """The twin of `judge` in plain Python."""
+    known, count = [], Counter[str]()
+    eye = pose.compose(TURTLEBOT.sensor.mount).point
+    for forward, left in points.tolist():
+        end = pose.compose(Pose(forward, left, 0.0)).point
+        apart, passed = to_wall(end), passes(eye, end)
+        count["agreeing"] += apart <= AGREES
+        count["beyond"] += apart > AGREES and passed
+        stranger = apart > margin and not passed
+        count["strangers"] += stranger
+        if not stranger:
+            known.append((forward, left))
+    found = np.array(known).reshape(-1, 2)
+    return Judgement(found, count["strangers"], count["agreeing"], count["beyond"])
+
+
+def crowd(plan: OccupancyGrid, rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+    """Discs as large as robots, somewhere on the floor."""
+    return np.array([(*place(plan, rng), 0.18) for _ in range(count)]).reshape(-1, 3)
+
+
+def about_here(seed: int) -> tuple[NDArray[np.float64], Pose]:
+    """The ends of a scan made HERE among three others, and a pose not far away."""
+    rng = np.random.default_rng(seed)
+    points = ends(scan(ROOM, HERE, crowd(ROOM, rng, 3)))
+    x, y, heading = rng.normal(0.0, (0.4, 0.4, 0.3)).tolist()
+    return points, Pose(HERE.x + x, HERE.y + y, HERE.heading + heading)
+
+
+@pytest.mark.parametrize("margin", [0.12, 0.3, 0.5, math.inf])
+@pytest.mark.parametrize("seed", range(8))
+def test_judge_is_its_twin(seed: int, margin: float) -> None:
+    points, pose = about_here(seed)
+    found, expected = judged(points, pose, margin), twin(points, pose, margin)
+    assert found.agreeing == expected.agreeing
+    assert abs(found.strangers - expected.strangers) <= 1  # a leap may clip a corner of a cell that a step
+    assert abs(found.beyond - expected.beyond) <= 1  # does not, and the other way round
+    if found.strangers == expected.strangers:
+        assert found.known == pytest.approx(expected.known)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_explain_is_judge_for_each_pose_and_numpy_for_the_score(seed: int) -> None:
+    """From a pose in free floor or in a wall, or off the map."""
+    points, _ = about_here(seed)
+    poses = np.random.default_rng([seed, 1]).uniform((-2.0, -2.0, -3.0), (10.0, 10.0, 3.0), (40, 3)).T
+    table = worth(FIELD, 0.1)
+    assert table == pytest.approx(np.exp(-0.5 * (np.linspace(0.0, 2.0, 256) / 0.1) ** 2))
+    found = explain(FIELD, points, BEAMS.mount, poses, table)
+    for i, pose in enumerate(Pose(*column) for column in poses.T.tolist()):
+        single = judged(points, pose)
+        assert (found.agreeing[i], found.beyond[i]) == (single.agreeing, single.beyond)
+        near = [to_wall(pose.compose(Pose(x, y, 0.0)).point) for x, y in points.tolist()]
+        gained = sum(math.exp(-0.5 * (apart / 0.1) ** 2) for apart in near if apart <= AGREES)
+        assert found.score[i] == pytest.approx((gained - 2.0 * single.beyond) / len(points), abs=1e-9)
+
+
+@PLACES
+@pytest.mark.parametrize("others", [0, 4, 10])
+def test_from_the_true_pose_no_beam_passes_a_wall_however_many_others_are_there(
+    plan: OccupancyGrid, field: LikelihoodField, others: int
+) -> None:
+    strangers = 0
+    for seed in range(25):
+        rng = np.random.default_rng([seed, others])
+        at = place(plan, rng)
+        pose = Pose(at.x, at.y, rng.uniform(-math.pi, math.pi))
+        found = judge(field, ends(scan(plan, pose, crowd(plan, rng, others))), BEAMS.mount, pose, 0.12)
+        assert found.beyond == 0
+        strangers += found.strangers
+    assert (strangers > 0) == (others > 0)
+
+
+@PLACES
+def test_from_most_wrong_poses_beams_pass_walls(plan: OccupancyGrid, field: LikelihoodField) -> None:
+    passing = []
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        at = place(plan, rng)
+        pose = Pose(at.x, at.y, rng.uniform(-math.pi, math.pi))
+        points = ends(scan(plan, pose, crowd(plan, rng, 4)))
+        found = explain(field, points, BEAMS.mount, field.poses(rng, 40), worth(field, 0.1))
+        passing.append(float((found.beyond > 0).mean()))
+    assert np.mean(passing) > 0.9
+
+
+def test_the_true_pose_explains_a_scan_best() -> None:
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        points = ends(scan(ROOM, HERE, crowd(ROOM, rng, 4)))
+        poses = FIELD.poses(rng, 2000)
+        poses[:, 7] = HERE
+        score = explain(FIELD, points, BEAMS.mount, poses, worth(FIELD, 0.1)).score
+        assert score[7] > 0.5 and np.delete(score, 7).max() < score[7] + 0.02  # one may be drawn at it
+
+
+def test_strangers_are_what_ends_in_sight_and_not_at_a_wall() -> None:
+    free, ranges = scan(ROOM, HERE), scan(ROOM, HERE, np.array([[4.2, 4.8, 0.18]]))
+    hidden = int((ranges[BEAMS.rays] < free[BEAMS.rays] - 200).sum())
+    found = judged(ends(ranges))
+    assert found.strangers == hidden > 0 and len(found.known) == len(ends(ranges)) - hidden
+    assert judged(ends(free)).strangers == judged(ends(ranges), margin=math.inf).strangers == 0
+
+
+def test_a_beam_that_reaches_through_a_wall_is_no_stranger() -> None:
+    """Seen from a pose on a wall's other side: that the beam passes it speaks against the pose."""
+    ranges = np.full(640, NO_ECHO_MM, np.uint16)
+    ranges[BEAMS.rays[15]] = 2000
+    direction = math.atan2(BEAMS.directions[15, 1], BEAMS.directions[15, 0])
+    behind = Pose(1.2, 1.5, -direction)  # the beam goes east, across the wall from x = 2 to 2.3
+    found = judged(ends(frozen(ranges)), behind)
+    assert (len(found.known), *found[1:]) == (1, 0, 0, 1)
+    ranges[BEAMS.rays[15]] = 1000
+    found = judged(ends(frozen(ranges)), Pose(4.9, 1.5, -direction))
+    assert (len(found.known), *found[1:]) == (0, 1, 0, 0)
+
+
+def test_if_every_beam_is_a_stranger_none_is_believed_and_the_scan_is_blind() -> None:
+    ranges = frozen(np.full(640, 700, np.uint16))
+    found = judged(ends(ranges))
+    assert (len(found.known), *found[1:]) == (0, 60, 0, 0)
+    localiser = amcl(ROBUST, HERE)
+    estimate = localiser.update(Pose(0.0, 0.0, 0.0), Sweep(ranges, Pose(0.0, 0.0, 0.0)))
+    told = localiser.outcome()
+    assert (told["beams_strange"], told["beams_used"], told["blind"], told["resamplings"]) == (60, 0, 1, 0)
+    assert estimate.pose == pytest.approx(HERE, abs=0.05) and estimate.lost < 0.001
+
+
+def test_masked_peers_are_neither_strangers_nor_known() -> None:
+    peer = Point(4.2, 4.8)
+    ranges = scan(ROOM, HERE, np.array([[*peer, 0.18]]))
+    kept = beams.ends(ranges, BEAMS, HERE, np.array([peer]), 0.45)
+    found = judged(kept.points)
+    assert kept.masked > 0 and found.strangers == 0
+    assert len(found.known) == len(kept.points) == found.agreeing
+    assert judged(ends(ranges)).strangers > 0
+
+
+@pytest.mark.parametrize("pose", OFF, ids=["west", "far", "corner"])
+def test_no_pose_is_too_far_off_the_map(pose: Pose) -> None:
+    points = ends(scan(ROOM, HERE, NOBODY))
+    found = judged(points, pose)
+    assert len(found.known) + found.strangers == len(points) >= found.agreeing + found.beyond
+    score = explain(FIELD, points, BEAMS.mount, np.array([pose]).T, worth(FIELD, 0.1)).score
+    assert -2.0 <= score[0] <= 1.0
+
+
+@pytest.mark.parametrize("module", [evidence, line_of_sight], ids=["evidence", "line of sight"])
+def test_fingerprints_are_the_same_each_time(module: ModuleType) -> None:
+    assert module.fingerprint() == module.fingerprint()

@@ -1,0 +1,79 @@
+"""A log of what navigation decides: whoever reads it by its page has all that the controller had."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from actors.robot.inflation import INSCRIBED, LETHAL
+from benchmarks import navigation_log
+from benchmarks.navigation import NavigationTask, write_log
+from benchmarks.navigation_course import Course
+from benchmarks.navigation_log import NavigationLogError
+from deploy.repository import REPOSITORY
+
+CORRIDOR = REPOSITORY / "maps" / "corridor.yaml"
+SHORT = Course(CORRIDOR, 2, 1, 3, patience=20.0)
+
+
+def load(file: Path) -> Any:
+    """By the reader that the page shows."""
+    page = (REPOSITORY / "docs" / "navigation-log.md").read_text()
+    code = re.search(r"```python\n(.*?)```", page, re.DOTALL)
+    assert code is not None
+    names: dict[str, Any] = {}
+    exec(code[1], names)
+    return names["load"](file)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("log") / "cycles.zip"
+    written = navigation_log.write(file, SHORT)
+    assert written.cycles > 20 and written.plans > 1
+    return file
+
+
+def test_each_cycle_has_plan_pose_velocity_costs_and_command(log: Path) -> None:
+    about, cycles = load(log)
+    side = about["window"]
+    assert side == round(about["local_map"]["size"] / about["local_map"]["cell"])
+    times = [int(row["time_us"]) for row, _, _ in cycles]
+    assert times == sorted(times) and min(np.diff(times)) >= about["dwa"]["period"]
+    moved = 0.0
+    for row, plan, costs in cycles:
+        assert len(costs) == side * side and plan
+        x, y = float(row["map_x"]), float(row["map_y"])
+        assert min(np.hypot(x - a, y - b) for a, b in plan) < 0.5  # the robot is on its way
+        valid, speed, turn = int(row["valid"]), float(row["command_vx"]), float(row["command_omega"])
+        assert valid or speed == turn == 0.0
+        moved += abs(float(row["vx"]))
+    assert moved > 1.0
+
+
+def test_the_window_lies_where_its_corner_says(log: Path) -> None:
+    """The robot is in its middle, and stands in no cell that its body must not be in."""
+    about, cycles = load(log)
+    cell, side = about["local_map"]["cell"], about["window"]
+    for row, _, costs in cycles:
+        column = float(row["odometry_x"]) / cell - int(row["corner_column"])
+        line = float(row["odometry_y"]) / cell - int(row["corner_row"])
+        assert side / 2 <= column <= side / 2 + 1 and side / 2 <= line <= side / 2 + 1
+        assert costs[int(line) * side + int(column)] < LETHAL
+    assert {INSCRIBED, LETHAL} <= set(b"".join(costs for _, _, costs in cycles))
+
+
+def test_equal_courses_give_equal_files(log: Path, tmp_path: Path) -> None:
+    navigation_log.write(tmp_path / "again.zip", SHORT)
+    assert (tmp_path / "again.zip").read_bytes() == log.read_bytes()
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    task = NavigationTask((CORRIDOR,), (1,), goals=8)
+    with pytest.raises(NavigationLogError, match="the log cannot be written: No such file or directory"):
+        write_log(task, tmp_path / "nowhere" / "log.zip", 1)
+    write_log(task, tmp_path / "log.zip", 1)
+    said = capsys.readouterr().err
+    assert "cycles of r1 among 1 on corridor, seed 1" in said
