@@ -23,6 +23,7 @@ class Base:
     pose: Pose = field(default=Pose(0.0, 0.0, 0.0))
     moving: bool = False
     covariance: Covariance = CERTAIN
+    is_lost: float = 0.0
     peers: list[Point] | None = None
 
     def disregard(self, peers: Sequence[Point]) -> None:

@@ -35,7 +35,7 @@ from actors.robot.local_map import LocalMap
 from actors.robot.localisation import DeadReckoning
 from actors.robot.navigation import Navigation
 from actors.robot.planning import Planner, ground
-from actors.robot.ports import Decision, Goal, GoalOrder, GoalStatus, Phase
+from actors.robot.ports import Decision, Goal, GoalOrder, GoalStatus, Phase, View
 from actors.robot.sweep import ScanError, Sweeps
 from actors.runtime.core import Output, at, to
 from actors.topic import Message
@@ -131,7 +131,8 @@ def test_the_behaviour_sees_pose_motion_goal_and_radio_and_its_goal_drives_the_r
         robot.take_step()
     views = robot.behaviour.views
     first, until = views[0]
-    assert first == (0, START, False, None, (HEARD, Sent(95, 1)), CERTAIN) and until == 100_000
+    assert first == View(Instant(0), START, False, None, (HEARD, Sent(95, 1)), CERTAIN, 0.0)
+    assert until == 100_000
     assert views[1][0].goal == Goal(goal, GoalStatus.ACTIVE, None, Phase.CONTROLLING, Instant(100_000))
     assert views[1][0].radio == () and views[1][0].instant == 100_000
     assert any(view.moving for view, _ in views)

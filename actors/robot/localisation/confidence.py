@@ -116,6 +116,7 @@ def _sharpened(
         if step * level_at(levels, frame, x + east, y + north) <= agrees:
             near[count, 0], near[count, 1] = east, north
             count += 1
+    crowding = points.shape[0] / max(count, 1)
     for i in range(count):
         east, north = near[i, 0], near[i, 1]
         end_x, end_y = x + east, y + north
@@ -125,7 +126,7 @@ def _sharpened(
             before_it = float(level_at(levels, frame, end_x - over[0], end_y - over[1]))
             slope[axis] = step * (after_it - before_it) / (2 * side)
         slope[2] = slope[1] * east - slope[0] * north
-        spread = variance * (points.shape[0] / count) ** 2
+        spread = variance * crowding * crowding
         for row in range(3):
             gain[row] = 0.0
             for column in range(3):

@@ -42,19 +42,12 @@ class LikelihoodField:
     @cached_property
     def anywhere(self) -> Covariance:
         """Of the difference of two poses drawn evenly from free floor and headings, the short way round."""
-        side = self.frame[2]
-        cells = np.rint((self.floor - self.frame[:2]) / side).astype(
-            np.int64
-        )  # whole, so that sums are exact
-        count, (x, y) = len(cells), cells.sum(axis=0).tolist()
-        (xx, xy), (_, yy) = (cells.T @ cells).tolist()
-        scale = 2 * float(side) ** 2 / count**2
-        between = scale * (count * xy - x * y)
-        return (
-            scale * (count * xx - x * x), between, 0.0,
-            between, scale * (count * yy - y * y), 0.0,
-            0.0, 0.0, math.pi**2 / 3,
-        )  # fmt: skip
+        side = float(self.frame[2])
+        cells = np.rint((self.floor - self.frame[:2]) / side).astype(np.int64)
+        x, y = cells[:, 0], cells[:, 1]
+        scale = 2 * side * side
+        xx, xy, yy = scale * _shared(x, x), scale * _shared(x, y), scale * _shared(y, y)
+        return (xx, xy, 0.0, xy, yy, 0.0, 0.0, 0.0, math.pi * math.pi / 3)
 
     def poses(self, generator: Generator, count: int) -> NDArray[np.float64]:
         """Poses drawn evenly over the free floor and all headings: (3, count), x, y, heading."""
@@ -69,6 +62,13 @@ class LikelihoodField:
             )
         )
         return drawn
+
+
+def _shared(x: NDArray[np.int64], y: NDArray[np.int64]) -> float:
+    """Covariance of two columns of whole numbers, whose sums are exact."""
+    count, products = len(x), x * y
+    of_x, of_y, of_both = (int(column.sum(dtype=np.int64)) for column in (x, y, products))
+    return (count * of_both - of_x * of_y) / (count * count)
 
 
 def likelihood_field(plan: OccupancyGrid, max_distance: float) -> LikelihoodField:

@@ -36,7 +36,7 @@ def odds_of_lost(agreeing: int, beyond: int) -> float:
     for i in range(agreeing):
         ratio *= (_LOST.agreeing + i) / (_TRACKING.agreeing + i)
     for i in range(beyond + agreeing):
-        ratio *= (sum(_TRACKING) + i) / (sum(_LOST) + i)
+        ratio *= (_TRACKING.passing + _TRACKING.agreeing + i) / (_LOST.passing + _LOST.agreeing + i)
     return math.sqrt(ratio)
 
 
