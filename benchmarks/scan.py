@@ -90,9 +90,8 @@ def _measure(map_file: Path, rays: int, task: ScanTask) -> ScanSpeed:
     poses = strewn(grid, task.robots, rng)
     everyone, where, nothing = range(task.robots), np.array(poses), np.empty((0, 3))
     sensors = RangeSensors(grid, [model] * task.robots, rng.spawn(task.robots))
-    peer = _Peer(
-        outline(grid), poses, model.footprint.circumradius, scan_angles(model.sensor), model.sensor.x
-    )
+    sensor, radius = model.sensor, model.footprint.circumradius
+    peer = _Peer(outline(grid), poses, radius, scan_angles(sensor), sensor.x, sensor.range_max)
     ours = task.robots / best(lambda: sensors, lambda it: it.scan(everyone, where, nothing), task.repeats)
     theirs = task.robots / best(lambda: peer, lambda it: list(map(it.scan, everyone)), task.peer_repeats)
     scans = np.array(sensors.scan(everyone, where, nothing), np.float64)
@@ -111,8 +110,6 @@ def _measure(map_file: Path, rays: int, task: ScanTask) -> ScanSpeed:
 class _Peer:
     """The same scene in pymunk, asked ray by ray."""
 
-    reach = 6.5
-
     def __init__(
         self,
         segments: NDArray[np.float64],
@@ -120,7 +117,9 @@ class _Peer:
         radius: float,
         angles: NDArray[np.float64],
         mount: float,
+        reach: float,
     ) -> None:
+        self._reach = reach
         self.space = pymunk.Space()
         for x0, y0, x1, y1 in segments.tolist():
             self.space.add(pymunk.Segment(self.space.static_body, (x0, y0), (x1, y1), 0.0))
@@ -133,7 +132,7 @@ class _Peer:
             self.space.add(body, disc)
             self.filters.append(disc.filter)
             x, y, heading = pose.compose(Pose(mount, 0.0, 0.0))
-            ends = np.stack([np.cos(heading + angles), np.sin(heading + angles)], axis=1) * self.reach
+            ends = np.stack([np.cos(heading + angles), np.sin(heading + angles)], axis=1) * reach
             self.rays.append(((x, y), (ends + np.array([x, y])).tolist()))
         self.space.step(1e-6)  # so that the shapes are where their bodies are
 
@@ -141,4 +140,4 @@ class _Peer:
         """Ranges, m; inf where nothing was met. Where the rays end was computed beforehand."""
         start, ends = self.rays[robot]
         hits = [self.space.segment_query_first(start, end, 0.0, self.filters[robot]) for end in ends]
-        return [hit.alpha * self.reach if hit else np.inf for hit in hits]
+        return [hit.alpha * self._reach if hit else np.inf for hit in hits]

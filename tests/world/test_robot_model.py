@@ -27,7 +27,7 @@ def test_the_turtlebot_is_that_of_the_chapter() -> None:
     model = load_model("turtlebot2")
     assert model.footprint.radius == model.footprint.circumradius == model.footprint.inradius == 0.177
     assert (model.mass, model.drive.speed, model.drive.watchdog, model.odometry) == (10, 0.5, 0.5, "exact")
-    assert (model.sensor_name, model.sensor.rays, model.sensor.range_max) == ("chapter", 640, 6.5)
+    assert (model.sensor_name, model.sensor.rays, model.sensor.range_max) == ("chapter", 640, 5.0)
     assert model.sensor.full_circle and model.sensor.period == 100_000 and model.sensor.mount.x == -0.1
 
 
@@ -150,7 +150,7 @@ def test_unknown_names_are_refused_with_those_that_exist(tmp_path: Path) -> None
     with pytest.raises(RobotModelError) as caught:
         load_model("turtlebot2", "sonar")
     assert str(caught.value) == (
-        "turtlebot2.toml: there is no sensor 'sonar'; it should be one of chapter, kinect"
+        "turtlebot2.toml: there is no sensor 'sonar'; it should be one of chapter, kinect, written"
     )
     with pytest.raises(RobotModelError) as caught:
         load_model(str(tmp_path / "none.toml"))
