@@ -16,7 +16,7 @@ FIGURES = (
     "rmse", "median run", "median", "max", f"> {BEYOND:g} m", "lost", "NEES", "low/high", "told", "false",
     "µs",
 )  # fmt: skip
-WIDTH = 200
+WIDTH = 250
 """Characters that the widest table needs."""
 TITLES = {
     "alone": "alone: nobody near",
@@ -132,7 +132,8 @@ def _figures(one: Summary) -> tuple[str, ...]:
 def _course(cell: Cell) -> tuple[str, str, str, str]:
     course = cell.course
     robots = f"{course.robots} at times" if course.at_times else str(course.robots)
-    return f"{view(course)}°", course.base, robots, cell.arm.preset
+    degrees, _, rest = view(course).partition("-")
+    return f"{degrees}° {rest}".rstrip(), course.base, robots, cell.arm.preset
 
 
 def _share(one: Share) -> str:

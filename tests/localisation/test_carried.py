@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 from actors.geometry import Pose, wrap
+from actors.grid import OccupancyGrid
+from actors.map_file import load_map
 from actors.robot.localisation import PRESETS, AmclParameters, Estimate, likelihood_field
 from actors.robot.sweep import Sweep
+from deploy.repository import REPOSITORY
 from tests.localisation.scenes import (
     APARTMENT,
     ROOM,
@@ -111,20 +114,22 @@ def test_in_a_crowd_it_is_never_thought_lost(parameters: AmclParameters, seed: i
     assert (localiser.outcome()["lost"], localiser.outcome()["found"]) == (0, 0)
 
 
-def turning() -> Iterator[tuple[Pose, Sweep]]:
-    """20 s on one spot of the western twin room, at 1 rad/s."""
+def turning(plan: OccupancyGrid, here: Pose) -> Iterator[tuple[Pose, Sweep]]:
+    """20 s on one spot, at 1 rad/s."""
     for number in range(round(20.0 / STEP)):
         odometry = Pose(0.0, 0.0, wrap(STEP * number))
-        pose = WEST.compose(odometry)
-        yield pose, Sweep(scan(TWINS, pose), odometry)
+        pose = here.compose(odometry)
+        yield pose, Sweep(scan(plan, pose), odometry)
 
 
 TWINS = twins()
+CORRIDOR, OFFICE = load_map(REPOSITORY / "maps" / "corridor.yaml"), Pose(12.5, 4.0, 0.0)
 
 
-def test_in_one_of_two_rooms_that_are_alike_it_stays_lost() -> None:
+@pytest.mark.parametrize(("plan", "here"), [(TWINS, WEST), (CORRIDOR, OFFICE)], ids=["twins", "corridor"])
+def test_in_one_of_two_rooms_that_are_alike_it_stays_lost(plan: OccupancyGrid, here: Pose) -> None:
     """No scan says in which: who is sure of one is wrong as often as right."""
-    field, track = likelihood_field(TWINS, 2.0), list(turning())
+    field, track = likelihood_field(plan, 2.0), list(turning(plan, here))
     for seed in range(4):
         localiser = amcl(ROBUST, None, field, seed)
         for _, sweep in track:

@@ -42,6 +42,8 @@ _SEARCHED: Final = 0.5
 """Where the robot is lost with a higher probability, it is searched,"""
 _FOUND: Final = 0.01
 """until it is lost with no higher one than this."""
+_DRIFT: Final = 0.02
+"""An odometry is taken to be off by so much per m, and rad per m, of the straight way since the start."""
 _GATHERED: Final = (0.1, 0.1, 0.05)
 """Around where it was found, the particles are gathered with these standard deviations: m, m, rad."""
 
@@ -79,7 +81,7 @@ class Amcl:
         self._tally = Tally()
         self._peers = np.empty((0, 2))
         self._odometry = origin
-        self._begun = False
+        self._begun, self._placed = False, start is not None
         self._doubt = doubt
         self._locating = None if doubt is None else Locating(doubt)
         self._count = parameters.max_particles
@@ -118,13 +120,14 @@ class Amcl:
         """(n,): of the particles, their sum is 1; read-only, as of the last scan that counted."""
         return _read_only(self._weights[: self._count])
 
-    def _scatter(self, start: Pose | None) -> NDArray[np.float64]:
-        """(3, n): particles around the start, or everywhere."""
+    def _scatter(self, start: Pose | None, drift: float = 0.0) -> NDArray[np.float64]:
+        """(3, n): particles around the start, by so much wider, m and rad, or everywhere."""
         if start is None:
             return self._field.poses(self._generator, self._count)
         p, doubt = self._parameters, self._doubt
         around, turned = (p.start_spread, p.start_turn_spread) if doubt is None else (doubt, doubt)
-        poses = np.array([[around], [around], [turned]]) * normals(self._generator, (3, self._count))
+        spread = np.array([[around], [around], [turned]]) + drift
+        poses = spread * normals(self._generator, (3, self._count))
         poses += np.array(start)[:, np.newaxis]
         poses[2] = _wrapped(poses[2])
         return poses
@@ -139,11 +142,8 @@ class Amcl:
 
     def _take(self, sweep: Sweep) -> None:
         """One update of the filter by a scan that counts."""
-        if not self._begun and self._locating is not None:  # the doubt is of where it is now
-            believed = self._correction.compose(sweep.pose)
-            self._poses, self._locating.believed = self._scatter(believed), believed.point
-            self._odometry = sweep.pose
-        self._begun = True
+        if not self._begun:
+            self._begin(sweep.pose)
         self._move(sweep.pose)
         points, judged = self._judged(sweep)
         if len(points):
@@ -205,11 +205,22 @@ class Amcl:
         self._cluster = self._heaviest(histogram(self._poses, self._count))
         self._correction = pose.frame(here)
 
+    def _begin(self, here: Pose) -> None:
+        """The first scan. What the odometry has gone until then is no motion of the particles: they are drawn
+        where it leads from the start."""
+        self._begun = True
+        believed, gone = self._correction.compose(here), here.point.distance_to(self._odometry.point)
+        if self._locating is not None:  # the doubt is of where it is now
+            self._poses, self._locating.believed = self._scatter(believed), believed.point
+        elif self._placed and here != self._odometry:
+            self._poses = self._scatter(believed, _DRIFT * gone)
+        self._odometry = here
+
     def _move(self, pose: Pose) -> None:
         """Each particle by its own idea of what the odometry's step was.
 
-        A long way without a scan that counts, such as all since the base was switched on or that of a robot
-        that was blind, is gone in parts: as one step it would have the spread of a single turn and dash.
+        A long way without a scan that counts, that of a robot that was blind, is gone in parts: as one step
+        it would have the spread of a single turn and dash.
         """
         since = before = self._odometry
         parts = parts_of(before, pose, self._parameters)

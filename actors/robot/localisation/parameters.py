@@ -87,8 +87,7 @@ class AmclParameters:
     particles, until one of them explains the scans; 0: none. Own addition."""
     start_spread: float = 0.1
     """Standard deviation of the start's x and y, m; amcl's initial_cov_xx and _yy are its square. Own choice,
-    as robots are put where they are said to be; amcl's default is 0.5 m, with which `chapter` loses its way
-    in 2 of 300 courses in the corridor, and with 0.1 m in none."""
+    as robots are put where they are said to be; amcl's default is 0.5 m."""
     start_turn_spread: float = 0.1
     """Standard deviation of the start's heading, rad; amcl's initial_cov_aa is its square. Own choice, as
     above; amcl's default is 15°."""
