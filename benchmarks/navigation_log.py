@@ -14,12 +14,18 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.instant import Instant
 from actors.map_file import load_map
+from actors.messages import SENSES, Senses
 from actors.robot.core import RobotCore
 from actors.robot.driver import Cycle, Driver
 from actors.robot.stack import Stack, load_stack
-from actors.runtime.core import Core
+from actors.robot.sweep import Sweeps
+from actors.runtime.codec import decode
+from actors.runtime.core import Core, at
 from actors.runtime.errors import AcrcError
+from actors.runtime.recording import Entry, read_recording
+from actors.runtime.replay_bus import topic_of
 from benchmarks.localisation.log import map_members
 from benchmarks.navigation_course import Course, body, scenario
 from deploy import swarm
@@ -55,9 +61,10 @@ def write(file: Path, course: Course, robot: str = "r1") -> Written:
         out = Path(name) / "run"
         plan = swarm.plan(scenario(course), RunOptions(out, bus="memory"))
         swarm.run_in_memory(plan, lambda progress: None)
-        cycles = _cycles(out, robot)
+        cycles, scans = _cycles(out, robot), _scans(out, robot)
         stack = load_stack(out / robot / "navigation.toml")
     members, written = _members(course, stack, cycles)
+    members["scans.csv"] = "\n".join([_scan_columns(), *scans, ""])
     try:
         with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
             for member, content in members.items():
@@ -76,6 +83,26 @@ def _cycles(out: Path, robot: str) -> list[Cycle]:
 
     replay_actor(out, robot, look_on)
     return cycles
+
+
+def _scans(out: Path, robot: str) -> list[str]:
+    """What the local map was made from: each scan with the odometry's pose at its stamp."""
+    sweeps, rows = Sweeps(body().sensor), []
+    for item in read_recording(out / robot / f"{robot}.mcap"):
+        if not isinstance(item, Entry) or item.payload is None or item.key != at(SENSES, robot).key:
+            continue
+        senses = decode(topic_of(item.key), item.key, item.payload)
+        assert isinstance(senses, Senses)
+        sweeps.take(Instant(senses.instant), senses.odometry, None)
+        for scan in (*senses.earlier_scans, *filter(None, (senses.scan,))):
+            sweep = sweeps.placed(scan)
+            rows.append(",".join(map(repr, (scan.stamp, *sweep.pose, *sweep.ranges_mm.tolist()))))
+    return rows
+
+
+def _scan_columns() -> str:
+    rays = ",".join(f"r{ray}" for ray in range(body().sensor.rays))
+    return f"time_us,odometry_x,odometry_y,odometry_heading,{rays}"
 
 
 def _members(course: Course, stack: Stack, cycles: list[Cycle]) -> tuple[dict[str, str | bytes], Written]:
@@ -111,6 +138,7 @@ def _about(stack: Stack, cycles: list[Cycle]) -> dict[str, Any]:
         "window": len(cycles[0].costs) if cycles else 0,
         "radius": model.footprint.circumradius,
         "drive": model.drive.model_dump(),
+        "sensor": model.sensor.model_dump(),
         "local_map": asdict(stack.local_map),
         "dwa": asdict(stack.dwa),
         "planner": asdict(stack.planner),

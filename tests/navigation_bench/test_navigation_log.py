@@ -1,6 +1,9 @@
 """A log of what navigation decides: whoever reads it by its page has all that the controller had."""
 
+import csv
+import io
 import re
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +66,32 @@ def test_the_window_lies_where_its_corner_says(log: Path) -> None:
         assert side / 2 <= column <= side / 2 + 1 and side / 2 <= line <= side / 2 + 1
         assert costs[int(line) * side + int(column)] < LETHAL
     assert {INSCRIBED, LETHAL} <= set(b"".join(costs for _, _, costs in cycles))
+
+
+def test_what_stands_in_the_map_was_seen_in_the_last_scans(log: Path) -> None:
+    """Every end of a scan that is near enough to be marked lies in or beside a cell that holds something."""
+    about, cycles = load(log)
+    with zipfile.ZipFile(log) as archive:
+        rows = list(csv.reader(io.TextIOWrapper(archive.open("scans.csv"), "ascii")))[1:]
+    sensor, cell, side = about["sensor"], about["local_map"]["cell"], about["window"]
+    angles = -np.pi + 2 * np.pi / sensor["rays"] * np.arange(1, sensor["rays"] + 1)
+    scans = {int(row[0]): np.array(row[1:], float) for row in rows}
+    found = []
+    for row, _, costs in cycles:
+        scan = scans[max(time for time in scans if time <= int(row["time_us"]))]
+        (x, y, heading), ranges = scan[:3], scan[3:] / 1000
+        eye = x + sensor["x"] * np.cos(heading), y + sensor["x"] * np.sin(heading)
+        near = ranges < about["local_map"]["obstacle_range"] - cell
+        ends = [
+            eye[0] + (ranges * np.cos(heading + angles))[near],
+            eye[1] + (ranges * np.sin(heading + angles))[near],
+        ]
+        column = np.floor(ends[0] / cell).astype(int) - int(row["corner_column"])
+        line = np.floor(ends[1] / cell).astype(int) - int(row["corner_row"])
+        inside = (column >= 0) & (column < side) & (line >= 0) & (line < side)
+        seen = np.frombuffer(costs, np.uint8).reshape(side, side)[line[inside], column[inside]]
+        found.append(np.mean(seen >= INSCRIBED))
+    assert np.mean(found) > 0.99
 
 
 def test_equal_courses_give_equal_files(log: Path, tmp_path: Path) -> None:
