@@ -1,11 +1,18 @@
 """What holds for all tests: under CI a skipped test is a failure, because there nobody would see it."""
 
 import os
+import signal
 from typing import Any
 
 import pytest
 
 _SKIPPED: list[str] = []
+
+
+def pytest_configure() -> None:
+    """What a shell starts in the background ignores Ctrl-C, and what the tests start would inherit that."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
