@@ -89,7 +89,7 @@ def run(task: NavigationTask = NavigationTask(), json_output: bool = False) -> l
 def write_log(task: NavigationTask, file: Path, seed: int) -> None:
     """Write what r1 decides in one run on the first map, with the largest number of robots asked for.
 
-    Raises NavigationLogError.
+    Raises LogError.
     """
     robots = max(task.robots)
     each = math.ceil(task.goals / (task.runs * robots))

@@ -6,7 +6,6 @@ byte by byte, and somebody looks on.
 
 import json
 import tempfile
-import zipfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -23,10 +22,9 @@ from actors.robot.stack import Stack, load_stack
 from actors.robot.sweep import Sweeps
 from actors.runtime.codec import decode
 from actors.runtime.core import Core, at
-from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_recording
 from actors.runtime.replay_bus import topic_of
-from benchmarks.localisation.log import map_members
+from benchmarks.localisation.log import map_members, pack
 from benchmarks.navigation_course import Course, body, scenario
 from deploy import swarm
 from deploy.options import RunOptions
@@ -38,11 +36,6 @@ CYCLES: Final = (
     "time_us,odometry_x,odometry_y,odometry_heading,map_x,map_y,map_heading,vx,vy,omega,"
     "corner_row,corner_column,plan,turning,valid,command_vx,command_omega"
 )
-_WHEN: Final = (1980, 1, 1, 0, 0, 0)
-
-
-class NavigationLogError(AcrcError):
-    """A log that cannot be written."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +49,7 @@ class Written:
 
 
 def write(file: Path, course: Course, robot: str = "r1") -> Written:
-    """Run the course, and write down what one robot decided. Raises NavigationLogError."""
+    """Run the course, and write down what one robot decided. Raises LogError."""
     with tempfile.TemporaryDirectory(prefix="acrc-") as name:
         out = Path(name) / "run"
         plan = swarm.plan(scenario(course), RunOptions(out, bus="memory"))
@@ -65,12 +58,7 @@ def write(file: Path, course: Course, robot: str = "r1") -> Written:
         stack = load_stack(out / robot / "navigation.toml")
     members, written = _members(course, stack, cycles)
     members["scans.csv"] = "\n".join([_scan_columns(), *scans, ""])
-    try:
-        with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-            for member, content in members.items():
-                archive.writestr(zipfile.ZipInfo(member, _WHEN), content, zipfile.ZIP_DEFLATED)
-    except OSError as error:
-        raise NavigationLogError(f"{file}: the log cannot be written: {error.strerror}.") from error
+    pack(file, members)
     return written
 
 

@@ -48,7 +48,7 @@ class Floor(NamedTuple):
     solid: OccupancyGrid
     """What bodies run into."""
     visible: OccupancyGrid
-    """What range sensors see: where there is glass nothing is, nor outside of it."""
+    """What range sensors see: where there is glass nothing is, nor outside it; rays end at the map's edge."""
 
 
 def floor(plan: OccupancyGrid, dose: Uncertainty, generator: Generator, kept_off: Sequence[Point]) -> Floor:

@@ -8,14 +8,13 @@ from typing import Final
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
 from benchmarks.localisation.log import LogError
 from benchmarks.localisation.metrics import Run
+from benchmarks.localisation.summary import resampled
 
 _LARGEST: Final = 10_000_000
-_RESAMPLES: Final = 2000
 
 
 class OtherRun(msgspec.Struct):
@@ -101,7 +100,7 @@ def table(found: Sequence[Row]) -> Table:
 def _row(log: str, preset: str, runs: Sequence[Run], other: Other) -> Row:
     ours = np.array([run.rmse for run in runs])
     theirs = np.array([run.rmse for run in other.runs])
-    drawn = _resampled(ours) / _resampled(theirs)
+    drawn = resampled(ours) / resampled(theirs)
     low, high = np.percentile(drawn, (2.5, 97.5)).tolist()
     lost = f"{sum(run.lost for run in runs)}/{len(runs)}, {sum(run.lost for run in other.runs)}/{len(theirs)}"
     nees = (_median([float(np.median(run.nees)) for run in runs]), _median([r.nmed for r in other.runs]))
@@ -118,20 +117,13 @@ def _together(
     others: Mapping[str, Other],
 ) -> Row:
     ratios = np.log([row.ratio for row in its])
-    low, high = np.exp(np.percentile(_resampled(ratios), (2.5, 97.5))).tolist()
+    low, high = np.exp(np.percentile(resampled(ratios), (2.5, 97.5))).tolist()
     own = [run.lost for row in its for run in ours[row.log][preset]]
     their = [run.lost for row in its for run in others[row.log].runs]
     return Row(
         f"all {len(its)}", preset, _geometric([row.ours for row in its]), _geometric([r.theirs for r in its]),
         float(np.exp(ratios.mean())), low, high, f"{sum(own)}/{len(own)}, {sum(their)}/{len(their)}", "",
     )  # fmt: skip
-
-
-def _resampled(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Means of as many draws with replacement, (_RESAMPLES,)."""
-    draws = np.random.default_rng(0).integers(len(values), size=(_RESAMPLES, len(values)))
-    means: NDArray[np.float64] = values[draws].mean(axis=1)
-    return means
 
 
 def _geometric(values: Sequence[float]) -> float:

@@ -82,7 +82,7 @@ def made(setup: CourseSetup) -> Course:
     place = mapped = site(setup.plan, setup.view)
     chance = generator(setup.seed, "localisation/uncertainty", ROBOT)
     solid, visible = floor(mapped.grid, setup.dose, chance, ())
-    if setup.dose != Uncertainty():  # else the way over it is known already
+    if setup.dose != _NONE:  # else the way over it is known already
         place = replace(mapped, grid=solid)
     steps = round(setup.seconds * 1e6 / STEP_US)
     route = generator(setup.seed, "localisation/route", ROBOT)

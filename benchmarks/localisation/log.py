@@ -3,6 +3,7 @@
 import io
 import json
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,6 +42,11 @@ def write(file: Path, course: Course) -> None:
         "truth.csv": _table(POSES, course.instants, course.truth),
         "scans.csv": _table(f"time_us,{rays}", course.stamps, course.scans),
     }
+    pack(file, members)
+
+
+def pack(file: Path, members: Mapping[str, str | bytes]) -> None:
+    """Write the members as an archive; equal members give equal files. Raises LogError."""
     try:
         with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
             for name, content in members.items():

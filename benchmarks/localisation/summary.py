@@ -88,9 +88,15 @@ def summary(runs: Sequence[Run]) -> Summary:
 
 def interval(squares: "np.typing.NDArray[np.float64]") -> tuple[float, float]:
     """The bootstrap's 95 % interval of the root of the mean of (runs,) mean squares."""
-    draws = np.random.default_rng(0).integers(len(squares), size=(_RESAMPLES, len(squares)))
-    low, high = np.percentile(np.sqrt(squares[draws].mean(axis=1)), (2.5, 97.5)).tolist()
+    low, high = np.percentile(np.sqrt(resampled(squares)), (2.5, 97.5)).tolist()
     return low, high
+
+
+def resampled(values: "np.typing.NDArray[np.float64]") -> "np.typing.NDArray[np.float64]":
+    """(_RESAMPLES,): means of as many values, drawn with replacement."""
+    draws = np.random.default_rng(0).integers(len(values), size=(_RESAMPLES, len(values)))
+    means: np.typing.NDArray[np.float64] = values[draws].mean(axis=1)
+    return means
 
 
 def share(count: int, of: int) -> Share:

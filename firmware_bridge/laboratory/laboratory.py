@@ -1,21 +1,19 @@
 """Bodies and devices of a laboratory, without clock and I/O: told what time it is, it says what goes out."""
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from actors.instant import START, Instant
-from actors.map_file import load_map
 from actors.portable import arrays
 from actors.radio.presets import preset
 from actors.randomness import generator
 from actors.robot_model import load_model
-from actors.world.body import Bodies
-from actors.world.odometry import KobukiErrors
+from actors.world.body import Bodies, real_floor
 from actors.world.physics import SUBSTEP
 from actors.world.referee import PlaceOutcome, Referee
+from actors.world.uncertainty import drifting
 from firmware_bridge.beeclick import medium
 from firmware_bridge.beeclick.board import Board
 from firmware_bridge.beeclick.medium import Air, AirParameters, Place
@@ -62,10 +60,11 @@ class Laboratory:
         """Raises AcrcError for what does not exist or does not fit."""
         world, seed = setup.world, setup.world.seed
         self._bodies = Bodies(world)
+        _, self._errors = drifting(world.uncertainty)
         self._referee = Referee(world.robots, world.reach)
         models = [load_model(robot.model, robot.sensor) for robot in world.robots]
         noise = [generator(seed, "laboratory range", robot.id) for robot in world.robots]
-        self._sights = Sights(load_map(Path(world.map)), models, noise)
+        self._sights = Sights(real_floor(world, models).visible, models, noise)
         self._air = Air(generator(seed, "laboratory air", ""), AirParameters(preset(setup.radio)))
         self.robots: Mapping[str, Hardware] = {
             robot.id: self._hardware(index, generator(seed, "laboratory base", robot.id), robot.odometry)
@@ -157,7 +156,7 @@ class Laboratory:
 
     def _hardware(self, index: int, random: np.random.Generator, odometry: str) -> Hardware:
         body = RobotBody(self._bodies, index)
-        errors = KobukiErrors() if odometry == "kobuki" else EXACT
+        errors = self._errors if odometry == "kobuki" else EXACT
         board = Board(self._air, START)
         self._air.add(board, self._place(index))
         base = EmulatedKobuki(body, random, BaseParameters(errors))

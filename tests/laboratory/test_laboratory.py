@@ -5,12 +5,14 @@ from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from actors.instant import START, Instant
 from actors.runtime.errors import AcrcError
 from actors.world.physics import SUBSTEP
+from actors.world.uncertainty import Uncertainty
 from firmware_bridge.kobuki import frame
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.motion import base_control
@@ -25,6 +27,9 @@ from tests.laboratory.hosts import setup
 FAST = frame.encode(encode_command(base_control(0.4, 0.3)))
 
 
+USUAL = Uncertainty()
+
+
 class Wire:
     """Keeps what has gone out."""
 
@@ -35,9 +40,11 @@ class Wire:
         self.bytes[jack] += data
 
 
-def driven(round_ms: int) -> tuple[Laboratory, Wire]:
+def driven(round_ms: int, dose: Uncertainty = USUAL) -> tuple[Laboratory, Wire]:
     """Two seconds in which r1 was told once to drive, and its lidar to scan, in rounds of that length."""
-    laboratory, wire = Laboratory(setup(2, "kobuki")), Wire()
+    room = setup(2, "kobuki")
+    world = msgspec.structs.replace(room.world, uncertainty=dose)
+    laboratory, wire = Laboratory(msgspec.structs.replace(room, world=world)), Wire()
     laboratory.take(Jack("r1", BASE), START, FAST)
     laboratory.take(Jack("r1", RANGE), START, Request.SCAN.bytes)
     for at in range(0, 2001, round_ms):
@@ -51,6 +58,22 @@ def test_what_happens_does_not_depend_on_how_often_one_looks() -> None:
     assert often.pose("r1") == seldom.pose("r1")
     assert by_often.bytes == by_seldom.bytes
     assert len(by_often.bytes[Jack("r1", RANGE)]) == 7 + 5 * 3960
+
+
+def echoes(wire: Wire) -> float:
+    """Share of the samples of r1's lidar with a distance; each has 5 bytes, after a descriptor of 7."""
+    samples = np.frombuffer(wire.bytes[Jack("r1", RANGE)][7:], np.uint8).reshape(-1, 5)
+    return float(np.mean(samples[:, 3:].any(axis=1)))
+
+
+def test_lidars_and_bases_know_of_the_doses() -> None:
+    (_, usual), (_, glass), (_, drift) = (
+        driven(40, dose) for dose in (USUAL, Uncertainty(glass=1.0), Uncertainty(drift=50.0))
+    )
+    assert echoes(usual) > 0.9 and 0 < echoes(glass) < 0.6  # of r2, and of the map's edge
+    base, lidar = Jack("r1", BASE), Jack("r1", RANGE)
+    assert usual.bytes[base] == glass.bytes[base] != drift.bytes[base]
+    assert usual.bytes[lidar] == drift.bytes[lidar] != glass.bytes[lidar]
 
 
 def test_a_base_that_nobody_talks_to_any_more_drives_on() -> None:

@@ -12,9 +12,9 @@ import pytest
 
 from actors.robot.inflation import INSCRIBED, LETHAL
 from benchmarks import navigation_log
+from benchmarks.localisation.log import LogError
 from benchmarks.navigation import NavigationTask, write_log
 from benchmarks.navigation_course import Course
-from benchmarks.navigation_log import NavigationLogError
 from deploy.repository import REPOSITORY
 
 CORRIDOR = REPOSITORY / "maps" / "corridor.yaml"
@@ -101,7 +101,7 @@ def test_equal_courses_give_equal_files(log: Path, tmp_path: Path) -> None:
 
 def test_a_file_that_cannot_be_written_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     task = NavigationTask((CORRIDOR,), (1,), goals=8)
-    with pytest.raises(NavigationLogError, match="the log cannot be written: No such file or directory"):
+    with pytest.raises(LogError, match="the log cannot be written: No such file or directory"):
         write_log(task, tmp_path / "nowhere" / "log.zip", 1)
     write_log(task, tmp_path / "log.zip", 1)
     said = capsys.readouterr().err

@@ -25,7 +25,7 @@ from actors.robot.localisation.likelihood_field import LikelihoodField
 from actors.robot.localisation.locating import Locating
 from actors.robot.localisation.lost import Lost
 from actors.robot.localisation.measurement import Measurement
-from actors.robot.localisation.motion import move, parts_of, spread, step
+from actors.robot.localisation.motion import around, move, parts_of, spread, step
 from actors.robot.localisation.parameters import AmclParameters
 from actors.robot.localisation.recovery import Recovery
 from actors.robot.localisation.resampling import resample
@@ -125,10 +125,9 @@ class Amcl:
         if start is None:
             return self._field.poses(self._generator, self._count)
         p, doubt = self._parameters, self._doubt
-        around, turned = (p.start_spread, p.start_turn_spread) if doubt is None else (doubt, doubt)
-        spread = np.array([[around], [around], [turned]]) + drift
-        poses = spread * normals(self._generator, (3, self._count))
-        poses += np.array(start)[:, np.newaxis]
+        aside, turned = (p.start_spread, p.start_turn_spread) if doubt is None else (doubt, doubt)
+        spread = aside + drift, aside + drift, turned + drift
+        poses = around(start, spread, normals(self._generator, (3, self._count)))
         poses[2] = _wrapped(poses[2])
         return poses
 
@@ -198,7 +197,7 @@ class Amcl:
         self._tally.found += 1
         self._count = self._parameters.min_particles
         draws = normals(self._generator, (3, self._count))
-        self._poses[:, : self._count] = np.array([pose]).T + np.array([_GATHERED]).T * draws
+        self._poses[:, : self._count] = around(pose, _GATHERED, draws)
         self._poses[2] = _wrapped(self._poses[2])
         self._weights[: self._count] = 1 / self._count
         self._directions = np.stack((arrays.cos(self._poses[2]), arrays.sin(self._poses[2])))

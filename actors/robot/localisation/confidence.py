@@ -16,7 +16,7 @@ from actors.geometry import Covariance, Pose
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin
 from actors.robot.localisation.evidence import AGREES
-from actors.robot.localisation.likelihood_field import LEVELS, LikelihoodField
+from actors.robot.localisation.likelihood_field import LEVELS, LikelihoodField, specimen
 from actors.robot.localisation.line_of_sight import level_at
 from actors.robot_model import RangeSensor
 
@@ -80,12 +80,7 @@ def sharpened(
 
 def fingerprint() -> bytes:
     """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
-    row, column = np.indices((50, 50))
-    levels = np.minimum(12 * np.minimum(row, abs(column - 20)), 255).astype(np.uint8)
-    frame = np.array([-0.5, -0.5, 0.1])
-    for shared in (levels, frame):
-        shared.setflags(write=False)  # as in the robot: this compiles the very variant that it calls
-    field = LikelihoodField(levels, frame, 2.0, np.empty((0, 2)))
+    field = specimen()
     angles = np.arange(40.0)
     ends = 1.4 * np.column_stack((arrays.cos(angles), arrays.sin(angles)))
     prior = (0.3, 0.1, 0.0, 0.1, 0.2, 0.05, 0.0, 0.05, 0.4)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from actors.geometry import Pose
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin
-from actors.robot.localisation.likelihood_field import LEVELS, LikelihoodField
+from actors.robot.localisation.likelihood_field import LEVELS, LikelihoodField, specimen
 from actors.robot.localisation.line_of_sight import AGREEING, BEYOND, SHORT, level_at, sight
 
 AGREES: Final = 0.3
@@ -83,12 +83,7 @@ def explain(
 
 def fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
-    row, column = np.indices((50, 50))
-    levels = np.minimum(12 * np.minimum(row, abs(column - 20)), 255).astype(np.uint8)
-    frame = np.array([-0.5, -0.5, 0.1])
-    for shared in (levels, frame):
-        shared.setflags(write=False)  # as in the robot: this compiles the very variant that it calls
-    field = LikelihoodField(levels, frame, 2.0, np.empty((0, 2)))
+    field = specimen()
     angles, mount = np.arange(40.0), np.array([-0.1, 0.0])
     ends = 2.1 * np.column_stack((arrays.cos(angles), arrays.sin(angles)))
     judged = judge(field, ends, mount, Pose(1.0, 2.0, 0.5), 0.12)

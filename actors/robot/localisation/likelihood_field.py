@@ -99,3 +99,14 @@ def likelihood_field(plan: OccupancyGrid, max_distance: float) -> LikelihoodFiel
     for shared in (levels, frame, floor):
         shared.setflags(write=False)
     return LikelihoodField(levels, frame, max_distance, floor)
+
+
+def specimen() -> LikelihoodField:
+    """A small field for the fingerprints of kernels, read-only as in the robot: so the very variants that it
+    calls are compiled."""
+    row, column = np.indices((50, 50))
+    levels = np.minimum(12 * np.minimum(row, abs(column - 20)), 255).astype(np.uint8)
+    frame = np.array([-0.5, -0.5, 0.1])
+    for shared in (levels, frame):
+        shared.setflags(write=False)
+    return LikelihoodField(levels, frame, 2.0, np.empty((0, 2)))

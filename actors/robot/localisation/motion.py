@@ -68,6 +68,14 @@ def spread(made: Step, parameters: AmclParameters) -> Spread:
     return Spread(*map(math.sqrt, variances))
 
 
+def around(
+    pose: Pose, spread: tuple[float, float, float], normals: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Poses about one, (3, n), by standard deviations, m, m, rad, and standard normal draws (3, n)."""
+    about: NDArray[np.float64] = np.array([pose]).T + np.array([spread]).T * normals
+    return about
+
+
 def parts_of(before: Pose, after: Pose, parameters: AmclParameters) -> int:
     """In how many steps the straight way from one pose of the odometry to the other is best taken; ≥ 1.
 

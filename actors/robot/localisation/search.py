@@ -18,6 +18,7 @@ from actors.portable.draws import normals
 from actors.robot.localisation.evidence import Explanation, explain, worth
 from actors.robot.localisation.likelihood_field import LikelihoodField
 from actors.robot.localisation.lost import Lost
+from actors.robot.localisation.motion import around
 
 _MOST: Final = 20
 """Hypotheses at once; own choices, as all below: tried on 36 courses of `acrc bench localisation` in which
@@ -134,7 +135,7 @@ class Search:
 
     def _drawn(self, here: Pose, estimate: Pose) -> list[Hypothesis]:
         """New hypotheses: the best of poses from all over the map, and from near the estimate."""
-        near = _around(estimate, _NEAR_SPREAD, normals(self._generator, (3, round(_NEAR * self._poses))))
+        near = around(estimate, _NEAR_SPREAD, normals(self._generator, (3, round(_NEAR * self._poses))))
         drawn = np.hstack((self._plan.poses(self._generator, self._poses - near.shape[1]), near))
         score = self._explained(drawn, self._wide).score
         best: list[Pose] = []
@@ -154,7 +155,7 @@ class Search:
         """The best of some poses around one, and of itself, with its score."""
         draws = normals(self._generator, (3, _TRIES))
         draws[:, 0] = 0.0
-        tried = _around(pose, spread, draws)
+        tried = around(pose, spread, draws)
         score = self._explained(tried, self._narrow).score
         best = int(np.argmax(score))
         x, y, heading = tried[:, best].tolist()
@@ -173,14 +174,6 @@ class Search:
         if best.score < max(_LEAST, self._estimate + _BETTER):
             return None
         return None if rivals and max(rivals) > best.score - _LEAD else best
-
-
-def _around(
-    pose: Pose, spread: tuple[float, float, float], draws: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Poses about one, (3, n), by standard normal draws (3, n)."""
-    about: NDArray[np.float64] = np.array([pose]).T + np.array([spread]).T * draws
-    return about
 
 
 def _same(one: Pose, other: Pose) -> bool:
