@@ -7,7 +7,7 @@ All instants are microseconds of the run's time; positions are metres in the map
 
 from typing import Final
 
-from actors.board import BoardNote
+from actors.board_readings import BoardNote
 from actors.topic import Message, Part, Topic
 
 MESSAGE_VERSION: Final = 4

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from actors import convex, toml_file
+from actors import toml_file
+from actors.floor import convex
 from actors.geometry import Pose
 from actors.instant import Duration, seconds
 from actors.portable import hypot

@@ -7,7 +7,7 @@ from numpy.random import Generator
 
 from actors.geometry import Point
 from actors.messages import PlaceKey
-from actors.robot.equipment import FloorPlan, PlaceMonitor, Positioning
+from actors.robot.behaviour.equipment import FloorPlan, PlaceMonitor, Positioning
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, Unblock
 from cleaning.place import LAST_TERM, Claim, Duty

@@ -1,7 +1,7 @@
 """The naive solution: every robot visits its places in the order given, and takes no notice of the others."""
 
-from actors.robot.host import host
-from actors.robot.ports import Behaviour, Start
+from actors.robot.behaviour.node_host import host
+from actors.robot.behaviour.ports import Behaviour, Start
 from cleaning.parameters import CleaningParameters
 from cleaning.place import duties
 from cleaning.robot import CleaningRobot

@@ -2,8 +2,8 @@
 
 from typing import Final
 
-from actors.robot.host import host
-from actors.robot.ports import Behaviour, Start
+from actors.robot.behaviour.node_host import host
+from actors.robot.behaviour.ports import Behaviour, Start
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.making_way import MakingWay

@@ -5,8 +5,8 @@ from typing import Annotated, Final
 
 from actors.geometry import Point
 from actors.messages import PlaceKey
-from actors.robot.ports import Start
-from deeco.schema import Resolution
+from actors.robot.behaviour.ports import Start
+from deeco.replication.schema import Resolution
 
 RESTART_TERM: Final = 2**20
 """What a restart adds to the terms of a robot's own duties; see `duties`. No tuning: any number will do that

@@ -10,8 +10,8 @@ from typing import NamedTuple, Self
 
 from actors.geometry import Point
 from actors.messages import PlaceKey
-from actors.robot.equipment import Navigation, PlaceMonitor, Positioning
-from actors.robot.ports import AbortReason, GoalStatus
+from actors.robot.behaviour.equipment import Navigation, PlaceMonitor, Positioning
+from actors.robot.behaviour.ports import AbortReason, GoalStatus
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import CleaningParameters
 from cleaning.place import Claim, Duty

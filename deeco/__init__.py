@@ -5,7 +5,7 @@ from deeco.errors import DeecoError, DefinitionError, DeploymentError, Execution
 from deeco.instant import START, Duration, Instant, in_seconds, milliseconds, seconds
 from deeco.knowledge import Knowledge, component, role
 from deeco.process import adaptation, on_change, periodic
-from deeco.scalars import Resolution
+from deeco.replication.scalars import Resolution
 
 __all__ = [
     "START",

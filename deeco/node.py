@@ -14,11 +14,11 @@ from deeco.instant import START, Duration, Instant, in_seconds
 from deeco.knowledge import Knowledge, roles_of, roles_under
 from deeco.link import Reception, Transmission
 from deeco.local import BoundProcess, LocalComponent
-from deeco.network import Network, NetworkParameters, News, Surroundings
 from deeco.pairing import Pairing
 from deeco.process import Fact, has_fact
-from deeco.replicas import Replica
-from deeco.schema import RoleBook
+from deeco.replication.network import Network, NetworkParameters, News, Surroundings
+from deeco.replication.replicas import Replica
+from deeco.replication.schema import RoleBook
 from deeco.statistics import Statistics
 
 CASCADE_LIMIT: Final = 16

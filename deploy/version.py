@@ -2,9 +2,8 @@
 
 import subprocess
 from importlib.metadata import version
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+from deploy.repository import REPOSITORY
 
 
 def software() -> str:
@@ -17,5 +16,5 @@ def software() -> str:
 
 
 def _git(*words: str) -> str:
-    asked = ["git", "-C", str(ROOT), *words]
+    asked = ["git", "-C", str(REPOSITORY), *words]
     return subprocess.run(asked, check=True, capture_output=True, text=True).stdout.strip()

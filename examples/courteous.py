@@ -11,9 +11,9 @@ from typing import Self
 
 from numpy.random import Generator
 
-from actors.robot.equipment import FloorPlan, Navigation, PlaceMonitor
-from actors.robot.host import host
-from actors.robot.ports import Behaviour, Start
+from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor
+from actors.robot.behaviour.node_host import host
+from actors.robot.behaviour.ports import Behaviour, Start
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import Cleaner

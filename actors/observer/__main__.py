@@ -8,18 +8,18 @@ from pathlib import Path
 
 import msgspec
 
+from actors.floor.map_file import load_map
 from actors.geometry import Point
-from actors.map_file import load_map
 from actors.messages import DRIVE, TRUTH, Drive, Truth
 from actors.observer.observer import Observer, Summary
-from actors.runtime.access import client_config
-from actors.runtime.bus import Delivery
+from actors.runtime.access.rules import client_config
+from actors.runtime.bus.interface import Delivery
+from actors.runtime.bus.zenoh_bus import ZenohBus, open_mesh
+from actors.runtime.client_options import ArgumentParser
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
-from actors.runtime.parent import die_with_parent, leave_in_order
-from actors.runtime.seat import ArgumentParser
-from actors.runtime.zenoh_bus import ZenohBus, open_mesh
+from actors.runtime.lifecycle.parent import die_with_parent, leave_in_order
 from actors.topic import Message
 
 

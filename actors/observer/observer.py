@@ -8,13 +8,13 @@ from typing import Final, NamedTuple
 
 import rerun as rr
 
+from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point
-from actors.grid import OccupancyGrid
 from actors.messages import Drive, Truth
 from actors.observer import viewer
 from actors.observer.appearance import Appearance
-from actors.observer.layout import blueprint
 from actors.observer.scene import Scene
+from actors.observer.window import blueprint
 from actors.runtime.errors import AcrcError
 
 FILE_NAME: Final = "view.rrd"

@@ -8,12 +8,12 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Point
-from actors.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.messages import RobotTruth, Truth
 from actors.observer.appearance import Appearance, Colour
-from actors.observer.layout import TIMELINE
 from actors.observer.trail import Trail
+from actors.observer.window import TIMELINE
 
 # Heights of the layers above the floor, m, in the order in which they cover each other.
 _PLACE: Final = 0.02

@@ -5,9 +5,9 @@ import sys
 from collections.abc import Sequence
 
 from actors.radio.program import parse, part
-from actors.runtime.access import client_config
+from actors.runtime.access.rules import client_config
 from actors.runtime.errors import AcrcError
-from actors.runtime.parent import answer_where, die_with_parent
+from actors.runtime.lifecycle.parent import answer_where, die_with_parent
 from actors.runtime.process import play
 from actors.runtime.recording import Recorder
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from actors.limits import transmit_fault, truth_fault
+from actors.message_limits import transmit_fault, truth_fault
 from actors.messages import (
     AIRED,
     RECEIVED,
@@ -18,12 +18,12 @@ from actors.messages import (
     Truth,
 )
 from actors.radio.frame import size_fault
-from actors.radio.host import Host
+from actors.radio.frame_outcomes import Tally
+from actors.radio.host_link import Host
 from actors.radio.link_budget import DirectReach
 from actors.radio.station_air import Handed, StationAir
 from actors.radio.stations import Stations
 from actors.radio.surroundings import Surroundings
-from actors.radio.tally import Tally
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 

@@ -5,10 +5,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.radio.channel import Propagation
-from actors.radio.error_rate import frame_error_rate
-from actors.radio.path_loss import line_of_sight
+from actors.radio.medium.channel import Propagation
+from actors.radio.medium.error_rate import frame_error_rate
 from actors.radio.presets import RadioParameters
+from actors.radio.propagation.path_loss import line_of_sight
 
 LONGEST_OCTETS: Final = 127
 """aMaxPHYPacketSize (IEEE 802.15.4-2006, 6.4.1): the frame that gets least far."""

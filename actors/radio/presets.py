@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final
 
-from actors.radio.path_loss import PathLossParameters
-from actors.radio.propagation import PropagationParameters
-from actors.radio.state import Cca
-from actors.radio.transceiver import PhyParameters, Transceiver
+from actors.radio.medium.state import Cca
+from actors.radio.medium.transceiver import PhyParameters, Transceiver
+from actors.radio.propagation.indoor import PropagationParameters
+from actors.radio.propagation.path_loss import PathLossParameters
 from actors.runtime.errors import AcrcError
 
 CHIP_NOISE_DBM: Final = -95.51

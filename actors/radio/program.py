@@ -9,19 +9,20 @@ import msgspec
 from actors.messages import RADIO_READY, TRANSMIT, TRUTH, Ready
 from actors.portable import arrays, foundations
 from actors.portable import draws as portable_draws
-from actors.radio import medium, propagation
 from actors.radio.core import RadioCore
-from actors.radio.setup import RadioSetup
+from actors.radio.medium import medium
+from actors.radio.propagation import indoor
+from actors.radio.radio_setup import RadioSetup
 from actors.radio.surroundings import surroundings
+from actors.runtime.bus.quota_bus import QuotaBus
+from actors.runtime.client_options import ArgumentParser, Seat, add_seat_options, seat
 from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined, fingerprints
 from actors.runtime.process import Part, RunNote
 from actors.runtime.processor import processor
-from actors.runtime.quota_bus import QuotaBus
-from actors.runtime.seat import ArgumentParser, Seat, add_seat_options, seat
 
-KERNELS = (foundations, arrays, portable_draws, propagation, medium)
+KERNELS = (foundations, arrays, portable_draws, indoor, medium)
 """Modules with numeric kernels that a radio computes with."""
 GREATEST_ADDRESS = 0xFFFD
 """0xFFFE and 0xFFFF mean "no address" and "everyone" (IEEE 802.15.4-2006, 7.2.1)."""

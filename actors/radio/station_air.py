@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from actors.messages import AccessFailure, Heard, Jam, Overflow, RadioEvent, Sent
 from actors.portable import exp10, log10
 from actors.radio.frame import octets
-from actors.radio.interferers import Jammer
 from actors.radio.link_budget import needed_dbm
-from actors.radio.medium import Medium, Request
+from actors.radio.medium.medium import Medium, Request
+from actors.radio.medium.state import Kind
+from actors.radio.propagation.interferers import Jammer
 from actors.radio.signal_codes import link_quality, rssi_code, rssi_dbm
-from actors.radio.state import Kind
 from actors.radio.stations import Stations
 from actors.radio.surroundings import Surroundings
 

@@ -3,14 +3,14 @@
 from dataclasses import dataclass, replace
 from functools import partial
 
-from actors.map_file import load_map
-from actors.radio.channel import Interferer
-from actors.radio.interferers import Wifi
-from actors.radio.materials import material
+from actors.floor.map_file import load_map
+from actors.radio.medium.channel import Interferer
 from actors.radio.presets import RadioParameters, preset
-from actors.radio.propagation import IndoorPropagation, PropagationParameters
-from actors.radio.setup import RadioSetup
-from actors.radio.walls import build
+from actors.radio.propagation.indoor import IndoorPropagation, PropagationParameters
+from actors.radio.propagation.interferers import Wifi
+from actors.radio.propagation.materials import material
+from actors.radio.propagation.walls import build
+from actors.radio.radio_setup import RadioSetup
 from actors.randomness import generator
 from actors.runtime.errors import AcrcError
 

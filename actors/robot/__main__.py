@@ -13,16 +13,16 @@ import threading
 import traceback
 from collections.abc import Sequence
 
-from actors.robot import program, setup
-from actors.runtime.access import client_config
+from actors.robot import assembly, program
+from actors.runtime.access.rules import client_config
+from actors.runtime.client_options import own_folder
 from actors.runtime.errors import AcrcError
-from actors.runtime.failure import failure_note
-from actors.runtime.isolation import Plan, isolate
-from actors.runtime.limits import enforce
-from actors.runtime.parent import answer_where, die_with_parent, leave
+from actors.runtime.isolation.resource_limits import enforce
+from actors.runtime.isolation.sandbox import Plan, isolate
+from actors.runtime.lifecycle.failure import failure_note
+from actors.runtime.lifecycle.parent import answer_where, die_with_parent, leave
 from actors.runtime.process import play
 from actors.runtime.recording import Recorder
-from actors.runtime.seat import own_folder
 
 
 def rehearse(argv: Sequence[str], recorder: Recorder, patience_s: float) -> int:
@@ -45,7 +45,7 @@ def main(argv: Sequence[str]) -> int:
     answer_where()
     try:
         options = program.parse(argv)
-        setup.kernels()  # compiled while the cache can still be written
+        assembly.kernels()  # compiled while the cache can still be written
         recorder = Recorder(options.seat.record, options.setup.step_us)  # in a folder that is closed later
         if options.isolate:
             folder = options.seat.record.resolve().parent

@@ -12,7 +12,7 @@ from typing import Final, cast
 
 from actors.geometry import STILL, Pose, Twist
 from actors.instant import Instant, in_seconds
-from actors.limits import senses_fault
+from actors.message_limits import senses_fault
 from actors.messages import (
     DRIVE,
     RECEIVED,
@@ -24,11 +24,11 @@ from actors.messages import (
     Senses,
     Transmit,
 )
-from actors.robot.behaviour import BehaviourError
-from actors.robot.limits import RobotLimits, fault, outcome_fault
+from actors.robot.behaviour.decision_limits import RobotLimits, fault, outcome_fault
+from actors.robot.behaviour.entry import BehaviourError
+from actors.robot.behaviour.ports import Behaviour, Decision, View
 from actors.robot.localisation import Localisation
-from actors.robot.navigation import Navigation
-from actors.robot.ports import Behaviour, Decision, View
+from actors.robot.navigation.goals import Navigation
 from actors.robot.sweep import Sweeps
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError

@@ -11,21 +11,21 @@ from typing import Final
 
 import msgspec
 
+from actors.floor.map_file import load_map
 from actors.geometry import Pose, wrap
-from actors.map_file import load_map
 from actors.messages import READY, Ready
-from actors.robot.adaptation import Adaptation, load_adaptation
+from actors.robot.assembly import RobotSetup, kernels, robot
+from actors.robot.behaviour.adaptation import Adaptation, load_adaptation
+from actors.robot.behaviour.places import load_places
 from actors.robot.core import RobotCore
-from actors.robot.places import load_places
-from actors.robot.setup import RobotSetup, kernels, robot
 from actors.robot.stack import Stack, load_stack
 from actors.robot_model import load_model
+from actors.runtime.client_options import ArgumentError, ArgumentParser, Seat, add_seat_options, seat
 from actors.runtime.core import to
 from actors.runtime.fingerprint import combined
-from actors.runtime.limits import ProcessLimits, limits
+from actors.runtime.isolation.resource_limits import ProcessLimits, limits
 from actors.runtime.process import Part, RunNote
 from actors.runtime.processor import processor
-from actors.runtime.seat import ArgumentError, ArgumentParser, Seat, add_seat_options, seat
 
 _ID: Final = re.compile(r"[A-Za-z0-9_-]{1,32}")
 

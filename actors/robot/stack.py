@@ -18,11 +18,11 @@ from typing import Any, Final, Literal, TypeVar, cast, get_args, get_origin, get
 
 from actors import toml_file
 from actors.instant import Duration, seconds
-from actors.robot.dwa_parameters import DWA_PRESETS, DwaParameters
-from actors.robot.local_map import LOCAL_MAP_PRESETS, LocalMapParameters
 from actors.robot.localisation import PRESETS, AmclParameters
-from actors.robot.navigation import NAVIGATION_PRESETS, NavigationParameters
-from actors.robot.planning import PlanningParameters
+from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, LocalMapParameters
+from actors.robot.navigation.dwa_parameters import DWA_PRESETS, DwaParameters
+from actors.robot.navigation.goals import NAVIGATION_PRESETS, NavigationParameters
+from actors.robot.navigation.planning import PlanningParameters
 from actors.runtime.errors import AcrcError
 from actors.wording import shown, unknown_key
 

@@ -15,18 +15,18 @@ from typing import Annotated, Any
 import msgspec
 import zenoh
 
+from actors.runtime.bus.zenoh_bus import ZenohBus, open_session
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
-from actors.runtime.failure import failure_note
-from actors.runtime.keeper import cpu_s
-from actors.runtime.leftovers import LeftoverError, fault
-from actors.runtime.parent import Ended
-from actors.runtime.processes import has_strays
+from actors.runtime.lifecycle.failure import failure_note
+from actors.runtime.lifecycle.keeper import cpu_s
+from actors.runtime.lifecycle.leftovers import LeftoverError, fault
+from actors.runtime.lifecycle.parent import Ended
+from actors.runtime.lifecycle.process_table import has_strays
+from actors.runtime.message_counts import ActorDigest
 from actors.runtime.processor import Processor
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell, run_shell
-from actors.runtime.tally import ActorDigest
-from actors.runtime.zenoh_bus import ZenohBus, open_session
 
 Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 

@@ -6,13 +6,13 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
-from actors.runtime.bus import Bus, Delivery, Outlet
+from actors.runtime.bus.interface import Bus, Delivery, Outlet
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
-from actors.runtime.keeper import cpu_s
+from actors.runtime.lifecycle.keeper import cpu_s
+from actors.runtime.message_counts import Tally, is_digested, is_from_outside, is_telemetry
 from actors.runtime.recording import Journal
-from actors.runtime.tally import Tally, is_digested, is_from_outside, is_telemetry
 from actors.topic import Message, sender
 
 

@@ -5,11 +5,11 @@ import signal
 import sys
 from collections.abc import Sequence
 
-from actors.runtime import router_file
-from actors.runtime.access import router_config
-from actors.runtime.credentials import reveal
+from actors.runtime.access import router_file
+from actors.runtime.access.credentials import reveal
+from actors.runtime.access.rules import router_config
 from actors.runtime.errors import AcrcError
-from actors.runtime.parent import answer_where, die_with_parent, leave_in_order
+from actors.runtime.lifecycle.parent import answer_where, die_with_parent, leave_in_order
 from actors.runtime.process import play
 from actors.runtime.recording import Recorder
 from actors.world.program import Conductor, build, load_setup, parse, part, run_note

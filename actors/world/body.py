@@ -6,20 +6,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.floor.grid import outline
+from actors.floor.map_file import load_map
+from actors.floor.placement import check_pose
 from actors.geometry import Point, Pose, Twist
-from actors.grid import outline
 from actors.instant import Instant
-from actors.map_file import load_map
 from actors.messages import Drive, Scan, Senses
-from actors.placement import check_pose
 from actors.randomness import generator
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
 from actors.world.odometry import Odometers
 from actors.world.physics import SUBSTEP, Arena
 from actors.world.sensing import RangeSensors
-from actors.world.setup import WorldSetup
 from actors.world.uncertainty import Floor, drifting, floor
+from actors.world.world_setup import WorldSetup
 
 
 class StepLengthError(AcrcError):

@@ -12,7 +12,7 @@ from typing import Final
 import msgspec
 
 from actors.instant import Instant, in_seconds
-from actors.limits import brief, drive_fault
+from actors.message_limits import brief, drive_fault
 from actors.messages import (
     AIRED,
     ANSWERED,
@@ -44,8 +44,8 @@ from actors.world.body import Bodies
 from actors.world.orders import Orders
 from actors.world.referee import PlaceOutcome, Referee
 from actors.world.roster import Member, Roster, Standing
-from actors.world.setup import WorldSetup
 from actors.world.whereabouts import PoseError, Whereabouts
+from actors.world.world_setup import WorldSetup
 
 _SHOWN: Final = 32
 """Characters of a name, which somebody else says, that a sentence shows; none of ours is longer."""

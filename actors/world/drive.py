@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from actors import convex
+from actors.floor import convex
 from actors.instant import seconds
 from actors.portable import arrays
 from actors.portable.compiled import atan2, cos_sin, hypot

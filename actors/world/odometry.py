@@ -16,7 +16,7 @@ from actors.portable import cos_sin
 from actors.portable.draws import normals, uniforms
 from actors.robot_model import OdometryKind, RobotModel
 from actors.runtime.errors import AcrcError
-from actors.world.dead_reckoning import BASE, add_measured, add_scaled
+from actors.world.odometry_kernel import BASE, add_measured, add_scaled
 
 
 class OdometryError(AcrcError):

@@ -24,7 +24,7 @@ from actors.order_limits import OrderLimits, fault
 from actors.runtime.errors import AcrcError
 from actors.world.body import Bodies
 from actors.world.roster import Roster, Standing
-from actors.world.setup import TimedOrder
+from actors.world.world_setup import TimedOrder
 
 
 class OrderError(AcrcError):

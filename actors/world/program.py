@@ -8,26 +8,26 @@ from typing import Final
 
 import msgspec
 
-from actors import distance, flood
+from actors.floor import distance, flood
 from actors.messages import PROGRESS
 from actors.portable import arrays, draws, foundations
-from actors.runtime.bus import Bus
+from actors.runtime.bus.interface import Bus
+from actors.runtime.bus.quota_bus import QuotaBus
+from actors.runtime.client_options import ArgumentParser
 from actors.runtime.core import to
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import fingerprints
 from actors.runtime.pace import Pace
 from actors.runtime.process import Part, RunNote
 from actors.runtime.processor import processor
-from actors.runtime.quota_bus import QuotaBus
-from actors.runtime.seat import ArgumentParser
 from actors.runtime.shell import Shell, run_shell
 from actors.runtime.ticks import ticking
-from actors.world import dead_reckoning, drive, physics, rays, visits
+from actors.world import drive, odometry_kernel, physics, rays, visits
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
-from actors.world.setup import WorldSetup
+from actors.world.world_setup import WorldSetup
 
-KERNELS: Final = (foundations, arrays, draws, dead_reckoning, drive, physics, rays, visits, distance, flood)
+KERNELS: Final = (foundations, arrays, draws, odometry_kernel, drive, physics, rays, visits, distance, flood)
 """Modules with numeric kernels that a world computes with."""
 
 
@@ -42,7 +42,7 @@ class WorldOptions:
     setup: Path
     """JSON file with a WorldSetup."""
     router: Path
-    """JSON file with the actors that the router knows, as `actors.runtime.access` wrote it."""
+    """JSON file with the actors that the router knows, as `actors.runtime.access.rules` wrote it."""
     record: Path
     commit: str
     speed: float | None

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from actors.messages import PlaceKey
-from actors.world.setup import RobotSetup
+from actors.world.world_setup import RobotSetup
 
 
 class Standing(Enum):

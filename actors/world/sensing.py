@@ -6,7 +6,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors.grid import OccupancyGrid
+from actors.floor.grid import OccupancyGrid
 from actors.portable import arrays
 from actors.portable.draws import normals
 from actors.robot_model import RangeSensor, RobotModel, scan_angles

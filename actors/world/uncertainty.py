@@ -12,9 +12,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
+from actors.floor.placement import PlacementError, draw_points
 from actors.geometry import Point
-from actors.grid import FREE, OCCUPIED, OccupancyGrid
-from actors.placement import PlacementError, draw_points
 from actors.portable.draws import normals
 from actors.world.odometry import KobukiErrors, StageErrors
 

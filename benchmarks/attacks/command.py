@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation import available
+from actors.runtime.isolation.sandbox import available
 from benchmarks.attacks.attack import Attack, Layer, missing_means
 from benchmarks.attacks.attacks import ATTACKS
 from benchmarks.attacks.network_attacks import REPOSITORY

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple, TextIO
 
 import zenoh
 
-from actors.runtime import access
-from actors.runtime.credentials import Credentials, reveal
-from actors.runtime.isolation import Plan, isolate
+from actors.runtime.access import rules
+from actors.runtime.access.credentials import Credentials, reveal
+from actors.runtime.isolation.sandbox import Plan, isolate
 
 Note = dict[str, Any]
 """What the stages of one attack tell each other, through the test and not through the swarm."""
@@ -205,7 +205,7 @@ def sockets(swarm: Description) -> Credentials:
 
 def router(swarm: Description) -> zenoh.Config:
     """The world's configuration; in the unguarded swarm without its guards."""
-    config = access.router_config(sockets(swarm))
+    config = rules.router_config(sockets(swarm))
     if swarm.mode == "unguarded":
         config.insert_json5("access_control", '{"enabled": false}')
         config.insert_json5("transport/auth/usrpwd", NO_PASSWORDS)
@@ -215,7 +215,7 @@ def router(swarm: Description) -> zenoh.Config:
 def client(swarm: Description, name: str, **changed: Any) -> zenoh.Config:
     """A robot's configuration with its own credentials; `changed` replaces its parts."""
     issued = sockets(swarm)
-    config = access.client_config(issued.files[name], issued.endpoint(name))
+    config = rules.client_config(issued.files[name], issued.endpoint(name))
     for key, value in changed.items():
         path = key if key in {"mode", "id"} else f"transport/auth/usrpwd/{key}"
         config.insert_json5(path, json.dumps(value))

@@ -11,7 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-from actors.runtime import linux
+from actors.runtime.lifecycle import linux
 from benchmarks.attacks.attack import Attack, Layer
 from benchmarks.attacks.breakouts import NEST, UNDO
 from benchmarks.attacks.file_attacks import FILTER

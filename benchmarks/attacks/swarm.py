@@ -13,8 +13,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, NamedTuple
 
-from actors.runtime import environment
-from actors.runtime.credentials import issue
+from actors.runtime.access.credentials import issue
+from actors.runtime.lifecycle import environment
 from benchmarks.attacks.attack import Layer
 from benchmarks.attacks.attacks import ATTACKS
 from benchmarks.attacks.member import Description, Note

@@ -7,8 +7,8 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point, Pose
-from actors.grid import OccupancyGrid
 from actors.instant import Duration
 from actors.randomness import generator
 from actors.robot_model import RangeSensor

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point
-from actors.grid import OccupancyGrid
 
 _HEADINGS: Final = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0, 180.0)
 """By how much a peer turns off the straight line to where it wants to be, degrees; tried in this order."""

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
+from actors.floor.grid import OccupancyGrid
 from actors.geometry import Pose
-from actors.grid import OccupancyGrid
 from actors.randomness import generator
 from actors.robot.localisation import (
     PRESETS,

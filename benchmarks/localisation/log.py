@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from actors.grid import FREE, UNKNOWN, OccupancyGrid
+from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
 from actors.runtime.errors import AcrcError
 from benchmarks.localisation.course import Course
 

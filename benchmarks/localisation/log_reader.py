@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from actors.floor.grid import OccupancyGrid
+from actors.floor.map_file import MapError, load_map
 from actors.geometry import Pose, wrap
-from actors.grid import OccupancyGrid
-from actors.map_file import MapError, load_map
 from actors.messages import NO_ECHO_MM
 from actors.robot_model import RangeSensor
 from benchmarks.localisation.course import Course

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors import distance
+from actors.floor import distance
 from actors.geometry import Point, Pose, wrap
 from actors.robot_model import Drive
 from actors.runtime.errors import AcrcError

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from actors.floor.grid import OccupancyGrid, largest_region
+from actors.floor.map_file import load_map
 from actors.geometry import Point
-from actors.grid import OccupancyGrid, largest_region
-from actors.map_file import load_map
-from actors.robot.planning import Planner, ground
+from actors.robot.navigation.planning import Planner, ground
 from actors.robot_model import RobotModel, load_model
 
 GOAL_CLEARANCE: Final = 0.3

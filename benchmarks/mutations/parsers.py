@@ -7,32 +7,32 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+from actors.floor.map_file import load_map
 from actors.instant import START
-from actors.map_file import load_map
 from actors.messages import TOPICS, TRANSMIT, Transmit
 from actors.radio import frame_codec
-from actors.robot.adaptation import load_adaptation
-from actors.robot.places import load_places
+from actors.robot.behaviour.adaptation import load_adaptation
+from actors.robot.behaviour.places import load_places
 from actors.robot.stack import load_stack
 from actors.robot_model import load_model
-from actors.runtime import credentials, router_file
+from actors.runtime.access import credentials, router_file
+from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.codec import decode
-from actors.runtime.failure import FailureNote
+from actors.runtime.lifecycle.failure import FailureNote
 from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import Entry, decoded, read_notes, read_recording
-from actors.runtime.replay_bus import topic_of
 from actors.world.program import load_setup
 from benchmarks.mutations.devices import device_parsers
-from deeco.packet import unpack
-from deeco.reassembly import Reassembly
-from deploy import swarm
-from deploy.fleet import load_fleet
-from deploy.options import RunOptions
-from deploy.outing_files import read_outing
-from deploy.outing_truth import read_truth
-from deploy.record_check import check
+from deeco.replication.packet import unpack
+from deeco.replication.reassembly import Reassembly
+from deploy.field_trial.laboratory_truth import read_truth
+from deploy.field_trial.recordings import read_outing
+from deploy.fleet.fleet_file import load_fleet
+from deploy.replay.record_check import check
 from deploy.repository import REPOSITORY
-from deploy.scenario_file import Overrides, load_scenario
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
 
 T = TypeVar("T")
 

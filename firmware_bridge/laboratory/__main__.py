@@ -18,17 +18,17 @@ import msgspec
 
 from actors.instant import seconds
 from actors.randomness import generator
+from actors.runtime.client_options import ArgumentError, ArgumentParser
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import fingerprints
-from actors.runtime.parent import die_with_parent
-from actors.runtime.seat import ArgumentError, ArgumentParser
-from actors.world import dead_reckoning, drive, rays, visits
+from actors.runtime.lifecycle.parent import die_with_parent
+from actors.world import drive, odometry_kernel, rays, visits
 from firmware_bridge.laboratory.laboratory import DEVICES, Jack, Laboratory
+from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup, LaboratorySetupError, load
 from firmware_bridge.laboratory.lines import Lines
 from firmware_bridge.laboratory.real_time import RealTime, Wishes
-from firmware_bridge.laboratory.setup import LaboratorySetup, LaboratorySetupError, load
 
-_KERNELS: Final = (dead_reckoning, drive, rays, visits)
+_KERNELS: Final = (odometry_kernel, drive, rays, visits)
 
 
 class ResultError(AcrcError):

@@ -14,12 +14,12 @@ from actors.world.body import Bodies, real_floor
 from actors.world.physics import SUBSTEP
 from actors.world.referee import PlaceOutcome, Referee
 from actors.world.uncertainty import drifting
-from firmware_bridge.beeclick import medium
-from firmware_bridge.beeclick.board import Board
-from firmware_bridge.beeclick.medium import Air, AirParameters, Place
+from firmware_bridge.beeclick.emulation import emulated_medium
+from firmware_bridge.beeclick.emulation.emulated_board import Board
+from firmware_bridge.beeclick.emulation.emulated_medium import Air, AirParameters, Place
 from firmware_bridge.kobuki.base import EXACT, BaseParameters, EmulatedKobuki
+from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 from firmware_bridge.laboratory.robot_body import RobotBody
-from firmware_bridge.laboratory.setup import LaboratorySetup
 from firmware_bridge.laboratory.sights import LIDAR, Sights
 from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar
 
@@ -132,7 +132,7 @@ class Laboratory:
                 out(Jack(name, BASE), robot.base.run(self._now))
                 out(Jack(name, RANGE), robot.lidar.run(self._now))
         self._instant = until
-        medium.advance(self._air, until)
+        emulated_medium.advance(self._air, until)
         for name, robot in self.robots.items():
             out(Jack(name, RADIO), robot.board.run(until))
 

@@ -9,7 +9,7 @@ from typing import Self
 
 from numpy.random import Generator
 
-from firmware_bridge.beeclick.line import CLEAN, Disturbance
+from firmware_bridge.beeclick.emulation.line import CLEAN, Disturbance
 from firmware_bridge.laboratory.laboratory import Jack
 from firmware_bridge.pseudo_terminal import LinkError, PseudoTerminal
 

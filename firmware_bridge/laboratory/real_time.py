@@ -12,12 +12,12 @@ from typing import Final
 from actors.instant import START, Duration, Instant, in_seconds, milliseconds
 from actors.runtime.errors import AcrcError
 from actors.world.physics import SUBSTEP
-from firmware_bridge.beeclick.board import Board
+from firmware_bridge.beeclick.emulation.emulated_board import Board
 from firmware_bridge.kobuki.base import EmulatedKobuki
 from firmware_bridge.laboratory.faults import Bench
 from firmware_bridge.laboratory.laboratory import Laboratory
+from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult, RobotTruth
 from firmware_bridge.laboratory.lines import Lines
-from firmware_bridge.laboratory.setup import LaboratoryResult, RobotTruth
 
 _ROUND: Final = milliseconds(1)
 """Boards are not looked at more often, unless a host has written."""

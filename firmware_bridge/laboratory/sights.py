@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors.grid import OccupancyGrid
+from actors.floor.grid import OccupancyGrid
 from actors.messages import NO_ECHO_MM
 from actors.robot_model import RobotModel
 from actors.world.sensing import RangeSensors

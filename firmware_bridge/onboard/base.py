@@ -17,17 +17,17 @@ import msgspec
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.robot_model import load_model
-from actors.runtime import router_file
+from actors.runtime.access import router_file
+from actors.runtime.access.credentials import reveal
+from actors.runtime.access.tls import onboard_router_config
 from actors.runtime.background import BackgroundRecorder, Log, to_stderr
-from actors.runtime.credentials import reveal
+from actors.runtime.bus.waking_bus import WakingBus
+from actors.runtime.client_options import ArgumentParser
 from actors.runtime.errors import AcrcError
-from actors.runtime.parent import die_with_parent
+from actors.runtime.lifecycle.parent import die_with_parent
 from actors.runtime.process import Part, RunNote, play
 from actors.runtime.processor import processor
-from actors.runtime.seat import ArgumentParser
 from actors.runtime.shell import Shell
-from actors.runtime.tls import onboard_router_config
-from actors.runtime.waking_bus import WakingBus
 from firmware_bridge.kobuki import port as kobuki_port
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.onboard.base_core import BaseCore
@@ -35,7 +35,7 @@ from firmware_bridge.onboard.clock import Clock
 from firmware_bridge.onboard.conduct import conduct
 from firmware_bridge.onboard.last_pose import UNHEARD, PoseKeeper
 from firmware_bridge.onboard.last_word import LastWord
-from firmware_bridge.onboard.setup import OPENNI, BaseSetup, load
+from firmware_bridge.onboard.onboard_setup import OPENNI, BaseSetup, load
 from firmware_bridge.onboard.vehicle import DepthRanger, Lidar, MotionUnknownError, Ranger, Say, TurtleBot
 from firmware_bridge.range_sensors import rplidar
 from firmware_bridge.range_sensors.camera_feed import CameraFeed

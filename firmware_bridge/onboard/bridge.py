@@ -10,23 +10,23 @@ import msgspec
 
 from actors.instant import Instant, seconds
 from actors.messages import RADIO_READY, Ready
-from actors.runtime.access import client_config
+from actors.runtime.access.rules import client_config
+from actors.runtime.bus.waking_bus import WakingBus
+from actors.runtime.client_options import ArgumentParser, Seat, add_seat_options, seat
 from actors.runtime.core import to
 from actors.runtime.errors import AcrcError
-from actors.runtime.parent import die_with_parent
+from actors.runtime.lifecycle.parent import die_with_parent
 from actors.runtime.process import Part, RunNote, play
 from actors.runtime.processor import processor
 from actors.runtime.recording import Recorder
-from actors.runtime.seat import ArgumentParser, Seat, add_seat_options, seat
 from actors.runtime.shell import Shell
-from actors.runtime.waking_bus import WakingBus
 from firmware_bridge.beeclick.link import Link
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.port import BoardPort, PortError
 from firmware_bridge.onboard.bridge_core import BridgeCore
 from firmware_bridge.onboard.clock import Clock
 from firmware_bridge.onboard.conduct import conduct
-from firmware_bridge.onboard.setup import BridgeSetup, load
+from firmware_bridge.onboard.onboard_setup import BridgeSetup, load
 
 _RETRY = seconds(1)
 """A port that is not there is tried again so often."""

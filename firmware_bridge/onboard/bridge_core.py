@@ -12,7 +12,7 @@ from typing import Final
 
 import msgspec
 
-from actors.board import BoardNote, Fix, Humidity, Info, LinkState, Temperature
+from actors.board_readings import BoardNote, Fix, Humidity, Info, LinkState, Temperature
 from actors.instant import Instant
 from actors.messages import (
     AIRED,

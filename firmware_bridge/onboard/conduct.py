@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from actors.instant import Instant
+from actors.runtime.bus.waking_bus import WakingBus
 from actors.runtime.core import Core
 from actors.runtime.shell import Shell
-from actors.runtime.waking_bus import WakingBus
 from firmware_bridge.onboard.clock import Clock
 
 

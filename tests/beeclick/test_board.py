@@ -18,7 +18,6 @@ from firmware_bridge.beeclick.answers import (
     Synchronised,
     Warmth,
 )
-from firmware_bridge.beeclick.board import Board, BoardParameters
 from firmware_bridge.beeclick.commands import (
     Command,
     SendPacket,
@@ -27,8 +26,9 @@ from firmware_bridge.beeclick.commands import (
     SetPower,
     Synchronise,
 )
-from firmware_bridge.beeclick.emulate import standing
-from firmware_bridge.beeclick.medium import Air, AirParameters, advance
+from firmware_bridge.beeclick.emulation.emulate import standing
+from firmware_bridge.beeclick.emulation.emulated_board import Board, BoardParameters
+from firmware_bridge.beeclick.emulation.emulated_medium import Air, AirParameters, advance
 from firmware_bridge.beeclick.signal import mac_header
 from firmware_bridge.beeclick.wire import SYNC_PATTERN, byte_time
 

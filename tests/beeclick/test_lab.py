@@ -2,16 +2,16 @@ import numpy as np
 
 from actors.instant import START, Instant, milliseconds, seconds
 from actors.messages import Heard, Sent
-from benchmarks.beeclick import soak, throughput
-from deeco.fragments import Fragmenter
-from deeco.reassembly import Reassembly
-from firmware_bridge.beeclick.board import Board
-from firmware_bridge.beeclick.emulate import standing
+from benchmarks.hardware.beeclick import soak, throughput
+from deeco.replication.fragments import Fragmenter
+from deeco.replication.reassembly import Reassembly
+from firmware_bridge.beeclick.emulation.emulate import standing
+from firmware_bridge.beeclick.emulation.emulated_board import Board
+from firmware_bridge.beeclick.emulation.emulated_medium import Air, AirParameters
+from firmware_bridge.beeclick.emulation.lab import Desk, Lab
+from firmware_bridge.beeclick.emulation.line import Disturbance
 from firmware_bridge.beeclick.events import Down, Info, PacketEnd, Unconfirmed, Up
-from firmware_bridge.beeclick.lab import Desk, Lab
-from firmware_bridge.beeclick.line import Disturbance
 from firmware_bridge.beeclick.link import Link, Phase
-from firmware_bridge.beeclick.medium import Air, AirParameters
 from firmware_bridge.beeclick.parameters import BeeClickParameters, BoardSettings
 
 QUICK = BeeClickParameters(

@@ -12,7 +12,7 @@ import pytest
 
 from actors.instant import Instant
 from actors.messages import Heard, Sent
-from firmware_bridge.beeclick.emulate import main
+from firmware_bridge.beeclick.emulation.emulate import main
 from firmware_bridge.beeclick.events import Event
 from firmware_bridge.beeclick.link import Link, Phase
 from firmware_bridge.beeclick.parameters import BoardSettings
@@ -159,7 +159,7 @@ def test_emulated_boards_hear_one_another_until_they_are_stopped(tmp_path: Path)
     command = [
         sys.executable,
         "-m",
-        "firmware_bridge.beeclick.emulate",
+        "firmware_bridge.beeclick.emulation.emulate",
         "--boards",
         "2",
         "--links",

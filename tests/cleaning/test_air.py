@@ -7,15 +7,15 @@ import numpy as np
 from actors.geometry import Point, Pose
 from actors.instant import Instant
 from actors.messages import FRAME_DATA_LIMIT
-from actors.robot.ports import Start, View
+from actors.robot.behaviour.ports import Start, View
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.chapter import behaviour
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import RESTART_TERM, Claim, Duty
-from deeco.fragments import CHECKSUM, HEADER, Fragmenter
-from deeco.packet import KnowledgePacket, Version, pack
-from deeco.schema import RoleBook
+from deeco.replication.fragments import CHECKSUM, HEADER, Fragmenter
+from deeco.replication.packet import KnowledgePacket, Version, pack
+from deeco.replication.schema import RoleBook
 
 LONGEST = Duty("r500", 999, Point(-123.456, 123.456), 2000)
 """More than any scenario has."""

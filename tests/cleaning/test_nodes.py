@@ -5,7 +5,7 @@ from numpy.random import Generator
 from actors.geometry import Point, Pose
 from actors.messages import PlaceKey
 from actors.randomness import generator
-from actors.robot.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning
+from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.cleaner import Cleaner, State
@@ -13,8 +13,8 @@ from cleaning.place import Claim, Duty
 from cleaning.robot import CleaningRobot
 from deeco import Knowledge, seconds
 from deeco.node import Node
-from deeco.packet import KnowledgePacket, Version, pack
-from deeco.schema import RoleBook
+from deeco.replication.packet import KnowledgePacket, Version, pack
+from deeco.replication.schema import RoleBook
 from tests.cleaning.equipment import Base, Floor, Notes, Ways, adaptive, duty, plain
 from tests.deeco.air import Air, everywhere
 

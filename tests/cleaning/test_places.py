@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import pytest
 
 from cleaning.places import GOLDEN
-from deploy.areas import for_places
-from deploy.scenario_file import load_scenario
+from deploy.scenario.areas import for_places
+from deploy.scenario.scenario_file import load_scenario
 
 AREAS = for_places(load_scenario()) or ()
 

@@ -7,8 +7,8 @@ import pytest
 from actors.geometry import Point, Pose
 from actors.instant import seconds
 from actors.randomness import generator
-from actors.robot.behaviour import load_behaviour
-from actors.robot.ports import Setting, Start
+from actors.robot.behaviour.entry import load_behaviour
+from actors.robot.behaviour.ports import Setting, Start
 from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, Unblock
 from cleaning.place import RESTART_TERM, Duty, duties
 from cleaning.settings import SettingsError, from_settings

@@ -24,11 +24,11 @@ from actors.messages import (
     Thaw,
 )  # fmt: skip
 from actors.robot_model import load_model
-from actors.runtime.bus import Delivery
+from actors.runtime.bus.interface import Delivery
+from actors.runtime.bus.memory_bus import StalledError
 from actors.runtime.codec import encode
 from actors.runtime.core import at
 from actors.runtime.fingerprint import combined
-from actors.runtime.memory_bus import StalledError
 from actors.world.body import Bodies, SweepRateError
 from actors.world.core import RollCallError
 from actors.world.orders import OrderError

@@ -29,17 +29,17 @@ from actors.messages import (
     Truth,
 )
 from actors.radio.program import build as build_radio
-from actors.radio.setup import RadioSetup
-from actors.runtime.bus import Delivery
+from actors.radio.radio_setup import RadioSetup
+from actors.runtime.bus.interface import Delivery
+from actors.runtime.bus.memory_bus import MemoryBus, run_shells
 from actors.runtime.codec import decode
 from actors.runtime.core import Address, Core, Inputs, Output, at, read, to
-from actors.runtime.memory_bus import MemoryBus, run_shells
+from actors.runtime.message_counts import run_digest
 from actors.runtime.recording import Unrecorded
 from actors.runtime.shell import Shell
-from actors.runtime.tally import run_digest
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
-from actors.world.setup import RobotSetup, TimedOrder, WorldSetup
+from actors.world.world_setup import RobotSetup, TimedOrder, WorldSetup
 
 M = TypeVar("M")
 STEP = 100_000

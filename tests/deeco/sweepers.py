@@ -5,9 +5,9 @@ from enum import Enum
 from typing import Annotated, NamedTuple
 
 from deeco.knowledge import Knowledge, component, role
-from deeco.packet import KnowledgePacket, Version, pack
-from deeco.scalars import Resolution
-from deeco.schema import RoleBook
+from deeco.replication.packet import KnowledgePacket, Version, pack
+from deeco.replication.scalars import Resolution
+from deeco.replication.schema import RoleBook
 
 
 class Point(NamedTuple):

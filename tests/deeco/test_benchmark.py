@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from benchmarks import deeco
+from benchmarks.foundations import deeco
 
 
 def test_three_figures_beside_their_goals(capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,10 +9,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from deeco.errors import ExecutionError
-from deeco.fragments import Fragmenter
-from deeco.packet import KnowledgePacket, Unpacker, Version, pack, relayed, unpack
 from deeco.parameters import LinkParameters
-from deeco.schema import fingerprint
+from deeco.replication.fragments import Fragmenter
+from deeco.replication.packet import KnowledgePacket, Unpacker, Version, pack, relayed, unpack
+from deeco.replication.schema import fingerprint
 from tests.deeco.sweepers import BOOK, Sweeper, published, robot
 
 PACKET = KnowledgePacket("r1", Version(2, 300), 1, ((0x01020304, (True, None, "x")),))

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deeco.fragments import CHECKSUM, HEADER, Fragmenter
 from deeco.instant import START, Instant, milliseconds, seconds
 from deeco.parameters import LinkParameters
-from deeco.reassembly import Reassembly
+from deeco.replication.fragments import CHECKSUM, HEADER, Fragmenter
+from deeco.replication.reassembly import Reassembly
 from tests.deeco.sweepers import published
 
 SMALL = LinkParameters(frame_data=20)

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from deeco import Knowledge, component, ensemble, milliseconds, role, seconds
 from deeco.instant import Instant
-from deeco.network import NetworkParameters
 from deeco.node import Node
-from deeco.packet import KnowledgePacket, Version, pack
-from deeco.relaying import Relay, RelayParameters
+from deeco.replication.network import NetworkParameters
+from deeco.replication.packet import KnowledgePacket, Version, pack
+from deeco.replication.relaying import Relay, RelayParameters
 from deeco.statistics import Counters
 from tests.deeco.air import Air, Reach
 

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from deeco import Contact, Duration, Instant, Knowledge, component, periodic, role, seconds
 from deeco.link import Reception
-from deeco.network import NetworkParameters
 from deeco.node import Node
-from deeco.packet import Version
-from deeco.replicas import Replica, Replicas
+from deeco.replication.network import NetworkParameters
+from deeco.replication.packet import Version
+from deeco.replication.replicas import Replica, Replicas
 from deeco.statistics import Counters
 
 

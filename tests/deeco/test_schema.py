@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from deeco.errors import DefinitionError, DeploymentError, ExecutionError
 from deeco.knowledge import Knowledge, component, role
 from deeco.parameters import LinkParameters
-from deeco.schema import Resolution, RoleBook, Unpacked, fingerprint
+from deeco.replication.schema import Resolution, RoleBook, Unpacked, fingerprint
 from tests.deeco.sweepers import BOOK, Mode, Point, Sweeper, robot
 
 Metres = NewType("Metres", float)
@@ -259,7 +259,8 @@ def test_a_component_publishes_all_its_roles_and_a_peer_reads_those_it_knows() -
 
 
 def test_a_fingerprint_is_the_same_in_every_process() -> None:
-    script = "from tests.deeco.sweepers import *; from deeco.schema import *; print(fingerprint(Sweeper))"
+    imports = "from tests.deeco.sweepers import *; from deeco.replication.schema import *"
+    script = f"{imports}; print(fingerprint(Sweeper))"
     other = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True, text=True)
     assert int(other.stdout) == fingerprint(Sweeper) == 4_135_324_157
 

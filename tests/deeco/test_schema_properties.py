@@ -8,7 +8,7 @@ import msgpack
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deeco.schema import Resolution, RoleBook, Unpacked, fingerprint
+from deeco.replication.schema import Resolution, RoleBook, Unpacked, fingerprint
 from tests.deeco.sweepers import BOOK, Mode, Sweeper
 from tests.deeco.test_schema import Level, Metres, Pair, Window, played, role_of
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from deploy.doctor.machine import Certified, Kernels, Membership, UsbPort
+from deploy.fleet.doctor.machine import Certified, Kernels, Membership, UsbPort
 from firmware_bridge.serial_port import Device
 
 KOBUKI_AT_0 = UsbPort("/dev/ttyUSB0", "0403", "6001", "kobuki_A1B2")

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from actors.runtime.tls import load_keys
-from tests.deploy.test_cli import acrc
+from actors.runtime.access.tls import load_keys
+from tests.cli.test_cli import acrc
 from tests.fleet.texts import OFFICE, ROOT
 
 UNNAMED = (

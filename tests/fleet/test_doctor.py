@@ -9,12 +9,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from deploy.doctor import computer, consultation, ports
-from deploy.doctor import robot as robot_checks
-from deploy.doctor.findings import Finding, well, wrong
-from deploy.doctor.machine import Certified, Kernels, Machine, Membership, UsbPort
-from deploy.doctor.this_machine import ThisMachine
-from deploy.fleet import load_fleet
+from deploy.fleet.doctor import computer, consultation, ports
+from deploy.fleet.doctor import robot as robot_checks
+from deploy.fleet.doctor.findings import Finding, well, wrong
+from deploy.fleet.doctor.machine import Certified, Kernels, Machine, Membership, UsbPort
+from deploy.fleet.doctor.this_machine import ThisMachine
+from deploy.fleet.fleet_file import load_fleet
 from firmware_bridge.kobuki.port import KOBUKI
 from firmware_bridge.pseudo_terminal import PseudoTerminal
 from tests.fleet.patient import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2, Patient

@@ -12,11 +12,11 @@ from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, EllipticCurv
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.verification import PolicyBuilder, Store
 
-from actors.runtime.credentials import AccessError
+from actors.runtime.access.credentials import AccessError
+from actors.runtime.access.tls import Keys, load_keys
 from actors.runtime.errors import AcrcError
-from actors.runtime.tls import Keys, load_keys
-from deploy import certificates
-from deploy.keys import FleetKeys, hosts_of, issue, renew
+from deploy.fleet import certificates
+from deploy.fleet.keys import FleetKeys, hosts_of, issue, renew
 from tests.fleet.texts import ROOT, fleet, robot
 
 NOW = datetime(2030, 5, 1, 12, tzinfo=UTC)
@@ -128,7 +128,7 @@ def test_all_keys_are_made_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     def fail(*_: object) -> None:
         raise ValueError("in the middle")
 
-    monkeypatch.setattr("deploy.certificates.machine", fail)
+    monkeypatch.setattr("deploy.fleet.certificates.machine", fail)
     with pytest.raises(ValueError, match="in the middle"):
         made(tmp_path / "keys")
     assert list(tmp_path.iterdir()) == []

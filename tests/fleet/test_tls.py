@@ -15,11 +15,11 @@ from typing import Any
 import pytest
 import zenoh
 
-from actors.runtime import access, credentials
-from actors.runtime.credentials import Credentials
-from actors.runtime.tls import Keys, laptop_config, listening_router_config, load_keys
-from deploy import certificates
-from deploy.certificates import CLIENT, SERVER, Pair
+from actors.runtime.access import credentials, rules
+from actors.runtime.access.credentials import Credentials
+from actors.runtime.access.tls import Keys, laptop_config, listening_router_config, load_keys
+from deploy.fleet import certificates
+from deploy.fleet.certificates import CLIENT, SERVER, Pair
 from tests.fleet.texts import ROOT
 
 pytestmark = [pytest.mark.timeout(30), pytest.mark.alone]
@@ -199,11 +199,11 @@ def test_the_word_that_goes_with_a_certificate_opens_nothing_without_one(
 ) -> None:
     file = robot.folder / "guessed"
     file.write_text("certificate:certificate\n")
-    with zenoh.open(access.client_config(file, robot.issued.endpoint("radio"))) as session:
+    with zenoh.open(rules.client_config(file, robot.issued.endpoint("radio"))) as session:
         assert_powerless(
             session,
             router,
-            access.client_config(robot.issued.files["operator"], robot.issued.endpoint("operator")),
+            rules.client_config(robot.issued.files["operator"], robot.issued.endpoint("operator")),
         )
 
 
@@ -226,7 +226,7 @@ def test_a_certificate_and_a_password_do_not_add_up(user: str, robot: Robot, rou
 
 def test_a_robots_password_goes_on_opening_its_own_socket(robot: Robot, router: zenoh.Session) -> None:
     ear = Ear(router)
-    config = access.client_config(robot.issued.files["r1"], robot.issued.endpoint("r1"))
+    config = rules.client_config(robot.issued.files["r1"], robot.issued.endpoint("r1"))
     with zenoh.open(config) as session:
         session.put(DRIVE, b"as r1")
         assert str(ear._subscriber.recv().key_expr) == DRIVE
@@ -241,7 +241,7 @@ def test_a_laptop_that_stops_reading_does_not_hold_the_robot_up(robot: Robot, tm
     with other.router() as session:
         code = (
             "import sys, time, zenoh; from pathlib import Path\n"
-            "from actors.runtime.tls import laptop_config, load_keys\n"
+            "from actors.runtime.access.tls import laptop_config, load_keys\n"
             "with zenoh.open(laptop_config(load_keys(Path(sys.argv[1])), sys.argv[2])) as session:\n"
             "    ear = session.declare_subscriber('swarm/**', zenoh.handlers.FifoChannel(10))\n"
             "    session.put('swarm/infra/control', b'')\n"

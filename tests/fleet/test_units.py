@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from actors.runtime.errors import AcrcError
-from deploy.fleet import load_fleet
-from deploy.udev_rules import rules
-from deploy.units import service, write
+from deploy.fleet.fleet_file import load_fleet
+from deploy.fleet.udev_rules import rules
+from deploy.fleet.units import service, write
 from tests.fleet.texts import OFFICE, ROOT, fleet, robot
 from tests.fleet.unit_file import effect, read_rules, read_unit, words
 

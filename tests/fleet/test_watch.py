@@ -14,10 +14,10 @@ import zenoh
 
 from actors.messages import CONTROL, PROGRESS, Control, Order, Pause, Progress, Resume, Stop
 from actors.runtime.codec import decode, encode
-from deploy import watch
-from deploy.certificates import SERVER
+from deploy.fleet import watch
+from deploy.fleet.certificates import SERVER
+from deploy.fleet.watch import Answer
 from deploy.usage import OptionError
-from deploy.watch import Answer
 from tests.fleet.test_tls import Robot
 from tests.fleet.texts import ROOT
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from deploy.fleet import Fleet, FleetError, parse
+from deploy.fleet.fleet_file import Fleet, FleetError, parse
 
 ROOT = Path(__file__).parents[2]
 OFFICE = ROOT / "fleets" / "office.toml"

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from actors.messages import TOPICS
-from actors.runtime import access, credentials
-from actors.runtime.credentials import AccessError, issue
+from actors.runtime.access import credentials, rules
+from actors.runtime.access.credentials import AccessError, issue
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def test_passwords_are_drawn_anew_and_a_link_in_a_robots_folder_is_not_followed(
 def test_each_robot_has_a_socket_in_its_folder_and_the_others_share_one(folders: Path) -> None:
     issued = issue(robots(folders), folders / "infra")
     assert issued.endpoint("r1") == f"unixsock-stream/{folders}/r1/router.sock"
-    config = access.router_config(issued, ["tcp/127.0.0.1:7447"])
+    config = rules.router_config(issued, ["tcp/127.0.0.1:7447"])
     assert json.loads(config.get_json("listen/endpoints")) == [
         f"unixsock-stream/{folders}/r1/router.new",
         f"unixsock-stream/{folders}/r2/router.new",
@@ -61,9 +61,9 @@ def test_each_robot_has_a_socket_in_its_folder_and_the_others_share_one(folders:
 def test_no_session_looks_for_others_or_stamps_or_shares_memory(actor: str, folders: Path) -> None:
     issued = issue(robots(folders), folders / "infra")
     if actor == "world":
-        config = access.router_config(issued)
+        config = rules.router_config(issued)
     else:
-        config = access.client_config(issued.files[actor], issued.endpoint(actor))
+        config = rules.client_config(issued.files[actor], issued.endpoint(actor))
         assert json.loads(config.get_json("mode")) == "client"
         assert json.loads(config.get_json("listen/endpoints")) == []
     for switch in (
@@ -76,9 +76,9 @@ def test_no_session_looks_for_others_or_stamps_or_shares_memory(actor: str, fold
 
 
 def test_a_robot_may_use_its_own_keys_and_no_others() -> None:
-    rules = {rule["id"]: rule for rule in access.access_rules(["r1"], [])["rules"]}
+    by_id = {rule["id"]: rule for rule in rules.access_rules(["r1"], [])["rules"]}
     assert {
-        (name, rule["flows"][0], rule["messages"][0], *rule["key_exprs"]) for name, rule in rules.items()
+        (name, rule["flows"][0], rule["messages"][0], *rule["key_exprs"]) for name, rule in by_id.items()
     } == {
         ("r1 publishes", "ingress", "put", "swarm/up/r1/**"),
         ("r1 subscribes", "ingress", "declare_subscriber", "swarm/down/r1/**"),
@@ -88,8 +88,8 @@ def test_a_robot_may_use_its_own_keys_and_no_others() -> None:
 
 
 def test_an_observer_may_not_publish() -> None:
-    rules = access.access_rules([], ["observer"])["rules"]
-    assert [(rule["flows"], rule["messages"]) for rule in rules] == [
+    given = rules.access_rules([], ["observer"])["rules"]
+    assert [(rule["flows"], rule["messages"]) for rule in given] == [
         (["ingress"], ["declare_subscriber"]),
         (["egress"], ["put"]),
     ]
@@ -130,7 +130,7 @@ def test_a_folder_too_deep_for_a_socket_is_refused(folders: Path) -> None:
 
 def test_an_actor_without_rules_is_refused() -> None:
     with pytest.raises(AccessError) as caught:
-        access.access_rules(["r1"], ["drone"])
+        rules.access_rules(["r1"], ["drone"])
     assert (
         str(caught.value) == "there are no access rules for 'drone'; there are for radio, observer, operator"
     )
@@ -139,14 +139,14 @@ def test_an_actor_without_rules_is_refused() -> None:
 def test_a_missing_or_broken_credentials_file_is_named(folders: Path) -> None:
     file = folders / "r1" / "credentials"
     with pytest.raises(AccessError) as missing:
-        access.client_config(file, "tcp/127.0.0.1:1")
+        rules.client_config(file, "tcp/127.0.0.1:1")
     assert str(missing.value) == (
         f"the credentials file {file} cannot be read (No such file or directory); "
         "the start of the run should have written it"
     )
     file.write_text("r1\n")
     with pytest.raises(AccessError) as broken:
-        access.client_config(file, "tcp/127.0.0.1:1")
+        rules.client_config(file, "tcp/127.0.0.1:1")
     assert (
         str(broken.value) == f"the credentials file {file} should hold one line user:password, but does not"
     )

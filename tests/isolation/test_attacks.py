@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from actors.runtime.isolation import available
+from actors.runtime.isolation.sandbox import available
 from benchmarks.attacks import command
 from benchmarks.attacks.attack import Attack, Layer, missing_means
 from benchmarks.attacks.attacks import ATTACKS

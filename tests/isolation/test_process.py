@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from actors.runtime import syscall_filter
-from actors.runtime.syscall_filter import Instruction
+from actors.runtime.isolation import syscall_filter
+from actors.runtime.isolation.syscall_filter import Instruction
 from benchmarks.attacks.breakouts import NEST, UNDO
 from benchmarks.attacks.process_attacks import PTRACE_ATTACH
 from tests.isolation.test_attacks import need_isolation
@@ -23,8 +23,8 @@ PRELUDE = """
 import ctypes, os, sys
 from pathlib import Path
 from actors.runtime import isolation, linux, mounts, syscall_filter
-from actors.runtime.isolation import IsolationError, Plan, available, isolate, separate
-from actors.runtime.parent import die_with_parent
+from actors.runtime.isolation.sandbox import IsolationError, Plan, available, isolate, separate
+from actors.runtime.lifecycle.parent import die_with_parent
 
 def attempt(act):
     try:

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from benchmarks import kobuki
+from benchmarks.hardware import kobuki
 from firmware_bridge.kobuki import frame
 
 

@@ -15,7 +15,7 @@ import msgspec
 from actors.instant import Instant
 from actors.messages import Scan
 from actors.robot_model import OdometryKind, load_model
-from actors.world.setup import RobotSetup, WorldSetup
+from actors.world.world_setup import RobotSetup, WorldSetup
 from firmware_bridge.beeclick.events import Event
 from firmware_bridge.beeclick.link import Link
 from firmware_bridge.beeclick.parameters import BoardSettings
@@ -23,7 +23,7 @@ from firmware_bridge.beeclick.port import BoardPort
 from firmware_bridge.kobuki import port as kobuki_port
 from firmware_bridge.kobuki.driver import DriverParameters, KobukiDriver
 from firmware_bridge.kobuki.odometry import OdometryParameters
-from firmware_bridge.laboratory.setup import LaboratoryResult, LaboratorySetup
+from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult, LaboratorySetup
 from firmware_bridge.range_sensors import rplidar
 from firmware_bridge.range_sensors.rplidar import Rplidar
 

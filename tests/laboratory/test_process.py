@@ -18,7 +18,7 @@ from actors.world.body import Bodies
 from firmware_bridge.beeclick.events import Up
 from firmware_bridge.beeclick.port import PortError
 from firmware_bridge.laboratory.__main__ import main
-from firmware_bridge.laboratory.setup import LaboratorySetup
+from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 from firmware_bridge.laboratory.sights import LIDAR
 from tests.laboratory.hosts import ROOT, STARTS, BaseHost, BoardHost, LidarHost, Running, setup, until
 

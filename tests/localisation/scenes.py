@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid, largest_region
+from actors.floor.map_file import load_map
 from actors.geometry import ORIGIN, Point, Pose, wrap
-from actors.grid import FREE, OCCUPIED, UNKNOWN, Cell, OccupancyGrid, largest_region
-from actors.map_file import load_map
 from actors.messages import NO_ECHO_MM
 from actors.robot.localisation import (
     Amcl,
@@ -21,7 +21,7 @@ from actors.robot.localisation import (
     beams,
     likelihood_field,
 )
-from actors.robot.planning import Ground, Planner, ground
+from actors.robot.navigation.planning import Ground, Planner, ground
 from actors.robot.sweep import Sweep
 from actors.robot_model import load_model
 from actors.world.sensing import RangeSensors

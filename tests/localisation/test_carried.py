@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from actors.floor.grid import OccupancyGrid
+from actors.floor.map_file import load_map
 from actors.geometry import Pose, wrap
-from actors.grid import OccupancyGrid
-from actors.map_file import load_map
 from actors.robot.localisation import PRESETS, AmclParameters, Estimate, likelihood_field
 from actors.robot.sweep import Sweep
 from deploy.repository import REPOSITORY

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.geometry import Point, Pose
-from actors.grid import OCCUPIED, OccupancyGrid
 from actors.messages import NO_ECHO_MM
 from actors.robot.localisation import PRESETS, LikelihoodField, beams, evidence, line_of_sight
 from actors.robot.localisation.evidence import AGREES, Judgement, explain, judge, worth

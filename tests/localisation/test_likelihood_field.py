@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
-from actors.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.robot.localisation import LocalisationError, likelihood_field
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from actors.floor.grid import OccupancyGrid
 from actors.geometry import Pose, wrap
-from actors.grid import OccupancyGrid
 from actors.robot.localisation import LikelihoodField, likelihood_field
 from actors.robot.localisation.search import Hypothesis, Search
 from tests.localisation.scenes import (

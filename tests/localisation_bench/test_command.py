@@ -8,7 +8,7 @@ from benchmarks.localisation import command, logs
 from benchmarks.localisation.cells import CellError, Extent, cells, chosen
 from benchmarks.localisation.log import LogError
 from benchmarks.localisation.speed import update_costs
-from deploy.cli_bench import app
+from deploy.cli.bench import app
 from tests.localisation_bench.scenes import APARTMENT, CORRIDOR
 
 MAPS = Path(CORRIDOR), [Path(APARTMENT)]

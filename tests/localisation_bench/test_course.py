@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from actors.distance import point_clearance
+from actors.floor.distance import point_clearance
 from actors.geometry import Point, Pose
 from actors.messages import NO_ECHO_MM
 from actors.randomness import generator

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import failures, navigation, seeds
-from benchmarks.navigation_course import Course, scenario
-from benchmarks.navigation_run import measure
+from benchmarks.failures import failures
+from benchmarks.navigation import navigation
+from benchmarks.navigation.course import Course, scenario
+from benchmarks.navigation.run import measure
+from benchmarks.swarm import seeds
 from deploy.usage import OptionError
 
 MAPS = Path(__file__).parents[2] / "maps"

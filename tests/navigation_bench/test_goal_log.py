@@ -9,7 +9,7 @@ import numpy as np
 from actors.geometry import Point, Pose
 from actors.instant import Instant
 from actors.randomness import generator
-from actors.robot.ports import (
+from actors.robot.behaviour.ports import (
     AbortReason,
     Behaviour,
     Decision,
@@ -20,10 +20,10 @@ from actors.robot.ports import (
     Start,
     View,
 )
-from benchmarks import errands, goal_log
-from benchmarks.failures_run import pursuit
-from benchmarks.goal_log import LoggedGoal
-from benchmarks.tracks import Tracks
+from benchmarks.failures.run import pursuit
+from benchmarks.navigation import goal_log, goal_orders
+from benchmarks.navigation.goal_log import LoggedGoal
+from benchmarks.navigation.tracks import Tracks
 
 STEP = 100_000
 HERE = Pose(0.0, 0.0, 0.0)
@@ -93,7 +93,7 @@ def test_a_robot_pursues_what_it_was_not_told_to_leave() -> None:
 def test_errands_are_reported_once_and_begin_anew() -> None:
     reached = Goal(A, GoalStatus.SUCCEEDED)
     gone = Goal(B, GoalStatus.ABORTED, AbortReason.NO_PLAN)
-    decisions = drive(errands.behaviour(start()), [None, ACTIVE[A], reached, gone, reached, reached])
+    decisions = drive(goal_orders.behaviour(start()), [None, ACTIVE[A], reached, gone, reached, reached])
     assert [decision.goal for decision in decisions] == [A, GoalOrder.KEEP, B, A, B, A]
     assert [[report.place for report in decision.reports] for decision in decisions] == [
         [], [], [0], [], [], [],

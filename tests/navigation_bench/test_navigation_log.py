@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from actors.robot.inflation import INSCRIBED, LETHAL
-from benchmarks import navigation_log
+from actors.robot.navigation.inflation import INSCRIBED, LETHAL
 from benchmarks.localisation.log import LogError
-from benchmarks.navigation import NavigationTask, write_log
-from benchmarks.navigation_course import Course
+from benchmarks.navigation import log as navigation_log
+from benchmarks.navigation.course import Course
+from benchmarks.navigation.navigation import NavigationTask, write_log
 from deploy.repository import REPOSITORY
 
 CORRIDOR = REPOSITORY / "maps" / "corridor.yaml"

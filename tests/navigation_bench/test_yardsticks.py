@@ -8,19 +8,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid, outline
+from actors.floor.map_file import load_map
+from actors.floor.placement import draw_points
 from actors.geometry import Point, Pose
-from actors.grid import FREE, OCCUPIED, OccupancyGrid, outline
-from actors.map_file import load_map
-from actors.placement import draw_points
 from actors.world.physics import Arena
-from actors.world.setup import RobotSetup, WorldSetup
-from benchmarks.approach import closest, robot_gaps, touches, wall_gaps
-from benchmarks.confidence import average, proportion
-from benchmarks.passage import Passages
-from benchmarks.retracing import RetracingError, retrace
-from benchmarks.shortest_way import ShortestWays
-from benchmarks.swarm import strewn, turtlebot, wishes
-from benchmarks.tracks import Tracks
+from actors.world.world_setup import RobotSetup, WorldSetup
+from benchmarks.failures.passage import Passages
+from benchmarks.navigation.approach import closest, robot_gaps, touches, wall_gaps
+from benchmarks.navigation.retracing import RetracingError, retrace
+from benchmarks.navigation.shortest_way import ShortestWays
+from benchmarks.navigation.tracks import Tracks
+from benchmarks.statistics.confidence import average, proportion
+from benchmarks.world.plain_swarm import strewn, turtlebot, wishes
 
 MAPS = Path(__file__).parents[2] / "maps"
 RADIUS = 0.177

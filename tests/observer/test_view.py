@@ -9,8 +9,8 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
+from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
-from actors.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.messages import Drive, PlaceGivenUp, PlaceReport, RobotTruth, Truth
 from actors.observer import viewer
 from actors.observer.observer import Observer, Summary

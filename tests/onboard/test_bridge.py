@@ -7,7 +7,7 @@ from actors.messages import TRANSMIT, TRUTH, Outgoing, Overflow, Received, Trans
 from actors.runtime.core import at
 from firmware_bridge.onboard.bridge import Bridge
 from firmware_bridge.onboard.clock import Clock
-from firmware_bridge.onboard.setup import BridgeSetup
+from firmware_bridge.onboard.onboard_setup import BridgeSetup
 
 
 def test_without_a_board_frames_overflow_and_nothing_is_due(capsys: pytest.CaptureFixture[str]) -> None:

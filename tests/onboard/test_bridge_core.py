@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from actors.board import LinkState, Temperature
+from actors.board_readings import LinkState, Temperature
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import (
     TRANSMIT,
@@ -24,9 +24,9 @@ from actors.messages import (
 )
 from actors.runtime.core import Address, at
 from actors.topic import Message
-from firmware_bridge.beeclick import board as emulated
+from firmware_bridge.beeclick.emulation import emulated_board as emulated
+from firmware_bridge.beeclick.emulation.emulated_medium import Air, Place, advance
 from firmware_bridge.beeclick.link import Link
-from firmware_bridge.beeclick.medium import Air, Place, advance
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.onboard.bridge_core import MOST_PLANNED, BridgeCore
 

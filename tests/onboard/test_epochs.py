@@ -8,7 +8,7 @@ import pytest
 
 from actors.runtime.process import RunNote
 from actors.runtime.recording import Recorder
-from deploy.epochs import LAST_EPOCH, EpochCounter, EpochError
+from deploy.fleet.epochs import LAST_EPOCH, EpochCounter, EpochError
 
 NOW = 1_800_000_000.0
 """2027-01-15."""

@@ -8,10 +8,10 @@ import pytest
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.messages import Odometry
-from deploy.fleet import FleetRobot
-from deploy.onboard import Onboard, onboard_robot_program
-from deploy.onboard_run import AT_START, _told
-from deploy.plan import Plan
+from deploy.fleet.fleet_file import FleetRobot
+from deploy.fleet.onboard import Onboard, onboard_robot_program
+from deploy.fleet.onboard_run import AT_START, _told
+from deploy.run.plan import Plan
 from deploy.usage import OptionError
 from firmware_bridge.onboard import last_pose
 from firmware_bridge.onboard.last_pose import SPREAD, LastPose, PoseKeeper

@@ -45,7 +45,7 @@ def links(tmp_path: Path) -> Iterator[Path]:
         for words in (
             ("firmware_bridge.kobuki.emulate", "--link", f"{folder}/base"),
             ("firmware_bridge.range_sensors.emulate", "--link", f"{folder}/range"),
-            ("firmware_bridge.beeclick.emulate", "--boards", "2", "--links", str(folder)),
+            ("firmware_bridge.beeclick.emulation.emulate", "--boards", "2", "--links", str(folder)),
         )
     ]
     deadline = time.monotonic() + 30

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from deploy import hardware_in_the_loop, swarm
-from deploy.loop_limits import check, note
-from deploy.options import RunOptions
-from deploy.scenario import Scenario
-from deploy.scenario_file import load_scenario
+from deploy.laboratory import hardware_in_the_loop
+from deploy.laboratory.loop_limits import check, note
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import load_scenario
+from deploy.scenario.tables import Scenario
 from deploy.usage import OptionError
 from tests.swarm.command import ROOT, acrc
 

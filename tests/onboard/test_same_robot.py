@@ -7,12 +7,13 @@ import msgspec
 import pytest
 
 from actors.messages import ProcessOrder
-from deploy import onboard, plan, swarm
-from deploy.onboard import Onboard, Ports
-from deploy.options import RunOptions
-from deploy.out_folder import OutFolderError
-from deploy.plan import Plan
-from deploy.scenario_file import load_scenario
+from deploy.fleet import onboard
+from deploy.fleet.onboard import Onboard, Ports
+from deploy.run import plan, swarm
+from deploy.run.options import RunOptions
+from deploy.run.out_folder import OutFolderError
+from deploy.run.plan import Plan
+from deploy.scenario.scenario_file import load_scenario
 
 ROOT = Path(__file__).parents[2]
 PORTS = Ports("/dev/kobuki", "/dev/beeclick", "/dev/rplidar", 0xBABA, 26, 0.0)

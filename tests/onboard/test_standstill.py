@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.standstill import Standstill, StandstillTask, events, measured, meets
-from benchmarks.standstill_rig import GUARDIAN, Rig, killed, stopped
+from benchmarks.hardware.standstill import Standstill, StandstillTask, events, measured, meets
+from benchmarks.hardware.standstill_rig import GUARDIAN, Rig, killed, stopped
 from tests.onboard.test_live import senses
 from tests.swarm.command import processes_of
 

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from deploy import onboard as layout
-from deploy.launch import Child, Program
-from deploy.onboard import Onboard
-from deploy.onboard_watch import Watch
+from deploy.fleet import onboard as layout
+from deploy.fleet.onboard import Onboard
+from deploy.fleet.onboard_supervisor import Watch
+from deploy.processes.launch import Child, Program
 
 
 class Robot:

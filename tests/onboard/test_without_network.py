@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import onboard
+from benchmarks.hardware import onboard
 from tests.swarm.command import ROOT
 
 pytestmark = pytest.mark.alone

@@ -8,7 +8,7 @@ import pytest
 
 from actors import portable
 from actors.portable.quantiles import normal_quantile
-from benchmarks.portable import FUNCTIONS, Function, largest_error
+from benchmarks.foundations.portable import FUNCTIONS, Function, largest_error
 
 
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda one: str(one.name))

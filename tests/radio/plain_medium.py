@@ -1,7 +1,7 @@
 """The medium once more, in plain Python and slowly: a history of all transmissions, searched each time.
 
-It shares the parameters and the random numbers with `actors.radio.medium`, and no code: interference, energy
-and carriers are found by going through the history, the frame error rate by the formula itself.
+It shares the parameters and the random numbers with `actors.radio.medium.medium`, and no code: interference,
+energy and carriers are found by going through the history, the frame error rate by the formula itself.
 """
 
 import heapq
@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.radio.draws import ACK_RECEPTION, BACKOFF, RECEPTION, uniform
-from actors.radio.error_rate import bit_error_rate
-from actors.radio.medium import Request
-from actors.radio.state import BROADCAST, Cca, Fate, Kind
-from actors.radio.transceiver import PhyParameters, Transceiver
+from actors.radio.medium.draws import ACK_RECEPTION, BACKOFF, RECEPTION, uniform
+from actors.radio.medium.error_rate import bit_error_rate
+from actors.radio.medium.medium import Request
+from actors.radio.medium.state import BROADCAST, Cca, Fate, Kind
+from actors.radio.medium.transceiver import PhyParameters, Transceiver
 
 SYMBOL = 16_000
 ENDS, ACK_ENDS, CCA_ENDS, BEGINS, ACK_BEGINS, TIMES_OUT, SPACED, CCA_BEGINS, ARRIVES = range(9)

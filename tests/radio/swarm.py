@@ -19,12 +19,12 @@ from actors.messages import (
     Truth,
 )
 from actors.radio.core import RadioCore
-from actors.radio.path_loss import line_of_sight
+from actors.radio.medium.state import Cca
+from actors.radio.medium.transceiver import PhyParameters, Transceiver
 from actors.radio.presets import RadioParameters
-from actors.radio.propagation import IndoorPropagation
-from actors.radio.state import Cca
+from actors.radio.propagation.indoor import IndoorPropagation
+from actors.radio.propagation.path_loss import line_of_sight
 from actors.radio.surroundings import Surroundings
-from actors.radio.transceiver import PhyParameters, Transceiver
 from actors.topic import Message
 
 STEP = 100_000

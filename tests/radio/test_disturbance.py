@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from actors.radio.interferers import Jammer, Wifi, WifiParameters
-from actors.radio.medium import Medium, Request
+from actors.radio.medium.medium import Medium, Request
+from actors.radio.medium.state import Fate
 from actors.radio.presets import preset
-from actors.radio.propagation import IndoorPropagation
-from actors.radio.state import Fate
+from actors.radio.propagation.indoor import IndoorPropagation
+from actors.radio.propagation.interferers import Jammer, Wifi, WifiParameters
 
 FRAMES = 3000
 SPACING_NS = 45_000_000

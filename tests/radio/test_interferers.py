@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from actors.radio.interferers import Jammer, Wifi, WifiParameters, in_band_db
-from actors.radio.propagation import IndoorPropagation, PropagationParameters
+from actors.radio.propagation.indoor import IndoorPropagation, PropagationParameters
+from actors.radio.propagation.interferers import Jammer, Wifi, WifiParameters, in_band_db
 from actors.runtime.errors import AcrcError
 
 AIR = IndoorPropagation(PropagationParameters())

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from actors.radio.error_rate import frame_error_rate
 from actors.radio.link_budget import DirectReach, needed_dbm, reach, share
-from actors.radio.materials import MATERIALS
-from actors.radio.path_loss import PathLossParameters, path_loss_db
+from actors.radio.medium.error_rate import frame_error_rate
 from actors.radio.presets import PRESETS, preset
-from actors.radio.propagation import IndoorPropagation, PropagationParameters
-from actors.radio.setup import RadioSetup
+from actors.radio.propagation.indoor import IndoorPropagation, PropagationParameters
+from actors.radio.propagation.materials import MATERIALS
+from actors.radio.propagation.path_loss import PathLossParameters, path_loss_db
+from actors.radio.radio_setup import RadioSetup
 from actors.radio.surroundings import surroundings
 from actors.runtime.errors import AcrcError
 

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from actors.messages import Jam
-from actors.radio import engine
-from actors.radio.medium import Medium, Request, fingerprint
-from actors.radio.path_loss import PathLossParameters
+from actors.radio.medium import engine
+from actors.radio.medium.medium import Medium, Request, fingerprint
+from actors.radio.medium.state import BROADCAST, Cca, Fate, Kind
+from actors.radio.medium.traffic import Poisson
+from actors.radio.medium.transceiver import PhyParameters, Transceiver
 from actors.radio.presets import preset
-from actors.radio.propagation import IndoorPropagation, PropagationParameters
-from actors.radio.state import BROADCAST, Cca, Fate, Kind
-from actors.radio.traffic import Poisson
-from actors.radio.transceiver import PhyParameters, Transceiver
+from actors.radio.propagation.indoor import IndoorPropagation, PropagationParameters
+from actors.radio.propagation.path_loss import PathLossParameters
 from tests.radio.plain_medium import PlainMedium, Said, mw
 from tests.radio.swarm import STEP, Frame, Robot, Swarm, around
 

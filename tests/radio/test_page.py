@@ -6,8 +6,8 @@ import re
 import pytest
 
 from actors.radio.link_budget import reach
-from actors.radio.materials import MATERIALS
 from actors.radio.presets import PRESETS
+from actors.radio.propagation.materials import MATERIALS
 from deploy.repository import REPOSITORY
 
 MINUS = "\N{MINUS SIGN}"

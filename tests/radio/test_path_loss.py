@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actors.radio.path_loss import PathLossParameters, line_of_sight, path_loss_db
 from actors.radio.presets import preset
+from actors.radio.propagation.path_loss import PathLossParameters, line_of_sight, path_loss_db
 from actors.runtime.errors import AcrcError
 
 ANNEX_E = PathLossParameters()

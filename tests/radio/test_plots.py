@@ -6,9 +6,9 @@ from xml.etree import ElementTree
 import pytest
 from PIL import Image
 
-from benchmarks import radio_plots
-from benchmarks.radio_plots import PlotTask
-from benchmarks.svg_chart import Axis, Series, chart
+from benchmarks.radio import plots
+from benchmarks.radio.plots import PlotTask
+from benchmarks.radio.svg_chart import Axis, Series, chart
 from deploy.repository import REPOSITORY
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -35,7 +35,7 @@ def test_a_chart_has_its_points_where_the_axes_say() -> None:
 
 def test_the_figures_are_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     task = PlotTask(frames=10, places=50, seeds=1, senders=(2,))
-    radio_plots.run(tmp_path, REPOSITORY / "maps" / "corridor.yaml", None, False, task)
+    plots.run(tmp_path, REPOSITORY / "maps" / "corridor.yaml", None, False, task)
     names = ["reach.svg", "error_rate.svg", "grey_zone.svg", "wifi.svg", "contention.svg", "corridor.png"]
     said = capsys.readouterr().out.splitlines()
     assert said[:-1] == [str(tmp_path / name) for name in names]

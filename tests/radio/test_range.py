@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from actors.radio.link_budget import reach
-from actors.radio.medium import Medium, Request
+from actors.radio.medium.medium import Medium, Request
+from actors.radio.medium.state import Fate
 from actors.radio.presets import RadioParameters, preset
-from actors.radio.propagation import IndoorPropagation
-from actors.radio.state import Fate
+from actors.radio.propagation.indoor import IndoorPropagation
 
 FRAMES = 1500
 SPACING_NS = 45_000_000

@@ -13,14 +13,14 @@ from statistics import mean
 import numpy as np
 import pytest
 
-from actors.radio.error_rate import bit_error_rate, frame_error_rate
-from actors.radio.medium import Medium, Request
+from actors.radio.medium.error_rate import bit_error_rate, frame_error_rate
+from actors.radio.medium.medium import Medium, Request
+from actors.radio.medium.state import SYMBOL_NS, Kind
+from actors.radio.medium.traffic import Poisson, Saturated
 from actors.radio.presets import preset
-from actors.radio.state import SYMBOL_NS, Kind
-from actors.radio.traffic import Poisson, Saturated
-from benchmarks.radio_reference import Point
-from benchmarks.radio_trials import SECOND, Table, contend, measure, scene
-from benchmarks.radio_truth import formula_kbps
+from benchmarks.radio.reference import Point
+from benchmarks.radio.trials import SECOND, Table, contend, measure, scene
+from benchmarks.radio.truth import formula_kbps
 
 NS3 = preset("ns3")
 

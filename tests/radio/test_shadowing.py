@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from actors.radio.path_loss import PathLossParameters
-from actors.radio.propagation import IndoorPropagation, PropagationParameters, fingerprint
-from actors.radio.shadowing import ShadowingParameters, Waves, waves
+from actors.radio.propagation.indoor import IndoorPropagation, PropagationParameters, fingerprint
+from actors.radio.propagation.path_loss import PathLossParameters
+from actors.radio.propagation.shadowing import ShadowingParameters, Waves, waves
 
 Floats = NDArray[np.float64]
 PARAMETERS = ShadowingParameters(sigma_db=4.0, correlation_distance=2.0)

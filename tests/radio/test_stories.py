@@ -13,7 +13,7 @@ from actors.messages import (
     RobotTruth,
     Sent,
 )
-from actors.radio.state import Cca
+from actors.radio.medium.state import Cca
 from actors.radio.stations import Stations
 from tests.radio.swarm import PLAIN, SPACING, STEP, TURN, Frame, Robot, Swarm, around
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from actors.runtime.errors import AcrcError
-from benchmarks.radio_reference import Estimate, Point, over_runs, points, share
-from benchmarks.radio_truth import TruthTask, combined, compare, normal_score, run
+from benchmarks.radio.reference import Estimate, Point, over_runs, points, share
+from benchmarks.radio.truth import TruthTask, combined, compare, normal_score, run
 
 HEAD = (
     "n,psdu,run,fixed,load,generated,queue_drop,transmitted,csma_fail,sink_ok,pdr_gen,pdr_tx,allpairs_pdr_tx,"

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
-from actors.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from actors.radio.materials import MATERIALS, material
-from actors.radio.walls import WallPatch, Walls, add_walls, build, uniform_squares
+from actors.radio.propagation.materials import MATERIALS, material
+from actors.radio.propagation.walls import WallPatch, Walls, add_walls, build, uniform_squares
 from actors.runtime.errors import AcrcError
 
 BRICK = MATERIALS["brick"]

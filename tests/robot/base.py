@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Point, Pose, Twist
-from actors.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM, Drive, Odometry, Scan, Senses
 from actors.robot_model import RobotModel, load_model, scan_angles

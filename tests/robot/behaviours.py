@@ -3,7 +3,7 @@
 from actors.geometry import Point
 from actors.instant import Instant
 from actors.messages import Outgoing
-from actors.robot.ports import Behaviour, Decision, GoalOrder, Start, View
+from actors.robot.behaviour.ports import Behaviour, Decision, GoalOrder, Start, View
 
 number = 7
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
+from actors.floor.map_file import load_map
+from actors.floor.placement import Area
 from actors.geometry import Point, Pose
 from actors.instant import milliseconds, seconds
-from actors.map_file import load_map
-from actors.placement import Area
 from actors.randomness import generator
-from actors.robot import setup
-from actors.robot.adaptation import Adaptation, AdaptationError, adaptation, load_adaptation
-from actors.robot.ports import ExchangeSettings, Start
+from actors.robot import assembly
+from actors.robot.behaviour.adaptation import Adaptation, AdaptationError, adaptation, load_adaptation
+from actors.robot.behaviour.ports import ExchangeSettings, Start
 from actors.robot_model import load_model
 
 WHOLE = """
@@ -121,10 +121,10 @@ def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
 def test_the_behaviour_is_told() -> None:
     floor_plan = load_map(Path(__file__).parents[2] / "maps" / "corridor.yaml")
     model = load_model("turtlebot2", "chapter")
-    robot = setup.RobotSetup(
+    robot = assembly.RobotSetup(
         "r1", 0, 0, 7, 100_000, 1, Pose(12.0, 5.0, 0.0), (), "x:y", adaptation=adaptation(WHOLE)
     )
-    start = setup.start(robot, model, setup.floor(floor_plan, model, robot.stack))
+    start = assembly.start(robot, model, assembly.floor(floor_plan, model, robot.stack))
     assert dict(start.settings) == {"lease": 2.5, "tries": 3, "fair": True, "the mode": "bold"}
     assert start.exchange.hop_limit == 15
     place = start.floor.random_place()

@@ -6,8 +6,8 @@ import pytest
 
 from actors.geometry import Point, Pose
 from actors.randomness import generator
-from actors.robot.behaviour import BehaviourError, load_behaviour
-from actors.robot.ports import Start
+from actors.robot.behaviour.entry import BehaviourError, load_behaviour
+from actors.robot.behaviour.ports import Start
 from tests.robot.behaviours import Scripted
 
 START = Start("r1", 1, 0, Pose(0.0, 0.0, 0.0), (Point(1.0, 2.0),), generator(1, "behaviour", "r1"))

@@ -26,16 +26,16 @@ from actors.messages import (
     Sent,
     Transmit,
 )
-from actors.robot.behaviour import BehaviourError
+from actors.robot.behaviour.decision_limits import RobotLimits
+from actors.robot.behaviour.entry import BehaviourError
+from actors.robot.behaviour.ports import Decision, Goal, GoalOrder, GoalStatus, Phase, View
 from actors.robot.core import Parts, RobotCore, StepError
-from actors.robot.driver import Driver
-from actors.robot.dwa_parameters import DwaParameters
-from actors.robot.limits import RobotLimits
-from actors.robot.local_map import LocalMap
 from actors.robot.localisation import DeadReckoning
-from actors.robot.navigation import Navigation
-from actors.robot.planning import Planner, ground
-from actors.robot.ports import Decision, Goal, GoalOrder, GoalStatus, Phase, View
+from actors.robot.navigation.cost_map import LocalMap
+from actors.robot.navigation.driver import Driver
+from actors.robot.navigation.dwa_parameters import DwaParameters
+from actors.robot.navigation.goals import Navigation
+from actors.robot.navigation.planning import Planner, ground
 from actors.robot.sweep import ScanError, Sweeps
 from actors.runtime.core import Output, at, to
 from actors.topic import Message

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from actors.distance import point_clearance
+from actors.floor.distance import point_clearance
+from actors.floor.grid import OccupancyGrid, reachable
+from actors.floor.map_file import load_map
+from actors.floor.placement import Area, PlacementError
 from actors.geometry import Point
-from actors.grid import OccupancyGrid, reachable
-from actors.map_file import load_map
-from actors.placement import Area, PlacementError
 from actors.randomness import generator
-from actors.robot.floor_plan import ReachableFloor
-from actors.robot.planning import Planner, ground
+from actors.robot.navigation.floor_plan import ReachableFloor
+from actors.robot.navigation.planning import Planner, ground
 from tests.robot.base import TWO_ROOMS, plan
 
 RADIUS = 0.177

@@ -12,7 +12,7 @@ import sys
 from numba.core.dispatcher import Dispatcher
 from actors.geometry import Point, Pose
 from actors.robot import setup
-from actors.robot.ports import Decision
+from actors.robot.behaviour.ports import Decision
 from actors.robot.stack import parse
 from actors.robot_model import load_model
 from tests.robot.base import TWO_ROOMS, FakeBase

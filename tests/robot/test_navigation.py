@@ -6,10 +6,10 @@ from numpy.typing import NDArray
 
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, seconds
-from actors.robot.driver import Steering
-from actors.robot.navigation import NAVIGATION_PRESETS, Navigation, NavigationParameters
-from actors.robot.planning import Planner, ground
-from actors.robot.ports import AbortReason, Goal, GoalOrder, GoalStatus, Phase
+from actors.robot.behaviour.ports import AbortReason, Goal, GoalOrder, GoalStatus, Phase
+from actors.robot.navigation.driver import Steering
+from actors.robot.navigation.goals import NAVIGATION_PRESETS, Navigation, NavigationParameters
+from actors.robot.navigation.planning import Planner, ground
 from actors.robot.sweep import Sweep
 from tests.robot.base import TWO_ROOMS, at_step
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from actors.geometry import Point
-from actors.robot.planning import Planner, ground, occupied
+from actors.robot.navigation.planning import Planner, ground, occupied
 from tests.robot.base import TWO_ROOMS
 
 RADIUS = 0.177

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from actors.distance import point_clearance
+from actors.floor.distance import point_clearance
+from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid
+from actors.floor.map_file import load_map
 from actors.geometry import Point
-from actors.grid import FREE, OCCUPIED, Cell, OccupancyGrid
-from actors.map_file import load_map
-from actors.robot.bounds import ParameterError
-from actors.robot.planning import Ground, Planner, PlanningParameters, ground
+from actors.robot.navigation.bounds import ParameterError
+from actors.robot.navigation.planning import Ground, Planner, PlanningParameters, ground
 from tests.robot.base import TWO_ROOMS, plan
 
 RADIUS = 0.177

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from actors.robot.potential import UNREACHABLE, descent, fingerprint, potential
+from actors.robot.navigation.potential import UNREACHABLE, descent, fingerprint, potential
 
 Costs = NDArray[np.int32]
 SIDES = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if (down, right) != (0, 0)]

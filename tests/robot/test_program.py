@@ -9,10 +9,10 @@ import pytest
 
 from actors.geometry import Point, Pose
 from actors.messages import READY, SENSES, Ready
-from actors.robot.adaptation import Adaptation
-from actors.robot.places import load_places
+from actors.robot.assembly import kernels
+from actors.robot.behaviour.adaptation import Adaptation
+from actors.robot.behaviour.places import load_places
 from actors.robot.program import build, look_in, parse, part
-from actors.robot.setup import kernels
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined
@@ -93,11 +93,11 @@ def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_wi
     assert robot.run.argv == tuple(flat(argv))
     ours = [name for name in sorted(robot.run.kernels) if not name.startswith("actors.portable.")]
     assert ours == [
-        "actors.distance",
-        "actors.flood",
-        "actors.robot.cell_distance",
-        "actors.robot.dwa",
-        "actors.robot.inflation",
+        "actors.floor.distance",
+        "actors.floor.flood",
+        "actors.robot.navigation.cell_distance",
+        "actors.robot.navigation.dwa",
+        "actors.robot.navigation.inflation",
         "actors.robot.localisation.beams",
         "actors.robot.localisation.confidence",
         "actors.robot.localisation.evidence",
@@ -106,9 +106,9 @@ def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_wi
         "actors.robot.localisation.measurement",
         "actors.robot.localisation.motion",
         "actors.robot.localisation.resampling",
-        "actors.robot.map_grid",
-        "actors.robot.potential",
-        "actors.robot.ray_tracing",
+        "actors.robot.navigation.map_grid",
+        "actors.robot.navigation.potential",
+        "actors.robot.navigation.ray_tracing",
     ]
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from actors.instant import seconds
-from actors.robot.dwa_parameters import DWA_PRESETS
-from actors.robot.local_map import LOCAL_MAP_PRESETS
 from actors.robot.localisation import PRESETS
-from actors.robot.navigation import NAVIGATION_PRESETS
-from actors.robot.planning import PlanningParameters
+from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS
+from actors.robot.navigation.dwa_parameters import DWA_PRESETS
+from actors.robot.navigation.goals import NAVIGATION_PRESETS
+from actors.robot.navigation.planning import PlanningParameters
 from actors.robot.stack import Stack, StackError, load_stack, parse
 
 WHOLE = """

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple, cast
 import pytest
 
 from actors.messages import DRIVE, READY
+from actors.runtime.bus.quota_bus import FloodError, QuotaBus
 from actors.runtime.core import at
-from actors.runtime.quota_bus import FloodError, QuotaBus
 from actors.topic import Message, Topic
 
 DRIVES, READIES = cast(Topic[Message], DRIVE), cast(Topic[Message], READY)

@@ -6,10 +6,12 @@ import msgspec
 import pytest
 
 from actors.messages import DRIVE, SENSES, Drive
-from actors.runtime.bus import Delivery
+from actors.runtime.bus.interface import Delivery
+from actors.runtime.bus.memory_bus import MemoryBus, StalledError, run_shells
+from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.codec import encode
 from actors.runtime.core import at
-from actors.runtime.memory_bus import MemoryBus, StalledError, run_shells
+from actors.runtime.message_counts import run_digest
 from actors.runtime.recording import (
     Entry,
     Note,
@@ -19,9 +21,7 @@ from actors.runtime.recording import (
     read_notes,
     read_recording,
 )
-from actors.runtime.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.shell import OutOfTurnError, Shell
-from actors.runtime.tally import run_digest
 from tests.runtime.toys import Answerer, Caller
 
 ROBOTS = ("r1", "r22", "r333")

@@ -5,8 +5,8 @@ from typing import Any
 
 from actors.instant import Instant, seconds
 from actors.messages import READY, TRANSMIT
-from actors.robot.ports import Behaviour, Decision, Start, View
-from actors.runtime.zenoh_bus import ZenohBus
+from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
+from actors.runtime.bus.zenoh_bus import ZenohBus
 from actors.topic import Topic
 
 FRAMES = 50_000

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from deploy import swarm
-from deploy.options import RunOptions
-from deploy.scenario_file import Overrides, load_scenario
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
 
 
 @pytest.mark.parametrize("seed", range(1, 11))

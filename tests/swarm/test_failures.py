@@ -15,14 +15,14 @@ import pytest
 from msgspec.structs import replace as replace_struct
 
 from actors.messages import Progress
-from actors.runtime import processes
 from actors.runtime.errors import AcrcError
+from actors.runtime.lifecycle import process_table
 from actors.runtime.recording import Entry, read_notes, read_recording
-from deploy import swarm
-from deploy.options import RunOptions
-from deploy.scenario_file import Overrides, load_scenario
-from deploy.silence import Patience
-from deploy.supervisor import RunFailedError
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.run.silence import Patience
+from deploy.run.supervisor import RunFailedError
+from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.swarm import saboteur
 from tests.swarm.command import acrc, leftovers, processes_of, run, start
 
@@ -155,7 +155,7 @@ def test_an_endless_loop_is_named_by_its_line(tmp_path: Path, bus: str) -> None:
 @pytest.mark.parametrize("bus", ["zenoh", "isolated", "memory"])
 @pytest.mark.parametrize("behaviour", ["forks", "forks_twice"])
 def test_what_a_strategy_forks_is_ended_and_named(tmp_path: Path, behaviour: str, bus: str) -> None:
-    before = processes.children(os.getpid(), processes.table())
+    before = process_table.children(os.getpid(), process_table.table())
     if bus == "memory":
         who = "a strategy failed"
     else:  # outside of isolation, who has lost its parent is found by the server only
@@ -164,7 +164,7 @@ def test_what_a_strategy_forks_is_ended_and_named(tmp_path: Path, behaviour: str
         f"{who}: processes of its own were still running at its end: "
         "a strategy must start neither processes nor threads"
     )
-    assert processes.children(os.getpid(), processes.table()) == before
+    assert process_table.children(os.getpid(), process_table.table()) == before
 
 
 @pytest.mark.parametrize("spawn", SPAWNS)

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from actors.robot import setup
-from deploy import swarm
-from deploy.options import RunOptions
-from deploy.scenario_file import Overrides, load_scenario
-from deploy.silence import Patience
+from actors.robot import assembly
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.run.silence import Patience
+from deploy.scenario.scenario_file import Overrides, load_scenario
 
 
 class SlowAtFirst:
@@ -33,7 +33,7 @@ class SlowAtFirst:
 def test_compiling_is_nobodys_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     slow = SlowAtFirst()
     plan = swarm.plan(load_scenario(None, Overrides(robots=1, duration=1)), RunOptions(tmp_path / "out"))
-    monkeypatch.setattr(setup, "KERNELS", (*setup.KERNELS, slow))
+    monkeypatch.setattr(assembly, "KERNELS", (*assembly.KERNELS, slow))
     patient = replace(plan, patience=Patience(step_s=2.0))
     assert swarm.run_in_memory(patient, lambda progress: None).simulated_s == 1.0
     assert slow.compiled

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from deploy import swarm
-from deploy.options import RunOptions
 from deploy.repository import REPOSITORY
-from deploy.result import RunResult
-from deploy.scenario import EventTable, Scenario
-from deploy.scenario_file import Overrides, load_scenario
+from deploy.results.result import RunResult
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from deploy.scenario.tables import EventTable, Scenario
 
 IN_THE_WAY = 8
 """The seed from which a robot that is done stands in the way of the other one for good."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.crowded_start import busy
+from benchmarks.swarm.crowded_start import busy
 from tests.swarm.command import ROOT, acrc, leftovers, processes_of, run
 
 CROWD = Path(__file__).parent / "crowd.toml"

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from actors.runtime.limits import LimitError, ProcessLimits, as_words, limits
-from deploy.options import run_options
+from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, as_words, limits
+from deploy.run.options import run_options
 from deploy.usage import OptionError
 from tests.swarm.command import acrc, leftovers, processes_of
 

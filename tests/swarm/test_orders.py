@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from actors.messages import Freeze, Move, Obstacle, Order, Pause, StartJam
-from deploy import orders
-from deploy.orders import OrderError
+from deploy.run import orders
+from deploy.run.orders import OrderError
 from tests.swarm.command import acrc, leftovers, processes_of, start
 from tests.swarm.test_failures import stepping, until
 

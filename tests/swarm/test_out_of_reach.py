@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from actors.runtime.isolation import available
-from actors.runtime.log import create_log
+from actors.runtime.isolation.sandbox import available
+from actors.runtime.lifecycle.log import create_log
 from actors.runtime.recording import Entry, read_recording
-from deploy.launch import LaunchError, Program, launcher
+from deploy.processes.launch import LaunchError, Program, launcher
 from deploy.repository import REPOSITORY
 from tests.swarm.command import acrc, run
 

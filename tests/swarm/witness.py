@@ -2,7 +2,7 @@
 
 from actors.instant import Instant
 from actors.messages import PlaceGivenUp, PlaceKey, PlaceReport
-from actors.robot.ports import Behaviour, Decision, Start, View
+from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
 
 GIVES_UP = 30
 """The step in which r1 gives its places up and r2 claims one of its own."""

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks import swarm_goals
-from benchmarks.budget import REST, Growth, Key, Line, budget, growth, whole, with_processes
-from benchmarks.part_clock import Account, Overhead
+from benchmarks.swarm import speed_goals
+from benchmarks.swarm.budget import REST, Growth, Key, Line, budget, growth, whole, with_processes
+from benchmarks.swarm.part_clock import Account, Overhead
 
 COUNTS = st.integers(0, 10**6)
 ACCOUNTS = st.dictionaries(
@@ -72,7 +72,7 @@ class Swarm:
 
 
 def test_goals_are_judged_where_their_swarms_were_measured() -> None:
-    goals = swarm_goals.judged([Swarm(4, 40.0, 2.0), Swarm(20, 7.9, 6.1), Swarm(50, 3.0, 3.2)])
+    goals = speed_goals.judged([Swarm(4, 40.0, 2.0), Swarm(20, 7.9, 6.1), Swarm(50, 3.0, 3.2)])
     assert [(goal.figure, goal.goal, goal.met) for goal in goals] == [
         (40.0, 40.0, True),
         (7.9, 8.0, False),
@@ -80,5 +80,5 @@ def test_goals_are_judged_where_their_swarms_were_measured() -> None:
         (6.1, 6.0, False),
         (1.6, 1.6, True),
     ]
-    assert swarm_goals.judged([Swarm(10, 1.0, 9.0)]) == []
-    assert [goal.robots for goal in swarm_goals.judged([Swarm(50, 1.0, 1.0)])] == [(50,)]
+    assert speed_goals.judged([Swarm(10, 1.0, 9.0)]) == []
+    assert [goal.robots for goal in speed_goals.judged([Swarm(50, 1.0, 1.0)])] == [(50,)]

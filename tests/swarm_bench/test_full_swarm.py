@@ -6,8 +6,8 @@ import json
 import pytest
 
 from actors.robot.core import Parts
-from benchmarks import full_swarm
-from benchmarks.swarm_task import SwarmTask
+from benchmarks.swarm import full_swarm
+from benchmarks.swarm.task import SwarmTask
 
 TASK = SwarmTask(robots=(1, 2), seconds=2.0, repeat=1)
 

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from benchmarks import part_clock
-from benchmarks.part_clock import Account, PartClock, Target, calls_of
+from benchmarks.swarm import part_clock
+from benchmarks.swarm.part_clock import Account, PartClock, Target, calls_of
 
 
 class Ticks:

@@ -6,8 +6,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import Pose, Twist
-from actors.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.robot_model import RangeSensor, RobotModel, load_model
 from actors.world.physics import Arena
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import navground_peer, scan, world
+from benchmarks.world import navground_peer, scan, world
 
 CORRIDOR = Path(__file__).parents[2] / "maps" / "corridor.yaml"
 

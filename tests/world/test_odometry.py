@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from actors.geometry import Pose, Twist, wrap
 from actors.messages import Odometry
-from actors.world import dead_reckoning
+from actors.world import odometry_kernel
 from actors.world.odometry import KobukiErrors, Odometers, OdometryError, StageErrors
 from actors.world.physics import SUBSTEP, Arena
 from tests.world.scenery import OMNIBOX, TURTLEBOT, arena
@@ -176,7 +176,7 @@ def test_adding_up_scaled_motion_beside_plain_python(
         track.append([pose])
         expected = expected.compose(Pose(forward * factors[0], leftward * factors[1], turn * factors[2]))
     got = np.zeros((1, 3))
-    dead_reckoning.add_scaled(
+    odometry_kernel.add_scaled(
         np.array(track), np.array([0]), np.array([[1.0, 2.0, 3.0]]), np.array([factors]), got
     )
     assert (*got[0, :2], wrap(got[0, 2])) == pytest.approx(expected, abs=1e-9)
@@ -232,12 +232,12 @@ def test_measuring_motion_beside_plain_python() -> None:
         pose = pose.compose(motion)
         track.append([pose])
         plain.move(motion, normals[k], errors)
-    bases, got, velocities = np.zeros(1, dead_reckoning.BASE), np.zeros((1, 3)), np.zeros((1, 3))
+    bases, got, velocities = np.zeros(1, odometry_kernel.BASE), np.zeros((1, 3)), np.zeros((1, 3))
     bases["left_scale"], bases["right_scale"], bases["bias"] = 1.003, 0.998, 1e-3
     degrees = (errors.gyro_noise_deg, errors.gyro_walk_deg, errors.gyro_resolution_deg)
     model = (errors.track, errors.tick_um * 1e-6, errors.slip, *map(math.radians, degrees), 2)
     last = np.array([[1.0, 2.0, 3.0]])
-    dead_reckoning.add_measured(
+    odometry_kernel.add_measured(
         np.array(track), np.array([0]), last, normals[None], 0.01, model, bases, got, velocities
     )
     assert got[0] == pytest.approx(plain.estimate, abs=1e-9)
@@ -261,5 +261,5 @@ def test_what_no_robot_can_have_is_refused() -> None:
 
 
 def test_the_fingerprint_is_the_same_every_time() -> None:
-    first: bytes = dead_reckoning.fingerprint()
-    assert first == dead_reckoning.fingerprint()
+    first: bytes = odometry_kernel.fingerprint()
+    assert first == odometry_kernel.fingerprint()

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from actors.instant import Instant
 from actors.messages import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.world.referee import PlaceOutcome, Referee, Verdict
-from actors.world.setup import RobotSetup
 from actors.world.visits import visitors
+from actors.world.world_setup import RobotSetup
 
 
 def robot(name: str, *places: tuple[float, float]) -> RobotSetup:

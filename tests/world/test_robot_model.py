@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actors import convex
+from actors.floor import convex
 from actors.robot_model import RobotModelError, load_model, scan_angles
 
 SHIPPED = Path(__file__).parents[2] / "actors" / "models"

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from actors import distance
+from actors.floor import distance
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid, largest_region
+from actors.floor.map_file import load_map
+from actors.floor.placement import PlacementError
 from actors.geometry import Point
-from actors.grid import FREE, OCCUPIED, OccupancyGrid, largest_region
-from actors.map_file import load_map
-from actors.placement import PlacementError
 from actors.randomness import generator
 from actors.world.odometry import KobukiErrors, StageErrors
 from actors.world.uncertainty import Floor, Uncertainty, drifting, floor

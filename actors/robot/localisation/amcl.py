@@ -20,6 +20,7 @@ from actors.robot.localisation.beams import beams, ends
 from actors.robot.localisation.confidence import Confidence
 from actors.robot.localisation.estimate import Estimate
 from actors.robot.localisation.evidence import Judgement, judge
+from actors.robot.localisation.filter_counts import Tally
 from actors.robot.localisation.histogram import Cluster, Histogram, heaviest_cluster, histogram
 from actors.robot.localisation.likelihood_field import LikelihoodField
 from actors.robot.localisation.locating import Locating
@@ -30,7 +31,6 @@ from actors.robot.localisation.parameters import AmclParameters
 from actors.robot.localisation.recovery import Recovery
 from actors.robot.localisation.resampling import resample
 from actors.robot.localisation.search import Search
-from actors.robot.localisation.tally import Tally
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors import distance
+from actors.floor import distance
+from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.geometry import Covariance
-from actors.grid import OCCUPIED, OccupancyGrid
 from actors.robot.localisation.estimate import LocalisationError
 
 LEVELS: Final = 256

@@ -1,0 +1,161 @@
+"""The floor plan as a grid of cells, each free, unknown or occupied, in the map frame."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.floor import distance, flood
+from actors.geometry import Point
+
+FREE: Final = 0
+UNKNOWN: Final = 1
+OCCUPIED: Final = 2
+_MAP_FRAME: Final = Point(0.0, 0.0)
+
+
+class Cell(NamedTuple):
+    """A square of the grid: `row` counts from the south edge northward, `column` from the west eastward."""
+
+    row: int
+    column: int
+
+
+@dataclass(frozen=True, eq=False)
+class OccupancyGrid:
+    """A floor plan: what is free, what blocks, what nobody knows.
+
+    A point on the line between two cells belongs to the one north or east of it. Cells that are not free
+    block, and so does everything outside.
+    """
+
+    cells: NDArray[np.uint8]
+    """(rows, columns) of FREE, UNKNOWN, OCCUPIED; row 0 is the southernmost. Kept as a read-only copy."""
+    resolution: float
+    """Side of a cell, m."""
+    origin: Point = _MAP_FRAME
+    """The south-west corner of the cell in row 0, column 0, m in the map frame."""
+
+    def __post_init__(self) -> None:
+        assert self.cells.ndim == 2 and self.cells.dtype == np.uint8 and self.cells.size > 0
+        assert self.resolution > 0
+        cells = self.cells.copy()
+        cells.setflags(write=False)
+        object.__setattr__(self, "cells", cells)
+
+    @property
+    def rows(self) -> int:
+        """How many rows of cells."""
+        return int(self.cells.shape[0])
+
+    @property
+    def columns(self) -> int:
+        """How many columns of cells."""
+        return int(self.cells.shape[1])
+
+    @property
+    def corner(self) -> Point:
+        """The north-east corner of the map, m."""
+        return Point(
+            self.origin.x + self.columns * self.resolution, self.origin.y + self.rows * self.resolution
+        )
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """(rows, columns): which cells are free."""
+        return np.equal(self.cells, FREE)
+
+    @property
+    def blocking(self) -> NDArray[np.bool_]:
+        """(rows, columns): which cells are occupied or unknown."""
+        return np.not_equal(self.cells, FREE)
+
+    @cached_property
+    def clearance(self) -> NDArray[np.float64]:
+        """`distance.clearance` of this grid, read-only: computed once, as the cells never change."""
+        clearance = distance.clearance(self)
+        clearance.setflags(write=False)
+        return clearance
+
+    def contains(self, point: Point) -> bool:
+        """True where the map has a cell."""
+        x, y = self._cells_from_corner(point)
+        return 0 <= x < self.columns and 0 <= y < self.rows
+
+    def cell(self, point: Point) -> Cell:
+        """The cell around `point`; beyond the map its indices lie outside of those of `cells`."""
+        x, y = self._cells_from_corner(point)
+        return Cell(math.floor(y), math.floor(x))
+
+    def centre(self, cell: Cell) -> Point:
+        """The middle of a cell, m."""
+        return Point(
+            self.origin.x + (cell.column + 0.5) * self.resolution,
+            self.origin.y + (cell.row + 0.5) * self.resolution,
+        )
+
+    def centres(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The x of every column's middle, (columns,), and the y of every row's, (rows,), m."""
+        x = self.origin.x + (np.arange(self.columns, dtype=np.float64) + 0.5) * self.resolution
+        y = self.origin.y + (np.arange(self.rows, dtype=np.float64) + 0.5) * self.resolution
+        return x, y
+
+    def is_free(self, point: Point) -> bool:
+        """True in a free cell; False in any other and outside the map."""
+        return self.contains(point) and bool(self.cells[self.cell(point)] == FREE)
+
+    def _cells_from_corner(self, point: Point) -> tuple[float, float]:
+        return (point.x - self.origin.x) / self.resolution, (point.y - self.origin.y) / self.resolution
+
+
+def reachable(grid: OccupancyGrid, start: Point, clearance: float = 0.0) -> NDArray[np.bool_]:
+    """(rows, columns): the free cells that a disc of radius `clearance`, m, gets to from `start`.
+
+    It goes east, north, west and south over cells whose centre is at least `clearance` from whatever blocks.
+    Nothing is reachable from a start without that clearance, or outside the map.
+    """
+    if not grid.contains(start):
+        return np.zeros(grid.cells.shape, dtype=np.bool_)
+    return flood.flood(passable(grid, clearance), *grid.cell(start))
+
+
+def largest_region(grid: OccupancyGrid, clearance: float = 0.0) -> NDArray[np.bool_]:
+    """(rows, columns): the largest set of cells that `reachable` gives for any start."""
+    return flood.largest_region(passable(grid, clearance))
+
+
+def passable(grid: OccupancyGrid, clearance: float) -> NDArray[np.bool_]:
+    """(rows, columns): the free cells whose centre is at least `clearance`, m, from whatever blocks."""
+    if clearance <= grid.resolution / 2:  # what every free cell has
+        return grid.free
+    return grid.clearance >= clearance
+
+
+def outline(grid: OccupancyGrid) -> NDArray[np.float64]:
+    """The exact border between free and blocking cells: (n, 4), each row x0, y0, x1, y1 of a segment, m.
+
+    Outside the map everything blocks. Segments are as long as they can be and each stands once: first the
+    horizontal ones (x0 < x1) from south to north and west to east, then the vertical ones (y0 < y1) from west
+    to east and south to north.
+    """
+    ringed = np.ones((grid.rows + 2, grid.columns + 2), dtype=np.bool_)
+    ringed[1:-1, 1:-1] = grid.blocking
+    y, x0, x1 = _runs(ringed[1:, 1:-1] != ringed[:-1, 1:-1])
+    horizontal = np.stack([x0, y, x1, y], axis=1)
+    x, y0, y1 = _runs((ringed[1:-1, 1:] != ringed[1:-1, :-1]).T)
+    vertical = np.stack([x, y0, x, y1], axis=1)
+    corner = np.array([grid.origin.x, grid.origin.y, grid.origin.x, grid.origin.y])
+    return corner + np.concatenate([horizontal, vertical]) * grid.resolution
+
+
+def _runs(edges: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Line, begin and end (exclusive) of each run of True along the lines (rows) of `edges`, in order."""
+    ended = np.zeros((edges.shape[0], edges.shape[1] + 2), dtype=np.int8)
+    ended[:, 1:-1] = edges
+    change = np.diff(ended, axis=1)
+    line, begin = np.nonzero(change == 1)
+    _, end = np.nonzero(change == -1)
+    return line, begin, end

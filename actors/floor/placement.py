@@ -1,0 +1,215 @@
+"""Seeded draws of points on a floor plan, and the check that a robot put by hand stands free."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from actors.floor import distance
+from actors.floor.grid import OccupancyGrid, largest_region, reachable
+from actors.geometry import Point
+from actors.runtime.errors import AcrcError
+
+
+class PlacementError(AcrcError):
+    """Something that cannot stand where, or as often as, it was asked to."""
+
+
+@dataclass(frozen=True)
+class Area:
+    """A named rectangle of the floor, its sides along the axes of the map frame."""
+
+    name: str
+    x0: float
+    """West edge, m."""
+    y0: float
+    """South edge, m."""
+    x1: float
+    """East edge, m."""
+    y1: float
+    """North edge, m."""
+
+    def __post_init__(self) -> None:
+        if not (self.x0 < self.x1 and self.y0 < self.y1):
+            raise PlacementError(
+                f"area {self.name!r} spans x {self.x0:g} to {self.x1:g} and y {self.y0:g} to {self.y1:g} m,"
+                " but each must grow from its first number to its second."
+            )
+
+    @property
+    def surface(self) -> float:
+        """m²."""
+        return (self.x1 - self.x0) * (self.y1 - self.y0)
+
+
+def areas_named(areas: Sequence[Area], names: Sequence[str]) -> tuple[Area, ...]:
+    """The areas of these names, in the order of `names`. Raises PlacementError for a name that none has."""
+    known = {area.name: area for area in areas}
+    for name in names:
+        if name not in known:
+            raise PlacementError(
+                f"area {name!r} is not known; the known ones are {', '.join(map(repr, known)) or 'none'}."
+            )
+    return tuple(known[name] for name in names)
+
+
+def has_free_floor(grid: OccupancyGrid, area: Area) -> bool:
+    """True if the area shares some surface with a free cell."""
+    return _Window(grid, grid.free, area).has_room
+
+
+def draw_points(
+    grid: OccupancyGrid,
+    count: int,
+    *,
+    rng: Generator,
+    clearance: float = 0.6,
+    apart: float = 0.6,
+    keep_off: Sequence[Point] = (),
+    start: Point | None = None,
+    areas: Sequence[Area] | None = None,
+    passage: float = 0.0,
+) -> tuple[Point, ...]:
+    """`count` points of the reachable floor, drawn one after the other, each uniform in what is left of it.
+
+    A point is at least `clearance` from everything that blocks, and at least `apart` from the points before
+    it and from `keep_off` (m). Reachable is what a disc of radius `passage` gets to from `start`, or the
+    largest such region if `start` is None. With areas, one of them is picked first, with a probability
+    proportional to its surface, among those where there still is room.
+
+    Whole cells are admitted or not, so that every point of an admitted cell keeps these distances: up to
+    0.71 of a cell, next to a wall or a neighbour, is given away for an exactly uniform draw that always ends.
+    Raises PlacementError where there is no room, or not for all.
+    """
+    half_diagonal = grid.resolution * math.sqrt(0.5)
+    walkable = _walkable(grid, start, passage)
+    admitted = walkable & (grid.clearance >= clearance + half_diagonal)
+    windows = [_Window(grid, admitted, area) for area in areas or (_everything(grid),)]
+    for window in windows:
+        if not window.has_room:
+            raise PlacementError(
+                f"{window.title} has no reachable point at least {clearance:g} m from walls;"
+                " a place must be free floor."
+            )
+    spacing = apart + half_diagonal if apart > 0 else 0.0
+    for point in keep_off:
+        _withdraw(grid, admitted, point, spacing)
+    points: list[Point] = []
+    while len(points) < count:
+        open_windows = [window for window in windows if window.has_room]
+        if not open_windows:
+            raise PlacementError(
+                f"there is room for {len(points)} of {count} points at least {clearance:g} m from walls and"
+                f" {apart:g} m from each other; ask for fewer, or for smaller distances."
+            )
+        point = _draw(open_windows, rng)
+        _withdraw(grid, admitted, point, spacing)
+        points.append(point)
+    return tuple(points)
+
+
+def check_pose(grid: OccupancyGrid, point: Point, radius: float, who: str) -> None:
+    """Raise PlacementError if the robot `who`, a disc of `radius`, m, at `point` touches what blocks."""
+    gap = distance.point_clearance(grid, point, radius)
+    if gap >= radius - 1e-9:  # what rounding may take from a robot that just touches
+        return
+    if not grid.contains(point):
+        where = "is outside the map"
+    elif gap == 0:
+        where = "is not on free floor"
+    else:
+        where = f"is {gap:.3f} m from a wall"
+    raise PlacementError(
+        f"robot {who!r} at ({point.x:.2f}, {point.y:.2f}) {where}, but must be at least"
+        f" {radius:g} m from walls; {_advice(grid, point, radius)}."
+    )
+
+
+class _Window:
+    """The cells that an area overlaps, weighted by the surface that they share with it."""
+
+    def __init__(self, grid: OccupancyGrid, admitted: NDArray[np.bool_], area: Area) -> None:
+        self.title = f"area {area.name!r}" if area.name else "the map"
+        self.surface = area.surface
+        self._x0, self._x1 = _cuts(grid.origin.x, grid.resolution, grid.columns, area.x0, area.x1)
+        self._y0, self._y1 = _cuts(grid.origin.y, grid.resolution, grid.rows, area.y0, area.y1)
+        columns, rows = np.flatnonzero(self._x1 > self._x0), np.flatnonzero(self._y1 > self._y0)
+        self._left = int(columns[0]) if columns.size else 0
+        self._bottom = int(rows[0]) if rows.size else 0
+        self._weights = np.outer((self._y1 - self._y0)[rows], (self._x1 - self._x0)[columns])
+        # a view: cells that are withdrawn later vanish from every window
+        self._admitted = admitted[
+            self._bottom : self._bottom + rows.size, self._left : self._left + columns.size
+        ]
+
+    @property
+    def has_room(self) -> bool:
+        """True while a point can be drawn."""
+        return bool(self._admitted.any())
+
+    def point(self, chance: float, east: float, north: float) -> Point:
+        """The point that three numbers in [0, 1) pick: a cell by its surface, then where in it."""
+        cells = np.flatnonzero(self._admitted)
+        ladder = np.cumsum(self._weights.ravel()[cells])
+        rung = min(int(np.searchsorted(ladder, chance * ladder[-1], side="right")), cells.size - 1)
+        row, column = divmod(int(cells[rung]), self._weights.shape[1])
+        row, column = row + self._bottom, column + self._left
+        x0, x1 = float(self._x0[column]), float(self._x1[column])
+        y0, y1 = float(self._y0[row]), float(self._y1[row])
+        return Point(x0 + east * (x1 - x0), y0 + north * (y1 - y0))
+
+
+def _cuts(
+    origin: float, resolution: float, count: int, low: float, high: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Where each cell along one axis begins and ends, m, cut to the interval from low to high."""
+    edges = np.clip(origin + np.arange(count + 1) * resolution, low, high)
+    return edges[:-1], edges[1:]
+
+
+def _everything(grid: OccupancyGrid) -> Area:
+    return Area("", grid.origin.x, grid.origin.y, grid.corner.x, grid.corner.y)
+
+
+def _walkable(grid: OccupancyGrid, start: Point | None, passage: float) -> NDArray[np.bool_]:
+    if start is None:
+        return largest_region(grid, passage)
+    region = reachable(grid, start, passage)
+    if not region.any():
+        raise PlacementError(
+            f"a disc of radius {passage:g} m has no room at the start ({start.x:.2f}, {start.y:.2f});"
+            f" {_advice(grid, start, passage)}."
+        )
+    return region
+
+
+def _draw(windows: Sequence[_Window], rng: Generator) -> Point:
+    """A point of one window. Four numbers are drawn each time, however many windows there are."""
+    which, chance, east, north = (float(number) for number in rng.random(4))
+    ladder = np.cumsum([window.surface for window in windows])
+    rung = min(int(np.searchsorted(ladder, which * ladder[-1], side="right")), len(windows) - 1)
+    return windows[rung].point(chance, east, north)
+
+
+def _withdraw(grid: OccupancyGrid, admitted: NDArray[np.bool_], point: Point, spacing: float) -> None:
+    """Admit no longer the cells whose centre is nearer than `spacing` to `point`."""
+    row, column = grid.cell(point)
+    reach = int(spacing / grid.resolution) + 1
+    rows = slice(max(row - reach, 0), max(row + reach + 1, 0))
+    columns = slice(max(column - reach, 0), max(column + reach + 1, 0))
+    x, y = grid.centres()
+    near = np.square(x[columns] - point.x) + np.square(y[rows, None] - point.y) < spacing * spacing
+    admitted[rows, columns] &= ~near
+
+
+def _advice(grid: OccupancyGrid, point: Point, radius: float) -> str:
+    """What would be right instead of `point`; the margin of 1 cm pays for the two digits that are printed."""
+    row, column = np.nonzero(grid.clearance >= radius + 0.01)
+    if not row.size:
+        return "no point of this map is that far from walls"
+    x, y = grid.centres()
+    nearest = int(np.argmin(np.square(x[column] - point.x) + np.square(y[row] - point.y)))
+    return f"the nearest point with room is ({x[column[nearest]]:.2f}, {y[row[nearest]]:.2f})"

@@ -1,0 +1,1 @@
+"""The medium between transceivers, a library without an actor: event loop, CSMA/CA, reception, state."""

@@ -1,0 +1,211 @@
+"""The air between transceivers: which frame is in it when, and who hears it.
+
+A library of its own: nodes, where they are, what they send, and how far the time is to go. Every instant is a
+whole number of nanoseconds. Nothing depends on how the time is cut into calls of `run`, nor on nodes that are
+silent: all random numbers are functions of a seed and of what they are for (`actors.radio.medium.draws`).
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.radio.medium import engine
+from actors.radio.medium.channel import Interferer, Propagation, Trajectory
+from actors.radio.medium.initial_state import initial_state, milliwatts
+from actors.radio.medium.interference import Interference
+from actors.radio.medium.state import BROADCAST, EVENT, REQUEST, SWITCH, Offer, Outside
+from actors.radio.medium.traffic import Poisson, Saturated, Traffic
+from actors.radio.medium.transceiver import PhyParameters, Transceiver
+
+GREATEST_OCTETS = 127
+"""aMaxPHYPacketSize (IEEE 802.15.4-2006, 6.4.1)."""
+
+
+class Request(NamedTuple):
+    """A node hands a frame to its transceiver at an instant that is still to come."""
+
+    instant_ns: int
+    node: int
+    octets: int
+    """Of the PSDU."""
+    to: int = BROADCAST
+    ack: bool = False
+    tag: int = 0
+    """Comes back in the events."""
+
+
+class Medium:
+    """Nodes, numbered as given, and the frames between them."""
+
+    def __init__(
+        self,
+        transceivers: Sequence[Transceiver],
+        propagation: Propagation,
+        phy: PhyParameters | None = None,
+        *,
+        seed: int = 0,
+        interferers: Sequence[Interferer] = (),
+        watched: Sequence[int] | None = None,
+    ) -> None:
+        """`watched`: nodes for which `run` gives what they hear; all by default. The counters know of all."""
+        self._transceivers = tuple(transceivers)
+        self._propagation = propagation
+        self._state = initial_state(transceivers, phy or PhyParameters(), seed)
+        none = np.zeros((0, len(transceivers)))
+        self._outside = Outside(np.zeros(0, REQUEST), np.zeros(0, SWITCH), none, none)
+        self._tx_dbm = np.array([t.tx_power_dbm for t in transceivers])
+        self._where: Trajectory = lambda _: np.zeros((len(transceivers), 2))
+        self._interference = Interference()
+        for interferer in interferers:
+            self.add(interferer)
+        if watched is not None:
+            self._state.nodes["watched"] = False
+            self._state.nodes["watched"][list(watched)] = True
+
+    @property
+    def now_ns(self) -> int:
+        """Up to, and without, this instant everything has happened."""
+        return int(self._state.air["now_ns"])
+
+    def place(self, positions: NDArray[np.float64]) -> None:
+        """From now on the nodes stand still: (n, 2), m."""
+        positions = np.array(positions, dtype=np.float64)
+        self._where = lambda _: positions
+        self._state.air["moving"] = False
+        self._state.nodes["known"] = False
+
+    def follow(self, trajectory: Trajectory) -> None:
+        """From now on the nodes move. The trajectory is asked for instants as far as `run` goes."""
+        self._where = trajectory
+        self._state.air["moving"] = True
+        self._state.nodes["known"] = False
+
+    def add(self, interferer: Interferer) -> None:
+        """From now on the source disturbs too; of its bursts those count that begin no earlier."""
+        self._interference.forget(self.now_ns)
+        self._interference.add(interferer)
+        now_mw = self._outside.now_mw
+        if len(self._interference) > len(now_mw):
+            silent = np.zeros((1, len(self._transceivers)))
+            self._outside = self._outside._replace(now_mw=np.concatenate([now_mw, silent]))
+
+    def offer(self, node: int, traffic: Traffic) -> None:
+        """From now on the node is handed frames of its own accord; their tag is -1."""
+        record = self._state.nodes[node]
+        record["offer_octets"], record["offer_to"] = traffic.octets, traffic.to
+        record["offer_ack"] = traffic.acknowledged
+        if isinstance(traffic, Poisson):
+            record["interval_ns"] = 1e9 / traffic.per_second
+            engine.offer(self._state, node, Offer.POISSON.value, 0)
+        else:
+            engine.offer(self._state, node, Offer.SATURATED.value, traffic.after_ns)
+
+    def submit(self, requests: Iterable[Request]) -> None:
+        """Frames to be handed over at instants to come; at one instant in order of nodes, then as given."""
+        new = np.array([tuple(request) for request in requests], REQUEST)
+        done = int(self._state.air["next_request"])
+        both = np.concatenate([self._outside.requests[done:], new])
+        order = np.lexsort((both["node"], both["instant_ns"]))
+        self._outside = self._outside._replace(requests=both[order])
+        self._state.air["next_request"] = 0
+
+    def switch(self, node: int, powered: bool) -> None:
+        """Switch a transceiver on or off now. Let the frames that end now end first: `finish_frames`."""
+        if bool(self._state.nodes["powered"][node]) == powered:
+            return
+        if powered:
+            engine.switch_on(self._state, node)
+        else:
+            engine.switch_off(self._state, node)
+
+    def finish_frames(self) -> NDArray[np.void]:
+        """Let the frames end that end right now, before anything is switched: what `run` gives."""
+        return self._advance(self.now_ns, True)
+
+    def run(self, until_ns: int) -> NDArray[np.void]:
+        """Let everything happen before `until_ns`: the events, (events,) of EVENT, in order of time."""
+        switches, rows = self._interference.until(self.now_ns, until_ns, self._where)
+        self._outside = self._outside._replace(switches=switches, rows_mw=rows)
+        self._state.air["next_switch"] = 0
+        return self._advance(until_ns, False)
+
+    def counters(self) -> NDArray[np.void]:
+        """(n,) of NODE: the counters of each node, and the rest of what is known of it; a copy."""
+        return self._state.nodes.copy()
+
+    def fates(self) -> NDArray[np.int64]:
+        """(n, fates): what became, at each node, of the frames of others that have ended, by Fate; a copy."""
+        return self._state.nodes["fates"].copy()
+
+    @property
+    def busy_ns(self) -> int:
+        """How long at least one frame has been in the air."""
+        air = self._state.air
+        return int(air["busy_ns"] + (air["now_ns"] - air["busy_since_ns"] if air["in_air"] else 0))
+
+    @property
+    def pending(self) -> int:
+        """How many frames are in the air or wait in a queue."""
+        return int(self._state.nodes["queued"].sum(dtype=np.int64))
+
+    def _advance(self, until_ns: int, ends_too: bool) -> NDArray[np.void]:
+        state, air = self._state, self._state.air
+        parts: list[NDArray[np.void]] = []
+        while True:
+            code = engine.run(state, self._outside, until_ns, ends_too)
+            if code == engine.ROW:
+                self._find_row()
+                continue
+            if air["events"]:
+                parts.append(state.events[: air["events"]].copy())
+                air["events"] = 0
+            if code == engine.DONE:
+                return parts[0] if len(parts) == 1 else np.concatenate(parts) if parts else np.zeros(0, EVENT)
+
+    def _find_row(self) -> None:
+        """How strong the frame that begins now arrives everywhere."""
+        state = self._state
+        sender = int(state.agenda["order"][0] & 0xFFFFFFFF)
+        positions = self._where(self.now_ns)
+        loss_db = self._propagation.loss_db(positions[sender : sender + 1], positions)[0]
+        state.gains_mw[sender] = milliwatts(self._tx_dbm[sender] - loss_db)
+        state.nodes["known"][sender] = True
+
+
+class _Line:
+    """Nodes in a row whose losses and disturbance are plain sums, for the fingerprint."""
+
+    def loss_db(self, senders: NDArray[np.float64], receivers: NDArray[np.float64]) -> NDArray[np.float64]:
+        apart: NDArray[np.float64] = 55.0 + np.abs(senders[:, :1] - receivers[:, 0])
+        return apart
+
+    def bursts(self, since_ns: int, until_ns: int) -> NDArray[np.int64]:
+        begins = np.arange(-(-since_ns // 50_000_000), -(-until_ns // 50_000_000)) * 50_000_000
+        return np.stack([begins, begins + 9_000_000], axis=1)
+
+    def over(self, now_ns: int) -> bool:
+        return False
+
+    def power_dbm(self, receivers: NDArray[np.float64]) -> NDArray[np.float64]:
+        level: NDArray[np.float64] = -90.0 - receivers[..., 0]
+        return level
+
+
+def fingerprint() -> bytes:
+    """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
+    line = _Line()
+    nodes = [Transceiver(k, tx_power_dbm=-10.0, max_backoffs=k) for k in range(5)]
+    medium = Medium(nodes, line, seed=1, interferers=[line])
+    medium.follow(lambda at: np.stack([np.arange(5.0) * (4.0 + at / 1e9), np.zeros(5)], axis=1))
+    for node in range(3):
+        medium.offer(node, Poisson(30 + node, 60.0, (node + 1) % 3, acknowledged=node != 1))
+    medium.offer(3, Saturated(127))
+    medium.submit(Request(k * 7_000_000, 4, 20, tag=k) for k in range(100))
+    events = [medium.run(200_000_000), medium.finish_frames()]
+    medium.switch(3, False)
+    events.append(medium.run(300_000_000))
+    medium.switch(3, True)
+    events.append(medium.run(400_000_000))
+    return b"".join(part.tobytes() for part in events) + medium.fates().tobytes()

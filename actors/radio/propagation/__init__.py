@@ -1,0 +1,1 @@
+"""How much of a signal arrives: path loss, walls and their materials, shadowing; and what interferes."""

@@ -1,0 +1,33 @@
+"""What the radio's process is told at its start."""
+
+import msgspec
+
+from actors.radio.propagation.interferers import WifiParameters
+from actors.radio.propagation.walls import WallPatch
+
+
+class RadioSetup(msgspec.Struct, frozen=True):
+    """The stations and the model of the air; what is None is as the preset has it."""
+
+    seed: int
+    """The run's seed, for everything random on the air."""
+    step_us: int
+    """Length of a step, µs."""
+    robots: tuple[tuple[str, int], ...]
+    """Id and short address (IEEE 802.15.4) of every robot, in the order of the scenario."""
+    preset: str = "chapter"
+    """Name of the model's parameters, see `presets.PRESETS`."""
+    map: str = ""
+    """Path of the floor plan's YAML; empty: there are no walls."""
+    walls: str | None = None
+    """Material of what the floor plan has as occupied, see `materials.MATERIALS`."""
+    patches: tuple[WallPatch, ...] = ()
+    """Where it is of another one."""
+    shadowing_db: float | None = None
+    """Standard deviation of the shadowing, dB."""
+    correlation_distance: float | None = None
+    """Over which the shadowing changes, m."""
+    channel: int | None = None
+    """11 to 26."""
+    wifi: tuple[WifiParameters, ...] = ()
+    """Wi-Fi stations about."""

@@ -1,0 +1,116 @@
+"""A robot from its parts: which localiser, which driver, whose behaviour."""
+
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Final
+
+from actors.floor import distance, flood
+from actors.floor.grid import OccupancyGrid
+from actors.geometry import Point, Pose
+from actors.portable import arrays, draws, foundations
+from actors.randomness import generator
+from actors.robot import localisation
+from actors.robot.behaviour.adaptation import Adaptation
+from actors.robot.behaviour.entry import load_behaviour
+from actors.robot.behaviour.ports import Start
+from actors.robot.core import Parts, RobotCore
+from actors.robot.localisation import Amcl, DeadReckoning, Localisation, likelihood_field
+from actors.robot.navigation import cell_distance, dwa, inflation, map_grid, potential, ray_tracing
+from actors.robot.navigation.cost_map import LocalMap
+from actors.robot.navigation.driver import Driver
+from actors.robot.navigation.floor_plan import ReachableFloor
+from actors.robot.navigation.goals import Navigation
+from actors.robot.navigation.planning import Ground, Planner, ground
+from actors.robot.stack import Stack
+from actors.robot.sweep import Sweeps
+from actors.robot_model import RobotModel
+from actors.runtime.fingerprint import fingerprints
+
+KERNELS: Final = (
+    *(
+        foundations,
+        arrays,
+        draws,
+        distance,
+        flood,
+        potential,
+        cell_distance,
+        inflation,
+        ray_tracing,
+        map_grid,
+        dwa,
+    ),
+    *localisation.KERNELS,
+)
+
+
+@dataclass(frozen=True)
+class RobotSetup:
+    """Everything that makes up one robot, whatever process it runs in."""
+
+    id: str
+    epoch: int
+    first_step: int
+    seed: int
+    """The robot's own, not the run's: from that, and the scenario, it could compute where its peers are."""
+    step_us: int
+    address: int
+    start: Pose
+    places: tuple[Point, ...]
+    behaviour: str
+    """Entry string `module:function`."""
+    adaptation: Adaptation = field(default_factory=Adaptation)
+    stack: Stack = field(default_factory=Stack)
+    doubt: float | None = None
+    """Standard deviation of `start`, m and rad: it stands until it has been located; None: it knows."""
+
+
+def floor(plan: OccupancyGrid, model: RobotModel, stack: Stack) -> Ground:
+    """The floor plan for the model's body; may be shared by all robots of a process."""
+    return ground(plan, model.footprint.circumradius, stack.planner)
+
+
+def start(setup: RobotSetup, model: RobotModel, floor: Ground) -> Start:
+    """What the robot's behaviour is told before its first step."""
+    own, told = generator(setup.seed, "behaviour", setup.id, setup.epoch), setup.adaptation
+    return Start(
+        robot=setup.id,
+        address=setup.address,
+        epoch=setup.epoch,
+        pose=setup.start,
+        places=setup.places,
+        generator=own,
+        settings=MappingProxyType(dict(told.settings)),
+        exchange=told.exchange,
+        floor=ReachableFloor(floor, model.footprint.circumradius, setup.start.point, told.areas, own),
+    )
+
+
+def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCore:
+    """The core of a robot that has this floor plan. Raises an AcrcError for what does not fit."""
+    stack, radius, ground = setup.stack, model.footprint.circumradius, floor(plan, model, setup.stack)
+    local = LocalMap(model.sensor, radius, stack.local_map)
+    driver = Driver(local, radius, model.drive, stack.dwa)
+    parts = Parts(
+        sweeps=Sweeps(model.sensor),
+        localisation=_localisation(setup, model, plan),
+        navigation=Navigation(Planner(ground, stack.planner), local, driver, stack.navigation),
+        behaviour=load_behaviour(setup.behaviour, start(setup, model, ground)),
+    )
+    return RobotCore(
+        setup.id, parts, entry=setup.behaviour, first_step=setup.first_step, step_us=setup.step_us
+    )
+
+
+def _localisation(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> Localisation:
+    parameters = setup.stack.localisation
+    if parameters is None:
+        return DeadReckoning(setup.start, setup.doubt)
+    field = likelihood_field(plan, parameters.max_distance)
+    own = generator(setup.seed, "localisation", setup.id, setup.epoch)
+    return Amcl(field, model.sensor, setup.start, own, parameters, setup.doubt)
+
+
+def kernels() -> dict[str, str]:
+    """Fingerprint of every numeric kernel that a robot computes with, by module; also compiles them all."""
+    return fingerprints(KERNELS)

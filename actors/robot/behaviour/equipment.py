@@ -1,0 +1,85 @@
+"""What a process of a component on a robot may ask for, by the type of a parameter.
+
+Beside these, a node on a robot provides `Instant` (now) and the behaviour's own `numpy.random.Generator`.
+"""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from actors.geometry import Covariance, Point, Pose
+from actors.instant import Instant
+from actors.messages import PlaceKey
+from actors.robot.behaviour.ports import Goal
+
+
+class Positioning(Protocol):
+    """Where the robot holds itself to be, and whether it moves."""
+
+    @property
+    def pose(self) -> Pose:
+        """m and rad, map frame, at the start of the step."""
+
+    @property
+    def covariance(self) -> Covariance:
+        """How far the pose is to be trusted: of x, y and heading, row by row, m², m·rad, rad²."""
+
+    @property
+    def is_lost(self) -> float:
+        """The probability that the robot is somewhere else altogether, 0 to 1, by what its scans say.
+
+        Above 0.95 it is time to act on it: `acrc bench localisation` counts how seldom that is wrong. The
+        odometry alone never finds out, and says 0.
+        """
+
+    @property
+    def moving(self) -> bool:
+        """True while the base reports more than a creeping speed."""
+
+    def disregard(self, peers: Sequence[Point]) -> None:
+        """From the next step on, do not believe range readings that end at other robots, which are there.
+
+        m, map frame. They replace those given before; none at all: believe every reading.
+        """
+
+
+class Navigation(Protocol):
+    """Drives the robot to one goal at a time; an order takes effect with the next step."""
+
+    @property
+    def goal(self) -> Goal | None:
+        """The last goal, how it stands and why; None before the first one and after `stop`."""
+
+    def go_to(self, point: Point) -> None:
+        """Make `point`, m in the map frame, the goal, also if it is the goal already: a new attempt."""
+
+    def stop(self) -> None:
+        """Have no goal, and stand."""
+
+    def pause(self) -> None:
+        """Stand, and keep the goal, also one that is given later, until `resume`."""
+
+    def resume(self) -> None:
+        """Go on to the goal, with all patience anew."""
+
+
+class PlaceMonitor(Protocol):
+    """Takes down, for the result alone, what the robot holds to have come of places."""
+
+    def visited(self, place: PlaceKey, now: Instant) -> None:
+        """Say that a place has been cleaned."""
+
+    def given_up(self, place: PlaceKey, reason: str, now: Instant) -> None:
+        """Say that nobody is to try for a place any more, and why, in at most 100 characters."""
+
+    def remaining(self, route: Sequence[PlaceKey]) -> None:
+        """Say which places the robot still means to visit, in their order; at first those of its Start."""
+
+
+class FloorPlan(Protocol):
+    """The map as the robot has it."""
+
+    def random_place(self) -> Point:
+        """A point in the areas in which places lie, each as likely as another, where the robot can stand.
+
+        Without areas: on all floor that the robot can reach. Drawn from the behaviour's own stream.
+        """

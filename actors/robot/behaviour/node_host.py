@@ -1,0 +1,146 @@
+"""Lets a component of the DEECo model and its ensembles be the behaviour of a robot.
+
+    def behaviour(start: Start) -> Behaviour:
+        return host(start, MyRobot(id=start.robot, ...), MyEnsemble(max_distance=1.5))
+
+The node's link is the robot's radio; its processes find Positioning, Navigation, PlaceMonitor, FloorPlan,
+Instant and the robot's random Generator by type.
+"""
+
+from collections import Counter, deque
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from numpy.random import Generator
+
+from actors.instant import START, Duration, Instant
+from actors.messages import AccessFailure, Heard, Outgoing, Overflow, RadioEvent, Refused, Sent, Unconfirmed
+from actors.robot.behaviour import devices
+from actors.robot.behaviour.decision_limits import RobotLimits
+from actors.robot.behaviour.entry import BehaviourError
+from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning
+from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
+from deeco import DeecoError, Knowledge
+from deeco.link import Reception, Transmission
+from deeco.node import Node
+from deeco.replication.network import NetworkParameters
+from deeco.replication.relaying import RelayParameters
+
+_TAGS: Final = 2**32
+"""Of one epoch."""
+_BACKLOG: Final = 256
+"""Frames that may wait for a later step; twice what the largest packet and as many relays need."""
+_FATES: Final[Mapping[type[Any], str]] = {
+    Sent: "frames_sent",
+    AccessFailure: "frames_access_failure",
+    Overflow: "frames_overflow",
+    Refused: "frames_refused",
+    Unconfirmed: "frames_unconfirmed",
+}
+
+
+def host(start: Start, component: Knowledge, *ensembles: object) -> Behaviour:
+    """The behaviour of a robot that runs `component` with these ensembles on a node of its own.
+
+    Raises BehaviourError if the node lacks something that they ask for.
+    """
+    return _Hosted(start, component, ensembles)
+
+
+class _Hosted:
+    """Translates between the robot's steps and the node's."""
+
+    def __init__(self, start: Start, component: Knowledge, ensembles: Sequence[object]) -> None:
+        self._start = start
+        self._component = component
+        self._ensembles = ensembles
+        self._phase = Duration(int(start.generator.integers(start.exchange.publish)))
+        self._positioning = devices.RobotPositioning(start.pose)
+        self._navigation = devices.RobotNavigation()
+        self._monitor = devices.RobotPlaceMonitor()
+        self._counted: Counter[str] = Counter()
+        self._backlog: deque[Transmission] = deque()
+        self._tag = 0
+        self._node = self._deploy(START)  # what is missing is said before the first step
+        self._begun = False
+
+    def advance(self, view: View, until: Instant) -> Decision:
+        """Let the node do what is due."""
+        self._reach(view.instant)
+        self._positioning.take(view)
+        self._navigation.take(view)
+        try:
+            sent = self._node.advance(until, self._receptions(view.radio))
+        except DeecoError as error:
+            raise BehaviourError(str(error)) from error
+        frames = self._frames(sent, view.instant)
+        reports, given_up, route = self._monitor.give()
+        goal, paused = self._navigation.give()
+        return Decision(goal, frames, reports, given_up, route, paused, self._positioning.give())
+
+    def outcome(self) -> dict[str, object]:
+        """What node and link have counted."""
+        outcome = self._node.outcome()
+        outcome["counters"] |= dict(sorted(self._counted.items()))
+        return {"deeco": outcome}
+
+    def _deploy(self, first: Instant) -> Node:
+        start = self._start
+        try:
+            return Node(
+                [self._component],
+                self._ensembles,
+                ports={
+                    Positioning: self._positioning,
+                    Navigation: self._navigation,
+                    PlaceMonitor: self._monitor,
+                    FloorPlan: start.floor,
+                    Generator: start.generator,
+                },
+                parameters=_network(start),
+                address=start.address,
+                epoch=start.epoch,
+                start=first,
+                publish_phase=self._phase,
+            )
+        except DeecoError as error:
+            raise BehaviourError(str(error)) from error
+
+    def _reach(self, instant: Instant) -> None:
+        """The robot's first step is the node's start; after a gap, in which it was frozen, it goes on."""
+        if not self._begun:
+            self._begun = True
+            if instant != self._node.now:
+                self._node = self._deploy(instant)
+        elif instant > self._node.now:
+            self._node.skip(instant)
+
+    def _receptions(self, events: Sequence[RadioEvent]) -> list[Reception]:
+        heard = []
+        for event in events:
+            if isinstance(event, Heard):
+                heard.append(Reception(Instant(event.instant), event.sender, event.data, event.rssi_dbm))
+            else:
+                self._counted[_FATES[type(event)]] += 1
+        return heard
+
+    def _frames(self, sent: Sequence[Transmission], begin: Instant) -> tuple[Outgoing, ...]:
+        """As many as a robot may send in a step; the others wait for the next one."""
+        self._backlog.extend(sent)
+        while len(self._backlog) > _BACKLOG:
+            self._backlog.pop()
+            self._counted["frames_dropped"] += 1
+        number = min(len(self._backlog), RobotLimits().frames)
+        return tuple(self._outgoing(self._backlog.popleft(), begin) for _ in range(number))
+
+    def _outgoing(self, frame: Transmission, begin: Instant) -> Outgoing:
+        self._tag = (self._tag + 1) % _TAGS
+        return Outgoing(self._start.epoch * _TAGS + self._tag, max(frame.instant, begin), frame.data)
+
+
+def _network(start: Start) -> NetworkParameters:
+    exchange = start.exchange
+    relay = None
+    if exchange.relay:
+        relay = RelayParameters(hop_limit=exchange.hop_limit, longest=exchange.relay_delay)
+    return NetworkParameters(publish_every=exchange.publish, forget_after=exchange.forget, relay=relay)

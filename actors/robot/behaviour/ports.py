@@ -1,0 +1,185 @@
+"""What a behaviour may know and do: everything between the robot and the user's code, typed, without I/O.
+
+A behaviour is made by a function `Start -> Behaviour` in a module of the user's, named by an entry string
+such as `cleaning.baseline:behaviour`. What robots share travels in frames of the radio, and in no other way.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from types import MappingProxyType
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
+
+from numpy.random import Generator
+
+from actors.geometry import CERTAIN, Covariance, Point, Pose
+from actors.instant import Duration, Instant, seconds
+from actors.messages import Outgoing, PlaceGivenUp, PlaceKey, PlaceReport, RadioEvent
+
+if TYPE_CHECKING:  # the equipment's module builds on this one
+    from actors.robot.behaviour.equipment import FloorPlan
+
+Setting: TypeAlias = bool | int | float | str
+"""A value in a scenario's table [strategy]."""
+
+
+class GoalStatus(Enum):
+    """How a goal stands; the names of move_base (actionlib_msgs/GoalStatus)."""
+
+    ACTIVE = "active"
+    SUCCEEDED = "succeeded"
+    ABORTED = "aborted"
+
+
+class AbortReason(Enum):
+    """Why navigation gave a goal up."""
+
+    NO_PLAN = "no plan"
+    """No way leads there on the map."""
+    BLOCKED = "blocked"
+    """The driver found no valid trajectory for too long."""
+    NO_PROGRESS = "no progress"
+    """The robot did not get away from where it was."""
+
+
+class Phase(Enum):
+    """What navigation is about while a goal is active; the first ones as in move_base."""
+
+    PLANNING = "planning"
+    """It has no way to the goal, and looks for one."""
+    CONTROLLING = "controlling"
+    """It has a way, and the driver a valid trajectory."""
+    OBSTRUCTED = "obstructed"
+    """It has a way, but the driver no valid trajectory, so the robot stands."""
+    RETREATING = "retreating"
+    """It backs away from what its bumper has touched."""
+    PAUSED = "paused"
+    """The behaviour lets it stand."""
+
+
+class Goal(NamedTuple):
+    """The last point that navigation was asked to go to, and how that stands."""
+
+    point: Point
+    status: GoalStatus
+    reason: AbortReason | None = None
+    """Set with ABORTED only."""
+    phase: Phase | None = None
+    """Set with ACTIVE only."""
+    since: Instant | None = None
+    """When `phase` began; set with it."""
+
+
+class GoalOrder(Enum):
+    """What to do with the present goal."""
+
+    KEEP = "keep"
+    CANCEL = "cancel"
+    """Stop, and have no goal any more."""
+
+
+@dataclass(frozen=True)
+class ExchangeSettings:
+    """How nodes of the component model exchange knowledge: a scenario's table [deeco]."""
+
+    publish: Duration = field(default=seconds(1))
+    """How often the own knowledge is published (d3scomp/JDEECo, DefaultKnowledgePublisher)."""
+    relay: bool = False
+    """Pass on what is heard; off in d3scomp/deeco-adaptation-testbed."""
+    hop_limit: int = 3
+    """How often knowledge is passed on at most; own choice: the corridor is three radio ranges long."""
+    relay_delay: Duration = field(default=seconds(1))
+    """The longest wait before passing knowledge on, that for the strongest signal (d3scomp/JDEECo 2,
+    DefaultKnowledgeDataManager)."""
+    forget: Duration = field(default=seconds(30))
+    """Replicas not heard of for so long are dropped; own choice. JDEECo keeps them for ever."""
+
+
+class _NoFloorPlan:
+    """Stands where nobody has given a robot its map."""
+
+    def random_place(self) -> Point:
+        """There is none."""
+        raise LookupError("this Start was made without a floor plan")
+
+
+@dataclass(frozen=True)
+class Start:
+    """What a behaviour is told once, before its first step."""
+
+    robot: str
+    """The robot's id, unique in the swarm."""
+    address: int
+    """Its short address on the radio (IEEE 802.15.4)."""
+    epoch: int
+    """How often this robot has been restarted in the run; nothing but the id survives a restart."""
+    pose: Pose
+    """Where the robot stood when its base was switched on, m and rad, map frame."""
+    places: tuple[Point, ...]
+    """The places it has to clean, m, in the order given."""
+    generator: Generator
+    """The behaviour's own random stream: the only randomness it may use."""
+    settings: Mapping[str, Setting] = field(default_factory=lambda: MappingProxyType({}))
+    """The strategy's numbers where they differ from its own: the scenario's table [strategy]; read-only."""
+    exchange: ExchangeSettings = ExchangeSettings()
+    """How the node exchanges knowledge with others, if there is a node."""
+    floor: "FloorPlan" = field(default_factory=_NoFloorPlan)
+    """The robot's map; what it draws, it draws from `generator`."""
+
+
+class View(NamedTuple):
+    """What a behaviour sees at the start of a step."""
+
+    instant: Instant
+    pose: Pose
+    """Where the robot holds itself to be, m and rad, map frame."""
+    moving: bool
+    """True while the base reports more than a creeping speed."""
+    goal: Goal | None
+    """None before the first goal and after CANCEL."""
+    radio: tuple[RadioEvent, ...]
+    """What the transceiver had to say since the last step, in order of its instants; junk included."""
+    covariance: Covariance = CERTAIN
+    """How far the pose is to be trusted."""
+    lost: float = 0.0
+    """Probability that the robot is somewhere else altogether."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a behaviour wants done after a step."""
+
+    goal: Point | GoalOrder = GoalOrder.KEEP
+    """A point is a new goal and replaces the present one, also if it is the same point again."""
+    frames: tuple[Outgoing, ...] = ()
+    """Frames to broadcast, in order of their instants, which lie within the step."""
+    reports: tuple[PlaceReport, ...] = ()
+    """Places that the robot holds to have visited."""
+    given_up: tuple[PlaceGivenUp, ...] = ()
+    """Places for which nobody should try any more."""
+    route: tuple[PlaceKey, ...] | None = None
+    """The places that the robot still means to visit, in their order; None: as said before, and at first
+    those of its Start."""
+    paused: bool | None = None
+    """True: stand, and keep the goal, whichever it is; False: go on, with all patience anew; None: as before,
+    and at first go on."""
+    peers: tuple[Point, ...] | None = None
+    """Where other robots are held to be, m, map frame: the localiser disregards range readings that end
+    there. They replace the ones given before; None: as before, and at first none."""
+
+
+class Behaviour(Protocol):
+    """The user's part of a robot; keeps its own state between steps.
+
+    It may also have a method `outcome() -> dict[str, object]`, called once at the end of its process: what it
+    has to say about its run, by subject, in values that JSON can hold. It goes into the last record of the
+    robot's file and takes no part in the run's digest. The subject "deeco" belongs to the component model,
+    "localisation" and "navigation" belong to the robot.
+    """
+
+    def advance(self, view: View, until: Instant) -> Decision:
+        """Do what is due at instants from `view.instant` on and before `until`.
+
+        `view` is the newest there is. A goal takes effect with the next step. Steps may be missing between
+        two calls: the robot was frozen then. No clock, global randomness or iteration over a set is allowed.
+        """

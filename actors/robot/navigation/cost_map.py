@@ -1,0 +1,232 @@
+"""The local cost map: what stands around the robot, in a window of the odometry frame that rolls with it.
+
+As costmap_2d with an obstacle layer and an inflation layer (ros-planning/navigation). Cells are anchored to
+multiples of their side, so that rolling moves whole cells and what is remembered stays where it was seen.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.floor.grid import Cell
+from actors.geometry import Pose
+from actors.instant import Duration, Instant, in_seconds, seconds
+from actors.portable import arrays
+from actors.robot.navigation.bounds import ParameterError, check, check_reach
+from actors.robot.navigation.cell_distance import squared_within
+from actors.robot.navigation.inflation import Inflation
+from actors.robot.navigation.ray_tracing import stamp, take_in
+from actors.robot.sweep import Sweep
+from actors.robot_model import RangeSensor
+
+_NEVER: Final = np.iinfo(np.int64).min
+
+
+@dataclass(frozen=True)
+class LocalMapParameters:
+    """The window and what it takes from scans; from d3scomp/ROSRemote, simulation/params, where not said."""
+
+    size: float = 4.0
+    """Side of the window, m."""
+    cell: float = 0.05
+    """Side of a cell, m."""
+    obstacle_range: float = 2.5
+    """What is nearer to the sensor is marked, m."""
+    raytrace_range: float = 3.0
+    """Up to this distance from the sensor rays clear, m."""
+    inf_is_valid: bool = True
+    """Whether rays without echo clear. In costmap_2d this is off by default, and what was once marked stays
+    where nothing is behind it. Own choice: on. Where the sensor has a shortest range they clear from twice of
+    it on, as nothing nearer than it gives an echo either."""
+    inflation_radius: float = 0.75
+    """From this distance on nothing costs anything, m."""
+    scaling: float = 15.0
+    """How fast the cost falls with the distance, 1/m (cost_scaling_factor)."""
+    padding: float = 0.045
+    """Added to the body's radius: so near to a marked cell's middle its centre may not be, m. Of it 0.01 is
+    costmap_2d's footprint_padding; the rest is half a cell's diagonal, as what is marked may be in a corner
+    of its cell. costmap_2d has the rest by looking at all cells below the body's outline."""
+    free_memory: Duration = field(default=Duration(0))
+    """So long a cell counts as seen free after a ray passed through it; 0 = that is not remembered."""
+    free_range: float = 1.0
+    """That far from the sensor it is remembered, m."""
+
+    def __post_init__(self) -> None:
+        ranges = ("obstacle_range", "raytrace_range", "inflation_radius", "scaling", "padding", "free_range")
+        check("local_map", self, positive=("cell", "size"), least=dict.fromkeys(ranges, 0.0))
+        if not 4 <= self.size / self.cell <= 400:
+            raise ParameterError(
+                f"local_map.size is {self.size:g}, but must be 4 to 400 cells of {self.cell:g} m"
+            )
+        if self.inflation_radius > 100 * self.cell:
+            raise ParameterError(
+                f"local_map.inflation_radius is {self.inflation_radius:g}, but must be at most 100 cells of"
+                f" {self.cell:g} m"
+            )
+
+
+LOCAL_MAP_PRESETS: Final[Mapping[str, LocalMapParameters]] = MappingProxyType(
+    {"chapter": LocalMapParameters(), "robust": replace(LocalMapParameters(), free_memory=seconds(3))}
+)
+
+
+@dataclass(frozen=True)
+class _Eye:
+    """What the kernels need to know about the sensor; lengths in cells."""
+
+    rays: NDArray[np.float64]
+    fan: NDArray[np.float64]
+    limits: NDArray[np.float64]
+    stamp_limits: NDArray[np.float64]
+    """The same, but for how far it is remembered what is free."""
+
+
+def _eye(sensor: RangeSensor, p: LocalMapParameters) -> _Eye:
+    angles = sensor.first_angle + sensor.increment * np.arange(sensor.rays)
+    silent = 2.0 * sensor.range_min if p.inf_is_valid else math.inf
+    limits = np.array([1e-3, p.obstacle_range, p.raytrace_range, silent]) / p.cell
+    stamp_limits = np.minimum(limits, [math.inf, math.inf, p.free_range / p.cell, math.inf])
+    return _Eye(
+        np.column_stack((arrays.cos(angles), arrays.sin(angles))),
+        np.array([sensor.first_angle, sensor.increment]),
+        limits,
+        stamp_limits,
+    )
+
+
+class LocalMap:
+    """The window of one robot; empty until the first scan."""
+
+    def __init__(
+        self, sensor: RangeSensor, radius: float, parameters: LocalMapParameters = LocalMapParameters()
+    ) -> None:
+        """`radius`: of the body, m."""
+        p = self.parameters = parameters
+        self.inflation: Final = Inflation(radius + p.padding, p.inflation_radius, p.scaling)
+        check_reach("local_map: the body with its padding", self.inflation.inscribed, p.cell)
+        self.table: Final = self.inflation.table(p.cell)
+        """Cost by squared distance in cells."""
+        self._radius = radius
+        self._mount = sensor.mount
+        self._eye = _eye(sensor, p)
+        self._half = round(p.size / p.cell / 2)
+        side = 2 * self._half
+        self._marks: NDArray[np.uint8] = np.zeros((side, side), np.uint8)
+        self._stamps: NDArray[np.int64] = np.full((side, side) if p.free_memory else (0, 0), _NEVER, np.int64)
+        self._squared: NDArray[np.int16] | None = None
+        self._taken: Instant | None = None
+        self.corner = Cell(-self._half, -self._half)
+        """Row and column, counted from the odometry frame's origin, of the window's south-west cell."""
+
+    @property
+    def squared(self) -> NDArray[np.int16]:
+        """Squared distance from each cell to the nearest marked one, cells²: (rows, columns), capped."""
+        if self._squared is None:
+            self._squared = squared_within(self._marks, self.inflation.reach(self.parameters.cell))
+        return self._squared
+
+    def take(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
+        """Roll to `here`, the body's pose now in the odometry frame, and take in a scan if there is one."""
+        self._roll(here)
+        if sweep is None:
+            return
+        eye, ranges = self._eye, sweep.ranges_mm
+        mount = sweep.pose.compose(self._mount)
+        seen = np.array([*self._cells(mount.x, mount.y), mount.heading])
+        body = np.array([*self._cells(here.x, here.y), self._radius / self.parameters.cell])
+        take_in(self._marks, ranges, eye.rays, eye.fan, seen, body, eye.limits)
+        if self._stamps.size:
+            stamp(self._stamps, instant, ranges, eye.rays, seen, body, eye.stamp_limits)
+        self._squared = None
+        self._taken = instant
+
+    def age(self, instant: Instant) -> float:
+        """Seconds since a scan was last taken in; inf before the first."""
+        return math.inf if self._taken is None else in_seconds(Duration(instant - self._taken))
+
+    def clear(self, beyond: float) -> None:
+        """Forget what is marked outside of the square of side `beyond`, m, round the robot.
+
+        clear_costmap_recovery of ros-planning/navigation; its reset_distance is that side.
+        """
+        reach = min(round(beyond / 2 / self.parameters.cell), self._half)
+        inner = slice(self._half - reach, self._half + reach)
+        kept = self._marks[inner, inner].copy()
+        self._marks[:] = 0
+        self._marks[inner, inner] = kept
+        self._squared = None
+
+    def marks(self) -> NDArray[np.float64]:
+        """Centres of the marked cells: (k, 2), m, odometry frame, from south to north, west to east."""
+        rows, columns = np.nonzero(self._marks)
+        cell = self.parameters.cell
+        return np.column_stack(
+            ((columns + (self.corner.column + 0.5)) * cell, (rows + (self.corner.row + 0.5)) * cell)
+        )
+
+    def free_behind(self, here: Pose, distance: float) -> bool:
+        """True if the body at `here` can back off straight by `distance`, m, and the map shows so far.
+
+        Where it is too near to something already, that must not come nearer.
+        """
+        cell, apart = self.parameters.cell, math.inf
+        for step in range(math.ceil(distance / cell) + 1):
+            back = here.compose(Pose(-min(step * cell, distance), 0.0, 0.0))
+            x, y = self._cells(back.x, back.y)
+            if not (0 <= x < len(self.squared) and 0 <= y < len(self.squared)):
+                return False
+            near = cell * math.sqrt(self.squared[math.floor(y), math.floor(x)])
+            if near < min(self._radius, apart):
+                return False
+            apart = near
+        return True
+
+    def costs(self) -> NDArray[np.uint8]:
+        """The cost of each cell: (rows, columns), row 0 the southernmost."""
+        costs: NDArray[np.uint8] = self.table[self.squared]
+        return costs
+
+    def trusted(self, instant: Instant) -> NDArray[np.uint8]:
+        """1 in each cell that was seen free lately, or that the body stood on: (rows, columns).
+
+        Where `free_memory` is 0 there are no such cells.
+        """
+        if not self._stamps.size:
+            return np.zeros_like(self._marks)
+        return (self._stamps >= instant - self.parameters.free_memory).astype(np.uint8)
+
+    def _cells(self, x: float, y: float) -> tuple[float, float]:
+        """A point of the odometry frame, m, in cells from the window's corner."""
+        cell = self.parameters.cell
+        return x / cell - self.corner.column, y / cell - self.corner.row
+
+    def _roll(self, here: Pose) -> None:
+        """Move the window so that the robot is in its middle."""
+        cell = self.parameters.cell
+        corner = Cell(math.floor(here.y / cell) - self._half, math.floor(here.x / cell) - self._half)
+        up, right = corner.row - self.corner.row, corner.column - self.corner.column
+        if up or right:
+            self.corner = corner
+            self._marks = _rolled(self._marks, up, right, 0)
+            if self._stamps.size:
+                self._stamps = _rolled(self._stamps, up, right, _NEVER)
+            self._squared = None
+
+
+def _rolled(cells: NDArray[Any], up: int, right: int, empty: int) -> NDArray[Any]:
+    """The cells of a window that lies `up` rows and `right` columns further; `empty` where it is new."""
+    side = cells.shape[0]
+    rolled = np.full_like(cells, empty)
+    height, width = side - abs(up), side - abs(right)
+    if height > 0 and width > 0:
+        bottom, left = max(up, 0), max(right, 0)
+        below, beside = max(-up, 0), max(-right, 0)
+        rolled[below : below + height, beside : beside + width] = cells[
+            bottom : bottom + height, left : left + width
+        ]
+    return rolled

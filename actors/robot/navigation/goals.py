@@ -1,0 +1,318 @@
+"""Goals, as in move_base: one at a time, active until it is reached, given up, replaced or cancelled."""
+
+from dataclasses import dataclass, field
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.geometry import STILL, Point, Pose, Twist
+from actors.instant import Duration, Instant, seconds
+from actors.portable import cos_sin
+from actors.robot.behaviour.ports import AbortReason, Goal, GoalOrder, GoalStatus, Phase
+from actors.robot.navigation.bounds import check
+from actors.robot.navigation.driver import Steering
+from actors.robot.navigation.journal import Journal
+from actors.robot.navigation.planning import Planner
+from actors.robot.sweep import Sweep
+
+
+@dataclass(frozen=True)
+class NavigationParameters:
+    """When a goal is reached and when given up; from d3scomp/ROSRemote, simulation/params/*.yaml."""
+
+    tolerance: float = 0.15
+    """So near to the path's end the goal is reached, m (DWA xy_goal_tolerance)."""
+    replanning: Duration = field(default=seconds(1))
+    """The path is planned anew so often (move_base planner_frequency 1 Hz)."""
+    planner_patience: Duration = field(default=seconds(0.5))
+    """Without any path for so long navigation recovers, or gives up (move_base planner_patience; the file
+    says 5 s first and then this)."""
+    controller_patience: Duration = field(default=seconds(1))
+    """The same without a valid trajectory (move_base controller_patience; the file says 3 s first)."""
+    oscillation_timeout: Duration = field(default=seconds(10))
+    """The same if the robot has stayed for so long ... (move_base oscillation_timeout)"""
+    oscillation_distance: float = 0.2
+    """... within so many metres (move_base oscillation_distance)."""
+    recoveries: int = 1
+    """So often in a row navigation recovers before it gives up; the files list one recovery, the next."""
+    reset_distance: float = 3.0
+    """To recover, what is marked outside of a square of this side round the robot is forgotten, m
+    (clear_costmap_recovery reset_distance)."""
+    mark_robots: bool = False
+    """Let the global map hold what the local one shows and the floor plan does not. The files switch the
+    marking off, so that other robots are never in the global plan."""
+    retreat: float = 0.15
+    """So far the robot backs away from what its bumper has touched, m: room to turn beside it. Own choice;
+    move_base knows no bumper, and a Kobuki that touches something lets no wheel turn forward."""
+    retreat_speed: float = 0.1
+    """m/s; slow, for it may not see what it backs into."""
+    retreat_patience: Duration = field(default=seconds(3))
+    """So long one retreat may take; twice what it takes with free wheels."""
+
+    def __post_init__(self) -> None:
+        lengths = ("tolerance", "oscillation_distance", "retreat", "retreat_speed")
+        check(
+            "navigation",
+            self,
+            positive=("replanning", *lengths),
+            least={"recoveries": 0, "reset_distance": 0},
+            most={"retreat": 1.0},
+        )
+
+
+NAVIGATION_PRESETS: Final = {
+    "chapter": NavigationParameters(),
+    "robust": NavigationParameters(
+        planner_patience=seconds(5), controller_patience=seconds(3), recoveries=2, mark_robots=True
+    ),
+}
+"""`chapter`: the original's. `robust`: other robots are planned around, and patience is as the original's
+files say at first."""
+
+
+class LocalMap(Protocol):
+    """What stands around the robot, as far as navigation asks."""
+
+    def take(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
+        """Take in where the robot is, odometry frame, and what it sees."""
+
+    def clear(self, beyond: float) -> None:
+        """Forget what is marked outside of a square of side `beyond`, m, round the robot."""
+
+    def marks(self) -> NDArray[np.float64]:
+        """(k, 2): the centres of marked cells, m, odometry frame."""
+
+    def free_behind(self, here: Pose, distance: float) -> bool:
+        """True if the robot can back off straight by `distance`, m, as far as is known."""
+
+
+class Driver(Protocol):
+    """What follows the path."""
+
+    def begin(self) -> None:
+        """Forget what was on the way to another goal."""
+
+    def follow(self, way: NDArray[np.float64]) -> None:
+        """From now on go along `way`: (n, 2), n ≥ 1, m in the map frame."""
+
+    def steer(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
+        """What to command, with the robot `here` in the odometry frame and at `estimate` in the map's."""
+
+
+@dataclass
+class _Pursuit:
+    """What is remembered about an active goal."""
+
+    anchor: Point
+    """Where the robot last was far enough from the anchor before."""
+    anchored: Instant
+    had_plan: Instant
+    """When there last was a path; at first, and after a recovery, when planning began."""
+    had_trajectory: Instant
+    """When there last was a valid trajectory; at first when the pursuit began."""
+    end: Point | None = None
+    """Where the path ends; None without one."""
+    due: Instant | None = None
+    """When to plan next; None: at once."""
+    recoveries: int = 0
+    """In a row, for the reason `trigger`."""
+    trigger: AbortReason | None = None
+
+
+@dataclass(frozen=True)
+class _Retreat:
+    """Backing away from what has been touched."""
+
+    begun: Instant
+    touched: Point
+    """Where the robot was then, odometry frame."""
+
+
+class Navigation:
+    """Drives the robot to one goal after the other."""
+
+    def __init__(
+        self,
+        planner: Planner,
+        local: LocalMap,
+        driver: Driver,
+        parameters: NavigationParameters = NavigationParameters(),
+    ) -> None:
+        self._planner = planner
+        self._local = local
+        self._driver = driver
+        self._p = parameters
+        self._goal: Goal | None = None
+        self._pursuit: _Pursuit | None = None
+        self._retreat: _Retreat | None = None
+        self._paused = False
+        self._journal = Journal()
+
+    @property
+    def driver(self) -> Driver:
+        """What follows the plans."""
+        return self._driver
+
+    @property
+    def goal(self) -> Goal | None:
+        """The last goal, how it stands and why; None before the first and after it was cancelled."""
+        return self._goal
+
+    def outcome(self) -> dict[str, object]:
+        """What became of all goals so far, for the result."""
+        return self._journal.outcome()
+
+    def take(self, order: Point | GoalOrder, paused: bool | None = None) -> None:
+        """Go to a new point, or have no goal, or go on as before; stand, or do not."""
+        if paused is not None and paused is not self._paused:
+            self._paused = paused
+            self._begin_anew()
+        if order is GoalOrder.KEEP:
+            return
+        self._begin_anew()
+        self._journal.begins(isinstance(order, Point))
+        self._goal = None if order is GoalOrder.CANCEL else Goal(order, GoalStatus.ACTIVE)
+
+    def sense(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
+        """Take in where the odometry holds the robot to be, and what it sees."""
+        self._local.take(instant, here, sweep)
+
+    def advance(
+        self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist, bumped: bool = False
+    ) -> Twist:
+        """The velocity to command from now on.
+
+        `here`: the robot's pose in the odometry frame; `estimate`: on the map; `velocity`: the base's own;
+        `bumped`: its bumper touches something.
+        """
+        self._journal.now = instant
+        if self._goal is None or self._goal.status is not GoalStatus.ACTIVE:
+            self._retreat = None
+            return STILL
+        if self._paused:
+            return self._in_phase(Phase.PAUSED, instant)
+        if self._retreats(instant, here, bumped):
+            self._in_phase(Phase.RETREATING, instant)
+            return Twist(-self._p.retreat_speed, 0.0, 0.0)
+        return self._pursue(self._goal.point, instant, here, estimate, velocity)
+
+    def _pursue(self, goal: Point, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Twist:
+        if self._pursuit is None:
+            self._pursuit = _Pursuit(estimate.point, instant, instant, instant)
+            self._driver.begin()
+        pursuit = self._pursuit
+        if self._plan(pursuit, goal, instant, here, estimate) is None:
+            if instant - pursuit.had_plan > self._p.planner_patience:
+                return self._recover(pursuit, AbortReason.NO_PLAN, instant)
+            return self._in_phase(Phase.PLANNING, instant)
+        assert pursuit.end is not None
+        if pursuit.end.distance_to(estimate.point) <= self._p.tolerance:
+            return self._close(GoalStatus.SUCCEEDED)
+        if self._stays(pursuit, instant, estimate.point):
+            return self._recover(pursuit, AbortReason.NO_PROGRESS, instant)
+        return self._control(pursuit, instant, here, estimate, velocity)
+
+    def _control(
+        self, pursuit: _Pursuit, instant: Instant, here: Pose, estimate: Pose, velocity: Twist
+    ) -> Twist:
+        """Let the driver choose a trajectory, and see what follows if it finds none."""
+        steering = self._driver.steer(instant, here, estimate, velocity)
+        if steering.valid:
+            pursuit.had_trajectory = instant
+            _settle(pursuit, AbortReason.BLOCKED)
+            self._in_phase(Phase.CONTROLLING, instant)
+            return steering.twist
+        if instant - pursuit.had_trajectory > self._p.controller_patience:
+            self._in_phase(Phase.OBSTRUCTED, instant)
+            return self._recover(pursuit, AbortReason.BLOCKED, instant)
+        return self._in_phase(Phase.OBSTRUCTED, instant)
+
+    def _plan(
+        self, pursuit: _Pursuit, goal: Point, instant: Instant, here: Pose, estimate: Pose
+    ) -> Point | None:
+        """The end of a path that is fresh enough; None while there is none."""
+        if pursuit.due is not None and instant < pursuit.due:
+            return pursuit.end
+        pursuit.due = Instant(instant + self._p.replanning)
+        way = self._planner.path(estimate.point, goal, self._strangers(here, estimate))
+        if way is None:
+            pursuit.end = None
+            return None
+        self._driver.follow(way)
+        pursuit.had_plan = instant
+        pursuit.end = Point(float(way[-1, 0]), float(way[-1, 1]))
+        _settle(pursuit, AbortReason.NO_PLAN)
+        return pursuit.end
+
+    def _strangers(self, here: Pose, estimate: Pose) -> NDArray[np.float64] | None:
+        """What the local map shows, in the map frame, if planning is to know of it."""
+        if not self._p.mark_robots:
+            return None
+        marks = self._local.marks()
+        turn = estimate.heading - here.heading
+        c, s = cos_sin(turn)
+        x, y = marks[:, 0] - here.x, marks[:, 1] - here.y
+        return np.stack([x * c - y * s + estimate.x, x * s + y * c + estimate.y], axis=1)
+
+    def _recover(self, pursuit: _Pursuit, reason: AbortReason, instant: Instant) -> Twist:
+        """Forget what is marked farther away and plan anew, or give the goal up."""
+        if pursuit.recoveries >= self._p.recoveries:
+            return self._close(GoalStatus.ABORTED, reason)
+        self._local.clear(self._p.reset_distance)
+        self._journal.recovers()
+        pursuit.recoveries += 1
+        pursuit.trigger = reason
+        pursuit.anchored = pursuit.had_plan = instant
+        pursuit.due = None
+        pursuit.end = None
+        return self._in_phase(Phase.PLANNING, instant)
+
+    def _stays(self, pursuit: _Pursuit, instant: Instant, place: Point) -> bool:
+        """True if the robot has not left its surroundings for too long."""
+        if pursuit.anchor.distance_to(place) > self._p.oscillation_distance:
+            pursuit.anchor, pursuit.anchored = place, instant
+            _settle(pursuit, AbortReason.NO_PROGRESS)
+        return instant - pursuit.anchored > self._p.oscillation_timeout
+
+    def _retreats(self, instant: Instant, here: Pose, bumped: bool) -> bool:
+        """True while the robot has to back away."""
+        if self._retreat is None:
+            if not (bumped and self._local.free_behind(here, self._p.retreat)):
+                return False
+            self._retreat = _Retreat(instant, here.point)
+            self._journal.retreats()
+        gone = self._retreat.touched.distance_to(here.point)
+        in_time = instant - self._retreat.begun < self._p.retreat_patience
+        if gone < self._p.retreat and in_time and self._local.free_behind(here, self._p.retreat - gone):
+            return True
+        self._retreat = None
+        return False
+
+    def _in_phase(self, phase: Phase, instant: Instant) -> Twist:
+        """The active goal in this phase; the robot stands."""
+        assert self._goal is not None
+        if self._goal.phase is not phase:
+            self._goal = self._goal._replace(phase=phase, since=instant)
+            self._journal.enters(phase)
+        return STILL
+
+    def _begin_anew(self) -> None:
+        """Forget how the present goal was pursued."""
+        self._journal.interrupted()
+        self._pursuit = None
+        self._retreat = None
+
+    def _close(self, status: GoalStatus, reason: AbortReason | None = None) -> Twist:
+        """The goal ends; the robot stands."""
+        assert self._goal is not None
+        self._goal = Goal(self._goal.point, status, reason)
+        self._journal.closes(status, reason)
+        self._pursuit = None
+        return STILL
+
+
+def _settle(pursuit: _Pursuit, reason: AbortReason) -> None:
+    """What recoveries were made for is no longer so."""
+    if pursuit.trigger is reason:
+        pursuit.trigger, pursuit.recoveries = None, 0

@@ -1,0 +1,205 @@
+"""Global planning on the floor plan: ways that keep to the middle of doors, from one potential per goal."""
+
+import math
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.floor import distance, flood
+from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid
+from actors.geometry import Point
+from actors.robot.navigation.bounds import check, check_reach
+from actors.robot.navigation.cell_distance import squared_within
+from actors.robot.navigation.inflation import INSCRIBED, Inflation
+from actors.robot.navigation.potential import UNREACHABLE, descent, potential
+
+
+@dataclass(frozen=True)
+class PlanningParameters:
+    """How ways are planned; costs as in d3scomp/ROSRemote, simulation/params (navfn on a costmap of ROS)."""
+
+    cell: float = 0.05
+    """The planning grid's cells are the smallest multiple of the map's that is at least so long, m."""
+    margin: float = 0.03
+    """The body's disc keeps at least this far from walls, m; own choice: what the driver may stray."""
+    inflation_radius: float = 0.5
+    """Walls farther away than this cost nothing, m (costmap_2d inflation_radius)."""
+    scaling: float = 10.0
+    """How fast the cost falls with the distance to a wall, 1/m (costmap_2d cost_scaling_factor)."""
+    neutral: int = 50
+    """Cost of a cell far from walls (navfn, COST_NEUTRAL)."""
+    factor: float = 3.0
+    """What a cell costs on the cost map, up to 252, counts so many times (the files' cost_factor)."""
+    wall: float = 0.1
+    """What is marked nearer than this to a wall of the map is taken for it, m; own choice: cells, and what
+    the pose may err."""
+    tolerance: float = 0.5
+    """A goal where the robot cannot stand becomes the nearest point, within so many m, where it can
+    (navfn default_tolerance); the same holds for the start."""
+    cached: int = 16
+    """At most so many potentials are kept for goals to come back to; 0.5 MB each on the corridor map."""
+    cached_mb: float = 16.0
+    """They take at most so much memory, MB; the last one is kept whatever it takes."""
+
+    def __post_init__(self) -> None:
+        lengths = {"margin": 0, "inflation_radius": 0, "scaling": 0, "factor": 0, "wall": 0, "tolerance": 0}
+        check("planner", self, positive=("cell", "cached_mb"), least={"neutral": 1, "cached": 1, **lengths})
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """The floor plan as one robot's body sees it: where its centre may be, and what that costs."""
+
+    grid: OccupancyGrid
+    """The planning grid; FREE where the body's centre may be."""
+    clearance: NDArray[np.float64]
+    """(rows, columns): at least so far is the nearest wall, m."""
+    costs: NDArray[np.int32]
+    """(rows, columns), > 0; 0 where the body's centre may not be."""
+    radius: float
+    """Of the body, m."""
+    reach: float
+    """The clearance that the body's centre needs, m."""
+
+
+def ground(
+    plan: OccupancyGrid, radius: float, parameters: PlanningParameters = PlanningParameters()
+) -> Ground:
+    """The ground for a disc of `radius`, m: computed once per map and body, never changed."""
+    factor = max(1, math.ceil(parameters.cell / plan.resolution - 1e-9))
+    clearance = _coarse(distance.clearance(plan), factor)
+    reach = radius + parameters.margin
+    passable = clearance >= reach
+    costs = np.where(passable, _costs(clearance, radius, parameters), 0).astype(np.int32)
+    cells = np.where(passable, FREE, OCCUPIED).astype(np.uint8)
+    for shared in (clearance, costs):
+        shared.setflags(write=False)
+    return Ground(
+        OccupancyGrid(cells, plan.resolution * factor, plan.origin), clearance, costs, radius, reach
+    )
+
+
+def _costs(distance: NDArray[np.float64], radius: float, parameters: PlanningParameters) -> NDArray[np.int32]:
+    """What a cell costs so far from what it must not touch, m."""
+    inflation = Inflation(radius, parameters.inflation_radius, parameters.scaling)
+    cost_map = np.minimum(inflation.costs(distance), INSCRIBED - 1)
+    return parameters.neutral + np.rint(parameters.factor * cost_map).astype(np.int32)
+
+
+def occupied(
+    ground: Ground, marks: NDArray[np.float64], parameters: PlanningParameters = PlanningParameters()
+) -> NDArray[np.int32]:
+    """The ground's costs with more things on it than the floor plan shows; the very same without any.
+
+    `marks`: (k, 2), m, map frame. What is near a wall of the map is taken for the wall.
+    """
+    cell, (rows, columns) = ground.grid.resolution, ground.costs.shape
+    column, row = np.floor((marks - np.array(ground.grid.origin)) / cell).astype(np.intp).T
+    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    row, column = row[inside], column[inside]
+    strange = ground.clearance[row, column] >= parameters.wall
+    row, column = row[strange], column[strange]
+    if not row.size:
+        return ground.costs
+    reach = math.ceil(max(parameters.inflation_radius, ground.reach) / cell)
+    bottom, left = max(int(row.min()) - reach, 0), max(int(column.min()) - reach, 0)
+    window = np.s_[bottom : int(row.max()) + reach + 1, left : int(column.max()) + reach + 1]
+    costs = ground.costs.copy()
+    marked = np.zeros(costs[window].shape, np.uint8)
+    marked[row - bottom, column - left] = 1
+    distance = cell * np.sqrt(squared_within(marked, reach).astype(np.float64))
+    higher = np.maximum(costs[window], _costs(distance, ground.radius, parameters))
+    costs[window] = np.where((costs[window] > 0) & (distance >= ground.reach), higher, 0)
+    costs.setflags(write=False)  # as the ground's: the kernels are compiled for that
+    return costs
+
+
+def _coarse(fine: NDArray[np.float64], factor: int) -> NDArray[np.float64]:
+    """The least value of each block of factor × factor cells; beyond the north and east edges all is 0."""
+    rows, columns = -(-fine.shape[0] // factor), -(-fine.shape[1] // factor)
+    padded = np.zeros((rows * factor, columns * factor))
+    padded[: fine.shape[0], : fine.shape[1]] = fine
+    least: NDArray[np.float64] = padded.reshape(rows, factor, columns, factor).min(axis=(1, 3))
+    return least
+
+
+class Planner:
+    """Finds ways on one ground; keeps the potentials of the last goals."""
+
+    def __init__(self, ground: Ground, parameters: PlanningParameters = PlanningParameters()) -> None:
+        farthest = max(parameters.inflation_radius, ground.reach)
+        check_reach("planner: what is marked", farthest, ground.grid.resolution)
+        self._ground = ground
+        self._parameters = parameters
+        self._region = np.zeros(ground.costs.shape, dtype=np.bool_)
+        self._fields: OrderedDict[Cell, NDArray[np.int32]] = OrderedDict()
+        in_memory = int(parameters.cached_mb * 1e6) // ground.costs.nbytes
+        self._room = max(1, min(parameters.cached, in_memory))
+
+    def path(
+        self, start: Point, goal: Point, marks: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64] | None:
+        """The way from `start` to `goal`, or to the nearest point within the tolerance; None without one.
+
+        (n, 2), n ≥ 1, m in the map frame: centres of neighbouring cells, but for the last point, which is
+        the goal itself where the body has room there. `marks`: (k, 2), m, map frame: what else is in the way.
+        """
+        grid, ground = self._ground.grid, self._ground
+        costs = ground.costs if marks is None else occupied(ground, marks, self._parameters)
+        first = self._nearest(costs > 0, start)
+        if first is None:
+            return None
+        region = self._around(costs, first)
+        last = self._nearest(region, goal)
+        if last is None:
+            return None
+        field = self._field(last) if costs is ground.costs else potential(costs, *last)
+        assert field[first] != UNREACHABLE
+        cells = descent(costs, field, *first)
+        x, y = grid.centres()
+        way = np.column_stack((x[cells[:, 1]], y[cells[:, 0]]))
+        if last == grid.cell(goal):
+            way[-1] = goal
+        return way
+
+    def _around(self, costs: NDArray[np.int32], start: Cell) -> NDArray[np.bool_]:
+        """The floor that is connected to the start."""
+        if costs is not self._ground.costs:
+            return flood.flood(costs > 0, *start)
+        if not self._region[start]:
+            self._region = flood.flood(costs > 0, *start)
+        return self._region
+
+    def _nearest(self, admitted: NDArray[np.bool_], point: Point) -> Cell | None:
+        """The admitted cell around `point`, or the nearest one within the tolerance."""
+        grid = self._ground.grid
+        here = grid.cell(point)
+        if grid.contains(point) and admitted[here]:
+            return here
+        reach = self._parameters.tolerance
+        cells = math.ceil(reach / grid.resolution) + 1
+        bottom, left = max(here.row - cells, 0), max(here.column - cells, 0)
+        window = admitted[bottom : max(here.row + cells + 1, 0), left : max(here.column + cells + 1, 0)]
+        rows, columns = np.nonzero(window)
+        if not rows.size:
+            return None
+        x, y = grid.centres()
+        squared = np.square(x[columns + left] - point.x) + np.square(y[rows + bottom] - point.y)
+        best = int(np.argmin(squared))
+        if squared[best] > reach * reach:
+            return None
+        return Cell(int(rows[best]) + bottom, int(columns[best]) + left)
+
+    def _field(self, goal: Cell) -> NDArray[np.int32]:
+        """The potential of the goal, new or kept."""
+        field = self._fields.get(goal)
+        if field is None:
+            field = potential(self._ground.costs, *goal)
+            while len(self._fields) >= self._room:
+                self._fields.popitem(last=False)
+            self._fields[goal] = field
+        else:
+            self._fields.move_to_end(goal)
+        return field

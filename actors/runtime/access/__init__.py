@@ -1,0 +1,1 @@
+"""Who may use which key of the mesh: rules, credentials, TLS, and what the router is told."""

@@ -1,0 +1,1 @@
+"""The buses that look alike to an actor: Zenoh, memory, replay, and what is laid around them."""

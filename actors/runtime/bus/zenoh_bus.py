@@ -1,0 +1,103 @@
+"""The mesh: one Zenoh session per process; every put blocks rather than drops."""
+
+import math
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any, Final
+
+import zenoh
+
+from actors.runtime.bus.interface import Delivery
+from actors.runtime.core import Address
+from actors.runtime.errors import AcrcError
+from actors.topic import Message, Topic
+
+_ONE_THREAD: Final = (
+    "(rx: (worker_threads: 1), tx: (handover: rx), app: (handover: rx), acc: (handover: rx), "
+    "net: (handover: rx))"
+)
+"""All of Zenoh's work on one thread: with a process per robot, more of them only wake one another."""
+
+
+class MeshError(AcrcError):
+    """No session with the router."""
+
+
+class ZenohBus:
+    """Publishes and receives over one session; each listened topic has a queue of its own.
+
+    A full queue holds the sender up (congestion control BLOCK); nothing is dropped. With `onlooker` it holds
+    nobody up, and the newest messages are kept.
+    """
+
+    QUEUE: Final = 4096
+
+    def __init__(self, session: zenoh.Session, listens: Sequence[Address], *, onlooker: bool = False) -> None:
+        self._session = session
+        channel = zenoh.handlers.RingChannel if onlooker else zenoh.handlers.FifoChannel
+        self._subscribers: dict[Topic[Message], Any] = {
+            address.topic: session.declare_subscriber(address.key, channel(self.QUEUE)) for address in listens
+        }
+
+    def publish(self, key: str, payload: bytes) -> None:
+        """Hand `payload` to everyone who listens to `key`; waits while a queue is full."""
+        self._session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    def receive(self, topic: Topic[Message]) -> Delivery:
+        """The next message on any key of `topic`; waits for it, and lets signal handlers run."""
+        return _delivery(topic, self._subscribers[topic].recv())
+
+    def poll(self, topic: Topic[Message]) -> Delivery | None:
+        """The next message on any key of `topic` if one is there."""
+        sample = self._subscribers[topic].try_recv()
+        return None if sample is None else _delivery(topic, sample)
+
+
+def _delivery(topic: Topic[Message], sample: zenoh.Sample) -> Delivery:
+    return Delivery(topic, str(sample.key_expr), sample.payload.to_bytes())
+
+
+@contextmanager
+def open_mesh(
+    config: zenoh.Config,
+    listens: Sequence[Address],
+    *,
+    patience_s: float = math.inf,
+    between: Callable[[], None] = lambda: None,
+    onlooker: bool = False,
+) -> Iterator[ZenohBus]:
+    """A bus over a new session; see `open_session`."""
+    with open_session(config, patience_s, between) as session:
+        yield ZenohBus(session, listens, onlooker=onlooker)
+
+
+@contextmanager
+def open_session(
+    config: zenoh.Config, patience_s: float = math.inf, between: Callable[[], None] = lambda: None
+) -> Iterator[zenoh.Session]:
+    """A new session for a bus; tries again for `patience_s` while the router is not there yet.
+
+    `between` is called between two attempts, and may raise; without limit is for whoever is looked after.
+    """
+    os.environ.setdefault("ZENOH_RUNTIME", _ONE_THREAD)  # read when the process opens its first session
+    # Zenoh logs to standard output, where a result may stand; what goes wrong is raised, or counted
+    zenoh.init_log_from_env_or("off")
+    deadline = time.monotonic() + patience_s
+    while True:
+        try:
+            session = zenoh.open(config)
+            break
+        except zenoh.ZError as error:
+            between()
+            if time.monotonic() > deadline:
+                raise MeshError(f"no session with the router within {patience_s:g} s: {error}") from None
+            time.sleep(0.005)
+    try:
+        yield session
+    finally:
+        # Whoever has been stopped for good takes no farewell, and Zenoh gives up after 10 s. What all others
+        # were sent has been written by then, and each side counts what it sent and received.
+        with suppress(zenoh.ZError):
+            session.close()  # type: ignore[no-untyped-call]

@@ -1,0 +1,185 @@
+"""The file tree as one robot sees it: the system, Python, the code it runs, and its own folder.
+
+Everything here runs in a new mount namespace of a new user namespace, so nothing of it is seen outside.
+"""
+
+import os
+import stat
+from collections.abc import Iterable, Iterator, Sequence
+from errno import EACCES, EINVAL, ENOENT, ENOSYS
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from actors.runtime.lifecycle import linux
+from actors.runtime.lifecycle.linux import (
+    MS_BIND,
+    MS_NODEV,
+    MS_NOSUID,
+    MS_PRIVATE,
+    MS_RDONLY,
+    MS_REC,
+    MS_REMOUNT,
+)
+
+SCRATCH: Final = (Path("/tmp"), Path("/run"), Path("/var/tmp"), Path("/dev/shm"))
+"""Folders that everyone may write to; each robot gets an empty one of its own."""
+SYSTEM: Final = tuple(
+    Path("/", name)
+    for name in ("usr", "bin", "sbin", "lib", "lib32", "lib64", "libx32", "etc", "opt", "nix", "gnu")
+)
+"""The operating system: programs, libraries, their settings."""
+NEVER: Final = (Path("/proc"), Path("/sys"), Path("/dev"))
+"""Trees with what all processes share; of each, little is shown."""
+READABLE: Final = (Path("/sys/devices/system/cpu"),)
+"""What libraries look up in a tree that is not shown: how many processors there are."""
+
+_STAGE: Final = Path("/dev")
+"""Where the new tree is built; a folder that every system has."""
+_DEVICES: Final = ("null", "zero", "full", "random", "urandom")
+_DEVICE_LINKS: Final = (("fd", "/proc/self/fd"), ("stdin", "fd/0"), ("stdout", "fd/1"), ("stderr", "fd/2"))
+_PROC_FILES: Final = ("cpuinfo", "meminfo", "version", "sys/vm/overcommit_memory", "sys/kernel/cap_last_cap")
+_PROC_LINKS: Final = (("mounts", "self/mounts"), ("net", "self/net"))
+
+
+class View(NamedTuple):
+    """All that is seen beside the system; absolute paths, each seen where it is named and where it is."""
+
+    own: Path
+    """The only folder that can be written to and lasts."""
+    sealed: Sequence[Path]
+    """Folders of which only what is deeper and shown is seen; they cannot be written to, even in /tmp."""
+    shown: Sequence[Path]
+    """Files and folders that can be read; what is not there is left out."""
+    scratch_bytes: int
+    """Size of each private scratch folder, B."""
+
+
+def enter(view: View) -> None:
+    """Replace this process's file tree by `view`; needs mount and process namespaces of its own.
+
+    Ends in the own folder, because a working directory from before would still show the former tree.
+    """
+    linux.mount(None, "/", None, MS_REC | MS_PRIVATE)
+    links = {path: path.readlink() for path in SYSTEM if path.is_symlink()}
+    handles = _handles(view, [path for path in SYSTEM if path not in links])
+    linux.mount("tmpfs", _STAGE, "tmpfs", MS_NOSUID | MS_NODEV, f"size={view.scratch_bytes},mode=0755")
+    sealed = {place for path in view.sealed if _is_folder(path) for place in _places(path)}
+    for folder in (*SCRATCH, *sorted(path for path in sealed - {*SCRATCH} if _is_under(path, SCRATCH))):
+        _new(folder).mkdir(parents=True, exist_ok=True)
+        options = f"size={view.scratch_bytes},mode=0755"
+        linux.mount("tmpfs", _new(folder), "tmpfs", MS_NOSUID | MS_NODEV, options)
+    for place in sorted(handles, key=lambda path: len(path.parts)):
+        _bind(handles[place], _new(place))
+        os.close(handles[place])
+    links |= {Path("/dev", name): Path(target) for name, target in _DEVICE_LINKS}
+    links |= {
+        Path("/proc", name): Path(target) for name, target in (*_PROC_LINKS, ("self", str(os.getpid())))
+    }
+    for path, target in links.items():
+        _new(path).symlink_to(target)
+    make_readonly(_STAGE)
+    for folder in (*SCRATCH, *_places(view.own)):
+        linux.mount(None, _new(folder), None, MS_REMOUNT | MS_BIND | linux.mount_flags(_new(folder)))
+    linux.pivot_root(_STAGE)
+    os.chdir(view.own)
+
+
+def _handles(view: View, system: Sequence[Path]) -> dict[Path, int]:
+    """By the place where it is to be seen, what is to be seen there."""
+    shown = {place: path for path in (*view.shown, *READABLE) for place in _places(path)}
+    outside = {place: shown[place] for place in _outermost(shown) if not _is_under(place, SYSTEM)}
+    own = dict.fromkeys(_places(view.own), view.own)
+    sources = dict((*_devices(), *_processes())) | dict(zip(system, system, strict=True)) | outside | own
+    return {
+        place: os.open(source, os.O_PATH | os.O_CLOEXEC)
+        for place, source in sources.items()
+        if _is_there(source)
+    }
+
+
+def _places(path: Path) -> tuple[Path, ...]:
+    """Where a path leads to, and where it says so if there are links on the way."""
+    return tuple(dict.fromkeys((path.absolute(), path.resolve())))
+
+
+def _new(path: Path) -> Path:
+    """Where `path` is while the tree is being built."""
+    return _STAGE / path.relative_to("/")
+
+
+def _devices() -> Iterator[tuple[Path, Path]]:
+    """Neither terminals nor disks: device files can be written on a read-only mount."""
+    return ((Path("/dev", name), Path("/dev", name)) for name in _DEVICES)
+
+
+def _processes() -> Iterator[tuple[Path, Path]]:
+    """This process only: the others' names and states would be a blackboard for everyone.
+
+    It has another number outside of its namespace, where the present /proc was mounted.
+    """
+    yield Path("/proc", str(os.getpid())), Path("/proc").joinpath(Path("/proc/self").readlink())
+    yield from ((Path("/proc", name), Path("/proc", name)) for name in _PROC_FILES)
+
+
+def make_readonly(tree: Path) -> None:
+    """Make the mounts from `tree` on read-only, with one call where the kernel has it."""
+    try:
+        linux.set_tree_readonly(tree)
+    except OSError as error:
+        if error.errno != ENOSYS:
+            raise
+        remount_readonly(tree)
+
+
+def remount_readonly(tree: Path) -> None:
+    """Make the tree read-only mount by mount, for kernels before 5.12."""
+    lines = Path("/proc/self/mountinfo").read_text().splitlines()
+    for path in [_unescaped(line.split(" ")[4]) for line in lines]:
+        if not Path(path).is_relative_to(tree):
+            continue
+        flags = MS_REMOUNT | MS_BIND | MS_RDONLY | MS_NOSUID
+        try:
+            linux.mount(None, path, None, flags | linux.mount_flags(path))
+        except OSError as error:
+            # Covered by another mount or behind a folder that is closed to us: out of the robot's reach too.
+            if error.errno not in {EACCES, EINVAL, ENOENT}:
+                raise
+
+
+def _unescaped(field: str) -> str:
+    """A path from mountinfo, where blanks and backslashes are octal (proc_pid_mountinfo(5))."""
+    head, *rest = field.split("\\")
+    return head + "".join(chr(int(part[:3], 8)) + part[3:] for part in rest)
+
+
+def _is_there(path: Path) -> bool:
+    """False also where a closed folder is in the way, which stays in the robot's way."""
+    return os.path.exists(path)  # noqa: PTH110 — Path.exists raises where access is denied
+
+
+def _is_folder(path: Path) -> bool:
+    return os.path.isdir(path)  # noqa: PTH112 — Path.is_dir raises where access is denied
+
+
+def _is_under(path: Path, folders: Iterable[Path]) -> bool:
+    return any(path.is_relative_to(folder) for folder in folders)
+
+
+def _outermost(paths: Iterable[Path]) -> list[Path]:
+    """The paths without those that lie in another one of them."""
+    kept: list[Path] = []
+    for path in sorted(set(paths)):
+        if not _is_under(path, kept):
+            kept.append(path)
+    return kept
+
+
+def _bind(handle: int, path: Path) -> None:
+    """Show what `handle` refers to at `path`, which is made if it is missing."""
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if stat.S_ISDIR(os.fstat(handle).st_mode):
+            path.mkdir()
+        else:
+            path.touch()
+    linux.mount(f"/proc/self/fd/{handle}", path, None, MS_BIND | MS_REC)

@@ -1,0 +1,190 @@
+"""A robot's process shut off from its peers: what is left is its own folder, with the router's socket in it.
+
+Linux only: user, network, mount, IPC and process namespaces, no capabilities, and a filter on system calls.
+Works for root and, where unprivileged user namespaces are allowed, for everyone. docs/isolation.md says what
+is closed.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from actors.runtime.errors import AcrcError
+from actors.runtime.isolation import code_folder, mounts, syscall_filter
+from actors.runtime.lifecycle import keeper, linux
+
+_NAMESPACES: Final = (
+    linux.CLONE_NEWUSER | linux.CLONE_NEWNET | linux.CLONE_NEWNS | linux.CLONE_NEWIPC | linux.CLONE_NEWPID
+)
+_TRIAL: Final = "import sys; from actors.runtime.isolation.sandbox import trial; trial(sys.argv[1])"
+ADVICE: Final = "allow unprivileged user namespaces on this machine, or run with --no-isolate"
+"""How each IsolationError's sentence ends."""
+_PROJECT: Final = Path(__file__).resolve().parents[3]
+"""Where the packages of this project are."""
+_NOT_ITS_CODE: Final = ("deploy", "scenarios", "fleets", "runs")
+"""What of the project is about the whole swarm, and about runs that have been."""
+
+
+class IsolationError(AcrcError):
+    """A robot's process cannot be shut off from its peers."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What one robot's process keeps when it is isolated."""
+
+    own: Path
+    """The robot's own folder, the only one that it may write to. It stays writable at the same path."""
+    hidden: tuple[Path, ...] = ()
+    """Files and folders that must not be seen although they lie in a folder with code or in a readable one:
+    the run's output folder, the scenario. What lies deeper and is named as own or readable is seen."""
+    readable: tuple[Path, ...] = ()
+    """Files and folders that the robot must read; seen whole. Python, system and this project always are."""
+    code: tuple[Path, ...] = ()
+    """Folders with the code that it runs, like those on Python's path: seen entry by entry, without runs."""
+    log: Path | None = None
+    """File in the own folder that stdout and stderr go to. None: they stay what they are, and then the
+    starter must have given this robot ones of its own, for a shared pipe or terminal is a way to a peer."""
+    descriptors: tuple[int, ...] = (1, 2)
+    """Open descriptors to keep; none may be a folder. All others become /dev/null."""
+    scratch_bytes: int = 64 * 1024 * 1024
+    """Size of each private scratch folder (/tmp, /var/tmp, /run, /dev/shm), B."""
+    parent: int | None = None
+    """End when this process ends, which must be the parent; None: outlive it."""
+
+
+def isolate(plan: Plan) -> None:
+    """Shut this process off, for good; its working directory becomes `plan.own`.
+
+    To be called with one thread only, so before Zenoh and numpy start theirs. The program goes on in a child
+    of the process that called, with another process id, and whoever waits for the latter sees the child's end
+    (see `keeper`). Afterwards only `plan.own`, scratch folders and what is needed to run are seen, no process
+    but its own children, there is no network, and file locks, watches and new namespaces are refused. Raises
+    IsolationError where the system does not allow this; the process is then half shut off and must end.
+    """
+    if sys.platform != "linux":
+        raise IsolationError(_sentence(f"isolation needs Linux, this is {sys.platform}"))
+    if not syscall_filter.supported():
+        raise IsolationError(_sentence(f"isolation knows x86_64 and aarch64, this is {os.uname().machine}"))
+    if len(list(Path("/proc/self/task").iterdir())) > 1:
+        raise RuntimeError("isolate() must be called before the process starts its second thread")
+    plan.own.resolve(strict=True)  # A missing folder is the caller's mistake and not the machine's.
+    try:
+        separate(plan)
+        linux.drop_capabilities()
+        syscall_filter.install()
+    except OSError as error:
+        raise IsolationError(
+            _sentence(f"robots cannot be isolated on this machine: {_said(error)}")
+        ) from error
+
+
+def separate(plan: Plan) -> None:
+    """The first part of `isolate`: own descriptors, namespaces and file tree; capabilities are kept."""
+    sealed = (*plan.hidden, *_code(plan))
+    view = mounts.View(plan.own, sealed, tuple(_shown(plan)), plan.scratch_bytes)
+    _shed_descriptors(plan)
+    user, group = os.getuid(), os.getgid()
+    linux.unshare(_NAMESPACES)
+    Path("/proc/self/setgroups").write_text("deny")
+    Path("/proc/self/uid_map").write_text(f"{user} {user} 1")
+    Path("/proc/self/gid_map").write_text(f"{group} {group} 1")
+    keeper.enter_namespace(plan.parent)
+    mounts.enter(view)
+
+
+def available() -> str | None:
+    """Why a process cannot be isolated on this machine, in one sentence; None if it can.
+
+    Tries it in a child process.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        trial_run = subprocess.run(
+            [sys.executable, "-P", "-c", _TRIAL, folder],
+            # Nothing from the working directory, nor from what the user's environment says, is imported here.
+            env={"PYTHONPATH": str(_PROJECT)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    if trial_run.returncode == 0:
+        return None
+    return trial_run.stdout.strip() or _sentence(
+        f"the trial of isolation ended with: {trial_run.stderr.strip()[-300:]}"
+    )
+
+
+def trial(folder: str) -> None:
+    """Isolate this process in `folder`; on failure print the reason and exit with 1."""
+    try:
+        isolate(Plan(own=Path(folder)))
+    except IsolationError as error:
+        sys.stdout.write(str(error))
+        sys.exit(1)
+
+
+def _shown(plan: Plan) -> Iterator[Path]:
+    """What is seen beside the system and the own folder: Python whole, folders with code entry by entry."""
+    yield from _installed()
+    own = (*plan.hidden, *(_PROJECT / name for name in _NOT_ITS_CODE))
+    hidden = tuple(dict.fromkeys((*own, *(path.resolve() for path in own), *mounts.SCRATCH, *mounts.NEVER)))
+    outside = _code(plan)
+    for path in dict.fromkeys(plan.readable):
+        if not any(one.is_relative_to(path.resolve()) for one in hidden):
+            yield path
+        elif path.resolve() not in hidden:
+            outside.append(path)
+    for folder in dict.fromkeys(outside):
+        if not any(folder.resolve().is_relative_to(path.resolve()) for path in own):
+            yield from code_folder.entries(folder, hidden)
+
+
+def _installed() -> list[Path]:
+    """Where Python and its packages are."""
+    return [Path(prefix) for prefix in dict.fromkeys((sys.prefix, sys.base_prefix))]
+
+
+def _code(plan: Plan) -> list[Path]:
+    """Folders with code that is neither installed nor the system's."""
+    folders = [*(Path(path).absolute() for path in sys.path if path), *plan.code, _PROJECT]
+    return [
+        path for path in folders if not any(path.is_relative_to(p) for p in (*_installed(), *mounts.SYSTEM))
+    ]
+
+
+def _shed_descriptors(plan: Plan) -> None:
+    """Turn what was inherited into /dev/null.
+
+    Closing would free the numbers, and an object that still believes to own one would close another's file.
+    """
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for number in [int(entry.name) for entry in Path("/proc/self/fd").iterdir()]:
+        if number not in plan.descriptors and number != nothing and _is_open(number):
+            os.dup2(nothing, number, inheritable=number < 3)
+    os.close(nothing)
+    if plan.log is not None:
+        log = os.open(plan.log, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o600)
+        for number in (1, 2):
+            os.dup2(log, number)
+        os.close(log)
+
+
+def _is_open(number: int) -> bool:
+    try:
+        os.fstat(number)
+    except OSError:
+        return False
+    return True
+
+
+def _said(error: OSError) -> str:
+    return f"{error.strerror} ({error.filename})" if error.filename else str(error.strerror)
+
+
+def _sentence(reason: str) -> str:
+    return f"{reason}; {ADVICE}"

@@ -1,0 +1,1 @@
+"""How often the chapter's three failures come about."""

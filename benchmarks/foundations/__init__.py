@@ -1,0 +1,1 @@
+"""What the least parts cost: portable mathematics, the component model."""

@@ -1,0 +1,1 @@
+"""The robots' serial lines and processes on board, with emulated devices."""

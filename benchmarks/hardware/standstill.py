@@ -1,0 +1,178 @@
+"""A robot in the loop whose processes are killed, stopped and held while it drives: how soon it stands.
+
+All processes as on board, the devices emulated in wall time. The emulated base goes on as it was last told.
+Told to stand it brakes as the robot's model does, which is the world's and not ours to shorten: both instants
+are measured, that at which the wheels are told and that at which they stand.
+"""
+
+import json
+import statistics
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Final
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.hardware.standstill_rig import GUARDIAN, Rig, held, killed, stopped
+from deploy.run.kernels import compile_kernels
+from firmware_bridge.laboratory.laboratory import RADIO, RANGE
+
+PROCESSES: Final = {
+    "robot": "actors.robot",
+    "bridge": "firmware_bridge.onboard.bridge",
+    "base": "firmware_bridge.onboard.base",
+    "guardian": GUARDIAN,
+    "supervisor": "onboard",
+}
+"""Each by a word of its command line."""
+HARMLESS: Final = frozenset(
+    {("bridge", "killed"), ("bridge", "stopped"), ("bridge", "held")}
+    | {("supervisor", "stopped"), ("supervisor", "held"), ("radio", "unplugged")}
+)
+"""These leave a robot that knows where it is, sees and obeys: it may drive on."""
+DEVICES: Final = {
+    ("lidar", "silent"): f"silence r1 {RANGE}",
+    ("lidar", "unplugged"): f"unplug r1 {RANGE}",
+    ("lidar", "without echo"): "darken r1",
+    ("lidar", "held fast"): "jam r1",
+    ("base's feedback", "silent"): "silence r1 base",
+    ("motor", "over-current"): "strain r1 left",
+    ("battery", "nearly empty"): "battery r1 13.0",
+    ("radio", "unplugged"): f"unplug r1 {RADIO}",
+}
+
+
+@dataclass(frozen=True)
+class StandstillTask:
+    """What is measured."""
+
+    trials: int = 3
+    goal_s: float = 0.3
+    goal_m: float = 0.15
+
+
+@dataclass(frozen=True)
+class Standstill:
+    """What one event came to."""
+
+    told_s: float | None
+    """Until the wheels were told to stand; None: they were not."""
+    told_m: float
+    """The way until then; if they were not told, that of two seconds."""
+    stood_s: float | None
+    """Until they stood; None: they did not, or went on before."""
+    stood_m: float
+    speed: float
+    """Just before the event, m/s."""
+
+
+Case = tuple[str, str]
+
+
+def run(json_output: bool = False, task: StandstillTask | None = None) -> dict[str, object]:
+    """Run, print and give what came of it."""
+    task = task or StandstillTask()
+    compile_kernels()  # or the first robot would take a minute to start
+    found: dict[Case, list[Standstill]] = defaultdict(list)
+    for _ in range(task.trials):
+        for case, event in events().items():
+            found[case].append(trial(event))
+    figures = {
+        "task": asdict(task),
+        "cases": {" ".join(case): [asdict(one) for one in trials] for case, trials in found.items()},
+        "goal_met": all(meets(case, trials, task) for case, trials in found.items()),
+    }
+    if json_output:
+        sys.stdout.write(json.dumps(figures) + "\n")
+    else:
+        _print(found, task)
+    return figures
+
+
+def events() -> dict[Case, Callable[[Rig], None]]:
+    """What happens, by what it happens to and how."""
+    ways = {"killed": killed, "stopped": stopped, "held": held}
+    made: dict[Case, Callable[[Rig], None]] = {
+        (process, way): lambda rig, word=word, act=act: act(rig.processes(word))  # type: ignore[misc]
+        for process, word in PROCESSES.items()
+        for way, act in ways.items()
+    }
+    for case, order in DEVICES.items():
+        made[case] = lambda rig, order=order: rig.expect_ok(order)  # type: ignore[misc]
+    return made
+
+
+def meets(case: Case, trials: list[Standstill], task: StandstillTask) -> bool:
+    """True if the wheels were told in time each time, or it may drive on."""
+    if may_drive_on(case):
+        return True
+    return all(
+        one.told_s is not None and one.told_s <= task.goal_s and one.told_m <= task.goal_m for one in trials
+    )
+
+
+def may_drive_on(case: Case) -> bool:
+    """True if a robot is left that knows where it is, sees, obeys and has a guardian."""
+    return case in HARMLESS
+
+
+def trial(event: Callable[[Rig], None]) -> Standstill:
+    """One robot that drives, and the event. Raises NotDrivingError."""
+    with tempfile.TemporaryDirectory(prefix="acrc-") as folder, Rig(Path(folder)) as rig:
+        rig.until_driving()
+        return measured(rig, event)
+
+
+def measured(rig: Rig, event: Callable[[Rig], None]) -> Standstill:
+    """What an event comes to for a robot that drives."""
+    before = rig.where()
+    event(rig)
+    told, stood = rig.standing(patience_s=2.0)
+    return Standstill(
+        None if told is None else told.time - before.time,
+        (told or rig.where()).way - before.way,
+        None if stood is None else stood.time - before.time,
+        (stood or told or rig.where()).way - before.way,
+        before.speed,
+    )
+
+
+def _print(found: dict[Case, list[Standstill]], task: StandstillTask) -> None:
+    console = Console()
+    table = Table(
+        "what", "how", "told, median", "worst", "way", "stood, worst", "way", "", title="standstill"
+    )
+    for case, trials in found.items():
+        verdict = "may drive on" if may_drive_on(case) else ""
+        if not meets(case, trials, task):
+            verdict = "MISSED"
+        table.add_row(
+            *case,
+            *_times([one.told_s for one in trials]),
+            f"{max(one.told_m for one in trials):.2f} m",
+            _times([one.stood_s for one in trials])[1],
+            f"{max(one.stood_m for one in trials):.2f} m",
+            verdict,
+        )
+    console.print(table)
+    speeds = [one.speed for trials in found.values() for one in trials]
+    console.print(
+        f"goal: told within {task.goal_s:g} s and {task.goal_m:g} m; {task.trials} trials each at "
+        f"{min(speeds):.2f} to {max(speeds):.2f} m/s",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+def _times(times: list[float | None]) -> tuple[str, str]:
+    """Median and worst of them."""
+    known = [time for time in times if time is not None]
+    if not known:
+        return "never", "never"
+    worst = f"{len(times) - len(known)} never" if len(known) < len(times) else f"{max(known):.2f} s"
+    return f"{statistics.median(known):.2f} s", worst

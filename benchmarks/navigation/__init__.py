@@ -1,0 +1,1 @@
+"""How well robots get to their goals, and what a log of their decisions shows."""

@@ -1,0 +1,180 @@
+"""How well robots get to their goals: how many, how fast, how near to walls and to each other."""
+
+import json
+import math
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from statistics import median
+from typing import Final
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.navigation import goal_log, log
+from benchmarks.navigation.course import Course
+from benchmarks.navigation.run import Leg, RunFigures, measure
+from benchmarks.statistics.confidence import proportion
+from benchmarks.statistics.pool import in_order
+from deploy.repository import REPOSITORY
+
+MAPS: Final = tuple(REPOSITORY / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))
+ROBOTS: Final = (1, 4)
+GOALS: Final = 200
+"""Of all robots together, on each map with each number of robots."""
+RUNS: Final = 8
+SPEED: Final = 0.5
+"""With which the shortest way is thought to be driven, m/s: DWA max_vel_x of d3scomp/ROSRemote."""
+LONG: Final = 2.0
+"""Only ways from here on count for how fast robots are, m; a short one is mostly turning on the spot."""
+
+
+@dataclass(frozen=True)
+class Figures:
+    """All runs on one map with one number of robots."""
+
+    map: str
+    robots: int
+    goals: int
+    succeeded: int
+    aborted: dict[str, int]
+    """By reason, and those that ended WRONG."""
+    unfinished: int
+    """Goals that were open when the run's time was up."""
+    slowness: float | None
+    """Median, over the long ways that succeeded, of the time taken by that of the shortest way at SPEED."""
+    total_slowness: float | None
+    """The same of the sums."""
+    robot_hours: float
+    wall_contacts: int
+    robot_contacts: int
+    contacts: int
+    wall_gap: float
+    robot_gap: float | None
+    digests: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class NavigationTask:
+    """What is to be measured."""
+
+    maps: Sequence[Path] = MAPS
+    robots: Sequence[int] = ROBOTS
+    goals: int = GOALS
+    runs: int = RUNS
+    localisation: str | None = None
+    navigation: str | None = None
+    workers: int | None = None
+    """Processes; None: one per processor."""
+
+
+def run(task: NavigationTask = NavigationTask(), json_output: bool = False) -> list[Figures]:
+    """Measure, print and give the figures."""
+    console = Console(stderr=True)
+    figures = []
+    for map_file in task.maps:
+        for robots in task.robots:
+            console.print(f"{map_file.stem}, robots {robots} …", highlight=False)
+            courses = _courses(task, map_file, robots)
+            figures.append(_summed(courses[0], list(in_order(measure, courses, task.workers))))
+    if json_output:
+        sys.stdout.write(json.dumps([asdict(one) for one in figures]) + "\n")
+    else:
+        _print(figures)
+    return figures
+
+
+def write_log(task: NavigationTask, file: Path, seed: int) -> None:
+    """Write what r1 decides in one run on the first map, with the largest number of robots asked for.
+
+    Raises LogError.
+    """
+    robots = max(task.robots)
+    each = math.ceil(task.goals / (task.runs * robots))
+    course = Course(task.maps[0], robots, each, seed, task.localisation, task.navigation)
+    written = log.write(file, course)
+    Console(stderr=True).print(
+        f"{file}: {written.cycles} cycles of r1 among {robots} on {course.map.stem}, seed {seed}, "
+        f"{written.plans} plans, {written.invalid} cycles without a valid trajectory",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+def _courses(task: NavigationTask, map_file: Path, robots: int) -> list[Course]:
+    """One per run, with goals enough."""
+    each = math.ceil(task.goals / (task.runs * robots))
+    first = Course(map_file, robots, each, 1, task.localisation, task.navigation)
+    return [replace(first, seed=seed) for seed in range(1, task.runs + 1)]
+
+
+def _summed(course: Course, runs: Sequence[RunFigures]) -> Figures:
+    legs = [leg for one in runs for leg in one.legs]
+    reached = [leg for leg in legs if leg.how == goal_log.SUCCEEDED]
+    median_slowness, total_slowness = _slowness(reached)
+    gap = min(one.robot_gap for one in runs)
+    reasons = Counter(leg.how for leg in legs if leg.how not in {"", goal_log.SUCCEEDED})
+    return Figures(
+        map=course.map.stem,
+        robots=course.robots,
+        goals=len(legs),
+        succeeded=len(reached),
+        aborted=dict(sorted(reasons.items())),
+        unfinished=sum(not leg.how for leg in legs),
+        slowness=median_slowness,
+        total_slowness=total_slowness,
+        robot_hours=sum(one.robot_hours for one in runs),
+        wall_contacts=sum(one.wall_contacts for one in runs),
+        robot_contacts=sum(one.robot_contacts for one in runs),
+        contacts=sum(one.contacts for one in runs),
+        wall_gap=min(one.wall_gap for one in runs),
+        robot_gap=gap if math.isfinite(gap) else None,
+        digests=tuple(one.digest for one in runs),
+    )
+
+
+def _slowness(reached: Sequence[Leg]) -> tuple[float, float] | tuple[None, None]:
+    """How much longer than ideal the long ways took: the median, and over all together."""
+    long = [(leg.seconds, leg.shortest / SPEED) for leg in reached if leg.shortest and leg.shortest >= LONG]
+    if not long:
+        return None, None
+    total = sum(taken for taken, _ in long) / sum(ideal for _, ideal in long)
+    return median(taken / ideal for taken, ideal in long), total
+
+
+def _print(figures: Sequence[Figures]) -> None:
+    table = Table(
+        *("map", "robots", "goals", "succeeded", "95 %", "aborted", "x shortest", "sums"),
+        *("to walls", "to robots", "contacts/h: walls", "robots"),
+    )
+    for one in figures:
+        table.add_row(*_row(one))
+    Console(width=170).print(table)
+    touched = sum(one.wall_contacts for one in figures)
+    verdict = "met" if touched == 0 else "MISSED"
+    Console(soft_wrap=True).print(
+        f"x shortest: time by that of the shortest way at {SPEED:g} m/s, over the ways of {LONG:g} m and more"
+        f" that succeeded, median and of the sums; goal, no contact with a wall: {verdict}",
+        highlight=False,
+    )
+
+
+def _row(one: Figures) -> list[str]:
+    share = proportion(one.succeeded, one.goals)
+    gone = {**one.aborted, **({"unfinished": one.unfinished} if one.unfinished else {})}
+    contacts = (one.wall_contacts, one.robot_contacts)
+    return [
+        one.map,
+        str(one.robots),
+        str(one.goals),
+        f"{share.value:.1%}",
+        f"{share.low:.1%} to {share.high:.1%}",
+        ", ".join(f"{count} {reason}" for reason, count in gone.items()) or "none",
+        "-" if one.slowness is None else f"{one.slowness:.2f}",
+        "-" if one.total_slowness is None else f"{one.total_slowness:.2f}",
+        f"{one.wall_gap:.3f} m",
+        "-" if one.robot_gap is None else f"{one.robot_gap:.3f} m",
+        *(f"{count / one.robot_hours:.2f}" for count in contacts),
+    ]

@@ -1,0 +1,227 @@
+"""The figures of docs/radio.md: what the medium does, beside formulas, ns-3 and measured links."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from rich.console import Console
+
+from actors.floor.grid import FREE, OCCUPIED
+from actors.floor.map_file import load_map
+from actors.radio.link_budget import needed_dbm
+from actors.radio.medium.error_rate import frame_error_rate
+from actors.radio.medium.medium import Medium, Request
+from actors.radio.medium.state import Fate
+from actors.radio.presets import RadioParameters, preset
+from actors.radio.propagation.indoor import IndoorPropagation
+from actors.radio.propagation.interferers import Wifi, WifiParameters
+from actors.radio.propagation.path_loss import path_loss_db
+from actors.radio.propagation.shadowing import ShadowingParameters
+from actors.radio.radio_setup import RadioSetup
+from actors.radio.surroundings import surroundings
+from benchmarks.radio.reference import Point, points
+from benchmarks.radio.svg_chart import Axis, Series, chart
+from benchmarks.radio.trials import contend, scene
+
+_SPACING_NS: Final = 45_000_000
+"""Between frames that shall not meet: longer than the longest channel access."""
+_SHARE: Final = Axis("share of frames that arrive", 0.0, 1.02, (0, 0.2, 0.4, 0.6, 0.8, 1.0))
+_LENGTHS: Final = (20, 60, 127)
+_LOADS: Final = ("0.200", "0.800", "sat")
+MEASURED_LINKS: Final[Mapping[int, float]] = {
+    -96: 0.1494, -95: 0.2340, -94: 0.4071, -93: 0.6359, -92: 0.6866, -91: 0.7476, -90: 0.8603, -89: 0.8702,
+    -88: 0.9324, -87: 0.9427, -86: 0.9562, -85: 0.9611, -84: 0.9739, -83: 0.9745, -82: 0.9844, -81: 0.9854,
+    -80: 0.9903,
+}  # fmt: skip
+"""Share of frames over signal strength, dBm, as measured by motes in a building: the connectivity data "dust"
+of wsn.eecs.berkeley.edu, as the 6TiSCH simulator gives them (SimEngine/Connectivity.py)."""
+
+
+@dataclass(frozen=True)
+class PlotTask:
+    """What is drawn from how much."""
+
+    frames: int = 1000
+    """Per measured point."""
+    places: int = 4000
+    """Pairs of places that shadowing is averaged over."""
+    seeds: int = 2
+    """Runs per point of contention."""
+    senders: tuple[int, ...] = (2, 5, 10, 20, 50)
+    transmitter: tuple[float, float] = (12.0, 5.0)
+    """Of the map of the corridor, m: the first robot's start."""
+
+
+_KEY_COUNTED: Final = Series("dots: counted", (), (), 6, dots=True)
+_KEY_NS3: Final = Series("dots: ns-3.44", (), (), 6, dots=True)
+
+
+def run(
+    folder: Path, map_file: Path, data: Path | None, json_output: bool, task: PlotTask | None = None
+) -> None:
+    """Write the figures into the folder; without the reference's data, without its dots."""
+    task = task or PlotTask()
+    folder.mkdir(parents=True, exist_ok=True)
+    texts = {
+        "reach.svg": _reach(task),
+        "error_rate.svg": _error_rate(_points(data, "a_per")),
+        "grey_zone.svg": _grey_zone(task),
+        "wifi.svg": _wifi(task),
+        "contention.svg": _contention(task, _points(data, "c_contention")),
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+    _corridor(folder / "corridor.png", map_file, task)
+    written = [str(folder / name) for name in (*texts, "corridor.png")]
+    if json_output:
+        Console().print_json(json.dumps({"written": written, "reference": data is not None}))
+        return
+    for name in written:
+        Console().print(name, highlight=False, soft_wrap=True)
+    if data is None:
+        Console().print("Without the dots of ns-3, whose figures --data gives.")
+
+
+def _points(data: Path | None, family: str) -> list[Point]:
+    return [] if data is None else points(data, family)
+
+
+def _heard(
+    parameters: RadioParameters, distance: float, task: PlotTask, wifi: WifiParameters | None = None
+) -> float:
+    """The share of 127-octet frames over a distance in line of sight, counted in the medium."""
+    air = IndoorPropagation(parameters.propagation)
+    stations = [Wifi(wifi, parameters.channel, air, lambda: np.random.default_rng(5))] if wifi else []
+    nodes = [replace(parameters.transceiver, address=address) for address in (1, 2)]
+    medium = Medium(nodes, air, parameters.phy, seed=1, interferers=stations)
+    medium.place(np.array([[0.0, 0.0], [distance, 0.0]]))
+    medium.submit(Request(k * _SPACING_NS, 0, 127, tag=k) for k in range(task.frames))
+    medium.run(task.frames * _SPACING_NS)
+    return float(medium.fates()[1, Fate.HEARD]) / task.frames
+
+
+def _arriving(
+    parameters: RadioParameters, loss_db: NDArray[np.float64], octets: int = 127
+) -> NDArray[np.float64]:
+    """The same by the formula, for losses."""
+    snr_db = parameters.transceiver.tx_power_dbm - loss_db - parameters.phy.noise_dbm
+    arriving: NDArray[np.float64] = 1.0 - frame_error_rate(snr_db, octets)
+    return arriving
+
+
+def _reach(task: PlotTask) -> str:
+    distances = np.geomspace(4.0, 80.0, 300).astype(np.float64)
+    series = [_KEY_COUNTED]
+    for colour, name in enumerate(("chapter", "rosomnet", "beeclick")):
+        parameters = preset(name)
+        shares = _arriving(parameters, path_loss_db(distances, parameters.propagation.path_loss))
+        series.append(Series(name, distances.tolist(), shares.tolist(), colour))
+        grey = distances[(shares > 0.005) & (shares < 0.995)]
+        measured = np.linspace(grey[0] - 0.2, grey[-1] + 0.2, 9).tolist()
+        counted = [_heard(parameters, d, task) for d in measured]
+        series.append(Series("", measured, counted, colour, dots=True))
+    x = Axis(
+        "distance in line of sight, m", 4.0, 80.0, (4, 6, 8, 10, 15, 20, 30, 40, 60, 80), logarithmic=True
+    )
+    return chart("How far 127-octet frames get", x, _SHARE, series)
+
+
+def _error_rate(reference: list[Point]) -> str:
+    ratios = np.linspace(-3.0, 4.0, 200).astype(np.float64)
+    series = [_KEY_NS3] if reference else []
+    for colour, octets in enumerate(_LENGTHS):
+        rates = frame_error_rate(ratios, octets).tolist()
+        series.append(Series(f"{octets} octets", ratios.tolist(), rates, colour))
+        found = [p for p in reference if p.settings["psdu"] == str(octets)]
+        at = [float(p.settings["rx_dbm"]) - float(p.settings["noise_dbm"]) for p in found]
+        series.append(Series("", at, [p.figures["per"].value for p in found], colour, dots=True))
+    x = Axis("signal to noise, dB", -3.0, 4.0, (-3, -2, -1, 0, 1, 2, 3, 4))
+    return chart("Frames lost in white noise", x, replace(_SHARE, label="share of frames lost"), series)
+
+
+def _grey_zone(task: PlotTask) -> str:
+    """Over the mean received power: that of a link whose shadowing is not known."""
+    parameters, powers = preset("beeclick"), np.arange(-100.0, -78.0, 0.25)
+    ends = np.random.default_rng(1).uniform(0.0, 2000.0, (2, task.places, 2))
+    series = []
+    for colour, sigma in enumerate((0.0, 3.0, 6.0)):
+        shadows: NDArray[np.float64] = np.zeros(task.places)
+        if sigma:
+            flat = replace(
+                parameters.propagation.path_loss, near_loss_db=200.0, near_exponent=0.0, breakpoint=np.inf
+            )
+            told = replace(parameters.propagation, path_loss=flat, shadowing=ShadowingParameters(sigma))
+            air = IndoorPropagation(told, None, np.random.default_rng(2))
+            rows = [air.loss_db(one[None], other[None])[0, 0] for one, other in zip(*ends, strict=True)]
+            shadows = np.array(rows) - 200.0
+        losses = parameters.transceiver.tx_power_dbm - powers[:, None] + shadows
+        shares = _arriving(parameters, losses).mean(axis=1).tolist()
+        series.append(Series(f"shadowing {sigma:g} dB", powers.tolist(), shares, colour))
+    series.append(Series("dots: measured", list(MEASURED_LINKS), list(MEASURED_LINKS.values()), 6, dots=True))
+    x = Axis("mean received power, dBm", -100.0, -78.0, (-100, -96, -92, -88, -84, -80))
+    return chart("The grey zone of 127-octet frames", x, _SHARE, series)
+
+
+def _wifi(task: PlotTask) -> str:
+    parameters, series = preset("chapter"), []
+    distances = np.geomspace(1.0, 40.0, 12).tolist()
+    for colour, duty in enumerate((0.1, 0.3, 0.6)):
+        shares = [_heard(parameters, 3.0, task, WifiParameters(3.0, d, 1, duty)) for d in distances]
+        series.append(Series(f"on {duty:.0%} of the time", distances, shares, colour, dots=True))
+        series.append(Series("", distances, shares, colour))
+    x = Axis(
+        "distance of the Wi-Fi station from the receiver, m",
+        1.0,
+        40.0,
+        (1, 2, 3, 5, 8, 12, 20, 40),
+        logarithmic=True,
+    )
+    return chart("127-octet frames over 3 m beside Wi-Fi on the same channel", x, _SHARE, series)
+
+
+def _contention(task: PlotTask, reference: list[Point]) -> str:
+    series = [_KEY_NS3] if reference else []
+    for colour, load in enumerate(_LOADS):
+        name = "backlogged" if load == "sat" else f"G = {float(load):g}"
+        shares = []
+        for senders in task.senders:
+            stage = scene("c_contention", {"n": str(senders), "psdu": "60", "load": load})
+            shares.append(
+                float(np.mean([contend(stage, seed)["pdr_tx"] for seed in range(1, task.seeds + 1)]))
+            )
+        series.append(Series(name, task.senders, shares, colour))
+        found = [p for p in reference if (p.settings["psdu"], p.settings["load"]) == ("60", load)]
+        at = [float(p.settings["n"]) for p in found]
+        heard = [p.figures["pdr_tx"].value for p in found]
+        series.append(Series("", at, heard, colour, dots=True))
+    x = Axis("senders, all in range of each other", 2.0, 50.0, (2, 5, 10, 20, 50), logarithmic=True)
+    return chart("60-octet broadcasts that arrive, of those sent", x, _SHARE, series)
+
+
+def _corridor(file: Path, map_file: Path, task: PlotTask) -> None:
+    """Received power on the free floor: darker is stronger; red: fewer than half of the frames arrive."""
+    setup = RadioSetup(1, 100_000, (), "chapter", str(map_file))
+    found, grid = surroundings(setup), load_map(map_file)
+    x, y = (axis[1::4] for axis in grid.centres())
+    spots = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    loss = found.propagation.loss_db(np.array([task.transmitter]), spots)[0].reshape(len(y), len(x))
+    power = found.parameters.transceiver.tx_power_dbm - loss
+    weakest = needed_dbm(found.parameters)
+    light = np.clip((-40.0 - power) / (-40.0 - weakest), 0.0, 1.0)
+    colours = np.stack([60 + 160 * light, 90 + 140 * light, 160 + 70 * light], axis=-1)
+    colours[power < weakest] = (230, 150, 130)
+    cells = grid.cells[1::4, 1::4]
+    colours[cells != FREE] = (255, 255, 255)
+    for shift_y, shift_x in np.ndindex(4, 4):  # a wall is thinner than a pixel
+        rows, columns = len(y), len(x)
+        part = np.zeros((rows, columns), np.bool_)
+        some = grid.cells[shift_y::4, shift_x::4][:rows, :columns] == OCCUPIED
+        part[: some.shape[0], : some.shape[1]] = some
+        colours[part] = (0, 0, 0)
+    image = Image.fromarray(np.flipud(colours).astype(np.uint8))
+    image.resize((image.width * 3, image.height * 3), Image.Resampling.NEAREST).save(file, optimize=True)

@@ -1,0 +1,217 @@
+"""How near the medium comes to reference figures of another simulator, in preset `ns3`.
+
+For each figure of each point: the difference to the own mean, and the combined standard error of both sides.
+Both sides are runs of one experiment, of the same length, so that one variance stands for both (Student's t
+for two samples): the handful of the reference's runs often lie together by chance. Where a point is one run
+of many frames, errors are binomial. A comparison says something if it is a latency or a share between 0.02
+and 0.98; the others are trivial. `inside`: within the combined 95 % interval. `z`: t as the score of a normal
+variable that is exceeded as rarely (Wallace, "Bounds on normal approximations to Student's and the chi-square
+distributions", Annals of Mathematical Statistics 30, 1959). `welch_t`: with each side's own variance.
+"""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from rich.console import Console
+from rich.table import Table
+
+from actors.runtime.errors import AcrcError
+from benchmarks.radio.reference import FAMILIES, LATENCIES, Estimate, Point, points
+from benchmarks.radio.trials import MAC_OCTETS, measure
+from deploy.field_trial.clocks.student_t import quantile
+
+_FREEDOM_ENOUGH: Final = 200.0
+_ROUNDING: Final = 1e-5
+"""Of figures in the files."""
+_FAR: Final = 99.0
+"""As many standard errors is a difference where there should be none at all."""
+
+
+@dataclass(frozen=True)
+class TruthTask:
+    """What is asked."""
+
+    times: int = 10
+    """Own frames per frame of the reference."""
+    inside_goal: float = 0.95
+    excess_goal: float = 0.005
+    """Of a share, beyond three combined standard errors."""
+    z_goal: float = 4.5
+    throughput_goal: float = 0.002
+    """Relative, of one backlogged sender against the closed formula."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One figure of one point."""
+
+    point: str
+    figure: str
+    reference: float
+    own: float
+    error: float
+    """Combined standard error."""
+    z: float
+    welch_t: float
+    inside: bool
+    informative: bool
+    excess: float
+    """How far the difference of a share lies beyond three combined standard errors; 0 or less: nowhere."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """A family, or all."""
+
+    family: str
+    points: int
+    comparisons: int
+    inside: int
+    trivial: int
+    worst_z: float
+    worst_welch_t: float
+    worst_ratio_excess: float
+    worst: str
+    """Where `worst_z` is."""
+
+
+def run(folder: Path, json_output: bool = False, task: TruthTask | None = None) -> dict[str, Any]:
+    """Print, and give, how the medium compares with the reference in the folder."""
+    task = task or TruthTask()
+    console = Console(stderr=json_output)
+    families: dict[str, list[Comparison]] = {}
+    numbers: dict[str, int] = {}
+    throughput: list[float] = []
+    for family in FAMILIES:
+        there = points(folder, family)
+        if not there:
+            console.print(f"{family}: no file {family}.csv with rows, left out.", highlight=False)
+            continue
+        families[family], numbers[family] = [], len(there)
+        for point in there:
+            own = measure(point, task.times)
+            families[family] += [
+                compare(point, name, reference, own[name])
+                for name, reference in point.figures.items()
+                if name != "goodput_kbps"
+            ]
+            if family.startswith("b_"):
+                throughput.append(own["goodput_kbps"].value / formula_kbps(point) - 1)
+    if not families:
+        raise AcrcError(f"{folder}: there is none of the files {', '.join(FAMILIES)}, each with .csv.")
+    agreements = [agreement(family, numbers[family], found) for family, found in families.items()]
+    every = [comparison for found in families.values() for comparison in found]
+    total = agreement("all", sum(numbers.values()), every)
+    worst_throughput = max((abs(error) for error in throughput), default=0.0)
+    met = {
+        "inside": total.inside >= task.inside_goal * total.comparisons,
+        "excess": total.worst_ratio_excess <= task.excess_goal,
+        "z": total.worst_z <= task.z_goal,
+        "throughput": worst_throughput <= task.throughput_goal,
+    }
+    figures = {
+        "task": asdict(task),
+        "families": [asdict(one) for one in agreements],
+        "all": asdict(total),
+        "throughput_error": worst_throughput,
+        "outside": [asdict(c) for c in every if not c.inside],
+        "met": met,
+    }
+    if json_output:
+        Console().print_json(json.dumps(figures))
+    else:
+        _print(console, [*agreements, total], worst_throughput, met)
+    return figures
+
+
+def compare(point: Point, figure: str, reference: Estimate, own: Estimate) -> Comparison:
+    """One figure on both sides."""
+    difference = own.value - reference.value
+    error, freedom = combined(reference, own)
+    t = _ratio(difference, error)
+    latency = figure in LATENCIES
+    return Comparison(
+        point=str(point),
+        figure=figure,
+        reference=reference.value,
+        own=own.value,
+        error=error,
+        z=math.copysign(normal_score(abs(t), freedom), t),
+        welch_t=_ratio(difference, math.hypot(reference.error, own.error)),
+        inside=abs(t) <= (quantile(0.975, freedom) if freedom < _FREEDOM_ENOUGH else 1.96),
+        informative=latency or 0.02 < reference.value < 0.98,
+        excess=-math.inf if latency else abs(difference) - 3 * error,
+    )
+
+
+def normal_score(t: float, freedom: float) -> float:
+    """What a normal variable exceeds as rarely as a t variable of that freedom exceeds t ≥ 0; by Wallace."""
+    if freedom >= _FREEDOM_ENOUGH:
+        return t
+    return (8 * freedom + 1) / (8 * freedom + 3) * math.sqrt(freedom * math.log1p(t * t / freedom))
+
+
+def formula_kbps(point: Point) -> float:
+    """Throughput of one backlogged sender, kb/s of MSDU: spacing, mean back-off, CCA, turnaround, frame; and
+    turnaround and acknowledgement where there is one (Latré et al., "Throughput and delay analysis of
+    unslotted IEEE 802.15.4", Journal of Networks 1(1), 2006, with CCA and turnaround added).
+    """
+    octets = int(point.settings["psdu"])
+    symbols = (12 if octets <= 18 else 40) + 3.5 * 20 + 8 + 12 + (12 + 2 * octets)
+    if point.family.endswith("_ack"):
+        symbols += 12 + 22
+    return 8 * (octets - MAC_OCTETS) * 62.5 / symbols
+
+
+def agreement(family: str, number: int, found: Sequence[Comparison]) -> Agreement:
+    """What a family's comparisons come to."""
+    telling = [comparison for comparison in found if comparison.informative]
+    worst = max(telling, key=lambda comparison: abs(comparison.z), default=None)
+    return Agreement(
+        family=family,
+        points=number,
+        comparisons=len(telling),
+        inside=sum(comparison.inside for comparison in telling),
+        trivial=len(found) - len(telling),
+        worst_z=abs(worst.z) if worst else 0.0,
+        worst_welch_t=max((abs(comparison.welch_t) for comparison in telling), default=0.0),
+        worst_ratio_excess=max((comparison.excess for comparison in found), default=0.0),
+        worst=f"{worst.point}: {worst.figure}" if worst else "",
+    )
+
+
+def combined(one: Estimate, other: Estimate) -> tuple[float, float]:
+    """The standard error of the difference of two means, and its degrees of freedom."""
+    if not (math.isfinite(one.freedom) and math.isfinite(other.freedom)):
+        return math.hypot(one.error, other.error), math.inf
+    freedom = one.freedom + other.freedom
+    spread = sum(side.freedom * (side.freedom + 1) * side.error**2 for side in (one, other))
+    runs = 1 / (one.freedom + 1) + 1 / (other.freedom + 1)
+    return math.sqrt(spread / freedom * runs), freedom
+
+
+def _ratio(difference: float, error: float) -> float:
+    if error > 0:
+        return difference / error
+    return 0.0 if abs(difference) <= _ROUNDING else math.copysign(_FAR, difference)
+
+
+def _print(console: Console, rows: Sequence[Agreement], throughput: float, met: dict[str, bool]) -> None:
+    table = Table(title="The medium beside the reference, preset ns3")
+    for name in ("family", "points", "comparisons", "inside", "trivial", "worst z", "worst excess"):
+        table.add_column(name, justify="left" if name == "family" else "right")
+    for row in rows:
+        share = f"{row.inside} ({row.inside / row.comparisons:.1%})" if row.comparisons else "0"
+        table.add_row(
+            row.family, str(row.points), str(row.comparisons), share, str(row.trivial),
+            f"{row.worst_z:.2f}", f"{row.worst_ratio_excess:+.4f}",
+        )  # fmt: skip
+    console.print(table)
+    console.print(f"Worst: {rows[-1].worst}", highlight=False)
+    console.print(f"One backlogged sender: within {throughput:.3%} of the closed formula.", highlight=False)
+    missed = [name for name, reached in met.items() if not reached]
+    console.print(f"Goals missed: {', '.join(missed)}." if missed else "All goals met.", highlight=False)

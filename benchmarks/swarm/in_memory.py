@@ -1,0 +1,99 @@
+"""A full swarm in one process: CPU time by part, and the functions that take most of it."""
+
+import cProfile
+import io
+import pstats
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+from unittest.mock import patch
+
+from actors.runtime.bus.memory_bus import run_shells
+from actors.runtime.shell import Shell
+from benchmarks.swarm import part_clock, parts
+from benchmarks.swarm.budget import Line, budget
+from benchmarks.swarm.part_clock import PartClock
+from benchmarks.swarm.task import SwarmTask, planned
+from deploy.results.result import RunResult
+from deploy.run import memory_swarm, swarm
+
+_MEMORY_REPEATS: Final = 2
+
+
+@dataclass(frozen=True)
+class MemoryFigures:
+    """The same swarm in one process."""
+
+    real_time_factor: float
+    ms: float
+    """CPU per robot and simulated second, ms, with nothing measured inside."""
+    lines: list[Line]
+    """The same by part, from another run, without what the clock cost."""
+    clock_ms: float
+    """What the clock is held to have cost in that run."""
+    clocked_ms: float
+    """That run as a whole."""
+
+
+Turn = Callable[[Sequence[Shell], Callable[[Shell], None]], None]
+
+
+def _memory_run(count: int, task: SwarmTask, turn: Turn) -> RunResult:
+    """With `turn` in the place of `run_shells`."""
+    with planned(count, task, "memory") as plan, patch.object(memory_swarm, "run_shells", turn):
+        return swarm.run_in_memory(plan, lambda progress: None)
+
+
+def in_memory(count: int, task: SwarmTask, clock_cost: part_clock.Overhead) -> MemoryFigures:
+    """Of several runs of each kind the one that took least counts: all do the same."""
+    clocked, plain = [], []
+    for _ in range(min(task.repeat, _MEMORY_REPEATS)):
+        clocked.append(_clocked_run(count, task))
+        plain.append(_plain_run(count, task))
+    clock = min(clocked, key=lambda clock: clock.total_ns)
+    spent_ns, result = min(plain, key=lambda run: run[0])
+    robot_s = count * result.simulated_s
+    lines, clock_ms = budget(clock.accounts, clock.total_ns, clock_cost, robot_s)
+    return MemoryFigures(
+        result.real_time_factor, spent_ns / robot_s / 1e6, lines, clock_ms, clock.total_ns / robot_s / 1e6
+    )
+
+
+def _plain_run(count: int, task: SwarmTask) -> tuple[int, RunResult]:
+    spent: list[int] = []
+
+    def timed(shells: Sequence[Shell], hold: Callable[[Shell], None]) -> None:
+        begun = time.thread_time_ns()
+        run_shells(shells, hold)
+        spent.append(time.thread_time_ns() - begun)
+
+    result = _memory_run(count, task, timed)
+    return spent[0], result
+
+
+def _clocked_run(count: int, task: SwarmTask) -> PartClock:
+    clock = PartClock()
+
+    def clocked(shells: Sequence[Shell], hold: Callable[[Shell], None]) -> None:
+        targets = parts.targets(shell.core for shell in shells)
+        with part_clock.clocked(clock, targets), parts.pumps_clocked(clock):
+            clock.start()
+            run_shells(shells, hold)
+            clock.stop()
+
+    _memory_run(count, task, clocked)
+    return clock
+
+
+def profile(count: int, task: SwarmTask, most: int = 25) -> str:
+    """The functions that take most of a run in memory, by their own time."""
+    profiler = cProfile.Profile()
+
+    def profiled(shells: Sequence[Shell], hold: Callable[[Shell], None]) -> None:
+        profiler.runcall(run_shells, shells, hold)
+
+    _memory_run(count, task, profiled)
+    text = io.StringIO()
+    pstats.Stats(profiler, stream=text).strip_dirs().sort_stats("tottime").print_stats(most)
+    return text.getvalue()

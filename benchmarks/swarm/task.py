@@ -1,0 +1,49 @@
+"""Which full swarms are measured, and how each run is laid out."""
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+from deploy.repository import REPOSITORY
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.run.plan import Plan
+from deploy.scenario.scenario_file import Overrides, load_scenario
+
+
+@dataclass(frozen=True)
+class SwarmTask:
+    """What is measured."""
+
+    robots: tuple[int, ...] = (4, 10, 20, 50)
+    seconds: float = 60.0
+    """Simulated time of each run."""
+    repeat: int = 3
+    """Runs over Zenoh whose median counts, after one that weighs the processes and warms up the machine."""
+    scenario: Path = REPOSITORY / "scenarios" / "chapter.toml"
+
+
+@dataclass(frozen=True)
+class Spread:
+    """The median of some runs, the least and the greatest."""
+
+    median: float
+    least: float
+    greatest: float
+
+    @staticmethod
+    def of(values: Sequence[float]) -> "Spread":
+        """Of at least one value."""
+        return Spread(median(values), min(values), max(values))
+
+
+@contextmanager
+def planned(count: int, task: SwarmTask, bus: str) -> Iterator[Plan]:
+    """The run, in a folder that is gone afterwards."""
+    overrides = Overrides(robots=count, duration=task.seconds)
+    with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
+        options = RunOptions(Path(folder) / "out", bus="memory" if bus == "memory" else "zenoh", json=True)
+        yield swarm.plan(load_scenario(task.scenario, overrides), options)

@@ -1,0 +1,1 @@
+"""The world alone: physics, scans and floor plans, beside other simulators."""

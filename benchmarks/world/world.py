@@ -1,0 +1,158 @@
+"""How fast physics, collisions and scans alone are, in one process, beside Stage and navground."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from actors.floor.grid import OccupancyGrid, outline
+from actors.floor.map_file import load_map
+from actors.world.physics import Arena
+from actors.world.sensing import RangeSensors
+from benchmarks.statistics.cpu_time import best
+from benchmarks.world import navground_peer
+from benchmarks.world.plain_swarm import strewn, turtlebot, wishes
+
+STAGE: Final = {
+    (640, 4): 71.0,
+    (640, 20): 9.3,
+    (640, 50): 3.5,
+    (640, 100): 1.9,
+    (60, 4): 422.0,
+    (60, 20): 61.0,
+    (60, 50): 24.0,
+    (60, 100): 9.6,
+}
+"""Simulated seconds per CPU second by rays and robots; Stage 4.3, one core of such a machine."""
+
+
+@dataclass(frozen=True)
+class WorldTask:
+    """What is measured."""
+
+    robots: tuple[int, ...] = (4, 20, 50, 100)
+    rays: tuple[int, ...] = (640, 60)
+    seconds_long: int = 10
+    """Simulated time of a run; steps of 0.1 s, a scan of each robot per step."""
+    repeats: int = 3
+    """The fastest counts."""
+    seed: int = 1
+    stage_goal: float = 5.0
+    """How many times as fast as Stage with 640 rays from 20 robots on; nowhere slower than Stage."""
+
+
+@dataclass(frozen=True)
+class WorldSpeed:
+    """One number of robots and rays; speeds in simulated seconds per CPU second."""
+
+    robots: int
+    rays: int
+    speed: float
+    stage: float
+    ratio: float
+    navground: float | None
+    """None if navground is not installed."""
+    substep_us: float
+    """CPU time per sub-step of 10 ms, physics alone, µs."""
+    scan_us: float
+    """CPU time per scan, the rest, µs."""
+    contacts: int
+
+
+def run(map_file: Path, json_output: bool = False, task: WorldTask | None = None) -> dict[str, Any]:
+    """Print, and give, the speeds for each number of robots and rays on that map."""
+    task = task or WorldTask()
+    grid = load_map(map_file)
+    speeds = [_measure(grid, robots, rays, task) for rays in task.rays for robots in task.robots]
+    met = all(
+        speed.ratio >= (task.stage_goal if speed.rays == 640 and speed.robots >= 20 else 1.0)
+        for speed in speeds
+    )
+    peer = navground_peer.version()
+    figures = {
+        "task": asdict(task),
+        "stage": "Stage 4.3, one core of such a machine",
+        "navground": peer,
+        "speeds": [asdict(speed) for speed in speeds],
+        "goal_met": met,
+    }
+    console = Console()
+    if json_output:
+        console.print_json(json.dumps(figures))
+        return figures
+    console.print(_table(speeds, f"physics and scans on {map_file.name}: simulated seconds per CPU second"))
+    console.print("Stage: given figures of Stage 4.3, one core of such a machine.")
+    if peer is None:
+        console.print("[bold]navground is not installed: it was NOT measured.[/bold]")
+    else:
+        console.print(f"navground {peer}: steps of 0.1 s, no masses and no pushing, the same scans.")
+    goal = f"{task.stage_goal:g} times Stage with 640 rays from 20 robots on, never below Stage"
+    console.print(f"goal, {goal}: {'met' if met else 'MISSED'}")
+    return figures
+
+
+def _table(speeds: list[WorldSpeed], title: str) -> Table:
+    columns = ("rays", "robots", "speed", "Stage", "ratio", "navground", "µs/sub-step", "µs/scan", "bumps")
+    table = Table(*columns, title=title)
+    for speed in speeds:
+        table.add_row(
+            str(speed.rays),
+            str(speed.robots),
+            f"{speed.speed:,.0f}",
+            f"{speed.stage:g}",
+            f"{speed.ratio:.1f}",
+            "-" if speed.navground is None else f"{speed.navground:,.1f}",
+            f"{speed.substep_us:.1f}",
+            f"{speed.scan_us:.1f}",
+            str(speed.contacts),
+        )
+    return table
+
+
+def _measure(grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> WorldSpeed:
+    def swarm() -> _Swarm:
+        return _Swarm(grid, robots, rays, task)
+
+    contacts: list[int] = []
+    whole = best(swarm, lambda it: contacts.append(it.wander(scanning=True)), task.repeats)
+    physics = best(swarm, lambda it: it.wander(scanning=False), task.repeats)
+    speed, stage = task.seconds_long / whole, STAGE[rays, robots]
+    return WorldSpeed(
+        robots,
+        rays,
+        speed,
+        stage,
+        speed / stage,
+        navground_peer.speed(grid, robots, rays, task.seconds_long, task.repeats, task.seed),
+        physics / (task.seconds_long * 100) * 1e6,
+        (whole - physics) / (task.seconds_long * 10 * robots) * 1e6,
+        contacts[0],
+    )
+
+
+class _Swarm:
+    """Robots that wander and scan."""
+
+    def __init__(self, grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> None:
+        rng = np.random.default_rng(task.seed)
+        models = [turtlebot(rays)] * robots
+        names = [f"r{index}" for index in range(robots)]
+        self.arena = Arena(outline(grid), names, models, strewn(grid, robots, rng))
+        self.sensors = RangeSensors(grid, models, rng.spawn(robots))
+        self.wishes = wishes(robots, task.seconds_long, task.seed)
+
+    def wander(self, scanning: bool) -> int:
+        """Drive, and scan, in steps of 0.1 s, with new wishes every second; gives how many contacts began."""
+        arena, everyone = self.arena, range(len(self.arena))
+        for twists in self.wishes:
+            for _ in range(10):
+                for index, twist in enumerate(twists):
+                    arena.command(index, twist, arena.now)
+                arena.advance(10)
+                if scanning:
+                    self.sensors.scan(everyone, arena.poses, arena.obstacles)
+        return arena.contacts

@@ -1,0 +1,1 @@
+"""What a component and its ensembles do, told and drawn from their source."""

@@ -1,0 +1,6 @@
+"""`python -m deeco.explain` tells and draws what a component and its ensembles do."""
+
+from deeco.explain.command import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,165 @@
+"""What the processes of a component class, and the ensembles that it meets, do with its knowledge."""
+
+import inspect
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+from deeco.ensemble import COORDINATOR, MEMBER, EnsembleType
+from deeco.explain.dataflow import Flow, flow
+from deeco.instant import in_seconds
+from deeco.knowledge import Knowledge, is_component
+from deeco.process import Fact, OnChange, Periodic, Process, has_fact, processes_of
+
+_MEMBERSHIP: Final = "membership"
+_BOUNDARY: Final = "boundary"
+
+
+@dataclass(frozen=True)
+class Part:
+    """A process of a component, or an ensemble as a component meets it on its own node."""
+
+    name: str
+    when: str
+    is_ensemble: bool
+    adaptation: bool
+    """Of the adaptation layer, as every ensemble is."""
+    ports: tuple[tuple[str, Any], ...] = ()
+    reads: tuple[str, ...] = ()
+    """Fields of the component."""
+    writes: tuple[str, ...] = ()
+    hears: tuple[str, ...] = ()
+    """Fields that it reads of peers."""
+    tells: tuple[str, ...] = ()
+    """Fields of the component that it reads on the nodes of peers."""
+    doubts: tuple[str, ...] = ()
+    """What cannot be told of it."""
+
+
+class Method(NamedTuple):
+    """A method of an ensemble, whose first two parameters are the two sides of a pair."""
+
+    name: str
+    sides: tuple[tuple[str, type[Knowledge]], tuple[str, type[Knowledge]]]
+    """Parameter and class."""
+    ports: tuple[tuple[str, Any], ...]
+    local: tuple[str, ...]
+    """The sides that may be the local one."""
+
+
+def ensemble_type(cls: type) -> EnsembleType | None:
+    """What the class of an ensemble says; None for any other class."""
+    found = (value for base in cls.__mro__ for value in vars(base).values())
+    return next((value for value in found if isinstance(value, EnsembleType)), None)
+
+
+def processes(cls: type[Knowledge]) -> tuple[Part, ...]:
+    """The processes of a component class."""
+    return tuple(_process(cls, process) for process in processes_of(cls))
+
+
+def _process(cls: type[Knowledge], process: Process) -> Part:
+    function = getattr(cls, process.name)
+    own = next(iter(inspect.signature(function).parameters))
+    found = flow(function, {own: cls}, gives=True)
+    schedule = process.schedule
+    facts = schedule.facts if isinstance(schedule, OnChange) else ()
+    watched = [_fact_flow(fact, cls) for fact in facts]
+    return Part(
+        name=process.name,
+        when=_rhythm(schedule) if isinstance(schedule, Periodic) else _change(facts),
+        is_ensemble=False,
+        adaptation=process.adaptation,
+        ports=process.ports,
+        reads=_union([found.read(own), *(one.read("self") for one in watched)]),
+        writes=found.written(own),
+        doubts=_union([found.doubts, *(one.doubts for one in watched)]),
+    )
+
+
+def methods(kind: EnsembleType) -> Iterator[Method]:
+    """The methods of an ensemble that knowledge goes through."""
+    roles = ((COORDINATOR, kind.coordinator), (MEMBER, kind.member))
+    local = (COORDINATOR,) if is_component(kind.coordinator) else (COORDINATOR, MEMBER)
+    yield Method(_MEMBERSHIP, roles, kind.ports, (MEMBER,) if is_component(kind.member) else local)
+    for exchange in filter(None, (kind.at_coordinator, kind.at_member)):
+        own, peer = exchange.own, exchange.peer
+        pair = (own, peer) if exchange.side == COORDINATOR else (peer, own)
+        sides = ((COORDINATOR, pair[0]), (MEMBER, pair[1]))
+        yield Method(f"at_{exchange.side}", sides, exchange.ports, (exchange.side,))
+    if kind.boundary:
+        sides = (("sender", kind.boundary[0]), ("here", kind.boundary[1]))
+        yield Method(_BOUNDARY, sides, (), ("here",))
+
+
+def method_flow(ensemble: type, method: Method, local: str = "", cls: type[Knowledge] | None = None) -> Flow:
+    """The flow through a method; with `cls` as the class of the side `local`, if that is known."""
+    function = getattr(ensemble, method.name)
+    subjects: dict[str, type] = {"self": ensemble, **dict(method.sides)}
+    if cls is not None:
+        subjects[local] = cls
+    return flow(function, subjects, gives=method.name in {f"at_{COORDINATOR}", f"at_{MEMBER}"})
+
+
+def meeting(ensemble: type, cls: type[Knowledge]) -> Part | None:
+    """An ensemble as components of a class meet it; None if they never can be on either side."""
+    kind = ensemble_type(ensemble)
+    assert kind is not None
+    own: list[tuple[Method, str, str, Flow]] = []
+    tells: list[tuple[str, ...]] = []
+    for method in methods(kind):
+        sides = dict(method.sides)
+        for local in method.local:
+            peer = next(side for side in sides if side != local)
+            if issubclass(cls, sides[local]):
+                own.append((method, local, peer, method_flow(ensemble, method, local, cls)))
+            if issubclass(cls, sides[peer]):
+                tells.append(method_flow(ensemble, method).read(peer))
+    watched = [_fact_flow(fact, cls) for fact in kind.on_change if own and has_fact(cls, fact)]
+    if not own and not tells:
+        return None
+    return Part(
+        name=kind.name,
+        when=rhythm_of(kind),
+        is_ensemble=True,
+        adaptation=True,
+        ports=tuple(dict.fromkeys(port for method, *_ in own for port in method.ports)),
+        reads=_union(
+            [*(found.read(local) for _, local, _, found in own), *(w.read("self") for w in watched)]
+        ),
+        writes=_union(found.written(local) for _, local, _, found in own),
+        hears=_union(found.read(peer) for _, _, peer, found in own),
+        tells=_union(tells),
+        doubts=_union([*(found.doubts for *_, found in own), *(one.doubts for one in watched)]),
+    )
+
+
+def rhythm_of(kind: EnsembleType) -> str:
+    """When an ensemble is evaluated."""
+    times = [_rhythm(Periodic(kind.every, kind.offset))] if kind.every is not None else []
+    times += [_change(kind.on_change)] if kind.on_change else []
+    age = "" if kind.max_age is None else f", by news of the last {in_seconds(kind.max_age):g} s"
+    return " and ".join(times) + age
+
+
+def _rhythm(schedule: Periodic) -> str:
+    text = f"every {in_seconds(schedule.every):g} s"
+    if schedule.offset:
+        text += f" from {in_seconds(schedule.offset):g} s on"
+    return text + (f", order {schedule.order}" if schedule.order else "")
+
+
+def _change(facts: tuple[Fact, ...]) -> str:
+    return "on a change of " + " or ".join(fact.__name__ for fact in facts)
+
+
+def _fact_flow(fact: Fact, cls: type[Knowledge]) -> Flow:
+    """The flow through a fact, in the form that the class gives to it."""
+    function = getattr(cls, fact.__name__)
+    own = next(iter(inspect.signature(function).parameters))
+    found = flow(function, {own: cls})
+    return Flow({"self": dict.fromkeys(found.read(own))}, {}, found.doubts)
+
+
+def _union(many: Iterable[Iterable[str]]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(one for some in many for one in some))

@@ -1,0 +1,321 @@
+"""What a process or an exchange reads and writes of knowledge, told from its source, without running it.
+
+Read is every field of the knowledge that is asked for as an attribute, in the function itself and in all
+properties, methods and functions that the knowledge is handed to and whose source is there; written is
+every keyword of `replace(knowledge, ...)`. What never runs counts as well, and so does a field that is read
+only after it was replaced. Whatever goes beyond that is not guessed: it stands among the doubts.
+"""
+
+import ast
+import copy
+import dataclasses
+import functools
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple
+
+from deeco.explain import source
+
+_REPLACE: Final = (dataclasses.replace, getattr(copy, "replace", dataclasses.replace))
+_READ_NOTHING: Final = (isinstance, type, id)
+_READ_ALL: Final = (repr, str, hash, dataclasses.asdict, dataclasses.astuple)
+
+
+class Subject(NamedTuple):
+    """Knowledge that is followed through a function."""
+
+    label: str
+    """The parameter of the outermost function that it came in by."""
+    kind: type
+
+
+@dataclass
+class Flow:
+    """What is read and written of each subject, by its label; dicts serve as sets that keep their order."""
+
+    reads: dict[str, dict[str, None]] = field(default_factory=dict)
+    writes: dict[str, dict[str, None]] = field(default_factory=dict)
+    doubts: dict[str, None] = field(default_factory=dict)
+    """What cannot be told, each to be read after "cannot tell"."""
+
+    def read(self, label: str) -> tuple[str, ...]:
+        """Names of the fields read."""
+        return tuple(self.reads.get(label, ()))
+
+    def written(self, label: str) -> tuple[str, ...]:
+        """Names of the fields written."""
+        return tuple(self.writes.get(label, ()))
+
+
+def flow(function: Callable[..., Any], subjects: Mapping[str, type], *, gives: bool = False) -> Flow:
+    """The flow through a function, whose parameters `subjects` get knowledge of these classes.
+
+    With `gives`, the function should give knowledge, and what it gives otherwise is a doubt.
+    """
+    found = Flow()
+    known = {name: Subject(name, kind) for name, kind in subjects.items()}
+    reading = _Reading(function, known, found, {})
+    if reading.tree is None:
+        found.doubts[f"what {function.__name__}() reads and writes, for its source is not there"] = None
+        return found
+    reading.run()
+    if gives:
+        found.doubts |= dict.fromkeys(f"what `{source.shortened(one)}` writes" for one in reading.strange)
+    return found
+
+
+_Followed = dict[tuple[object, ...], Subject | None]
+
+
+class _Reading:
+    """One function, with the names in it that stand for knowledge."""
+
+    def __init__(
+        self, function: Callable[..., Any], known: dict[str, Subject], found: Flow, followed: _Followed
+    ) -> None:
+        self.function = function
+        self.tree = source.definition(function)
+        self.strange: list[ast.Return] = []
+        """What is returned beside knowledge."""
+        self._known = known
+        self._found = found
+        self._followed = followed
+        self._given: Subject | None = None
+
+    def run(self) -> Subject | None:
+        """Read the function; the knowledge that it always gives, if it does."""
+        assert self.tree is not None
+        before = -1
+        while before < len(self._known):  # a loop may use, at its start, a name that it binds at its end
+            before = len(self._known)
+            self.strange.clear()
+            for statement in self.tree.body:
+                self._visit(statement)
+        return None if self.strange else self._given
+
+    def _visit(self, node: ast.AST) -> None:
+        """A statement, or a part of one that is no expression."""
+        match node:
+            case ast.Return(value=value):
+                self._returned(node, value)
+            case ast.Assign(targets=[target], value=value):
+                self._assigned(target, value)
+            case ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value):
+                self._bind(name, self._value(value))
+            case ast.Expr(value=value):
+                self._value(value)
+            case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.Lambda():
+                self._nested(node)
+            case _:
+                self._parts(node)
+
+    def _parts(self, node: ast.AST) -> None:
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.expr):
+                if subject := self._value(child):
+                    self._doubt(f"what `{source.shortened(node)}` reads of {subject.label}")
+            else:
+                self._visit(child)
+
+    def _nested(self, node: ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda) -> None:
+        own = {one.arg for one in ast.walk(node.args) if isinstance(one, ast.arg)}
+        known, given, strange = self._known, self._given, list(self.strange)
+        self._known = {name: subject for name, subject in known.items() if name not in own}
+        for part in node.body if isinstance(node.body, list) else [ast.Expr(node.body)]:
+            self._visit(part)
+        self._known, self._given, self.strange[:] = known, given, strange
+
+    def _returned(self, node: ast.Return, value: ast.expr | None) -> None:
+        if value is None or (isinstance(value, ast.Constant) and value.value is None):
+            return
+        subject = self._value(value)
+        if subject is None or (self._given and self._given != subject):
+            self.strange.append(node)
+        else:
+            self._given = subject
+
+    def _assigned(self, target: ast.expr, value: ast.expr) -> None:
+        match target, value:
+            case ast.Name(id=name), _:
+                self._bind(name, self._value(value))
+            case ast.Tuple(elts=names), ast.Tuple(elts=values) if len(names) == len(values):
+                for one, other in zip(names, values, strict=True):
+                    self._assigned(one, other)
+            case _:
+                if subject := self._value(value):
+                    self._doubt(f"what is read of {subject.label} by way of `{source.shortened(target)}`")
+                self._value(target)
+
+    def _bind(self, name: str, subject: Subject | None) -> None:
+        if subject:
+            self._known[name] = subject
+
+    def _value(self, node: ast.expr) -> Subject | None:
+        """Read an expression; the subject, if its value is knowledge of one."""
+        match node:
+            case ast.Name(id=name, ctx=ast.Load()):
+                return self._known.get(name)
+            case ast.Attribute(value=owner, attr=name):
+                subject = self._value(owner)
+                return self._attribute(subject, name) if subject else None
+            case ast.Call():
+                return self._call(node)
+            case ast.IfExp(test=test, body=body, orelse=otherwise):
+                self._value(test)
+                return self._either(node, self._value(body), self._value(otherwise))
+            case ast.NamedExpr(target=target, value=value):
+                self._bind(target.id, subject := self._value(value))
+                return subject
+            case ast.Compare():
+                self._compared(node)
+            case ast.Lambda():
+                self._nested(node)
+            case _:
+                self._parts(node)
+        return None
+
+    def _either(self, node: ast.expr, one: Subject | None, other: Subject | None) -> Subject | None:
+        if one == other:
+            return one
+        for subject in filter(None, (one, other)):
+            self._doubt(f"what is read of {subject.label} by way of `{source.shortened(node)}`")
+        return None
+
+    def _compared(self, node: ast.Compare) -> None:
+        identity = all(isinstance(one, ast.Is | ast.IsNot) for one in node.ops)
+        for side in (node.left, *node.comparators):
+            if (subject := self._value(side)) and not identity:
+                self._read_all(subject)
+
+    def _attribute(self, subject: Subject, name: str) -> Subject | None:
+        if name in _fields(subject.kind):
+            self._found.reads.setdefault(subject.label, {})[name] = None
+            return None
+        there = inspect.getattr_static(subject.kind, name, None)
+        if isinstance(there, property) and there.fget:
+            return self._follow(there.fget, [subject], {})
+        if isinstance(there, functools.cached_property):
+            return self._follow(there.func, [subject], {})
+        if inspect.isfunction(there):
+            return self._follow(there, [subject], {})
+        if (there is None or hasattr(type(there), "__get__")) and name != "__class__":
+            self._doubt(f"what {subject.label}.{name} reads")
+        return None
+
+    def _call(self, call: ast.Call) -> Subject | None:
+        if isinstance(call.func, ast.Attribute):
+            if _is_super(call.func.value):
+                return self._super_call(call, call.func.attr)
+            if receiver := self._value(call.func.value):
+                return self._method_call(call, receiver, call.func.attr)
+        elif not isinstance(call.func, ast.Name):
+            self._value(call.func)
+        target = source.meaning(call.func, self.function)
+        if target in _REPLACE and call.args:
+            return self._replaced(call)
+        return self._function_call(call, target)
+
+    def _replaced(self, call: ast.Call) -> Subject | None:
+        subject = self._value(call.args[0])
+        for keyword in call.keywords:
+            if whole := self._value(keyword.value):
+                self._read_all(whole)
+            if subject and keyword.arg is None:
+                self._doubt(f"what `{source.shortened(call)}` writes")
+            elif subject and keyword.arg:
+                self._found.writes.setdefault(subject.label, {})[keyword.arg] = None
+        return subject
+
+    def _method_call(self, call: ast.Call, receiver: Subject, name: str) -> Subject | None:
+        there = inspect.getattr_static(receiver.kind, name, None)
+        if not isinstance(there, staticmethod | classmethod) and not source.can_follow(there):
+            self._arguments(call.args, call.keywords, call)
+            return self._attribute(receiver, name)
+        if isinstance(there, staticmethod):
+            return self._with_arguments(there.__func__, [], call)
+        if isinstance(there, classmethod):
+            return self._with_arguments(there.__func__, [None], call)
+        return self._with_arguments(there, [receiver], call)
+
+    def _super_call(self, call: ast.Call, name: str) -> Subject | None:
+        assert self.tree is not None
+        first = self._known.get(next(iter(source.parameters(self.tree)), ""))
+        function = first and _next_method(first.kind, self.function, name)
+        if first and source.can_follow(function):
+            return self._with_arguments(function, [first], call)
+        self._doubt(f"what {source.shortened(call)} reads and writes")
+        return None
+
+    def _function_call(self, call: ast.Call, target: object) -> Subject | None:
+        if source.can_follow(target):
+            return self._with_arguments(target, [], call)
+        if target is getattr and len(call.args) > 1 and isinstance(call.args[1], ast.Constant):
+            subject = self._value(call.args[0])
+            return self._attribute(subject, str(call.args[1].value)) if subject else None
+        subjects = [self._value(one) for one in call.args]
+        subjects += [self._value(one.value) for one in call.keywords]
+        for subject in filter(None, subjects):
+            if target in _READ_ALL:
+                self._read_all(subject)
+            elif target not in _READ_NOTHING:
+                self._doubt(f"what `{source.shortened(call)}` reads of {subject.label}")
+        return None
+
+    def _with_arguments(self, function: Any, first: list[Subject | None], call: ast.Call) -> Subject | None:
+        positional, named = self._arguments(call.args, call.keywords, call)
+        return self._follow(function, first + positional, named)
+
+    def _arguments(
+        self, positional: list[ast.expr], named: list[ast.keyword], call: ast.Call
+    ) -> tuple[list[Subject | None], dict[str, Subject]]:
+        """Read the arguments; which of them are knowledge."""
+        by_place = [self._value(one) for one in positional]
+        by_name: dict[str, Subject] = {}
+        for keyword in named:
+            subject = self._value(keyword.value)
+            if subject and keyword.arg:
+                by_name[keyword.arg] = subject
+        if any(isinstance(one, ast.Starred) for one in positional) and any(by_place):
+            self._doubt(f"what goes where in `{source.shortened(call)}`")
+        return by_place, by_name
+
+    def _follow(
+        self, function: Callable[..., Any], positional: list[Subject | None], named: dict[str, Subject]
+    ) -> Subject | None:
+        """Read another function, whose arguments are these subjects, None being anything else."""
+        if not any(positional) and not named:
+            return None
+        key = (function, *positional, *sorted(named.items()))
+        if key in self._followed:
+            return self._followed[key]
+        self._followed[key] = None
+        inner = _Reading(function, dict(named), self._found, self._followed)
+        names = source.parameters(inner.tree) if inner.tree else ()
+        if inner.tree is None or any(positional[len(names) :]):
+            self._doubt(f"what else is read in {function.__qualname__}()")
+            return None
+        inner._known |= {name: one for name, one in zip(names, positional, strict=False) if one}
+        self._followed[key] = inner.run()
+        return self._followed[key]
+
+    def _read_all(self, subject: Subject) -> None:
+        self._found.reads.setdefault(subject.label, {}).update(dict.fromkeys(_fields(subject.kind)))
+
+    def _doubt(self, doubt: str) -> None:
+        self._found.doubts[doubt] = None
+
+
+def _fields(kind: type) -> tuple[str, ...]:
+    return tuple(one.name for one in dataclasses.fields(kind)) if dataclasses.is_dataclass(kind) else ()
+
+
+def _is_super(node: ast.expr) -> bool:
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "super"
+
+
+def _next_method(kind: type, function: Callable[..., Any], name: str) -> object | None:
+    """What `super().name` is in a method of one of the classes that `kind` builds on."""
+    order = kind.__mro__
+    owner = next((place for place, base in enumerate(order) if function in vars(base).values()), len(order))
+    return next((vars(base)[name] for base in order[owner + 1 :] if name in vars(base)), None)

@@ -1,0 +1,30 @@
+"""`acrc collect`, on the command line."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def collect(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FOLDER…", help="A robot's folder, such as runs/mine/r2, or one that holds such."
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="New folder for run.json and places.csv.  [default: print only]"),
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="What the laboratory of emulated devices says truly happened."),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")] = False,
+) -> None:
+    """Gather what robots have recorded on an outing: align their clocks, and say what came of it."""
+    from deploy.field_trial import collect as recordings
+    from deploy.field_trial.trial_summary import print_outing
+
+    print_outing(recordings.collect(folders, out, truth), json=json)

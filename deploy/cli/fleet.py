@@ -1,0 +1,143 @@
+"""What makes computers robots, on the command line: keys, units, and a look at what is wrong."""
+
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from deploy.repository import REPOSITORY
+
+if TYPE_CHECKING:
+    from deploy.fleet.fleet_file import Fleet
+    from deploy.fleet.keys import FleetKeys
+
+app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+_Fleet = Annotated[Path, typer.Argument(metavar="FLEET.toml", help="Which robots there are.")]
+
+
+@app.command()
+def units(
+    fleet: _Fleet,
+    robot: Annotated[str, typer.Option(metavar="ID", help="Which of the robots this computer is.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write them.")] = Path("units"),
+    user: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Who the robot runs as.  [default: owner of this clone]"),
+    ] = None,
+) -> None:
+    """Write the systemd service of a robot and the udev rules of its devices.
+
+    To be run on the robot's own computer, for the service holds the paths of this clone and of the fleet
+    file. Installs nothing: prints the commands that do.
+    """
+    from deploy.fleet import units as unit_files
+    from deploy.fleet.fleet_file import load_fleet
+
+    loaded = load_fleet(fleet)
+    written = unit_files.write(
+        loaded, loaded.robot(robot), out, program=REPOSITORY / "acrc", user=user or REPOSITORY.owner()
+    )
+    service, rules = written.service_file, written.rules_file
+    _console().print(
+        f"{service}\n{rules}\n\n"
+        "Look at them, then install them, here on the robot's own computer:\n\n"
+        f"  sudo install -m 644 {rules} /etc/udev/rules.d/\n"
+        f"  sudo install -m 644 {service} /etc/systemd/system/\n"
+        "  sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=tty\n"
+        "  sudo systemctl daemon-reload\n"
+        f"  sudo systemctl enable --now {service.name}\n\n"
+        f"Then `journalctl -fu {service.name}` shows what the robot says, and `acrc doctor` what is wrong."
+    )
+
+
+@app.command()
+def keys(
+    fleet: _Fleet,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="New folder for the keys.  [default: where the fleet file says]"),
+    ] = None,
+    host: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ID=HOST", help="A name or an address of a robot; may be repeated."),
+    ] = None,
+    days: Annotated[int, typer.Option(metavar="N", help="How long the keys hold.")] = 730,
+    revoke: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID",
+            help='A robot whose keys were lost, or "operator": replace those of all; may be repeated.',
+        ),
+    ] = None,
+) -> None:
+    """Make the keys of a fleet: its certificate authority, and a certificate for each robot and the operator.
+
+    With them the operator's laptop can watch robots that listen, and stop them; nobody else can. A robot's
+    certificate holds for its id, its id with .local, the address it listens at, and what --host says.
+    """
+    from deploy.fleet import keys as fleet_keys
+    from deploy.fleet.fleet_file import load_fleet
+
+    loaded = load_fleet(fleet)
+    hosts = fleet_keys.hosts_of(host or [], loaded)
+    folder, now = (out or loaded.keys).absolute(), datetime.now(UTC)
+    if not revoke:
+        _print_keys(loaded, fleet_keys.issue(loaded, folder, hosts, now=now, days=days))
+        return
+    made, aside = fleet_keys.renew(loaded, folder, revoke, hosts, now=now, days=days)
+    _print_keys(loaded, made)
+    _console().print(
+        f"What {', '.join(revoke)} had is worth nothing to a machine that has its new folder: copy them all, "
+        "the operator's first, and start the robots again.\n"
+        f"The old keys are in {aside}; delete them after that."
+    )
+
+
+def doctor(
+    fleet: Annotated[
+        Path | None, typer.Argument(metavar="FLEET.toml", help="Which robots there are.")
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Option(metavar="ID", help="Which of the robots this computer is.")
+    ] = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print the findings as JSON, and nothing else.")
+    ] = False,
+) -> None:
+    """Say what is wrong with this computer, and how to put it right; exit code 1 if anything is.
+
+    With a fleet file and a robot also what is wrong with the robot's ports, map and keys. Changes nothing,
+    but compiles numeric kernels that were not compiled yet.
+    """
+    from deploy.fleet.doctor import consultation
+
+    if not consultation.consult(fleet, robot, json=json):
+        raise typer.Exit(1)
+
+
+def _print_keys(fleet: "Fleet", made: "FleetKeys") -> None:
+    console = _console()
+    console.print(
+        f"{made.home}\n  stays with you, and off the robots: whoever has it can make keys of this fleet, "
+        "for its key is not encrypted"
+    )
+    for machine in made.machines:
+        if machine.hosts:
+            goal = f"{machine.machine}:{fleet.keys_of(machine.machine)}"
+            console.print(f"{machine.folder}\n  to {goal}; holds for {', '.join(machine.hosts)}")
+        else:
+            console.print(f"{machine.folder}\n  to the laptop of whoever watches and stops the robots")
+    console.print(f"All hold until {made.valid_until:%Y-%m-%d}.")
+    for machine in made.machines:
+        if machine.listens_unnamed:
+            sys.stderr.write(
+                f"acrc: {machine.machine} listens at all its addresses, but its certificate holds for "
+                f"names only; to reach it by an address, give that: --host {machine.machine}=192.168.1.12\n"
+            )
+
+
+def _console() -> Console:
+    return Console(soft_wrap=True, highlight=False, markup=False)

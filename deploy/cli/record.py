@@ -1,0 +1,52 @@
+"""What can be done with the recordings of a run, on the command line."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+_Out = Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")]
+
+
+@app.command()
+def check(out: _Out) -> None:
+    """Compare the recordings with their checksums, with one another and with the result."""
+    from deploy.replay import record_check
+
+    report = record_check.check(out)
+    console = Console(soft_wrap=True, highlight=False)
+    console.print(f"digest {report.digest} over {report.messages} messages")
+    if report.unreceived:
+        console.print(f"{report.unreceived} messages were taken by nobody: who they were for had ended")
+    if not report.complete:
+        until = "not even to the first step" if report.good_until is None else f"to step {report.good_until}"
+        console.print(
+            "the run did not end as planned: this is the digest of what was recorded until then; every "
+            f"recording is good up {until}"
+        )
+
+
+@app.command()
+def replay(
+    out: _Out,
+    actor: Annotated[str, typer.Argument(metavar="ACTOR", help="world, radio, r1, or r1.1 once restarted.")],
+    trust: Annotated[
+        bool, typer.Option("--trust", help="Run the code that the recording names, whoever wrote it.")
+    ] = False,
+    isolate: Annotated[
+        bool | None,
+        typer.Option(
+            "--isolate/--no-isolate",
+            help="Shut the robot's process off from everything.  [default: where the machine can]",
+        ),
+    ] = None,
+) -> None:
+    """Execute one actor again from what it received, and compare everything it sends."""
+    from deploy.replay import trusted_replay
+
+    report = trusted_replay.replay(out, actor, trust=trust, isolate=isolate)
+    Console(soft_wrap=True, highlight=False).print(
+        f"{report.actor}: {report.outputs} messages sent again, all equal to the recorded ones"
+    )

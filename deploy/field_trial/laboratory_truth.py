@@ -1,0 +1,50 @@
+"""What truly happened on an outing in the laboratory, beside what the robots say."""
+
+from pathlib import Path
+
+import msgspec
+
+from actors.world.referee import PlaceOutcome
+from deploy.field_trial.aligned_clocks import OutingClocks
+from deploy.field_trial.recordings import OutingError
+from deploy.field_trial.reported_places import OutingPlaces
+from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
+
+
+def read_truth(path: Path) -> LaboratoryResult:
+    """A laboratory's result. Raises OutingError."""
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=LaboratoryResult)
+    except (OSError, ValueError, RecursionError) as error:
+        raise OutingError(f"--truth {path}: no result of a laboratory: {error}") from None
+
+
+def with_truth(told: OutingPlaces, truth: LaboratoryResult, clocks: OutingClocks) -> OutingPlaces:
+    """The places with when they were truly reached, s of the outing, and by whom.
+
+    The laboratory plays the devices of robots on its own machine, so that the clock of the reference robot is
+    its own, too. Raises OutingError if the outing lies outside of the laboratory's time.
+    """
+    ahead = truth.began_us - clocks.begin
+    if not -(truth.simulated_s * 1e6 + truth.lost_ms * 1e3) <= ahead <= clocks.span:
+        raise OutingError(
+            f"--truth: the laboratory began {ahead / 1e6:.0f} s after the outing and went on for "
+            f"{truth.simulated_s:.0f} s; it should be that of this outing"
+        )
+    known = {(place.owner, place.place): place for place in truth.places}
+    places = tuple(_judged(place, known.get((place.owner, place.place)), ahead) for place in told.places)
+    notes = list(told.notes)
+    if truth.lost_ms:
+        notes.append(
+            f"the laboratory fell behind, so the true instants are early by up to {truth.lost_ms} ms"
+        )
+    return OutingPlaces(places, tuple(notes), contacts=truth.contacts)
+
+
+def _judged(told: PlaceOutcome, true: PlaceOutcome | None, ahead: int) -> PlaceOutcome:
+    """One place as said, with what is true of it."""
+    if true is None:
+        return told
+    said = msgspec.structs.asdict(told)
+    reached = None if true.reached_at is None else true.reached_at + ahead
+    return PlaceOutcome(**said | {"reached_at": reached, "reached_by": true.reached_by})

@@ -1,0 +1,127 @@
+"""Checks of the computer itself: Python packages, clock, disk, kernels, namespaces."""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from deploy.fleet.doctor.findings import Finding, well, wrong
+from deploy.fleet.doctor.machine import Machine
+
+_PIN: Final = re.compile(
+    r"(?P<name>[A-Za-z0-9_.-]+)==(?P<version>\S+?)(?:; python_version (?P<order><|>=) \"3\.(?P<minor>\d+)\")?"
+)
+_BRINGS: Final = {
+    "hardware": "acrc deploy",
+    "sim": "acrc run",
+    "observe": "acrc run --view",
+    "dev": "acrc test",
+}
+"""A command for which ./acrc installs an extra."""
+
+
+@dataclass(frozen=True)
+class ComputerParameters:
+    """What is enough."""
+
+    first_year: int = 2025
+    """A clock that shows an earlier one was never set. Default: the year of this software."""
+    last_year: int = 2100
+    free_bytes: int = 2_000_000_000
+    """On the disk. Default: own choice; a robot with a lidar records up to 100 MB an hour."""
+
+
+def packages(machine: Machine, constraints: str, needed: tuple[str, ...]) -> Iterator[Finding]:
+    """Whether the extras in the text of constraints.txt are installed as they were tested."""
+    for extra, pins in _sections(constraints, machine.python).items():
+        subject = f"packages {extra}"
+        found = {name: machine.version_of(name) for name in pins}
+        missing = [name for name, version in found.items() if version is None]
+        others = [name for name, version in found.items() if version not in {None, pins[name]}]
+        if others:
+            name = others[0]
+            yield wrong(
+                subject,
+                f"{name} is {found[name]}, but was tested as {pins[name]}; remove .venv, and the next "
+                "./acrc makes it anew",
+            )
+        elif not missing:
+            yield well(subject, f"all {len(pins)} are those that were tested")
+        elif extra in needed:
+            command = _BRINGS.get(extra, "acrc")
+            yield wrong(subject, f"{', '.join(missing)} missing; `./{command} --help` installs what is")
+        else:
+            yield well(subject, "not all installed, and not needed here")
+
+
+def clock(machine: Machine, parameters: ComputerParameters = ComputerParameters()) -> Iterator[Finding]:
+    """Whether the clock shows the time."""
+    now = machine.now()
+    if not parameters.first_year <= now.year < parameters.last_year:
+        yield wrong(
+            "clock",
+            f'it shows the year {now.year}; set it with `sudo date --set="2026-01-31 12:00"`, or connect the '
+            "computer to a network with time",
+        )
+        return
+    error = machine.clock_error()
+    if error is None:
+        yield wrong(
+            "clock",
+            f"it shows {now:%Y-%m-%d %H:%M} UTC, but nothing keeps it right; connect the computer to a "
+            "network and run `sudo timedatectl set-ntp true`",
+        )
+    else:
+        yield well("clock", f"{now:%Y-%m-%d %H:%M} UTC, synchronised, off by at most {error * 1000:.0f} ms")
+
+
+def disk(machine: Machine, parameters: ComputerParameters = ComputerParameters()) -> Iterator[Finding]:
+    """Whether recordings find room."""
+    free, least = machine.free_bytes() / 1e9, parameters.free_bytes / 1e9
+    if free < least:
+        yield wrong(
+            "disk",
+            f"{free:.1f} GB are free at {machine.here}, but {least:.1f} should be; remove old recordings",
+        )
+    else:
+        yield well("disk", f"{free:.1f} GB are free at {machine.here}")
+
+
+def kernels(machine: Machine) -> Iterator[Finding]:
+    """Whether numeric kernels are compiled before the robot's first step."""
+    state = machine.kernels()
+    if not state.can_be_kept:
+        yield wrong(
+            "kernels",
+            f"compiled ones cannot be kept, as {machine.user} may not write to {state.cache}; "
+            f"`sudo chown -R {machine.user} {state.cache.parent}` allows it",
+        )
+    elif state.compiled:
+        yield well("kernels", f"{state.compiled} compiled just now, in {state.seconds:.0f} s, and kept")
+    else:
+        yield well("kernels", f"all compiled, loaded in {state.seconds:.1f} s")
+
+
+def namespaces(machine: Machine) -> Iterator[Finding]:
+    """Whether robots can be isolated."""
+    fault = machine.isolation_fault()
+    if fault is None:
+        yield well("namespaces", "the robot's process can be shut off from everything but base and bridge")
+    else:
+        yield wrong("namespaces", fault)
+
+
+def _sections(constraints: str, python: tuple[int, int]) -> Mapping[str, Mapping[str, str]]:
+    """The pins of base and extras that apply to this Python; without what is there while building only."""
+    sections: dict[str, dict[str, str]] = {}
+    for line in constraints.splitlines():
+        if header := re.fullmatch(r"# \[(\w+)\]", line):
+            pins = sections.setdefault(header[1], {})
+        elif (pin := _PIN.fullmatch(line.removesuffix("\\").rstrip())) and _applies(pin, python):
+            pins[pin["name"]] = pin["version"]
+    sections.pop("build", None)
+    return sections
+
+
+def _applies(pin: re.Match[str], python: tuple[int, int]) -> bool:
+    return pin["order"] is None or (python[1] < int(pin["minor"])) is (pin["order"] == "<")

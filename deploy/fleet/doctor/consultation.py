@@ -1,0 +1,83 @@
+"""All checks one after the other, and what they have found: for people line by line, for programs as JSON."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+from rich.console import Console
+from rich.text import Text
+
+from deploy.fleet.doctor import computer, ports
+from deploy.fleet.doctor import robot as robot_checks
+from deploy.fleet.doctor.findings import Finding
+from deploy.fleet.doctor.machine import Machine
+from deploy.fleet.doctor.this_machine import ThisMachine
+from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet
+from deploy.repository import REPOSITORY
+from deploy.usage import OptionError
+
+
+class Report(msgspec.Struct, frozen=True):
+    """Everything that was found."""
+
+    robot: str | None
+    ok: bool
+    findings: tuple[Finding, ...]
+
+
+def consult(path: Path | None, name: str | None, *, json: bool, machine: Machine | None = None) -> bool:
+    """Check this computer, or as the robot `name` of the fleet in the file, and print; True if all is well.
+
+    Raises OptionError if only one of both is given, and FleetError for a file that cannot be used.
+    """
+    if path is None and name is not None:
+        raise OptionError(
+            f"--robot {name}: needs the fleet file, too, as in acrc doctor fleet.toml --robot {name}"
+        )
+    fleet = None if path is None else load_fleet(path)
+    if fleet is not None and name is None:
+        known = ", ".join(robot.id for robot in fleet.robots)
+        raise OptionError(f"--robot: must say which of the robots this computer is: {known}")
+    robot = fleet.robot(name) if fleet is not None and name is not None else None
+    found: list[Finding] = []
+    for finding in findings(machine or ThisMachine(), fleet, robot):
+        found.append(finding)
+        if not json:
+            _print(finding)
+    report = Report(name, all(finding.ok for finding in found), tuple(found))
+    if json:
+        sys.stdout.write(msgspec.json.encode(report).decode() + "\n")
+    else:
+        bad = sum(not finding.ok for finding in found)
+        _console().print(f"{bad} of {len(found)} are wrong" if bad else f"all {len(found)} are well")
+    return report.ok
+
+
+def findings(machine: Machine, fleet: Fleet | None, robot: FleetRobot | None) -> Iterator[Finding]:
+    """What all checks find, the quick ones first."""
+    constraints = (REPOSITORY / "constraints.txt").read_text("utf-8")
+    needed = ("base",) if robot is None else ("base", "hardware")
+    yield from computer.packages(machine, constraints, needed)
+    yield from computer.clock(machine)
+    yield from computer.disk(machine)
+    yield from computer.namespaces(machine)
+    yield from computer.kernels(machine)
+    if fleet is None or robot is None:
+        return
+    yield from ports.group(machine)
+    yield from ports.ports(machine, robot)
+    yield from ports.camera(machine, robot)
+    yield from robot_checks.floor(fleet, robot)
+    yield from robot_checks.behaviour(fleet, robot)
+    yield from robot_checks.keys(machine, fleet, robot)
+
+
+def _print(finding: Finding) -> None:
+    line = Text("ok     " if finding.ok else "wrong  ", style="green" if finding.ok else "bold red")
+    line.append(f"{finding.subject:<19}", style="bold").append(finding.text, style="default")
+    _console().print(line)
+
+
+def _console() -> Console:
+    return Console(soft_wrap=True, highlight=False, markup=False)

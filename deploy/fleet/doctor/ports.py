@@ -1,0 +1,119 @@
+"""Checks of a robot's devices: ports, who may open them, who has them open, the depth camera."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from actors.robot_model import load_model
+from actors.runtime.errors import AcrcError
+from deploy.fleet.doctor.findings import Finding, well, wrong
+from deploy.fleet.doctor.machine import Machine, UsbPort
+from deploy.fleet.fleet_file import OPENNI, FleetRobot
+from deploy.fleet.udev_rules import GROUP, given_name
+from firmware_bridge.beeclick.port import BOARD
+from firmware_bridge.kobuki.port import KOBUKI
+from firmware_bridge.range_sensors.depth import DepthScanner
+from firmware_bridge.range_sensors.rplidar import RPLIDAR
+from firmware_bridge.serial_port import Device
+
+
+@dataclass(frozen=True)
+class _Chip:
+    """The USB chip of a device, as the udev rules know it."""
+
+    device: Device
+    vendor: str
+    product: str
+
+    def is_at(self, port: UsbPort) -> bool:
+        """True if the device may be at that port."""
+        if (port.vendor, port.product) != (self.vendor, self.product):
+            return False
+        return self.device not in {KOBUKI, BOARD} or _is_kobuki(port) is (self.device is KOBUKI)
+
+
+_CHIPS: Final = (
+    _Chip(KOBUKI, "0403", "6001"),
+    _Chip(BOARD, "0403", "6001"),
+    _Chip(RPLIDAR, "10c4", "ea60"),
+)
+
+
+def ports(machine: Machine, robot: FleetRobot) -> Iterator[Finding]:
+    """Whether every device is where the fleet file says."""
+    lidar = None if robot.range == OPENNI else robot.range
+    for subject, path, chip in zip(
+        ("base", "radio", "range"), (robot.base, robot.radio, lidar), _CHIPS, strict=True
+    ):
+        if path is not None:
+            yield _port(machine, subject, path, chip)
+
+
+def group(machine: Machine) -> Iterator[Finding]:
+    """Whether this user may open serial ports."""
+    state = machine.membership(GROUP)
+    add = f"`sudo usermod -aG {GROUP} {machine.user}`"
+    if state.in_force:
+        yield well("group", f"{machine.user} may open the ports of the group {GROUP}")
+    elif not state.exists:
+        yield wrong("group", f"there is no group {GROUP}; `sudo groupadd {GROUP}`, {add}, then log in again")
+    elif state.listed:
+        yield wrong("group", f"{machine.user} is in the group {GROUP} only from the next login; log in again")
+    else:
+        yield wrong("group", f"{machine.user} is not in the group {GROUP}; {add}, then log in again")
+
+
+def camera(machine: Machine, robot: FleetRobot) -> Iterator[Finding]:
+    """Whether a depth camera can be used, and sees what the robot's model says; nothing if there is none."""
+    if robot.range != OPENNI:
+        return
+    fault = machine.camera_fault()
+    if fault is None:
+        try:
+            DepthScanner(load_model(robot.model, robot.sensor).sensor)
+        except AcrcError as error:
+            fault = str(error)
+    yield well("range", "OpenNI2 is there") if fault is None else wrong("range", fault)
+
+
+def _port(machine: Machine, subject: str, path: str, chip: _Chip) -> Finding:
+    name = chip.device.name
+    if not machine.exists(path):
+        return wrong(subject, f"{path}: {_missing(machine, path, chip)}")
+    usb = machine.usb_port(path)
+    if usb is not None and chip.device is KOBUKI and not _is_kobuki(usb):
+        return wrong(
+            subject,
+            f"{path}: {usb.vendor}:{usb.product} is plugged in there, which is no {name}; the name of the "
+            "Kobuki's own port should stand in the fleet file",
+        )
+    holders = [] if usb is None else machine.holders(path)  # an emulator holds its own port open
+    if holders:
+        return wrong(
+            subject,
+            f"{path}: {holders[0]} has the port open, so the {name} cannot be tried; end it, unless it is "
+            "this very robot",
+        )
+    fault = machine.port_fault(path, chip.device)
+    if fault is not None:
+        return wrong(subject, fault)
+    return well(
+        subject, f"{path} opens" if usb is None or usb.path == path else f"{path} opens, at {usb.path}"
+    )
+
+
+def _missing(machine: Machine, path: str, chip: _Chip) -> str:
+    device = chip.device
+    plugged = [port.path for port in machine.usb_ports() if chip.is_at(port)]
+    if not plugged:
+        return f"there is no such port, and no {device.name} is seen; plug it in and switch it on"
+    if given_name(path) is None:
+        return f"there is no such port, but {plugged[0]} looks like the {device.name}; give that as its port"
+    return (
+        f"there is no such port, but {plugged[0]} looks like the {device.name}; install the udev rules that "
+        "`acrc deploy units` writes, then plug it in again"
+    )
+
+
+def _is_kobuki(port: UsbPort) -> bool:
+    return port.serial.startswith("kobuki")

@@ -1,0 +1,161 @@
+"""A robot's own processes: base, bridge, and the robot program with the argv that simulation gives it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from actors.messages import ProcessOrder
+from actors.runtime.access import credentials, router_file
+from actors.runtime.access.credentials import Credentials
+from actors.world.world_setup import RobotSetup
+from deploy.processes.launch import Program
+from deploy.run.out_folder import OutFolderError
+from deploy.run.plan import Plan, lay_out_robot, robot_program, seat_argv
+from firmware_bridge.onboard import last_pose
+from firmware_bridge.onboard.onboard_setup import BaseSetup, BridgeSetup
+
+BASE: Final = "base"
+BRIDGE: Final = "radio"
+OPERATORS: Final = ("radio", "observer", "operator")
+
+
+@dataclass(frozen=True)
+class Ports:
+    """Where a robot's devices are plugged in, and how its board is set up."""
+
+    base: str
+    radio: str
+    range: str | None
+    pan: int
+    channel: int
+    power_dbm: float
+    listen: str | None = None
+    """Where the operator's laptop may connect; None = nowhere."""
+    keys: str | None = None
+    """Folder with the robot's own keys."""
+
+
+@dataclass(frozen=True)
+class Onboard:
+    """One robot, ready to be laid out; `plan` has this robot alone."""
+
+    plan: Plan
+    ports: Ports
+    epochs: Callable[[], int]
+    """Gives each start of the robot's program an epoch of its own, later than all before."""
+    debug_port: int | None = None
+    """Wait there for a debugger, and end without one."""
+
+    last_pose: Path | None = None
+    """File with where the robot last held itself to be; None: one in the base's folder, not there yet."""
+
+    @property
+    def pose_file(self) -> Path:
+        """As `last_pose`."""
+        return self.last_pose or self.folder(BASE) / "last.pose"
+
+    @property
+    def robot(self) -> RobotSetup:
+        """The one robot."""
+        (robot,) = self.plan.world.robots
+        return robot
+
+    def folder(self, actor: str) -> Path:
+        """Of the base or the bridge: beside the robot's own, from which the robot sees neither."""
+        return self.plan.folder(f"{self.robot.id}.{actor}")
+
+
+def lay_out(onboard: Onboard) -> None:
+    """Write the files that the processes read; the robot must have no folder there yet."""
+    plan, robot, ports = onboard.plan, onboard.robot, onboard.ports
+    own = plan.folder(robot.id)
+    if own.exists():
+        raise OutFolderError(f"--out {plan.out}: already has a folder of {robot.id}; name a new one")
+    plan.out.mkdir(parents=True, exist_ok=True)
+    lay_out_robot(plan, robot)
+    base = BaseSetup(
+        robot.id,
+        robot.model,
+        robot.sensor,
+        robot.start,
+        len(robot.places),
+        plan.world.step_us,
+        ports.base,
+        ports.range,
+        ports.listen,
+        ports.keys,
+        str(onboard.pose_file),
+        *((None,) if onboard.debug_port is not None else ()),
+    )
+    bridge = BridgeSetup(
+        robot.id,
+        plan.world.step_us,
+        ports.radio,
+        plan.address(robot.id),
+        ports.pan,
+        ports.channel,
+        ports.power_dbm,
+    )
+    for actor, setup in ((BASE, base), (BRIDGE, bridge)):
+        onboard.folder(actor).mkdir()
+        (onboard.folder(actor) / "setup.json").write_bytes(msgspec.json.format(msgspec.json.encode(setup)))
+
+
+def issue(onboard: Onboard) -> Credentials:
+    """Draw new passwords: the robot's lies in its folder, all others in the base's."""
+    plan = onboard.plan
+    issued = credentials.issue({onboard.robot.id: plan.folder(onboard.robot.id)}, onboard.folder(BASE))
+    router_file.write(onboard.folder(BASE) / router_file.NAME, issued)
+    return issued
+
+
+def withdraw(onboard: Onboard) -> None:
+    """Remove what is left of passwords and sockets."""
+    router_file.remove(onboard.folder(BASE) / router_file.NAME)
+
+
+def base_program(onboard: Onboard, start: int) -> Program:
+    """The base's program; `start` counts its starts."""
+    plan, folder = onboard.plan, onboard.folder(BASE)
+    name = _numbered(folder.name, start)
+    argv = (
+        *("--setup", str(folder / "setup.json"), "--router", str(folder / router_file.NAME)),
+        *("--record", str(folder / f"{name}.mcap"), "--commit", plan.commit, "--with-parent"),
+    )
+    log, record = folder / f"{name}.log", folder / f"{name}.mcap"
+    return Program(BASE, "firmware_bridge.onboard.base", argv, log, record)
+
+
+def bridge_program(onboard: Onboard, start: int) -> Program:
+    """The bridge's program."""
+    plan, folder = onboard.plan, onboard.folder(BRIDGE)
+    name = _numbered(folder.name, start)
+    record = folder / f"{name}.mcap"
+    argv = (
+        "--setup",
+        str(folder / "setup.json"),
+        *seat_argv(plan, onboard.folder(BASE).name, "radio", record),
+    )
+    return Program(BRIDGE, "firmware_bridge.onboard.bridge", argv, folder / f"{name}.log", record)
+
+
+def onboard_robot_program(onboard: Onboard, start: int) -> Program:
+    """The robot's program, as in simulation and in a new epoch; under a debugger if one is wanted."""
+    robot, doubt = onboard.robot, tuple[str, ...]()
+    if (last := last_pose.read(onboard.pose_file)) is not None:
+        robot = msgspec.structs.replace(robot, start=(*last.origin,))
+        doubt = ("--doubt", f"{last.spread!r}")
+    order = ProcessOrder(robot.id, onboard.epochs())
+    program = robot_program(onboard.plan, robot, order, first_step=0, name=_numbered(robot.id, start))
+    program = replace(program, argv=(*program.argv, *doubt))
+    if onboard.debug_port is None:
+        return program
+    waiting = ("--listen", str(onboard.debug_port), "-m", program.module)
+    return replace(program, module="debugpy", argv=(*waiting, *program.argv))
+
+
+def _numbered(actor: str, start: int) -> str:
+    return actor if start == 0 else f"{actor}.{start}"

@@ -1,0 +1,158 @@
+"""A robot on board: from the fleet file to running processes, until it is told to stop."""
+
+import importlib.util
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from actors.floor.map_file import load_map
+from actors.floor.placement import check_pose
+from actors.geometry import Point
+from actors.instant import milliseconds
+from actors.radio.radio_setup import RadioSetup
+from actors.robot_model import load_model
+from actors.world.world_setup import RobotSetup, WorldSetup
+from cleaning.strategies import entry
+from deploy.fleet import onboard as layout
+from deploy.fleet.epochs import EpochCounter
+from deploy.fleet.fleet_file import Fleet, FleetRobot
+from deploy.fleet.onboard import Onboard, Ports
+from deploy.fleet.onboard_supervisor import OnboardError, Watch
+from deploy.fleet.service_notice import ServiceNotice
+from deploy.processes.launch import launcher
+from deploy.processes.signals import signals_as_interrupts
+from deploy.run.isolating import choose
+from deploy.run.out_folder import claim, writing
+from deploy.run.plan import Plan
+from deploy.run.scenario_copy import ScenarioCopy
+from deploy.usage import OptionError
+from deploy.version import software
+from firmware_bridge.onboard import last_pose
+
+FOREVER: Final = 2**62
+"""µs; a robot's run has no end of its own."""
+AT_START: Final = "start"
+"""Where the fleet file says that the robot is switched on."""
+_LOOK_S: Final = 0.5
+
+
+@dataclass(frozen=True)
+class OnboardOptions:
+    """The options of `acrc onboard`."""
+
+    out: Path
+    """Absolute path of the folder for everything that the robot writes; must have none of this robot yet."""
+    isolate: bool | None = None
+    """As for a run; None: where the machine can, and no debugger is wanted."""
+    debug_port: int | None = None
+    at: str | None = None
+    """Where it is told to be: AT_START, or X,Y,HEADING; None: it may have moved since it last knew."""
+
+
+def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str], None]) -> Onboard:
+    """What is to be run for the robot `name`. Raises an AcrcError if anything does not exist or fit.
+
+    `say` is told what comes up later, a sentence at a time.
+    """
+    if options.debug_port is not None and importlib.util.find_spec("debugpy") is None:
+        raise OnboardError(
+            f"--debugpy {options.debug_port}: the Python package debugpy is not installed; "
+            "`.venv/bin/python -m ensurepip` and `.venv/bin/python -m pip install debugpy` bring it"
+        )
+    pose_file = options.out.parent / f"{name}.pose"
+    robot = fleet.robot(name)
+    if options.at is not None:
+        robot = replace(robot, start=_told(options.at, robot))
+    model = load_model(robot.model, robot.sensor)
+    check_pose(load_map(str(fleet.map)), Point(*robot.start[:2]), model.footprint.circumradius, name)
+    ports = Ports(
+        robot.base,
+        robot.radio,
+        robot.range,
+        fleet.radio.pan,
+        fleet.radio.channel,
+        fleet.radio.power_db,
+        robot.listen,
+        None if robot.listen is None else str(fleet.keys_of(name)),
+    )
+    counter = EpochCounter(name, options.out.parent, say)
+    if options.at is not None:
+        pose_file.unlink(missing_ok=True)
+    return Onboard(_plan(fleet, robot, options), ports, counter.claim, options.debug_port, pose_file)
+
+
+def run(prepared: Onboard, say: Callable[[str], None]) -> None:
+    """Run until the operator stops it, a signal comes (Interrupted), or the budget of restarts is used up."""
+    if prepared.plan.warning:
+        say(prepared.plan.warning)
+    with writing(prepared.plan.out):
+        layout.lay_out(prepared)
+    with signals_as_interrupts(), launcher("exec", reap=False) as launched:
+        service, in_doubt = ServiceNotice(), last_pose.read(prepared.pose_file) is not None
+        watch = Watch(prepared, launched, say, lives=service.lives)
+        try:
+            watch.start()
+            service.ready()
+            say(f"{prepared.robot.id} is running; it records into {prepared.plan.out}")
+            if in_doubt:
+                say(
+                    f"{prepared.robot.id} is in doubt about where it is, and stands until its scans say "
+                    "that it is where it last was; `--at start` or `--at X,Y,HEADING` tells it"
+                )
+            while watch.look(_LOOK_S):
+                pass
+            say(f"{prepared.robot.id} was told to stop")
+        finally:
+            watch.end()
+            layout.withdraw(prepared)
+
+
+def _told(at: str, robot: FleetRobot) -> tuple[float, float, float]:
+    """Where the robot is told to be. Raises OptionError."""
+    if at == AT_START:
+        return robot.start
+    try:
+        x, y, heading = (float(word) for word in at.split(","))
+    except ValueError:
+        x = math.nan
+    if not math.isfinite(x) or not (math.isfinite(y) and math.isfinite(heading)):
+        raise OptionError(
+            f"--at {at}: should be {AT_START}, or X,Y,HEADING in m and rad, map frame, such as 12.0,5.0,1.57"
+        )
+    return x, y, heading
+
+
+def new_folder(runs: Path) -> Path:
+    """A new folder in `runs` named after the time in UTC, made; a clock that is set back does not matter."""
+    return claim(runs, time.strftime("%Y%m%d-%H%M%S", time.gmtime()))
+
+
+def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> Plan:
+    step_us = milliseconds(fleet.step_ms)
+    model = load_model(robot.model, robot.sensor)
+    body = RobotSetup(
+        robot.id,
+        robot.model,
+        model.sensor_name,
+        model.odometry,
+        robot.start,
+        robot.places,
+    )
+    choice = choose(options.isolate, debugged=options.debug_port is not None)
+    return Plan(
+        out=options.out,
+        world=WorldSetup(str(fleet.map), fleet.seed, step_us, FOREVER, (body,)),
+        radio=RadioSetup(fleet.seed, step_us, ((robot.id, robot.address),), "beeclick"),
+        behaviour=entry(fleet.run.strategy),
+        modules=(Path(fleet.run.modules),) if fleet.run.modules else (),
+        adaptation=fleet.adaptation,
+        navigation=fleet.navigation,
+        scenario=ScenarioCopy("", ()),
+        commit=software(),
+        speed="1",
+        isolate=choice.isolate,
+        warning=choice.warning,
+    )

@@ -1,0 +1,214 @@
+"""The systemd service that runs one robot from switching on to switching off.
+
+Source: systemd.unit(5), systemd.service(5), systemd.exec(5), systemd.resource-control(5).
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from actors.runtime.errors import AcrcError
+from deploy.fleet.fleet_file import OPENNI, Fleet, FleetRobot
+from deploy.fleet.udev_rules import GROUP, rules
+from deploy.usage import OptionError
+
+RULES_FILE: Final = "60-acrc.rules"
+_USER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,30}")
+
+
+class UnitsError(AcrcError):
+    """Units that cannot be written."""
+
+
+@dataclass(frozen=True)
+class ServiceParameters:
+    """How the service is started and ended."""
+
+    restarts: int = 5
+    """So often it is started within `restart_window_s`, then it stays down. Default: own choice; the
+    supervisor has a budget of its own and gives up for a reason that a restart seldom mends."""
+    restart_window_s: int = 300
+    restart_pause_s: int = 5
+    """Before it is started again, s. Default: own choice; a USB device that was reset is back by then."""
+    stop_s: int = 20
+    """After so long a stopping service is killed, s. Default: own choice; three processes close their
+    recordings."""
+    start_s: int = 900
+    """So long it may take until all processes have been started, s. Default: own choice; the very first start
+    installs packages and compiles kernels."""
+    watchdog_s: int = 20
+    """A supervisor that gives no sign of life for so long hangs, and is ended, s. Default: own choice."""
+    nice: int = -5
+    """Ahead of what else the computer does, so that steps are not late."""
+
+
+@dataclass(frozen=True)
+class Units:
+    """What makes a computer a robot's."""
+
+    service_file: Path
+    rules_file: Path
+
+
+def write(fleet: Fleet, robot: FleetRobot, out: Path, *, program: Path, user: str) -> Units:
+    """Write service and rules into the folder `out`, made if need be; files that are there are replaced.
+
+    `program`: the script acrc on the robot. `user`: who the robot runs as. Raises UnitsError or OptionError.
+    """
+    if not _USER.fullmatch(user):
+        raise OptionError(f"--user {user}: must be the name of a user of this computer")
+    written = Units(out / f"acrc-{robot.id}.service", out / RULES_FILE)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        written.service_file.write_text(service(fleet, robot, program=program, user=user))
+        written.rules_file.write_text(rules(robot))
+    except OSError as error:
+        raise UnitsError(f"{out}: the units cannot be written: {error.strerror}") from None
+    return written
+
+
+def service(
+    fleet: Fleet,
+    robot: FleetRobot,
+    *,
+    program: Path,
+    user: str,
+    parameters: ServiceParameters = ServiceParameters(),
+) -> str:
+    """The text of the service's file."""
+    sections = {
+        "Unit": _unit(fleet, robot, parameters),
+        "Service": [*_service(fleet, robot, program, user, parameters), *_sandbox(robot, program.parent)],
+        "Install": [("WantedBy", "multi-user.target")],
+    }
+    parts = [
+        f"# Robot {robot.id}, written by `acrc deploy units`; write it anew once the fleet file has moved."
+    ]
+    for title, lines in sections.items():
+        parts.append("\n".join([f"[{title}]", *(f"{key}={value}" if key else value for key, value in lines)]))
+    return "\n\n".join(parts) + "\n"
+
+
+Lines = list[tuple[str, str]]
+"""Keys and values; without a key a comment."""
+
+
+def _unit(fleet: Fleet, robot: FleetRobot, parameters: ServiceParameters) -> Lines:
+    devices = " ".join(_device(port) for port in _ports(robot) if port.startswith("/dev/"))
+    after, wants = "time-set.target", ""
+    if robot.listen is not None and not robot.listens_everywhere:
+        # The address that it listens at has to be there; robots do not need the network otherwise.
+        after, wants = f"{after} network-online.target", "network-online.target"
+    return [
+        ("Description", f"Robot {robot.id} of the fleet {_plain(fleet.path.stem)}"),
+        (
+            "",
+            "# Waits a while for the devices; what is missing then, the robot says itself and looks on for.",
+        ),
+        ("Wants", f"{devices} {wants}".strip()),
+        ("After", f"{after} {devices}".strip()),
+        ("StartLimitIntervalSec", f"{parameters.restart_window_s}"),
+        ("StartLimitBurst", f"{parameters.restarts}"),
+    ]
+
+
+def _service(
+    fleet: Fleet, robot: FleetRobot, program: Path, user: str, parameters: ServiceParameters
+) -> Lines:
+    words = (str(program), "onboard", str(fleet.path), "--robot", robot.id)
+    return [
+        ("Type", "notify"),
+        ("NotifyAccess", "main"),
+        ("TimeoutStartSec", f"{parameters.start_s}"),
+        ("WatchdogSec", f"{parameters.watchdog_s}"),
+        ("User", user),
+        ("SupplementaryGroups", GROUP),
+        ("", "# Recordings are in /var/lib/acrc/runs."),
+        ("StateDirectory", "acrc"),
+        ("WorkingDirectory", "%S/acrc"),
+        ("ExecStart", " ".join(map(_word, words))),
+        ("", "# The last word, should all processes be killed at once: stop, until the wheels stand."),
+        ("ExecStopPost", " ".join(map(_word, _stop(robot, program)))),
+        ("Restart", "on-failure"),
+        ("RestartSec", f"{parameters.restart_pause_s}"),
+        ("", "# The supervisor is told first, and stops its processes in order."),
+        ("KillMode", "mixed"),
+        ("SuccessExitStatus", "143"),
+        ("TimeoutStopSec", f"{parameters.stop_s}"),
+        ("Nice", f"{parameters.nice}"),
+        ("StandardOutput", "journal"),
+        ("StandardError", "journal"),
+        ("SyslogIdentifier", f"acrc-{robot.id}"),
+    ]
+
+
+def _stop(robot: FleetRobot, program: Path) -> tuple[str, ...]:
+    """The guardian alone; the sign in front: whatever it comes to, the service has ended as it has."""
+    python = program.parent / ".venv" / "bin" / "python"
+    script = program.parent / "firmware_bridge" / "kobuki" / "guardian.py"
+    return (f"-{python}", "-I", "-S", str(script), "alone", robot.base)
+
+
+def _sandbox(robot: FleetRobot, root: Path) -> Lines:
+    """What is taken from the service because a robot needs none of it."""
+    camera = [("DeviceAllow", "char-usb_device rw")] if robot.range == OPENNI else []
+    return [
+        ("", "# The devices, this folder (compiled kernels) and the recordings are all it may touch."),
+        ("DevicePolicy", "closed"),
+        ("DeviceAllow", "char-ttyUSB rw"),
+        ("DeviceAllow", "char-ttyACM rw"),
+        *camera,
+        ("ProtectSystem", "strict"),
+        ("ReadWritePaths", _word(str(root), of_command=False)),
+        ("PrivateTmp", "yes"),
+        ("NoNewPrivileges", "yes"),
+        ("CapabilityBoundingSet", ""),
+        ("ProtectClock", "yes"),
+        ("ProtectControlGroups", "yes"),
+        ("ProtectHostname", "yes"),
+        ("ProtectKernelLogs", "yes"),
+        ("ProtectKernelModules", "yes"),
+        ("ProtectKernelTunables", "yes"),
+        ("RestrictAddressFamilies", "AF_UNIX AF_INET AF_INET6 AF_NETLINK"),
+        ("RestrictRealtime", "yes"),
+        ("RestrictSUIDSGID", "yes"),
+        ("LockPersonality", "yes"),
+        ("SystemCallArchitectures", "native"),
+        (
+            "",
+            "# RestrictNamespaces= would forbid robots' isolation, MemoryDenyWriteExecute= their kernels.",
+        ),
+    ]
+
+
+def _ports(robot: FleetRobot) -> list[str]:
+    return [port for port in (robot.base, robot.radio, robot.range) if port is not None and port != OPENNI]
+
+
+def _device(path: str) -> str:
+    """The device unit of a path in /dev, escaped as by systemd-escape --path."""
+    return _escaped("/".join(part for part in path.split("/") if part)) + ".device"
+
+
+def _escaped(path: str) -> str:
+    def one(index: int, byte: int) -> str:
+        char = chr(byte)
+        if char == "/":
+            return "-"
+        plain = char.isascii() and (char.isalnum() or char in ":_" or (char == "." and index > 0))
+        return char if plain else f"\\x{byte:02x}"
+
+    return "".join(one(index, byte) for index, byte in enumerate(path.encode()))
+
+
+def _plain(text: str) -> str:
+    return text.replace("%", "%%")
+
+
+def _word(text: str, *, of_command: bool = True) -> str:
+    """One word, as it is, of a command line or a list of paths."""
+    text = _plain(text.replace("\\", "\\\\").replace('"', '\\"'))
+    if of_command:
+        text = text.replace("$", "$$")
+    return text if re.fullmatch(r"[\w/.,:=@%+$-]+", text) else f'"{text}"'

@@ -1,0 +1,229 @@
+"""The operator's laptop: sees how robots on board get on, and can stop them."""
+
+import queue
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from actors.instant import in_seconds
+from actors.messages import (
+    BOARD,
+    CONTROL,
+    PROGRESS,
+    Board,
+    Control,
+    Order,
+    Pause,
+    Progress,
+    Resume,
+    Stop,
+)
+from actors.runtime.access.tls import Keys, laptop_config, load_keys
+from actors.runtime.bus.zenoh_bus import ZenohBus, open_session
+from actors.runtime.codec import decode, encode
+from actors.runtime.core import Address, at
+from actors.runtime.errors import AcrcError, printable
+from deploy.fleet.watch_cause import cause
+from deploy.usage import OptionError
+
+
+@dataclass(frozen=True)
+class LaptopParameters:
+    """How long the operator's laptop waits for robots."""
+
+    order_s: float = 2.0
+    """Within which an order is carried out by a robot or named as a failure, s. Own choice: as
+    long as somebody who sees a robot go wrong will look at a screen."""
+    cause_s: float = 1.5
+    """How long it may take to find out why a robot is not reached, s. Own choice: less than `order_s`."""
+    retry_s: float = 1.0
+    """Between attempts to reach a robot that is watched, s. Own choice."""
+    look_s: float = 0.02
+    """Between looks at what has come, s. Own choice: a hundredth of `order_s`."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What became of an order to one robot."""
+
+    endpoint: str
+    failure: str | None
+    """Why it is not known to have been carried out, in a sentence; None: the robot says that it has been."""
+
+
+_DONE = {Stop: "has stopped", Pause: "stands until it is told to go on", Resume: "goes on"}
+
+
+def done(order: Order) -> str:
+    """What a robot does that has carried the order out."""
+    return _DONE[type(order)]
+
+
+def give(
+    endpoints: Sequence[str], keys: Path, order: Order, parameters: LaptopParameters = LaptopParameters()
+) -> list[Answer]:
+    """Give all robots an order at once; each one's answer, after `order_s` at the latest.
+
+    One that cannot be reached delays none of the others. Raises an AcrcError for an endpoint or keys that
+    make no sense, before any robot is told anything.
+    """
+    own, names = _checked(endpoints, keys)
+    deadline = time.monotonic() + parameters.order_s
+    failures: dict[str, str | None] = dict.fromkeys(
+        names, f"it was not reached within {parameters.order_s:g} s"
+    )
+    causes: dict[str, str] = {}
+
+    def tell(endpoint: str) -> None:
+        try:
+            for failure in _tell(endpoint, own, order, deadline, parameters):
+                failures[endpoint] = failure
+        except AcrcError:
+            return  # what has failed stands there already
+        except Exception as error:  # whatever it is, it has to be said of this robot, and of no other
+            failures[endpoint] = f"it may not have got the order: {error}"
+
+    def ask(endpoint: str) -> None:
+        causes[endpoint] = cause(endpoint, own, parameters.cause_s)
+
+    # Daemons: a connection attempt that hangs in the system is left behind, not waited for.
+    threads = [threading.Thread(target=tell, args=(name,), daemon=True) for name in names]
+    for thread in threads:
+        thread.start()
+    for name in names:
+        threading.Thread(target=ask, args=(name,), daemon=True).start()
+    for thread in threads:
+        thread.join(max(0.0, deadline - time.monotonic()))
+    return [_answer(name, failures[name], causes) for name in names]
+
+
+def _answer(name: str, failure: str | None, causes: dict[str, str]) -> Answer:
+    why = causes.get(name, "")
+    return Answer(name, f"{failure}: {why}" if failure and why else failure)
+
+
+def _tell(
+    endpoint: str, keys: Keys, order: Order, deadline: float, parameters: LaptopParameters
+) -> Iterator[str | None]:
+    """Give one robot the order; how it stands with that, whenever it changes: None once the robot obeys."""
+    with open_session(laptop_config(keys, endpoint), deadline - time.monotonic()) as session:
+        bus = ZenohBus(session, (at(PROGRESS),))
+        bus.publish(CONTROL.key(), encode(Control(0, (order,))))
+        yield f"it was given the order, but did not say within {parameters.order_s:g} s that it obeys"
+        while time.monotonic() < deadline:
+            if any(_obeys(progress, order) for progress in _progress(bus)):
+                yield None
+                return
+            time.sleep(parameters.look_s)
+
+
+def _progress(bus: ZenohBus) -> Iterator[Progress]:
+    while (delivery := bus.poll(at(PROGRESS).topic)) is not None:
+        message = decode(delivery.topic, delivery.key, delivery.payload)
+        assert isinstance(message, Progress)
+        yield message
+
+
+def _obeys(progress: Progress, order: Order) -> bool:
+    if isinstance(order, Stop):
+        return progress.finished
+    return progress.paused == isinstance(order, Pause)
+
+
+def watch(
+    endpoints: Sequence[str],
+    keys: Path,
+    seconds: float | None = None,
+    parameters: LaptopParameters = LaptopParameters(),
+) -> None:
+    """Print a line for every word of every robot, until interrupted or for so many seconds.
+
+    A robot that is not there, or is so no longer, is said once, and looked for until it is back.
+    """
+    own, names = _checked(endpoints, keys)
+    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+    for name in names:
+        listener = _Listener(name, own, lines, parameters)
+        threading.Thread(target=listener.listen, daemon=True).start()
+    end = None if seconds is None else time.monotonic() + seconds
+    while end is None or time.monotonic() < end:
+        try:
+            sys.stdout.write(lines.get(timeout=0.1) + "\n")
+        except queue.Empty:
+            sys.stdout.flush()
+
+
+class _Listener:
+    """Says what one robot says, and whether it can be heard."""
+
+    def __init__(
+        self, endpoint: str, keys: Keys, lines: "queue.SimpleQueue[str]", parameters: LaptopParameters
+    ) -> None:
+        self._endpoint = endpoint
+        self._keys = keys
+        self._lines = lines
+        self._parameters = parameters
+        self._said = ""
+
+    def listen(self) -> None:
+        """Never returns."""
+        while True:
+            try:
+                self._session()
+            except Exception as error:  # whatever one robot does must not end the watch over the others
+                self._state(f"is not heard: {self._why(error)}; it is looked for")
+            time.sleep(self._parameters.retry_s)
+
+    def _session(self) -> None:
+        """Pass on what comes until the session with the robot's router ends."""
+        heard: Sequence[Address] = (at(PROGRESS), at(BOARD))
+        with open_session(laptop_config(self._keys, self._endpoint), 0.0) as session:
+            bus = ZenohBus(session, heard)
+            self._state("is heard")
+            while session.info.routers_zid():
+                for line in _news(bus):
+                    self._say(line)
+                time.sleep(self._parameters.look_s)
+        self._state("is no longer heard; it is looked for")
+
+    def _why(self, error: Exception) -> str:
+        return cause(self._endpoint, self._keys, self._parameters.cause_s) or str(error)
+
+    def _state(self, words: str) -> None:
+        """Say how it is with the robot if that has changed."""
+        if words != self._said:
+            self._said = words
+            self._say(words)
+
+    def _say(self, words: str) -> None:
+        self._lines.put(f"{self._endpoint}  {words}")
+
+
+def _checked(endpoints: Sequence[str], keys: Path) -> tuple[Keys, list[str]]:
+    """The keys, and every endpoint once. Raises an AcrcError where one makes no sense."""
+    for endpoint in endpoints:
+        host, colon, port = endpoint.removeprefix("tls/").rpartition(":")
+        if not endpoint.startswith("tls/") or not host or not colon or not port.isdecimal():
+            raise OptionError(f"{endpoint}: is no endpoint; must be like tls/192.168.1.12:7447")
+        if not 0 < int(port[:6]) < 65536:
+            raise OptionError(f"{endpoint}: has no such port; must be a number from 1 to 65535")
+    return load_keys(keys), list(dict.fromkeys(endpoints))
+
+
+def _news(bus: ZenohBus) -> list[str]:
+    lines = []
+    for topic in (at(PROGRESS).topic, at(BOARD).topic):
+        while (delivery := bus.poll(topic)) is not None:
+            message = decode(delivery.topic, delivery.key, delivery.payload)
+            if isinstance(message, Progress):
+                state = "stopped" if message.finished else "paused" if message.paused else "running"
+                lines.append(
+                    f"step {message.step}: {message.places_left} places left, "
+                    f"{message.reports} reported, {', '.join((state, *map(printable, message.held)))}"
+                )
+            elif isinstance(message, Board):
+                lines += [f"{in_seconds(note.instant):.3f} {note}" for note in message.notes]
+    return lines

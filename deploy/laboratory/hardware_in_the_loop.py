@@ -1,0 +1,183 @@
+"""A swarm whose robots speak serial bytes only: processes as on board, emulated devices, wall time."""
+
+import itertools
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from actors.instant import in_seconds
+from actors.messages import PROGRESS, Progress
+from actors.runtime.access import rules
+from actors.runtime.access.credentials import unix_endpoint
+from actors.runtime.bus.zenoh_bus import ZenohBus, open_mesh
+from actors.runtime.codec import decode
+from actors.runtime.core import at
+from actors.runtime.errors import AcrcError
+from deploy.field_trial.collect import collect
+from deploy.field_trial.trial_result import OutingResult
+from deploy.fleet import onboard as layout
+from deploy.fleet.onboard import Onboard, Ports
+from deploy.fleet.onboard_supervisor import Watch
+from deploy.laboratory import loop_limits
+from deploy.processes.launch import Child, Launcher, Program, launcher
+from deploy.processes.signals import signals_as_interrupts
+from deploy.run import progress, swarm
+from deploy.run.isolating import warn
+from deploy.run.options import RunOptions
+from deploy.run.out_folder import make_folder
+from deploy.run.plan import Plan
+from deploy.run.preflight import rehearse
+from deploy.scenario.tables import Scenario
+from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
+
+LABORATORY: Final = "laboratory"
+PAN: Final = 0xBABA
+CHANNEL: Final = 26
+_PATIENCE_S: Final = 60.0
+"""How long the emulated devices may take to be there."""
+OnProgress = Callable[[Progress], None]
+
+
+class LaboratoryError(AcrcError):
+    """Emulated devices that did not start, or did not last."""
+
+
+def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = None) -> OutingResult:
+    """Run the scenario until everything is done, or to its limit, and gather what came of it.
+
+    The result also stands in run.json, and what became of every place in places.csv. `launched` starts the
+    processes; None: as the options say. Raises OptionError for a scenario that asks for more than emulated
+    devices have.
+    """
+    loop_limits.check(scenario)
+    if said := loop_limits.note(scenario):
+        sys.stderr.write(f"acrc: {said}\n")
+    plan = swarm.plan(scenario, options)
+    warn(plan.warning)
+    _lay_out(plan)
+    places = sum(len(robot.places) for robot in plan.world.robots)
+    with progress.shown(plan.world.duration_us, places, quiet=options.json) as follow:
+        _run_processes(plan, launched or launcher(options.spawn, reap=False), follow)
+    folders = [plan.folder(robot.id) for robot in plan.world.robots]
+    return collect(folders, truth=plan.folder(LABORATORY) / "result.json", out=plan.out / "result")
+
+
+def _lay_out(plan: Plan) -> None:
+    make_folder(plan.out)
+    plan.folder(LABORATORY).mkdir()
+    plan.write_scenario()
+
+
+def _run_processes(plan: Plan, launching: Launcher, on_progress: OnProgress) -> None:
+    folder = plan.folder(LABORATORY)
+    with signals_as_interrupts(), launching as launched, ExitStack() as stack:
+        rehearse(plan, launched)
+        room = _Room(plan, launched)
+        stack.callback(room.end)
+        room.start()
+        robots = [_robot(plan, index, folder) for index in range(len(plan.world.robots))]
+        watches = [_watch(one, launched, stack) for one in robots]
+        buses = [_listen(one, stack) for one in robots]
+        _follow(plan, watches, buses, room, on_progress)
+
+
+class _Room:
+    """The process with the emulated devices."""
+
+    def __init__(self, plan: Plan, launched: Launcher) -> None:
+        folder = plan.folder(LABORATORY)
+        self._launched = launched
+        self._folder = folder
+        self._child: Child | None = None
+        setup = LaboratorySetup(plan.world, plan.radio.robots, plan.radio.preset)
+        (folder / "setup.json").write_bytes(msgspec.json.format(msgspec.json.encode(setup)))
+
+    def start(self) -> None:
+        """Start it, and stay until the devices are plugged in."""
+        folder = self._folder
+        argv = (
+            *("--setup", str(folder / "setup.json"), "--links", str(folder / "links")),
+            *("--result", str(folder / "result.json"), "--with-parent"),
+        )
+        log = folder / "laboratory.log"
+        program = Program(LABORATORY, "firmware_bridge.laboratory", argv, log, None)
+        self._child = self._launched.start(program)
+        deadline = time.monotonic() + _PATIENCE_S
+        while "ready" not in (log.read_text() if log.is_file() else "").split("\n"):
+            self._launched.wait(0.05)
+            self.check()
+            if time.monotonic() > deadline:
+                raise LaboratoryError(f"the emulated devices were not there within {_PATIENCE_S:g} s")
+
+    def check(self) -> None:
+        """Raise LaboratoryError if it has ended."""
+        assert self._child is not None
+        if self._child.exit_code is not None:
+            raise LaboratoryError(
+                f"the emulated devices ended with exit code {self._child.exit_code}; "
+                f"{self._folder / 'laboratory.log'} says why"
+            )
+
+    def end(self) -> None:
+        """Have it write what came of it, and end."""
+        if self._child is None:
+            return
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            self._child.send(number)
+            deadline = time.monotonic() + Watch.GRACE_S
+            while self._child.exit_code is None and time.monotonic() < deadline:
+                self._launched.wait(0.05)
+
+
+def _robot(plan: Plan, index: int, folder: Path) -> Onboard:
+    robot = plan.world.robots[index]
+    alone = replace(
+        plan,
+        world=msgspec.structs.replace(plan.world, robots=(robot,)),
+        radio=msgspec.structs.replace(plan.radio, robots=((robot.id, plan.address(robot.id)),)),
+    )
+    links = folder / "links" / robot.id
+    channel = plan.radio.channel or CHANNEL
+    ports = Ports(str(links / "base"), str(links / "radio"), str(links / "range"), PAN, channel, -10.0)
+    return Onboard(alone, ports, itertools.count().__next__)
+
+
+def _watch(robot: Onboard, launched: Launcher, stack: ExitStack) -> Watch:
+    layout.lay_out(robot)
+    watch = Watch(robot, launched, lambda sentence: None)
+    stack.callback(layout.withdraw, robot)
+    stack.callback(watch.end)
+    watch.start()
+    return watch
+
+
+def _listen(robot: Onboard, stack: ExitStack) -> ZenohBus:
+    folder = robot.folder(layout.BASE).resolve()
+    config = rules.client_config(folder / "operator.credentials", unix_endpoint(folder / "router.sock"))
+    return stack.enter_context(open_mesh(config, (at(PROGRESS),), patience_s=_PATIENCE_S))
+
+
+def _follow(
+    plan: Plan, watches: Sequence[Watch], buses: Sequence[ZenohBus], room: _Room, on_progress: OnProgress
+) -> None:
+    """Until nobody has a place left, or to the limit."""
+    begun = time.monotonic()
+    left = [len(robot.places) for robot in plan.world.robots]
+    reports = [0] * len(left)
+    while (elapsed := time.monotonic() - begun) < in_seconds(plan.world.duration_us) and any(left):
+        for watch in watches:
+            watch.look(0.02)
+        room.check()
+        for index, bus in enumerate(buses):
+            while (delivery := bus.poll(at(PROGRESS).topic)) is not None:
+                progress = decode(delivery.topic, delivery.key, delivery.payload)
+                assert isinstance(progress, Progress)
+                left[index], reports[index] = progress.places_left, progress.reports
+        on_progress(Progress(0, round(1e6 * elapsed), sum(left), sum(reports), False))

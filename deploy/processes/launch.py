@@ -1,0 +1,187 @@
+"""Starts actor processes through a server that forks or executes them, and sees them end."""
+
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+from actors.runtime.errors import AcrcError
+from actors.runtime.lifecycle import process_table
+from actors.runtime.lifecycle.environment import passed_on
+from deploy.processes.forkserver import MESSAGE_LIMIT
+from deploy.repository import REPOSITORY
+
+"""Where the packages are, so that `python -m` finds them from any working directory."""
+
+
+class LaunchError(AcrcError):
+    """A process that could not be started."""
+
+
+@dataclass(frozen=True)
+class Program:
+    """What one would type: `python -m MODULE ARGV…`, with the output going to a log."""
+
+    actor: str
+    module: str
+    argv: tuple[str, ...]
+    log: Path
+    record: Path | None
+    """The MCAP file that it writes; None for an observer, without which a run goes on."""
+
+
+@dataclass
+class Child:
+    """A started process."""
+
+    program: Program
+    pid: int
+    exit_code: int | None = None
+    """None while it runs; negative: the signal that ended it."""
+    strays: int = 0
+    """Processes that it had started, that ran on when it ended, and that have been ended since."""
+
+    def send(self, number: signal.Signals) -> None:
+        """Send a signal; one that has ended already is left alone."""
+        if self.exit_code is None:
+            try:
+                os.kill(self.pid, number)
+            except ProcessLookupError:
+                return
+
+
+class Launcher(Protocol):
+    """Starts programs; a context manager that leaves nothing of its own behind."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def start(self, program: Program) -> Child:
+        """Start one program."""
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when a child may have ended, at the latest after `timeout_s`, with all exit codes known."""
+
+
+class ServedLauncher:
+    """Children of a small server (`deploy.processes.forkserver`), which reaps them, and what they leave."""
+
+    def __init__(self, how: str, before: Sequence[str] = (), *, reap: bool = True) -> None:
+        """`how`: fork or exec. `before`: words in front of the server's command, such as `unshare --net`;
+        must end in exec. `reap`: end what children leave running; not on board, where the base leaves the
+        last word to a process of its own."""
+        self._reap = reap
+        self._command = [*before, sys.executable, "-m", "deploy.processes.forkserver"]
+        self._how = how
+        self._children: dict[int, Child] = {}
+        self._ended: dict[int, tuple[int, int]] = {}
+        """Exit code and strays of children whose start has not been answered yet."""
+        self._lost = False
+
+    def __enter__(self) -> Self:
+        self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            self._server = subprocess.Popen(
+                [*self._command, str(theirs.fileno()), self._how, "reap" if self._reap else "spare"],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                pass_fds=(theirs.fileno(),),
+                start_new_session=True,
+                cwd=REPOSITORY,
+                env=passed_on(os.environ),
+            )
+        try:
+            while "ready" not in self._hear():
+                pass
+        except BaseException:  # ended from outside while it was importing and compiling
+            self._server.kill()
+            self.__exit__(None, None, None)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._channel.close()
+        self._server.wait()
+        if self._lost and self._reap:  # it has reaped nobody
+            process_table.end_sessions(self._children)
+
+    def start(self, program: Program) -> Child:
+        """Start one program."""
+        request = {"start": [program.module, program.argv, str(program.log)]}
+        try:
+            self._channel.send(json.dumps(request).encode())
+        except BrokenPipeError:
+            raise self._loss() from None
+        while not {"started", "refused"} & (answer := self._hear()).keys():
+            pass
+        if "refused" in answer:
+            raise LaunchError(f"{program.actor} is not started; {answer['refused']}")
+        child = Child(program, answer["started"])
+        if child.pid in self._ended:
+            child.exit_code, child.strays = self._ended.pop(child.pid)
+        self._children[child.pid] = child
+        return child
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when a child may have ended, at the latest after `timeout_s`, with all exit codes known.
+
+        Raises LaunchError once if the server has ended; its children end with it.
+        """
+        if self._lost:
+            time.sleep(timeout_s)
+            self._look()
+            return
+        while select.select([self._channel], [], [], timeout_s)[0]:
+            self._hear()
+            timeout_s = 0.0
+
+    def _hear(self) -> dict[str, Any]:
+        """The server's next message; the end of a child is noted on the way."""
+        try:
+            text = self._channel.recv(MESSAGE_LIMIT)
+        except ConnectionResetError:
+            text = b""
+        if not text:
+            raise self._loss()
+        message: dict[str, Any] = json.loads(text)
+        if "ended" in message:
+            end = (message["code"], message["strays"])
+            child = self._children.get(message["ended"])
+            if child is None:
+                self._ended[message["ended"]] = end
+            else:
+                child.exit_code, child.strays = end
+        return message
+
+    def _loss(self) -> LaunchError:
+        self._lost = True
+        code = self._server.wait()
+        how = f"was ended by signal {signal.Signals(-code).name}" if code < 0 else f"has ended with {code}"
+        return LaunchError(f"the forkserver {how}, and every process of the run with it")
+
+    def _look(self) -> None:
+        """Without the server: which children are gone, though not how."""
+        for child in self._children.values():
+            if child.exit_code is None:
+                there = process_table.glance(child.pid)
+                if there is None or there.state == "Z":
+                    child.exit_code = -signal.SIGTERM
+
+
+def launcher(spawn: str, *, reap: bool = True) -> Launcher:
+    """`forkserver` or `exec`; for `reap` see ServedLauncher."""
+    return ServedLauncher("fork" if spawn == "forkserver" else "exec", reap=reap)

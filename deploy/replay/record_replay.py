@@ -1,0 +1,70 @@
+"""Actors executed again from what they received."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from actors.radio.program import part as radio_part
+from actors.robot.program import part as robot_part
+from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
+from actors.runtime.core import Core
+from actors.runtime.errors import AcrcError
+from actors.runtime.fingerprint import difference, otherwise
+from actors.runtime.process import Part, RunNote
+from actors.runtime.recording import Entry, RecordingError, Unrecorded, decoded, read_notes, read_recording
+from actors.runtime.shell import Shell
+from actors.world import program as world_program
+from deploy.replay.run_recordings import recordings
+
+
+@dataclass(frozen=True)
+class ReplayReport:
+    """One actor executed again."""
+
+    actor: str
+    outputs: int
+    """How many messages it sent again, all equal to the recorded ones."""
+
+
+def replay_actor(out: Path, actor: str, prepare: Callable[[Core], None] | None = None) -> ReplayReport:
+    """Execute one actor again from what it received; ReplayError at the first output that differs.
+
+    `prepare`: is given the actor's core before its first step, to look on.
+    """
+    files = recordings(out)
+    if actor not in files:
+        raise RecordingError(f"{out}: no recording of {actor!r}; there are {', '.join(files)}")
+    path = files[actor]
+    notes = read_notes(path)
+    if "run" not in notes:
+        raise RecordingError(f"{path}: ends before its first record")
+    run = decoded(path, "run", notes["run"], RunNote)
+    part = _builders().get(actor, robot_part)(run.argv)
+    if prepare is not None:
+        prepare(part.core)
+    bus = ReplayBus(path, lambda sha256: _recall(files.values(), sha256))
+    shell = Shell(part.core, bus, Unrecorded(), actor=run.actor, open_to=part.open_to)
+    if part.ready is not None:
+        shell.send(part.ready)
+    try:
+        replay(shell, bus)
+    except ReplayError as error:
+        why = difference(run.processor, part.run.processor, otherwise(run.kernels, part.run.kernels))
+        raise ReplayError(f"{error}; {why}" if why else str(error)) from None
+    return ReplayReport(actor, bus.compared)
+
+
+def _builders() -> dict[str, Callable[[tuple[str, ...]], Part]]:
+    return {"world": world_program.part_of, "radio": radio_part}
+
+
+def _recall(files: Iterable[Path], sha256: bytes) -> bytes | None:
+    """A large message as its receiver recorded it."""
+    for path in files:
+        try:
+            for item in read_recording(path):
+                if isinstance(item, Entry) and item.payload is not None and item.sha256 == sha256:
+                    return item.payload
+        except AcrcError:
+            continue  # another actor's file is damaged; that is not what was asked
+    return None

@@ -1,0 +1,73 @@
+"""Replays one actor in a process that is shut off like a robot's: a recording names the code that it runs.
+
+`python -m deploy.replay.replay_program --out DIR --actor NAME --answer FILE --own DIR`: the answer is one
+JSON object.
+"""
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs a process of one thread
+
+import argparse
+import sys
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from actors.robot import assembly
+from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.sandbox import Plan, isolate
+from actors.runtime.lifecycle.parent import die_with_parent
+from deploy.replay.record_replay import ReplayReport, replay_actor
+
+
+class Answer(msgspec.Struct, frozen=True):
+    """What came of a replay: one of the two."""
+
+    report: ReplayReport | None = None
+    fault: str | None = None
+
+
+def main(argv: Sequence[str]) -> int:
+    """Replay, and write down what came of it; the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m deploy.replay.replay_program")
+    for name in ("--out", "--answer", "--own"):
+        parser.add_argument(name, type=Path, required=True)
+    parser.add_argument("--actor", required=True)
+    parser.add_argument("--path", type=Path, action="append", default=[], help="folder with code")
+    parser.add_argument("--isolate", action="store_true")
+    options = parser.parse_args(argv)
+    with options.answer.open("xb", buffering=0) as answer:
+        parent = os.getppid()
+        assembly.kernels()  # while their cache can still be written
+        if options.isolate:
+            isolate(
+                Plan(
+                    own=options.own,
+                    hidden=(options.own.parent,),
+                    readable=(options.out,),
+                    code=tuple(options.path),
+                    descriptors=(1, 2, answer.fileno()),
+                    parent=parent,
+                )
+            )
+        else:
+            die_with_parent(parent)
+        answer.write(msgspec.json.encode(_replayed(options.out, options.actor)))
+    return 0
+
+
+def _replayed(out: Path, actor: str) -> Answer:
+    try:
+        return Answer(report=replay_actor(out, actor))
+    except AcrcError as error:
+        return Answer(fault=str(error))
+    except Exception as error:
+        traceback.print_exc()
+        return Answer(fault=f"{actor}: {type(error).__name__}: {error}")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

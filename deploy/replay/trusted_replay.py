@@ -1,0 +1,72 @@
+"""A recording replayed as the command line does: its code named first, then run shut off from everything."""
+
+import tempfile
+from pathlib import Path
+
+import msgspec
+
+from actors.robot.program import code_of
+from actors.runtime.bus.replay_bus import ReplayError
+from actors.runtime.process import RunNote
+from actors.runtime.recording import RecordingError, decoded, read_notes
+from deploy.processes.launch import Program, launcher
+from deploy.replay.record_replay import ReplayReport, replay_actor
+from deploy.replay.replay_program import Answer
+from deploy.replay.run_recordings import recordings
+from deploy.run.foreign import folder_of, refuse_foreign
+from deploy.run.isolating import choose, warn
+from deploy.run.preflight import said, show
+
+ANSWER_BYTES = 1 << 16
+"""A difference between two messages is one sentence, with both of them in it."""
+
+
+def replay(out: Path, actor: str, *, trust: bool, isolate: bool | None) -> ReplayReport:
+    """Execute one actor again; a robot in a process that is shut off, where the machine can and `isolate`
+    lets it.
+
+    World and radio run no code but this project's. Raises ForeignCodeError for a robot whose recording names
+    somebody's code, without `trust`; ReplayError at the first output that differs.
+    """
+    files = recordings(out)
+    if actor not in files or actor in {"world", "radio"}:
+        return replay_actor(out, actor)
+    notes = read_notes(files[actor])
+    if "run" not in notes:
+        raise RecordingError(f"{files[actor]}: ends before its first record")
+    entry, folders = code_of(decoded(files[actor], "run", notes["run"], RunNote).argv)
+    if not trust:
+        refuse_foreign(files[actor], entry, folders)
+    choice = choose(isolate)
+    warn(choice.warning)
+    if isolate is False:
+        return replay_actor(out, actor)  # in this process, where a debugger may be
+    with tempfile.TemporaryDirectory(prefix="acrc") as name:
+        home = Path(name).resolve()
+        (home / "own").mkdir()
+        code = folder_of(entry, folders)
+        argv = (
+            *("--out", str(out.resolve()), "--actor", actor),
+            *("--answer", str(home / "answer.json"), "--own", str(home / "own")),
+            *(() if code is None else ("--path", str(code))),
+            *(("--isolate",) if choice.isolate else ()),
+        )
+        return _answer(Program(actor, "deploy.replay.replay_program", argv, home / "replay.log", None), home)
+
+
+def _answer(program: Program, home: Path) -> ReplayReport:
+    """What the process has to say; ReplayError if that is a fault, or nothing."""
+    with launcher("exec") as launched:
+        child = launched.start(program)
+        while child.exit_code is None:
+            launched.wait(0.5)
+    show(said(program))
+    try:
+        with (home / "answer.json").open("rb") as file:
+            answer = msgspec.json.decode(file.read(ANSWER_BYTES), type=Answer)
+    except (OSError, msgspec.DecodeError):
+        answer = Answer()
+    if answer.report is None:
+        ended = f"{program.actor}: the process that executes it again ended with exit code {child.exit_code}"
+        raise ReplayError(answer.fault or ended)
+    return answer.report

@@ -1,0 +1,49 @@
+"""What a result comes from: enough to make it again, and to know what it was made with."""
+
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any, Final
+
+import msgspec
+
+from deploy.scenario.tables import Scenario
+
+_PACKAGES: Final = ("eclipse-zenoh", "llvmlite", "msgspec", "numba", "numpy", "pymunk")
+"""Those that a run's result, or its speed, could depend on."""
+
+
+class Origin(msgspec.Struct, frozen=True):
+    """Scenario, strategy and software of a run; scenario, seed and commit together determine its digest."""
+
+    scenario: str = ""
+    """Name of the scenario's file; its content, with everything drawn, lies beside the result."""
+    strategy: str = ""
+    """As the scenario or `--strategy` says."""
+    behaviour: str = ""
+    """The function that this name stands for, `module:function`."""
+    settings: dict[str, Any] = {}
+    """Of the strategy, as the scenario says; what is absent is as the strategy has it."""
+    commit: str = ""
+    """Of this software, with a plus sign where files were changed since; its version outside a clone."""
+    versions: dict[str, str] = {}
+    """Of Python and of the packages that matter."""
+
+
+UNKNOWN: Final = Origin()
+"""Of what is no whole run."""
+
+
+def origin(scenario: Scenario, name: str, behaviour: str, commit: str) -> Origin:
+    """The origin of a run of `scenario`, whose file is called `name`."""
+    return Origin(name, scenario.run.strategy, behaviour, dict(scenario.strategy), commit, versions())
+
+
+def versions() -> dict[str, str]:
+    """Of Python, and of each package that is installed."""
+    found = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found

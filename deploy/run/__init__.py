@@ -1,0 +1,1 @@
+"""A whole run: laid out, preflighted, started, watched, and ended."""

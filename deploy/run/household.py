@@ -1,0 +1,102 @@
+"""Looks after a run whose actors, and so strategies of the user's, are all in this very process."""
+
+import contextlib
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from types import FrameType, TracebackType
+from typing import Final, NoReturn, Self
+
+from actors.runtime.lifecycle import process_table
+from actors.runtime.lifecycle.failure import HardExit, OutOfPatience, where
+from actors.runtime.lifecycle.leftovers import fault
+from actors.runtime.lifecycle.linux import PR_SET_CHILD_SUBREAPER, prctl
+from actors.runtime.lifecycle.process_table import Glance
+from actors.runtime.shell import Shell
+from actors.runtime.ticks import ticking
+from deploy.run.silence import Patience, Silence, Suspect
+
+_TICK_S: Final = 0.5
+
+
+@contextlib.contextmanager
+def watched(
+    shells: Sequence[Shell], patience: Patience, turn: Callable[[], str], give_up: Callable[[str], None]
+) -> Iterator[None]:
+    """Raise OutOfPatience in the main thread if none of the `shells` advances for too long.
+
+    `turn` says in words whose turn it is. `give_up` is called once it has been raised in vain, and must not
+    return. In other threads than the main one, where no signal arrives, nobody is watched.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    me = (Suspect("", os.getpid()),)
+    silence = Silence(patience, look=lambda: {os.getpid(): Glance(0, 0, "S", time.process_time())})
+    advances = -1
+    in_vain = 0
+
+    def tick(frame: FrameType | None) -> None:
+        nonlocal advances, in_vain
+        now = sum(shell.advances for shell in shells)
+        if now != advances:
+            advances = now
+            silence.broken()
+            return
+        verdict = silence.verdict(me, me, turn())
+        if verdict is not None:
+            in_vain += 1
+            sentence = f"{verdict.sentence}; it stands at {where(frame)}"
+            if in_vain > 3:
+                give_up(sentence)
+            raise OutOfPatience(sentence)
+
+    with ticking(_TICK_S, tick):
+        yield
+
+
+@contextlib.contextmanager
+def exits_caught() -> Iterator[None]:
+    """`os._exit` raises HardExit instead of ending this process without a word."""
+    leave, me = os._exit, os.getpid()
+
+    def refuse(status: int) -> NoReturn:
+        if os.getpid() != me:  # a child of a strategy's own
+            leave(status)
+        raise HardExit(status)
+
+    os._exit = refuse
+    try:
+        yield
+    finally:
+        os._exit = leave
+
+
+class Leftovers:
+    """What strategies in this process have started and not ended; made before the run."""
+
+    def __init__(self) -> None:
+        self._threads = threading.enumerate()
+        self._children = process_table.children(os.getpid(), process_table.table())
+        self.fault: str | None = None
+        """Once this context has been left: what is wrong."""
+
+    def __enter__(self) -> Self:
+        _adopt_orphans(True)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        heirs = process_table.children(os.getpid(), process_table.table()) - self._children
+        self.fault = fault(process_table.end_orphans(heirs) > 0, self._threads)
+        _adopt_orphans(False)
+
+
+def _adopt_orphans(adopt: bool) -> None:
+    if sys.platform == "linux":
+        # An emulator of processes has no such thing: there, children alone are found.
+        with contextlib.suppress(OSError):
+            prctl(PR_SET_CHILD_SUBREAPER, int(adopt))

@@ -1,0 +1,46 @@
+"""Whether a run's robots are shut off, and what the user is told if they are not."""
+
+from dataclasses import dataclass
+
+from rich.console import Console
+
+from actors.runtime.isolation import sandbox
+
+OPEN = (
+    "each can read the others' passwords, files and memory, and reach them past the radio; "
+    "a strategy that is not out to cheat gives the same result"
+)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """How robots' processes will run."""
+
+    isolate: bool
+    warning: str = ""
+    """What is missing, and why, in a sentence; empty if nothing is."""
+
+
+def choose(wanted: bool | None, *, debugged: bool = False) -> Choice:
+    """What becomes of the wish `wanted` (None: as well as the machine can) here.
+
+    `debugged`: a debugger has to reach the process. Raises IsolationError where isolation is asked for and
+    not to be had.
+    """
+    if wanted is False or (wanted is None and debugged):
+        option = "--no-isolate" if wanted is False else "--debugpy"
+        return Choice(False, f"{option}: robots run as plain processes; {OPEN}")
+    reason = sandbox.available()
+    if reason is None:
+        return Choice(True)
+    if wanted:
+        raise sandbox.IsolationError(reason)
+    cause = reason.removesuffix(f"; {sandbox.ADVICE}")
+    return Choice(False, f"robots run as plain processes, because {cause}; {OPEN}")
+
+
+def warn(choice_warning: str) -> None:
+    """Say on standard error what is missing, if anything is."""
+    if choice_warning:
+        console = Console(stderr=True, soft_wrap=True)
+        console.print(f"acrc: {choice_warning}", style="yellow", markup=False, highlight=False)

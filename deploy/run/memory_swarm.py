@@ -1,0 +1,152 @@
+"""A run in one process: the same cores, shells, bytes and recordings, but no processes and no mesh."""
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import NoReturn
+
+from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
+from actors.messages import Roster as RosterMessage
+from actors.radio.program import part as radio_part
+from actors.robot.program import part as robot_part
+from actors.runtime.bus.interface import Delivery
+from actors.runtime.bus.memory_bus import MemoryBus, run_shells
+from actors.runtime.codec import decode
+from actors.runtime.core import at
+from actors.runtime.fingerprint import fingerprints
+from actors.runtime.lifecycle.failure import OutOfPatience, failure_note, in_words
+from actors.runtime.pace import Pace
+from actors.runtime.process import Part, final_note
+from actors.runtime.recording import Recorder
+from actors.runtime.shell import Shell
+from actors.world import program as world_program
+from actors.world.core import WorldCore
+from deploy.processes.launch import Program
+from deploy.run.household import Leftovers, exits_caught, watched
+from deploy.run.kernels import kernel_modules
+from deploy.run.plan import Plan, radio_program, robot_program
+from deploy.run.plan import world_program as world_as_program
+from deploy.run.supervisor import RunFailedError
+
+
+class MemorySwarm:
+    """All actors of one run; `programs` says what each would have been as a process."""
+
+    def __init__(self, plan: Plan, bus: MemoryBus, on_progress: Callable[[Progress], None]) -> None:
+        self._plan = plan
+        self._bus = bus
+        self._on_progress = on_progress
+        self._stack = ExitStack()
+        self._seats: list[tuple[Program, Part, Shell, Recorder]] = []
+        self._shells: list[Shell] = []
+        self._core: WorldCore | None = None
+        self._turn: Shell | None = None
+        self._pace = None if plan.speed == "max" else Pace(float(plan.speed))
+        self.rosters = 0
+        """Roster messages received."""
+
+    @property
+    def programs(self) -> tuple[Program, ...]:
+        """What each actor would have been as a process."""
+        return tuple(program for program, _, _, _ in self._seats)
+
+    def run(self) -> None:
+        """Run to the end; whatever happens, the recordings are closed and say how it ended."""
+        with self._stack:
+            try:
+                with Leftovers() as leftovers:
+                    self._play()
+            except (SystemExit, OutOfPatience) as error:
+                raise RunFailedError(self._note_failure(error)) from None
+            except Exception as error:
+                self._note_failure(error)
+                raise
+            if leftovers.fault is not None:
+                raise RunFailedError(f"a strategy failed: {leftovers.fault}")
+            cpu_s = time.process_time() / len(self._seats)  # one process: everyone gets an equal share
+            for _, part, shell, recorder in self._seats:
+                recorder.note("final", final_note(shell, part, cpu_s))
+
+    def _play(self) -> None:
+        fingerprints(kernel_modules())  # before anybody's patience begins: the very first time takes a minute
+        with exits_caught(), watched(self._shells, self._plan.patience, self._whose_turn, self._give_up):
+            self._build()
+            run_shells(self._shells, self._hold)
+
+    def _build(self) -> None:
+        plan = self._plan
+        self._bus.listen(at(PROGRESS), self._take_progress)
+        self._bus.listen(at(ROSTER), self._take_roster)
+        world = world_as_program(plan)
+        self._core = world_program.build(plan.world)
+        note = world_program.run_note(plan.world, world.argv, plan.commit)
+        self._seat(world, world_program.part(self._core, note))
+        radio = radio_program(plan)
+        self._seat(radio, radio_part(radio.argv))
+        for robot in plan.world.robots:
+            program = robot_program(plan, robot, ProcessOrder(robot.id, 0), 0)
+            self._seat(program, robot_part(program.argv))
+
+    def _seat(self, program: Program, part: Part) -> None:
+        assert program.record is not None
+        recorder = self._stack.enter_context(Recorder(program.record, part.run.step_us))
+        recorder.note("run", part.run)
+        shell = Shell(part.core, self._bus, recorder, actor=part.run.actor, open_to=part.open_to)
+        for address in part.listens:
+            self._bus.listen(address, shell.deliver)
+        self._seats.append((program, part, shell, recorder))
+        self._shells.append(shell)
+        if part.ready is not None:
+            shell.send(part.ready)
+
+    def _note_failure(self, error: BaseException) -> str:
+        """In the file of the actor whose turn it was; the others end in the middle, as processes would."""
+        note = failure_note("the run", 0, error)
+        for _, part, shell, recorder in self._seats:
+            if shell is self._turn:
+                note = failure_note(part.run.actor, shell.core.step, error)
+                recorder.note("failure", note)
+        return in_words(note)
+
+    def _whose_turn(self) -> str:
+        turn = self._turn
+        if turn is None:
+            return "the actors are not made"
+        return f"step {turn.core.step}: {turn.actor} does not come to the step's end"
+
+    def _give_up(self, sentence: str) -> NoReturn:
+        """End this process, although something in it catches whatever is raised."""
+        self._note_failure(OutOfPatience(sentence))
+        self._stack.close()
+        sys.stderr.write(f"acrc: {sentence}\n")
+        sys.stderr.flush()
+        os.kill(os.getpid(), signal.SIGKILL)
+        raise AssertionError
+
+    def _hold(self, shell: Shell) -> None:
+        assert self._core is not None
+        self._turn = shell
+        if self._pace is not None and shell.core is self._core and self._core.opening:
+            self._pace.hold(self._core.instant)
+
+    def _take_progress(self, delivery: Delivery) -> None:
+        progress = decode(delivery.topic, delivery.key, delivery.payload)
+        assert isinstance(progress, Progress)
+        self._on_progress(progress)
+
+    def _take_roster(self, delivery: Delivery) -> None:
+        roster = decode(delivery.topic, delivery.key, delivery.payload)
+        assert isinstance(roster, RosterMessage)
+        self.rosters += 1
+        robots = {robot.id: robot for robot in self._plan.world.robots}
+        for order in roster.start:
+            for program, _, shell, _ in self._seats:
+                if program.actor == order.robot:
+                    while not shell.finished and shell.pump() is None:
+                        pass
+                    self._bus.leave(shell.deliver)
+            program = robot_program(self._plan, robots[order.robot], order, roster.step)
+            self._seat(program, robot_part(program.argv))

@@ -1,0 +1,136 @@
+"""How a scenario is to be run: everything that must not change what comes out."""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal, cast, get_args
+
+from actors.runtime.isolation.resource_limits import ProcessLimits, limits
+from deploy.run import out_folder
+from deploy.run.silence import Patience
+from deploy.usage import OptionError
+
+SLOWEST = 0.01
+"""At this speed a step of 100 ms takes 10 s, well under the patience with an actor that is silent."""
+_SLOWEST_STEP_S = 0.1
+"""The longest step that a scenario may have."""
+Bus = Literal["zenoh", "memory"]
+Spawn = Literal["forkserver", "exec"]
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """The options of `acrc run` that are not part of the scenario."""
+
+    out: Path
+    """Absolute path of a new or empty folder for everything that the run writes."""
+    speed: str = "max"
+    """Simulated seconds per second as a number, or "max"."""
+    bus: Bus = "zenoh"
+    """zenoh: a process per actor; memory: all actors in this process."""
+    spawn: Spawn = "forkserver"
+    """How processes are started: forked with everything imported, or anew."""
+    isolate: bool | None = None
+    """Shut every robot's process off from everything but its own two branches of the mesh; None: do so where
+    the machine can, with processes to shut off."""
+    scenario: str = ""
+    """Name of the scenario's file, for the result."""
+    hidden: tuple[Path, ...] = ()
+    """Files that robots must not see, even beside the code of their strategy: the scenario's own."""
+    view: bool = False
+    """Show the run while it goes on."""
+    hardware: bool = False
+    """Robots as on board, with emulated devices, in wall time."""
+    limits: ProcessLimits = field(default=ProcessLimits())
+    """What each robot's process may have."""
+    patience_s: float = Patience.step_s
+    """How long an actor may keep all others from the next step, s; see `deploy.run.silence`."""
+    json: bool = False
+    """Print the result as JSON on standard output, and nothing else."""
+    check: bool = False
+    """Execute every actor again afterwards, and compare."""
+
+
+def run_options(  # one for each option of the command line
+    out: Path,
+    *,
+    speed: str = "max",
+    bus: str = "zenoh",
+    spawn: str = "forkserver",
+    isolate: bool | None = None,
+    scenario: str = "",
+    hidden: tuple[Path, ...] = (),
+    view: bool = False,
+    hardware: bool = False,
+    limit: Sequence[str] = (),
+    patience: float = Patience.step_s,
+    json: bool = False,
+    check: bool = False,
+) -> RunOptions:
+    """The options as they stand on the command line, checked. Raises OptionError."""
+    if bus not in get_args(Bus):
+        raise OptionError(f"--bus {bus}: must be {_choice(get_args(Bus))}")
+    if spawn not in get_args(Spawn):
+        raise OptionError(f"--spawn {spawn}: must be {_choice(get_args(Spawn))}")
+    if isolate and bus == "memory":
+        raise OptionError(
+            "--isolate: needs a process for each robot, and with --bus memory there is one for all"
+        )
+    if view and bus == "memory":
+        raise OptionError("--view: needs the mesh to look on, and with --bus memory there is none")
+    if hardware and (bus == "memory" or view or _speed(speed) not in {"max", "1"}):
+        raise OptionError(
+            "--hardware-in-the-loop: runs processes in wall time; "
+            "must stand without --bus memory, --view, and a --speed other than 1"
+        )
+    if hardware and check:
+        raise OptionError(
+            "--check: executes a simulated run again; must stand without --hardware-in-the-loop"
+        )
+    if limit and (bus == "memory" or hardware):
+        raise OptionError("--limit: holds a simulated robot's process; must stand with --bus zenoh only")
+    if _speed(speed) != "max" and not patience > (slowest := _SLOWEST_STEP_S / float(speed)):
+        raise OptionError(
+            f"--patience {patience:g}: must be more than the {slowest:g} s of a step at --speed {speed}"
+        )
+    out_folder.check(out, mesh=bus == "zenoh")
+    return RunOptions(
+        out.absolute(),
+        _speed(speed),
+        cast(Bus, bus),
+        cast(Spawn, spawn),
+        isolate,
+        scenario,
+        hidden,
+        view,
+        hardware,
+        limits(tuple(limit)),
+        patience,
+        json,
+        check,
+    )
+
+
+def folder_name(scenario: Path) -> str:
+    """What a run's folder is called: after the scenario, and the time in UTC."""
+    stem = re.sub(r"[^\w.-]", "-", scenario.stem)  # "#" and "?" could not be part of the path of a socket
+    return f"{stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
+
+
+def _speed(text: str) -> str:
+    if text == "max":
+        return text
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not value >= SLOWEST or math.isinf(value):
+        raise OptionError(f'--speed {text}: must be "max" or a number from 0.01 on, such as 1 or 4')
+    return text
+
+
+def _choice(names: tuple[str, ...]) -> str:
+    return " or ".join(names)

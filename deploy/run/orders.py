@@ -1,0 +1,131 @@
+"""Orders to a run that is going on: what a scenario's events can do, and pause, resume and stop."""
+
+import secrets
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from actors.instant import seconds
+from actors.messages import (
+    ANSWERED,
+    CONTROL,
+    Answered,
+    Control,
+    Freeze,
+    Kill,
+    Move,
+    Obstacle,
+    Order,
+    Pause,
+    Restart,
+    Resume,
+    StartJam,
+    Stop,
+    Thaw,
+)
+from actors.order_limits import OrderLimits, fault
+from actors.runtime.access import router_file, rules
+from actors.runtime.bus.interface import Bus
+from actors.runtime.bus.zenoh_bus import open_mesh
+from actors.runtime.codec import decode, encode
+from actors.runtime.core import at
+from actors.runtime.errors import AcrcError
+
+
+class OrderError(AcrcError):
+    """An order that nobody understands, or a run that takes none."""
+
+
+def _numbers(make: Callable[..., Order], count: int) -> Callable[[Sequence[str]], Order]:
+    def order(words: Sequence[str]) -> Order:
+        values = [float(word) for word in words]
+        if len(values) != count:
+            raise ValueError
+        return make(*values)
+
+    return order
+
+
+def _robot(make: Callable[[str], Order]) -> Callable[[Sequence[str]], Order]:
+    def order(words: Sequence[str]) -> Order:
+        (robot,) = words
+        return make(robot)
+
+    return order
+
+
+def _move(words: Sequence[str]) -> Order:
+    robot, *pose = words
+    return _numbers(lambda x, y, heading: Move(robot, x, y, heading), 3)(pose)
+
+
+_FORMS: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = MappingProxyType({
+    "kill": ("ROBOT", _robot(Kill)),
+    "freeze": ("ROBOT", _robot(Freeze)),
+    "thaw": ("ROBOT", _robot(Thaw)),
+    "restart": ("ROBOT", _robot(Restart)),
+    "move": ("ROBOT X Y HEADING", _move),
+    "jam": ("X Y RADIUS SECONDS", _numbers(lambda x, y, r, s: StartJam(x, y, r, seconds(s)), 4)),
+    "obstacle": ("X Y RADIUS", _numbers(Obstacle, 3)),
+    "pause": ("", _numbers(Pause, 0)),
+    "resume": ("", _numbers(Resume, 0)),
+    "stop": ("", _numbers(Stop, 0)),
+})  # fmt: skip
+"""By verb: what must follow it, and how it is read."""
+
+
+def forms() -> str:
+    """Every order as one types it."""
+    return ", ".join(f"{verb} {words}".strip() for verb, (words, _) in _FORMS.items())
+
+
+def parse(verb: str, words: Sequence[str]) -> Order:
+    """The order that was typed; OrderError if there is none like it."""
+    if verb not in _FORMS:
+        raise OrderError(f"there is no order {verb!r}; it should be one of: {forms()}")
+    shape, read = _FORMS[verb]
+    try:
+        order = read(words)
+    except (ValueError, OverflowError):  # the latter: an infinite number of seconds
+        given = " ".join([verb, *words])
+        raise OrderError(f"the order {given!r} should read {f'{verb} {shape}'.strip()!r}") from None
+    if wrong := fault(order, OrderLimits()):
+        raise OrderError(wrong)
+    return order
+
+
+def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:
+    """Give an order to the run that writes to `out`, and hear what becomes of it at the next step's start.
+
+    None if it was carried out, else why it was refused. OrderError if no run is going on there, or it says
+    nothing within `patience_s`.
+    """
+    file = out / "world" / router_file.NAME
+    if not file.is_file():
+        raise OrderError(f"{out}: no run is going on here; name the folder of one that is, over Zenoh")
+    issued = router_file.read(file)
+    config = rules.client_config(issued.files["operator"], issued.endpoint("operator"))
+    ticket = secrets.token_hex(8)
+    with open_mesh(config, (at(ANSWERED),), patience_s=5.0) as bus:
+        bus.publish(CONTROL.key(), encode(Control(0, (order,), ticket)))
+        answer = _await_answer(bus, ticket, time.monotonic() + patience_s)
+    if answer is None:
+        raise OrderError(
+            f"{out}: the run has not said within {patience_s:g} s what becomes of the order; if it goes on, "
+            "the order is carried out at the start of its next step; run.json will name it if it is refused"
+        )
+    return "; ".join(answer.refusals) or None
+
+
+def _await_answer(bus: Bus, ticket: str, deadline: float) -> Answered | None:
+    topic = at(ANSWERED).topic
+    while time.monotonic() < deadline:
+        while (delivery := bus.poll(topic)) is not None:
+            answer = decode(topic, delivery.key, delivery.payload)
+            assert isinstance(answer, Answered)
+            if answer.ticket == ticket:
+                return answer
+        time.sleep(0.005)
+    return None

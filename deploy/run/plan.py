@@ -1,0 +1,201 @@
+"""Lays a run out on disk: what every process reads, and the command line it is started with."""
+
+import shutil
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+import yaml
+
+from actors.messages import ProcessOrder
+from actors.radio.radio_setup import RadioSetup
+from actors.randomness import derived_seed
+from actors.runtime.access import credentials, router_file
+from actors.runtime.access.credentials import Credentials, unix_endpoint
+from actors.runtime.client_options import own_folder
+from actors.runtime.isolation.resource_limits import ProcessLimits, as_words
+from actors.world.world_setup import RobotSetup, WorldSetup
+from deploy.processes.launch import Program
+from deploy.run import scenario_copy
+from deploy.run.out_folder import make_folder
+from deploy.run.silence import Patience
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A run that is ready to be laid out."""
+
+    out: Path
+    """Absolute path of the folder for everything that the run writes."""
+    world: WorldSetup
+    radio: RadioSetup
+    behaviour: str
+    """Entry string `module:function` of the robots' behaviour."""
+    modules: tuple[Path, ...]
+    """Folders in which a strategy of the user's own is looked for, the first one first."""
+    adaptation: str
+    """What every robot reads about its strategy and exchange, as TOML."""
+    navigation: str
+    """What every robot reads about how it localises and navigates, as TOML."""
+    scenario: scenario_copy.ScenarioCopy
+    """The resolved scenario, as it lies beside the result."""
+    commit: str
+    """Version of the software."""
+    speed: str
+    """As on the command line: "max" or a number."""
+    isolate: bool
+    warning: str = ""
+    """What is missing of the robots' isolation, for the user; empty if nothing is."""
+    hidden: tuple[Path, ...] = ()
+    """Files beside the strategy's code that a robot must not see: the scenario."""
+    view: bool = False
+    limits: ProcessLimits = field(default=ProcessLimits())
+    """What each robot's process may have."""
+    patience: Patience = field(default=Patience())
+    """How long the run may take no step."""
+
+    def folder(self, actor: str) -> Path:
+        """The actor's own folder."""
+        return self.out / actor
+
+    def write_scenario(self) -> None:
+        """Write the scenario, with the files that it names."""
+        (self.out / "scenario.toml").write_text(self.scenario.text)
+        (self.out / scenario_copy.MAP).mkdir()
+        copy_map(Path(self.world.map), self.out / scenario_copy.MAP)
+        for source, place in self.scenario.models:
+            (self.out / place).parent.mkdir(exist_ok=True)
+            shutil.copy(source, self.out / place)
+
+    def address(self, robot: str) -> int:
+        """The robot's short address on the air."""
+        return dict(self.radio.robots)[robot]
+
+
+def lay_out(plan: Plan) -> None:
+    """Write the files that the actors read; the folder must be new or empty."""
+    make_folder(plan.out)
+    plan.write_scenario()
+    for actor, setup in (("world", plan.world), ("radio", plan.radio)):
+        plan.folder(actor).mkdir()
+        (plan.folder(actor) / "setup.json").write_bytes(msgspec.json.format(msgspec.json.encode(setup)))
+    places = {robot.id: robot.places for robot in plan.world.robots}
+    (plan.folder("world") / "places.json").write_bytes(msgspec.json.encode(places))
+    for robot in plan.world.robots:
+        lay_out_robot(plan, robot)
+
+
+def lay_out_robot(plan: Plan, robot: RobotSetup) -> None:
+    """Write the files that one robot reads."""
+    own_folder(plan.folder(robot.id)).mkdir(parents=True)
+    copy_map(Path(plan.world.map), plan.folder(robot.id))
+    _write_places(robot, plan.folder(robot.id) / "places.toml")
+    (plan.folder(robot.id) / "adaptation.toml").write_text(plan.adaptation)
+    (plan.folder(robot.id) / "navigation.toml").write_text(plan.navigation)
+    if Path(robot.model).is_file():
+        shutil.copy(robot.model, plan.folder(robot.id) / "model.toml")
+
+
+def copy_map(map_file: Path, folder: Path) -> None:
+    """Copy a map_server map, its YAML file as `map.yaml` and its image beside it, as onto a robot's disk."""
+    content = yaml.safe_load(map_file.read_text())
+    image = (map_file.parent / content["image"]).resolve()
+    shutil.copy(image, folder / f"map{image.suffix}")
+    content["image"] = f"map{image.suffix}"
+    (folder / "map.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+
+
+def world_program(plan: Plan) -> Program:
+    """The world's program."""
+    folder = plan.folder("world")
+    argv = (
+        *("--setup", str(folder / "setup.json"), "--router", str(folder / router_file.NAME)),
+        *("--record", str(folder / "world.mcap"), "--commit", plan.commit),
+        *("--speed", plan.speed, "--with-parent"),
+    )
+    return Program("world", "actors.world", argv, folder / "world.log", folder / "world.mcap")
+
+
+def radio_program(plan: Plan) -> Program:
+    """The radio's program."""
+    folder = plan.folder("radio")
+    argv = ("--setup", str(folder / "setup.json"), *seat_argv(plan, "world", "radio", folder / "radio.mcap"))
+    return Program("radio", "actors.radio", argv, folder / "radio.log", folder / "radio.mcap")
+
+
+def robot_program(
+    plan: Plan, robot: RobotSetup, order: ProcessOrder, first_step: int, name: str | None = None
+) -> Program:
+    """A robot's program; the same but for endpoint and time source as on a robot.
+
+    `name`: of its recording and its log. Default: the robot's id, with its epoch behind it after a restart.
+    """
+    folder = plan.folder(robot.id)
+    name = name or (robot.id if order.epoch == 0 else f"{robot.id}.{order.epoch}")
+    argv = (
+        *robot_argv(plan, robot, order.epoch, first_step),
+        *seat_argv(plan, robot.id, "", folder / f"{name}.mcap"),
+        *(("--isolate",) if plan.isolate else ()),
+        *(word for limit in (as_words(plan.limits) or ("",)) for word in ("--limit", limit)),
+        *(word for path in plan.hidden for word in ("--hide", str(path))),
+    )
+    return Program(robot.id, "actors.robot", argv, folder / f"{name}.log", folder / f"{name}.mcap")
+
+
+def robot_argv(plan: Plan, robot: RobotSetup, epoch: int, first_step: int) -> tuple[str, ...]:
+    """What a robot is, apart from its connections."""
+    folder = plan.folder(robot.id)
+    model = folder / "model.toml"
+    x, y, heading = robot.start
+    return (
+        *("--id", robot.id, "--epoch", str(epoch), "--first-step", str(first_step)),
+        *("--seed", str(derived_seed(plan.world.seed, robot.id)), "--step-us", str(plan.world.step_us)),
+        *("--address", str(plan.address(robot.id)), "--map", str(folder / "map.yaml")),
+        *("--model", str(model) if model.exists() else robot.model),
+        *(("--sensor", robot.sensor) if robot.sensor else ()),
+        *(f"--start={x!r},{y!r},{heading!r}", "--places", str(folder / "places.toml")),
+        *("--adaptation", str(folder / "adaptation.toml"), "--navigation", str(folder / "navigation.toml")),
+        *("--behaviour", plan.behaviour),
+        *(word for path in plan.modules for word in ("--path", str(path))),
+    )
+
+
+def issue_credentials(plan: Plan) -> Credentials:
+    """Draw the run's passwords; the robots' lie in their folders, all others in the world's."""
+    issued = credentials.issue(
+        {robot.id: plan.folder(robot.id) for robot in plan.world.robots}, plan.folder("world")
+    )
+    router_file.write(plan.folder("world") / router_file.NAME, issued)
+    return issued
+
+
+def remove_credentials(plan: Plan) -> None:
+    """Remove what the run has left of passwords and sockets, if the world has not done so."""
+    router_file.remove(plan.folder("world") / router_file.NAME)
+
+
+def observer_program(plan: Plan) -> Program:
+    """The observer's program."""
+    folder = plan.folder("world").resolve()
+    argv = (
+        *("--out", str(plan.out), "--map", plan.world.map, "--places", str(folder / "places.json")),
+        *("--router", unix_endpoint(folder / "router.sock")),
+        *("--credentials", str(folder / "observer.credentials"), "--with-parent"),
+    )
+    return Program("observer", "actors.observer", argv, plan.out / "view.log", None)
+
+
+def seat_argv(plan: Plan, folder: str, user: str, record: Path) -> tuple[str, ...]:
+    """The options that every client has; the router's socket, and `user`'s credentials, lie in `folder`."""
+    place = plan.folder(folder).resolve()
+    secret = place / (f"{user}.credentials" if user else "credentials")
+    return (
+        *("--router", unix_endpoint(place / "router.sock"), "--credentials", str(secret)),
+        *("--record", str(record), "--commit", plan.commit, "--with-parent"),
+    )
+
+
+def _write_places(robot: RobotSetup, path: Path) -> None:
+    title = f"# Places that {robot.id} has to clean: x, y in metres, map frame."
+    rows = "".join(f"    [{x!r}, {y!r}],\n" for x, y in robot.places)
+    path.write_text(f"{title}\nplaces = [\n{rows}]\n")

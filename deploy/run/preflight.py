@@ -1,0 +1,174 @@
+"""Makes the first robot once before a run: what is wrong with a strategy is said before anything is laid out.
+
+In a run of processes it is made as it will be, by a process of its own that is shut off like a robot's: the
+strategy is somebody's code, and in the parent it could reach every robot's folder.
+"""
+
+import contextlib
+import re
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import msgspec
+from rich.console import Console
+
+from actors.floor.map_file import load_map
+from actors.geometry import Point, Pose
+from actors.messages import ProcessOrder
+from actors.randomness import derived_seed
+from actors.robot import assembly
+from actors.robot.behaviour.adaptation import adaptation
+from actors.robot.behaviour.entry import load_behaviour
+from actors.robot.program import look_in
+from actors.robot_model import load_model
+from actors.runtime.errors import AcrcError, printable
+from actors.runtime.lifecycle.failure import FailureNote
+from actors.runtime.recording import RecordingError, read_notes
+from deploy.processes.launch import Child, Launcher, Program
+from deploy.run.plan import Plan, lay_out_robot, robot_program
+from deploy.scenario.resolve import Cast
+
+_HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL | re.MULTILINE)
+"""What faulthandler writes of the place where the main thread was."""
+
+
+class RehearsalError(AcrcError):
+    """A robot that cannot be made."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a rehearsal may take."""
+
+    patience_s: float = 120.0
+    """Until the robot has been made, kernels included, which are compiled at the first start ever."""
+    grace_s: float = 5.0
+    """Beyond that, for a process that does not heed it."""
+    shown_bytes: int = 20_000
+    """Of what the strategy says, the last part is shown."""
+
+
+def rehearse(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None:
+    """Make the first robot in a process of its own, in a folder that is gone afterwards.
+
+    Raises RehearsalError where that fails, hangs or ends; a bug's traceback is shown first.
+    """
+    robot = plan.world.robots[0]
+    with tempfile.TemporaryDirectory(prefix="acrc") as folder:
+        stage = replace(plan, out=Path(folder).resolve())
+        lay_out_robot(stage, robot)
+        program = robot_program(stage, robot, ProcessOrder(robot.id, 0), 0)
+        program = replace(program, argv=(*program.argv, "--rehearse", f"{bounds.patience_s:g}"))
+        child = launched.start(program)
+        try:
+            _await_end(child, launched, bounds)
+        finally:
+            child.send(signal.SIGKILL)
+            _await_end(child, launched, replace(bounds, patience_s=0.0))
+        _judge(plan, child, bounds)
+
+
+def rehearse_here(settled: Cast, text: str, modules: Sequence[Path]) -> None:
+    """Make the first robot's behaviour in this process, told the adaptation.toml `text`, and drop it.
+
+    For a run in memory, where the strategy runs in this process anyway. Raises an AcrcError for settings,
+    areas or equipment that do not fit, and for an entry that leads nowhere. Any other error is in the
+    strategy's own code, and is passed on with a note of which one it is.
+    """
+    name, robot = settled.scenario.run.strategy, settled.world.robots[0]
+    behaviour = assembly.RobotSetup(
+        id=robot.id,
+        epoch=0,
+        first_step=0,
+        seed=derived_seed(settled.world.seed, robot.id),
+        step_us=settled.world.step_us,
+        address=dict(settled.radio.robots)[robot.id],
+        start=Pose(*robot.start),
+        places=tuple(Point(*place) for place in robot.places),
+        behaviour=settled.behaviour,
+        adaptation=adaptation(text),
+    )
+    model = load_model(robot.model, robot.sensor)
+    floor = assembly.floor(load_map(settled.world.map), model, behaviour.stack)
+    start = assembly.start(behaviour, model, floor)
+    with _found(modules), contextlib.redirect_stdout(sys.stderr):  # --json leaves nothing else there
+        try:
+            load_behaviour(settled.behaviour, start)
+        except AcrcError:
+            raise
+        except Exception as error:
+            which = repr(name) if name == settled.behaviour else f"{name!r}, {settled.behaviour!r},"
+            error.add_note(f"in strategy {which} made for {robot.id} before the run")
+            raise
+
+
+def _await_end(child: Child, launched: Launcher, bounds: Bounds) -> None:
+    deadline = time.monotonic() + bounds.patience_s + bounds.grace_s
+    while child.exit_code is None and time.monotonic() < deadline:
+        launched.wait(0.05)
+
+
+def _judge(plan: Plan, child: Child, bounds: Bounds) -> None:
+    """RehearsalError unless the robot's process says that the robot could be made."""
+    made = f"strategy {plan.behaviour!r}, made for {child.program.actor} before the run"
+    notes = _notes(child.program)
+    if "failure" in notes:
+        note = msgspec.json.decode(notes["failure"], type=FailureNote)
+        if note.expected:
+            raise RehearsalError(printable(note.cause))
+        show(said(child.program, bounds.shown_bytes))
+        raise RehearsalError(f"{made}: {printable(note.cause)}")
+    if child.exit_code == 0 and "run" in notes:
+        return
+    told = said(child.program, bounds.shown_bytes)
+    hung = _HUNG.search(told)
+    if hung is not None:
+        where = f"{Path(hung[1]).name}:{hung[2]}"
+        raise RehearsalError(f"{made}: is not done after {bounds.patience_s:g} s; it is at {where}")
+    if child.exit_code == 2 and told.strip():  # it says why before it comes to the strategy
+        raise RehearsalError(told.strip().splitlines()[-1])
+    show(told)
+    if child.exit_code is None or child.exit_code < 0:
+        number = signal.SIGKILL if child.exit_code is None else signal.Signals(-child.exit_code)
+        raise RehearsalError(f"{made}: its process was ended by signal {number.name}")
+    raise RehearsalError(f"{made}: its process ended with exit code {child.exit_code}")
+
+
+def _notes(program: Program) -> dict[str, bytes]:
+    assert program.record is not None
+    try:
+        return {name: bytes(text, "utf-8") for name, text in read_notes(program.record).items()}
+    except (OSError, RecordingError):
+        return {}
+
+
+def said(program: Program, limit: int = Bounds.shown_bytes) -> str:
+    """The end of what a process wrote to its log, without what would steer a terminal."""
+    if not program.log.is_file():
+        return ""
+    with program.log.open("rb") as log:
+        log.seek(max(0, program.log.stat().st_size - limit))
+        return printable(log.read(limit).decode(errors="replace"))
+
+
+def show(told: str) -> None:
+    """Show on standard error what a process said, if it said anything."""
+    if told.strip():
+        Console(stderr=True, soft_wrap=True).print(told.rstrip("\n"), markup=False, highlight=False)
+
+
+@contextlib.contextmanager
+def _found(modules: Sequence[Path]) -> Iterator[None]:
+    """Python finds modules in these folders, too, for as long as it lasts."""
+    before = sys.path[:]
+    look_in(modules)
+    try:
+        yield
+    finally:
+        sys.path[:] = before

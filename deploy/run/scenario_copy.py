@@ -1,0 +1,58 @@
+"""The scenario that lies beside a result: it runs again from wherever the folder is taken.
+
+Its map and its robot models lie in the folder, too. A strategy of one's own does not: `run.modules` leads to
+where it was found, from the folder; nothing else in the file leads out of it.
+"""
+
+import os
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from deploy.results.origin import UNKNOWN, Origin, origin
+from deploy.run.options import RunOptions
+from deploy.scenario.resolve import Cast
+from deploy.scenario.scenario_text import to_toml
+from deploy.version import software
+
+MAP: Final = "map"
+"""Folder of the map, in the run's folder."""
+_MODELS: Final = "models"
+
+
+class ScenarioCopy(NamedTuple):
+    """What is written beside a result."""
+
+    text: str
+    """Of `scenario.toml`."""
+    models: tuple[tuple[Path, str], ...]
+    """Robot models, and where the text has them: a path in the run's folder."""
+    origin: Origin = UNKNOWN
+    """What the result says about where it comes from."""
+
+
+def beside(settled: Cast, options: RunOptions) -> ScenarioCopy:
+    """The copy for the run's folder, in MAP of which the map will lie; paths of the scenario are absolute."""
+    scenario, out = settled.scenario, options.out
+    named = dict.fromkeys((scenario.robots.model, *(robot.model for robot in scenario.robot)))
+    files = [name for name in named if name is not None and name.endswith(".toml")]
+    places = {name: f"{_MODELS}/{number}-{Path(name).name}" for number, name in enumerate(files, start=1)}
+
+    def moved(model: str | None) -> str | None:
+        return model if model is None else places.get(model, model)
+
+    own = ":" in scenario.run.strategy
+    modules = os.path.relpath(scenario.run.modules, out) if own and scenario.run.modules else None
+    here = scenario.model_copy(
+        update={
+            "map": f"{MAP}/map.yaml",
+            "run": scenario.run.model_copy(update={"modules": modules}),
+            "robots": scenario.robots.model_copy(update={"model": moved(scenario.robots.model)}),
+            "robot": tuple(
+                robot.model_copy(update={"model": moved(robot.model)}) for robot in scenario.robot
+            ),
+        }
+    )
+    models = tuple((Path(name), place) for name, place in places.items())
+    return ScenarioCopy(
+        to_toml(here), models, origin(scenario, options.scenario, settled.behaviour, software())
+    )

@@ -1,0 +1,216 @@
+"""Watches over the processes of a run: starts them, notices the first that fails, and ends them all."""
+
+import contextlib
+import signal
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress, Roster
+from actors.runtime.bus.interface import Bus
+from actors.runtime.codec import decode
+from actors.runtime.errors import AcrcError
+from actors.runtime.lifecycle.failure import FailureNote, in_words
+from actors.runtime.lifecycle.leftovers import fault
+from actors.runtime.lifecycle.process_table import glance
+from actors.runtime.recording import RecordingError, decoded, read_notes
+from actors.topic import Message, Topic
+from deploy.processes.launch import Child, Launcher, LaunchError, Program
+from deploy.run.disk_use import DiskWatch
+from deploy.run.silence import Patience
+from deploy.run.vigil import Vigil
+
+
+class RunFailedError(AcrcError):
+    """An actor died, hung or raised; the sentence names it and the cause."""
+
+
+class Supervisor:
+    """One run's processes. Ends with all of them gone, whatever happens."""
+
+    POLL_S = 0.05
+    GRACE_S = 3.0
+    """How long a process may take to end after it was asked to."""
+    VIEW_S = 15.0
+    """How long an observer may take to finish its file once the run is over; then it is asked to end."""
+
+    def __init__(
+        self,
+        launcher: Launcher,
+        restart: Callable[[ProcessOrder, int], Program],
+        on_progress: Callable[[Progress], None],
+        patience: Patience,
+        disk: DiskWatch,
+        say: Callable[[str], None] = lambda sentence: None,
+    ) -> None:
+        """`say` is told what the person at the terminal should know while the run goes on."""
+        self._launcher = launcher
+        self._restart = restart
+        self._on_progress = on_progress
+        self._disk = disk
+        self._vigil = Vigil(patience, launcher.wait, say)
+        self._children: list[Child] = []
+        self._complete: set[int] = set()
+        """Processes that have ended as planned, by id."""
+        self._finished = False
+        self.rosters = 0
+        """Roster messages received."""
+
+    @property
+    def programs(self) -> tuple[Program, ...]:
+        """Every program that was started, in order."""
+        return tuple(child.program for child in self._children)
+
+    @property
+    def running(self) -> bool:
+        """True while at least one process has not ended."""
+        return bool(self._running())
+
+    def start(self, programs: Iterable[Program]) -> None:
+        """Start processes."""
+        self._children.extend(self._launcher.start(program) for program in programs)
+
+    def watch(self, bus: Bus) -> None:
+        """Stay until every process has ended as planned; RunFailedError at the first that does not."""
+        while any(child.program.record for child in self._running()):
+            self._launcher.wait(self.POLL_S)
+            self._take_messages(bus)
+            self.look()
+        self._take_messages(bus)
+        self.check()
+        deadline = time.monotonic() + self.VIEW_S
+        while (running := self._running()) and time.monotonic() < deadline:
+            # who is held by a signal finishes nothing; it is let go, and told to end, by `end_all`
+            if all((seen := glance(child.pid)) is not None and seen.stopped for child in running):
+                return
+            self._launcher.wait(self.POLL_S)
+
+    def await_file(self, path: Path, needed: str) -> bool:
+        """Stay until a process has made the file, so that nobody has to try again and again.
+
+        False if the process `needed`, which was to make it, has ended.
+        """
+        while not path.exists():
+            if not any(child.program.actor == needed for child in self._running()):
+                self.check()
+                return False
+            self._launcher.wait(0.005)
+            self.look()
+        return True
+
+    def look(self) -> None:
+        """RunFailedError if a process has ended otherwise than planned, or keeps the run from going on."""
+        self.check()
+        running = [child for child in self._running() if child.program.record]
+        world = next((child for child in self._children if child.program.actor == "world"), None)
+        assert world is not None and world.program.record is not None
+        if self._finished:
+            fault = self._vigil.look_for_ends(running, f"{_names(running)} did not end after the last step")
+        else:
+            fault = self._vigil.look(running, world.program.record)
+        fault = fault or self._disk.fault(child.program for child in running)
+        if fault is not None:
+            self.check()  # what has just ended says more
+            raise RunFailedError(fault)
+
+    def check(self) -> None:
+        """RunFailedError if a process has ended otherwise than planned."""
+        self._launcher.wait(0.0)
+        ended = [child for child in self._children if child.exit_code is not None and child.program.record]
+        failed = [child for child in ended if child.exit_code]
+        if failed:
+            raise RunFailedError(_cause(failed))
+        for child in ended:
+            if child.pid not in self._complete:
+                self._complete.add(child.pid)
+                _check_end(child)
+
+    def end_all(self) -> None:
+        """Ask every process to end, then make it."""
+        for number, patience_s in ((signal.SIGTERM, self.GRACE_S), (signal.SIGKILL, self.GRACE_S)):
+            for child in self._running():
+                child.send(number)
+                child.send(signal.SIGCONT)  # one that is stopped would not hear it
+            deadline = time.monotonic() + patience_s
+            while self._running() and time.monotonic() < deadline:
+                with contextlib.suppress(
+                    LaunchError
+                ):  # the server's end was told before, or is of no interest
+                    self._launcher.wait(self.POLL_S)
+
+    def _running(self) -> list[Child]:
+        return [child for child in self._children if child.exit_code is None]
+
+    def _take_messages(self, bus: Bus) -> None:
+        while (progress := _next(bus, PROGRESS)) is not None:
+            assert isinstance(progress, Progress)
+            self._vigil.hear(progress)
+            if progress.finished and not self._finished:
+                self._finished = True
+                self._vigil.broken()
+            self._on_progress(progress)
+        while (roster := _next(bus, ROSTER)) is not None:
+            assert isinstance(roster, Roster)
+            self.rosters += 1
+            self._restart_robots(roster)
+
+    def _restart_robots(self, roster: Roster) -> None:
+        for order in roster.start:
+            self._vigil.broken()
+            while old := [child for child in self._running() if child.program.actor == order.robot]:
+                self._launcher.wait(self.POLL_S)
+                self.check()
+                if fault := self._vigil.look_for_ends(old, f"{order.robot} did not end when it was to"):
+                    raise RunFailedError(fault)
+            self.start([self._restart(order, roster.step)])
+
+
+def _next(bus: Bus, topic: Topic[Progress] | Topic[Roster]) -> Message | None:
+    delivery = bus.poll(topic)  # type: ignore[arg-type]
+    return None if delivery is None else decode(delivery.topic, delivery.key, delivery.payload)
+
+
+def _cause(failed: list[Child]) -> str:
+    """One sentence on what failed first: an actor with a cause of its own before those it dragged down."""
+    notes = [note for note in (_failure(child.program) for child in failed) if note is not None]
+    if notes:
+        note = min(notes, key=lambda note: (not note.expected, note.actor == "world"))
+        return in_words(note)
+    child = failed[0]
+    code = child.exit_code
+    assert code is not None
+    if code < 0:
+        return f"{child.program.actor} was ended by signal {signal.Signals(-code).name}"
+    last = _last_line(child.program)
+    return f"{child.program.actor} ended with exit code {code}" + (f": {last}" if last else "")
+
+
+def _check_end(child: Child) -> None:
+    """RunFailedError if a process with exit code 0 has ended before its time, or left something running."""
+    program = child.program
+    assert program.record is not None
+    if "final" not in read_notes(program.record):
+        raise RunFailedError(
+            f"{program.actor} ended with exit code 0 in the middle of the run, as by os._exit(0); "
+            f"its log is {program.log}"
+        )
+    if wrong := fault(child.strays > 0):
+        raise RunFailedError(f"{program.actor} failed: {wrong}")
+
+
+def _names(children: Iterable[Child]) -> str:
+    return ", ".join(child.program.actor for child in children)
+
+
+def _failure(program: Program) -> FailureNote | None:
+    assert program.record is not None
+    try:
+        text = read_notes(program.record).get("failure")
+        return None if text is None else decoded(program.record, "failure", text, FailureNote)
+    except RecordingError:
+        return None
+
+
+def _last_line(program: Program) -> str:
+    lines = program.log.read_text(errors="replace").split("\n") if program.log.is_file() else []
+    return next((line.strip() for line in reversed(lines) if line.strip()), "")

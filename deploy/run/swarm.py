@@ -1,0 +1,182 @@
+"""A whole run: from a scenario to processes over the mesh or cores in memory, and to the result."""
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
+from actors.runtime.access import rules
+from actors.runtime.bus.memory_bus import MemoryBus
+from actors.runtime.bus.zenoh_bus import open_mesh
+from actors.runtime.core import at
+from deploy.processes.launch import Launcher, Program, launcher
+from deploy.processes.signals import signals_as_interrupts
+from deploy.results.place_table import write_table
+from deploy.results.result import Circumstances, RunResult, gather
+from deploy.run import progress, scenario_copy
+from deploy.run.disk_use import DiskWatch
+from deploy.run.foreign import beside, folder_of
+from deploy.run.isolating import Choice, choose, warn
+from deploy.run.memory_swarm import MemorySwarm
+from deploy.run.options import RunOptions
+from deploy.run.out_folder import check_new
+from deploy.run.plan import (
+    Plan,
+    issue_credentials,
+    lay_out,
+    observer_program,
+    radio_program,
+    remove_credentials,
+    robot_program,
+    world_program,
+)
+from deploy.run.preflight import rehearse, rehearse_here
+from deploy.run.silence import Patience
+from deploy.run.supervisor import Supervisor
+from deploy.scenario.resolve import cast
+from deploy.scenario.scenario_text import adaptation, navigation
+from deploy.scenario.tables import Scenario
+from deploy.version import software
+
+OPERATOR: Final = "operator"
+"""Name of the parent process on the mesh."""
+OnProgress = Callable[[Progress], None]
+
+
+def run(scenario: Scenario, options: RunOptions) -> RunResult:
+    """Run the scenario; AcrcError if it cannot be run to its end.
+
+    The result also stands in run.json, and what became of every place in places.csv.
+    """
+    prepared = plan(scenario, options)
+    warn(prepared.warning)
+    places = sum(len(robot.places) for robot in prepared.world.robots)
+    with progress.shown(prepared.world.duration_us, places, quiet=options.json) as follow:
+        if options.bus == "memory":
+            return run_in_memory(prepared, follow)
+        return run_processes(prepared, options.spawn, follow)
+
+
+def plan(scenario: Scenario, options: RunOptions) -> Plan:
+    """The run that the scenario and the options mean, with everything drawn.
+
+    For a run in memory the strategy's code runs once in this process; what it raises, but for AcrcError, is
+    its own.
+    """
+    choice = Choice(False) if options.bus == "memory" else choose(options.isolate)
+    settled = cast(scenario)
+    modules = module_folders(settled.behaviour, settled.scenario)
+    told = adaptation(settled.scenario)
+    if options.bus == "memory":
+        rehearse_here(settled, told, modules)
+    return Plan(
+        out=options.out,
+        world=settled.world,
+        radio=settled.radio,
+        behaviour=settled.behaviour,
+        modules=modules,
+        adaptation=told,
+        navigation=navigation(settled.scenario),
+        scenario=scenario_copy.beside(settled, options),
+        commit=software(),
+        speed=options.speed,
+        isolate=choice.isolate,
+        warning=choice.warning,
+        limits=options.limits,
+        patience=Patience(step_s=options.patience_s),
+        hidden=options.hidden,
+        view=options.view,
+    )
+
+
+def run_in_memory(plan: Plan, on_progress: OnProgress, bus: MemoryBus | None = None) -> RunResult:
+    """Run all actors in this process."""
+    began = time.time()
+    lay_out(plan)
+    swarm = MemorySwarm(plan, bus or MemoryBus(), on_progress)
+    with signals_as_interrupts():
+        swarm.run()
+    return _finish(plan, swarm.programs, _circumstances(plan, began, "memory", swarm.rosters))
+
+
+def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
+    """Run every actor as a process of its own; none is left when this returns or raises."""
+    began = time.time()
+    check_new(plan.out)
+    with signals_as_interrupts(), launcher(spawn) as launched:
+        rehearse(plan, launched)
+        lay_out(plan)
+        supervisor = _supervise(plan, launched, on_progress)
+    about = _circumstances(plan, began, "zenoh", supervisor.rosters)
+    about = replace(about, parent_cpu_s=time.process_time())
+    return _finish(plan, supervisor.programs, about)
+
+
+def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Supervisor:
+    """Start the processes, and stay until they have ended."""
+    issued = issue_credentials(plan)
+    robots = {robot.id: robot for robot in plan.world.robots}
+    supervisor = Supervisor(
+        launched,
+        lambda order, step: robot_program(plan, robots[order.robot], order, step),
+        on_progress,
+        plan.patience,
+        DiskWatch(plan.limits),
+        _say,
+    )
+    try:
+        supervisor.start([world_program(plan), radio_program(plan)])
+        supervisor.await_file(issued.sockets[OPERATOR], "world")
+        config = rules.client_config(issued.files[OPERATOR], issued.endpoint(OPERATOR))
+        with open_mesh(config, (at(PROGRESS), at(ROSTER)), between=supervisor.look) as bus:
+            if plan.view:
+                supervisor.start([observer_program(plan)])
+                supervisor.await_file(plan.out / "view.rrd", "observer")
+            first = (ProcessOrder(robot, 0) for robot in robots)
+            supervisor.start([robot_program(plan, robots[order.robot], order, 0) for order in first])
+            supervisor.watch(bus)
+    finally:
+        supervisor.end_all()
+        remove_credentials(plan)
+    return supervisor
+
+
+def module_folders(behaviour: str, scenario: Scenario) -> tuple[Path, ...]:
+    """Where the behaviour's module is looked for before all else, if it is there.
+
+    Nowhere for one that is shipped or installed: then nothing beside a scenario can take a library's place.
+    """
+    folders = beside(scenario)
+    return folders if folder_of(behaviour, folders) else ()
+
+
+def _say(sentence: str) -> None:
+    sys.stderr.write(f"acrc: {sentence}\n")
+
+
+def _finish(plan: Plan, programs: Sequence[Program], about: Circumstances) -> RunResult:
+    result, places = gather(programs, about)
+    write_table(places, plan.out / "places.csv")
+    (plan.out / "run.json").write_bytes(msgspec.json.format(msgspec.json.encode(result)) + b"\n")
+    return result
+
+
+def _circumstances(plan: Plan, began: float, bus: str, rosters: int) -> Circumstances:
+    isolation_kind = "none" if bus == "memory" else "full" if plan.isolate else "credentials"
+    return Circumstances(
+        out=plan.out,
+        robots=[robot.id for robot in plan.world.robots],
+        seed=plan.world.seed,
+        step_us=plan.world.step_us,
+        isolation=isolation_kind,
+        bus=bus,
+        origin=plan.scenario.origin,
+        began_s=began,
+        parent_cpu_s=0.0,
+        parent_received=rosters,
+    )

@@ -1,0 +1,70 @@
+"""Looks whether a run gets on, and finds out who keeps it from that."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from actors.messages import Progress
+from deploy.processes.last_word import where_it_stands
+from deploy.processes.launch import Child
+from deploy.run.silence import WORLD, Patience, Silence, Suspect, Verdict
+
+
+class Vigil:
+    """What one run's processes are seen to do while no step is taken."""
+
+    def __init__(self, patience: Patience, wait: Callable[[float], None], say: Callable[[str], None]) -> None:
+        """`wait` passes so many seconds; `say` is told a sentence for the person at the terminal."""
+        self._silence = Silence(patience)
+        self._wait = wait
+        self._say = say
+        self._size = -1
+        self._waiting: Progress | None = None
+        self._paused = False
+        self._told: frozenset[str] = frozenset()
+
+    def hear(self, progress: Progress) -> None:
+        """Take in what the world says of itself."""
+        self._paused = progress.paused
+        self._waiting = progress if progress.awaits else None
+
+    def look(self, running: Sequence[Child], recording: Path) -> str | None:
+        """A sentence on who keeps the run from its next step for too long; None while all is well."""
+        size = recording.stat().st_size if recording.is_file() else 0
+        if size != self._size or self._paused:
+            self._size = size
+            self._waiting = None
+            self._silence.broken()
+            self._tell(frozenset())
+            return None
+        waiting = self._waiting
+        if waiting is None:  # it says nothing, so it is to blame itself
+            return self._ask(running, ("world",), WORLD, starting=not size)
+        return self._ask(running, waiting.awaited or ("world",), waiting.awaits, starting=waiting.starting)
+
+    def look_for_ends(self, running: Sequence[Child], what: str) -> str | None:
+        """A sentence on who does not end for too long, although nothing is left to be done."""
+        return self._ask(running, tuple(child.program.actor for child in running), what)
+
+    def broken(self) -> None:
+        """Somebody has done what was awaited."""
+        self._silence.broken()
+
+    def _ask(
+        self, running: Sequence[Child], names: Sequence[str], what: str, starting: bool = False
+    ) -> str | None:
+        everyone = [Suspect(child.program.actor, child.pid) for child in running]
+        awaited = [suspect for suspect in everyone if suspect.name in names]
+        verdict = self._silence.verdict(everyone, awaited, what, starting=starting)
+        self._tell(self._silence.stopped)
+        return None if verdict is None else self._words(verdict, running)
+
+    def _words(self, verdict: Verdict, running: Sequence[Child]) -> str:
+        guilty = next(child for child in running if child.pid == verdict.suspect.pid)
+        place = where_it_stands(guilty, self._wait)
+        return f"{verdict.sentence}; {guilty.program.actor} stands at {place}" if place else verdict.sentence
+
+    def _tell(self, stopped: frozenset[str]) -> None:
+        if stopped != self._told:
+            self._told = stopped
+            if stopped:
+                self._say(f"{', '.join(sorted(stopped))} stopped by a signal; the run waits for SIGCONT")

@@ -1,0 +1,91 @@
+"""The named areas of a scenario: whether they make sense, and which of them a table means."""
+
+import difflib
+from collections.abc import Sequence
+
+from actors.floor.grid import OccupancyGrid
+from actors.floor.placement import Area, areas_named, has_free_floor
+from actors.runtime.errors import AcrcError
+from actors.wording import shown
+from deploy.scenario.tables import AreaTable, Scenario
+
+
+class AreaError(AcrcError):
+    """An area that is not on the map."""
+
+
+def fault(scenario: Scenario) -> str | None:
+    """What is wrong with the areas and with who names them, in words without an end; None if nothing is."""
+    return (
+        _once([area.name for area in scenario.area], "area[{}].name", "each area must have a name of its own")
+        or _known(scenario.robots.areas, "robots.areas", scenario)
+        or _preset(scenario)
+        or _known(scenario.places.areas, "places.areas", scenario)
+    )
+
+
+def for_starts(scenario: Scenario) -> tuple[Area, ...] | None:
+    """Where starts are drawn; None: on all free floor."""
+    names = scenario.robots.areas
+    return None if names is None else areas_named(tuple(map(_area, scenario.area)), names)
+
+
+def for_places(scenario: Scenario) -> tuple[Area, ...] | None:
+    """Where places are drawn; None: on all free floor."""
+    return tuple(map(_area, of_places(scenario))) or None
+
+
+def of_places(scenario: Scenario) -> tuple[AreaTable, ...]:
+    """The tables of the areas in which places are drawn; none: on all free floor."""
+    if scenario.places.preset == "free":
+        return ()
+    if scenario.places.areas is None:
+        return scenario.area
+    tables = {table.name: table for table in scenario.area}
+    return tuple(tables[name] for name in scenario.places.areas)
+
+
+def check_areas(grid: OccupancyGrid, scenario: Scenario) -> None:
+    """Raise AreaError if an area holds no free floor at all."""
+    for index, area in enumerate(map(_area, scenario.area)):
+        if not has_free_floor(grid, area):
+            raise AreaError(
+                f"area[{index}] {shown(area.name)} spans x {area.x0:g} to {area.x1:g} and"
+                f" y {area.y0:g} to {area.y1:g} m, where nothing is free, but must hold free floor"
+            )
+
+
+def _area(table: AreaTable) -> Area:
+    (x0, x1), (y0, y1) = table.x, table.y
+    return Area(table.name, x0, y0, x1, y1)
+
+
+def _preset(scenario: Scenario) -> str | None:
+    preset, names = scenario.places.preset, scenario.places.areas
+    if names is not None and preset in ("free", "listed"):
+        return f'places.areas must be left out where places.preset is "{preset}"'
+    if preset == "areas" and not scenario.area:
+        return 'places.preset is "areas", but there is none: the scenario must hold tables [[area]]'
+    return None
+
+
+def _known(names: Sequence[str] | None, key: str, scenario: Scenario) -> str | None:
+    """A name that no area has, or that stands there twice."""
+    known = [area.name for area in scenario.area]
+    for index, name in enumerate(names or ()):
+        if name in known:
+            continue
+        near = difflib.get_close_matches(name, known, n=1)
+        if near:
+            return f"{key}[{index}] is {shown(name)}, which is no area; did you mean {shown(near[0])}?"
+        right = f"one of {', '.join(map(shown, known))}" if known else "the name of an [[area]]"
+        return f"{key}[{index}] is {shown(name)}, but must be {right}"
+    return _once(names or (), f"{key}[{{}}]", "each area must stand there once only")
+
+
+def _once(names: Sequence[str], key: str, rule: str) -> str | None:
+    """A name that stands in `names` a second time; `key` has a gap for its index."""
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            return f"{key.format(index)} is {shown(name)} once more, but {rule}"
+    return None

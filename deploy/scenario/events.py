@@ -1,0 +1,154 @@
+"""The events of a scenario: whether they make sense one after the other, and the orders they stand for."""
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+from actors.geometry import wrap
+from actors.instant import Instant, in_seconds, milliseconds, seconds
+from actors.messages import Freeze, Kill, Move, Obstacle, Order, Restart, StartJam, Thaw
+from actors.world.world_setup import TimedOrder
+from deploy.scenario.robot_tables import known_robots
+from deploy.scenario.tables import EventTable, Scenario
+
+ACTIONS: Final = {
+    "kill": (),
+    "freeze": (),
+    "thaw": (),
+    "restart": (),
+    "move": ("to",),
+    "jam": ("radius", "duration"),
+    "obstacle": ("radius",),
+}
+"""Each action of an event, and what must stand beside it."""
+_COMPANIONS: Final = ("to", "radius", "duration")
+_WITH_ROBOT: Final = ("kill", "freeze", "thaw", "restart", "move")
+
+
+def fault(scenario: Scenario) -> str | None:
+    """The first thing wrong with the events, in words without an end; None if nothing is."""
+    for index, event in enumerate(scenario.event):
+        found = _shape(event) or _robot(event, scenario) or _instant(event, scenario)
+        if found:
+            return f"event[{index}]{found}"
+    return _sequence(scenario)
+
+
+def timed_orders(scenario: Scenario) -> tuple[TimedOrder, ...]:
+    """The orders in order of their instants; those of one instant in the order of the file."""
+    return tuple(
+        TimedOrder(seconds(scenario.event[index].at), _order(scenario.event[index]))
+        for index in _by_instant(scenario)
+    )
+
+
+def action_of(event: EventTable) -> str:
+    """Name of the event's action."""
+    return next(name for name in ACTIONS if getattr(event, name) is not None)
+
+
+def _shape(event: EventTable) -> str | None:
+    """Exactly one action, and beside it just what belongs to it."""
+    actions = [name for name in ACTIONS if getattr(event, name) is not None]
+    if len(actions) != 1:
+        has = " and ".join(actions) or "no action"
+        return f" has {has}, but must have exactly one of {', '.join(ACTIONS)}"
+    (action,) = actions
+    for name in _COMPANIONS:
+        present, belongs = getattr(event, name) is not None, name in ACTIONS[action]
+        if belongs and not present:
+            return f".{name} is missing, but {action} needs {' and '.join(ACTIONS[action])}"
+        if present and not belongs:
+            needs = " and ".join(ACTIONS[action]) or "nothing"
+            return f".{name} does not belong to {action}, which needs {needs} beside it"
+    return None
+
+
+def _robot(event: EventTable, scenario: Scenario) -> str | None:
+    action = action_of(event)
+    if action in _WITH_ROBOT and getattr(event, action) not in scenario.ids:
+        return f'.{action} is "{getattr(event, action)}", but must be {known_robots(scenario)}'
+    return None
+
+
+def _instant(event: EventTable, scenario: Scenario) -> str | None:
+    if _boundary(event, scenario) < seconds(scenario.run.duration):
+        return None
+    last = in_seconds(_last_boundary(scenario))
+    return f".at is {event.at:g}, but must be from 0 to {last:g} s, where the last step begins"
+
+
+def _sequence(scenario: Scenario) -> str | None:
+    """Each robot must be in a state in which the order to it can be carried out."""
+    standing = dict.fromkeys(scenario.ids, "running")
+    restarted: dict[str, Instant] = {}
+    for index in _by_instant(scenario):
+        event = scenario.event[index]
+        action, boundary = action_of(event), _boundary(event, scenario)
+        if action not in ("kill", "freeze", "thaw", "restart"):
+            continue
+        robot: str = getattr(event, action)
+        if action != "restart" and restarted.get(robot) == boundary:
+            return (
+                f"event[{index}] would {action} {robot} at {event.at:g} s, in the step in which it restarts;"
+                " that must come a step later"
+            )
+        allowed, after = _TRANSITIONS[action]
+        if standing[robot] not in allowed:
+            return (
+                f"event[{index}] would {action} {robot} at {event.at:g} s, but it is {standing[robot]} then;"
+                f" it must be {' or '.join(allowed)}"
+            )
+        standing[robot] = after
+        if action == "restart":
+            restarted[robot] = boundary
+    return None
+
+
+_TRANSITIONS: Final = {
+    "kill": (("running", "frozen"), "killed"),
+    "freeze": (("running",), "frozen"),
+    "thaw": (("frozen",), "running"),
+    "restart": (("running", "frozen", "killed"), "running"),
+}
+"""Action: the states it may find a robot in, and the one it leaves it in."""
+
+
+def _by_instant(scenario: Scenario) -> list[int]:
+    """Indices of the events in order of their instants."""
+    return sorted(range(len(scenario.event)), key=lambda index: seconds(scenario.event[index].at))
+
+
+def _boundary(event: EventTable, scenario: Scenario) -> Instant:
+    """The step boundary at which the event happens: the first that is not before it."""
+    step = milliseconds(scenario.run.step_ms)
+    return Instant(-(-seconds(event.at) // step) * step)
+
+
+def _last_boundary(scenario: Scenario) -> Instant:
+    step = milliseconds(scenario.run.step_ms)
+    return Instant(math.ceil(seconds(scenario.run.duration) / step - 1) * step)
+
+
+def _order(event: EventTable) -> Order:
+    match action_of(event):
+        case "move":
+            assert event.move is not None and event.to is not None
+            x, y, heading = event.to
+            return Move(event.move, x, y, wrap(heading))
+        case "jam":
+            assert event.jam is not None and event.radius is not None and event.duration is not None
+            return StartJam(*event.jam, event.radius, seconds(event.duration))
+        case "obstacle":
+            assert event.obstacle is not None and event.radius is not None
+            return Obstacle(*event.obstacle, event.radius)
+        case action:
+            return _TO_ROBOT[action](getattr(event, action))
+
+
+_TO_ROBOT: Final[Mapping[str, type[Kill | Freeze | Thaw | Restart]]] = {
+    "kill": Kill,
+    "freeze": Freeze,
+    "thaw": Thaw,
+    "restart": Restart,
+}

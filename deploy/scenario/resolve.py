@@ -1,0 +1,110 @@
+"""From a scenario to who stands where with what to do: every choice made, every random draw drawn."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from actors.floor.map_file import load_map
+from actors.instant import milliseconds, seconds
+from actors.radio import presets as radio_presets
+from actors.radio.radio_setup import RadioSetup
+from actors.robot_model import load_model
+from actors.world.uncertainty import Uncertainty
+from actors.world.world_setup import RobotSetup, WorldSetup
+from cleaning.strategies import entry
+from deploy.scenario.air import check_walls, radio_setup
+from deploy.scenario.areas import check_areas, of_places
+from deploy.scenario.events import timed_orders
+from deploy.scenario.placement import Figure, check_moves, places, starts
+from deploy.scenario.tables import PlacesTable, RobotTable, Scenario
+
+
+@dataclass(frozen=True)
+class Cast:
+    """A scenario of which nothing is left open."""
+
+    scenario: Scenario
+    """Means the same as the one that was given, and draws nothing: every robot has a table of its own."""
+    world: WorldSetup
+    radio: RadioSetup
+    behaviour: str
+    """Entry string `module:function` of the robots' behaviour."""
+
+
+def cast(scenario: Scenario) -> Cast:
+    """Everything that the scenario leaves to be drawn or looked up, from its seed.
+
+    What one robot gets depends on the robots before it only, so a larger count changes nothing for them.
+    Raises an AcrcError where anything does not exist or does not fit.
+    """
+    behaviour = entry(scenario.run.strategy)
+    radio_presets.preset(scenario.radio.preset)
+    grid = load_map(scenario.map)
+    figures = [_figure(robot, scenario) for robot in scenario.ids]
+    check_areas(grid, scenario)
+    check_walls(grid, scenario)
+    poses = starts(grid, figures, scenario)
+    check_moves(grid, figures, scenario)
+    robots = tuple(
+        RobotSetup(
+            figure.id, figure.model, figure.sensor, figure.odometry, start,
+            places(grid, figure, start, scenario),
+        )
+        for figure, start in zip(figures, poses, strict=True)
+    )  # fmt: skip
+    run, step_us = scenario.run, milliseconds(scenario.run.step_ms)
+    world = WorldSetup(
+        map=scenario.map,
+        seed=run.seed,
+        step_us=step_us,
+        duration_us=seconds(run.duration),
+        robots=robots,
+        events=timed_orders(scenario),
+        uncertainty=Uncertainty(**dict(scenario.uncertainty)),
+    )
+    if world.uncertainty != Uncertainty():  # else what is said above of the map holds
+        _check_floor(world)
+    addresses = tuple((robot.id, number) for number, robot in enumerate(robots, start=1))
+    return Cast(_settled(scenario, robots), world, radio_setup(scenario, addresses), behaviour)
+
+
+def _check_floor(world: WorldSetup) -> None:
+    """Raise PlacementError now, and not in the world's process, if there is no such floor."""
+    from actors.world.body import real_floor  # noqa: PLC0415 - the physics, for few scenarios
+
+    real_floor(world, [load_model(robot.model, robot.sensor) for robot in world.robots])
+
+
+def _figure(robot: str, scenario: Scenario) -> Figure:
+    """The robot's own table, and what holds for all robots where that says nothing."""
+    common = scenario.robots
+    own = next((table for table in scenario.robot if table.id == robot), RobotTable(id=robot))
+    name = own.model or common.model
+    model = load_model(name, own.sensor or (common.sensor if name == common.model else None))
+    odometry = own.odometry or common.odometry or model.odometry
+    return Figure(robot, name, model.sensor_name, odometry, model.footprint.circumradius, own)
+
+
+def _settled(scenario: Scenario, robots: Sequence[RobotSetup]) -> Scenario:
+    """The scenario with a table for each robot that leaves nothing to be drawn.
+
+    Of the areas it keeps those of the places: robots may ask for a random point there.
+    """
+    tables = tuple(
+        RobotTable(
+            id=robot.id,
+            model=robot.model,
+            sensor=robot.sensor,
+            odometry=robot.odometry,
+            start=robot.start,
+            places=robot.places,
+        )
+        for robot in robots
+    )
+    return scenario.model_copy(
+        update={
+            "robots": scenario.robots.model_copy(update={"start": (), "areas": None}),
+            "places": PlacesTable(preset="listed"),
+            "area": of_places(scenario),
+            "robot": tables,
+        }
+    )

@@ -1,0 +1,135 @@
+"""Reads a scenario file, lays the command line's wishes over it, and says what is wrong in one sentence."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from actors import toml_file
+from actors.runtime.errors import AcrcError
+from deploy.repository import REPOSITORY
+from deploy.scenario import areas, events, robot_tables, value_wording
+from deploy.scenario.stack_tables import stack_fault
+from deploy.scenario.tables import Scenario
+from deploy.usage import OptionError
+
+DEFAULT_SCENARIO: Final = REPOSITORY / "scenarios" / "corridor.toml"
+
+
+class ScenarioError(AcrcError):
+    """A scenario that cannot be run."""
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """What the command line sets in place of the file: a number or its text; None = as in the file."""
+
+    robots: int | str | None = None
+    """Replaces robots.count."""
+    seed: int | str | None = None
+    """Replaces run.seed."""
+    duration: float | str | None = None
+    """Replaces run.duration, s."""
+    step: int | str | None = None
+    """Replaces run.step_ms, ms."""
+    strategy: str | None = None
+    """Replaces run.strategy; if the file names another one, its table [strategy] is left out, too."""
+
+
+_KEYS: Final = {
+    "robots": ("robots", "count"),
+    "seed": ("run", "seed"),
+    "duration": ("run", "duration"),
+    "step": ("run", "step_ms"),
+    "strategy": ("run", "strategy"),
+}
+"""Where each field of Overrides stands in the file."""
+
+
+def load_scenario(path: Path | None = None, overrides: Overrides = Overrides()) -> Scenario:
+    """The scenario in the file, or the one that is shipped, with what the command line sets instead.
+
+    Paths in it are absolute. Raises ScenarioError, or OptionError where a value of `overrides` is wrong.
+    """
+    path = DEFAULT_SCENARIO if path is None else path
+    return parse(toml_file.read(path, "scenario", ScenarioError), path, overrides)
+
+
+def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario:
+    """The scenario in the text of the file `path`, as load_scenario gives it."""
+    content = toml_file.tables(text, path, ScenarioError)
+    options = _lay_over(content, overrides)
+    try:
+        scenario = Scenario.model_validate(content)
+    except ValidationError as error:
+        raise _first(error, content, path, options) from None
+    faults = (robot_tables.fault, areas.fault, events.fault, stack_fault)
+    for fault in (find(scenario) for find in faults):
+        if fault:
+            raise ScenarioError(f"{path}: {fault}")
+    return _with_absolute_paths(scenario, Path(os.path.realpath(path)).parent)
+
+
+def _lay_over(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[str, ...], str]:
+    """Set what `overrides` sets in `content`, and give the option that each such key comes from."""
+    options: dict[tuple[str, ...], str] = {}
+    _leave_settings_out(content, overrides.strategy)
+    for field in fields(overrides):
+        value = getattr(overrides, field.name)
+        table_name, key = _KEYS[field.name]
+        table = content.setdefault(table_name, {})
+        if value is not None and isinstance(table, dict):
+            table[key] = value if field.name == "strategy" else _number(value)
+            options[table_name, key] = f"--{field.name}"
+    return options
+
+
+def _leave_settings_out(content: dict[str, Any], strategy: str | None) -> None:
+    """Drop the table [strategy] if it holds the settings of another strategy than the one that is wished."""
+    run = content.get("run")
+    named = run.get("strategy") if isinstance(run, dict) else None
+    if strategy is not None and named is not None and named != strategy:
+        content.pop("strategy", None)
+
+
+def _number(value: float | str) -> float | str:
+    """The number that a text holds, or else the text, which the scenario's tables then refuse."""
+    if not isinstance(value, str):
+        return value
+    for kind in (int, float):
+        try:
+            return kind(value)
+        except ValueError:
+            continue
+    return value
+
+
+def _first(
+    error: ValidationError, content: Mapping[str, Any], path: Path, options: Mapping[tuple[str, ...], str]
+) -> AcrcError:
+    """The first thing wrong, in the words of the option or of the file that it comes from."""
+    first = error.errors(include_url=False)[0]
+    option = options.get(tuple(str(part) for part in first["loc"]))
+    if option is not None:
+        right = value_wording.right_at(Scenario, first["loc"])
+        return OptionError(f"{option} {first['input']}: must be {right.words}")
+    return ScenarioError(f"{path}: {value_wording.sentence(Scenario, first['type'], first['loc'], content)}")
+
+
+def _with_absolute_paths(scenario: Scenario, folder: Path) -> Scenario:
+    """Paths as they are meant: relative to the scenario file's folder."""
+
+    def absolute(model: str) -> str:
+        return str(folder / model) if model.endswith(".toml") else model
+
+    run = scenario.run.model_copy(update={"modules": str(folder / (scenario.run.modules or "."))})
+    robots = scenario.robots.model_copy(update={"model": absolute(scenario.robots.model)})
+    others = tuple(
+        robot if robot.model is None else robot.model_copy(update={"model": absolute(robot.model)})
+        for robot in scenario.robot
+    )
+    path = os.path.realpath(folder / scenario.map)
+    return scenario.model_copy(update={"map": path, "run": run, "robots": robots, "robot": others})

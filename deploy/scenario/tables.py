@@ -1,0 +1,203 @@
+"""The tables of a scenario file, as they stand in its TOML; lengths in m, angles in rad, times in s."""
+
+from typing import Annotated, Final, Literal
+
+from pydantic import BeforeValidator, Field
+
+from actors.robot.behaviour.adaptation import LONGEST_S, MOST_HOPS
+from deploy.scenario.kinds import (
+    A_POINT,
+    A_POSE,
+    MOST_PLACES,
+    Interval,
+    Model,
+    Names,
+    OdometryName,
+    Parameters,
+    Point,
+    Pose,
+    Radius,
+    Right,
+    RobotId,
+    Seconds,
+    Sensor,
+    Settings,
+    Span,
+    Table,
+    Text,
+    as_tuples,
+)
+from deploy.scenario.radio_tables import MOST_WIFI, RadioTable, WallTable, WifiTable
+
+MOST_ROBOTS: Final = 500
+
+
+class RunTable(Table):
+    """[run]: how long, in which steps, from which seed, and what the robots do when they are stuck."""
+
+    duration: Seconds = 600.0
+    """Simulated time after which the run ends, s."""
+    step_ms: Annotated[
+        int,
+        Field(ge=10, le=100, multiple_of=10),
+        Right("a multiple of the 10 ms physics sub-step, from 10 to 100"),
+    ] = 100
+    """Length of a step, ms."""
+    seed: Annotated[int, Field(ge=0, lt=2**63), Right("a whole number from 0 to 9223372036854775807")] = 1
+    """From which every random stream is derived."""
+    strategy: Annotated[Text, Right('the name of a strategy, such as "none"')] = "none"
+    """Name of the robots' adaptation strategy, or the entry "module:function" of one's own."""
+    modules: Annotated[Text | None, Right("the path of a folder, relative to the scenario file")] = None
+    """Where one's own strategy is looked for, before the working directory; absent: beside the file."""
+
+
+class DeecoTable(Table):
+    """[deeco]: how the nodes of the component model exchange knowledge by radio."""
+
+    publish: Interval = 1.0
+    """How often each robot publishes its knowledge, s (d3scomp/JDEECo, DefaultKnowledgePublisher)."""
+    relay: Annotated[bool, Right("true or false")] = False
+    """Robots pass on what they hear; off in the original testbed."""
+    hop_limit: Annotated[int, Field(ge=1, le=MOST_HOPS), Right(f"a whole number from 1 to {MOST_HOPS}")] = 3
+    """How often knowledge is passed on at most."""
+    relay_delay: Annotated[
+        float, Field(ge=0, le=LONGEST_S), Right(f"a number of seconds from 0 to {LONGEST_S}")
+    ] = 1.0
+    """The longest wait before knowledge is passed on, that for the strongest signal, s."""
+    forget: Interval = 30.0
+    """Replicas of robots that were not heard of for so long are dropped, s."""
+
+
+class RobotsTable(Table):
+    """[robots]: how many, of which kind, and where they start."""
+
+    count: Annotated[int, Field(ge=1, le=MOST_ROBOTS), Right(f"a whole number from 1 to {MOST_ROBOTS}")] = 4
+    """They are called r1, r2, and so on."""
+    model: Model = "turtlebot2"
+    """Name of a shipped robot model, or the path of a model file relative to the scenario file."""
+    sensor: Sensor | None = None
+    """Which of the model's sensors is mounted; absent: the model's own choice."""
+    odometry: OdometryName | None = None
+    """Which errors the odometry has; absent: those of the model."""
+    start: Annotated[
+        tuple[Pose, ...],
+        BeforeValidator(as_tuples),
+        Field(max_length=MOST_ROBOTS),
+        Right(f"a list of poses [x, y, heading] in m, m and rad, at most {MOST_ROBOTS}", item=A_POSE),
+    ] = ()
+    """Where r1, r2, … start; robots beyond the list are put somewhere free."""
+    areas: Names | None = None
+    """Where they are put then: in these areas; absent: anywhere free."""
+
+
+class PlacesTable(Table):
+    """[places]: which places the robots have to clean."""
+
+    preset: Annotated[
+        Literal["golden", "areas", "free", "listed"] | None, Right('"golden", "areas", "free" or "listed"')
+    ] = None
+    """areas: drawn in `areas`; free: drawn on all reachable floor; listed: every [[robot]] lists its own;
+    golden: those of the original testbed for r1 to r4, for the others as if absent. Absent: areas if the
+    scenario has any, else free."""
+    areas: Names | None = None
+    """In which areas, each as often as its surface says; absent: in all of the scenario's."""
+    per_robot: Annotated[
+        int | None, Field(ge=0, le=MOST_PLACES), Right(f"a whole number from 0 to {MOST_PLACES}")
+    ] = None
+    """How many each robot gets; absent: 10, as in the original testbed."""
+
+
+class UncertaintyTable(Table):
+    """[uncertainty]: how the floor differs from the robots' map, and how far their odometry drifts."""
+
+    map_error: Annotated[float, Field(ge=0, le=0.5), Right("a number of metres from 0 to 0.5")] = 0.0
+    """Standard deviation of how far walls are from where the map has them, m."""
+    glass: Annotated[float, Field(ge=0, le=1), Right("a share from 0 to 1")] = 0.0
+    """Share of the walls that range sensors look through."""
+    furniture: Annotated[int, Field(ge=0, le=1000), Right("a whole number from 0 to 1000")] = 0
+    """So many things on the floor, of 0.25 m radius, that the map does not have."""
+    drift: Annotated[float, Field(ge=0, le=1000), Right("a number from 0 to 1000")] = 1.0
+    """The odometry's errors are so many times as large as those of its kind."""
+
+
+class AreaTable(Table):
+    """[[area]]: a rectangle of the floor that has a name."""
+
+    name: Annotated[Text, Right('a name such as "hall"')]
+    x: Span
+    """From the west edge to the east edge, m."""
+    y: Span
+    """From the south edge to the north edge, m."""
+
+
+class RobotTable(Table):
+    """[[robot]]: what is different about one robot."""
+
+    id: RobotId
+    model: Model | None = None
+    sensor: Sensor | None = None
+    """Which sensor; absent: as for all robots if the model is theirs, else the model's own choice."""
+    odometry: OdometryName | None = None
+    start: Annotated[Pose | None, Right(A_POSE)] = None
+    places: Annotated[
+        tuple[Point, ...] | None,
+        BeforeValidator(as_tuples),
+        Field(max_length=MOST_PLACES),
+        Right(f"a list of points [x, y] in m, at most {MOST_PLACES}", item=A_POINT),
+    ] = None
+    """The places it has to clean, in this order."""
+
+
+class EventTable(Table):
+    """[[event]]: something that happens at an instant: one of the actions, with what belongs to it."""
+
+    at: Annotated[float, Field(ge=0, le=1e6), Right("a number of seconds from 0 to below the duration")]
+    """When, s; it happens at the first step boundary from then on."""
+    kill: RobotId | None = None
+    """End the robot's process; its body stays."""
+    freeze: RobotId | None = None
+    """Stop the robot's process."""
+    thaw: RobotId | None = None
+    """Let a frozen robot go on."""
+    restart: RobotId | None = None
+    """Start the robot's process anew."""
+    move: RobotId | None = None
+    """Put the robot somewhere else: `to`."""
+    to: Annotated[Pose | None, Right(A_POSE)] = None
+    jam: Annotated[Point | None, Right(A_POINT)] = None
+    """Switch a jammer on: `radius`, `duration`."""
+    obstacle: Annotated[Point | None, Right(A_POINT)] = None
+    """Put a round thing on the floor: `radius`."""
+    radius: Radius | None = None
+    duration: Seconds | None = None
+
+
+class Scenario(Table):
+    """A scenario file; all paths in it are absolute once it has been read, and `run.modules` is set."""
+
+    map: Annotated[Text, Right("the path of a map's YAML file, relative to the scenario file")]
+    run: RunTable = RunTable()
+    strategy: Settings = Field(default_factory=dict)
+    """Settings of the strategy that [run] names; what is absent is as the strategy has it."""
+    deeco: DeecoTable = DeecoTable()
+    localisation: Parameters = Field(default_factory=dict)
+    """How robots localise: a preset, and parameters where they differ from it (`actors.robot.stack`)."""
+    navigation: Parameters = Field(default_factory=dict)
+    """The same of their navigation; the preset holds for the next three tables, too."""
+    planner: Parameters = Field(default_factory=dict)
+    local_map: Parameters = Field(default_factory=dict)
+    dwa: Parameters = Field(default_factory=dict)
+    robots: RobotsTable = RobotsTable()
+    places: PlacesTable = PlacesTable()
+    radio: RadioTable = RadioTable()
+    uncertainty: UncertaintyTable = UncertaintyTable()
+    area: Annotated[tuple[AreaTable, ...], BeforeValidator(as_tuples)] = ()
+    robot: Annotated[tuple[RobotTable, ...], BeforeValidator(as_tuples)] = ()
+    event: Annotated[tuple[EventTable, ...], BeforeValidator(as_tuples)] = ()
+    wall: Annotated[tuple[WallTable, ...], BeforeValidator(as_tuples)] = ()
+    wifi: Annotated[tuple[WifiTable, ...], BeforeValidator(as_tuples), Field(max_length=MOST_WIFI)] = ()
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """The robots' ids, in order."""
+        return tuple(f"r{number}" for number in range(1, self.robots.count + 1))

@@ -1,0 +1,313 @@
+"""A BEE-click board as its firmware makes it, faults included; without I/O.
+
+Source: d3scomp/beeclickarm, branch robot-additions. Not modelled: the interrupts' races that mix answers (see
+`line.Disturbance`), and that the receiver is off while a frame is read out of it.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final, Protocol, TypeVar
+
+from actors.instant import Duration, Instant, milliseconds, seconds
+from actors.messages import FRAME_DATA_LIMIT
+from firmware_bridge.beeclick.answers import (
+    AddressSet,
+    Answer,
+    ChannelSet,
+    Moisture,
+    Notes,
+    PacketSent,
+    PowerSet,
+    ReceivedPacket,
+    Sentence,
+    Synchronised,
+    Warmth,
+    encode,
+)
+from firmware_bridge.beeclick.commands import (
+    SEND_PACKET,
+    SET_ADDRESS,
+    SET_CHANNEL,
+    SET_POWER,
+    SYNC,
+)
+from firmware_bridge.beeclick.emulation.rings import AnswerRing, CommandRing, CrashError
+from firmware_bridge.beeclick.signal import HEADER_SIZE, mac_header, radiated
+from firmware_bridge.beeclick.wire import byte_time, bytes_in
+
+_GRAIN: Final = 9
+"""So many bytes from the host are looked at together while they come in, about 100 µs."""
+_FCS_SIZE: Final = 2
+_LONGEST_SENTENCE: Final = 254
+W = TypeVar("W")
+
+
+class Radio(Protocol):
+    """The air, as a board's transceiver finds it."""
+
+    def transmit(self, board: "Board", now: Instant, frame: bytes) -> None:
+        """Send header and data; `board.finished` says when that is over."""
+
+    def silence(self, board: "Board") -> None:
+        """Send no more of what that board has been sending."""
+
+
+@dataclass(frozen=True)
+class BoardParameters:
+    """What a board senses and how long it takes for that."""
+
+    temperature: int = 215
+    """Tenths of a degree Celsius; -397 or 6156: there is no sensor. Default: a room."""
+    humidity: int = 400
+    """Tenths of a percent; -20: there is no sensor. Default: a room."""
+    first_reading: Duration = field(default=seconds(1.37))
+    """From the start to the first temperature, µs. Default: 102 ticks of 10 ms, and a reading
+    (SensorPublisher.cpp, SHT1x.cpp)."""
+    reading: Duration = field(default=seconds(0.35))
+    """One reading of the sensor, µs; between temperature and humidity. Default: 27 ms of reset, 5 ms of
+    command, 320 ms of measurement (SHT1x.cpp)."""
+    channel_change: Duration = field(default=milliseconds(0.2))
+    """A change of channel, µs, in which no command is handled and the radio has nothing to say. Default: the
+    wait after the reset of the RF state machine (MRF24J40.cpp)."""
+    rest: Duration = field(default=seconds(1.01))
+    """From a humidity to the next reading's begin, µs. Default: 101 ticks."""
+
+
+DEFAULTS: Final = BoardParameters()
+"""Of a board in a room."""
+
+
+class Board:
+    """One board. The host's line: `take`, `run`; the air: `finished`, `heard`; people: the rest."""
+
+    def __init__(self, radio: Radio, now: Instant, parameters: BoardParameters = DEFAULTS) -> None:
+        self._radio = radio
+        self._p = parameters
+        self.counters = dict.fromkeys(("transmitted", "heard", "foreign", "lost", "crashes", "reboots"), 0)
+        self._start(now)
+
+    def _start(self, now: Instant) -> None:
+        self.pan = self.address = self.channel = 0
+        """The channel is the code, 0 to 15."""
+        self.power_dbm = -10.0
+        self.hung = False
+        self.commands = CommandRing()
+        self._answers = AnswerRing(now)
+        self._incoming: deque[tuple[int, bytes]] = deque()
+        self._taken = 0
+        """Bytes of the first delivery that have come in."""
+        self._line_free: int = now
+        self._sending = False
+        self._fails: Instant | None = None
+        """When the radio gives up a frame that it cannot send."""
+        self._sentence = b""
+        self._held_until: Instant | None = None
+        """The button's notes are being made, and nothing else."""
+        self._changing: tuple[Instant, int] | None = None
+        """When the channel will have changed, and the byte that was asked for."""
+        self._held: list[Answer | bool] = []
+        """What the radio had to say meanwhile: a packet, or how sending went."""
+        self._next_reading: tuple[int, bool] = (now + self._p.first_reading, True)
+
+    # --- the line ----------------------------------------------------------------------------------------
+
+    def take(self, now: Instant, data: bytes) -> None:
+        """Bytes that the host begins to send now, or as soon as those before have come."""
+        begin = max(now, self._line_free)
+        self._line_free = begin + byte_time(len(data))
+        self._incoming.append((begin, data))
+
+    def run(self, now: Instant) -> bytes:
+        """Do what is due until `now`; the bytes that have come to the host since the last time."""
+        self.settle(now)
+        return b"" if self.hung else self._answers.collect(now)
+
+    def settle(self, now: Instant) -> None:
+        """Do what is due until `now`."""
+        self._unless_hung(self._run, now, None)
+        self._answers.settle(now)
+
+    def wake(self) -> Instant | None:
+        """When something will be due; None: nothing is, or the board hangs."""
+        if self.hung:
+            return None
+        times: list[int | None] = [self._next_reading[0], self._held_until, self._answers.wake()]
+        if self._incoming:
+            begin, data = self._incoming[0]
+            times.append(begin + byte_time(min(len(data), self._taken + _GRAIN)))
+        if not self._busy:
+            times.append(self._fails)
+        if self._changing is not None:
+            times.append(self._changing[0])
+        return Instant(min(at for at in times if at is not None))
+
+    # --- people ------------------------------------------------------------------------------------------
+
+    def reboot(self, now: Instant) -> None:
+        """Reset: address, channel and power are lost, the SYNC is gone, and no byte comes for now."""
+        self._radio.silence(self)
+        self.counters["reboots"] += 1
+        self._start(now)
+
+    def press(self, now: Instant) -> None:
+        """The button: for two readings nothing else is done, then its notes are sent."""
+        if self._held_until is None:
+            self._held_until = Instant(now + 2 * self._p.reading)
+
+    def gps(self, now: Instant, line: bytes) -> None:
+        """A line from the GPS module, without its end; only RMC sentences are passed on."""
+        if line.startswith(b"$GPRMC"):
+            self._sentence = line[:_LONGEST_SENTENCE]
+            self._unless_hung(self._handle, now, None)
+
+    # --- the air -----------------------------------------------------------------------------------------
+
+    def finished(self, now: Instant, succeeded: bool) -> None:
+        """The radio has done with the frame."""
+        if self._busy:
+            self._held.append(succeeded)
+            return
+        self._unless_hung(self._radio_says, now, succeeded)
+
+    def heard(self, now: Instant, frame: bytes, rssi: int, lqi: int) -> None:
+        """A frame, header to FCS, with the codes of the chip."""
+        header = HEADER_SIZE + _FCS_SIZE
+        if frame[:2] != b"\x01\x80" or not header <= len(frame) <= header + FRAME_DATA_LIMIT:
+            self.counters["foreign"] += 1
+            return
+        pan, address, fcs = (int.from_bytes(part, "little") for part in (frame[3:5], frame[5:7], frame[-2:]))
+        packet = ReceivedPacket(pan, address, rssi, lqi, fcs, frame[HEADER_SIZE:-_FCS_SIZE])
+        if not self._busy:
+            self._unless_hung(self._radio_says, now, packet)
+        elif any(isinstance(one, ReceivedPacket) for one in self._held):
+            self.counters["lost"] += 1  # the chip has room for one
+        else:
+            self._held.append(packet)
+
+    # --- the firmware ------------------------------------------------------------------------------------
+
+    def _unless_hung(self, act: Callable[[Instant, W], None], now: Instant, what: W) -> None:
+        if self.hung:
+            return
+        try:
+            act(now, what)
+        except CrashError:
+            self.hung = True
+            self.counters["crashes"] += 1
+
+    def _run(self, now: Instant, _: None = None) -> None:
+        if self._held_until is not None and now >= self._held_until:
+            self._held_until = None
+            self._say(now, Notes(self._notes()))
+            self._release(now)
+        if self._changing is not None and now >= self._changing[0]:
+            self._changed(now, self._changing[1])
+        if self._fails is not None and now >= self._fails and not self._busy:
+            self._fails = None
+            self._radio_says(now, False)
+        self._receive(now)
+        at, is_temperature = self._next_reading
+        if now >= at:
+            p = self._p
+            self._say(now, Warmth(p.temperature) if is_temperature else Moisture(p.humidity))
+            pause = p.reading if is_temperature else p.rest + p.reading
+            self._next_reading = (at + pause, not is_temperature)
+
+    @property
+    def _busy(self) -> bool:
+        """True while neither command nor radio is attended to: the notes are made, or the channel changes."""
+        return self._held_until is not None or self._changing is not None
+
+    def _changed(self, now: Instant, code: int) -> None:
+        """The radio is on another channel."""
+        self._changing = None
+        self.channel = code & 0x0F
+        self._say(now, ChannelSet(code))
+        self.commands.advance()
+        self._release(now)
+
+    def _release(self, now: Instant) -> None:
+        """Attend to what has waited, unless something else still keeps the board busy."""
+        if self._busy:
+            return
+        held, self._held = self._held, []
+        for one in held:
+            self._radio_says(now, one)
+        self._handle(now)
+
+    def _notes(self) -> bytes:
+        return (
+            f"txCount: {self.counters['transmitted']}\nrxCount: {self.counters['heard']}\n"
+            f"panId: {self.pan:04x}\nsAddr: {self.address:04x}\nchannelNo: {self.channel}\nmainCycles: 0\n"
+            f"temperature: {self._p.temperature}\nhumidity: {self._p.humidity}\n"
+        ).encode()
+
+    def _receive(self, now: Instant) -> None:
+        while self._incoming:
+            begin, data = self._incoming[0]
+            through = bytes_in(now - begin)
+            for byte in data[self._taken : through]:
+                if self.commands.take(byte):
+                    self._handle(now)
+            self._taken = max(self._taken, min(through, len(data)))
+            if self._taken < len(data):
+                return
+            self._incoming.popleft()
+            self._taken = 0
+
+    def _radio_says(self, now: Instant, what: Answer | bool) -> None:
+        if not isinstance(what, bool):
+            self.counters["heard"] += 1
+            self._say(now, what)
+            return
+        number = int.from_bytes(self.commands.current()[2:6], "little")
+        self.counters["transmitted"] += what
+        self._say(now, PacketSent(number, not what))
+        self.commands.advance()
+        self._sending = False
+        self._handle(now)
+
+    def _handle(self, now: Instant, _: None = None) -> None:
+        """The firmware's one handler of commands: one after the other, none behind a packet in the air."""
+        if self._busy:
+            return
+        if self._sentence:
+            self._say(now, Sentence(self._sentence))
+            self._sentence = b""
+        while self.commands.available:
+            command = self.commands.current()
+            if command[0] == SEND_PACKET:
+                if not self._sending:
+                    self._send(now, command)
+                return
+            if command[0] == SET_CHANNEL:
+                self._changing = (Instant(now + self._p.channel_change), command[1])
+                return
+            self._do(now, command)
+            self.commands.advance()
+            if self._sending:
+                return
+
+    def _send(self, now: Instant, command: bytes) -> None:
+        self._sending = True
+        length = command[1]
+        if length > FRAME_DATA_LIMIT:  # what the chip makes of it is not known
+            self._fails = now
+            return
+        self._radio.transmit(self, now, mac_header(self.pan, self.address) + command[6 : 6 + length])
+
+    def _do(self, now: Instant, command: bytes) -> None:
+        match command[0]:
+            case kind if kind == SYNC:
+                self._say(now, Synchronised())
+            case kind if kind == SET_POWER:
+                asked = int.from_bytes(command[1:3], "little", signed=True)
+                self.power_dbm = radiated(max(min(asked, 0), -399)) / 10
+                self._say(now, PowerSet(asked))
+            case kind if kind == SET_ADDRESS:
+                self.pan, self.address = (int.from_bytes(p, "little") for p in (command[1:3], command[3:5]))
+                self._say(now, AddressSet(self.pan, self.address))
+
+    def _say(self, now: Instant, answer: Answer) -> None:
+        self._answers.put(now, encode(answer))

@@ -1,0 +1,84 @@
+"""What a laboratory is built from, and what it says in the end: JSON files."""
+
+from pathlib import Path
+
+import msgspec
+
+from actors.runtime.errors import AcrcError
+from actors.world.referee import PlaceOutcome
+from actors.world.world_setup import WorldSetup
+
+
+class LaboratorySetupError(AcrcError):
+    """A set-up that a laboratory cannot be built from."""
+
+
+class LaboratorySetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Everything a laboratory needs to know. Raises LaboratorySetupError for what it cannot be."""
+
+    world: WorldSetup
+    """Its step, its duration and its events are not used: nobody conducts a laboratory."""
+    addresses: tuple[tuple[str, int], ...]
+    """Short address of each robot; the boards learn theirs from their hosts, and the result tells both."""
+    radio: str
+    """Name of the radio's parameters: path loss and sensitivity. The power is that of each board."""
+
+    def __post_init__(self) -> None:
+        robots = [robot.id for robot in self.world.robots]
+        for robot in robots:
+            if not robot or robot.startswith(".") or "/" in robot or not robot.isprintable() or " " in robot:
+                raise LaboratorySetupError(
+                    f"a robot {robot!r}; its name should do as a folder's and as a word of a command"
+                )
+        named = [robot for robot, _ in self.addresses]
+        if sorted(named) != sorted(set(robots)) or len(set(robots)) != len(robots):
+            raise LaboratorySetupError(
+                f"robots {', '.join(robots)} and addresses of {', '.join(named) or 'nobody'}; "
+                "each robot should have one name and one address"
+            )
+
+
+class RobotTruth(msgspec.Struct, frozen=True):
+    """Where a robot truly is in the end."""
+
+    pose: tuple[float, float, float]
+    """x, y in m and heading in rad, map frame."""
+    travelled: float
+    """Length of its way, m."""
+
+
+class LaboratoryResult(msgspec.Struct, frozen=True):
+    """What truly happened."""
+
+    began_us: int
+    """Wall clock at the beginning, µs since the Unix epoch."""
+    simulated_s: float
+    contacts: int
+    places: tuple[PlaceOutcome, ...]
+    """When ground truth first came within reach of each, µs after the beginning; what was said of them stands
+    in the robots' own recordings."""
+    lines: dict[str, int]
+    """Bytes that a robot's process did not read in time, by robot and device."""
+    boards: dict[str, dict[str, int]]
+    """Each board's counters, and the address and the channel (11 to 26) that its host gave it."""
+    behind_ms: dict[str, int]
+    """Sub-steps of the physics by how late they were made, in whole milliseconds."""
+    lost_ms: int
+    """Wall time that was left out because the laboratory was too late to make it up."""
+    robots: dict[str, RobotTruth] = {}
+    bases: dict[str, dict[str, int]] = {}
+    """Frames from each base's driver that were right, and bytes that were skipped."""
+    air: dict[str, int] = {}
+    """Frames, collisions, channel-access failures, and copies heard."""
+    cpu_s: float = 0.0
+    """Processor time since the beginning, s."""
+
+
+def load(path: Path) -> LaboratorySetup:
+    """The set-up in a JSON file. Raises LaboratorySetupError."""
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=LaboratorySetup)
+    except OSError as error:
+        raise LaboratorySetupError(f"{path}: cannot be read ({error.strerror}); give a JSON file") from None
+    except (ValueError, RecursionError) as error:
+        raise LaboratorySetupError(f"{path}: no set-up of a laboratory: {error}") from None

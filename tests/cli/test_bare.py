@@ -1,0 +1,160 @@
+"""Every command with the packages that `./acrc` installs for it; all others are not to be found."""
+
+import ast
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+from deploy.cli.app import app
+
+ROOT = Path(__file__).parents[2]
+MODULES = {
+    "cryptography": "hardware", "serial": "hardware", "pymunk": "sim",
+    "rerun": "observe", "pyarrow": "observe",
+    "mpmath": "dev", "scipy": "dev", "hypothesis": "dev", "pytest": "dev", "mypy": "dev",
+    "psutil": "observe dev",
+}  # fmt: skip
+"""Modules beyond the base, by the extras that bring them."""
+ACTORS = ("actors.world.__main__", "actors.radio.__main__", "actors.robot.__main__")
+ON_BOARD = ("firmware_bridge.onboard.base", "firmware_bridge.onboard.bridge", "serial")
+STARTS = {
+    "run": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
+    "run --view": ("deploy.run.swarm", "actors.observer.__main__"),
+    "run --hardware-in-the-loop": ("firmware_bridge.laboratory.__main__", *ACTORS[2:], *ON_BOARD),
+    "record replay": ACTORS,
+    "onboard": ("actors.robot.__main__", *ON_BOARD),
+    "bench onboard": ("firmware_bridge.laboratory.__main__", *ACTORS, *ON_BOARD),
+    "bench standstill": ("firmware_bridge.laboratory.__main__", ACTORS[2], *ON_BOARD),
+    "bench endings": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
+    "bench crowded-start": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
+    "bench attacks": ("deploy.run.swarm", *ACTORS),
+    "bench processors": ("deploy.run.swarm", *ACTORS),
+    "bench steps": ("benchmarks.swarm.ping_pong", *ACTORS),
+    "bench swarm": ACTORS,
+    "bench portable": ("mpmath",),
+    "deploy keys": ("deploy.fleet.certificates",),
+}
+"""What a command starts or imports beside what its function imports itself."""
+PROGRAM = """
+import importlib, json, sys
+blocked, commands = json.loads(sys.argv[1])
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in blocked:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Absent())
+for command, modules in commands.items():
+    for module in modules:
+        try:
+            importlib.import_module(module)
+        except ImportError as error:
+            print(f"{command}: {module}: {error}")
+"""
+
+
+def functions() -> dict[str, ast.FunctionDef]:
+    """The function behind every command, by the words that call it."""
+    found = {}
+    tree: list[tuple[str, typer.Typer]] = [("", app)]
+    for prefix, one in tree:
+        tree += [
+            (f"{prefix}{group.name} ", group.typer_instance)
+            for group in one.registered_groups
+            if group.typer_instance
+        ]
+        for command in one.registered_commands:
+            callback = command.callback
+            assert callback is not None
+            name = command.name or callback.__name__.replace("_", "-")
+            source = Path(str(sys.modules[callback.__module__].__file__)).read_text()
+            found[prefix + name] = next(
+                node for node in ast.parse(source).body
+                if isinstance(node, ast.FunctionDef) and node.name == callback.__name__
+            )  # fmt: skip
+    return found
+
+
+def imported(function: ast.FunctionDef) -> list[str]:
+    """Modules that a function imports."""
+    names = []
+    for node in ast.walk(function):
+        if isinstance(node, ast.ImportFrom):
+            for alias in node.names:
+                deeper = f"{node.module}.{alias.name}"
+                path = ROOT / deeper.replace(".", "/")
+                names.append(
+                    deeper if path.is_dir() or path.with_suffix(".py").is_file() else str(node.module)
+                )
+    return names
+
+
+def extras(words: str) -> tuple[str, ...]:
+    """What the script installs for a command."""
+    text = (ROOT / "acrc").read_text()
+    body = re.search(r"^extras_for\(\) \{.*?^\}$", text, re.MULTILINE | re.DOTALL)
+    assert body is not None
+    done = subprocess.run(
+        ["sh", "-c", f'{body[0]}\nextras_for "$@"', "sh", *words.split()],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return tuple(sorted(set(done.stdout.split())))
+
+
+def commands() -> dict[str, list[str]]:
+    """What each command imports sooner or later, by its words."""
+    found = {name: [*imported(function), *STARTS.get(name, ())] for name, function in functions().items()}
+    found["run"] = list(STARTS["run"])
+    found |= {name: list(starts) for name, starts in STARTS.items() if name not in found}
+    return {name: modules for name, modules in found.items() if name not in {"test", "check", "add"}}
+
+
+def by_extras() -> dict[tuple[str, ...], dict[str, list[str]]]:
+    groups: dict[tuple[str, ...], dict[str, list[str]]] = {}
+    for name, modules in commands().items():
+        groups.setdefault(extras(name), {})[name] = modules
+    return groups
+
+
+def test_every_command_is_looked_at() -> None:
+    some = {"run", "record replay", "onboard", "watch", "collect", "doctor", "deploy keys", "bench onboard"}
+    assert some <= set(commands())
+    assert all(modules for name, modules in commands().items() if name != "order") and len(commands()) > 25
+
+
+def starts_processes(module: str, seen: set[str]) -> bool:
+    """True if a benchmark's module, or one of the benchmarks that it imports, runs Python anew."""
+    path = ROOT / module.replace(".", "/")
+    path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    if module in seen or not path.is_file():
+        return False
+    seen.add(module)
+    source = path.read_text()
+    deeper = [name for name in re.findall(r"\b(benchmarks(?:\.\w+)+)", source) if name != module]
+    deeper += [f"benchmarks.{name}" for name in re.findall(r"^from benchmarks import (\w+)", source, re.M)]
+    return "sys.executable" in source or any(starts_processes(name, seen) for name in deeper)
+
+
+def test_what_a_benchmark_starts_is_looked_at_too() -> None:
+    starting = {
+        name
+        for name, function in functions().items()
+        if name.startswith("bench ") and any(starts_processes(one, set()) for one in imported(function))
+    }
+    assert "bench standstill" in starting
+    assert starting <= set(STARTS)
+
+
+@pytest.mark.parametrize("present", sorted(by_extras()), ids=lambda present: "+".join(("base", *present)))
+def test_what_is_installed_for_a_command_is_all_that_it_imports(present: tuple[str, ...]) -> None:
+    blocked = [module for module, extra in MODULES.items() if not {*extra.split()} & {*present}]
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", PROGRAM, json.dumps([blocked, by_extras()[present]])],
+        cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr

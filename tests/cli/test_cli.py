@@ -1,0 +1,163 @@
+"""The command line as a person meets it."""
+
+import io
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+from rich.console import Console
+
+from actors.world.whereabouts import PoseError
+from deploy.development.checks import Check, run_checks
+from deploy.results import summary
+from deploy.results.deeco_result import DeecoResult
+from deploy.results.navigation_result import NavigationResult
+from deploy.results.result import RobotResult, RunResult
+
+ROOT = Path(__file__).parents[2]
+
+
+def acrc(*arguments: str, cwd: Path = ROOT) -> tuple[int, str, str]:
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "deploy", *arguments],
+        cwd=cwd,
+        env={"PYTHONPATH": str(ROOT), "PATH": "", "COLUMNS": "100"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_a_wrong_option_is_one_line_and_exit_code_2() -> None:
+    assert acrc("run", "--speed", "fast") == (
+        2, "", 'acrc: --speed fast: must be "max" or a number from 0.01 on, such as 1 or 4\n'
+    )  # fmt: skip
+    assert acrc("run", "--step", "15") == (
+        2, "", "acrc: --step 15: must be a multiple of the 10 ms physics sub-step, from 10 to 100\n"
+    )  # fmt: skip
+
+
+def test_a_wrong_scenario_is_one_line_and_exit_code_1_however_long(tmp_path: Path) -> None:
+    file = tmp_path / f"{'long' * 30}.toml"
+    file.write_text('map = "[bold]"\n[run]\nsed = 1\n')
+    assert acrc("run", str(file)) == (1, "", f"acrc: {file}: run.sed is not known; did you mean run.seed?\n")
+
+
+def test_an_unknown_option_is_told_from_the_known_ones() -> None:
+    code, out, err = acrc("run", "--robot", "3")
+    assert (code, out) == (2, "")
+    assert err.splitlines()[-1].startswith("Error: No such option: --robot")
+
+
+def test_help_names_every_option_of_run() -> None:
+    code, out, _ = acrc("run", "--help")
+    assert code == 0
+    assert out.startswith("Usage: acrc run [OPTIONS] [SCENARIO.toml]\n")
+    for option in (
+        "--robots N", "--seed N", "--duration S", "--step MS", "--strategy NAME", "--speed X",
+        "--bus zenoh|memory", "--spawn forkserver|exec", "--isolate / --no-isolate", "--out DIR",
+        "--view", "--json",
+    ):  # fmt: skip
+        assert f"  {option} " in out
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = "import sys, deploy.cli; print({'numpy', 'numba', 'zenoh', 'pydantic'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"
+
+
+def test_test_hands_its_arguments_to_pytest_and_runs_in_the_repository(tmp_path: Path) -> None:
+    code, out, _ = acrc("test", "tests/run/test_options.py", "-k", "file_is_no", "-q", cwd=tmp_path)
+    assert code == 0
+    assert "1 passed, " in out.splitlines()[-1]
+
+
+def test_every_check_runs_and_the_failed_ones_are_named(capfd: pytest.CaptureFixture[str]) -> None:
+    good = Check("good", ("-c", "print('fine')"))
+    bad = Check("bad", ("-c", "raise SystemExit(3)"))
+    output = io.StringIO()
+    assert not run_checks(ROOT, Console(file=output), (bad, good, bad))
+    assert output.getvalue().splitlines()[-1] == "2 of 3 checks failed: bad, bad"
+    assert capfd.readouterr().out == "fine\n"
+    output = io.StringIO()
+    assert run_checks(ROOT, Console(file=output), (good,))
+    assert output.getvalue().splitlines()[-1] == "all 1 checks passed: good"
+
+
+NEAR = PoseError(3, 0.04, 0.1, 0.0, 0.0, 0, False)
+ASTRAY = PoseError(1, 1.0, 1.234, 1.0, 1.0, 1, True)
+RESULT = RunResult(
+    digest="d0d0", robots=2, seed=1, simulated_s=600.0, wall_s=12.345, startup_s=0.9, cpu_s=20.0,
+    real_time_factor=48.6, places_total=4, places_done=3, places_claimed=3, places_given_up=0, places_lost=0,
+    completion_s=None, settled_s=None, last_reached_s=420.5, radio_bytes_per_robot_s=0.25,
+    per_robot={"r1": RobotResult(2, 2, 2, 0, 311.25, NEAR), "r2": RobotResult(2, 1, 1, 0, None, ASTRAY)},
+    deeco=DeecoResult({}, {}, None, None),
+    navigation=NavigationResult(7, 3, {"blocked": 2, "no plan": 0, "no progress": 1}, 4, 0, {}, 9.5),
+    undelivered=0, unread=0, contacts=5, refused_orders=(), isolation="full", bus="zenoh", out="/o",
+    frames={"frames_sent": 10, "frames_cut_off": 0, "copies_heard": 7},
+)  # fmt: skip
+
+
+def test_a_result_for_people(capsys: pytest.CaptureFixture[str]) -> None:
+    summary.print_result(RESULT, json=False)
+    lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    assert lines[-7:] == [
+        "600 s simulated in 12.3 s (48.6 x real time, 0.9 s to start)",
+        "radio: frames sent 10, copies heard 7",
+        "contacts: 5",
+        "localisation: 0.50 m from the truth (rmse), at most 1.23 m; lost once",
+        "goals: 7 given, 3 reached, aborted 2 for blocked, 1 for no progress",
+        "digest d0d0",
+        "recorded in /o",
+    ]
+    assert cells(lines) == [
+        ["r1", "2 of 2", "311.2 s"], ["r2", "1 of 2", "not all"], ["all", "3 of 4", "not all"]
+    ]  # fmt: skip
+
+
+def cells(lines: list[str]) -> list[list[str]]:
+    """What stands in the table, row by row."""
+    rows = [line.strip("│ ").split("│") for line in lines if "│" in line]
+    return [[cell.strip() for cell in row] for row in rows]
+
+
+def test_places_given_up_mistaken_or_lost_are_said_where_there_are_any(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    some = msgspec.structs.replace(
+        RESULT, places_total=9, places_claimed=4, places_given_up=3, places_lost=2, settled_s=480.25,
+        per_robot={"r1": RobotResult(2, 2, 2, 0, 311.25, NEAR), "r2": RobotResult(7, 1, 2, 3, None, NEAR)},
+    )  # fmt: skip
+    summary.print_result(some, json=False)
+    lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    assert cells(lines) == [
+        ["r1", "2 of 2", "0", "311.2 s"], ["r2", "1 of 7", "3", "not all"], ["all", "3 of 9", "3", "not all"]
+    ]  # fmt: skip
+    assert lines[-10:-6] == [
+        "every place was reported or given up by 480.2 s",
+        "1 place was reported although no robot had been there",
+        "the run ended on false claims",
+        "2 places were lost: neither reported nor given up, and in nobody's route",
+    ]
+
+
+def test_false_claims_of_a_run_that_went_on_did_not_end_it(capsys: pytest.CaptureFixture[str]) -> None:
+    some = msgspec.structs.replace(RESULT, places_claimed=5, completion_s=None, settled_s=None)
+    summary.print_result(some, json=False)
+    said = capsys.readouterr().out
+    assert "\n2 places were reported although no robot had been there\n" in said
+    assert "the run ended on false claims" not in said
+
+
+def test_messages_that_were_not_read_are_said_loudly(capsys: pytest.CaptureFixture[str]) -> None:
+    summary.print_result(msgspec.structs.replace(RESULT, unread=1), json=False)
+    assert "messages delivered and not read: 1\n" in capsys.readouterr().out
+
+
+def test_a_result_for_programs(capsys: pytest.CaptureFixture[str]) -> None:
+    summary.print_result(RESULT, json=True)
+    assert msgspec.json.decode(capsys.readouterr().out, type=RunResult) == RESULT

@@ -1,0 +1,55 @@
+"""Standard streams that are closed, full, or read by nobody, and signals that are to be ignored."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from deploy.processes.signals import Interrupted, signals_as_interrupts
+from tests.swarm.command import ACRC, ROOT
+
+LIST = " ".join((*ACRC, "strategies"))
+
+
+def shell(command: str) -> tuple[int, str, str]:
+    done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("where", [">&-", "2>&-", ">&- 2>&-", "2>/dev/full", "| true", "<&-"])
+def test_nobody_who_listens_is_no_fault(where: str) -> None:
+    code, _, err = shell(f"set -o pipefail; {LIST} {where}")
+    assert (code, err) == (0, "")
+
+
+def test_standard_output_that_is_full_is_a_sentence() -> None:
+    assert shell(f"{LIST} >/dev/full") == (
+        1,
+        "",
+        "acrc: standard output cannot be written: no space left on device\n",
+    )
+
+
+def test_a_file_that_is_opened_never_becomes_standard_output() -> None:
+    program = (
+        "import os; from deploy.cli.streams import settle; settle(); "
+        "os._exit(0 if os.open('/dev/null', os.O_RDONLY) > 2 else 9)"
+    )
+    assert shell(f'{sys.executable} -c "{program}" <&- >&- 2>&-')[0] == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, signal.SIGTERM])
+def test_a_signal_ends_a_run_unless_it_was_to_be_ignored_as_under_nohup(number: signal.Signals) -> None:
+    before = signal.signal(number, signal.SIG_IGN)
+    try:
+        with signals_as_interrupts():
+            os.kill(os.getpid(), number)
+        assert signal.getsignal(number) is signal.SIG_IGN
+        signal.signal(number, signal.SIG_DFL)
+        with pytest.raises(Interrupted) as caught, signals_as_interrupts():
+            os.kill(os.getpid(), number)
+        assert caught.value.exit_code == 128 + number
+    finally:
+        signal.signal(number, before)

@@ -1,0 +1,78 @@
+"""`acrc test` runs the suite in two halves, and what is wrong in either is the command's exit code."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from deploy.development.suite import run_suite
+
+PASSES = "def test_passes(): pass\n"
+FAILS = "def test_fails(): assert 0\n"
+MARKED = "import pytest\npytestmark = pytest.mark.alone\n"
+SETTINGS = "[pytest]\nmarkers = alone: nothing runs beside it\naddopts = --strict-markers\n"
+
+
+@pytest.fixture
+def suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[int, list[list[str]]]]:
+    """Runs a suite of these files with two workers: the exit code, and what pytest was told."""
+
+    def suite_of(**files: str) -> tuple[int, list[list[str]]]:
+        (tmp_path / "pytest.ini").write_text(SETTINGS)
+        for name, text in files.items():
+            (tmp_path / f"{name}.py").write_text(text)
+        calls: list[list[str]] = []
+
+        def noted(command: list[str], **settings: object) -> subprocess.CompletedProcess[bytes]:
+            calls.append(command[3:])
+            return run(command, stdout=subprocess.DEVNULL, **settings)  # type: ignore[call-overload,no-any-return]
+
+        run = subprocess.run
+        monkeypatch.setattr("deploy.development.suite.os.cpu_count", lambda: 2)
+        monkeypatch.setattr("deploy.development.suite.subprocess.run", noted)
+        return run_suite(tmp_path, ()), calls
+
+    return suite_of
+
+
+@pytest.mark.parametrize(
+    ("files", "code"),
+    [
+        ({"test_a": PASSES, "test_b": MARKED + PASSES}, 0),
+        ({"test_a": FAILS, "test_b": MARKED + PASSES}, 1),
+        ({"test_a": PASSES, "test_b": MARKED + FAILS}, 1),
+        ({"test_a": PASSES}, 0),
+        ({"test_b": MARKED + PASSES}, 0),
+        ({"nothing": ""}, 5),
+    ],
+)
+def test_both_halves_decide(
+    suite: Callable[..., tuple[int, list[list[str]]]], files: dict[str, str], code: int
+) -> None:
+    assert suite(**files) == (
+        code,
+        [["-m", "not alone", "-n", "2", "--dist", "worksteal"], ["-m", "alone"]],
+    )
+
+
+def test_whoever_names_tests_gets_one_process(tmp_path: Path) -> None:
+    (tmp_path / "test_own.py").write_text("def test_it(worker_id='none'): assert worker_id == 'none'\n")
+    assert run_suite(tmp_path, ("-q", "test_own.py")) == 0
+
+
+def test_under_ci_a_module_skipped_in_a_worker_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root = Path(__file__).parents[2]
+    (tmp_path / "test_gone.py").write_text("import pytest\npytest.skip('why', allow_module_level=True)\n")
+    (tmp_path / "test_here.py").write_text(PASSES)
+    monkeypatch.setenv("CI", "true")
+    monkeypatch.setenv("PYTHONPATH", str(root))
+    words = ["-p", "tests.conftest", "-c", "/dev/null", "--rootdir", ".", "-n", "2", "."]
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", *words], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert "CI is set, so skipped tests are failures; skipped: test_gone.py" in done.stdout.splitlines()

@@ -1,0 +1,284 @@
+"""What is read and written is told from the source, and what cannot be told is said."""
+
+import copy
+import dataclasses
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from dataclasses import replace as changed
+from typing import Any, Protocol, Self
+
+import pytest
+
+from deeco import Knowledge, component, ensemble, periodic, role, seconds
+from deeco.explain.dataflow import Flow, flow
+
+
+class Motor(Protocol):
+    def drive(self, speed: float) -> None: ...
+    def tell(self, about: Knowledge) -> float: ...
+
+
+@role
+class Vehicle(Knowledge):
+    position: float
+    speed: float = 0.0
+
+    def is_moving(self) -> bool:
+        return self.speed > 0
+
+    def is_ahead_of(self, other: "Vehicle") -> bool:
+        return self.position > other.position
+
+    @property
+    def place(self) -> float:
+        return self.position
+
+    def limited(self) -> Self:
+        return replace(self, speed=min(self.speed, 1.0))
+
+
+@component
+class Truck(Vehicle):
+    fuel: float = 1.0
+    load: tuple[str, ...] = ()
+    LIMIT = 3.0
+
+    @staticmethod
+    def price(truck: "Truck") -> float:
+        return truck.fuel * Truck.LIMIT
+
+    def again(self) -> Self:
+        return self.again() if self.fuel else self
+
+
+@component
+class Lorry(Truck):
+    def is_moving(self) -> bool:
+        return super().is_moving() and bool(self.load)
+
+
+def emptied(truck: Truck, *, by: float = 1.0) -> Truck:
+    return changed(truck, fuel=truck.fuel - by)
+
+
+def weight(truck: Truck) -> float:
+    return heavier(truck) if truck.load else 0.0
+
+
+def heavier(truck: Truck) -> float:
+    return weight(truck) + truck.speed
+
+
+def nothing(self: Truck) -> Truck:
+    return self
+
+
+def plain(self: Truck, motor: Motor) -> Truck:
+    motor.drive(self.speed)
+    return replace(self, fuel=0.5, position=self.position + Truck.LIMIT)
+
+
+def by_method(self: Truck) -> Truck:
+    return replace(self, fuel=0.0) if self.is_moving() else self
+
+
+def by_property(self: Truck) -> Truck:
+    return dataclasses.replace(self, speed=self.place)
+
+
+def by_static(self: Truck) -> Truck:
+    return changed(self, load=(str(self.price(self)),))
+
+
+def by_function(self: Truck) -> Truck:
+    return emptied(truck=self, by=self.position)
+
+
+def by_recursion(self: Truck) -> Truck:
+    return replace(self, fuel=weight(self))
+
+
+def in_turn(self: Truck) -> Truck:
+    slower = self.limited()
+    empty: Truck = emptied(slower)
+    if (last := replace(empty, load=())).is_moving():
+        return last
+    return replace(last, position=0.0).limited()
+
+
+def in_pairs(self: Truck) -> Truck:
+    slower, load = self.limited(), self.load
+    slower, (first, *_) = emptied(slower), load
+    return slower if first else replace(slower, load=load)
+
+
+def in_a_loop(self: Truck) -> Truck:
+    state = self
+    later: Truck | None = None
+    for _ in range(3):
+        if later is not None:
+            state = replace(later, fuel=later.speed)
+        later = replace(state, load=())
+    return state
+
+
+def in_a_nested_function(self: Truck) -> Truck:
+    def far(item: Truck) -> bool:
+        return item.speed > self.position
+
+    smallest = min(self.load, key=lambda self: self.fuel)  # type: ignore[attr-defined]  # another self
+    return replace(self, load=(smallest, str(far)))
+
+
+def as_a_whole(self: Truck) -> Truck:
+    assert asdict(self)
+    return self
+
+
+def by_comparison(self: Truck) -> Truck:
+    assert self == replace(self)
+    return self
+
+
+def by_name(self: Truck) -> Truck:
+    assert getattr(self, "fuel")  # noqa: B009
+    return self
+
+
+ALL = ("id", "position", "speed", "fuel", "load")
+TOLD: list[tuple[Callable[..., Any], tuple[str, ...], tuple[str, ...]]] = [
+    (nothing, (), ()),
+    (plain, ("speed", "position"), ("fuel", "position")),
+    (by_method, ("speed",), ("fuel",)),
+    (by_property, ("position",), ("speed",)),
+    (by_static, ("fuel",), ("load",)),
+    (by_function, ("position", "fuel"), ("fuel",)),
+    (by_recursion, ("load", "speed"), ("fuel",)),
+    (in_turn, ("speed", "fuel"), ("speed", "fuel", "load", "position")),
+    (in_pairs, ("speed", "load", "fuel"), ("speed", "fuel", "load")),
+    (in_a_loop, ("speed",), ("load", "fuel")),
+    (in_a_nested_function, ("position", "load"), ("load",)),
+    (as_a_whole, ALL, ()),
+    (by_comparison, ALL, ()),
+    (by_name, ("fuel",), ()),
+]
+
+
+def told(function: Callable[..., Any]) -> Flow:
+    return flow(function, {"self": Truck}, gives=True)
+
+
+@pytest.mark.parametrize(("function", "reads", "writes"), TOLD, ids=lambda one: getattr(one, "__name__", ""))
+def test_told(function: Callable[..., Any], reads: tuple[str, ...], writes: tuple[str, ...]) -> None:
+    found = told(function)
+    assert sorted(found.read("self")) == sorted(reads)
+    assert sorted(found.written("self")) == sorted(writes)
+    assert list(found.doubts) == []
+
+
+def test_a_method_is_that_of_the_class_in_hand() -> None:
+    assert flow(by_method, {"self": Lorry}).read("self") == ("speed", "load")
+
+
+def any_fields(self: Truck, changes: dict[str, Any]) -> Truck:
+    return replace(self, fuel=1.0, **changes)
+
+
+def built(self: Truck) -> Truck:
+    return Truck(id=self.id, position=self.position)
+
+
+def told_to_a_port(self: Truck, motor: Motor) -> Truck:
+    return replace(self, speed=motor.tell(self))
+
+
+def in_a_list(self: Truck) -> Truck:
+    return [self][0]
+
+
+def by_any_name(self: Truck, name: str) -> Truck:
+    assert getattr(self, name)
+    return self
+
+
+def by_dict(self: Truck) -> Truck:
+    assert self.__dict__
+    return self
+
+
+def by_the_standard_library(self: Truck) -> Truck:
+    return copy.copy(self)
+
+
+def forever(self: Truck) -> Truck:
+    return self.again()
+
+
+DOUBTS: list[tuple[Callable[..., Any], tuple[str, ...]]] = [
+    (any_fields, ("what `replace(self, fuel=1.0, **changes)` writes",)),
+    (built, ("what `return Truck(id=self.id, position=self.position)` writes",)),
+    (told_to_a_port, ("what `motor.tell(self)` reads of self",)),
+    (in_a_list, ("what `[self]` reads of self", "what `return [self][0]` writes")),
+    (by_any_name, ("what `getattr(self, name)` reads of self",)),
+    (by_dict, ("what self.__dict__ reads",)),
+    (
+        by_the_standard_library,
+        ("what `copy.copy(self)` reads of self", "what `return copy.copy(self)` writes"),
+    ),
+    (
+        forever,
+        (
+            "what is read of self by way of `self.again() if self.fuel else self`",
+            "what `return self.again()` writes",
+        ),
+    ),
+]
+
+
+@pytest.mark.parametrize(("function", "doubts"), DOUBTS, ids=lambda one: getattr(one, "__name__", ""))
+def test_what_cannot_be_told_is_said(function: Callable[..., Any], doubts: tuple[str, ...]) -> None:
+    assert tuple(told(function).doubts) == doubts
+
+
+def test_a_function_without_source() -> None:
+    names: dict[str, Any] = {}
+    exec("def hidden(self): return self", names)
+    assert list(told(names["hidden"]).doubts) == [
+        "what hidden() reads and writes, for its source is not there"
+    ]
+
+
+@ensemble(every=seconds(1))
+class Convoy:
+    gap: float = 20.0
+
+    def membership(self, coordinator: Vehicle, member: Vehicle) -> bool:
+        return coordinator.is_ahead_of(member) and self.near(member, coordinator)
+
+    def near(self, one: Vehicle, other: Vehicle) -> bool:
+        return abs(one.position - other.place) < self.gap and other.is_moving()
+
+    def at_member(self, coordinator: Vehicle, member: Truck) -> Truck:
+        return replace(member, speed=coordinator.speed)
+
+
+def test_both_sides_of_an_ensemble_are_kept_apart() -> None:
+    subjects: dict[str, type] = {"self": Convoy, "coordinator": Vehicle, "member": Truck}
+    membership = flow(Convoy.membership, subjects)
+    assert membership.read("coordinator") == ("position", "speed")
+    assert membership.read("member") == ("position",)
+    assert membership.read("self") == ("gap",)
+    exchange = flow(Convoy.at_member, subjects, gives=True)
+    assert (exchange.read("coordinator"), exchange.written("coordinator")) == (("speed",), ())
+    assert (exchange.read("member"), exchange.written("member")) == ((), ("speed",))
+    assert not membership.doubts | exchange.doubts
+
+
+def test_a_tagged_process_is_a_plain_function() -> None:
+    @component
+    class Van(Vehicle):
+        @periodic(every=seconds(1))
+        def stop(self) -> Self:
+            return changed(self, speed=0.0)
+
+    assert flow(Van.stop, {"self": Van}, gives=True).written("self") == ("speed",)

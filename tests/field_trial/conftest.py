@@ -1,0 +1,30 @@
+"""The runs that are collected again."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from deploy.repository import REPOSITORY
+from deploy.results.result import RunResult
+from tests.field_trial.runs import CROWD, run
+
+
+class Run(NamedTuple):
+    out: Path
+    result: RunResult
+
+
+@pytest.fixture(scope="session")
+def head_on(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Two robots that do all they were given."""
+    out = tmp_path_factory.mktemp("head_on") / "out"
+    return Run(out, run(REPOSITORY / "scenarios" / "head_on.toml", out, 300.0))
+
+
+@pytest.fixture(scope="session")
+def crowd(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Four robots, of which one is killed after 10 s, and another one started again after 30 s of 60 s."""
+    folder = tmp_path_factory.mktemp("crowd")
+    (folder / "crowd.toml").write_text(CROWD)
+    return Run(folder / "out", run(folder / "crowd.toml", folder / "out", 60.0))

@@ -1,0 +1,247 @@
+"""What robots recorded, each by its own clock, comes to the same result as the simulated run itself."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from actors.runtime.process import FinalNote, RunNote
+from actors.runtime.recording import Entry, Note, Recorder, read_notes, recorder
+from deploy.field_trial.collect import collect
+from deploy.field_trial.trial_result import OutingResult
+from tests.field_trial.conftest import Run
+from tests.field_trial.rewriting import Clock, clock, noise, rewrite
+from tests.field_trial.runs import copies, table
+from tests.swarm.command import acrc
+
+EPOCH = 1_700_000_000_000_000
+"""µs; some day in 2023."""
+TOLD = ("owner", "place", "x", "y", "reported_by", "given_up_by", "reason", "in_route_of")
+
+
+def test_a_simulated_run_gives_its_own_result_but_for_truth(head_on: Run, tmp_path: Path) -> None:
+    ours, truth = collect([head_on.out], tmp_path / "out"), head_on.result
+    for name in ("robots", "places_total", "places_claimed", "places_given_up", "places_lost", "completion_s",
+                 "settled_s", "last_reached_s", "radio_bytes_per_robot_s", "deeco"):  # fmt: skip
+        assert getattr(ours, name) == getattr(truth, name), name
+    assert (ours.duration_s, ours.places_done, ours.contacts, ours.notes) == (
+        truth.simulated_s,
+        None,
+        None,
+        (),
+    )
+    for name in ("frames_sent", "bytes_sent", "copies_heard"):
+        assert ours.frames[name] == truth.frames[name]
+    for row, true in zip(
+        *(table(out / "places.csv") for out in (tmp_path / "out", head_on.out)), strict=True
+    ):
+        assert row == true | {"verdict": "claimed", "reached_s": "", "reached_by": ""}
+    assert msgspec.json.decode((tmp_path / "out" / "run.json").read_bytes(), type=OutingResult) == ours
+
+
+def test_clocks_that_are_off_and_drift_are_put_right(head_on: Run, tmp_path: Path) -> None:
+    clocks = {"r1": clock(EPOCH), "r2": clock(EPOCH + 7_654_321, drift_ppm=120.0)}
+    ours = collect([copies(head_on.out, tmp_path / "far", clocks)], tmp_path / "out")
+    (r2,) = ours.per_robot["r2"].clock
+    assert r2.error_s is not None and r2.scatter_s is not None and r2.scatter_s < 2e-4 < r2.error_s < 2.1e-3
+    assert abs(r2.offset_s - 7.654321) <= r2.scatter_s
+    assert r2.drift_ppm == pytest.approx(120.0, abs=2e6 * r2.scatter_s / ours.duration_s)
+    assert ours.reference == "r1" and r2.surely_within_s is not None and r2.surely_within_s >= r2.error_s
+    assert_same_table(tmp_path / "out", head_on.out, within_s=2 * r2.scatter_s)
+    assert ours.completion_s == pytest.approx(head_on.result.completion_s, abs=2 * r2.scatter_s)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_error_holds_with_noise_on_every_stamp(head_on: Run, tmp_path: Path, seed: int) -> None:
+    clocks = {"r1": clock(EPOCH), "r2": clock(-EPOCH, -80.0 + 20 * seed)}
+    ours = collect([copies(head_on.out, tmp_path / "far", clocks, noise(seed, 3000.0))], tmp_path / "out")
+    (r2,) = ours.per_robot["r2"].clock
+    assert r2.error_s is not None and r2.scatter_s is not None and 1e-4 < r2.scatter_s < r2.error_s < 3e-3
+    assert abs(r2.offset_s + 2 * EPOCH / 1e6) <= r2.scatter_s
+    assert_same_table(tmp_path / "out", head_on.out, within_s=2 * r2.scatter_s)  # the begin's, too
+
+
+def test_more_robots_one_killed_and_one_started_again(crowd: Run, tmp_path: Path) -> None:
+    clocks = {f"r{n}": clock(EPOCH + n * 1_000_000_000, 25.0 * n) for n in range(1, 5)}
+    ours = collect([copies(crowd.out, tmp_path / "far", clocks)], tmp_path / "out")
+    assert (ours.places_claimed, ours.places_lost) == (crowd.result.places_claimed, crowd.result.places_lost)
+    assert crowd.result.places_lost == 3
+    assert ours.frames["copies_heard"] == crowd.result.frames["copies_heard"]
+    assert [one.epoch for one in ours.per_robot["r2"].recordings] == [0, 1]
+    assert_same_table(tmp_path / "out", crowd.out, within_s=0.003)
+    for n in (2, 3, 4):
+        (one,) = ours.per_robot[f"r{n}"].clock  # a robot that is started again has the same base
+        assert one.error_s is not None
+        assert abs(one.offset_s - (n - 1) * 1000.0) <= one.error_s + 1e-5
+
+
+def test_a_clock_that_is_set_between_two_starts_is_two(crowd: Run, tmp_path: Path) -> None:
+    clocks = {f"r{n}": clock(EPOCH) for n in (1, 3, 4)}
+    far = copies(crowd.out, tmp_path / "far", clocks)
+    for name, ahead in (("r2", -3_000_000), ("r2.1", 86_400_000_000)):
+        rewrite(crowd.out / "r2" / f"{name}.mcap", far / "r2" / f"{name}.mcap", {"r2": clock(EPOCH + ahead)})
+    ours = collect([far], tmp_path / "out")
+    before, after = ours.per_robot["r2"].clock
+    assert abs(before.offset_s + 3.0) <= (before.error_s or 0.0)
+    assert abs(after.offset_s - 86_400.0) <= (after.error_s or 0.0)
+    assert (before.from_s, after.from_s, after.to_s) == pytest.approx((0.0, 30.0, 60.0), abs=1e-3)
+    assert ours.notes == ()
+    assert_same_table(tmp_path / "out", crowd.out, within_s=0.003)
+
+
+def test_a_bridge_whose_clock_was_set_is_put_right_to_within_a_step(head_on: Run, tmp_path: Path) -> None:
+    copies(head_on.out, tmp_path, {"r1": clock(EPOCH)})
+    far = tmp_path / "r2" / "r2.mcap"
+    rewrite(head_on.out / "r2" / "r2.mcap", far, {"r2": clock(EPOCH)}, bridge=clock(EPOCH + 3_600_000_000))
+    ours = collect([tmp_path])
+    (r2,) = ours.per_robot["r2"].clock
+    assert r2.error_s is not None and abs(r2.offset_s) <= r2.error_s and 0.1 <= r2.error_s < 0.12
+    assert ours.notes == (
+        f"{far}: the clock that stamps the frames was set while the one that stamps the steps ran on; put "
+        "right to within a step",
+    )
+
+
+def test_a_robot_that_nobody_heard_is_left_as_it_is_and_said_to_be(head_on: Run, tmp_path: Path) -> None:
+    def keep(item: Entry | Note) -> bool:
+        return isinstance(item, Note) or ("received" not in item.key and "transmit" not in item.key)
+
+    rewrite(head_on.out / "r1" / "r1.mcap", tmp_path / "r1" / "r1.mcap", {"r1": clock(EPOCH)})
+    rewrite(
+        head_on.out / "r2" / "r2.mcap",
+        tmp_path / "r2" / "r2.mcap",
+        {"r2": clock(EPOCH + 2_000_000)},
+        keep=keep,
+    )
+    ours = collect([tmp_path])
+    (r2,) = ours.per_robot["r2"].clock
+    assert (r2.error_s, r2.surely_within_s, r2.from_s, r2.frames) == (None, None, 2.0, 0)
+    assert ours.notes == (
+        "r2: no frame connects its clock with that of r1, so its instants are left as its own clock gave "
+        "them, with an error that is unknown",
+    )
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.93])
+def test_a_recording_cut_short_counts_as_far_as_it_goes(head_on: Run, tmp_path: Path, share: float) -> None:
+    copies(head_on.out, tmp_path, {"r1": clock(), "r2": clock()})
+    path = tmp_path / "r2" / "r2.mcap"
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * share)])
+    ours = collect([tmp_path])
+    (report,) = ours.per_robot["r2"].recordings
+    steps = report.steps
+    whole = 10 * head_on.result.simulated_s
+    assert report.ended == "cut short" and abs(steps / whole - share) < 0.1
+    assert ours.notes == (
+        f"{path}: cut short at step {steps - 1}, without a last record, as by switching off",
+        f"{path}: has no last record, so of its node only packets and frames are counted",
+    )
+    rows = table(head_on.out / "places.csv")
+    known = [
+        row for row in rows if row["reported_by"] == "r1" or float(row["reported_s"]) < steps * 0.1 - 0.2
+    ]
+    assert ours.places_claimed == len(known)
+
+
+def test_what_messages_tell_of_a_node_is_what_it_counted(head_on: Run, tmp_path: Path) -> None:
+    def keep(item: Entry | Note) -> bool:
+        return not (isinstance(item, Note) and item.name == "final")
+
+    for robot in ("r1", "r2"):
+        path = Path(robot, f"{robot}.mcap")
+        rewrite(head_on.out / path, tmp_path / path, {robot: clock()}, keep=keep)
+    told, counted = collect([tmp_path]).deeco.counters, head_on.result.deeco.counters
+    assert told == {name: counted[name] for name in told}
+    assert told["published"] == head_on.result.frames["frames_sent"] > 100
+    assert told["packets"] == head_on.result.frames["copies_heard"] > 100
+
+
+def test_large_messages_come_from_whoever_received_them(
+    head_on: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As if all frames and answers were too large for their sender to keep."""
+    whole: dict[str, Clock] = {"r1": clock(), "r2": clock()}
+    with monkeypatch.context() as patch:
+        patch.setattr(recorder, "LARGE", 16)
+        copies(head_on.out, tmp_path, whole)
+    alone, r1 = collect([tmp_path]), tmp_path / "r1" / "r1.mcap"
+    assert alone.places_claimed == 0
+    assert alone.frames["frames_sent"] == head_on.result.frames["frames_sent"]
+    published = head_on.result.frames_by_robot["r1"]["frames_sent"]
+    assert alone.notes[:2] == (
+        f"{r1}: {10 * head_on.result.simulated_s:.0f} answers are known by their hash only, and so what they "
+        "say of places is not; the recording of the base or the world would hold them",
+        f"{r1}: the frames of {published} messages are known by their hash only; the recording of the bridge "
+        "or the radio would hold them",
+    )
+    for name in ("world", "radio"):
+        rewrite(head_on.out / name / f"{name}.mcap", tmp_path / name / f"{name}.mcap", whole)
+    monkeypatch.setattr("deploy.field_trial.recordings.LARGE", 16)
+    both = collect([tmp_path], tmp_path / "out")
+    assert both.notes == () and both.completion_s == head_on.result.completion_s
+    assert both.per_robot["r2"].clock[0].error_s == collect([head_on.out]).per_robot["r2"].clock[0].error_s
+
+
+def test_the_lateness_is_that_of_the_robots_base(head_on: Run, tmp_path: Path) -> None:
+    copies(head_on.out, tmp_path, {"r1": clock(), "r2": clock()})
+    for start, lateness in (("r2.base", {"2": 90, "7": 8}), ("r2.base.1", {"3": 1, "45": 1})):
+        write_base(tmp_path / "r2.base" / f"{start}.mcap", head_on.out, lateness)
+    whole = collect([tmp_path]).per_robot
+    assert (whole["r2"].lateness_p50_ms, whole["r2"].lateness_p99_ms, whole["r2"].overruns) == (2, 7, 6)
+    assert (whole["r1"].lateness_p50_ms, whole["r1"].overruns) == (None, None)
+    assert collect([tmp_path / "r1", tmp_path / "r2"]).per_robot["r2"] == whole["r2"]  # what lies beside
+
+
+def write_base(path: Path, run: Path, lateness: dict[str, int]) -> None:
+    """What a base leaves behind: its first record and its last one."""
+    notes = read_notes(run / "world" / "world.mcap")
+    first = msgspec.json.decode(notes["run"], type=RunNote)
+    outcome = {"steps": 100, "overruns": 3, "late_air": 0, "stale_drives": 0, "lateness_ms": lateness}
+    raw = {name: msgspec.Raw(msgspec.json.encode(value)) for name, value in outcome.items()}
+    final = msgspec.structs.replace(msgspec.json.decode(notes["final"], type=FinalNote), outcome=raw)
+    path.parent.mkdir(exist_ok=True)
+    with Recorder(path, 100_000) as recorder:
+        recorder.note("run", msgspec.structs.replace(first, actor="base", scenario='{"robot": "r2"}'))
+        recorder.note("final", final)
+
+
+def rows(ours: Path, simulated: Path) -> Iterator[tuple[dict[str, str], dict[str, str]]]:
+    """Of both tables, one beside the other."""
+    return zip(table(ours / "places.csv"), table(simulated / "places.csv"), strict=True)
+
+
+def assert_same_table(ours: Path, simulated: Path, within_s: float) -> None:
+    """Who said what of which place, and when."""
+    for row, true in rows(ours, simulated):
+        assert {name: row[name] for name in TOLD} == {name: true[name] for name in TOLD}
+        for name in ("reported_s", "given_up_s"):
+            assert bool(row[name]) == bool(true[name])
+            if row[name]:
+                assert abs(float(row[name]) - float(true[name])) <= within_s
+        assert (row["reached_s"], row["reached_by"]) == ("", "")
+
+
+def test_the_command_prints_a_table_or_json(head_on: Run, tmp_path: Path) -> None:
+    copies(head_on.out, tmp_path / "far", {"r1": clock(EPOCH), "r2": clock(EPOCH + 2_500_000)})
+    said = acrc("collect", tmp_path / "far", "--out", tmp_path / "out")
+    assert (said.returncode, said.stderr) == (0, "")
+    lines, frames = said.stdout.splitlines(), head_on.result.frames
+    sent, heard = frames["frames_sent"], frames["copies_heard"]
+    assert lines[-3:] == [
+        f"{head_on.result.simulated_s:g} s from the first step of all to the last",
+        f"radio: frames handed {sent}, frames sent {sent}, copies heard {heard}, "
+        f"bytes sent {frames['bytes_sent']}",
+        f"written to {tmp_path / 'out'}",
+    ]
+    cells = [[cell.strip() for cell in line.strip("│ ").split("│")] for line in lines if "│" in line]
+    clocks, of = {"r1": "itself", "r2": r"+2.5000 s ± "}, head_on.result.frames_by_robot
+    for row, (robot, clock_said) in zip(cells, clocks.items(), strict=False):
+        done_s = head_on.result.per_robot[robot].completion_s
+        counted = (str(of[robot]["frames_sent"]), str(of[robot]["copies_heard"]))
+        assert row[:5] == [robot, "3 of 3", f"{done_s:.1f} s", *counted] and row[5].startswith(clock_said)
+    assert cells[2] == ["all", "6 of 6", f"{head_on.result.completion_s:.1f} s", str(sent), str(heard)]
+    done = acrc("collect", tmp_path / "far" / "r1", tmp_path / "far" / "r2", "--json")
+    result = msgspec.json.decode(done.stdout, type=OutingResult)
+    assert (result.places_claimed, result.out, done.stderr) == (6, None, "")

@@ -1,0 +1,77 @@
+"""What the laboratory of emulated devices saw stands beside what the robots say."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from actors.world.referee import PlaceOutcome
+from deploy.field_trial.collect import collect
+from deploy.field_trial.recordings import OutingError
+from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
+from tests.field_trial.conftest import Run
+from tests.field_trial.rewriting import clock
+from tests.field_trial.runs import copies, table
+
+EPOCH = 1_700_000_000_000_000
+BEGAN = EPOCH - 5_000_000
+"""The laboratory was there 5 s before the robots."""
+
+
+def laboratory(run: Run, path: Path, **other: object) -> Path:
+    """What it would have said of a simulated run."""
+    places = []
+    for row in table(run.out / "places.csv"):
+        at = round(float(row["reached_s"]) * 1e6) + EPOCH - BEGAN if row["reached_s"] else None
+        nothing = dict.fromkeys(("reported_at", "reported_by", "given_up_at", "given_up_by", "reason"), None)
+        places.append(
+            PlaceOutcome(
+                owner=row["owner"], place=int(row["place"]), x=0.0, y=0.0, reached_at=at,
+                reached_by=row["reached_by"] or None, in_route_of=(), **nothing,
+            )
+        )  # fmt: skip
+    result = LaboratoryResult(
+        began_us=BEGAN, simulated_s=100.0, contacts=3, places=tuple(places), lines={}, boards={},
+        behind_ms={}, lost_ms=0,
+    )  # fmt: skip
+    path.write_bytes(msgspec.json.encode(msgspec.structs.replace(result, **other)))
+    return path
+
+
+def test_with_truth_the_table_is_the_simulated_runs_whole_one(head_on: Run, tmp_path: Path) -> None:
+    far = copies(head_on.out, tmp_path / "far", {"r1": clock(EPOCH), "r2": clock(EPOCH)})
+    truth = laboratory(head_on, tmp_path / "result.json")
+    ours = collect([far], tmp_path / "out", truth)
+    assert (tmp_path / "out" / "places.csv").read_text() == (head_on.out / "places.csv").read_text()
+    assert (ours.places_done, ours.contacts, ours.completion_s) == (6, 3, head_on.result.completion_s)
+    assert [part.places_done for part in ours.per_robot.values()] == [3, 3]
+
+
+def test_a_report_of_what_nobody_reached_is_mistaken(crowd: Run, tmp_path: Path) -> None:
+    far = copies(crowd.out, tmp_path / "far", {f"r{n}": clock(EPOCH) for n in range(1, 5)})
+    truth = laboratory(crowd, tmp_path / "result.json", lost_ms=40)
+    seen = msgspec.json.decode(truth.read_bytes(), type=LaboratoryResult)
+    blind = [msgspec.structs.replace(place, reached_at=None, reached_by=None) for place in seen.places]
+    truth.write_bytes(msgspec.json.encode(msgspec.structs.replace(seen, places=tuple(blind))))
+    ours = collect([far], tmp_path / "out", truth)
+    verdicts = [row["verdict"] for row in table(tmp_path / "out" / "places.csv")]
+    claimed = crowd.result.places_claimed
+    assert (verdicts.count("mistaken"), verdicts.count("done")) == (claimed, 0) and claimed > 1
+    assert (ours.places_claimed, ours.places_done) == (claimed, 0)
+    assert ours.notes == ("the laboratory fell behind, so the true instants are early by up to 40 ms",)
+
+
+def test_another_outings_truth_is_one_sentence(head_on: Run, tmp_path: Path) -> None:
+    far = copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock()})
+    with pytest.raises(OutingError) as error:
+        collect([far], None, laboratory(head_on, tmp_path / "result.json"))
+    assert str(error.value) == (
+        "--truth: the laboratory began 1699999995 s after the outing and went on for 100 s; it should be "
+        "that of this outing"
+    )
+    (tmp_path / "junk.json").write_text("{}")
+    with pytest.raises(OutingError) as error:
+        collect([far], None, tmp_path / "junk.json")
+    assert str(error.value) == (
+        f"--truth {tmp_path}/junk.json: no result of a laboratory: Object missing required field `began_us`"
+    )

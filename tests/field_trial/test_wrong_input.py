@@ -1,0 +1,181 @@
+"""What is wrong with the folders or in them is one sentence, and what can be read is read."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actors.messages import DRIVE, MESSAGE_VERSION, Drive
+from actors.runtime.codec import decode, encode
+from actors.runtime.core import at
+from actors.runtime.errors import AcrcError
+from actors.runtime.recording import Entry, Note, read_recording
+from deploy.field_trial.collect import collect
+from deploy.field_trial.recordings import natural
+from tests.field_trial.conftest import Run
+from tests.field_trial.rewriting import clock
+from tests.field_trial.runs import copies
+from tests.replay.forging import forge
+from tests.swarm.command import acrc
+
+
+def sentence(*folders: Path, out: Path | None = None) -> str:
+    with pytest.raises(AcrcError) as error:
+        collect(folders, out)
+    return str(error.value)
+
+
+def test_a_folder_that_is_not_there_or_is_empty(tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    assert sentence(gone) == f"{gone}: no such folder; it should be a robot's, or one that holds robots'"
+    assert sentence(tmp_path) == f"{tmp_path}: no recording in it; there should be *.mcap or */*.mcap"
+    done = acrc("collect", gone)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == f"acrc: {gone}: no such folder; it should be a robot's, or one that holds robots'\n"
+
+
+def test_no_robot_among_the_recordings(head_on: Run, tmp_path: Path) -> None:
+    shutil.copytree(head_on.out / "world", tmp_path / "world")
+    assert sentence(tmp_path) == f"{tmp_path}: no robot's recording in there, such as r2.mcap"
+
+
+def test_two_recordings_of_one_robot_in_one_epoch(head_on: Run, tmp_path: Path) -> None:
+    one = copies(head_on.out, tmp_path / "one", {"r1": clock(), "r2": clock()})
+    two = copies(head_on.out, tmp_path / "two", {"r2": clock()})
+    assert sentence(one, two) == (
+        f"{one}/r2/r2.mcap and {two}/r2/r2.mcap: both are recordings of r2 in epoch 0; there should be one "
+        "of each epoch, from one outing"
+    )
+    assert collect([one, one / "r2"]).robots == 2  # the same file twice is one
+
+
+def test_recordings_of_different_outings(head_on: Run, crowd: Run, tmp_path: Path) -> None:
+    one = copies(head_on.out, tmp_path / "one", {"r1": clock()})
+    two = copies(crowd.out, tmp_path / "two", {"r2": clock(86_400_000_000)})
+    assert sentence(one, two) == (
+        f"r1 and r2: no frame connects their recordings, and {86_400 - head_on.result.simulated_s:.0f} s lie "
+        "between them by their own clocks; "
+        "the recordings should be of one outing"
+    )
+
+
+def test_a_folder_for_results_that_is_in_use(head_on: Run, tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").touch()
+    assert sentence(head_on.out, out=tmp_path) == (
+        f"--out {tmp_path}: exists and is not an empty folder; name a new one"
+    )
+
+
+def test_junk_beside_recordings_is_named_and_left_out(head_on: Run, tmp_path: Path) -> None:
+    far = copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock()})
+    (far / "r1" / "a.mcap").write_bytes(b"anything")
+    (far / "r1" / "empty.mcap").touch()
+    (far / "r2" / "words.txt").write_text("no matter")
+    ours = collect([far])
+    assert ours.places_claimed == 6
+    assert ours.notes == (
+        f"{far}/r1/a.mcap: not a recording of this project, or damaged at its start",
+        f"{far}/r1/empty.mcap: ends before its first record, or is no actor's recording; left out",
+    )
+
+
+def test_a_robots_file_cut_before_its_first_step_counts_for_nothing(head_on: Run, tmp_path: Path) -> None:
+    far = copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock()})
+    path = far / "r2" / "r2.mcap"
+    whole = path.read_bytes()
+    path.write_bytes(whole[: whole.index(b"swarm/")])
+    ours = collect([far])
+    assert ours.per_robot["r2"].clock == () and ours.per_robot["r2"].recordings[0].steps == 0
+    assert ours.notes[0] == (
+        f"{path}: cut short before its first step, without a last record, as by switching off"
+    )
+    path.unlink()
+    (far / "r1" / "r1.mcap").write_bytes(whole[: whole.index(b"swarm/")])
+    assert sentence(far) == f"{far}/r1/r1.mcap: no robot has taken a step in there"
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_damage_anywhere_is_a_sentence_at_most(head_on: Run, tmp_path: Path, seed: int) -> None:
+    far = copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock()})
+    path = far / "r2" / "r2.mcap"
+    generator = np.random.default_rng(seed)
+    data = bytearray(path.read_bytes())
+    for position in generator.integers(0, len(data), 3):
+        data[position] ^= int(generator.integers(1, 256))
+    path.write_bytes(data)
+    try:
+        ours = collect([far])
+    except AcrcError as error:
+        assert "\n" not in str(error)
+    else:
+        assert ours.per_robot["r1"].places_claimed >= 0
+        assert ours.per_robot["r1"].recordings[0].ended == "as planned"
+
+
+def test_what_nobody_knows_of_a_robot_that_is_missing_is_said(head_on: Run) -> None:
+    ours = collect([head_on.out / "r1"])
+    assert (ours.robots, ours.places_claimed) == (1, 3)
+    spoken: set[tuple[str, int]] = set()
+    for item in read_recording(head_on.out / "r1" / "r1.mcap"):
+        if isinstance(item, Entry) and item.key == "swarm/up/r1/drive" and item.payload is not None:
+            drive = decode(at(DRIVE, "r1").topic, item.key, item.payload)
+            assert isinstance(drive, Drive)
+            spoken |= {(report.owner, report.place) for report in drive.reports}
+            spoken |= {(place.owner, place.place) for place in drive.route or ()}
+    assert ours.places_total == len(spoken | {("r1", place) for place in range(3)})
+    heard = head_on.result.frames_by_robot["r1"]["copies_heard"]
+    assert ours.notes == (
+        f"{heard} frames were heard of address 2, which is no robot's here: what it did and where it still "
+        "meant to go is not known",
+        "r2: its list of places is not known, so the table has those that others spoke of, without where "
+        "they are",
+    )
+
+
+def test_messages_of_another_version_are_a_sentence(
+    head_on: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    far = copies(head_on.out, tmp_path / "far", {"r1": clock()})
+    monkeypatch.setattr("tests.field_trial.rewriting.encode", lambda message: b"\x07" + encode(message)[1:])
+    copies(head_on.out, far, {"r2": clock()})
+    ours = collect([far])
+    assert ours.per_robot["r2"].recordings[0].ended == "damaged"
+    assert ours.notes[0] == (
+        f"{far}/r2/r2.mcap: swarm/down/r2/senses: version 7 where message version {MESSAGE_VERSION} was due; "
+        "what comes before is taken"
+    )
+
+
+def test_an_instant_that_no_clock_shows_is_damage(head_on: Run, tmp_path: Path) -> None:
+    far = copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock(1 << 61)})
+    assert collect([far]).notes[0] == (
+        f"{far}/r2/r2.mcap: damaged: an instant is {1 << 61} µs, as no clock shows; what comes before is "
+        "taken"
+    )
+
+
+def test_places_come_from_the_file_beside_if_the_first_record_has_none(head_on: Run, tmp_path: Path) -> None:
+    def nameless(item: Entry | Note) -> Entry | Note:
+        return (
+            item._replace(json=item.json.replace(r"\"places\":", r"\"spaces\":"))
+            if isinstance(item, Note)
+            else item
+        )
+
+    far = copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock()})
+    for robot in ("r1", "r2"):
+        forge(far / robot / f"{robot}.mcap", nameless)
+    shutil.copy(head_on.out / "r1" / "places.toml", far / "r1" / "places.toml")
+    ours = collect([far])
+    assert (ours.places_total, ours.per_robot["r1"].places_total) == (6, 3)
+    assert ours.notes == (
+        f"{far}/r2/r2.mcap: does not name the places of r2, and cannot read the places {far}/r2/places.toml: "
+        "No such file or directory",
+        "r2: its list of places is not known, so the table has those that others spoke of, without where "
+        "they are",
+    )
+
+
+def test_robots_are_sorted_as_people_count() -> None:
+    assert sorted(["r10", "r2", "r1", "ann", "r2b"], key=natural) == ["ann", "r1", "r2", "r2b", "r10"]

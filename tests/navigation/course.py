@@ -1,0 +1,137 @@
+"""Robots that drive by the dynamic window approach on drawn floors, each seeing the others as discs."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
+from actors.geometry import STILL, Point, Pose, Twist
+from actors.messages import Drive
+from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, LocalMap
+from actors.robot.navigation.driver import Driver, Steering
+from actors.robot.navigation.dwa_parameters import DWA_PRESETS, DwaParameters
+from actors.robot.navigation.planning import Planner, ground
+from actors.robot.sweep import Sweeps
+from tests.robot.base import FakeBase, at_step, model
+
+RADIUS = 0.177
+TOLERANCE = 0.15
+KIND = model(rays=240)
+CHAPTER = DWA_PRESETS["chapter"]
+ROBUST = DWA_PRESETS["robust"]
+
+
+def hall(length: float, width: float) -> NDArray[np.bool_]:
+    """Walls round a hall of that size, m, in cells of 0.04 m."""
+    walls = np.ones((round(width / CELL) + 8, round(length / CELL) + 8), np.bool_)
+    walls[4:-4, 4:-4] = False
+    return walls
+
+
+def floor(walls: NDArray[np.bool_]) -> OccupancyGrid:
+    """The floor plan with these walls; the hall's corner is at (0.16, 0.16)."""
+    return OccupancyGrid(np.where(walls, OCCUPIED, FREE).astype(np.uint8), CELL)
+
+
+def neck(width: float) -> OccupancyGrid:
+    """Two rooms of 3 m by 3.2 m, joined by a neck 2 m long: x = 3.16 to 5.16, round y = 1.76."""
+    walls = hall(8.0, 3.2)
+    walls[:, 79:129] = True
+    free = round(width / CELL)
+    walls[44 - free // 2 : 44 - free // 2 + free, 79:129] = False
+    return floor(walls)
+
+
+CELL = 0.04
+DOOR = neck(0.88)
+"""As the necks between the corridor and the offices of the testbed."""
+HALL = floor(hall(7.0, 3.2))
+
+
+@dataclass
+class Record:
+    """What one robot did, step by step."""
+
+    poses: list[Pose] = field(default_factory=list)
+    steerings: list[Steering] = field(default_factory=list)
+    gap: float = math.inf
+    """The least distance to walls and others so far, m."""
+    arrived: bool = False
+
+    @property
+    def invalid(self) -> int:
+        """In how many of the last steps there was no valid trajectory."""
+        count = 0
+        for steering in reversed(self.steerings):
+            if steering.valid:
+                break
+            count += 1
+        return count
+
+
+class Pilot:
+    """One robot with its planner and driver, on the way to one goal."""
+
+    def __init__(
+        self,
+        floor: OccupancyGrid,
+        start: Pose,
+        goal: Point,
+        *,
+        preset: str = "chapter",
+        parameters: DwaParameters | None = None,
+        noise: np.random.Generator | None = None,
+    ) -> None:
+        """`noise` makes the estimate in the map frame jump by 5 cm and 0.02 rad (σ) from step to step."""
+        self.base = FakeBase(floor, KIND, start)
+        self.goal = goal
+        self.fixed: list[tuple[Point, float]] = []
+        self.local = LocalMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
+        self.driver = Driver(self.local, RADIUS, KIND.drive, parameters or DWA_PRESETS[preset])
+        self.record = Record()
+        self._start = start
+        self._sweeps = Sweeps(KIND.sensor)
+        self._planner = Planner(ground(floor, RADIUS))
+        self._noise = noise
+
+    def step(self, step: int) -> None:
+        """Sense, steer and move for one step; stand once arrived."""
+        senses = self.base.senses(step)
+        odometry, instant = senses.odometry, at_step(step)
+        here = Pose(odometry.x, odometry.y, odometry.heading)
+        self.local.take(instant, here, self._sweeps.take(instant, odometry, senses.scan))
+        estimate = self._estimate(here)
+        if step % 10 == 0:
+            way = self._planner.path(estimate.point, self.goal)
+            assert way is not None
+            self.driver.follow(way)
+        self.record.arrived |= self.goal.distance_to(estimate.point) <= TOLERANCE
+        steering = Steering(STILL, True)
+        if not self.record.arrived:
+            velocity = Twist(odometry.vx, odometry.vy, odometry.omega)
+            steering = self.driver.steer(instant, here, estimate, velocity)
+        self.record.steerings.append(steering)
+        self.record.poses.append(self.base.pose)
+        self.base.drive(Drive(step, *steering.twist, 0))
+        self.record.gap = min(self.record.gap, self.base.wall_gap())
+
+    def _estimate(self, here: Pose) -> Pose:
+        pose = self._start.compose(here)
+        if self._noise is None:
+            return pose
+        x, y, turn = self._noise.normal(0.0, (0.05, 0.05, 0.02))
+        return pose.compose(Pose(float(x), float(y), float(turn)))
+
+
+def drive(*pilots: Pilot, steps: int) -> None:
+    """Let all drive until all have arrived, at most so many steps."""
+    for step in range(steps):
+        bodies = [(pilot.base.pose.point, RADIUS) for pilot in pilots]
+        for k, pilot in enumerate(pilots):
+            pilot.base.obstacles = [*pilot.fixed, *bodies[:k], *bodies[k + 1 :]]
+        for pilot in pilots:
+            pilot.step(step)
+        if all(pilot.record.arrived for pilot in pilots):
+            return

@@ -1,0 +1,151 @@
+"""Whole drives: round corners, through doors, past what stands about, or not."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from actors.geometry import Point, Pose
+from tests.navigation.course import DOOR, HALL, RADIUS, Pilot, drive
+from tests.robot.base import plan
+
+CORNERS = plan(
+    """
+####################
+#                  #
+#                  #
+#                  #
+#                  #
+#                  #
+##########         #
+##########         #
+#                  #
+#                  #
+#                  #
+#                  #
+#                  #
+####################
+"""
+)
+"""4.5 m by 3 m; a wall reaches in from the west."""
+PRESETS = ["chapter", "robust"]
+
+
+@pytest.mark.parametrize(
+    ("preset", "goal"),
+    [("chapter", Point(3.4, 0.8)), ("robust", Point(3.4, 0.8)), ("robust", Point(0.8, 0.8))],
+)
+def test_it_reaches_a_goal_round_a_corner_and_touches_nothing(preset: str, goal: Point) -> None:
+    pilot = Pilot(CORNERS, Pose(0.8, 2.6, 0.0), goal, preset=preset)
+    drive(pilot, steps=350)
+    assert pilot.record.arrived
+    assert pilot.record.gap > 0.01
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("preset", PRESETS)
+def test_it_gets_through_a_door_with_an_estimate_that_jumps_by_5_cm(preset: str, seed: int) -> None:
+    noise = np.random.default_rng(seed)
+    pilot = Pilot(DOOR, Pose(0.8, 0.8, 1.0), Point(7.5, 2.7), preset=preset, noise=noise)
+    drive(pilot, steps=400)
+    assert pilot.record.arrived
+    assert pilot.record.gap > 0.0
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_before_a_door_that_something_blocks_it_stands_without_any_trajectory(preset: str) -> None:
+    pilot = Pilot(DOOR, Pose(0.8, 1.76, 0.0), Point(7.5, 1.76), preset=preset)
+    pilot.fixed = [(Point(4.2, 1.76), RADIUS)]
+    drive(pilot, steps=150)
+    assert pilot.record.invalid > 30
+    assert pilot.base.velocity == (0.0, 0.0, 0.0)
+    assert 0.3 < pilot.base.pose.x < 3.9 and pilot.record.gap > 0.1
+
+
+@pytest.mark.parametrize("offset", [-0.1, 0.0, 0.25])
+def test_robust_goes_round_what_stands_in_the_open(offset: float) -> None:
+    pilot = Pilot(HALL, Pose(0.6, 1.76, 0.0), Point(6.4, 1.76), preset="robust")
+    pilot.fixed = [(Point(3.2, 1.76 + offset), RADIUS)]
+    drive(pilot, steps=250)
+    assert pilot.record.arrived
+    assert pilot.record.gap > 0.01
+
+
+def test_the_chapters_weights_hold_it_before_what_stands_right_on_its_plan() -> None:
+    """The plan pulls more than twice as much as the goal: turning before it seems better than leaving it."""
+    pilot = Pilot(HALL, Pose(0.6, 1.76, 0.0), Point(6.4, 1.76))
+    pilot.fixed = [(Point(3.2, 1.76), RADIUS)]
+    drive(pilot, steps=250)
+    assert not pilot.record.arrived
+    assert pilot.base.pose.x < 3.0 and pilot.record.gap > 0.1
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.2, 0.4])
+def test_two_robots_that_meet_in_the_open_pass(offset: float) -> None:
+    east = Pilot(HALL, Pose(0.6, 1.76, 0.0), Point(6.4, 1.76), preset="robust")
+    west = Pilot(HALL, Pose(6.4, 1.76 + offset, math.pi), Point(0.6, 1.76 + offset), preset="robust")
+    drive(east, west, steps=300)
+    assert east.record.arrived and west.record.arrived
+    assert min(east.record.gap, west.record.gap) > 0.01
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_two_robots_that_meet_in_a_passage_end_without_any_trajectory(preset: str) -> None:
+    east = Pilot(DOOR, Pose(2.6, 1.76, 0.0), Point(7.5, 1.76), preset=preset)
+    west = Pilot(DOOR, Pose(5.7, 1.76, math.pi), Point(0.8, 1.76), preset=preset)
+    drive(east, west, steps=150)
+    for pilot in (east, west):
+        assert not pilot.record.arrived and pilot.record.invalid > 20
+        assert pilot.base.velocity == (0.0, 0.0, 0.0) and pilot.record.gap > 0.05
+
+
+@pytest.mark.parametrize("heading", [3.0, -2.2])
+def test_with_the_plan_behind_it_turns_on_the_spot(heading: float) -> None:
+    pilot = Pilot(HALL, Pose(2.0, 1.76, heading), Point(6.0, 1.76))
+    drive(pilot, steps=60)
+    poses = pilot.record.poses
+    turned = next(k for k, pose in enumerate(poses) if abs(pose.heading) < 1.2)
+    assert all(pose.point.distance_to(poses[0].point) < 0.15 for pose in poses[:turned])
+    turns = [steering.twist.omega for steering in pilot.record.steerings[:turned]]
+    assert len({math.copysign(1.0, turn) for turn in turns}) == 1
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_on_a_straight_plan_it_neither_weaves_nor_dawdles(preset: str) -> None:
+    pilot = Pilot(HALL, Pose(0.8, 1.76, 0.3), Point(6.4, 1.76), preset=preset)
+    drive(pilot, steps=250)
+    assert pilot.record.arrived
+    fast = [k for k, steering in enumerate(pilot.record.steerings) if steering.twist.vx > 0.45]
+    assert len(fast) > 60
+    settled = pilot.record.poses[fast[0] + 20 : fast[-1]]
+    assert max(abs(pose.heading) for pose in settled) < 0.15
+    crossings = sum(a.heading * b.heading < 0 for a, b in itertools.pairwise(settled))
+    assert crossings <= 2
+
+
+@pytest.mark.parametrize("aside", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("preset", PRESETS)
+def test_it_comes_to_rest_at_the_goal_without_passing_it(preset: str, aside: float) -> None:
+    pilot = Pilot(HALL, Pose(3.0, 1.76, 0.0), Point(5.0, 1.76 + aside), preset=preset)
+    drive(pilot, steps=200)
+    assert pilot.record.arrived
+    along = [pose.x for pose in pilot.record.poses]
+    assert max(along) < 5.0 and along == sorted(along)
+    assert pilot.base.velocity.vx <= 0.1 + 1e-9
+
+
+def test_it_reaches_a_goal_beside_the_wall_it_faces() -> None:
+    pilot = Pilot(HALL, Pose(5.0, 1.76, 0.0), Point(6.92, 1.76))
+    drive(pilot, steps=200)
+    assert pilot.record.arrived and pilot.record.gap > 0.0
+
+
+def test_the_same_drive_twice_is_the_same_to_the_last_bit() -> None:
+    records = []
+    for _ in range(2):
+        pilot = Pilot(DOOR, Pose(0.8, 0.8, 1.0), Point(7.5, 2.7), noise=np.random.default_rng(4))
+        pilot.fixed = [(Point(6.0, 1.5), RADIUS)]
+        drive(pilot, steps=120)
+        records.append(pilot.record.poses)
+    assert records[0] == records[1]

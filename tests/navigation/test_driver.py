@@ -1,0 +1,157 @@
+"""What the driver commands in single situations, and when it thinks again."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from actors.geometry import STILL, Pose, Twist
+from actors.instant import Instant
+from actors.messages import NO_ECHO_MM
+from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, LocalMap
+from actors.robot.navigation.driver import Driver, Steering
+from actors.robot.navigation.dwa_parameters import DWA_PRESETS
+from actors.robot.sweep import Sweep
+from tests.navigation.course import CHAPTER, KIND, RADIUS, ROBUST
+
+ORIGIN = Pose(0.0, 0.0, 0.0)
+EAST = np.column_stack((np.linspace(0.0, 3.0, 61), np.zeros(61)))
+SILENCE = np.full(KIND.sensor.rays, NO_ECHO_MM, np.uint16)
+
+
+def driver(preset: str = "chapter", ranges: NDArray[np.uint16] = SILENCE) -> tuple[Driver, LocalMap]:
+    """At the origin of both frames, on a plan to the east."""
+    local = LocalMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
+    local.take(Instant(0), ORIGIN, Sweep(ranges, ORIGIN))
+    made = Driver(local, RADIUS, KIND.drive, DWA_PRESETS[preset])
+    made.follow(EAST)
+    return made, local
+
+
+def test_from_rest_it_speeds_up_as_fast_as_it_may() -> None:
+    steering = driver()[0].steer(Instant(0), ORIGIN, ORIGIN, STILL)
+    assert steering.valid
+    assert steering.twist.vx == pytest.approx(0.2)
+    assert abs(steering.twist.omega) < 0.05
+
+
+@pytest.mark.parametrize("estimate", [Pose(3.0, -2.0, 2.5), Pose(0.0, 0.0, -1.0)])
+def test_the_plan_is_carried_over_from_the_map_frame(estimate: Pose) -> None:
+    moved = np.array([estimate.compose(Pose(x, y, 0.0))[:2] for x, y in EAST])
+    made, _ = driver()
+    straight = made.steer(Instant(0), ORIGIN, ORIGIN, STILL)
+    made.begin()
+    made.follow(moved)
+    turned = made.steer(Instant(0), ORIGIN, estimate, STILL)
+    assert turned.twist == pytest.approx(straight.twist, abs=0.05)
+
+
+@pytest.mark.parametrize("period_us", [10_000, 20_000, 50_000, 100_000, 200_000, 150_000, 70_000])
+def test_it_thinks_five_times_a_second_however_long_steps_are(
+    period_us: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, local = driver()
+    thought: list[int] = []
+
+    def choose(instant: Instant, *_: object) -> Steering:
+        thought.append(instant)
+        return Steering(STILL, True)
+
+    monkeypatch.setattr(made, "_choose", choose)
+    for instant in range(0, 4_000_000, period_us):
+        local.take(Instant(instant), ORIGIN, Sweep(SILENCE, ORIGIN))
+        made.steer(Instant(instant), ORIGIN, ORIGIN, STILL)
+    assert len(thought) == 20
+    slots = [instant // 200_000 for instant in thought]
+    assert all(later - earlier == 1 for earlier, later in itertools.pairwise(slots))
+
+
+def test_between_it_holds_the_command_and_a_new_goal_ends_that() -> None:
+    made, _ = driver()
+    first = made.steer(Instant(0), ORIGIN, ORIGIN, STILL)
+    assert made.steer(Instant(199_999), ORIGIN, ORIGIN, Twist(0.2, 0.0, 0.0)) == first
+    assert made.steer(Instant(200_000), ORIGIN, ORIGIN, Twist(0.2, 0.0, 0.0)) != first
+    made.begin()
+    assert made.steer(Instant(210_000), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
+    made.follow(EAST)
+    assert not made.steer(Instant(220_000), ORIGIN, ORIGIN, STILL).valid
+    assert made.steer(Instant(410_000), ORIGIN, ORIGIN, STILL).valid
+
+
+def test_without_a_fresh_scan_it_does_not_drive() -> None:
+    local = LocalMap(KIND.sensor, RADIUS)
+    blind = Driver(local, RADIUS, KIND.drive, CHAPTER)
+    blind.follow(EAST)
+    assert blind.steer(Instant(0), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
+    made, local = driver()
+    assert made.steer(Instant(500_000), ORIGIN, ORIGIN, STILL).valid
+    assert made.steer(Instant(500_001), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
+    local.take(Instant(600_000), ORIGIN, Sweep(SILENCE, ORIGIN))
+    assert made.steer(Instant(600_000), ORIGIN, ORIGIN, STILL).valid
+
+
+def test_a_plan_that_is_elsewhere_is_no_plan() -> None:
+    made, _ = driver()
+    made.follow(np.add(EAST, (0.0, 2.5)))
+    assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    preset=st.sampled_from(["chapter", "robust"]),
+    seed=st.integers(0, 10**6),
+    vx=st.floats(-0.7, 0.7),
+    omega=st.floats(-6, 6),
+    heading=st.floats(-3.1, 3.1),
+)
+def test_no_command_exceeds_the_limits(
+    preset: str, seed: int, vx: float, omega: float, heading: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    ranges = rng.integers(400, 3000, KIND.sensor.rays).astype(np.uint16)
+    ranges[rng.random(ranges.size) < 0.8] = NO_ECHO_MM
+    made, _ = driver(preset, ranges)
+    here = Pose(0.0, 0.0, heading)
+    steering = made.steer(Instant(0), here, here, Twist(vx, 0.0, omega))
+    p = DWA_PRESETS[preset]
+    twist = steering.twist
+    assert p.min_speed <= twist.vx <= 0.5 and twist.vy == 0.0 and abs(twist.omega) <= 5.0
+    if not steering.valid:
+        assert twist == STILL
+        return
+    assert abs(twist.vx) >= 0.1 - 1e-3 or abs(twist.omega) >= p.least_turn - 1e-3
+    assert not -0.2 <= vx <= 0.7 or abs(twist.vx - vx) <= 0.2 + 1e-9
+    gain = 0.2 * p.turn_acceleration
+    assert abs(omega) > 5.0 + gain or abs(twist.omega - omega) <= gain + 1e-9
+
+
+def test_the_bases_limits_hold_where_they_are_lower() -> None:
+    slow = KIND.drive.model_copy(update={"speed": 0.15, "acceleration": 0.5, "turn_rate": 0.5})
+    local = LocalMap(KIND.sensor, RADIUS)
+    local.take(Instant(0), ORIGIN, Sweep(SILENCE, ORIGIN))
+    made = Driver(local, RADIUS, slow, CHAPTER)
+    made.follow(EAST)
+    assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL).twist.vx == pytest.approx(0.1)
+    assert made.steer(Instant(200_000), ORIGIN, ORIGIN, Twist(0.15, 0, 0)).twist.vx == pytest.approx(0.15)
+
+
+@pytest.mark.parametrize(
+    ("preset", "escape", "valid"),
+    [("chapter", CHAPTER.escape, False), ("chapter", 0.06, True), ("robust", ROBUST.escape, True)],
+)
+def test_nearer_to_something_than_it_may_be(preset: str, escape: float, valid: bool) -> None:
+    """Its front touches what is 18 cm from its centre: the chapter's robot is stuck, another may get away."""
+    ranges = SILENCE.copy()
+    ranges[KIND.sensor.rays // 2 - 1] = 280
+    local = LocalMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
+    local.take(Instant(0), ORIGIN, Sweep(ranges, ORIGIN))
+    assert local.marks().shape == (1, 2)
+    made = Driver(local, RADIUS, KIND.drive, replace(DWA_PRESETS[preset], escape=escape))
+    made.follow(np.column_stack((np.zeros(20), np.linspace(0.0, 1.0, 20))))
+    steering = made.steer(Instant(0), ORIGIN, ORIGIN, STILL)
+    assert steering.valid == valid
+    assert steering.twist.vx <= 0.0

@@ -1,0 +1,257 @@
+"""`acrc record check`: whatever damages or contradicts a recording is found, and named in one sentence."""
+
+import json
+from collections import deque
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from actors.messages import Senses
+from actors.runtime.bus.replay_bus import topic_of
+from actors.runtime.codec import decode, encode
+from actors.runtime.errors import AcrcError
+from actors.runtime.process import FinalNote, RunNote
+from actors.runtime.recording import (
+    Entry,
+    Note,
+    Reading,
+    Recorder,
+    RecordingError,
+    read_notes,
+    read_recording,
+)
+from deploy.replay.record_check import check
+from deploy.replay.record_pass import CheckError
+from tests.replay.forging import forge, with_payload
+from tests.swarm.command import acrc
+
+FLIPS = 220
+
+
+def fault(out: Path) -> str:
+    with pytest.raises(AcrcError) as caught:
+        check(out)
+    return str(caught.value)
+
+
+def whole(path: Path) -> bool:
+    """True if a reading comes to the file's end and finds nothing."""
+    reading = Reading(path)
+    try:
+        deque(reading, 0)
+    except RecordingError as error:
+        assert "\n" not in str(error) and str(path) in str(error)
+        return False
+    return reading.whole
+
+
+def test_a_sound_run_is_complete(recorded: Path) -> None:
+    report = check(recorded)
+    assert report.complete and report.unreceived == 0
+    assert report.digest == json.loads((recorded / "run.json").read_text())["digest"]
+
+
+def test_no_flipped_bit_passes_or_raises_a_traceback(copy: Path) -> None:
+    files = sorted(copy.glob("*/*.mcap"))
+    total = sum(path.stat().st_size for path in files)
+    passed = []
+    for number in range(FLIPS):
+        at = number * total // FLIPS
+        for path in files:
+            size = path.stat().st_size
+            if at < size:
+                break
+            at -= size
+        whole = bytearray(path.read_bytes())
+        whole[at] ^= 1 << (number % 8)
+        sound = path.read_bytes()
+        path.write_bytes(whole)
+        try:
+            check(copy)
+        except AcrcError as error:
+            assert "\n" not in str(error) and str(path) in str(error)
+        else:
+            passed.append((path.name, at, number % 8))
+        path.write_bytes(sound)
+    assert passed == []
+    check(copy)
+
+
+def test_no_flipped_bit_of_an_end_passes(copy: Path) -> None:
+    path = copy / "r1" / "r1.mcap"
+    sound = path.read_bytes()
+    passed = []
+    for at in range(len(sound) - 750, len(sound)):
+        for bit in range(8):
+            path.write_bytes(sound[:at] + bytes([sound[at] ^ 1 << bit]) + sound[at + 1 :])
+            if whole(path):
+                passed.append((len(sound) - at, bit))
+    assert passed == []
+    path.write_bytes(sound)
+    assert whole(path)
+
+
+def test_the_time_of_a_message_is_covered(copy: Path) -> None:
+    path = copy / "world" / "world.mcap"
+    instant = (20 * 100_000_000).to_bytes(8, "little")
+    path.write_bytes(path.read_bytes().replace(instant * 2, instant + bytes(8), 1))
+    assert fault(copy).startswith(f"{path}: damaged after step 19, and good up to there: its checksum is ")
+
+
+def test_a_cut_run_says_up_to_which_step_it_is_good(copy: Path) -> None:
+    path = copy / "r1" / "r1.mcap"
+    sound = path.read_bytes()
+    path.write_bytes(sound[: len(sound) // 2])
+    last = max(item.step for item in read_recording(path) if isinstance(item, Entry))
+    assert 5 < last < 25
+    assert fault(copy) == (
+        f"{path}: ends after step {last}, although the run has a result; it was cut or damaged"
+    )
+    (copy / "run.json").unlink()
+    report = check(copy)
+    assert (report.complete, report.good_until) == (False, last)
+    done = acrc("record", "check", copy)
+    assert done.returncode == 0 and done.stdout.splitlines()[-1] == (
+        "the run did not end as planned: this is the digest of what was recorded until then; every recording "
+        f"is good up to step {last}"
+    )
+
+
+def test_any_cut_is_read_up_to_its_last_whole_step(copy: Path) -> None:
+    path = copy / "r2" / "r2.mcap"
+    (copy / "run.json").unlink()
+    sound = path.read_bytes()
+    until = []
+    for length in range(0, len(sound), 499):
+        path.write_bytes(sound[:length])
+        try:
+            report = check(copy)
+        except CheckError as error:  # not even its first record
+            assert str(error) == f"{path}: ends before its first record"
+        else:
+            assert not report.complete
+            until.append(-1 if report.good_until is None else report.good_until)
+    assert until == sorted(until) and until[0] == -1 and until[-1] == 30
+
+
+def test_a_robot_that_was_ended_while_it_started_is_part_of_a_run_that_was_cut(copy: Path) -> None:
+    (copy / "run.json").unlink()
+    world, robot = copy / "world" / "world.mcap", copy / "r2" / "r2.mcap"
+    robot.write_bytes(b"")
+    assert fault(copy) == f"{robot}: ends before its first record", "all others have ended as planned"
+    world.write_bytes(world.read_bytes()[: world.stat().st_size // 2])
+    report = check(copy)
+    assert not report.complete and report.good_until is None
+
+
+def test_other_bytes_received_than_sent(copy: Path) -> None:
+    def change(item: Entry | Note) -> Entry | Note:
+        if not isinstance(item, Entry) or item.step != 7 or not item.key.endswith("/senses"):
+            return item
+        assert item.payload is not None
+        message = decode(topic_of(item.key), item.key, item.payload)
+        assert isinstance(message, Senses)
+        return with_payload(item, encode(msgspec.structs.replace(message, bumper=7)))
+
+    path = copy / "r1" / "r1.mcap"
+    forge(path, change)
+    assert fault(copy).startswith(f"{path}: holds ")  # no longer what its process counted
+    forge(path, lambda item: None if isinstance(item, Note) and item.name == "final" else item)
+    (copy / "run.json").unlink()
+    assert fault(copy) == "step 7: world sent other bytes than r1 received on swarm/down/r1/senses"
+
+
+def test_a_message_that_was_never_sent(copy: Path) -> None:
+    path = copy / "r1" / "r1.mcap"
+    (copy / "run.json").unlink()
+    forge(path, lambda item: None if isinstance(item, Entry) and item.step == 9 else item)
+    assert "has the number" in fault(copy)
+
+
+def test_counters_that_are_not_those_of_the_file(copy: Path) -> None:
+    def boast(item: Entry | Note) -> Entry | Note:
+        if not isinstance(item, Note) or item.name != "final":
+            return item
+        final = msgspec.json.decode(item.json, type=FinalNote)
+        lie = msgspec.structs.replace(final, published=10**9, sent={"swarm/up/r1/drive": 10**9})
+        return Note("final", msgspec.json.encode(lie).decode())
+
+    path = copy / "r1" / "r1.mcap"
+    forge(path, boast)
+    assert fault(copy) == f"{path}: does not hold as many sent messages as its process counted"
+
+
+def test_a_recording_of_somebody_else(copy: Path) -> None:
+    (copy / "r1" / "r1.mcap").write_bytes((copy / "r2" / "r2.mcap").read_bytes())
+    assert fault(copy) == f"{copy}/r1/r1.mcap: is a recording of 'r2', and should be one of 'r1'"
+
+
+def test_recordings_that_lie_where_none_is_written(copy: Path) -> None:
+    stray = copy / "r1" / "world.mcap"
+    stray.write_bytes((copy / "world" / "world.mcap").read_bytes())
+    assert fault(copy) == (
+        f"{stray}: no recording of a run: in this folder it would be called r1.mcap, or r1.1.mcap for a "
+        "process that was started again"
+    )
+    stray.unlink()
+    path = copy / "r1" / "r1.mcap"
+    path.rename(copy / "elsewhere")
+    path.symlink_to(copy / "elsewhere")
+    assert fault(copy) == f"{path}: a link, and a recording never is"
+
+
+def test_notes_of_the_wrong_form(copy: Path) -> None:
+    class Wrong(msgspec.Struct):
+        digest: object
+
+    deep = msgspec.Raw(b"[" * 2000 + b"]" * 2000)
+    for content, why in ((Wrong(7), "Expected `object`, got `int` - at `$.digest`"), (Wrong(deep), None)):
+        path = copy / "r1" / "r1.mcap"
+        run = msgspec.json.decode(read_notes(path)["run"], type=RunNote)
+        path.unlink()
+        with Recorder(path, 100_000) as recorder:
+            recorder.note("run", run)
+            recorder.note("final", content)
+        sentence = fault(copy)
+        assert sentence.startswith(f"{path}: its record 'final' is not what it should be: ")
+        assert why is None or sentence.endswith(why)
+
+
+def test_what_is_no_recording_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "r1" / "r1.mcap"
+    path.parent.mkdir()
+    magic = b"\x89MCAP0\r\n"
+    wild = magic + b"\x01" + (1 << 40).to_bytes(8, "little")
+    for content, why in (
+        (b"", "ends before its first record"),
+        (magic, "ends before its first record"),
+        (b"12345678", "not a recording of this project, or damaged at its start"),
+        (
+            wild,
+            "damaged before its first step, and good up to there: a record would have 1099511627776 bytes; "
+            "it may have at most 16777216",
+        ),
+    ):
+        path.write_bytes(content)
+        assert fault(tmp_path) == f"{path}: {why}"
+        read_notes_or_sentence(path)
+    path.unlink()
+    path.symlink_to(path)
+    assert fault(tmp_path) == f"{path}: a link, and a recording never is"
+    path.unlink()
+    path.mkdir()
+    assert fault(tmp_path) == f"{path}: no recording, as it is no file"
+
+
+def read_notes_or_sentence(path: Path) -> None:
+    try:
+        assert read_notes(path) == {}
+    except RecordingError as error:
+        assert str(path) in str(error)
+
+
+def test_a_name_that_cannot_be_one() -> None:
+    with pytest.raises(RecordingError) as caught:
+        list(read_recording(Path("r1\0.mcap")))
+    assert str(caught.value) == "'r1\\x00.mcap': no name of a recording: embedded null byte"

@@ -1,0 +1,86 @@
+"""What is compiled before the first run is said, and how far it is; afterwards nothing is said."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from actors.world import visits
+from deploy.run import kernels
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache with nothing in it, as far as can be told, and one module to compile."""
+    monkeypatch.setitem(os.environ, "NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(kernels, "kernel_modules", lambda onboard=False: (visits,))
+    return tmp_path
+
+
+def test_the_first_time_is_announced_and_the_second_time_is_silent(
+    cache: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kernels.compile_kernels()
+    said = capsys.readouterr().err.splitlines()
+    assert said[0] == (
+        "acrc: compiling the numeric kernels, once after an installation or a change of the sources: "
+        "1 modules"
+    )
+    assert said[1].startswith("acrc: compiled in ") and len(said) == 2
+    kernels.compile_kernels()
+    assert capsys.readouterr().err == ""
+    (cache / "complete").write_text("another processor\n")
+    kernels.compile_kernels()
+    assert "compiling" in capsys.readouterr().err
+
+
+def test_a_person_at_a_terminal_sees_how_far_it_is(
+    cache: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "200")
+    kernels.compile_kernels()
+    assert "1/1" in capsys.readouterr().err
+
+
+def test_a_program_that_wants_json_is_told_nothing(cache: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    kernels.compile_kernels(quiet=True)
+    assert capsys.readouterr() == ("", "")
+    assert (cache / "complete").is_file()
+
+
+def test_every_module_with_kernels_is_compiled_once() -> None:
+    names = [module.__name__ for module in kernels.kernel_modules()]
+    assert {"actors.world.rays", "actors.radio.medium.medium", "actors.robot.navigation.dwa"} <= set(names)
+    assert len(names) == len(set(names)) > 20
+
+
+def test_every_command_means_the_same_machine_whatever_it_has_loaded_before() -> None:
+    told = "from deploy import kernels; print(kernels._machine())"
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == kernels._machine()
+
+
+def test_a_robot_s_computer_compiles_what_a_robot_needs_and_nothing_of_the_world() -> None:
+    robot, everything = (
+        {module.__name__ for module in kernels.kernel_modules(onboard=onboard)} for onboard in (True, False)
+    )
+    assert robot < everything
+    assert "actors.robot.navigation.dwa" in robot and not any(
+        name.startswith("actors.world") for name in robot
+    )
+
+
+def test_what_a_robot_compiles_does_not_count_for_a_run(
+    cache: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kernels.compile_kernels(onboard=True)
+    kernels.compile_kernels(onboard=True)
+    assert capsys.readouterr().err.count("compiling") == 1
+    kernels.compile_kernels()
+    assert capsys.readouterr().err.count("compiling") == 1
+    (cache / "complete").write_text("".join((cache / "complete").read_text().splitlines(True)[1:]))
+    kernels.compile_kernels(onboard=True)
+    assert capsys.readouterr().err == "", "what a run computes with holds what a robot does"

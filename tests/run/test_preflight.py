@@ -1,0 +1,213 @@
+"""What is wrong with a strategy is said before anything is laid out or started."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.sandbox import available
+from deploy.processes.launch import ServedLauncher
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.run.plan import Plan
+from deploy.run.preflight import Bounds, RehearsalError, rehearse
+from tests.scenario.faults import scenario
+
+STUDY = """
+from dataclasses import dataclass
+from actors.instant import Duration, Instant, seconds
+from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
+from cleaning.settings import from_settings
+from deeco import DeploymentError
+
+print("this must not come between a program and its JSON")
+made = []
+
+@dataclass(frozen=True)
+class Parameters:
+    lease: Duration = seconds(2)
+
+class Own:
+    def advance(self, view: View, until: Instant) -> Decision:
+        return Decision()
+
+def behaviour(start: Start) -> Behaviour:
+    made.append((start, from_settings(Parameters, start.settings), start.floor.random_place()))
+    return Own()
+
+def undeployed(start: Start) -> Behaviour:
+    raise DeploymentError("Robot.drive needs a Wings ('wings'); this node provides Navigation")
+
+def buggy(start: Start) -> Behaviour:
+    return Own(1 / 0)
+"""
+
+
+def planned(folder: Path, name: str, text: str, function: str = "behaviour") -> Plan:
+    (folder / f"{name}.py").write_text(STUDY)
+    head = f'[run]\nstrategy = "{name}:{function}"\nmodules = "{folder}"\n'
+    return swarm.plan(scenario(head + text), RunOptions(folder / "out", bus="memory"))
+
+
+def test_the_first_robot_is_made_as_it_will_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path.parent)
+    text = "[strategy]\nlease = 3\n[deeco]\nhop_limit = 5\n"
+    text += "[[area]]\nname = 'hall'\nx = [8, 12]\ny = [10.5, 13.8]\n"
+    plan = planned(tmp_path, "study_right", text)
+    [(start, parameters, place)] = sys.modules["study_right"].made
+    assert str(tmp_path) not in sys.path
+    assert (start.robot, start.address, start.epoch) == ("r1", 1, 0)
+    assert start.places == tuple(plan.world.robots[0].places)
+    assert (dict(start.settings), parameters.lease) == ({"lease": 3}, 3_000_000)
+    assert start.exchange.hop_limit == 5
+    assert 8 <= place.x <= 12 and 10.5 <= place.y <= 13.8
+    assert plan.modules == (tmp_path, tmp_path.parent)
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "function", "sentence"),
+    [
+        (
+            "study_key",
+            "[strategy]\nleese = 3",
+            "behaviour",
+            "strategy.leese is not known; did you mean strategy.lease?",
+        ),
+        (
+            "study_value",
+            "[strategy]\nlease = true",
+            "behaviour",
+            "strategy.lease is true, but must be a number of seconds, at most 1000000",
+        ),
+        (
+            "study_port",
+            "",
+            "undeployed",
+            "behaviour 'study_port:undeployed':"
+            " Robot.drive needs a Wings ('wings'); this node provides Navigation",
+        ),
+        (
+            "study_entry",
+            "",
+            "behavior",
+            "behaviour 'study_entry:behavior': module 'study_entry' has no 'behavior'",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_one_sentence(
+    tmp_path: Path, name: str, text: str, function: str, sentence: str
+) -> None:
+    with pytest.raises(AcrcError) as caught:
+        planned(tmp_path, name, text, function)
+    assert str(caught.value) == sentence
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_bug_is_the_strategys_own_and_named(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError) as caught:
+        planned(tmp_path, "study_buggy", "", "buggy")
+    assert caught.value.__notes__ == ["in strategy 'study_buggy:buggy' made for r1 before the run"]
+
+
+HOSTILE = """
+import os, signal, sys, time
+from pathlib import Path
+
+def behaviour(start):
+    raise ZeroDivisionError("first line\\n\\x1b[31msecond")
+
+def leaves(start):
+    print("not a word of this is a sentence of ours")
+    sys.exit(0)
+
+def vanishes(start):
+    os._exit(0)
+
+def dies(start):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+def hangs(start):
+    while True: pass
+
+def sends_a_courier(start):
+    if os.fork() == 0:
+        os.setsid()
+        if os.fork() == 0:
+            for number in (0, 1, 2):
+                os.close(number)
+            while True:
+                for folder in Path(__file__).parent.glob("out*/r2/own"):
+                    (folder / "mail").write_text(Path(folder, "../../r1/places.toml").read_text())
+                time.sleep(0.01)
+        os._exit(0)
+    os.wait()
+    return start
+"""
+
+
+@pytest.fixture(scope="module")
+def launched() -> Iterator[ServedLauncher]:
+    if (reason := available()) is not None:
+        pytest.skip(reason)
+    with ServedLauncher("fork") as launched:
+        yield launched
+
+
+def hostile(folder: Path, function: str) -> Plan:
+    (folder / "hostile.py").write_text(HOSTILE)
+    text = f'[run]\nstrategy = "hostile:{function}"\nmodules = "{folder}"\n'
+    return swarm.plan(scenario(text), RunOptions(folder / "out", isolate=True))
+
+
+MADE = "strategy 'hostile:{}', made for r1 before the run: "
+
+
+@pytest.mark.parametrize(
+    ("function", "sentence"),
+    [
+        ("leaves", MADE + "its process ended with exit code 0"),
+        ("vanishes", MADE + "its process ended with exit code 0"),
+        ("dies", MADE + "its process was ended by signal SIGKILL"),
+        ("hangs", MADE + "is not done after 1 s; it is at hostile.py:19"),
+        ("behavior", "behaviour 'hostile:behavior': module 'hostile' has no 'behavior'"),
+        ("sends_a_courier", "behaviour 'hostile:sends_a_courier' gives a Start, which has no method "
+         "advance(view, until)"),
+    ],
+)  # fmt: skip
+def test_a_robot_that_cannot_be_made_is_one_sentence(
+    tmp_path: Path, launched: ServedLauncher, function: str, sentence: str
+) -> None:
+    with pytest.raises(RehearsalError) as caught:
+        rehearse(hostile(tmp_path, function), launched, Bounds(patience_s=1.0))
+    assert str(caught.value) == sentence.format(function)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_bug_shows_its_traceback_and_nothing_that_steers_the_terminal(
+    tmp_path: Path, launched: ServedLauncher, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(RehearsalError) as caught:
+        rehearse(hostile(tmp_path, "behaviour"), launched)
+    assert str(caught.value) == (
+        f"{MADE.format('behaviour')}ZeroDivisionError: first line\n\\x1b[31msecond (hostile.py:6)"
+    )
+    said = capsys.readouterr().err
+    assert "Traceback (most recent call last):" in said and "\x1b" not in said
+
+
+def test_what_a_strategy_starts_before_the_run_reaches_no_robot_and_is_gone(
+    tmp_path: Path, launched: ServedLauncher
+) -> None:
+    for robot in ("r1", "r2"):
+        (tmp_path / "out1" / robot / "own").mkdir(parents=True)
+        (tmp_path / "out1" / robot / "places.toml").write_text("where r1 has to go")
+    with pytest.raises(RehearsalError):
+        rehearse(hostile(tmp_path, "sends_a_courier"), launched)
+    assert [path.name for path in (tmp_path / "out1" / "r2" / "own").iterdir()] == []
+    server = launched._server.pid
+    assert Path(f"/proc/{server}/task/{server}/children").read_text() == ""

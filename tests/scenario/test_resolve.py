@@ -1,0 +1,196 @@
+"""From a scenario to robots that stand somewhere and have something to do."""
+
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from actors.floor.map_file import load_map
+from actors.geometry import Point
+from actors.messages import Freeze, Kill, Move, Obstacle, Restart, StartJam, Thaw
+from actors.runtime.errors import AcrcError
+from actors.world.world_setup import TimedOrder
+from cleaning.places import GOLDEN
+from deploy.scenario.areas import for_places
+from deploy.scenario.resolve import Cast, cast
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from tests.scenario.faults import MAP, scenario
+
+AREAS = for_places(load_scenario()) or ()
+MOST_ROUNDING = 0.001
+"""Drawn points are given to the millimetre, m."""
+
+
+def shipped(**wishes: int) -> Cast:
+    return cast(load_scenario(None, Overrides(**wishes)))  # type: ignore[arg-type]
+
+
+def refusal(text: str, head: str = MAP) -> str:
+    with pytest.raises(AcrcError) as caught:
+        cast(scenario(text, head=head))
+    return str(caught.value)
+
+
+def test_the_shipped_scenario_is_the_testbed() -> None:
+    world = shipped().world
+    assert [robot.id for robot in world.robots] == ["r1", "r2", "r3", "r4"]
+    assert [robot.start for robot in world.robots] == [
+        (12.0, 5.0, 0.0), (17.5, 5.0, 0.0), (12.0, 13.0, 0.0), (26.0, 11.0, 0.0)
+    ]  # fmt: skip
+    assert {(robot.model, robot.sensor, robot.odometry) for robot in world.robots} == {
+        ("turtlebot2", "chapter", "exact")
+    }
+    assert (world.step_us, world.duration_us, world.seed) == (100_000, 600_000_000, 1)
+    assert [len(robot.places) for robot in world.robots] == [10] * 4
+
+
+def test_radio_and_world_have_the_same_robots_and_addresses_count_from_one() -> None:
+    radio = shipped(robots=3).radio
+    assert radio.robots == (("r1", 1), ("r2", 2), ("r3", 3))
+    assert (radio.seed, radio.step_us, radio.preset) == (1, 100_000, "chapter")
+
+
+def test_one_more_robot_changes_nothing_for_the_others() -> None:
+    few, many = shipped(robots=10).world.robots, shipped(robots=14).world.robots
+    assert many[:10] == few
+
+
+def test_the_seed_decides_places_and_drawn_starts_but_not_given_starts() -> None:
+    one, same, other = shipped(robots=10), shipped(robots=10), shipped(robots=10, seed=2)
+    assert one == same
+    for mine, others in zip(one.world.robots, other.world.robots, strict=True):
+        assert mine.places != others.places
+        assert (mine.start == others.start) == (mine.id != "r10")
+
+
+def test_drawn_starts_and_places_keep_their_distances() -> None:
+    world = shipped(robots=16).world
+    starts = [Point(*robot.start[:2]) for robot in world.robots]
+    for index, drawn in enumerate(starts[9:], start=9):
+        assert min(drawn.distance_to(other) for other in starts[:index]) > 0.6 - MOST_ROUNDING
+    for robot in world.robots:
+        places = [Point(*place) for place in robot.places]
+        for place in places:
+            assert any(area.x0 <= place.x <= area.x1 and area.y0 <= place.y <= area.y1 for area in AREAS)
+        assert all(a.distance_to(b) > 0.6 - MOST_ROUNDING for a, b in pairwise(places))
+
+
+def test_the_golden_places_go_to_the_first_four_and_the_rest_is_drawn() -> None:
+    text = '[robots]\ncount = 5\n[places]\npreset = "golden"\n[run]\nseed = '
+    robots, others = cast(scenario(f"{text}1")).world.robots, cast(scenario(f"{text}2")).world.robots
+    assert [robot.places for robot in robots[:4]] == [tuple(map(tuple, places)) for places in GOLDEN]
+    assert robots[4].places != others[4].places
+    short = cast(scenario('[places]\npreset = "golden"\nper_robot = 3')).world.robots[1].places
+    assert short == GOLDEN[1][:3]
+
+
+def test_free_places_lie_outside_of_the_areas_as_well() -> None:
+    robots = cast(scenario('[places]\npreset = "free"\nper_robot = 20')).world.robots
+    grid = load_map(cast(scenario("")).world.map)
+    places = [Point(*place) for robot in robots for place in robot.places]
+    assert all(grid.is_free(place) for place in places)
+    assert any(
+        not any(area.x0 <= place.x <= area.x1 and area.y0 <= place.y <= area.y1 for area in AREAS)
+        for place in places
+    )
+
+
+def test_a_robots_own_table_goes_before_what_holds_for_all() -> None:
+    text = (
+        '[robots]\ncount = 2\nsensor = "chapter"\nstart = [[12, 5, 0], [17.5, 5, 7]]\n'
+        '[[robot]]\nid = "r1"\nmodel = "omnibox"\nodometry = "exact"\n'
+        "start = [12, 4, 1]\nplaces = [[12, 3]]\n"
+    )
+    first, second = cast(scenario(text)).world.robots
+    # the sensor for all belongs to the model for all: another model carries its own
+    assert (first.model, first.sensor, first.odometry) == ("omnibox", "kinect", "exact")
+    assert (first.start, first.places) == ((12.0, 4.0, 1.0), ((12.0, 3.0),))
+    assert (second.model, second.sensor, second.odometry) == ("turtlebot2", "chapter", "exact")
+    assert second.start == (17.5, 5.0, math.remainder(7, math.tau))
+    assert len(second.places) == 10
+
+
+def test_events_become_orders_in_the_order_of_their_instants() -> None:
+    text = "".join(
+        f"[[event]]\n{line}\n"
+        for line in (
+            'at = 9.5\nrestart = "r1"',
+            'at = 1\nfreeze = "r1"',
+            'at = 2\nthaw = "r1"',
+            'at = 2\nkill = "r2"',
+            'at = 0\nmove = "r3"\nto = [12, 12.5, 4]',
+            "at = 3\njam = [10, 12]\nradius = 3\nduration = 1.5",
+            "at = 4\nobstacle = [9, 12]\nradius = 0.2",
+        )
+    )
+    assert cast(scenario(text)).world.events == (
+        TimedOrder(0, Move("r3", 12.0, 12.5, math.remainder(4, math.tau))),
+        TimedOrder(1_000_000, Freeze("r1")),
+        TimedOrder(2_000_000, Thaw("r1")),
+        TimedOrder(2_000_000, Kill("r2")),
+        TimedOrder(3_000_000, StartJam(10.0, 12.0, 3.0, 1_500_000)),
+        TimedOrder(4_000_000, Obstacle(9.0, 12.0, 0.2)),
+        TimedOrder(9_500_000, Restart("r1")),
+    )
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    assert refusal("[robots]\ncount = 1\nstart = [[5, 12.5, 0]]").startswith(
+        "robot 'r1' at (5.00, 12.50) is not on free floor, but must be at least 0.177 m from walls;"
+    )
+    assert refusal("[robots]\ncount = 2\nstart = [[12, 5, 0], [12.3, 5, 0]]") == (
+        "robots r1 and r2 would start 0.300 m apart at (12.3, 5), but must be at least 0.354 m apart"
+    )
+    assert refusal('[[event]]\nat = 1\nmove = "r2"\nto = [-3, 0, 0]').startswith(
+        "robot 'r2' at (-3.00, 0.00) is outside the map, but must be at least 0.177 m from walls;"
+    )
+    assert refusal('[[robot]]\nid = "r2"\nplaces = [[12, 5], [5, 12.5]]') == (
+        "place 1 of robot r2 is at (5, 12.5), but must be on free floor"
+    )
+    assert refusal('[places]\npreset = "golden"\nper_robot = 11') == (
+        'places.per_robot is 11, but must be at most 10 where places.preset is "golden"'
+    )
+
+
+def room(folder: Path, side: float) -> str:
+    """The first line of a scenario in a square room."""
+    pixels = b"\xff" * round(side / 0.1) ** 2
+    header = f"P5 {round(side / 0.1)} {round(side / 0.1)} 255\n"
+    (folder / "room.pgm").write_bytes(header.encode() + pixels)
+    (folder / "room.yaml").write_text(
+        "image: room.pgm\nresolution: 0.1\norigin: [0, 0, 0]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    return f"map = '{folder}/room.yaml'\n"
+
+
+def test_more_robots_or_places_than_there_is_room_for(tmp_path: Path) -> None:
+    head = room(tmp_path, 2.0)
+    too_many = refusal("[robots]\ncount = 9\n[places]\nper_robot = 0", head)
+    beginning, _, end = too_many.partition(" others: ")
+    number = int(beginning.rpartition(" ")[2])
+    assert 0 < number < 9
+    assert beginning == f"robot r{number + 1} finds no start beside {number}"
+    assert end == (
+        "there is room for 0 of 1 points at least 0.6 m from walls and 0.6 m from each other;"
+        " ask for fewer, or for smaller distances."
+    )
+    assert refusal('[robots]\ncount = 1\n[places]\npreset = "free"', head).startswith(
+        "robot r1 cannot get its 10 places on all free floor: there is room for "
+    )
+    assert len(cast(scenario("[robots]\ncount = 1\n[places]\nper_robot = 0", head=head)).world.robots) == 1
+
+
+def test_what_does_not_exist_is_refused() -> None:
+    assert refusal('[run]\nstrategy = "prayer"').startswith(
+        "strategy 'prayer' is not known; it should be one of "
+    )
+    assert (
+        refusal('[radio]\npreset = "ether"')
+        == "Radio preset 'ether' is unknown; known are chapter, beeclick, rosomnet, ns3, ideal."
+    )
+    assert refusal('[robots]\nmodel = "tank"').startswith(
+        "there is no robot model 'tank'; it should be one of "
+    )
+    assert refusal('[robots]\nsensor = "eye"').startswith("turtlebot2.toml: there is no sensor 'eye'; ")

@@ -1,0 +1,47 @@
+"""A strategy of one's own is one file in the folder where one stands."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.swarm.command import ROOT
+
+OWN = """
+from actors.instant import Instant
+from actors.messages import PlaceGivenUp, PlaceKey
+from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
+
+class Lazy:
+    def __init__(self, start: Start) -> None:
+        self.robot, self.places = start.robot, len(start.places)
+
+    def advance(self, view: View, until: Instant) -> Decision:
+        keys = tuple(PlaceKey(self.robot, place) for place in range(self.places))
+        given_up = tuple(PlaceGivenUp(k.owner, k.place, view.instant, "too lazy") for k in keys)
+        return Decision(given_up=given_up, route=())
+
+def behaviour(start: Start) -> Behaviour:
+    return Lazy(start)
+"""
+
+
+@pytest.mark.parametrize("words", [["--isolate"], ["--no-isolate"], ["--bus", "memory"]], ids=" ".join)
+def test_a_file_in_the_working_directory(tmp_path: Path, words: list[str]) -> None:
+    (tmp_path / "my_study").mkdir()
+    (tmp_path / "my_study" / "lazy.py").write_text(OWN)
+    command = "import sys; sys.path[0] = sys.argv.pop(1); from deploy.cli import main; main()"
+    done = subprocess.run(
+        [
+            *(sys.executable, "-c", command, str(ROOT), "run", "--strategy", "my_study.lazy:behaviour"),
+            *("--out", "out", "--json", *words),
+        ],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["simulated_s"] == 0.1  # everybody gives everything up at once

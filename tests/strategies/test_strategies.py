@@ -1,0 +1,193 @@
+"""Strategies of one's own, by the command line: installed, beside the scenario, with settings, and broken."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.swarm.command import ROOT, acrc, run
+
+WANDERER = '''
+"""Robots that go from one random place to the next."""
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from actors.instant import Duration, Instant, seconds
+from actors.robot.behaviour.ports import Behaviour, Decision, GoalOrder, Start, View
+from cleaning.settings import from_settings
+
+@dataclass(frozen=True)
+class Parameters:
+    pause: Duration = seconds(1)
+
+class Wanderer:
+    def __init__(self, start: Start) -> None:
+        self.floor, self.next = start.floor, 0
+        self.pause = from_settings(Parameters, start.settings).pause
+
+    def advance(self, view: View, until: Instant) -> Decision:
+        if view.instant < self.next:
+            return Decision()
+        self.next = view.instant + self.pause
+        return Decision(goal=self.floor.random_place())
+
+def behaviour(start: Start) -> Behaviour:
+    """Goes from one random place to the next.
+
+    This is its second line.
+    """
+    with suppress(OSError):
+        Path(__file__).with_name("mark").write_text("this ran with the user's rights")
+    return Wanderer(start)
+
+def buggy(start: Start) -> Behaviour:
+    raise ZeroDivisionError("my strategy divides by the number of its friends")
+'''
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder on Python's path, as site-packages would be."""
+    folder = tmp_path / "site"
+    folder.mkdir()
+    (folder / "wanderer.py").write_text(WANDERER)
+    monkeypatch.setenv("PYTHONPATH", str(folder))
+    return folder
+
+
+def install(site: Path, name: str, **strategies: str) -> None:
+    """A distribution that registers strategies, as pip would leave it."""
+    info = site / f"{name}-1.2.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.2\n")
+    lines = "".join(f"{key} = {entry}\n" for key, entry in strategies.items())
+    (info / "entry_points.txt").write_text(f"[acrc.strategies]\n{lines}")
+
+
+def listed() -> dict[tuple[str, str], dict[str, Any]]:
+    done = acrc("strategies", "--json")
+    assert done.returncode == 0, done.stderr
+    return {(one["name"], one["source"]): one for one in json.loads(done.stdout)}
+
+
+def test_installed_strategies_are_listed_beside_the_shipped_ones(site: Path) -> None:
+    install(site, "my_study", wander="wanderer:behaviour")
+    install(site, "sad_study", lost="no_such_module:behaviour", broken="broken:behaviour")
+    (site / "broken.py").write_text("print('loud')\nimport no_such_library\n")
+    everyone = listed()
+    assert everyone["none", "shipped"]["entry"] == "cleaning.baseline:behaviour"
+    assert all(one["summary"] and not one["error"] for one in everyone.values() if one["source"] == "shipped")
+    assert everyone["wander", "my_study 1.2"] == {
+        "name": "wander", "entry": "wanderer:behaviour", "source": "my_study 1.2",
+        "summary": "Goes from one random place to the next.", "error": "",
+    }  # fmt: skip
+    assert everyone["lost", "sad_study 1.2"]["error"] == (
+        "behaviour 'no_such_module:behaviour': there is no module 'no_such_module' on Python's path"
+    )
+    assert everyone["broken", "sad_study 1.2"]["error"] == (
+        "behaviour 'broken:behaviour': broken imports 'no_such_library', which is not installed; "
+        "`./acrc add NAME` installs a package for good, by the name that pip knows it by"
+    )
+    table = acrc("strategies")
+    assert table.returncode == 0
+    assert [line.split()[0] for line in table.stdout.splitlines() if "my_study" in line] == ["wander"]
+
+
+def test_an_installed_strategy_runs_by_its_name_in_processes_shut_off(site: Path, tmp_path: Path) -> None:
+    install(site, "my_study", wander="wanderer:behaviour")
+    words = ("--strategy", "wander", "--duration", 3, "--robots", 2)
+    isolated = run(tmp_path / "isolated", *words, "--isolate")
+    memory = run(tmp_path / "memory", *words, "--bus", "memory")
+    assert isolated["digest"] == memory["digest"]
+    assert isolated["isolation"] == "full"
+
+
+def test_a_name_that_two_have_is_refused_when_it_is_asked_for(site: Path, tmp_path: Path) -> None:
+    install(site, "bold_study", none="wanderer:behaviour", wander="wanderer:behaviour")
+    install(site, "my_study", wander="wanderer:behaviour")
+    sentence = (
+        "'none' is the name of a shipped strategy, but is registered by bold_study 1.2, too;"
+        " each must have a name of its own"
+    )
+    done = acrc("run", "--out", tmp_path / "out")
+    assert (done.returncode, done.stdout, done.stderr) == (1, "", f"acrc: strategy {sentence}\n")
+    done = acrc("run", "--strategy", "wander", "--out", tmp_path / "out")
+    assert (done.returncode, done.stderr) == (
+        1,
+        "acrc: strategy 'wander' is registered by bold_study 1.2 and my_study 1.2, too;"
+        " each must have a name of its own\n",
+    )
+    everyone = listed()
+    assert everyone["none", "shipped"]["error"] == everyone["none", "bold_study 1.2"]["error"] == sentence
+
+
+def own_scenario(folder: Path, text: str = "") -> Path:
+    """A scenario with the module of its strategy beside it."""
+    folder.mkdir()
+    (folder / "wanderer.py").write_text(WANDERER)
+    path = folder / "own.toml"
+    path.write_text(
+        f"map = '{ROOT}/maps/corridor.yaml'\n[robots]\ncount = 2\n[places]\nareas = ['right']\n"
+        f"[run]\nduration = 3.0\nstrategy = 'wanderer:behaviour'\n{text}\n"
+        "[[area]]\nname = 'left'\nx = [2.25, 4.75]\ny = [11.1, 13.75]\n"
+        "[[area]]\nname = 'right'\nx = [15.75, 23.75]\ny = [11.1, 13.75]\n"
+    )
+    return path
+
+
+def test_a_module_beside_the_scenario_gives_one_digest_and_runs_again(tmp_path: Path) -> None:
+    path = own_scenario(tmp_path / "study")
+    memory = run(tmp_path / "memory", path, "--trust", "--bus", "memory")
+    (tmp_path / "study" / "mark").unlink()  # in memory there are no walls
+    assert run(tmp_path / "isolated", path, "--trust", "--isolate")["digest"] == memory["digest"]
+    assert not (tmp_path / "study" / "mark").exists()  # neither tried out nor run unguarded
+    again = run(tmp_path / "again", tmp_path / "isolated" / "scenario.toml", "--trust", "--bus", "memory")
+    assert again["digest"] == memory["digest"]  # with its module, its settings and its areas
+    (tmp_path / "study" / "mark").unlink()
+    asked = acrc("record", "replay", tmp_path / "isolated", "r2")
+    assert asked.returncode == 1
+    assert asked.stderr == (
+        f"acrc: {tmp_path}/isolated/r2/r2.mcap runs code from {tmp_path}/study/wanderer.py, which is "
+        "neither this project's nor installed nor below the folder where you stand; read it, and say --trust "
+        "if it may run\n"
+    )
+    replayed = acrc("record", "replay", tmp_path / "isolated", "r2", "--trust")
+    assert replayed.returncode == 0, replayed.stderr
+    assert not (tmp_path / "study" / "mark").exists()
+
+
+def test_settings_reach_every_robot(tmp_path: Path) -> None:
+    default = run(tmp_path / "default", own_scenario(tmp_path / "study"), "--trust", "--bus", "memory")
+    other = own_scenario(tmp_path / "other", "[strategy]\npause = 0.5")
+    memory = run(tmp_path / "memory", other, "--trust", "--bus", "memory")
+    assert memory["digest"] != default["digest"]
+    assert run(tmp_path / "processes", other, "--trust")["digest"] == memory["digest"]
+    told = (tmp_path / "processes" / "r2" / "adaptation.toml").read_text()
+    assert "[strategy]\npause = 0.5\n" in told and "'left'" not in told and 'name = "right"' in told
+
+
+def test_what_is_wrong_with_a_strategy_is_said_before_anything_is_written(tmp_path: Path) -> None:
+    path = own_scenario(tmp_path / "study", "[strategy]\npauze = 0.5")
+    done = acrc("run", path, "--trust", "--out", tmp_path / "out")
+    assert (done.returncode, done.stdout, done.stderr) == (
+        1, "", "acrc: strategy.pauze is not known; did you mean strategy.pause?\n"
+    )  # fmt: skip
+    # the settings are those of the strategy that the file names, and another one does not get them
+    done = acrc("run", path, "--trust", "--strategy", "wanderer:buggy", "--out", tmp_path / "out")
+    assert done.returncode == 1
+    *traceback, cause, last = done.stderr.splitlines()
+    assert traceback[0] == "Traceback (most recent call last):"
+    assert cause == "ZeroDivisionError: my strategy divides by the number of its friends"
+    assert last == f"acrc: strategy 'wanderer:buggy', made for r1 before the run: {cause} (wanderer.py:35)"
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_scenarios_own_code_needs_a_word(tmp_path: Path) -> None:
+    path = own_scenario(tmp_path / "study")
+    done = acrc("run", path, "--out", tmp_path / "out")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == (
+        f"acrc: {path} runs code from {tmp_path}/study/wanderer.py, which is neither this project's nor "
+        "installed nor below the folder where you stand; read it, and say --trust if it may run\n"
+    )
