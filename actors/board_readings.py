@@ -1,9 +1,9 @@
 """What a radio board tells beside radio: parts of the message `Board`."""
 
-from actors.topic import Part
+from actors.topic import MessagePart
 
 
-class LinkState(Part, frozen=True, tag="link"):
+class LinkState(MessagePart, frozen=True, tag="link"):
     """The board has been set up, or must be found again; `cause` says why, "" = it is up."""
 
     instant: int
@@ -11,7 +11,7 @@ class LinkState(Part, frozen=True, tag="link"):
     cause: str
 
 
-class Fix(Part, frozen=True, tag="fix"):
+class Fix(MessagePart, frozen=True, tag="fix"):
     """Where the board's GPS module holds it to be, degrees, north and east positive; None = unknown."""
 
     instant: int
@@ -20,7 +20,7 @@ class Fix(Part, frozen=True, tag="fix"):
     longitude: float | None
 
 
-class Temperature(Part, frozen=True, tag="temperature"):
+class Temperature(MessagePart, frozen=True, tag="temperature"):
     """Degrees Celsius; not `valid` where the sensor is missing or talks nonsense."""
 
     instant: int
@@ -28,7 +28,7 @@ class Temperature(Part, frozen=True, tag="temperature"):
     valid: bool
 
 
-class Humidity(Part, frozen=True, tag="humidity"):
+class Humidity(MessagePart, frozen=True, tag="humidity"):
     """Relative, percent; `valid` as in Temperature."""
 
     instant: int
@@ -36,7 +36,7 @@ class Humidity(Part, frozen=True, tag="humidity"):
     valid: bool
 
 
-class Info(Part, frozen=True, tag="info"):
+class Info(MessagePart, frozen=True, tag="info"):
     """What the board said of itself when its button was pressed."""
 
     instant: int

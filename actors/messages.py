@@ -8,7 +8,7 @@ All instants are microseconds of the run's time; positions are metres in the map
 from typing import Final
 
 from actors.board_readings import BoardNote
-from actors.topic import Message, Part, Topic
+from actors.topic import Message, MessagePart, Topic
 
 MESSAGE_VERSION: Final = 4
 FRAME_DATA_LIMIT: Final = 118
@@ -35,7 +35,7 @@ class Ready(Message, frozen=True):
 # --- world and robot ---------------------------------------------------------------------------------------
 
 
-class Odometry(Part, frozen=True):
+class Odometry(MessagePart, frozen=True):
     """Pose since the base was switched on, in the frame of its first pose; velocity in the body's frame."""
 
     x: float
@@ -46,7 +46,7 @@ class Odometry(Part, frozen=True):
     omega: float
 
 
-class Scan(Part, frozen=True):
+class Scan(MessagePart, frozen=True):
     """One sweep of the robot's range sensor; where the rays point stands in the robot's model file."""
 
     stamp: int
@@ -71,7 +71,7 @@ class Senses(Message, frozen=True):
     """The sweeps before `scan` since the last step, oldest first: a sensor may be faster than the steps."""
 
 
-class PlaceKey(Part, frozen=True):
+class PlaceKey(MessagePart, frozen=True):
     """Names a place to be cleaned."""
 
     owner: str
@@ -80,7 +80,7 @@ class PlaceKey(Part, frozen=True):
     """Its index in the owner's list."""
 
 
-class PlaceReport(Part, frozen=True):
+class PlaceReport(MessagePart, frozen=True):
     """The robot holds that it has visited a place to be cleaned."""
 
     owner: str
@@ -89,7 +89,7 @@ class PlaceReport(Part, frozen=True):
     instant: int
 
 
-class PlaceGivenUp(Part, frozen=True):
+class PlaceGivenUp(MessagePart, frozen=True):
     """The robot holds that nobody should try for a place any more."""
 
     owner: str
@@ -121,7 +121,7 @@ class Drive(Message, frozen=True):
 # --- robot and radio ---------------------------------------------------------------------------------------
 
 
-class Outgoing(Part, frozen=True):
+class Outgoing(MessagePart, frozen=True):
     """One frame to be broadcast."""
 
     tag: int
@@ -138,7 +138,7 @@ class Transmit(Message, frozen=True):
     frames: tuple[Outgoing, ...]
 
 
-class Heard(Part, frozen=True, tag="heard"):
+class Heard(MessagePart, frozen=True, tag="heard"):
     """A frame that the robot's transceiver received; `instant` is when its last symbol ended."""
 
     instant: int
@@ -149,28 +149,28 @@ class Heard(Part, frozen=True, tag="heard"):
     data: bytes
 
 
-class Sent(Part, frozen=True, tag="sent"):
+class Sent(MessagePart, frozen=True, tag="sent"):
     """The frame `tag` has left the antenna."""
 
     instant: int
     tag: int
 
 
-class AccessFailure(Part, frozen=True, tag="access_failure"):
+class AccessFailure(MessagePart, frozen=True, tag="access_failure"):
     """The frame `tag` was given up because the channel never was clear."""
 
     instant: int
     tag: int
 
 
-class Overflow(Part, frozen=True, tag="overflow"):
+class Overflow(MessagePart, frozen=True, tag="overflow"):
     """The frame `tag` was dropped because the transceiver's transmit queue was full."""
 
     instant: int
     tag: int
 
 
-class Refused(Part, frozen=True, tag="refused"):
+class Refused(MessagePart, frozen=True, tag="refused"):
     """The frame `tag` was not accepted; `reason` is one sentence."""
 
     instant: int
@@ -178,7 +178,7 @@ class Refused(Part, frozen=True, tag="refused"):
     reason: str
 
 
-class Unconfirmed(Part, frozen=True, tag="unconfirmed"):
+class Unconfirmed(MessagePart, frozen=True, tag="unconfirmed"):
     """Nobody knows whether the frame `tag` has left: a board had it and never said. Not in simulation."""
 
     instant: int
@@ -197,7 +197,7 @@ class Received(Message, frozen=True):
 # --- world and radio ---------------------------------------------------------------------------------------
 
 
-class RobotTruth(Part, frozen=True):
+class RobotTruth(MessagePart, frozen=True):
     """Where a robot truly is at the step's start, how it moves (map frame), and what it does."""
 
     id: str
@@ -216,7 +216,7 @@ class RobotTruth(Part, frozen=True):
     """Of its process: in a new epoch the transceiver begins empty, without a frame or event of the last."""
 
 
-class Jam(Part, frozen=True):
+class Jam(MessagePart, frozen=True):
     """A jammer at a point: nothing is received within `radius` until the instant `until`."""
 
     x: float
@@ -237,7 +237,7 @@ class Truth(Message, frozen=True):
     """The last message to the radio: no answer is expected."""
 
 
-class EventCount(Part, frozen=True):
+class EventCount(MessagePart, frozen=True):
     """How many events the next Received of one robot carries."""
 
     id: str
@@ -254,31 +254,31 @@ class Aired(Message, frozen=True):
 # --- control of a run --------------------------------------------------------------------------------------
 
 
-class Kill(Part, frozen=True, tag="kill"):
+class Kill(MessagePart, frozen=True, tag="kill"):
     """End the robot's process; its body stays as an obstacle."""
 
     robot: str
 
 
-class Freeze(Part, frozen=True, tag="freeze"):
+class Freeze(MessagePart, frozen=True, tag="freeze"):
     """Stop advancing the robot's core."""
 
     robot: str
 
 
-class Thaw(Part, frozen=True, tag="thaw"):
+class Thaw(MessagePart, frozen=True, tag="thaw"):
     """Advance a frozen robot's core again."""
 
     robot: str
 
 
-class Restart(Part, frozen=True, tag="restart"):
+class Restart(MessagePart, frozen=True, tag="restart"):
     """Start a new process for the robot, in a new boot epoch; a running one is ended first."""
 
     robot: str
 
 
-class Move(Part, frozen=True, tag="move"):
+class Move(MessagePart, frozen=True, tag="move"):
     """Put the robot's body somewhere else."""
 
     robot: str
@@ -287,7 +287,7 @@ class Move(Part, frozen=True, tag="move"):
     heading: float
 
 
-class StartJam(Part, frozen=True, tag="jam"):
+class StartJam(MessagePart, frozen=True, tag="jam"):
     """Switch a jammer on for `duration` µs."""
 
     x: float
@@ -296,7 +296,7 @@ class StartJam(Part, frozen=True, tag="jam"):
     duration: int
 
 
-class Obstacle(Part, frozen=True, tag="obstacle"):
+class Obstacle(MessagePart, frozen=True, tag="obstacle"):
     """Put a round thing of `radius` m, that does not move, on the floor."""
 
     x: float
@@ -304,15 +304,15 @@ class Obstacle(Part, frozen=True, tag="obstacle"):
     radius: float
 
 
-class Pause(Part, frozen=True, tag="pause"):
+class Pause(MessagePart, frozen=True, tag="pause"):
     """Begin no further step until Resume."""
 
 
-class Resume(Part, frozen=True, tag="resume"):
+class Resume(MessagePart, frozen=True, tag="resume"):
     """Go on after Pause."""
 
 
-class Stop(Part, frozen=True, tag="stop"):
+class Stop(MessagePart, frozen=True, tag="stop"):
     """End the run at this step's start."""
 
 
@@ -335,7 +335,7 @@ class Answered(Message, frozen=True):
     """A sentence for each order that was not carried out, in their order; none: all were."""
 
 
-class ProcessOrder(Part, frozen=True):
+class ProcessOrder(MessagePart, frozen=True):
     """A robot process is to be started."""
 
     robot: str

@@ -75,7 +75,7 @@ class Footprint(_Table):
         return convex.distance_to_border(self.vertices)
 
 
-class Drive(_Table):
+class DriveParameters(_Table):
     """How the body moves on its wheels."""
 
     kind: Literal["differential", "omnidirectional"]
@@ -181,7 +181,7 @@ class _ModelFile(_Table):
     odometry: OdometryKind
     default_sensor: str
     footprint: Footprint
-    drive: Drive
+    drive: DriveParameters
     bumper: Bumper | None = None
     sensors: dict[str, RangeSensor] = Field(min_length=1)
 
@@ -202,7 +202,7 @@ class RobotModel:
     """kg, centred at the body's origin."""
     friction: float
     """Coefficient of the body sliding along a wall; between two robots the product of both."""
-    drive: Drive
+    drive: DriveParameters
     bumper: Bumper | None
     odometry: OdometryKind
     """Which model of odometry errors the robot has unless a scenario says otherwise."""
@@ -293,7 +293,7 @@ def _known(location: tuple[Any, ...]) -> list[str]:
     """The keys that stand where an unknown one was found."""
     tables: dict[str, type[BaseModel]] = {
         "footprint": Footprint,
-        "drive": Drive,
+        "drive": DriveParameters,
         "bumper": Bumper,
         "sensors": RangeSensor,
     }

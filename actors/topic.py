@@ -11,7 +11,7 @@ class Message(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_field
     step: int
 
 
-class Part(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+class MessagePart(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
     """A value inside a message."""
 
 

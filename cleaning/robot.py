@@ -11,7 +11,7 @@ from typing import NamedTuple, Self
 from actors.geometry import Point
 from actors.messages import PlaceKey
 from actors.robot.behaviour.equipment import Navigation, PlaceMonitor, Positioning
-from actors.robot.behaviour.ports import AbortReason, GoalStatus
+from actors.robot.behaviour.goal import AbortReason, GoalStatus
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import CleaningParameters
 from cleaning.place import Claim, Duty

@@ -1,9 +1,10 @@
 """The DEECo component model: knowledge, processes and ensembles, as values and functions without I/O."""
 
+from deeco.component import component, role
 from deeco.ensemble import Contact, ensemble
 from deeco.errors import DeecoError, DefinitionError, DeploymentError, ExecutionError
 from deeco.instant import START, Duration, Instant, in_seconds, milliseconds, seconds
-from deeco.knowledge import Knowledge, component, role
+from deeco.knowledge import Knowledge
 from deeco.process import adaptation, on_change, periodic
 from deeco.replication.scalars import Resolution
 

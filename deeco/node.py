@@ -16,7 +16,7 @@ from deeco.link import Reception, Transmission
 from deeco.local import BoundProcess, LocalComponent
 from deeco.pairing import Pairing
 from deeco.process import Fact, has_fact
-from deeco.replication.network import Network, NetworkParameters, News, Surroundings
+from deeco.replication.network import Network, NetworkParameters, News, NodeSurroundings
 from deeco.replication.replicas import Replica
 from deeco.replication.schema import RoleBook
 from deeco.statistics import Statistics
@@ -64,7 +64,7 @@ class Node:
         self._network = Network(
             parameters,
             RoleBook(self._roles(), parameters.link),
-            Surroundings(frozenset(self._by_id), self._agenda.once, self._passes),
+            NodeSurroundings(frozenset(self._by_id), self._agenda.once, self._passes),
             address=address,
             epoch=epoch,
             statistics=self._statistics,

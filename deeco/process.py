@@ -6,15 +6,13 @@ The decorators only tag: a process stays a plain method that a test can call.
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, TypeVar, get_type_hints
+from typing import Any, Final, TypeVar, get_type_hints
 
 from deeco.errors import DefinitionError
 from deeco.instant import Duration
+from deeco.knowledge import Knowledge
 
-if TYPE_CHECKING:
-    from deeco.knowledge import Knowledge
-
-F = TypeVar("F", bound=Callable[..., "Knowledge"])
+F = TypeVar("F", bound=Callable[..., Knowledge])
 Fact = Callable[[Any], object]
 """A method of a role or component, of nothing but the knowledge; a process can run when its value changes."""
 _TAG: Final = "_deeco_schedule"

@@ -10,7 +10,7 @@ _BIN: Final = milliseconds(50)
 
 
 @dataclass
-class Counters:
+class NodeCounters:
     """Everything that a node has done, dropped or refused."""
 
     activations: int = 0
@@ -50,7 +50,7 @@ class Counters:
 class Statistics:
     """Counters of a node, of its ensembles, and the ages of what it knew."""
 
-    counters: Counters = field(default_factory=Counters)
+    counters: NodeCounters = field(default_factory=NodeCounters)
     exchanges: Counter[str] = field(default_factory=Counter)
     """By ensemble: exchanges that changed a local component."""
     ages: Counter[int] = field(default_factory=Counter)

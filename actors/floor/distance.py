@@ -4,17 +4,9 @@ The lower envelope of parabolas of Felzenszwalb & Huttenlocher, "Distance Transf
 Theory of Computing 8 (2012), algorithm 1. All squared distances are whole numbers, hence exact in float64.
 """
 
-import math
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-
-from actors.geometry import Point
-
-if TYPE_CHECKING:  # the grid uses this module, so that its type is known to the type checker only
-    from actors.floor.grid import OccupancyGrid
 
 
 def squared_distance(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -26,35 +18,18 @@ def squared_distance(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
     return squared
 
 
-def clearance(grid: "OccupancyGrid") -> NDArray[np.float64]:
-    """Distance from every free cell's centre to the nearest point that blocks, m; 0 in blocking cells.
+def clearance(blocking: NDArray[np.bool_], resolution: float) -> NDArray[np.float64]:
+    """Distance from the centre of every cell that does not block to the nearest point that does, m.
 
-    Blocking cells, occupied or unknown, count as closed squares, and everything outside the map
-    blocks: a free cell beside a wall has half a cell of clearance. Exact; shape (rows, columns).
+    `blocking`: (rows, columns), and so is the result; `resolution`: a cell's side, m. Blocking cells count as
+    closed squares and have 0, and everything outside the map blocks: a free cell beside a wall has half a
+    cell of clearance. Exact.
     """
-    ringed = np.ones((grid.rows + 2, grid.columns + 2), dtype=np.bool_)
-    ringed[1:-1, 1:-1] = grid.blocking
+    rows, columns = blocking.shape
+    ringed = np.ones((rows + 2, columns + 2), dtype=np.bool_)
+    ringed[1:-1, 1:-1] = blocking
     half_cells: NDArray[np.float64] = np.sqrt(_squared_clearance(ringed)[1:-1, 1:-1])
-    return half_cells * (grid.resolution / 2)
-
-
-def point_clearance(grid: "OccupancyGrid", point: Point, within: float) -> float:
-    """Distance from `point` to the nearest point of any blocking cell, m, or `within` if that is smaller.
-
-    Exact for any point, where `clearance` knows the cells' centres only; 0 in a blocking cell and outside.
-    """
-    if not grid.is_free(point):
-        return 0.0
-    x, y = (point.x - grid.origin.x) / grid.resolution, (point.y - grid.origin.y) / grid.resolution
-    nearest = min(within / grid.resolution, x, y, grid.columns - x, grid.rows - y)
-    reach = math.ceil(nearest)
-    bottom, left = max(int(y) - reach, 0), max(int(x) - reach, 0)
-    rows, columns = np.nonzero(grid.blocking[bottom : int(y) + reach + 1, left : int(x) + reach + 1])
-    if rows.size:
-        dx = _gap(x, columns + left)
-        dy = _gap(y, rows + bottom)
-        nearest = min(nearest, math.sqrt(np.min(dx * dx + dy * dy)))
-    return min(within, nearest * grid.resolution)
+    return half_cells * (resolution / 2)
 
 
 def fingerprint() -> bytes:
@@ -63,12 +38,6 @@ def fingerprint() -> bytes:
     mask = (row * 7 + column * column * 3) % 37 == 0
     outputs = squared_distance(mask), np.sqrt(_squared_clearance(mask))
     return b"".join(output.tobytes() for output in outputs)
-
-
-def _gap(value: float, index: NDArray[Any]) -> NDArray[np.float64]:
-    """Distance along one axis from `value` to the closed intervals [index, index + 1]."""
-    gap: NDArray[np.float64] = np.maximum(np.maximum(index - value, value - index - 1.0), 0.0)
-    return gap
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

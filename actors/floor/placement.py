@@ -8,7 +8,6 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors.floor import distance
 from actors.floor.grid import OccupancyGrid, largest_region, reachable
 from actors.geometry import Point
 from actors.runtime.errors import AcrcError
@@ -113,7 +112,7 @@ def draw_points(
 
 def check_pose(grid: OccupancyGrid, point: Point, radius: float, who: str) -> None:
     """Raise PlacementError if the robot `who`, a disc of `radius`, m, at `point` touches what blocks."""
-    gap = distance.point_clearance(grid, point, radius)
+    gap = grid.clearance_at(point, radius)
     if gap >= radius - 1e-9:  # what rounding may take from a robot that just touches
         return
     if not grid.contains(point):

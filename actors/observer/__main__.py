@@ -11,10 +11,10 @@ import msgspec
 from actors.floor.map_file import load_map
 from actors.geometry import Point
 from actors.messages import DRIVE, TRUTH, Drive, Truth
-from actors.observer.observer import Observer, Summary
+from actors.observer.observer import Observer, ViewSummary
 from actors.runtime.access.rules import client_config
-from actors.runtime.bus.interface import Delivery
 from actors.runtime.bus.zenoh_bus import ZenohBus, open_mesh
+from actors.runtime.bus_interface import Delivery
 from actors.runtime.client_options import ArgumentParser
 from actors.runtime.codec import decode
 from actors.runtime.core import at
@@ -91,7 +91,7 @@ def _watch(bus: ZenohBus, observer: Observer) -> None:
             return
 
 
-def _gaps(summary: Summary) -> Iterator[str]:
+def _gaps(summary: ViewSummary) -> Iterator[str]:
     """What the view lacks of the run, in sentences; the world's last word is a Truth of its own."""
     if summary.missed:
         yield f"the view lacks {summary.missed} steps that were not received"

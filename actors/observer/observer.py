@@ -22,7 +22,7 @@ FLUSH: Final = 10.0
 """How long a slow window may take at the end to take in what it was sent, s."""
 
 
-class Summary(NamedTuple):
+class ViewSummary(NamedTuple):
     """How much of the run the view holds."""
 
     missed: int
@@ -90,7 +90,7 @@ class Observer:
         for given_up in message.given_up:
             self._scene.given_up(given_up.owner, given_up.place)
 
-    def close(self) -> Summary:
+    def close(self) -> ViewSummary:
         """Draw the last truth that came, finish the file, and say how much of the run it holds."""
         if self._waiting is not None:
             self._show(self._waiting)
@@ -99,7 +99,7 @@ class Observer:
         except RuntimeError:  # rerun says so when a window is gone; the file has everything all the same
             self.notice = f"The window was closed before the run's end: the whole view is in {self.path}."
         self._recording.disconnect()
-        return Summary(self._missed, self._shown, self._expected, self._whole)
+        return ViewSummary(self._missed, self._shown, self._expected, self._whole)
 
     def _show(self, message: Truth) -> None:
         self._waiting = None

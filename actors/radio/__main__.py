@@ -17,11 +17,11 @@ def main(argv: Sequence[str]) -> int:
     answer_where()
     try:
         options = parse(argv)
-        if options.seat.with_parent:
+        if options.client.with_parent:
             die_with_parent(os.getppid())
-        config = client_config(options.seat.credentials, options.seat.router)
-        radio, seat = part(argv), options.seat
-        return play(radio, Recorder(seat.record, radio.run.step_us), config, patience_s=seat.patience_s)
+        config = client_config(options.client.credentials, options.client.router)
+        radio, client = part(argv), options.client
+        return play(radio, Recorder(client.record, radio.run.step_us), config, patience_s=client.patience_s)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

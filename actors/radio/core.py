@@ -18,7 +18,7 @@ from actors.messages import (
     Truth,
 )
 from actors.radio.frame import size_fault
-from actors.radio.frame_outcomes import Tally
+from actors.radio.frame_outcomes import FrameOutcomes
 from actors.radio.host_link import Host
 from actors.radio.link_budget import DirectReach
 from actors.radio.station_air import Handed, StationAir
@@ -44,7 +44,7 @@ class RadioCore:
         self._step = 0
         self._step_us = step_us
         self._finished = False
-        self._tally = Tally(len(robots))
+        self._tally = FrameOutcomes(len(robots))
         self._air = StationAir([address for _, address in robots], around, seed)
         self._reach = DirectReach(around.parameters, around.propagation)
         self._station = {robot: number for number, (robot, _) in enumerate(robots)}

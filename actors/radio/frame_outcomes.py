@@ -27,7 +27,7 @@ COPIES: Final = {
 """Robots broadcast, so that nothing is filtered."""
 
 
-class Tally:
+class FrameOutcomes:
     """Counts of what never gets as far as the medium."""
 
     def __init__(self, stations: int) -> None:

@@ -1,13 +1,13 @@
 """The link between a transceiver and its robot's computer, which may be frozen."""
 
 from actors.messages import RadioEvent
-from actors.radio.frame_outcomes import Tally
+from actors.radio.frame_outcomes import FrameOutcomes
 
 
 class Host:
     """Holds up to `buffer` events for a robot that does not step; what comes later is dropped and counted."""
 
-    def __init__(self, buffer: int, tally: Tally) -> None:
+    def __init__(self, buffer: int, tally: FrameOutcomes) -> None:
         self._buffer = buffer
         self._tally = tally
         self._held: list[RadioEvent] = []

@@ -15,11 +15,11 @@ from actors.radio.propagation import indoor
 from actors.radio.radio_setup import RadioSetup
 from actors.radio.surroundings import surroundings
 from actors.runtime.bus.quota_bus import QuotaBus
-from actors.runtime.client_options import ArgumentParser, Seat, add_seat_options, seat
+from actors.runtime.client_options import ArgumentParser, ClientOptions, add_client_options, client_options
 from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined, fingerprints
-from actors.runtime.process import Part, RunNote
+from actors.runtime.process import ActorProcess, RunNote
 from actors.runtime.processor import processor
 
 KERNELS = (foundations, arrays, portable_draws, indoor, medium)
@@ -57,16 +57,16 @@ class RadioOptions:
 
     setup: Path
     """JSON file with a RadioSetup."""
-    seat: Seat
+    client: ClientOptions
 
 
 def parse(argv: Sequence[str]) -> RadioOptions:
     """The options in `argv`; ArgumentError if they make no sense."""
     parser = ArgumentParser(prog="python -m actors.radio", description="Simulates the air.")
     parser.add_argument("--setup", required=True, type=Path, help="JSON file with the radio's set-up")
-    add_seat_options(parser)
+    add_client_options(parser)
     given = parser.parse_args(argv)
-    return RadioOptions(given.setup, seat(given))
+    return RadioOptions(given.setup, client_options(given))
 
 
 def load_setup(path: Path) -> RadioSetup:
@@ -77,7 +77,7 @@ def load_setup(path: Path) -> RadioSetup:
         raise AcrcError(f"{path}: no set-up of a radio: {str(error)[:300]}") from None
 
 
-def part(argv: Sequence[str]) -> Part:
+def part(argv: Sequence[str]) -> ActorProcess:
     """The radio that `argv` describes, with its connections."""
     options = parse(argv)
     setup = load_setup(options.setup)
@@ -88,12 +88,12 @@ def part(argv: Sequence[str]) -> Part:
         argv=tuple(argv),
         seed=setup.seed,
         step_us=setup.step_us,
-        commit=options.seat.commit,
+        commit=options.client.commit,
         scenario=msgspec.json.encode(setup).decode(),
         kernels=prints,
         processor=processor(),
     )
-    return Part(
+    return ActorProcess(
         core=core,
         listens=(at(TRUTH), at(TRANSMIT, "*")),
         run=run,

@@ -18,14 +18,14 @@ from actors.runtime.access.rules import client_config
 from actors.runtime.client_options import own_folder
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.resource_limits import enforce
-from actors.runtime.isolation.sandbox import Plan, isolate
+from actors.runtime.isolation.sandbox import Confinement, isolate
 from actors.runtime.lifecycle.failure import failure_note
 from actors.runtime.lifecycle.parent import answer_where, die_with_parent, leave
 from actors.runtime.process import play
 from actors.runtime.recording import Recorder
 
 
-def rehearse(argv: Sequence[str], recorder: Recorder, patience_s: float) -> int:
+def preflight(argv: Sequence[str], recorder: Recorder, patience_s: float) -> int:
     """Make the robot and no more; the recording's first record, or its last, says what came of it."""
     faulthandler.dump_traceback_later(patience_s, exit=True)
     with recorder:
@@ -46,27 +46,27 @@ def main(argv: Sequence[str]) -> int:
     try:
         options = program.parse(argv)
         assembly.kernels()  # compiled while the cache can still be written
-        recorder = Recorder(options.seat.record, options.setup.step_us)  # in a folder that is closed later
+        recorder = Recorder(options.client.record, options.setup.step_us)  # in a folder that is closed later
         if options.isolate:
-            folder = options.seat.record.resolve().parent
+            folder = options.client.record.resolve().parent
             isolate(
-                Plan(
+                Confinement(
                     own=own_folder(folder),
                     hidden=(folder.parent, *options.hidden),
                     readable=(folder,),
                     code=options.path,
                     descriptors=(1, 2, recorder.fileno()),
-                    parent=parent if options.seat.with_parent else None,
+                    parent=parent if options.client.with_parent else None,
                 )
             )
-        elif options.seat.with_parent:
+        elif options.client.with_parent:
             die_with_parent(parent)
         if options.limits is not None:
             enforce(options.limits, isolated=options.isolate)
-        if options.rehearse_s is not None:
-            return rehearse(argv, recorder, options.rehearse_s)
-        config = client_config(options.seat.credentials, options.seat.router)
-        robot, patience_s = program.part(argv), options.seat.patience_s
+        if options.preflight_s is not None:
+            return preflight(argv, recorder, options.preflight_s)
+        config = client_config(options.client.credentials, options.client.router)
+        robot, patience_s = program.part(argv), options.client.patience_s
         return play(robot, recorder, config, threads=threads, patience_s=patience_s)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")

@@ -13,13 +13,13 @@ from actors.robot import localisation
 from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.behaviour.entry import load_behaviour
 from actors.robot.behaviour.ports import Start
-from actors.robot.core import Parts, RobotCore
+from actors.robot.core import RobotCore, RobotParts
 from actors.robot.localisation import Amcl, DeadReckoning, Localisation, likelihood_field
 from actors.robot.navigation import cell_distance, dwa, inflation, map_grid, potential, ray_tracing
-from actors.robot.navigation.cost_map import LocalMap
-from actors.robot.navigation.driver import Driver
+from actors.robot.navigation.cost_map import CostMap
 from actors.robot.navigation.floor_plan import ReachableFloor
-from actors.robot.navigation.goals import Navigation
+from actors.robot.navigation.local_planner import LocalPlanner
+from actors.robot.navigation.navigator import Navigator
 from actors.robot.navigation.planning import Ground, Planner, ground
 from actors.robot.stack import Stack
 from actors.robot.sweep import Sweeps
@@ -89,12 +89,12 @@ def start(setup: RobotSetup, model: RobotModel, floor: Ground) -> Start:
 def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCore:
     """The core of a robot that has this floor plan. Raises an AcrcError for what does not fit."""
     stack, radius, ground = setup.stack, model.footprint.circumradius, floor(plan, model, setup.stack)
-    local = LocalMap(model.sensor, radius, stack.local_map)
-    driver = Driver(local, radius, model.drive, stack.dwa)
-    parts = Parts(
+    local = CostMap(model.sensor, radius, stack.local_map)
+    driver = LocalPlanner(local, radius, model.drive, stack.dwa)
+    parts = RobotParts(
         sweeps=Sweeps(model.sensor),
         localisation=_localisation(setup, model, plan),
-        navigation=Navigation(Planner(ground, stack.planner), local, driver, stack.navigation),
+        navigation=Navigator(Planner(ground, stack.planner), local, driver, stack.navigation),
         behaviour=load_behaviour(setup.behaviour, start(setup, model, ground)),
     )
     return RobotCore(

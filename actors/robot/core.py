@@ -28,7 +28,7 @@ from actors.robot.behaviour.decision_limits import RobotLimits, fault, outcome_f
 from actors.robot.behaviour.entry import BehaviourError
 from actors.robot.behaviour.ports import Behaviour, Decision, View
 from actors.robot.localisation import Localisation
-from actors.robot.navigation.goals import Navigation
+from actors.robot.navigation.navigator import Navigator
 from actors.robot.sweep import Sweeps
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
@@ -56,12 +56,12 @@ class MotionThresholds:
 
 
 @dataclass(frozen=True)
-class Parts:
+class RobotParts:
     """What a robot is made of."""
 
     sweeps: Sweeps
     localisation: Localisation
-    navigation: Navigation
+    navigation: Navigator
     behaviour: Behaviour
     moving: MotionThresholds = MotionThresholds()
 
@@ -72,7 +72,7 @@ class RobotCore:
     def __init__(
         self,
         robot: str,
-        parts: Parts,
+        parts: RobotParts,
         *,
         entry: str,
         first_step: int,
@@ -90,7 +90,7 @@ class RobotCore:
         self._senses, self._received = at(SENSES, robot), at(RECEIVED, robot)
 
     @property
-    def navigation(self) -> Navigation:
+    def navigation(self) -> Navigator:
         """What drives the robot."""
         return self._parts.navigation
 

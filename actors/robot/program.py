@@ -20,11 +20,17 @@ from actors.robot.behaviour.places import load_places
 from actors.robot.core import RobotCore
 from actors.robot.stack import Stack, load_stack
 from actors.robot_model import load_model
-from actors.runtime.client_options import ArgumentError, ArgumentParser, Seat, add_seat_options, seat
+from actors.runtime.client_options import (
+    ArgumentError,
+    ArgumentParser,
+    ClientOptions,
+    add_client_options,
+    client_options,
+)
 from actors.runtime.core import to
 from actors.runtime.fingerprint import combined
 from actors.runtime.isolation.resource_limits import ProcessLimits, limits
-from actors.runtime.process import Part, RunNote
+from actors.runtime.process import ActorProcess, RunNote
 from actors.runtime.processor import processor
 
 _ID: Final = re.compile(r"[A-Za-z0-9_-]{1,32}")
@@ -44,11 +50,11 @@ class RobotOptions:
     """What its process may have; None: whatever there is."""
     isolate: bool
     """Shut the process off from everything but the router."""
-    rehearse_s: float | None
+    preflight_s: float | None
     """Only make the robot, in at most so many seconds, and end."""
     hidden: tuple[Path, ...]
     """What it must not see then, although it lies beside its code: the scenario."""
-    seat: Seat
+    client: ClientOptions
 
 
 def build(argv: Sequence[str]) -> tuple[RobotOptions, RobotCore]:
@@ -58,24 +64,24 @@ def build(argv: Sequence[str]) -> tuple[RobotOptions, RobotCore]:
     return options, robot(options.setup, model, load_map(options.map))
 
 
-def part(argv: Sequence[str]) -> Part:
+def part(argv: Sequence[str]) -> ActorProcess:
     """The robot that `argv` describes, with its connections."""
     look_in(parse(argv).path)
     options, core = build(argv)
     setup = options.setup
     prints = kernels()
     run = RunNote(
-        actor=options.seat.record.stem,
+        actor=options.client.record.stem,
         argv=tuple(argv),
         seed=setup.seed,
         step_us=setup.step_us,
-        commit=options.seat.commit,
+        commit=options.client.commit,
         scenario=msgspec.json.encode(setup).decode(),
         kernels=prints,
         processor=processor(),
     )
     ready = to(READY, Ready(setup.first_step, setup.id, setup.epoch, combined(prints)), setup.id)
-    return Part(core=core, listens=core.listens(), run=run, ready=ready, outcome=core.outcome)
+    return ActorProcess(core=core, listens=core.listens(), run=run, ready=ready, outcome=core.outcome)
 
 
 def parse(argv: Sequence[str]) -> RobotOptions:
@@ -105,9 +111,9 @@ def parse(argv: Sequence[str]) -> RobotOptions:
         path=tuple(given.path),
         limits=None if given.limit is None else limits(tuple(filter(None, given.limit))),
         isolate=given.isolate,
-        rehearse_s=given.rehearse,
+        preflight_s=given.preflight,
         hidden=tuple(given.hide),
-        seat=seat(given),
+        client=client_options(given),
     )
 
 
@@ -157,8 +163,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--hide", type=Path, action="append", default=[], help="not to be seen when shut off: the scenario"
     )
-    parser.add_argument("--rehearse", type=float, metavar="S", help="only make the robot, within S seconds")
-    add_seat_options(parser)
+    parser.add_argument("--preflight", type=float, metavar="S", help="only make the robot, within S seconds")
+    add_client_options(parser)
     return parser
 
 

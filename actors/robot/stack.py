@@ -19,9 +19,9 @@ from typing import Any, Final, Literal, TypeVar, cast, get_args, get_origin, get
 from actors import toml_file
 from actors.instant import Duration, seconds
 from actors.robot.localisation import PRESETS, AmclParameters
-from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, LocalMapParameters
+from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMapParameters
 from actors.robot.navigation.dwa_parameters import DWA_PRESETS, DwaParameters
-from actors.robot.navigation.goals import NAVIGATION_PRESETS, NavigationParameters
+from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters
 from actors.robot.navigation.planning import PlanningParameters
 from actors.runtime.errors import AcrcError
 from actors.wording import shown, unknown_key
@@ -48,7 +48,7 @@ class Stack:
     """None: no localisation, the odometry is trusted."""
     navigation: NavigationParameters = NAVIGATION_PRESETS["chapter"]
     planner: PlanningParameters = field(default_factory=PlanningParameters)
-    local_map: LocalMapParameters = LOCAL_MAP_PRESETS["chapter"]
+    local_map: CostMapParameters = LOCAL_MAP_PRESETS["chapter"]
     dwa: DwaParameters = DWA_PRESETS["chapter"]
 
 

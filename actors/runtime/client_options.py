@@ -22,7 +22,7 @@ class ArgumentParser(argparse.ArgumentParser):
 
 
 @dataclass(frozen=True)
-class Seat:
+class ClientOptions:
     """An actor process's place in a run."""
 
     router: str
@@ -50,8 +50,8 @@ def own_folder(folder: Path) -> Path:
     return folder / "own"
 
 
-def add_seat_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that `seat` reads."""
+def add_client_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that `client_options` reads."""
     parser.add_argument("--router", required=True, help="endpoint of the router")
     parser.add_argument("--credentials", required=True, type=Path, help="file with one line user:password")
     parser.add_argument("--record", required=True, type=Path, help="MCAP file to write")
@@ -59,6 +59,8 @@ def add_seat_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--with-parent", action="store_true", help="end when the starting process ends")
 
 
-def seat(options: argparse.Namespace) -> Seat:
+def client_options(options: argparse.Namespace) -> ClientOptions:
     """The shared options out of a parsed command line."""
-    return Seat(options.router, options.credentials, options.record, options.commit, options.with_parent)
+    return ClientOptions(
+        options.router, options.credentials, options.record, options.commit, options.with_parent
+    )

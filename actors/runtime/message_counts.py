@@ -79,7 +79,7 @@ class MessageHash:
         return ActorDigest(actor, self.count, self._hash.hexdigest())
 
 
-class Tally:
+class MessageCounts:
     """Counts what a process publishes and receives, and hashes what it publishes and takes."""
 
     def __init__(self) -> None:

@@ -72,7 +72,7 @@ class FinalNote(msgspec.Struct, frozen=True):
 
 
 @dataclass(frozen=True)
-class Part:
+class ActorProcess:
     """What a process plays: its core and the core's connections."""
 
     core: Core
@@ -87,7 +87,7 @@ class Part:
 
 
 def play(
-    part: Part,
+    part: ActorProcess,
     recorder: Recorder,
     config: zenoh.Config,
     on_listening: Callable[[], None] = lambda: None,
@@ -136,7 +136,7 @@ def settle() -> None:
     gc.freeze()
 
 
-def final_note(shell: Shell, part: Part, cpu_s: float) -> FinalNote:
+def final_note(shell: Shell, part: ActorProcess, cpu_s: float) -> FinalNote:
     """The counters of a process that has run to its end."""
     return FinalNote(
         digest=shell.tally.hash.digest(shell.actor),

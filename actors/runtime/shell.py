@@ -6,12 +6,12 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
-from actors.runtime.bus.interface import Bus, Delivery, Outlet
+from actors.runtime.bus_interface import Bus, Delivery, Outlet
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.keeper import cpu_s
-from actors.runtime.message_counts import Tally, is_digested, is_from_outside, is_telemetry
+from actors.runtime.message_counts import MessageCounts, is_digested, is_from_outside, is_telemetry
 from actors.runtime.recording import Journal
 from actors.topic import Message, sender
 
@@ -52,7 +52,7 @@ class Shell:
     ) -> None:
         self.actor = actor
         self.core = core
-        self.tally = Tally()
+        self.tally = MessageCounts()
         self.advances = 0
         self.began = clocks()
         """When the first advance was complete: the roll call for a world, the first step for all others."""

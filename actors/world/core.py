@@ -34,16 +34,16 @@ from actors.messages import (
     Progress,
     Ready,
     RobotTruth,
+    Roster,
     Truth,
 )  # fmt: skip
-from actors.messages import Roster as RosterMessage
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import few, otherwise, parted
 from actors.world.body import Bodies
 from actors.world.orders import Orders
+from actors.world.participants import Member, Participants, Standing
 from actors.world.referee import PlaceOutcome, Referee
-from actors.world.roster import Member, Roster, Standing
 from actors.world.whereabouts import PoseError, Whereabouts
 from actors.world.world_setup import WorldSetup
 
@@ -63,7 +63,7 @@ class UnknownPlaceError(FalseMessageError):
     """A robot that speaks of a place that there is not."""
 
 
-class Phase(Enum):
+class WorldPhase(Enum):
     """Where in the step the world is."""
 
     ROLL_CALL = "roll call"
@@ -79,12 +79,12 @@ class WorldCore:
     def __init__(self, setup: WorldSetup, bodies: Bodies) -> None:
         self._setup = setup
         self._bodies = bodies
-        self._roster = Roster(setup.robots)
+        self._participants = Participants(setup.robots)
         self._referee = Referee(setup.robots, setup.reach)
         self._whereabouts = Whereabouts(len(setup.robots))
-        self._orders = Orders(setup.events, self._roster, bodies)
+        self._orders = Orders(setup.events, self._participants, bodies)
         self._step = 0
-        self._phase = Phase.ROLL_CALL
+        self._phase = WorldPhase.ROLL_CALL
         self._finished = False
         self._awaits_radio = True
         self._restarting = False
@@ -107,22 +107,22 @@ class WorldCore:
     @property
     def paused(self) -> bool:
         """True while the world waits for Resume or Stop."""
-        return self._phase is Phase.PAUSED
+        return self._phase is WorldPhase.PAUSED
 
     @property
     def opening(self) -> bool:
         """True at the boundary at which the next step begins."""
-        return self._phase is Phase.OPEN
+        return self._phase is WorldPhase.OPEN
 
     @property
     def places(self) -> tuple[PlaceOutcome, ...]:
         """What has become of every place so far, in the order of the scenario."""
-        return self._referee.outcomes(self._roster.routes)
+        return self._referee.outcomes(self._participants.routes)
 
     @property
     def pose_errors(self) -> dict[str, PoseError]:
         """How far each robot's own idea of where it is has lain from the truth, by robot."""
-        return {member.id: self._whereabouts.error(member.index) for member in self._roster.members}
+        return {member.id: self._whereabouts.error(member.index) for member in self._participants.members}
 
     @property
     def refused_orders(self) -> Sequence[str]:
@@ -140,7 +140,7 @@ class WorldCore:
 
     def open_to(self) -> Sequence[Address]:
         """Orders are taken along at a step's opening."""
-        return (at(CONTROL),) if self._phase is Phase.OPEN else ()
+        return (at(CONTROL),) if self._phase is WorldPhase.OPEN else ()
 
     def missing(self, have: Inputs) -> Sequence[Address]:
         """What the current phase waits for."""
@@ -149,37 +149,37 @@ class WorldCore:
     def advance(self, inputs: Inputs) -> Sequence[Output]:
         """Complete the current phase."""
         match self._phase:
-            case Phase.ROLL_CALL:
+            case WorldPhase.ROLL_CALL:
                 return self._call_roll(inputs)
-            case Phase.OPEN | Phase.PAUSED:
+            case WorldPhase.OPEN | WorldPhase.PAUSED:
                 return self._open(inputs)
-            case Phase.CLOSE:
+            case WorldPhase.CLOSE:
                 return self._close(inputs)
-            case Phase.MOVE:
+            case WorldPhase.MOVE:
                 return self._move()
 
     def _awaited(self) -> list[Address]:
         match self._phase:
-            case Phase.ROLL_CALL:
-                robots = [at(READY, member.id) for member in self._roster.of(Standing.AWAITED)]
+            case WorldPhase.ROLL_CALL:
+                robots = [at(READY, member.id) for member in self._participants.of(Standing.AWAITED)]
                 return [*robots, at(RADIO_READY)] if self._awaits_radio else robots
-            case Phase.OPEN:
+            case WorldPhase.OPEN:
                 return [at(AIRED)] if self._step else []
-            case Phase.CLOSE:
-                return [at(DRIVE, member.id) for member in self._roster.of(Standing.STEPPING)]
-            case Phase.PAUSED:
+            case WorldPhase.CLOSE:
+                return [at(DRIVE, member.id) for member in self._participants.of(Standing.STEPPING)]
+            case WorldPhase.PAUSED:
                 return [at(CONTROL)]
-            case Phase.MOVE:
+            case WorldPhase.MOVE:
                 return []
 
     def _call_roll(self, inputs: Inputs) -> Sequence[Output]:
-        for member in self._roster.of(Standing.AWAITED):
+        for member in self._participants.of(Standing.AWAITED):
             self._admit(member, read(inputs, READY, member.id))
         self._awaits_radio = False
         if self._restarting:
             self._restarting = False
             return self._send_senses()
-        self._phase = Phase.OPEN
+        self._phase = WorldPhase.OPEN
         self._referee.watch(self.instant, self._bodies.positions)
         return ()
 
@@ -190,7 +190,7 @@ class WorldCore:
                 f"{ready.epoch}; "
                 f"{member.id} in epoch {member.epoch} was due"
             )
-        first = self._roster.members[0]
+        first = self._participants.members[0]
         if first.kernels and ready.kernels != first.kernels:
             names = otherwise(parted(first.kernels), parted(ready.kernels))
             source = few(names) or "other kernels"
@@ -202,13 +202,13 @@ class WorldCore:
         member.standing = Standing.STEPPING
 
     def _open(self, inputs: Inputs) -> Sequence[Output]:
-        if self._phase is Phase.OPEN:
+        if self._phase is WorldPhase.OPEN:
             if self._step:
                 self._take_counts(read(inputs, AIRED))
             self._orders.due(self.instant)
         outputs = self._take_orders(inputs)
         if self._orders.paused and not self._orders.stop:
-            self._phase = Phase.PAUSED
+            self._phase = WorldPhase.PAUSED
             return [*outputs, to(PROGRESS, self._progress())]
         outputs += self._end_processes()
         if self._over():
@@ -216,8 +216,8 @@ class WorldCore:
         if self._orders.starts:
             starts, self._orders.starts = tuple(self._orders.starts), []
             self._restarting = True
-            self._phase = Phase.ROLL_CALL
-            return [*outputs, to(ROSTER, RosterMessage(self._step, starts))]
+            self._phase = WorldPhase.ROLL_CALL
+            return [*outputs, to(ROSTER, Roster(self._step, starts))]
         return [*outputs, *self._send_senses()]
 
     def _take_orders(self, inputs: Inputs) -> list[Output]:
@@ -235,16 +235,16 @@ class WorldCore:
                 f"it should be of step {self._step - 1}"
             )
         for count in aired.counts:
-            if count.id not in self._roster or count.events < 1:
+            if count.id not in self._participants or count.events < 1:
                 raise FalseMessageError(
                     f"{self._when()}: the radio counts {count.events} events for {brief(count.id)}; "
                     "it should be at least 1, for a robot of the run"
                 )
-            self._roster[count.id].events += count.events
+            self._participants[count.id].events += count.events
 
     def _end_processes(self) -> list[Output]:
         """Tell the processes that an order ended that this was all."""
-        outputs = [self._senses(self._roster[robot], halt=True) for robot in self._orders.ends]
+        outputs = [self._senses(self._participants[robot], halt=True) for robot in self._orders.ends]
         self._orders.ends = []
         return outputs
 
@@ -254,7 +254,7 @@ class WorldCore:
         return self._referee.settled and not self._orders.pending and not self._orders.starts
 
     def _halt(self) -> list[Output]:
-        alive = self._roster.of(Standing.STEPPING, Standing.FROZEN)
+        alive = self._participants.of(Standing.STEPPING, Standing.FROZEN)
         outputs = [self._senses(member, halt=True) for member in alive]
         outputs.append(to(TRUTH, Truth(self._step, self.instant, (), halt=True)))
         self._finished = True
@@ -262,8 +262,8 @@ class WorldCore:
         return outputs
 
     def _send_senses(self) -> list[Output]:
-        self._phase = Phase.CLOSE
-        return [self._senses(member) for member in self._roster.of(Standing.STEPPING)]
+        self._phase = WorldPhase.CLOSE
+        return [self._senses(member) for member in self._participants.of(Standing.STEPPING)]
 
     def _senses(self, member: Member, halt: bool = False) -> Output:
         events, member.events = member.events, 0
@@ -271,9 +271,9 @@ class WorldCore:
         return to(SENSES, senses, member.id)
 
     def _close(self, inputs: Inputs) -> Sequence[Output]:
-        transmits = dict.fromkeys((member.id for member in self._roster.members), 0)
+        transmits = dict.fromkeys((member.id for member in self._participants.members), 0)
         held: dict[int, tuple[float, float, float] | None] = {}
-        for member in self._roster.of(Standing.STEPPING):
+        for member in self._participants.of(Standing.STEPPING):
             drive: Drive = read(inputs, DRIVE, member.id)
             end = self.instant + self._setup.step_us
             if wrong := drive_fault(drive, self._step, self.instant, end):
@@ -282,11 +282,11 @@ class WorldCore:
             self._take_word(member, drive)
             held[member.index] = drive.pose
             transmits[member.id] = drive.transmits
-        truths = tuple(self._truth(member, transmits[member.id]) for member in self._roster.members)
+        truths = tuple(self._truth(member, transmits[member.id]) for member in self._participants.members)
         for robot, pose in held.items():
             self._whereabouts.take(robot, pose, truths[robot])
         jams, self._orders.jams = tuple(self._orders.jams), []
-        self._phase = Phase.MOVE
+        self._phase = WorldPhase.MOVE
         return (to(TRUTH, Truth(self._step, self.instant, truths, jams)),)
 
     def _take_word(self, member: Member, drive: Drive) -> None:
@@ -322,13 +322,13 @@ class WorldCore:
     def _move(self) -> Sequence[Output]:
         self._bodies.move(self.instant, self._setup.step_us)
         self._step += 1
-        self._phase = Phase.OPEN
+        self._phase = WorldPhase.OPEN
         self._referee.watch(self.instant, self._bodies.positions)
         whole = self.instant % 1_000_000 < self._setup.step_us
         return (to(PROGRESS, self._progress()),) if whole else ()
 
     def _progress(self) -> Progress:
-        left = {(place.owner, place.place) for route in self._roster.routes.values() for place in route}
+        left = {(place.owner, place.place) for route in self._participants.routes.values() for place in route}
         reports = self._referee.reports
         return Progress(self._step, self.instant, len(left), reports, self._finished, self.paused)
 
@@ -338,7 +338,7 @@ class WorldCore:
         what = (
             self.describe_wait(addresses[0]) if addresses else f"step {self._step}: the world takes no step"
         )
-        starting = self._phase is Phase.ROLL_CALL
+        starting = self._phase is WorldPhase.ROLL_CALL
         return msgspec.structs.replace(self._progress(), awaited=names, awaits=what, starting=starting)
 
     def describe_wait(self, address: Address) -> str:

@@ -23,7 +23,7 @@ from actors.messages import (
 from actors.order_limits import OrderLimits, fault
 from actors.runtime.errors import AcrcError
 from actors.world.body import Bodies
-from actors.world.roster import Roster, Standing
+from actors.world.participants import Participants, Standing
 from actors.world.world_setup import TimedOrder
 
 
@@ -34,7 +34,7 @@ class OrderError(AcrcError):
 class Orders:
     """What is due, and what carrying it out has left for the world to send."""
 
-    def __init__(self, events: tuple[TimedOrder, ...], roster: Roster, bodies: Bodies) -> None:
+    def __init__(self, events: tuple[TimedOrder, ...], roster: Participants, bodies: Bodies) -> None:
         self._events = deque(events)
         self._roster = roster
         self._bodies = bodies

@@ -11,12 +11,12 @@ import pymunk
 from numpy.typing import NDArray
 from pymunk import batch
 
-from actors.floor.clearance import Shape, disc, gap, placed, smallest_gap, wall_gap
 from actors.geometry import Point, Pose, Twist
 from actors.instant import START, Duration, Instant, in_seconds, milliseconds
 from actors.portable import arrays
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
+from actors.world.clearance import Shape, disc, gap, placed, smallest_gap, wall_gap
 from actors.world.drive import MEMORY, drive_forces, limits, moment_of_inertia, press_bumpers
 from actors.world.rotation import turn, turn_by_ourselves
 

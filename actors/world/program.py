@@ -11,14 +11,14 @@ import msgspec
 from actors.floor import distance, flood
 from actors.messages import PROGRESS
 from actors.portable import arrays, draws, foundations
-from actors.runtime.bus.interface import Bus
 from actors.runtime.bus.quota_bus import QuotaBus
+from actors.runtime.bus_interface import Bus
 from actors.runtime.client_options import ArgumentParser
 from actors.runtime.core import to
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import fingerprints
 from actors.runtime.pace import Pace
-from actors.runtime.process import Part, RunNote
+from actors.runtime.process import ActorProcess, RunNote
 from actors.runtime.processor import processor
 from actors.runtime.shell import Shell, run_shell
 from actors.runtime.ticks import ticking
@@ -78,16 +78,16 @@ def build(setup: WorldSetup) -> WorldCore:
     return WorldCore(setup, Bodies(setup))
 
 
-def part_of(argv: Sequence[str]) -> Part:
+def part_of(argv: Sequence[str]) -> ActorProcess:
     """The world that `argv` describes, without a conductor's clock: for replays."""
     options = parse(argv)
     setup = load_setup(options.setup)
     return part(build(setup), run_note(setup, argv, options.commit))
 
 
-def part(core: WorldCore, run: RunNote, hold: Callable[[Shell, Bus], None] = run_shell) -> Part:
+def part(core: WorldCore, run: RunNote, hold: Callable[[Shell, Bus], None] = run_shell) -> ActorProcess:
     """The core and its connections."""
-    return Part(
+    return ActorProcess(
         core=core,
         listens=core.listens(),
         run=run,

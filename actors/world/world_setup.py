@@ -7,7 +7,7 @@ from actors.robot_model import OdometryKind
 from actors.world.uncertainty import Uncertainty
 
 
-class RobotSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class BodySetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One robot's body and where it starts."""
 
     id: str
@@ -38,7 +38,7 @@ class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     step_us: int
     """A multiple of the physics sub-step, 10 000 µs."""
     duration_us: int
-    robots: tuple[RobotSetup, ...]
+    robots: tuple[BodySetup, ...]
     events: tuple[TimedOrder, ...] = ()
     """In order of their instants."""
     uncertainty: Uncertainty = Uncertainty()

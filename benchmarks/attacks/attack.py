@@ -5,7 +5,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import NamedTuple
 
-from benchmarks.attacks.member import Member, Note, Stage
+from benchmarks.attacks.member import Note, Stage, SwarmMember
 
 
 class Layer(IntEnum):
@@ -56,17 +56,17 @@ def missing_means(attack: Attack) -> str | None:
     return None
 
 
-def eavesdrop(member: Member, _: Note) -> None:
+def eavesdrop(member: SwarmMember, _: Note) -> None:
     """Listen to everything, in the hope of being sent some of it."""
     member.listen("**")
 
 
-def mark(member: Member, note: Note) -> None:
+def mark(member: SwarmMember, note: Note) -> None:
     """Say on an allowed key that all has been sent; what was sent before has then been dealt with."""
     member.session.put("swarm/up/r1/drive", f"mark {note['token']}")
 
 
-def relay_mark(member: Member, note: Note) -> Note:
+def relay_mark(member: SwarmMember, note: Note) -> Note:
     """The world awaits r1's mark, tells both robots that it is over, and says whether it was told a lie."""
     member.await_payload(f"mark {note['token']}")
     fooled = member.has_heard(note["token"])
@@ -75,7 +75,7 @@ def relay_mark(member: Member, note: Note) -> Note:
     return {"reached": fooled}
 
 
-def has_heard(member: Member, note: Note) -> Note:
+def has_heard(member: SwarmMember, note: Note) -> Note:
     """Whether the token has come until it was over."""
     member.await_payload(f"over {note['token']}")
     return {"reached": note.get("reached", False) or member.has_heard(note["token"])}

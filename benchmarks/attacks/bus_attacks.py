@@ -6,17 +6,17 @@ from typing import Any
 import zenoh
 
 from benchmarks.attacks.attack import Attack, Layer, eavesdrop, has_heard, mark, relay_mark
-from benchmarks.attacks.member import Member, Note, Stage, client
+from benchmarks.attacks.member import Note, Stage, SwarmMember, client
 
 SECRET_KEY = "swarm/down/r2/senses"
-Act = Callable[[Member, Note], Note | None]
+Act = Callable[[SwarmMember, Note], Note | None]
 Stages = tuple[Stage, ...]
 
 
-def sending(send: Callable[[Member, str], Any]) -> Stages:
+def sending(send: Callable[[SwarmMember, str], Any]) -> Stages:
     """r1 sends; it is reached if r2 hears it or the world takes it for somebody else's."""
 
-    def act(member: Member, note: Note) -> None:
+    def act(member: SwarmMember, note: Note) -> None:
         send(member, note["token"])
         mark(member, note)
 
@@ -33,23 +33,23 @@ def forged(name: str, key: str) -> Attack:
     return Attack(f"put on {name} `{key}`", Layer.RULES, "access rules", putting(key))
 
 
-def publish(member: Member, token: str) -> None:
+def publish(member: SwarmMember, token: str) -> None:
     """Put through a declared publisher."""
     member.keep(member.session.declare_publisher(SECRET_KEY)).put(token)
 
 
-def delete(member: Member, token: str) -> None:
+def delete(member: SwarmMember, token: str) -> None:
     """Delete, with the token beside it; the sample's payload is empty, so its key speaks."""
     member.session.delete(f"swarm/down/r2/{token}")
 
 
-def heard_delete(member: Member, note: Note) -> Note:
+def heard_delete(member: SwarmMember, note: Note) -> Note:
     """Whether a delete has come on the key that bears the token."""
     member.await_payload(f"over {note['token']}")
     return {"reached": any(entry.key.endswith(note["token"]) for entry in member.hear())}
 
 
-def session_as(member: Member, **changed: Any) -> zenoh.Session:
+def session_as(member: SwarmMember, **changed: Any) -> zenoh.Session:
     """A second session of r1."""
     session: zenoh.Session = member.keep(zenoh.open(client(member.swarm, "r1", **changed)))
     return session
@@ -58,7 +58,7 @@ def session_as(member: Member, **changed: Any) -> zenoh.Session:
 def put_in_mode(mode: str) -> Stages:
     """r1's own credentials in a session of another kind."""
 
-    def act(member: Member, note: Note) -> None:
+    def act(member: SwarmMember, note: Note) -> None:
         session = session_as(member, mode=mode)
         session.put(SECRET_KEY, note["token"])
         session.put("swarm/up/r1/drive", f"mark {note['token']}")
@@ -69,21 +69,21 @@ def put_in_mode(mode: str) -> Stages:
 def overhearing(key: str, secret_key: str, speaker: str, *, second: bool = False) -> Stages:
     """r1 subscribes to `key`; then `speaker` sends the token on `secret_key`."""
 
-    def listen(member: Member, note: Note) -> None:
+    def listen(member: SwarmMember, note: Note) -> None:
         session = session_as(member) if second else member.session
         member.listen(key, session)
         if second:
             member.listen("swarm/down/r1/senses", session)
         session.put("swarm/up/r1/drive", f"mark {note['token']}")
 
-    def wait(member: Member, note: Note) -> None:
+    def wait(member: SwarmMember, note: Note) -> None:
         member.await_payload(f"mark {note['token']}")
 
-    def speak(member: Member, note: Note) -> None:
+    def speak(member: SwarmMember, note: Note) -> None:
         member.session.put(secret_key, note["token"])
         member.session.put(f"swarm/up/{member.name}/drive", f"end {note['token']}")
 
-    def check(member: Member, note: Note) -> Note:
+    def check(member: SwarmMember, note: Note) -> Note:
         # Two copies: one of them has come to the second session, behind whatever came there.
         member.await_payload(f"over {note['token']}", copies=2 if second else 1)
         return {"reached": member.has_heard(note["token"])}
@@ -91,7 +91,7 @@ def overhearing(key: str, secret_key: str, speaker: str, *, second: bool = False
     return (("r1", listen), ("world", wait), (speaker, speak), ("world", pass_end), ("r1", check))
 
 
-def pass_end(member: Member, note: Note) -> None:
+def pass_end(member: SwarmMember, note: Note) -> None:
     """The speaker's last word has come; tell r1."""
     member.await_payload(f"end {note['token']}")
     member.session.put("swarm/down/r1/senses", f"over {note['token']}")
@@ -106,7 +106,7 @@ def overheard(key: str, secret_key: str, speaker: str) -> Attack:
 def answer_queries(key: str) -> Act:
     """Declare a queryable that answers with the token."""
 
-    def act(member: Member, note: Note) -> None:
+    def act(member: SwarmMember, note: Note) -> None:
         token = note["token"]
         member.keep(member.session.declare_queryable(key, lambda query: query.reply(query.key_expr, token)))
 
@@ -116,7 +116,7 @@ def answer_queries(key: str) -> Act:
 def ask(key: str) -> Act:
     """Query, and see whether the token is the answer."""
 
-    def act(member: Member, note: Note) -> Note:
+    def act(member: SwarmMember, note: Note) -> Note:
         replies = [reply.ok for reply in member.session.get(key, timeout=0.5)]
         return {"reached": any(r is not None and bytes(r.payload).decode() == note["token"] for r in replies)}
 
@@ -126,14 +126,14 @@ def ask(key: str) -> Act:
 def settle(asker: str, word: str = "settled") -> Stages:
     """Let what r1 declared reach the router, and what follows from it `asker`, over allowed keys."""
 
-    def say(member: Member, note: Note) -> None:
+    def say(member: SwarmMember, note: Note) -> None:
         member.session.put("swarm/up/r1/drive", f"{word} {note['token']}")
 
-    def relay(member: Member, note: Note) -> None:
+    def relay(member: SwarmMember, note: Note) -> None:
         member.await_payload(f"{word} {note['token']}")
         member.session.put(f"swarm/down/{asker}/senses", f"{word}, {note['token']}")
 
-    def check(member: Member, note: Note) -> None:
+    def check(member: SwarmMember, note: Note) -> None:
         member.await_payload(f"{word}, {note['token']}")
 
     return (("r1", say), ("world", relay), (asker, check))
@@ -142,60 +142,60 @@ def settle(asker: str, word: str = "settled") -> Stages:
 def greet(speaker: str) -> Stages:
     """Let what `speaker` declared reach the router."""
 
-    def say(member: Member, note: Note) -> None:
+    def say(member: SwarmMember, note: Note) -> None:
         member.session.put(f"swarm/up/{member.name}/drive", f"hello {note['token']}")
 
-    def wait(member: Member, note: Note) -> None:
+    def wait(member: SwarmMember, note: Note) -> None:
         member.await_payload(f"hello {note['token']}")
 
     return ((speaker, say), ("world", wait))
 
 
-def declare_token(member: Member, note: Note) -> None:
+def declare_token(member: SwarmMember, note: Note) -> None:
     """Declare liveliness on a key that bears the token."""
     member.keep(member.session.liveliness().declare_token(f"swarm/up/r1/{note['token']}"))
 
 
-def see_token(member: Member, note: Note) -> Note:
+def see_token(member: SwarmMember, note: Note) -> Note:
     """Ask who is alive."""
     replies = [reply.ok for reply in member.session.liveliness().get("swarm/**", timeout=0.5)]
     return {"reached": any(r is not None and str(r.key_expr).endswith(note["token"]) for r in replies)}
 
 
-def watch_tokens(member: Member, _: Note) -> None:
+def watch_tokens(member: SwarmMember, _: Note) -> None:
     """Subscribe to liveliness everywhere."""
     member.listen_for_life("**")
 
 
-def saw_token(member: Member, note: Note) -> Note:
+def saw_token(member: SwarmMember, note: Note) -> Note:
     """Whether a token has appeared."""
     return {"reached": any(entry.key.endswith(note["token"]) for entry in member.hear())}
 
 
-def watch_matching(member: Member, note: Note) -> Note:
+def watch_matching(member: SwarmMember, note: Note) -> Note:
     """Declare a publisher and see whether anybody listens already."""
     publisher = member.keep(member.session.declare_publisher("swarm/up/r1/whisper"))
     return {"before": bool(publisher.matching_status.matching)}
 
 
-def nod(member: Member, note: Note) -> None:
+def nod(member: SwarmMember, note: Note) -> None:
     """Say yes by listening to a key of r1's."""
     member.listen("swarm/up/r1/whisper")
     member.session.put("swarm/up/r2/drive", f"end {note['token']}")
 
 
-def see_nod(member: Member, note: Note) -> Note:
+def see_nod(member: SwarmMember, note: Note) -> Note:
     """Whether the publisher now knows of a listener."""
     member.await_payload(f"over {note['token']}")
     return {"reached": bool(member.kept[0].matching_status.matching) != note["before"]}
 
 
-def hold_id(member: Member, note: Note) -> None:
+def hold_id(member: SwarmMember, note: Note) -> None:
     """Open a session under an id that the two have agreed upon before the run."""
     member.keep(zenoh.open(client(member.swarm, "r2", id=f"a{note['token']}")))
 
 
-def find_id_held(member: Member, note: Note) -> Note:
+def find_id_held(member: SwarmMember, note: Note) -> Note:
     """The router takes a session id once only."""
     try:
         session_as(member, id=f"a{note['token']}")
@@ -207,7 +207,7 @@ def find_id_held(member: Member, note: Note) -> Note:
 def opens(**changed: Any) -> Stages:
     """Whether the router takes a session with these credentials."""
 
-    def act(member: Member, _: Note) -> Note:
+    def act(member: SwarmMember, _: Note) -> Note:
         session_as(member, **changed)
         return {"reached": True}
 

@@ -1,24 +1,18 @@
-"""One process of the swarm under attack: the world (the router), or a robot that obeys an attacker's orders.
-
-It reads its description and then one order per line from stdin and answers each with one line on stdout.
-"""
+"""A member of the swarm under attack: its session, what it hears, and what it must let go of afterwards."""
 
 import json
-import os
 import re
-import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import Any, NamedTuple
 
 import zenoh
 
 from actors.runtime.access import rules
-from actors.runtime.access.credentials import Credentials, reveal
-from actors.runtime.isolation.sandbox import Plan, isolate
+from actors.runtime.access.credentials import Credentials
 
 Note = dict[str, Any]
 """What the stages of one attack tell each other, through the test and not through the swarm."""
@@ -55,7 +49,7 @@ class Heard(NamedTuple):
 
 
 @dataclass
-class Member:
+class SwarmMember:
     """The process's own state: its session, what it heard, what it must let go of after an attack."""
 
     name: str
@@ -125,68 +119,8 @@ class Member:
         self.heard.clear()
 
 
-Stage = tuple[str, Callable[[Member, Note], Note | None]]
+Stage = tuple[str, Callable[[SwarmMember, Note], Note | None]]
 """A member's name and what it does; what it returns is added to the note."""
-
-
-def main() -> None:
-    """Become the member that argv names."""
-    name = sys.argv[1]
-    # Isolation redirects stdout; the test is spoken to through copies.
-    orders, answers = os.dup(0), os.dup(1)
-    with os.fdopen(orders) as incoming, os.fdopen(answers, "w") as outgoing:
-        swarm = Description(**json.loads(incoming.readline()))
-        if swarm.mode == "isolated" and name != "world":
-            own = Path(swarm.robots[name])
-            kept = (orders, answers)
-            isolate(
-                Plan(
-                    own=own,
-                    hidden=(Path(swarm.out), *map(Path, swarm.hidden)),
-                    log=own / "log.txt",
-                    descriptors=kept,
-                    parent=os.getppid(),
-                )
-            )
-        obey_all(name, swarm, incoming, outgoing)
-
-
-def obey_all(name: str, swarm: Description, incoming: TextIO, outgoing: TextIO) -> None:
-    """Open the session and carry out one order after the other."""
-    with zenoh.open(router(swarm) if name == "world" else client(swarm, name)) as session:
-        member = Member(name, swarm, session)
-        member.ordinary = [session.declare_subscriber(key) for key in ordinary_keys(name)]
-        if name == "world":
-            reveal(sockets(swarm))
-        answer: Note = {"ready": os.getpid()}
-        while True:
-            outgoing.write(json.dumps(answer) + "\n")
-            outgoing.flush()
-            order = incoming.readline()
-            if not order:
-                return
-            answer = obey(member, json.loads(order))
-
-
-def ordinary_keys(name: str) -> list[str]:
-    """What a member listens to in the ordinary course of a run (the world: all that could be forged, too)."""
-    if name == "world":
-        return ["swarm/up/*/drive", "swarm/up/*/transmit", "swarm/up/*/ready", "swarm/infra/**", "foo"]
-    return [f"swarm/down/{name}/senses", f"swarm/down/{name}/received"]
-
-
-def obey(member: Member, order: Note) -> Note:
-    """Carry out one stage of an attack."""
-    from benchmarks.attacks.attacks import ATTACKS  # noqa: PLC0415 — the attacks import this module
-
-    if order.get("forget"):
-        member.forget()
-        return {}
-    _, act = ATTACKS[order["attack"]].stages[order["stage"]]
-    try:
-        return act(member, order["note"]) or {}
-    except (OSError, zenoh.ZError, TimeoutError) as error:
-        return {"refused": f"{member.name}: {type(error).__name__}: {error}"}
 
 
 def sockets(swarm: Description) -> Credentials:
@@ -223,7 +157,3 @@ def client(swarm: Description, name: str, **changed: Any) -> zenoh.Config:
         # A router that wants no password refuses a client that shows one.
         config.insert_json5("transport/auth/usrpwd", NO_PASSWORDS)
     return config
-
-
-if __name__ == "__main__":
-    main()

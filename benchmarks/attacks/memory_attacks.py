@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.attacks.attack import Attack, Layer
 from benchmarks.attacks.file_attacks import FILTER
-from benchmarks.attacks.member import Member, Note
+from benchmarks.attacks.member import Note, SwarmMember
 from benchmarks.attacks.network_attacks import REPOSITORY, process
 
 LIBC = ctypes.CDLL(None, use_errno=True)
@@ -54,22 +54,22 @@ def is_in_memory(path: Path) -> bool:
     return bool(answer.raw[0] & 1)
 
 
-def clear_pages(_: Member, __: Note) -> None:
+def clear_pages(_: SwarmMember, __: Note) -> None:
     """The system happens to need the memory."""
     evict(PAGES, OTHER_PAGES)
 
 
-def read_pages(_: Member, __: Note) -> None:
+def read_pages(_: SwarmMember, __: Note) -> None:
     """Read the file, which brings it into memory."""
     PAGES.read_bytes()
 
 
-def ask_for_pages(_: Member, __: Note) -> Note:
+def ask_for_pages(_: SwarmMember, __: Note) -> Note:
     """Ask whether it is in memory."""
     return {"reached": is_in_memory(PAGES)}
 
 
-def read_at_once(_: Member, __: Note) -> Note:
+def read_at_once(_: SwarmMember, __: Note) -> Note:
     """Read it only if that takes no time (preadv2(2), RWF_NOWAIT)."""
     with PAGES.open("rb") as file:
         try:
@@ -78,12 +78,12 @@ def read_at_once(_: Member, __: Note) -> Note:
             return {"reached": False}
 
 
-def clear_common_pages(_: Member, __: Note) -> None:
+def clear_common_pages(_: SwarmMember, __: Note) -> None:
     """Take a common file out of everybody's memory."""
     evict(PAGES)
 
 
-def miss_pages(_: Member, __: Note) -> Note:
+def miss_pages(_: SwarmMember, __: Note) -> Note:
     """See that it is gone."""
     return {"reached": not is_in_memory(PAGES)}
 
@@ -96,12 +96,12 @@ def faults(path: Path) -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_majflt - before
 
 
-def count_faults(_: Member, __: Note) -> Note:
+def count_faults(_: SwarmMember, __: Note) -> Note:
     """Touch the file that r1 has read and one that nobody has."""
     return {"reached": faults(PAGES) == 0 < faults(OTHER_PAGES)}
 
 
-def wait_at_file(member: Member, _: Note) -> None:
+def wait_at_file(member: SwarmMember, _: Note) -> None:
     """Wait at an address in a common file (futex(2), not private)."""
     pages, number = view(PAGES), FUTEX[os.uname().machine]
     address, word = ctypes.c_void_p(pages.ctypes.data), int(pages[:4].view("<u4")[0])
@@ -115,7 +115,7 @@ def wait_at_file(member: Member, _: Note) -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-def wake_at_file(_: Member, __: Note) -> Note:
+def wake_at_file(_: SwarmMember, __: Note) -> Note:
     """Wake whoever waits there, as soon as somebody does."""
     pages, number = view(PAGES), FUTEX[os.uname().machine]
     assert int(pages[0])  # an address that nothing is behind is nobody's
@@ -127,7 +127,7 @@ def wake_at_file(_: Member, __: Note) -> Note:
     return {"woken": woken}
 
 
-def woken(member: Member, note: Note) -> Note:
+def woken(member: SwarmMember, note: Note) -> Note:
     """Whether r2 was woken."""
     deadline = time.monotonic() + MEETING_S
     while not member.signals and time.monotonic() < deadline:

@@ -7,7 +7,7 @@ from pathlib import Path
 import zenoh
 
 from benchmarks.attacks.attack import Attack, Layer
-from benchmarks.attacks.member import Member, Note, Stage
+from benchmarks.attacks.member import Note, Stage, SwarmMember
 
 MULTICAST = "239.7.7.7"
 WAIT = 0.3
@@ -15,7 +15,7 @@ WAIT = 0.3
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 
-def accept(member: Member, note: Note) -> Note:
+def accept(member: SwarmMember, note: Note) -> Note:
     """Take a connection that is there already and read the token from it."""
     listener: socket.socket = member.kept[0]
     listener.settimeout(WAIT)
@@ -25,39 +25,39 @@ def accept(member: Member, note: Note) -> Note:
         return {"reached": connection.recv(100).decode() == note["token"]}
 
 
-def receive(member: Member, note: Note) -> Note:
+def receive(member: SwarmMember, note: Note) -> Note:
     """Read a datagram that is there already."""
     receiver: socket.socket = member.kept[0]
     receiver.settimeout(WAIT)
     return {"reached": receiver.recv(100).decode() == note["token"]}
 
 
-def listen_tcp(member: Member, _: Note) -> Note:
+def listen_tcp(member: SwarmMember, _: Note) -> Note:
     """Listen on loopback TCP."""
     listener = member.keep(socket.create_server(("127.0.0.1", 0)))
     return {"port": listener.getsockname()[1]}
 
 
-def connect_tcp(_: Member, note: Note) -> None:
+def connect_tcp(_: SwarmMember, note: Note) -> None:
     """Connect over loopback TCP and send the token."""
     with socket.create_connection(("127.0.0.1", note["port"]), timeout=WAIT) as connection:
         connection.sendall(note["token"].encode())
 
 
-def listen_udp(member: Member, _: Note) -> Note:
+def listen_udp(member: SwarmMember, _: Note) -> Note:
     """Listen on loopback UDP."""
     receiver = member.keep(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
     receiver.bind(("127.0.0.1", 0))
     return {"port": receiver.getsockname()[1]}
 
 
-def send_udp(_: Member, note: Note) -> None:
+def send_udp(_: SwarmMember, note: Note) -> None:
     """Send the token over loopback UDP."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.sendto(note["token"].encode(), ("127.0.0.1", note["port"]))
 
 
-def join_group(member: Member, _: Note) -> Note:
+def join_group(member: SwarmMember, _: Note) -> Note:
     """Listen to a multicast group on the loopback interface."""
     receiver = member.keep(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
     receiver.bind(("", 0))
@@ -66,7 +66,7 @@ def join_group(member: Member, _: Note) -> Note:
     return {"port": receiver.getsockname()[1]}
 
 
-def send_to_group(_: Member, note: Note) -> None:
+def send_to_group(_: SwarmMember, note: Note) -> None:
     """Send the token to the multicast group."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
@@ -86,18 +86,18 @@ def peer(endpoint: str, role: str) -> zenoh.Config:
     return config
 
 
-def free_port(_: Member, __: Note) -> Note:
+def free_port(_: SwarmMember, __: Note) -> Note:
     """A port for a peer to listen on."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         return {"port": probe.getsockname()[1]}
 
 
-def listen_as_peer(member: Member, note: Note) -> None:
+def listen_as_peer(member: SwarmMember, note: Note) -> None:
     """Open a Zenoh peer that others may connect to."""
     member.listen("**", member.keep(zenoh.open(peer(f"tcp/127.0.0.1:{note['port']}", "listen"))))
 
 
-def connect_as_peer(member: Member, note: Note) -> None:
+def connect_as_peer(member: SwarmMember, note: Note) -> None:
     """Connect to the other's peer and put the token, again until somebody listens."""
     session = member.keep(zenoh.open(peer(f"tcp/127.0.0.1:{note['port']}", "connect")))
     publisher = member.keep(session.declare_publisher("hello"))
@@ -108,13 +108,13 @@ def connect_as_peer(member: Member, note: Note) -> None:
     publisher.put(note["token"])
 
 
-def heard_by_peer(member: Member, note: Note) -> Note:
+def heard_by_peer(member: SwarmMember, note: Note) -> Note:
     """The token has come past the router."""
     member.await_payload(note["token"])
     return {"reached": True}
 
 
-def folder_of(member: Member, folder: str) -> Path:
+def folder_of(member: SwarmMember, folder: str) -> Path:
     """A folder by its name; `out` and `repository` stand for themselves."""
     places = {"out": Path(member.swarm.out), "repository": REPOSITORY, "home": Path.home()}
     return places.get(folder, Path(folder))
@@ -123,7 +123,7 @@ def folder_of(member: Member, folder: str) -> Path:
 def at_path(folder: str) -> tuple[Stage, ...]:
     """A Unix socket in a folder that both know."""
 
-    def listen(member: Member, note: Note) -> Note:
+    def listen(member: SwarmMember, note: Note) -> Note:
         path = folder_of(member, folder) / f".{note['token']}"
         listener = member.keep(socket.socket(socket.AF_UNIX))
         listener.bind(str(path))
@@ -133,14 +133,14 @@ def at_path(folder: str) -> tuple[Stage, ...]:
     return (("r2", listen), ("r1", connect_unix), ("r2", accept))
 
 
-def connect_unix(_: Member, note: Note) -> None:
+def connect_unix(_: SwarmMember, note: Note) -> None:
     """Connect to a Unix socket and send the token."""
     with socket.socket(socket.AF_UNIX) as connection:
         connection.connect(note["path"])
         connection.sendall(note["token"].encode())
 
 
-def listen_abstract(member: Member, note: Note) -> Note:
+def listen_abstract(member: SwarmMember, note: Note) -> Note:
     """Listen on an abstract Unix socket."""
     listener = member.keep(socket.socket(socket.AF_UNIX))
     listener.bind("\0" + note["token"])
@@ -151,7 +151,7 @@ def listen_abstract(member: Member, note: Note) -> Note:
 def connect_to_router(robot: str) -> tuple[Stage, ...]:
     """Connect to the router's socket of another actor."""
 
-    def act(member: Member, _: Note) -> Note:
+    def act(member: SwarmMember, _: Note) -> Note:
         folder = member.swarm.robots.get(robot, member.swarm.infra)
         with socket.socket(socket.AF_UNIX) as connection:
             connection.connect(f"{folder}/router.sock")
@@ -160,7 +160,7 @@ def connect_to_router(robot: str) -> tuple[Stage, ...]:
     return (("r1", act),)
 
 
-def open_vsock(_: Member, __: Note) -> Note:
+def open_vsock(_: SwarmMember, __: Note) -> Note:
     """Open a socket of a family that knows no network namespaces."""
     with socket.socket(socket.AF_VSOCK, socket.SOCK_STREAM):
         return {"reached": True}

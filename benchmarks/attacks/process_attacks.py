@@ -15,7 +15,7 @@ from actors.runtime.lifecycle import linux
 from benchmarks.attacks.attack import Attack, Layer
 from benchmarks.attacks.breakouts import NEST, UNDO
 from benchmarks.attacks.file_attacks import FILTER
-from benchmarks.attacks.member import Member, Note, Stage
+from benchmarks.attacks.member import Note, Stage, SwarmMember
 from benchmarks.attacks.network_attacks import REPOSITORY, process
 
 LIBC = ctypes.CDLL(None, use_errno=True)
@@ -50,7 +50,7 @@ def key_of(note: Note) -> int:
     return int(note["token"], 16) & 0x7FFF_FFFF
 
 
-def share_memory(_: Member, note: Note) -> None:
+def share_memory(_: SwarmMember, note: Note) -> None:
     """Write the token to a System V segment."""
     segment = checked(LIBC.shmget(key_of(note), 4096, IPC_CREAT | 0o600), "shmget")
     address = LIBC.shmat(segment, None, 0)
@@ -58,7 +58,7 @@ def share_memory(_: Member, note: Note) -> None:
     LIBC.shmdt(ctypes.c_void_p(address))
 
 
-def find_memory(_: Member, note: Note) -> Note:
+def find_memory(_: SwarmMember, note: Note) -> Note:
     """Read the segment and remove it."""
     segment = checked(LIBC.shmget(key_of(note), 4096, 0), "shmget")
     address = LIBC.shmat(segment, None, 0)
@@ -68,13 +68,13 @@ def find_memory(_: Member, note: Note) -> Note:
     return {"reached": text.decode() == note["token"]}
 
 
-def raise_semaphore(_: Member, note: Note) -> None:
+def raise_semaphore(_: SwarmMember, note: Note) -> None:
     """Set a System V semaphore."""
     semaphores = checked(LIBC.semget(key_of(note), 1, IPC_CREAT | 0o600), "semget")
     checked(LIBC.semctl(semaphores, 0, SEM_SETVAL, 7), "semctl")
 
 
-def find_semaphore(_: Member, note: Note) -> Note:
+def find_semaphore(_: SwarmMember, note: Note) -> Note:
     """Read the semaphore and remove it."""
     semaphores = checked(LIBC.semget(key_of(note), 1, 0), "semget")
     value = LIBC.semctl(semaphores, 0, SEM_GETVAL)
@@ -82,14 +82,14 @@ def find_semaphore(_: Member, note: Note) -> Note:
     return {"reached": value == 7}
 
 
-def queue_message(_: Member, note: Note) -> None:
+def queue_message(_: SwarmMember, note: Note) -> None:
     """Put the token into a System V queue."""
     queue = checked(LIBC.msgget(key_of(note), IPC_CREAT | 0o600), "msgget")
     text = (1).to_bytes(8, sys.byteorder) + note["token"].encode()
     checked(LIBC.msgsnd(queue, text, ctypes.c_size_t(len(text) - 8), 0), "msgsnd")
 
 
-def find_queue(_: Member, note: Note) -> Note:
+def find_queue(_: SwarmMember, note: Note) -> Note:
     """Read the queue and remove it."""
     queue = checked(LIBC.msgget(key_of(note), 0), "msgget")
     buffer = ctypes.create_string_buffer(108)
@@ -98,13 +98,13 @@ def find_queue(_: Member, note: Note) -> Note:
     return {"reached": note["token"].encode() in buffer.raw}
 
 
-def post_message(_: Member, note: Note) -> None:
+def post_message(_: SwarmMember, note: Note) -> None:
     """Make a POSIX queue that bears the token."""
     name = f"/{note['token']}".encode()
     os.close(checked(LIBC.mq_open(name, os.O_CREAT | os.O_RDWR, 0o600, None), "mq_open"))
 
 
-def find_post(_: Member, note: Note) -> Note:
+def find_post(_: SwarmMember, note: Note) -> Note:
     """Open the POSIX queue and remove it."""
     name = f"/{note['token']}".encode()
     os.close(checked(LIBC.mq_open(name, os.O_RDWR), "mq_open"))
@@ -112,50 +112,50 @@ def find_post(_: Member, note: Note) -> Note:
     return {"reached": True}
 
 
-def store_key(_: Member, note: Note) -> None:
+def store_key(_: SwarmMember, note: Note) -> None:
     """Put the token into the user's key ring."""
     text = note["token"].encode()
     number = SYSCALLS[os.uname().machine][0]
     checked(LIBC.syscall(number, b"user", text, text, ctypes.c_size_t(len(text)), USER_KEYRING), "add_key")
 
 
-def find_key(_: Member, note: Note) -> Note:
+def find_key(_: SwarmMember, note: Note) -> Note:
     """Search the user's key ring."""
     number = SYSCALLS[os.uname().machine][1]
     checked(LIBC.syscall(number, KEYCTL_SEARCH, USER_KEYRING, b"user", note["token"].encode(), 0), "keyctl")
     return {"reached": True}
 
 
-def who(member: Member, _: Note) -> Note:
+def who(member: SwarmMember, _: Note) -> Note:
     """Tell one's process id."""
     return {"pid": member.pid, "environ": os.environ.get("SECRET", ""), "folder": str(member.folder)}
 
 
-def await_signals(member: Member, _: Note) -> Note:
+def await_signals(member: SwarmMember, _: Note) -> Note:
     """Note the signals that come."""
     for number in (signal.SIGUSR1, signal.SIGIO):
         signal.signal(number, lambda got, _: member.signals.append(got))
     return {"pid": member.pid}
 
 
-def got_signal(member: Member, _: Note) -> Note:
+def got_signal(member: SwarmMember, _: Note) -> Note:
     """Whether one has come."""
     return {"reached": bool(member.signals)}
 
 
-def send_signal(_: Member, note: Note) -> None:
+def send_signal(_: SwarmMember, note: Note) -> None:
     """kill(2)."""
     os.kill(note["pid"], signal.SIGUSR1)
 
 
-def send_by_descriptor(_: Member, note: Note) -> None:
+def send_by_descriptor(_: SwarmMember, note: Note) -> None:
     """pidfd_send_signal(2)."""
     handle = os.pidfd_open(note["pid"])
     signal.pidfd_send_signal(handle, signal.SIGUSR1)
     os.close(handle)
 
 
-def send_by_socket(member: Member, note: Note) -> None:
+def send_by_socket(member: SwarmMember, note: Note) -> None:
     """Let the kernel signal the other when a socket of one's own becomes readable."""
     for end in socket.socketpair():
         member.keep(end)
@@ -165,35 +165,35 @@ def send_by_socket(member: Member, note: Note) -> None:
     writer.send(b"!")
 
 
-def set_limit(_: Member, note: Note) -> None:
+def set_limit(_: SwarmMember, note: Note) -> None:
     """Change a limit of the other."""
     soft, hard = resource.prlimit(note["pid"], resource.RLIMIT_NOFILE)
     resource.prlimit(note["pid"], resource.RLIMIT_NOFILE, (soft - 1, hard))
 
 
-def limits(member: Member, note: Note) -> Note:
+def limits(member: SwarmMember, note: Note) -> Note:
     """One's own limit, and whether it has changed since last asked."""
     now = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
     return {"pid": member.pid, "limit": now, "reached": note.get("limit", now) != now}
 
 
-def set_niceness(_: Member, note: Note) -> None:
+def set_niceness(_: SwarmMember, note: Note) -> None:
     """Change the other's priority."""
     os.setpriority(os.PRIO_PROCESS, note["pid"], os.getpriority(os.PRIO_PROCESS, note["pid"]) + 1)
 
 
-def niceness(member: Member, note: Note) -> Note:
+def niceness(member: SwarmMember, note: Note) -> Note:
     """One's own priority, and whether it has changed since last asked."""
     now = os.getpriority(os.PRIO_PROCESS, 0)
     return {"pid": member.pid, "niceness": now, "reached": note.get("niceness", now) != now}
 
 
-def set_scheduler(_: Member, note: Note) -> None:
+def set_scheduler(_: SwarmMember, note: Note) -> None:
     """Change the other's scheduling class."""
     os.sched_setscheduler(note["pid"], os.SCHED_BATCH, os.sched_param(0))
 
 
-def scheduler(member: Member, _: Note) -> Note:
+def scheduler(member: SwarmMember, _: Note) -> Note:
     """Whether one's own class has changed; back to the ordinary one."""
     changed = os.sched_getscheduler(0) == os.SCHED_BATCH
     if changed:
@@ -201,7 +201,7 @@ def scheduler(member: Member, _: Note) -> Note:
     return {"pid": member.pid, "reached": changed}
 
 
-def set_name(member: Member, note: Note) -> Note:
+def set_name(member: SwarmMember, note: Note) -> Note:
     """Use one's own name in the process table as a blackboard."""
     name = ctypes.create_string_buffer(note["token"][:15].encode())
     linux.prctl(PR_SET_NAME, ctypes.addressof(name))
@@ -211,14 +211,14 @@ def set_name(member: Member, note: Note) -> Note:
 def proc(entry: str) -> Stage:
     """r1 reads an entry of /proc about r2 and finds what only r2 knows."""
 
-    def act(_: Member, note: Note) -> Note:
+    def act(_: SwarmMember, note: Note) -> Note:
         text = Path(f"/proc/{note['pid']}/{entry.format(**note)}").read_bytes().decode(errors="replace")
         return {"reached": any(word in text for word in (note["token"][:15], "SECRET=", "r2:"))}
 
     return ("r1", act)
 
 
-def hold_memory(member: Member, note: Note) -> Note:
+def hold_memory(member: SwarmMember, note: Note) -> Note:
     """Hold the token in an anonymous file and in memory."""
     handle = os.memfd_create("diary")
     member.keep(os.fdopen(handle, "r+b", buffering=0)).write(note["token"].encode())
@@ -228,7 +228,7 @@ def hold_memory(member: Member, note: Note) -> Note:
     return {"pid": member.pid, "handle": handle, "address": ctypes.addressof(text)}
 
 
-def read_command_line(_: Member, note: Note) -> Note:
+def read_command_line(_: SwarmMember, note: Note) -> Note:
     """See how the other was started."""
     return {"reached": bool(Path(f"/proc/{note['pid']}/cmdline").read_bytes())}
 
@@ -237,7 +237,7 @@ MEMORY: list[ctypes.Array[ctypes.c_char]] = []
 """Keeps the buffers of `hold_memory` where they are."""
 
 
-def steal_descriptor(_: Member, note: Note) -> Note:
+def steal_descriptor(_: SwarmMember, note: Note) -> Note:
     """pidfd_getfd(2)."""
     process_handle = os.pidfd_open(note["pid"])
     number = SYSCALLS[os.uname().machine][2]
@@ -254,7 +254,7 @@ class Span(ctypes.Structure):
     _fields_ = (("base", ctypes.c_void_p), ("length", ctypes.c_size_t))
 
 
-def read_memory(_: Member, note: Note) -> Note:
+def read_memory(_: SwarmMember, note: Note) -> Note:
     """process_vm_readv(2)."""
     size = len(note["token"])
     buffer = ctypes.create_string_buffer(size)
@@ -266,7 +266,7 @@ def read_memory(_: Member, note: Note) -> Note:
     return {"reached": buffer.raw.decode() == note["token"]}
 
 
-def trace(_: Member, note: Note) -> Note:
+def trace(_: SwarmMember, note: Note) -> Note:
     """ptrace(2)."""
     checked(LIBC.ptrace(PTRACE_ATTACH, note["pid"], None, None), "ptrace")
     os.waitpid(note["pid"], 0x4000_0000)
@@ -274,7 +274,7 @@ def trace(_: Member, note: Note) -> Note:
     return {"reached": True}
 
 
-def break_out(member: Member, note: Note) -> Note:
+def break_out(member: SwarmMember, note: Note) -> Note:
     """Undo the file tree in a nested user namespace."""
     ran = subprocess.run(
         [sys.executable, "-c", NEST + UNDO, str(REPOSITORY), note["token"], member.swarm.out],
@@ -287,7 +287,7 @@ def break_out(member: Member, note: Note) -> Note:
     return {"litter": [str(REPOSITORY / f".{note['token']}")], "reached": bool(reached)}
 
 
-def remount(member: Member, note: Note) -> Note:
+def remount(member: SwarmMember, note: Note) -> Note:
     """Make the tree writable again, and write."""
     path = REPOSITORY / f".{note['token']}"
     for folder in ("/", str(REPOSITORY)):
@@ -299,17 +299,17 @@ def remount(member: Member, note: Note) -> Note:
     return {"litter": [str(path)], "reached": True}
 
 
-def read_clock(_: Member, note: Note) -> Note:
+def read_clock(_: SwarmMember, note: Note) -> Note:
     """Read how much processor time the other has used."""
     return {"reached": time.clock_gettime((~note["pid"] << 3) | PROCESS_CLOCK) > 0}
 
 
-def set_affinity(_: Member, note: Note) -> None:
+def set_affinity(_: SwarmMember, note: Note) -> None:
     """Keep the other to one processor."""
     os.sched_setaffinity(note["pid"], {min(os.sched_getaffinity(0))})
 
 
-def affinity(member: Member, note: Note) -> Note:
+def affinity(member: SwarmMember, note: Note) -> Note:
     """One's own processors, and whether they have changed since last asked; back to all of them."""
     now = sorted(os.sched_getaffinity(0))
     before = note.get("processors", now)
@@ -318,24 +318,24 @@ def affinity(member: Member, note: Note) -> Note:
     return {"pid": member.pid, "processors": now, "reached": before != now}
 
 
-def read_affinity(_: Member, note: Note) -> Note:
+def read_affinity(_: SwarmMember, note: Note) -> Note:
     """Ask which processors the other keeps to."""
     return {"reached": bool(os.sched_getaffinity(note["pid"]))}
 
 
-def read_niceness(_: Member, note: Note) -> Note:
+def read_niceness(_: SwarmMember, note: Note) -> Note:
     """Ask for the other's priority."""
     os.getpriority(os.PRIO_PROCESS, note["pid"])
     return {"reached": True}
 
 
-def read_kernel_log(_: Member, __: Note) -> Note:
+def read_kernel_log(_: SwarmMember, __: Note) -> Note:
     """Read the kernel's log, where a robot that crashes leaves a line (syslog(2))."""
     text = ctypes.create_string_buffer(4096)
     return {"reached": checked(LIBC.klogctl(KERNEL_LOG_READ_ALL, text, len(text)), "syslog") >= 0}
 
 
-def read_environment(_: Member, __: Note) -> Note:
+def read_environment(_: SwarmMember, __: Note) -> Note:
     """See what the user's shell knows."""
     told = Path("/proc/self/environ").read_bytes().decode(errors="replace")
     return {"reached": "SECRET=" in told or "SECRET" in os.environ}

@@ -24,7 +24,7 @@ MODES = {"unguarded": Layer.NONE, "open": Layer.RULES, "isolated": Layer.PROCESS
 """What a swarm is protected by: nothing, what --no-isolate leaves, everything."""
 
 
-class Outcome(NamedTuple):
+class StageOutcome(NamedTuple):
     """Whether an attack reached its goal, and what stood in its way if the system said so."""
 
     reached: bool
@@ -93,7 +93,7 @@ class Swarm:
         self._other.close()
         shutil.rmtree(self._study, ignore_errors=True)
 
-    def carry_out(self, index: int) -> Outcome:
+    def carry_out(self, index: int) -> StageOutcome:
         """Carry out one attack of the table, then let everyone forget it."""
         note: Note = {"token": secrets.token_hex(8)}
         for stage, (name, _) in enumerate(ATTACKS[index].stages):
@@ -104,11 +104,11 @@ class Swarm:
         for name in self._members:
             self._ask(name, {"forget": True})
         refused = note.get("refused", "")
-        return Outcome(bool(note.get("reached")) and not refused, refused)
+        return StageOutcome(bool(note.get("reached")) and not refused, refused)
 
     def _start(self, name: str) -> None:
         self._members[name] = subprocess.Popen(
-            [sys.executable, "-m", "benchmarks.attacks.member", name],
+            [sys.executable, "-m", "benchmarks.attacks.member_process", name],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

@@ -13,7 +13,8 @@ from rich.table import Table
 from actors.geometry import Point, Pose
 from actors.instant import Instant, in_seconds, milliseconds, seconds
 from actors.messages import Heard
-from actors.robot.behaviour.ports import Behaviour, Goal, GoalStatus, Start, View
+from actors.robot.behaviour.goal import Goal, GoalStatus
+from actors.robot.behaviour.ports import Behaviour, Start, View
 from benchmarks.statistics.cpu_time import best
 from cleaning.adoption import DestinationAdoption
 from cleaning.chapter import behaviour
@@ -63,7 +64,7 @@ class Counting(Cleaner):
 
 
 @component
-class Standing(Cleaner):
+class StandingCleaner(Cleaner):
     """A peer that stands in everybody's way."""
 
 
@@ -119,9 +120,9 @@ def _crowd(task: DeecoTask) -> Node:
     return node
 
 
-def _standing(name: str, x: float) -> Standing:
+def _standing(name: str, x: float) -> StandingCleaner:
     duty = Duty(name, 3, Point(x, 5.0))
-    return Standing(id=name, position=Point(x, 1.0), state=State.BLOCKED, destination=duty)
+    return StandingCleaner(id=name, position=Point(x, 1.0), state=State.BLOCKED, destination=duty)
 
 
 def _activation_us(task: DeecoTask) -> float:

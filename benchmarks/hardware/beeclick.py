@@ -16,12 +16,12 @@ from actors.messages import AccessFailure, Overflow, Refused, Sent
 from actors.radio.frame import airtime_us
 from firmware_bridge.beeclick.answers import Answer, PacketSent
 from firmware_bridge.beeclick.emulation.emulate import standing
-from firmware_bridge.beeclick.emulation.emulated_board import Board, Radio
+from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard, Radio
 from firmware_bridge.beeclick.emulation.emulated_medium import Air, AirParameters
 from firmware_bridge.beeclick.emulation.lab import Desk, Lab
 from firmware_bridge.beeclick.emulation.line import CLEAN, Disturbance
 from firmware_bridge.beeclick.events import Event, Unconfirmed
-from firmware_bridge.beeclick.link import Link, Phase
+from firmware_bridge.beeclick.link import Link, LinkPhase
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.wire import byte_time
 
@@ -86,7 +86,7 @@ class Throughput:
     """Of what the slower of line and air can carry."""
 
 
-class _Board(Board):
+class _Board(EmulatedBoard):
     """Remembers which packets it has told the end of."""
 
     def __init__(self, radio: Radio, now: Instant) -> None:
@@ -215,7 +215,7 @@ def _come_back(lab: Lab, desk: Desk) -> tuple[int, int] | None:
     while lab.now < began + seconds(6):
         lab.run(milliseconds(1))
         if (
-            link.phase is not Phase.READY
+            link.phase is not LinkPhase.READY
             or not board.commands.in_step
             or (board.pan, board.address, board.channel) != _SET_UP
         ):
@@ -231,7 +231,7 @@ def throughput(data_bytes: int, duration: Duration = _RUN) -> Throughput:
     """Keep the queue full of packets of that size for so long in virtual time."""
     rng = np.random.default_rng(1)
     air = Air(rng, AirParameters(csma=False))
-    desk = Desk(Link(BoardSettings(2)), Board(air, START))
+    desk = Desk(Link(BoardSettings(2)), EmulatedBoard(air, START))
     air.add(desk.board, standing(0.0, 0.0))
     lab = Lab(air, [desk], rng)
     lab.run(milliseconds(20))

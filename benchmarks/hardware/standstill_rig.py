@@ -16,7 +16,7 @@ from typing import Final, NamedTuple, Self
 import msgspec
 
 from actors.runtime.errors import AcrcError
-from actors.world.world_setup import RobotSetup, WorldSetup
+from actors.world.world_setup import BodySetup, WorldSetup
 from deploy.repository import REPOSITORY
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 
@@ -68,7 +68,7 @@ class Rig:
         self._links = folder / "links"
 
     def __enter__(self) -> Self:
-        body = RobotSetup("r1", "turtlebot2", "chapter", "exact", _START, _PLACES)
+        body = BodySetup("r1", "turtlebot2", "chapter", "exact", _START, _PLACES)
         world = WorldSetup(str(_MAP), 1, 100_000, 1_000_000, (body,))
         setup = self.folder / "setup.json"
         setup.write_bytes(msgspec.json.encode(LaboratorySetup(world, (("r1", 1),), "beeclick")))

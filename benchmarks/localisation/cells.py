@@ -25,7 +25,7 @@ class CellError(AcrcError):
 
 
 @dataclass(frozen=True)
-class Goal:
+class CellGoal:
     """What a cell should come to: no robot lost, and this error at most."""
 
     rmse: float | None
@@ -44,7 +44,7 @@ class Cell:
     arm: Arm
     runs: int
     """The seeds 1 to this are run."""
-    goal: Goal | None = None
+    goal: CellGoal | None = None
 
     @property
     def name(self) -> str:
@@ -121,9 +121,9 @@ def _matches(cell: Cell, pattern: str) -> bool:
 def _goals(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
     """The two cells with goals, and the chapter's preset beside the second, which has none."""
     for preset in PRESETS:
-        yield Cell("alone", course, Arm(preset), extent.runs, Goal(0.08))
+        yield Cell("alone", course, Arm(preset), extent.runs, CellGoal(0.08))
     among = replace(course, base="kobuki", robots=4, at_times=True)
-    yield Cell("realistic", among, Arm("robust"), extent.runs, Goal(0.15))
+    yield Cell("realistic", among, Arm("robust"), extent.runs, CellGoal(0.15))
     yield Cell("realistic", among, Arm("chapter"), extent.runs)
 
 
@@ -174,7 +174,7 @@ def _causes(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
 def _crowd(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
     for seen in ("chapter", "kinect"):
         for preset in PRESETS:
-            goal = Goal(None, 0.05) if preset == "robust" else None
+            goal = CellGoal(None, 0.05) if preset == "robust" else None
             yield Cell("crowd", replace(course, view=seen, robots=10), Arm(preset), extent.seeds, goal)
 
 

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors.floor import distance
 from actors.geometry import Point, Pose, wrap
-from actors.robot_model import Drive
+from actors.robot_model import DriveParameters
 from actors.runtime.errors import AcrcError
 from benchmarks.localisation.site import Site
 
@@ -70,7 +69,7 @@ class Route:
         speed, turn = self._decision()
         track = np.array([self._moved(speed, turn) for _ in range(CONTROLS)])
         here = self._pose.point
-        if distance.point_clearance(self._site.grid, here, self._radius) < self._radius:
+        if self._site.grid.clearance_at(here, self._radius) < self._radius:
             raise CourseError(f"the route touches a wall at ({here.x:.2f}, {here.y:.2f}); it should never")
         heading = self._pose.heading
         east, north = self._speed * math.cos(heading), self._speed * math.sin(heading)
@@ -82,7 +81,7 @@ class Route:
         self._way, self._passed = np.empty((0, 2)), 0
 
     def _moved(self, speed: float, turn: float) -> Pose:
-        drive: Drive = self._site.model.drive
+        drive: DriveParameters = self._site.model.drive
         change, twist = drive.acceleration * SUBSTEP, drive.turn_acceleration * SUBSTEP
         self._speed += min(max(speed - self._speed, -change), change)
         self._turn += min(max(turn - self._turn, -twist), twist)

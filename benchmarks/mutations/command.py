@@ -24,7 +24,7 @@ LONGEST_SENTENCE: int = 1000
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ParserOutcome:
     """What one parser made of its bytes."""
 
     parser: str
@@ -41,7 +41,7 @@ class Outcome:
     """The first traceback."""
 
 
-def run(bytes_: int = BYTES, json_output: bool = False, seed: int = SEED) -> list[Outcome]:
+def run(bytes_: int = BYTES, json_output: bool = False, seed: int = SEED) -> list[ParserOutcome]:
     """Feed each parser with so many bytes; print and give what came of it. AcrcError after a traceback."""
     with tempfile.TemporaryDirectory() as scratch:
         outcomes = [feed(parser, bytes_, seed) for parser in parsers(Path(scratch))]
@@ -56,7 +56,7 @@ def run(bytes_: int = BYTES, json_output: bool = False, seed: int = SEED) -> lis
     return outcomes
 
 
-def feed(parser: Parser, bytes_: int, seed: int) -> Outcome:
+def feed(parser: Parser, bytes_: int, seed: int) -> ParserOutcome:
     """Damaged bytes from the seed, one input after the other, until there were so many."""
     draw = np.random.default_rng(seed)
     before = _peak_mb()
@@ -79,14 +79,16 @@ def feed(parser: Parser, bytes_: int, seed: int) -> Outcome:
             first = first or f"{data[:200]!r}: {traceback.format_exc()}"
         longest = max(longest, time.process_time() - began)
     grown = _peak_mb() - before
-    return Outcome(parser.name, size, inputs, refused, round(longest, 3), round(grown, 1), tracebacks, first)
+    return ParserOutcome(
+        parser.name, size, inputs, refused, round(longest, 3), round(grown, 1), tracebacks, first
+    )
 
 
 def _peak_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def _print(outcomes: list[Outcome], seed: int) -> None:
+def _print(outcomes: list[ParserOutcome], seed: int) -> None:
     table = Table(
         "parser", "bytes", "inputs", "refused", "longest", "memory", "tracebacks", title=f"seed {seed}"
     )

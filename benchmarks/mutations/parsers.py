@@ -26,7 +26,7 @@ from benchmarks.mutations.devices import device_parsers
 from deeco.replication.packet import unpack
 from deeco.replication.reassembly import Reassembly
 from deploy.field_trial.laboratory_truth import read_truth
-from deploy.field_trial.recordings import read_outing
+from deploy.field_trial.recordings import read_field_trial
 from deploy.fleet.fleet_file import load_fleet
 from deploy.replay.record_check import check
 from deploy.repository import REPOSITORY
@@ -93,7 +93,7 @@ def _recordings(out: Path) -> Iterator[Parser]:
     def collected(data: bytes) -> None:
         path.write_bytes(data)
         try:
-            read_outing([out])
+            read_field_trial([out])
         finally:
             path.write_bytes(sound)
 

@@ -5,7 +5,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor import distance
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point
 
@@ -22,7 +21,7 @@ def wall_gaps(grid: OccupancyGrid, true: NDArray[np.float64], radius: float) -> 
     gaps = grid.clearance[cells[..., 1], cells[..., 0]] - radius
     for sample, robot in np.argwhere(gaps < _FAR + grid.resolution).tolist():
         point = Point(*true[sample, robot, :2].tolist())
-        gaps[sample, robot] = distance.point_clearance(grid, point, radius + 1.0) - radius
+        gaps[sample, robot] = grid.clearance_at(point, radius + 1.0) - radius
     return gaps
 
 

@@ -20,7 +20,7 @@ MODEL: Final = "turtlebot2"
 
 
 @dataclass(frozen=True)
-class Course:
+class NavigationCourse:
     """One run."""
 
     map: Path
@@ -46,7 +46,7 @@ def body() -> RobotModel:
     return load_model(MODEL, None)
 
 
-def scenario(course: Course) -> Scenario:
+def scenario(course: NavigationCourse) -> Scenario:
     """The run as a scenario: its starts and goals drawn from its seed, uniformly on the floor there is."""
     grid, radius = load_map(course.map), body().footprint.circumradius
     clearance, passage = radius + course.margin, radius + course.margin / 2
@@ -77,6 +77,6 @@ def scenario(course: Course) -> Scenario:
     return parse(document(content), course.map)
 
 
-def _presets(course: Course) -> dict[str, Any]:
+def _presets(course: NavigationCourse) -> dict[str, Any]:
     named = {"localisation": course.localisation, "navigation": course.navigation}
     return {table: {"preset": preset} for table, preset in named.items() if preset is not None}

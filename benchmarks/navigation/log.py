@@ -17,7 +17,7 @@ from actors.floor.map_file import load_map
 from actors.instant import Instant
 from actors.messages import SENSES, Senses
 from actors.robot.core import RobotCore
-from actors.robot.navigation.driver import Cycle, Driver
+from actors.robot.navigation.local_planner import Cycle, LocalPlanner
 from actors.robot.stack import Stack, load_stack
 from actors.robot.sweep import Sweeps
 from actors.runtime.bus.replay_bus import topic_of
@@ -25,7 +25,7 @@ from actors.runtime.codec import decode
 from actors.runtime.core import Core, at
 from actors.runtime.recording import Entry, read_recording
 from benchmarks.localisation.log import map_members, pack
-from benchmarks.navigation.course import Course, body, scenario
+from benchmarks.navigation.course import NavigationCourse, body, scenario
 from deploy.replay.record_replay import replay_actor
 from deploy.run import swarm
 from deploy.run.options import RunOptions
@@ -48,7 +48,7 @@ class Written:
     """Cycles without a valid trajectory."""
 
 
-def write(file: Path, course: Course, robot: str = "r1") -> Written:
+def write(file: Path, course: NavigationCourse, robot: str = "r1") -> Written:
     """Run the course, and write down what one robot decided. Raises LogError."""
     with tempfile.TemporaryDirectory(prefix="acrc-") as name:
         out = Path(name) / "run"
@@ -66,7 +66,7 @@ def _cycles(out: Path, robot: str) -> list[Cycle]:
     cycles: list[Cycle] = []
 
     def look_on(core: Core) -> None:
-        assert isinstance(core, RobotCore) and isinstance(core.navigation.driver, Driver)
+        assert isinstance(core, RobotCore) and isinstance(core.navigation.driver, LocalPlanner)
         core.navigation.driver.witness = cycles.append
 
     replay_actor(out, robot, look_on)
@@ -93,7 +93,9 @@ def _scan_columns() -> str:
     return f"time_us,odometry_x,odometry_y,odometry_heading,{rays}"
 
 
-def _members(course: Course, stack: Stack, cycles: list[Cycle]) -> tuple[dict[str, str | bytes], Written]:
+def _members(
+    course: NavigationCourse, stack: Stack, cycles: list[Cycle]
+) -> tuple[dict[str, str | bytes], Written]:
     plans: list[NDArray[np.float64]] = []
     rows = []
     for cycle in cycles:

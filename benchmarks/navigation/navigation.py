@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.navigation import goal_log, log
-from benchmarks.navigation.course import Course
+from benchmarks.navigation.course import NavigationCourse
 from benchmarks.navigation.run import Leg, RunFigures, measure
 from benchmarks.statistics.confidence import proportion
 from benchmarks.statistics.pool import in_order
@@ -32,7 +32,7 @@ LONG: Final = 2.0
 
 
 @dataclass(frozen=True)
-class Figures:
+class NavigationFigures:
     """All runs on one map with one number of robots."""
 
     map: str
@@ -70,7 +70,7 @@ class NavigationTask:
     """Processes; None: one per processor."""
 
 
-def run(task: NavigationTask = NavigationTask(), json_output: bool = False) -> list[Figures]:
+def run(task: NavigationTask = NavigationTask(), json_output: bool = False) -> list[NavigationFigures]:
     """Measure, print and give the figures."""
     console = Console(stderr=True)
     figures = []
@@ -93,7 +93,7 @@ def write_log(task: NavigationTask, file: Path, seed: int) -> None:
     """
     robots = max(task.robots)
     each = math.ceil(task.goals / (task.runs * robots))
-    course = Course(task.maps[0], robots, each, seed, task.localisation, task.navigation)
+    course = NavigationCourse(task.maps[0], robots, each, seed, task.localisation, task.navigation)
     written = log.write(file, course)
     Console(stderr=True).print(
         f"{file}: {written.cycles} cycles of r1 among {robots} on {course.map.stem}, seed {seed}, "
@@ -103,20 +103,20 @@ def write_log(task: NavigationTask, file: Path, seed: int) -> None:
     )
 
 
-def _courses(task: NavigationTask, map_file: Path, robots: int) -> list[Course]:
+def _courses(task: NavigationTask, map_file: Path, robots: int) -> list[NavigationCourse]:
     """One per run, with goals enough."""
     each = math.ceil(task.goals / (task.runs * robots))
-    first = Course(map_file, robots, each, 1, task.localisation, task.navigation)
+    first = NavigationCourse(map_file, robots, each, 1, task.localisation, task.navigation)
     return [replace(first, seed=seed) for seed in range(1, task.runs + 1)]
 
 
-def _summed(course: Course, runs: Sequence[RunFigures]) -> Figures:
+def _summed(course: NavigationCourse, runs: Sequence[RunFigures]) -> NavigationFigures:
     legs = [leg for one in runs for leg in one.legs]
     reached = [leg for leg in legs if leg.how == goal_log.SUCCEEDED]
     median_slowness, total_slowness = _slowness(reached)
     gap = min(one.robot_gap for one in runs)
     reasons = Counter(leg.how for leg in legs if leg.how not in {"", goal_log.SUCCEEDED})
-    return Figures(
+    return NavigationFigures(
         map=course.map.stem,
         robots=course.robots,
         goals=len(legs),
@@ -144,7 +144,7 @@ def _slowness(reached: Sequence[Leg]) -> tuple[float, float] | tuple[None, None]
     return median(taken / ideal for taken, ideal in long), total
 
 
-def _print(figures: Sequence[Figures]) -> None:
+def _print(figures: Sequence[NavigationFigures]) -> None:
     table = Table(
         *("map", "robots", "goals", "succeeded", "95 %", "aborted", "x shortest", "sums"),
         *("to walls", "to robots", "contacts/h: walls", "robots"),
@@ -161,7 +161,7 @@ def _print(figures: Sequence[Figures]) -> None:
     )
 
 
-def _row(one: Figures) -> list[str]:
+def _row(one: NavigationFigures) -> list[str]:
     share = proportion(one.succeeded, one.goals)
     gone = {**one.aborted, **({"unfinished": one.unfinished} if one.unfinished else {})}
     contacts = (one.wall_contacts, one.robot_contacts)

@@ -11,7 +11,7 @@ from actors.geometry import Point
 from actors.instant import in_seconds
 from benchmarks.navigation import goal_log
 from benchmarks.navigation.approach import closest, robot_gaps, touches, wall_gaps
-from benchmarks.navigation.course import Course, body, scenario
+from benchmarks.navigation.course import NavigationCourse, body, scenario
 from benchmarks.navigation.goal_log import LoggedGoal
 from benchmarks.navigation.retracing import RetracingError, retrace
 from benchmarks.navigation.shortest_way import ShortestWays
@@ -51,7 +51,7 @@ class RunFigures:
     digest: str
 
 
-def measure(course: Course) -> RunFigures:
+def measure(course: NavigationCourse) -> RunFigures:
     """Run one course, and measure."""
     done = watch(scenario(course))
     grid, radius = load_map(course.map), body().footprint.circumradius

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.messages import DRIVE, TRUTH, Drive, RobotTruth, Truth
-from actors.runtime.bus.interface import Delivery
 from actors.runtime.bus.memory_bus import MemoryBus
+from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.process import FinalNote

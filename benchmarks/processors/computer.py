@@ -46,7 +46,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RunOutcome:
     """What became of a task on a computer."""
 
     digest: str
@@ -58,10 +58,10 @@ class Outcome:
     """False: there is no such computer here."""
 
 
-def make(task: Task, computer: Computer, folder: Path, patience_s: float) -> Outcome:
+def make(task: Task, computer: Computer, folder: Path, patience_s: float) -> RunOutcome:
     """Make the run; its files and the compiled kernels go to `folder`."""
     if not computer.command:
-        return Outcome("", computer.missing, ran=False)
+        return RunOutcome("", computer.missing, ran=False)
     # compiled once for all rows of one Python: numba itself tells processors apart, but not its own releases
     kernels = folder / actors.kernel_cache().name / _file_name(computer.command[-1])
     out = folder / f"{_file_name(computer.name)}-{task.title}-{time.time_ns()}"
@@ -79,11 +79,11 @@ def make(task: Task, computer: Computer, folder: Path, patience_s: float) -> Out
             cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False, timeout=patience_s,
         )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired) as error:
-        return Outcome("", f"not run: {type(error).__name__}")
+        return RunOutcome("", f"not run: {type(error).__name__}")
     wall = round(time.monotonic() - begun, 1)
     if done.returncode:
-        return Outcome("", last_words(done.stderr), wall)
-    return Outcome(json.loads(done.stdout)["digest"], "", wall)
+        return RunOutcome("", last_words(done.stderr), wall)
+    return RunOutcome(json.loads(done.stdout)["digest"], "", wall)
 
 
 def last_words(text: str) -> str:

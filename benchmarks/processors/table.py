@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from benchmarks.processors import aarch64, here, pythons
-from benchmarks.processors.computer import Computer, Outcome, Task, make
+from benchmarks.processors.computer import Computer, RunOutcome, Task, make
 from deploy.repository import REPOSITORY
 
 _PATIENCE_S: Final = 3600.0
@@ -21,7 +21,7 @@ class Row:
     """What became of all tasks on one computer."""
 
     computer: str
-    outcomes: Mapping[str, Outcome]
+    outcomes: Mapping[str, RunOutcome]
     """By title of the task."""
 
 

@@ -24,7 +24,7 @@ from actors.radio.propagation.path_loss import path_loss_db
 from actors.radio.propagation.shadowing import ShadowingParameters
 from actors.radio.radio_setup import RadioSetup
 from actors.radio.surroundings import surroundings
-from benchmarks.radio.reference import Point, points
+from benchmarks.radio.reference import OperatingPoint, points
 from benchmarks.radio.svg_chart import Axis, Series, chart
 from benchmarks.radio.trials import contend, scene
 
@@ -87,7 +87,7 @@ def run(
         Console().print("Without the dots of ns-3, whose figures --data gives.")
 
 
-def _points(data: Path | None, family: str) -> list[Point]:
+def _points(data: Path | None, family: str) -> list[OperatingPoint]:
     return [] if data is None else points(data, family)
 
 
@@ -131,7 +131,7 @@ def _reach(task: PlotTask) -> str:
     return chart("How far 127-octet frames get", x, _SHARE, series)
 
 
-def _error_rate(reference: list[Point]) -> str:
+def _error_rate(reference: list[OperatingPoint]) -> str:
     ratios = np.linspace(-3.0, 4.0, 200).astype(np.float64)
     series = [_KEY_NS3] if reference else []
     for colour, octets in enumerate(_LENGTHS):
@@ -184,7 +184,7 @@ def _wifi(task: PlotTask) -> str:
     return chart("127-octet frames over 3 m beside Wi-Fi on the same channel", x, _SHARE, series)
 
 
-def _contention(task: PlotTask, reference: list[Point]) -> str:
+def _contention(task: PlotTask, reference: list[OperatingPoint]) -> str:
     series = [_KEY_NS3] if reference else []
     for colour, load in enumerate(_LOADS):
         name = "backlogged" if load == "sat" else f"G = {float(load):g}"

@@ -29,7 +29,7 @@ _CAPTURE_SETTINGS: Final = ("psdu0", "psdu1", "delta_db", "offset_us")
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ReferenceEstimate:
     """A figure with its standard error; `freedom`: degrees of freedom of the error, inf if it is known."""
 
     value: float
@@ -38,7 +38,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Point:
+class OperatingPoint:
     """One setting of a family."""
 
     family: str
@@ -46,27 +46,27 @@ class Point:
     runs: int
     frames: int
     """Sent or handed over in all runs."""
-    figures: Mapping[str, Estimate]
+    figures: Mapping[str, ReferenceEstimate]
 
     def __str__(self) -> str:
         """For people."""
         return f"{self.family} " + " ".join(f"{name}={value}" for name, value in self.settings.items())
 
 
-def share(hits: float, of: int) -> Estimate:
+def share(hits: float, of: int) -> ReferenceEstimate:
     """A share of independent trials."""
     p = hits / of
-    return Estimate(p, math.sqrt(p * (1 - p) / of))
+    return ReferenceEstimate(p, math.sqrt(p * (1 - p) / of))
 
 
-def over_runs(values: Sequence[float]) -> Estimate:
+def over_runs(values: Sequence[float]) -> ReferenceEstimate:
     """The mean of one figure over several runs."""
     if len(values) < 2:
-        return Estimate(values[0], math.inf, 1)
-    return Estimate(mean(values), stdev(values) / math.sqrt(len(values)), len(values) - 1)
+        return ReferenceEstimate(values[0], math.inf, 1)
+    return ReferenceEstimate(mean(values), stdev(values) / math.sqrt(len(values)), len(values) - 1)
 
 
-def points(folder: Path, family: str) -> list[Point]:
+def points(folder: Path, family: str) -> list[OperatingPoint]:
     """The points of a family, in the order of its file; none if there is no such file.
 
     AcrcError where a column is missing or is no number.
@@ -86,24 +86,24 @@ def points(folder: Path, family: str) -> list[Point]:
         raise AcrcError(f"{path}: a row lacks {error}, or has no number there.") from None
 
 
-def _error_rate(row: Mapping[str, str]) -> Point:
+def _error_rate(row: Mapping[str, str]) -> OperatingPoint:
     sent = int(row["frames_sent"])
     settings = {name: row[name] for name in ("psdu", "rx_dbm", "noise_dbm")}
-    return Point("a_per", settings, 1, sent, {"per": share(sent - int(row["frames_ok"]), sent)})
+    return OperatingPoint("a_per", settings, 1, sent, {"per": share(sent - int(row["frames_ok"]), sent)})
 
 
-def _capture(family: str, row: Mapping[str, str]) -> Point:
+def _capture(family: str, row: Mapping[str, str]) -> OperatingPoint:
     frames = int(row["frames"])
     figures = {name: share(float(row[name]) * frames, frames) for name in ("pdr_first", "pdr_second")}
-    return Point(family, {name: row[name] for name in _CAPTURE_SETTINGS}, 1, frames, figures)
+    return OperatingPoint(family, {name: row[name] for name in _CAPTURE_SETTINGS}, 1, frames, figures)
 
 
-def _contention(family: str, rows: Sequence[Mapping[str, str]]) -> list[Point]:
+def _contention(family: str, rows: Sequence[Mapping[str, str]]) -> list[OperatingPoint]:
     groups: dict[tuple[tuple[str, str], ...], list[Mapping[str, str]]] = {}
     for row in rows:
         groups.setdefault(tuple((name, row[name]) for name in _SETTINGS if name in row), []).append(row)
     return [
-        Point(
+        OperatingPoint(
             family,
             dict(settings),
             len(runs),

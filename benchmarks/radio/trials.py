@@ -21,7 +21,7 @@ from actors.radio.medium.traffic import Poisson, Saturated
 from actors.radio.medium.transceiver import PhyParameters, Transceiver
 from actors.radio.presets import preset
 from actors.radio.propagation.indoor import IndoorPropagation
-from benchmarks.radio.reference import CAPTURE, Estimate, Point, over_runs, share
+from benchmarks.radio.reference import CAPTURE, OperatingPoint, ReferenceEstimate, over_runs, share
 
 SECOND: Final = 1_000_000_000
 NS3: Final = preset("ns3")
@@ -52,7 +52,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Scene:
+class TrialScene:
     """Who contends, where, and how."""
 
     propagation: Propagation
@@ -67,7 +67,7 @@ class Scene:
     seconds: int
 
 
-def measure(point: Point, times: int) -> Mapping[str, Estimate]:
+def measure(point: OperatingPoint, times: int) -> Mapping[str, ReferenceEstimate]:
     """The same figures as the point's, from `times` as many frames."""
     if point.family == "a_per":
         return _error_rate(point.settings, times * point.frames)
@@ -78,7 +78,7 @@ def measure(point: Point, times: int) -> Mapping[str, Estimate]:
     return {name: over_runs([run[name] for run in runs]) for name in runs[0]}
 
 
-def scene(family: str, settings: Mapping[str, str]) -> Scene:
+def scene(family: str, settings: Mapping[str, str]) -> TrialScene:
     """The experiment that a row of a family of contention is about."""
     senders = int(settings["n"])
     transceiver = replace(
@@ -90,7 +90,7 @@ def scene(family: str, settings: Mapping[str, str]) -> Scene:
     load = math.inf if settings["load"] == "sat" else float(settings["load"])
     hidden = family.startswith("d_hidden")
     table = _hidden(10.0 if family.endswith("delta10dB") else 0.0) if hidden else _equal(senders)
-    stage = Scene(
+    stage = TrialScene(
         table, table.places, NS3.phy, transceiver, int(settings["psdu"]), load, family.endswith("_ack"),
         60 if hidden else 20 if senders >= 35 else 30,
     )  # fmt: skip
@@ -105,7 +105,7 @@ def scene(family: str, settings: Mapping[str, str]) -> Scene:
     )
 
 
-def contend(stage: Scene, seed: int) -> dict[str, float]:
+def contend(stage: TrialScene, seed: int) -> dict[str, float]:
     """The figures of one run."""
     sink = len(stage.places) - 1
     medium = Medium(
@@ -139,7 +139,7 @@ def contend(stage: Scene, seed: int) -> dict[str, float]:
     }
 
 
-def _load(medium: Medium, stage: Scene, seed: int) -> None:
+def _load(medium: Medium, stage: TrialScene, seed: int) -> None:
     """Give all nodes but the sink their traffic; backlogged ones begin at phases of their own."""
     sink = len(stage.places) - 1
     to = sink if stage.acknowledged else BROADCAST
@@ -175,7 +175,7 @@ def _scattered(senders: int, side: float) -> NDArray[np.float64]:
     return places
 
 
-def _error_rate(settings: Mapping[str, str], frames: int) -> Mapping[str, Estimate]:
+def _error_rate(settings: Mapping[str, str], frames: int) -> Mapping[str, ReferenceEstimate]:
     octets = int(settings["psdu"])
     stage = replace(
         scene("b_single_saturated", {"n": "1", "psdu": settings["psdu"], "load": "sat"}),
@@ -187,12 +187,12 @@ def _error_rate(settings: Mapping[str, str], frames: int) -> Mapping[str, Estima
     return {"per": share(frames - heard[0], frames)}
 
 
-def _capture(settings: Mapping[str, str], frames: int) -> Mapping[str, Estimate]:
+def _capture(settings: Mapping[str, str], frames: int) -> Mapping[str, ReferenceEstimate]:
     first, second = int(settings["psdu0"]), int(settings["psdu1"])
     late = round(float(settings["offset_us"]) * 1000)
     table = _hidden(float(settings["delta_db"]))
     transceiver = replace(NS3.transceiver, min_be=0)
-    stage = Scene(table, table.places, NS3.phy, transceiver, first, math.inf, False, 0)
+    stage = TrialScene(table, table.places, NS3.phy, transceiver, first, math.inf, False, 0)
     requests = _forced(
         lambda k: [Request(k, 0, first), Request(k + late, 1, second)],
         frames,
@@ -212,7 +212,7 @@ def _forced(one: Callable[[int], list[Request]], frames: int, lasts_ns: int) -> 
     ]
 
 
-def _heard(stage: Scene, batches: list[list[Request]], senders: int, frames: int) -> list[int]:
+def _heard(stage: TrialScene, batches: list[list[Request]], senders: int, frames: int) -> list[int]:
     """How many frames of each sender the last node hears."""
     nodes = len(stage.places)
     transceivers = [replace(stage.settings, address=i, cca=Cca.NEVER, min_be=0) for i in range(nodes)]

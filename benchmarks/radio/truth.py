@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.table import Table
 
 from actors.runtime.errors import AcrcError
-from benchmarks.radio.reference import FAMILIES, LATENCIES, Estimate, Point, points
+from benchmarks.radio.reference import FAMILIES, LATENCIES, OperatingPoint, ReferenceEstimate, points
 from benchmarks.radio.trials import MAC_OCTETS, measure
 from deploy.field_trial.clocks.student_t import quantile
 
@@ -128,7 +128,9 @@ def run(folder: Path, json_output: bool = False, task: TruthTask | None = None) 
     return figures
 
 
-def compare(point: Point, figure: str, reference: Estimate, own: Estimate) -> Comparison:
+def compare(
+    point: OperatingPoint, figure: str, reference: ReferenceEstimate, own: ReferenceEstimate
+) -> Comparison:
     """One figure on both sides."""
     difference = own.value - reference.value
     error, freedom = combined(reference, own)
@@ -155,7 +157,7 @@ def normal_score(t: float, freedom: float) -> float:
     return (8 * freedom + 1) / (8 * freedom + 3) * math.sqrt(freedom * math.log1p(t * t / freedom))
 
 
-def formula_kbps(point: Point) -> float:
+def formula_kbps(point: OperatingPoint) -> float:
     """Throughput of one backlogged sender, kb/s of MSDU: spacing, mean back-off, CCA, turnaround, frame; and
     turnaround and acknowledgement where there is one (Latré et al., "Throughput and delay analysis of
     unslotted IEEE 802.15.4", Journal of Networks 1(1), 2006, with CCA and turnaround added).
@@ -184,7 +186,7 @@ def agreement(family: str, number: int, found: Sequence[Comparison]) -> Agreemen
     )
 
 
-def combined(one: Estimate, other: Estimate) -> tuple[float, float]:
+def combined(one: ReferenceEstimate, other: ReferenceEstimate) -> tuple[float, float]:
     """The standard error of the difference of two means, and its degrees of freedom."""
     if not (math.isfinite(one.freedom) and math.isfinite(other.freedom)):
         return math.hypot(one.error, other.error), math.inf

@@ -5,49 +5,23 @@ import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from statistics import median
 from typing import Any, Final
 
 from rich.console import Console
 
 from benchmarks.swarm import part_clock, speed_goals, steps, tables
-from benchmarks.swarm.budget import Line, with_processes
-from benchmarks.swarm.in_memory import MemoryFigures, in_memory, profile
-from benchmarks.swarm.over_mesh import MeshFigures, over_mesh
+from benchmarks.swarm.budget import with_processes
+from benchmarks.swarm.figures import SwarmFigures
+from benchmarks.swarm.in_memory import in_memory, profile
+from benchmarks.swarm.over_mesh import over_mesh
 from benchmarks.swarm.task import SwarmTask
 
 BEYOND: Final = "processes and mesh"
 """What an actor costs as a process of its own beyond its parts in one process with all others."""
 _YARDSTICK: Final = 300_007
 """Numbers; a prime, so that multiplication leads through many of them in no order a processor foresees."""
-
-
-@dataclass(frozen=True)
-class SwarmFigures:
-    """Everything for one number of robots."""
-
-    robots: int
-    mesh: MeshFigures
-    memory: MemoryFigures
-    ping_pong_ms: float
-    """CPU of a bare Zenoh ping-pong of as many processes, as many steps a second, per robot, ms."""
-    load: float
-    """The machine's load average over the last minute, before."""
-    yardstick_ms: float
-    """CPU of a fixed piece of work beside it: the same machine is not always equally fast."""
-    lines: list[Line]
-    """The budget over Zenoh: the parts as in memory, and what comes with processes and mesh."""
-
-    @property
-    def speed(self) -> float:
-        """Simulated seconds per second over Zenoh."""
-        return self.mesh.real_time_factor.median
-
-    @property
-    def cost_ms(self) -> float:
-        """CPU per robot and simulated second over Zenoh, ms."""
-        return self.mesh.ms.median
 
 
 def run(task: SwarmTask | None = None, json_output: bool = False) -> dict[str, Any]:
@@ -68,7 +42,7 @@ def run(task: SwarmTask | None = None, json_output: bool = False) -> dict[str, A
 def _plain(
     task: SwarmTask,
     figures: Sequence[SwarmFigures],
-    goals: Sequence[speed_goals.Goal],
+    goals: Sequence[speed_goals.SpeedGoal],
     profiles: Mapping[int, str],
 ) -> dict[str, Any]:
     return {

@@ -18,7 +18,7 @@ from actors.runtime.process import FinalNote
 from actors.runtime.recording import read_notes
 from benchmarks.swarm import process_figures
 from benchmarks.swarm.process_figures import Activity, Memory
-from benchmarks.swarm.task import Spread, SwarmTask, planned
+from benchmarks.swarm.task import Range, SwarmTask, planned
 from deploy.results.result import RunResult
 from deploy.run import swarm
 
@@ -31,11 +31,11 @@ _ENDLESS_S: Final = 36_000.0
 class MeshFigures:
     """A swarm over Zenoh, a process for each actor."""
 
-    real_time_factor: Spread
-    ms: Spread
+    real_time_factor: Range
+    ms: Range
     """CPU of all processes per robot and simulated second, ms; from the first step to the last."""
-    startup_s: Spread
-    startup_cpu_s: Spread
+    startup_s: Range
+    startup_cpu_s: Range
     """CPU before the first step, of all processes but the forkserver, s: imports, kernels, maps."""
     by_actor: dict[str, float]
     """`ms` by kind of process; medians."""
@@ -44,7 +44,7 @@ class MeshFigures:
     switches: dict[str, float]
     """Context switches per robot and step."""
     memory: dict[str, Memory]
-    others: Spread
+    others: Range
     """Cores that were busy with something else meanwhile."""
 
 
@@ -67,15 +67,15 @@ def over_mesh(count: int, task: SwarmTask) -> MeshFigures:
         actor: median(run.by_actor[actor] for run in runs) / robot_s * 1e3 for actor in runs[0].by_actor
     }
     return MeshFigures(
-        real_time_factor=Spread.of([run.result.real_time_factor for run in runs]),
-        ms=Spread.of([sum(run.by_actor.values()) / robot_s * 1e3 for run in runs]),
-        startup_s=Spread.of([run.result.startup_s for run in runs]),
-        startup_cpu_s=Spread.of([run.startup_cpu_s for run in runs]),
+        real_time_factor=Range.of([run.result.real_time_factor for run in runs]),
+        ms=Range.of([sum(run.by_actor.values()) / robot_s * 1e3 for run in runs]),
+        startup_s=Range.of([run.result.startup_s for run in runs]),
+        startup_cpu_s=Range.of([run.startup_cpu_s for run in runs]),
         by_actor=by_actor,
         system={actor: share for actor, (share, _) in rates.items()},
         switches={actor: rate * by_actor[actor] / 10 for actor, (_, rate) in rates.items()},
         memory=memory,
-        others=Spread.of([run.others for run in runs]),
+        others=Range.of([run.others for run in runs]),
     )
 
 

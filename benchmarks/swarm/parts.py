@@ -10,10 +10,10 @@ from unittest.mock import patch
 
 from actors.radio.core import RadioCore
 from actors.radio.medium.medium import Medium
-from actors.robot.core import Parts, RobotCore
+from actors.robot.core import RobotCore, RobotParts
 from actors.runtime import shell as shells
 from actors.runtime.bus.memory_bus import MemoryBus
-from actors.runtime.message_counts import Tally
+from actors.runtime.message_counts import MessageCounts
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell
 from actors.world.body import Bodies
@@ -36,7 +36,7 @@ _CLASSES: Final[dict[type, str]] = {
     Medium: "medium",
     RobotCore: "core",
     Recorder: "recorder",
-    Tally: "sequence numbers",
+    MessageCounts: "sequence numbers",
     MemoryBus: "memory bus",
 }
 _HOMES: Final = ("actors.robot.", "deeco.", "cleaning.")
@@ -61,7 +61,7 @@ def pumps_clocked(clock: PartClock) -> AbstractContextManager[object]:
 
 def _robot_targets(core: RobotCore) -> Iterator[Target]:
     """The robot's parts by the names that they have in Parts; what is in them, by its class too."""
-    parts = next(value for value in vars(core).values() if isinstance(value, Parts))
+    parts = next(value for value in vars(core).values() if isinstance(value, RobotParts))
     level = [(field.name, field.name, getattr(parts, field.name)) for field in fields(parts)]
     seen: set[type] = set()
     for _ in range(_DEPTH):

@@ -21,7 +21,7 @@ STRATEGIES: Final = ("none",)
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SeedOutcome:
     """One run; the fields from `places_done` to `contacts` are those of its RunResult."""
 
     strategy: str
@@ -49,7 +49,7 @@ def run(
     duration: float | None = None,
     strategies: Sequence[str] = STRATEGIES,
     scenario: Path | None = None,
-) -> list[Outcome]:
+) -> list[SeedOutcome]:
     """Run a scenario in memory from each of the seeds 1 to `seeds`; print and give what came of it.
 
     `robots`: numbers of robots; none: as many as the scenario has, or ROBOTS of the shipped one. `duration`:
@@ -69,13 +69,15 @@ def run(
     return outcomes
 
 
-def _outcome(scenario: Path | None, strategy: str, robots: int, seed: int, duration: float | None) -> Outcome:
+def _outcome(
+    scenario: Path | None, strategy: str, robots: int, seed: int, duration: float | None
+) -> SeedOutcome:
     overrides = Overrides(robots=robots, seed=seed, duration=duration, strategy=strategy)
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         options = RunOptions(Path(folder) / "out", bus="memory", json=True)
         plan = swarm.plan(load_scenario(scenario, overrides), options)
         result = swarm.run_in_memory(plan, lambda progress: None)
-    return Outcome(
+    return SeedOutcome(
         strategy,
         robots,
         seed,
@@ -90,7 +92,7 @@ def _outcome(scenario: Path | None, strategy: str, robots: int, seed: int, durat
     )
 
 
-def _print(outcomes: Sequence[Outcome]) -> None:
+def _print(outcomes: Sequence[SeedOutcome]) -> None:
     console = Console()
     for runs in _by_setting(outcomes):
         console.print(_table(runs))
@@ -98,7 +100,7 @@ def _print(outcomes: Sequence[Outcome]) -> None:
         console.print(_summary(runs), highlight=False, soft_wrap=True)
 
 
-def _table(runs: Sequence[Outcome]) -> Table:
+def _table(runs: Sequence[SeedOutcome]) -> Table:
     """One strategy with one number of robots, a row per seed."""
     title = f"strategy {runs[0].strategy}, robots {runs[0].robots}"
     table = Table(
@@ -112,9 +114,9 @@ def _table(runs: Sequence[Outcome]) -> Table:
     return table
 
 
-def _by_setting(outcomes: Iterable[Outcome]) -> Iterable[Sequence[Outcome]]:
+def _by_setting(outcomes: Iterable[SeedOutcome]) -> Iterable[Sequence[SeedOutcome]]:
     """The runs of each strategy with each number of robots."""
-    groups: dict[tuple[str, int], list[Outcome]] = {}
+    groups: dict[tuple[str, int], list[SeedOutcome]] = {}
     for outcome in outcomes:
         groups.setdefault((outcome.strategy, outcome.robots), []).append(outcome)
     return groups.values()
@@ -124,14 +126,14 @@ def _instant(instant_s: float | None) -> str:
     return "not all" if instant_s is None else f"{instant_s:.1f} s"
 
 
-def _median(runs: Sequence[Outcome]) -> str:
+def _median(runs: Sequence[SeedOutcome]) -> str:
     """When half of the runs were settled; nothing where fewer ever were, which no median can tell."""
     settled = sorted(one.settled_s for one in runs if one.settled_s is not None)
     half = (len(runs) + 1) // 2
     return f", half of the seeds settled by {settled[half - 1]:.1f} s" if len(settled) >= half else ""
 
 
-def _summary(runs: Sequence[Outcome]) -> str:
+def _summary(runs: Sequence[SeedOutcome]) -> str:
     """What all runs of one strategy with so many robots come to; for one robot, beside the goal."""
     complete = sum(one.complete for one in runs)
     sentence = (

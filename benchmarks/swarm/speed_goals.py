@@ -15,7 +15,7 @@ GROWTH: Final = 1.6
 
 
 @dataclass(frozen=True)
-class Goal:
+class SpeedGoal:
     """One goal, beside what was measured."""
 
     words: str
@@ -42,7 +42,7 @@ class Measured(Protocol):
         """CPU per robot and simulated second over Zenoh, ms."""
 
 
-def judged(swarms: Sequence[Measured]) -> list[Goal]:
+def judged(swarms: Sequence[Measured]) -> list[SpeedGoal]:
     """The goals for the swarms that were measured."""
     by_robots = {swarm.robots: swarm for swarm in swarms}
     goals = []
@@ -50,14 +50,14 @@ def judged(swarms: Sequence[Measured]) -> list[Goal]:
         if robots in by_robots:
             speed = by_robots[robots].speed
             words = f"{robots} robots: simulated seconds per second, at least {goal:g}"
-            goals.append(Goal(words, (robots,), speed, goal, speed >= goal))
+            goals.append(SpeedGoal(words, (robots,), speed, goal, speed >= goal))
     for robots, goal in COST_MS.items():
         if robots in by_robots:
             cost = by_robots[robots].cost_ms
             words = f"{robots} robots: CPU ms per robot and second, at most {goal:g}"
-            goals.append(Goal(words, (robots,), cost, goal, cost <= goal))
+            goals.append(SpeedGoal(words, (robots,), cost, goal, cost <= goal))
     if FEW in by_robots and MANY in by_robots:
         factor = by_robots[MANY].cost_ms / by_robots[FEW].cost_ms
         words = f"{MANY} robots: CPU per robot and second as with {FEW}, times at most {GROWTH:g}"
-        goals.append(Goal(words, (MANY,), factor, GROWTH, factor <= GROWTH))
+        goals.append(SpeedGoal(words, (MANY,), factor, GROWTH, factor <= GROWTH))
     return goals

@@ -29,7 +29,7 @@ IDLE_SCENARIO: Final = Path(__file__).with_name("idle.toml")
 
 
 @dataclass(frozen=True)
-class Figures:
+class StepFigures:
     """One swarm, measured."""
 
     real_time_factor: float
@@ -48,12 +48,12 @@ class Row:
     """CPU time of the bare ping-pong per robot and step, µs."""
     ping_pong_wall_us: float
     """Wall clock of one of its steps, µs."""
-    idle: Figures
+    idle: StepFigures
     """Robots that do nothing, over Zenoh: the step protocol, recording and isolation."""
-    idle_memory: Figures
-    full: Figures
+    idle_memory: StepFigures
+    full: StepFigures
     """The shipped scenario over Zenoh."""
-    memory: Figures
+    memory: StepFigures
     pss_mb: float
     """Mean proportional set size of the robots' processes, isolated, after 60 simulated seconds, MB."""
 
@@ -111,7 +111,7 @@ def ping_pong(robots: int, steps: int) -> tuple[float, float]:
     return wall / steps * 1e6, sum(result["cpu_s"] for result in results) / robots / steps * 1e6
 
 
-def _measure(scenario: Path | None, count: int, seconds: float, bus: str) -> Figures:
+def _measure(scenario: Path | None, count: int, seconds: float, bus: str) -> StepFigures:
     overrides = Overrides(robots=count, duration=seconds, step=100)
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         out = Path(folder) / "out"
@@ -126,7 +126,7 @@ def _measure(scenario: Path | None, count: int, seconds: float, bus: str) -> Fig
             result = swarm.run_processes(plan, "forkserver", lambda progress: None)
             used = sum(_stepping_cpu(path) for path in out.glob("*/*.mcap"))
     steps = result.simulated_s * 10
-    return Figures(result.real_time_factor, used / steps / count * 1e6, result.startup_s)
+    return StepFigures(result.real_time_factor, used / steps / count * 1e6, result.startup_s)
 
 
 class _Weighed(Exception):  # noqa: N818  # ends a run that has served its purpose

@@ -1,23 +1,18 @@
 """The figures of full swarms as a person reads them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
 
 from benchmarks.swarm.budget import growth, whole
-from benchmarks.swarm.speed_goals import Goal
-from benchmarks.swarm.task import Spread, SwarmTask
-
-if TYPE_CHECKING:
-    from benchmarks.swarm.full_swarm import SwarmFigures
+from benchmarks.swarm.figures import SwarmFigures
+from benchmarks.swarm.speed_goals import SpeedGoal
+from benchmarks.swarm.task import Range, SwarmTask
 
 
 def show(
-    task: SwarmTask, figures: Sequence[SwarmFigures], goals: Sequence[Goal], profiles: Mapping[int, str]
+    task: SwarmTask, figures: Sequence[SwarmFigures], goals: Sequence[SpeedGoal], profiles: Mapping[int, str]
 ) -> None:
     """Print everything."""
     console = Console(width=120)
@@ -74,7 +69,7 @@ def _title(task: SwarmTask) -> str:
     )
 
 
-def _spread(spread: Spread, digits: int) -> str:
+def _spread(spread: Range, digits: int) -> str:
     return f"{spread.median:.{digits}f} ({spread.least:.{digits}f}-{spread.greatest:.{digits}f})"
 
 

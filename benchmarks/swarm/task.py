@@ -27,7 +27,7 @@ class SwarmTask:
 
 
 @dataclass(frozen=True)
-class Spread:
+class Range:
     """The median of some runs, the least and the greatest."""
 
     median: float
@@ -35,9 +35,9 @@ class Spread:
     greatest: float
 
     @staticmethod
-    def of(values: Sequence[float]) -> "Spread":
+    def of(values: Sequence[float]) -> "Range":
         """Of at least one value."""
-        return Spread(median(values), min(values), max(values))
+        return Range(median(values), min(values), max(values))
 
 
 @contextmanager

@@ -16,7 +16,7 @@ _BOUNDARY: Final = "boundary"
 
 
 @dataclass(frozen=True)
-class Part:
+class ComponentPart:
     """A process of a component, or an ensemble as a component meets it on its own node."""
 
     name: str
@@ -53,19 +53,19 @@ def ensemble_type(cls: type) -> EnsembleType | None:
     return next((value for value in found if isinstance(value, EnsembleType)), None)
 
 
-def processes(cls: type[Knowledge]) -> tuple[Part, ...]:
+def processes(cls: type[Knowledge]) -> tuple[ComponentPart, ...]:
     """The processes of a component class."""
     return tuple(_process(cls, process) for process in processes_of(cls))
 
 
-def _process(cls: type[Knowledge], process: Process) -> Part:
+def _process(cls: type[Knowledge], process: Process) -> ComponentPart:
     function = getattr(cls, process.name)
     own = next(iter(inspect.signature(function).parameters))
     found = flow(function, {own: cls}, gives=True)
     schedule = process.schedule
     facts = schedule.facts if isinstance(schedule, OnChange) else ()
     watched = [_fact_flow(fact, cls) for fact in facts]
-    return Part(
+    return ComponentPart(
         name=process.name,
         when=_rhythm(schedule) if isinstance(schedule, Periodic) else _change(facts),
         is_ensemble=False,
@@ -101,7 +101,7 @@ def method_flow(ensemble: type, method: Method, local: str = "", cls: type[Knowl
     return flow(function, subjects, gives=method.name in {f"at_{COORDINATOR}", f"at_{MEMBER}"})
 
 
-def meeting(ensemble: type, cls: type[Knowledge]) -> Part | None:
+def meeting(ensemble: type, cls: type[Knowledge]) -> ComponentPart | None:
     """An ensemble as components of a class meet it; None if they never can be on either side."""
     kind = ensemble_type(ensemble)
     assert kind is not None
@@ -118,7 +118,7 @@ def meeting(ensemble: type, cls: type[Knowledge]) -> Part | None:
     watched = [_fact_flow(fact, cls) for fact in kind.on_change if own and has_fact(cls, fact)]
     if not own and not tells:
         return None
-    return Part(
+    return ComponentPart(
         name=kind.name,
         when=rhythm_of(kind),
         is_ensemble=True,

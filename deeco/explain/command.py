@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import Final
 
 from deeco.errors import DeecoError
-from deeco.explain.anatomy import Part, ensemble_type, meeting, processes
+from deeco.explain.anatomy import ComponentPart, ensemble_type, meeting, processes
 from deeco.explain.description import component_text, ensemble_text, names, table
 from deeco.explain.drawing import mermaid_drawing, text_drawing
 from deeco.knowledge import Knowledge, is_component, is_role
@@ -87,7 +87,7 @@ def mermaid(subjects: Subjects) -> list[str]:
     return mermaid_drawing([(cls.__name__, parts_of(cls, subjects)) for cls in subjects.components])
 
 
-def parts_of(cls: type[Knowledge], subjects: Subjects) -> tuple[Part, ...]:
+def parts_of(cls: type[Knowledge], subjects: Subjects) -> tuple[ComponentPart, ...]:
     """The processes of a component, and the ensembles that it meets."""
     met = (meeting(ensemble, cls) for ensemble, _ in subjects.ensembles)
     return processes(cls) + tuple(part for part in met if part)

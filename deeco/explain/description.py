@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
-from deeco.explain.anatomy import Method, Part, ensemble_type, method_flow, methods, rhythm_of
+from deeco.explain.anatomy import ComponentPart, Method, ensemble_type, method_flow, methods, rhythm_of
 from deeco.immutability import describe
 from deeco.instant import Duration, in_seconds
 from deeco.knowledge import Knowledge, local_fields, published, roles_of, type_of
@@ -17,7 +17,7 @@ _NO_BREAK: Final = "\u00a0"
 """Keeps a field and its type on one line."""
 
 
-def component_text(cls: type[Knowledge], processes: Sequence[Part]) -> list[str]:
+def component_text(cls: type[Knowledge], processes: Sequence[ComponentPart]) -> list[str]:
     """A component: its roles, its own fields, its processes."""
     lines = [f"{cls.__name__}, a component"]
     for role in roles_of(cls):
@@ -69,7 +69,7 @@ def _parameters(cls: type, instance: object | None) -> list[str]:
     return texts
 
 
-def table(cls: type[Knowledge], parts: Sequence[Part]) -> list[str]:
+def table(cls: type[Knowledge], parts: Sequence[ComponentPart]) -> list[str]:
     """Every field of a component with those who write and read it; and what that leaves open."""
     shared = tuple(dict.fromkeys(name for role in roles_of(cls) for name in published(role)))
     rows = [(f"{cls.__name__}'s field", "written by", "read by", "read on peers' nodes by")]
@@ -87,7 +87,7 @@ def table(cls: type[Knowledge], parts: Sequence[Part]) -> list[str]:
     return lines
 
 
-def _users(field: str, parts: Sequence[Part]) -> tuple[str, str, str]:
+def _users(field: str, parts: Sequence[ComponentPart]) -> tuple[str, str, str]:
     return (
         names(part.name for part in parts if field in part.writes),
         names(part.name for part in parts if field in part.reads),

@@ -13,7 +13,7 @@ from itertools import product
 from typing import Final, NamedTuple
 
 from deeco.ensemble import Contact
-from deeco.explain.anatomy import Part
+from deeco.explain.anatomy import ComponentPart
 from deeco.explain.description import WIDTH, type_text
 from deeco.instant import Instant
 
@@ -40,12 +40,12 @@ class _Column(NamedTuple):
         return max(*(len(line) + 4 for line in self.head), len(self.head[0]) + 6, 5 + self.left + right)
 
 
-def shared(giver: Part, taker: Part) -> tuple[str, ...]:
+def shared(giver: ComponentPart, taker: ComponentPart) -> tuple[str, ...]:
     """Fields that one writes and the other reads."""
     return tuple(name for name in giver.writes if name in taker.reads)
 
 
-def text_drawing(parts: Sequence[Part]) -> list[str]:
+def text_drawing(parts: Sequence[ComponentPart]) -> list[str]:
     """Both layers, at most 110 columns wide."""
     adapted, adaptation = _layers(parts)
     lines = [_ruler("adaptation layer")]
@@ -54,7 +54,7 @@ def text_drawing(parts: Sequence[Part]) -> list[str]:
     return lines + _rows([_lower(part, adaptation) for part in adapted], tails=("", ""))
 
 
-def _layers(parts: Sequence[Part]) -> tuple[list[Part], list[Part]]:
+def _layers(parts: Sequence[ComponentPart]) -> tuple[list[ComponentPart], list[ComponentPart]]:
     return [one for one in parts if not one.adaptation], [one for one in parts if one.adaptation]
 
 
@@ -62,7 +62,7 @@ def _ruler(title: str) -> str:
     return f"── {title} ".ljust(WIDTH, "─")
 
 
-def _upper(part: Part, adapted: Sequence[Part]) -> _Column:
+def _upper(part: ComponentPart, adapted: Sequence[ComponentPart]) -> _Column:
     head = [part.name, *_wrapped(("ensemble, " if part.is_ensemble else "process, ") + part.when)]
     head += _wrapped("hears of peers: " + ", ".join(part.hears)) if part.hears else []
     head += _wrapped("ports: " + ", ".join(devices(part))) if devices(part) else []
@@ -71,7 +71,7 @@ def _upper(part: Part, adapted: Sequence[Part]) -> _Column:
     return _Column(head, ("▲", "┬"), (tuple(up), tuple(down)))
 
 
-def _lower(part: Part, adaptation: Sequence[Part]) -> _Column:
+def _lower(part: ComponentPart, adaptation: Sequence[ComponentPart]) -> _Column:
     head = [part.name, *_wrapped(part.when)]
     up = dict.fromkeys(name for one in adaptation for name in shared(part, one))
     down = dict.fromkeys(name for one in adaptation for name in shared(one, part))
@@ -84,7 +84,7 @@ def _wrapped(text: str) -> list[str]:
     return textwrap.wrap(text, _WRAP, subsequent_indent="  ", break_on_hyphens=False)
 
 
-def devices(part: Part) -> tuple[str, ...]:
+def devices(part: ComponentPart) -> tuple[str, ...]:
     """Types of its ports, without what every node has."""
     kinds = dict.fromkeys(kind for _, kind in part.ports if kind not in {Instant, Contact})
     return tuple(type_text(kind) for kind in kinds)
@@ -137,7 +137,7 @@ def _at(column: _Column, left: str, right: str, fill: str = " ") -> str:
     return (fill * 3 + left).ljust(3 + column.left, fill) + right
 
 
-def mermaid_drawing(components: Sequence[tuple[str, Sequence[Part]]]) -> list[str]:
+def mermaid_drawing(components: Sequence[tuple[str, Sequence[ComponentPart]]]) -> list[str]:
     """Both layers of components, given by their names, as a flowchart for Mermaid."""
     lines = ["flowchart TB"]
     for name, parts in components:
@@ -147,7 +147,7 @@ def mermaid_drawing(components: Sequence[tuple[str, Sequence[Part]]]) -> list[st
     return lines
 
 
-def _chart(owner: str, parts: Sequence[Part]) -> Iterator[str]:
+def _chart(owner: str, parts: Sequence[ComponentPart]) -> Iterator[str]:
     adapted, adaptation = _layers(parts)
     yield f'subgraph {owner}_adaptation["adaptation layer"]'
     yield from (f"    {_node(owner, part)}" for part in adaptation)
@@ -162,7 +162,7 @@ def _chart(owner: str, parts: Sequence[Part]) -> Iterator[str]:
     yield from _arrows(owner, parts)
 
 
-def _arrows(owner: str, parts: Sequence[Part]) -> Iterator[str]:
+def _arrows(owner: str, parts: Sequence[ComponentPart]) -> Iterator[str]:
     for giver, taker in product(parts, parts):
         names = shared(giver, taker)
         if names and giver is not taker and (giver.adaptation or taker.adaptation):
@@ -174,12 +174,12 @@ def _arrows(owner: str, parts: Sequence[Part]) -> Iterator[str]:
             yield f"{_id(owner, 'port', name)} --- {_part_id(owner, part)}"
 
 
-def _node(owner: str, part: Part) -> str:
+def _node(owner: str, part: ComponentPart) -> str:
     text = f'"{part.name}<br/>{_escaped(part.when)}"'
     return _part_id(owner, part) + (f"{{{{{text}}}}}" if part.is_ensemble else f"[{text}]")
 
 
-def _part_id(owner: str, part: Part) -> str:
+def _part_id(owner: str, part: ComponentPart) -> str:
     return _id(owner, "ensemble" if part.is_ensemble else "process", part.name)
 
 

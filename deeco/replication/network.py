@@ -43,7 +43,7 @@ class NetworkParameters:
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class NodeSurroundings:
     """What the network needs to know of its node."""
 
     own: frozenset[str]
@@ -69,7 +69,7 @@ class Network:
         self,
         parameters: NetworkParameters,
         book: RoleBook,
-        node: Surroundings,
+        node: NodeSurroundings,
         *,
         address: int,
         epoch: int,

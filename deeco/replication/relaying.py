@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from deeco.instant import Duration, Instant, milliseconds, seconds
 from deeco.replication.packet import KnowledgePacket, Version, relayed
-from deeco.statistics import Counters
+from deeco.statistics import NodeCounters
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Relay:
         address: int,
         plan: Callable[[Callable[[Instant], None], Instant], None],
         send: Callable[[Instant, bytes], None],
-        counters: Counters,
+        counters: NodeCounters,
     ) -> None:
         """`plan` has a task done at an instant; `send` hands a packet to the link."""
         self._p = parameters

@@ -7,7 +7,7 @@ from deeco.ensemble import Contact
 from deeco.instant import START, Duration, Instant
 from deeco.knowledge import Knowledge
 from deeco.replication.packet import Version
-from deeco.statistics import Counters
+from deeco.statistics import NodeCounters
 
 
 class Replica:
@@ -39,7 +39,7 @@ class Replica:
 class Replicas:
     """At most so many replicas, in the order of their ids; what grows old is dropped."""
 
-    def __init__(self, most: int, forget_after: Duration, counters: Counters) -> None:
+    def __init__(self, most: int, forget_after: Duration, counters: NodeCounters) -> None:
         self._most = most
         self._forget_after = forget_after
         self._counters = counters

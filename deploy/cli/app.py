@@ -165,7 +165,7 @@ def run(
                 from deploy.field_trial import trial_summary
                 from deploy.laboratory import hardware_in_the_loop
 
-                trial_summary.print_outing(hardware_in_the_loop.run(chosen, options), json=json)
+                trial_summary.print_field_trial(hardware_in_the_loop.run(chosen, options), json=json)
                 return
             result = swarm.run(chosen, options)
     except Interrupted as interrupt:

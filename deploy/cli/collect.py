@@ -23,8 +23,8 @@ def collect(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")] = False,
 ) -> None:
-    """Gather what robots have recorded on an outing: align their clocks, and say what came of it."""
+    """Gather what robots have recorded on a field trial: align their clocks, and say what came of it."""
     from deploy.field_trial import collect as recordings
-    from deploy.field_trial.trial_summary import print_outing
+    from deploy.field_trial.trial_summary import print_field_trial
 
-    print_outing(recordings.collect(folders, out, truth), json=json)
+    print_field_trial(recordings.collect(folders, out, truth), json=json)

@@ -51,7 +51,7 @@ _DRAW: Final = "use actors.portable.draws"
 _POWER: Final = "write the products out, or use exp10, or exp and log, of actors.portable"
 
 
-class Finding(NamedTuple):
+class PortabilityFinding(NamedTuple):
     """A place where a core may compute otherwise on another processor."""
 
     path: str
@@ -63,7 +63,7 @@ class Finding(NamedTuple):
         return f"{self.path}:{self.line}: {self.what}; {self.instead}"
 
 
-def findings(root: Path = REPOSITORY) -> list[Finding]:
+def findings(root: Path = REPOSITORY) -> list[PortabilityFinding]:
     """All of them in the cores of a clone, file by file."""
     found = []
     for room in ROOMS:
@@ -74,11 +74,11 @@ def findings(root: Path = REPOSITORY) -> list[Finding]:
     return found
 
 
-def in_source(source: str, path: str) -> list[Finding]:
+def in_source(source: str, path: str) -> list[PortabilityFinding]:
     """Those in one file, by line."""
     visitor = _Visitor()
     visitor.visit(ast.parse(source, path))
-    return sorted({Finding(path, line, what, instead) for line, what, instead in visitor.found})
+    return sorted({PortabilityFinding(path, line, what, instead) for line, what, instead in visitor.found})
 
 
 def main() -> int:

@@ -1,4 +1,4 @@
-"""The clocks of the robots of an outing turned into one time, with what is known of the error."""
+"""The clocks of the robots of a field trial turned into one time, with what is known of the error."""
 
 import math
 from typing import Final, NamedTuple
@@ -7,9 +7,9 @@ import msgspec
 
 from deploy.field_trial.clocks.alignment import Fit, align
 from deploy.field_trial.clocks.equations import AlignmentParameters
-from deploy.field_trial.clocks.segments import Stretches
+from deploy.field_trial.clocks.segments import ClockSegments
 from deploy.field_trial.clocks.shared_frames import shared_frames
-from deploy.field_trial.recordings import Outing, OutingError
+from deploy.field_trial.recordings import FieldTrial, FieldTrialError
 from deploy.field_trial.robot_log import Moment, RobotLog
 
 _MOST_NOISE_US: Final = 1_000_000
@@ -17,10 +17,10 @@ _MOST_NOISE_US: Final = 1_000_000
 
 
 class ClockReport(msgspec.Struct, frozen=True):
-    """One stretch of one robot's clock, in which it was not set."""
+    """One segment of one robot's clock, in which it was not set."""
 
     from_s: float
-    """Its first step, s of the outing."""
+    """Its first step, s of the field trial."""
     to_s: float
     """Its last one."""
     offset_s: float
@@ -46,23 +46,23 @@ class _Chosen(NamedTuple):
     known: bool
 
 
-class OutingClocks:
+class AlignedClocks:
     """Turns the instants of all robots into the time of one of them, the reference."""
 
-    def __init__(self, outing: Outing, parameters: AlignmentParameters | None = None) -> None:
-        """Raises OutingError if the recordings contradict one another."""
-        self._stretches = Stretches(outing)
-        self._clocks = self._stretches.clocks
+    def __init__(self, trial: FieldTrial, parameters: AlignmentParameters | None = None) -> None:
+        """Raises FieldTrialError if the recordings contradict one another."""
+        self._segments = ClockSegments(trial)
+        self._clocks = self._segments.clocks
         if not self._clocks:
-            raise OutingError(
-                f"{', '.join(str(log.path) for log in outing.all_logs())}: no robot has taken a step in there"
+            raise FieldTrialError(
+                f"{', '.join(str(log.path) for log in trial.all_logs())}: no robot has taken a step in there"
             )
-        frames = shared_frames(outing, self._stretches.stamp)
+        frames = shared_frames(trial, self._segments.stamp)
         alignment = align(frames, len(self._clocks), parameters or AlignmentParameters())
         if alignment.noise_us > _MOST_NOISE_US:
-            raise OutingError(
-                f"{', '.join(outing.logs)}: their clocks disagree by {alignment.noise_us / 1e6:.0f} s from "
-                "one common frame to the next; the recordings should be of one outing"
+            raise FieldTrialError(
+                f"{', '.join(trial.logs)}: their clocks disagree by {alignment.noise_us / 1e6:.0f} s from "
+                "one common frame to the next; the recordings should be of one field trial"
             )
         self.noise_s = alignment.noise_us / 1e6
         self._fits = alignment.fits
@@ -72,7 +72,7 @@ class OutingClocks:
         for robot in self._robots:
             self._check_overlap(robot)
         unaligned = [sentence for robot in self._robots if (sentence := self._doubt(robot))]
-        self.notes = [*self._stretches.notes, *unaligned]
+        self.notes = [*self._segments.notes, *unaligned]
         """What was put right and what could not be, a sentence each."""
 
     @property
@@ -94,12 +94,12 @@ class OutingClocks:
 
     def instant(self, log: RobotLog, moment: Moment) -> int:
         """What the reference showed when the base's clock showed `moment`, µs."""
-        return self._chosen[self._stretches.clock(log, moment)].fit.reference(moment.instant)
+        return self._chosen[self._segments.clock(log, moment)].fit.reference(moment.instant)
 
     def reports(self, robot: str) -> tuple[ClockReport, ...]:
-        """Every stretch of the robot's clock."""
+        """Every segment of the robot's clock."""
         begin = self.begin
-        return tuple(self._report(number, begin) for number in self._stretches.of(robot))
+        return tuple(self._report(number, begin) for number in self._segments.of(robot))
 
     def _largest_group(self) -> int:
         """The reference of the group with most robots, the first one of these."""
@@ -113,14 +113,14 @@ class OutingClocks:
         fit, clock = self._fits[number], self._clocks[number]
         if fit.group == self._main:
             return _Chosen(fit, known=True)
-        kin = [one for one in self._stretches.of(clock.robot) if self._fits[one].group == self._main]
+        kin = [one for one in self._segments.of(clock.robot) if self._fits[one].group == self._main]
         if not kin:
             return _Chosen(fit._replace(origin=clock.first, ahead=0, offset=0.0, drift_ppm=0.0), known=False)
         nearest = min(kin, key=lambda one: abs(one - number))
         return _Chosen(self._fits[nearest], known=False)
 
     def _known(self, robot: str) -> list[bool]:
-        return [self._chosen[number].known for number in self._stretches.of(robot)]
+        return [self._chosen[number].known for number in self._segments.of(robot)]
 
     def _doubt(self, robot: str) -> str | None:
         """What cannot be said of the robot's time."""
@@ -144,14 +144,14 @@ class OutingClocks:
         (first, last), (begin, end) = self._span(robot), self._span(self.reference)
         apart = max(first - end, begin - last) / 1e6
         if apart > 0:
-            raise OutingError(
+            raise FieldTrialError(
                 f"{self.reference} and {robot}: no frame connects their recordings, and {apart:.0f} s lie "
-                "between them by their own clocks; the recordings should be of one outing"
+                "between them by their own clocks; the recordings should be of one field trial"
             )
 
     def _span(self, robot: str) -> tuple[int, int]:
         """By the robot's own clock."""
-        clocks = [self._clocks[number] for number in self._stretches.of(robot)]
+        clocks = [self._clocks[number] for number in self._segments.of(robot)]
         return min(clock.first for clock in clocks), max(clock.last for clock in clocks)
 
     def _report(self, number: int, begin: int) -> ClockReport:

@@ -1,32 +1,32 @@
-"""The recordings of several robots of one outing, gathered into one result in one time."""
+"""The recordings of several robots of one field trial, gathered into one result in one time."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
-from deploy.field_trial.aligned_clocks import OutingClocks
+from deploy.field_trial.aligned_clocks import AlignedClocks
 from deploy.field_trial.laboratory_truth import read_truth, with_truth
-from deploy.field_trial.recordings import read_outing
-from deploy.field_trial.reported_places import outing_places
-from deploy.field_trial.trial_result import OutingResult, outing_result
+from deploy.field_trial.recordings import read_field_trial
+from deploy.field_trial.reported_places import reported_places
+from deploy.field_trial.trial_result import TrialResult, trial_result
 from deploy.results.place_table import write_table
 from deploy.run.out_folder import make_folder
 
 
-def collect(folders: Sequence[Path], out: Path | None = None, truth: Path | None = None) -> OutingResult:
-    """The result of an outing from its robots' folders; AcrcError if they do not make up one outing.
+def collect(folders: Sequence[Path], out: Path | None = None, truth: Path | None = None) -> TrialResult:
+    """The result of a field trial from its robots' folders; AcrcError if they do not make up one field trial.
 
     With `out`, a new or empty folder, it also stands there in run.json, and what became of every place in
     places.csv. `truth`: the result of the laboratory that the robots were in.
     """
     true = None if truth is None else read_truth(truth)
-    outing = read_outing(folders)
-    clocks = OutingClocks(outing)
-    told = outing_places(outing, clocks)
+    trial = read_field_trial(folders)
+    clocks = AlignedClocks(trial)
+    told = reported_places(trial, clocks)
     if true is not None:
         told = with_truth(told, true, clocks)
-    result = outing_result(outing, clocks, told, out)
+    result = trial_result(trial, clocks, told, out)
     if out is not None:
         make_folder(out)
         write_table(told.places, out / "places.csv")

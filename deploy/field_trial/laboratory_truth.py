@@ -1,35 +1,35 @@
-"""What truly happened on an outing in the laboratory, beside what the robots say."""
+"""What truly happened on a field trial in the laboratory, beside what the robots say."""
 
 from pathlib import Path
 
 import msgspec
 
 from actors.world.referee import PlaceOutcome
-from deploy.field_trial.aligned_clocks import OutingClocks
-from deploy.field_trial.recordings import OutingError
-from deploy.field_trial.reported_places import OutingPlaces
+from deploy.field_trial.aligned_clocks import AlignedClocks
+from deploy.field_trial.recordings import FieldTrialError
+from deploy.field_trial.reported_places import ReportedPlaces
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
 
 
 def read_truth(path: Path) -> LaboratoryResult:
-    """A laboratory's result. Raises OutingError."""
+    """A laboratory's result. Raises FieldTrialError."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=LaboratoryResult)
     except (OSError, ValueError, RecursionError) as error:
-        raise OutingError(f"--truth {path}: no result of a laboratory: {error}") from None
+        raise FieldTrialError(f"--truth {path}: no result of a laboratory: {error}") from None
 
 
-def with_truth(told: OutingPlaces, truth: LaboratoryResult, clocks: OutingClocks) -> OutingPlaces:
-    """The places with when they were truly reached, s of the outing, and by whom.
+def with_truth(told: ReportedPlaces, truth: LaboratoryResult, clocks: AlignedClocks) -> ReportedPlaces:
+    """The places with when they were truly reached, s of the field trial, and by whom.
 
     The laboratory plays the devices of robots on its own machine, so that the clock of the reference robot is
-    its own, too. Raises OutingError if the outing lies outside of the laboratory's time.
+    its own, too. Raises FieldTrialError if the field trial lies outside of the laboratory's time.
     """
     ahead = truth.began_us - clocks.begin
     if not -(truth.simulated_s * 1e6 + truth.lost_ms * 1e3) <= ahead <= clocks.span:
-        raise OutingError(
-            f"--truth: the laboratory began {ahead / 1e6:.0f} s after the outing and went on for "
-            f"{truth.simulated_s:.0f} s; it should be that of this outing"
+        raise FieldTrialError(
+            f"--truth: the laboratory began {ahead / 1e6:.0f} s after the field trial and went on for "
+            f"{truth.simulated_s:.0f} s; it should be that of this field trial"
         )
     known = {(place.owner, place.place): place for place in truth.places}
     places = tuple(_judged(place, known.get((place.owner, place.place)), ahead) for place in told.places)
@@ -38,7 +38,7 @@ def with_truth(told: OutingPlaces, truth: LaboratoryResult, clocks: OutingClocks
         notes.append(
             f"the laboratory fell behind, so the true instants are early by up to {truth.lost_ms} ms"
         )
-    return OutingPlaces(places, tuple(notes), contacts=truth.contacts)
+    return ReportedPlaces(places, tuple(notes), contacts=truth.contacts)
 
 
 def _judged(told: PlaceOutcome, true: PlaceOutcome | None, ahead: int) -> PlaceOutcome:

@@ -1,4 +1,4 @@
-"""The recordings of an outing: which files there are, whose they are, and what they tell."""
+"""The recordings of a field trial: which files there are, whose they are, and what they tell."""
 
 import os
 import re
@@ -13,11 +13,11 @@ from actors.robot.behaviour.places import load_places
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote
 from actors.runtime.recording import LARGE, Note, RecordingError, decoded, read_notes, read_recording
-from deploy.field_trial.robot_log import Identity, RobotLog, large_messages, read_log
+from deploy.field_trial.robot_log import RobotIdentity, RobotLog, large_messages, read_log
 
 
-class OutingError(AcrcError):
-    """Folders whose recordings do not make up one outing."""
+class FieldTrialError(AcrcError):
+    """Folders whose recordings do not make up one field trial."""
 
 
 class _Base(msgspec.Struct, frozen=True):
@@ -36,7 +36,7 @@ class Punctuality(msgspec.Struct, frozen=True):
 
 
 @dataclass
-class Outing:
+class FieldTrial:
     """Everything that was read."""
 
     logs: dict[str, list[RobotLog]]
@@ -54,17 +54,17 @@ class Outing:
             yield from logs
 
 
-def read_outing(folders: Sequence[Path]) -> Outing:
-    """Read every recording in the folders. Raises OutingError if no robot's is among them.
+def read_field_trial(folders: Sequence[Path]) -> FieldTrial:
+    """Read every recording in the folders. Raises FieldTrialError if no robot's is among them.
 
     A folder is a robot's own, or holds such; with `r2` those of its base and bridge are read, which lie
     beside it as `r2.base` and `r2.radio`.
     """
-    outing = Outing({}, {}, Counter())
-    own: list[tuple[Path, Identity]] = []
+    trial = FieldTrial({}, {}, Counter())
+    own: list[tuple[Path, RobotIdentity]] = []
     others: list[tuple[Path, RunNote]] = []
     for path in _recordings(folders):
-        run = _first_record(path, outing.notes)
+        run = _first_record(path, trial.notes)
         if run is None:
             continue
         identity = _identity(run)
@@ -73,21 +73,21 @@ def read_outing(folders: Sequence[Path]) -> Outing:
         else:
             own.append((path, identity))
     if not own:
-        damaged = f"; {outing.notes[0]}" if outing.notes else ""
-        raise OutingError(
+        damaged = f"; {trial.notes[0]}" if trial.notes else ""
+        raise FieldTrialError(
             f"{', '.join(map(str, folders))}: no robot's recording in there, such as r2.mcap{damaged}"
         )
     _check_twice(own)
     kept: dict[bytes, bytes] = {}
     for path, run in others:
         kept |= large_messages(path, LARGE)
-        _take_base(path, run, outing)
+        _take_base(path, run, trial)
     for path, identity in sorted(own, key=lambda one: (natural(one[1].id), one[1].epoch)):
-        log = read_log(path, _with_places(path, identity, outing.notes), kept)
-        outing.logs.setdefault(identity.id, []).append(log)
-        outing.notes += _said_of(log)
-    outing.notes += _strangers(outing)
-    return outing
+        log = read_log(path, _with_places(path, identity, trial.notes), kept)
+        trial.logs.setdefault(identity.id, []).append(log)
+        trial.notes += _said_of(log)
+    trial.notes += _strangers(trial)
+    return trial
 
 
 def natural(robot: str) -> tuple[tuple[int, int, str], ...]:
@@ -101,13 +101,15 @@ def _recordings(folders: Iterable[Path]) -> list[Path]:
     found: dict[Path, Path] = {}
     for folder in folders:
         if not folder.is_dir():
-            raise OutingError(f"{folder}: no such folder; it should be a robot's, or one that holds robots'")
+            raise FieldTrialError(
+                f"{folder}: no such folder; it should be a robot's, or one that holds robots'"
+            )
         own = sorted(folder.glob("*.mcap"))
         place = folder.absolute()
         beside = sorted(place.parent.glob(f"{_literal(place.name)}.*/*.mcap")) if own else []
         inside = sorted(folder.glob("*/*.mcap"))
         if not own and not inside:
-            raise OutingError(f"{folder}: no recording in it; there should be *.mcap or */*.mcap")
+            raise FieldTrialError(f"{folder}: no recording in it; there should be *.mcap or */*.mcap")
         for path in (*own, *inside, *beside):
             found.setdefault(Path(os.path.realpath(path)), path)
     return list(found.values())
@@ -134,26 +136,26 @@ def _first_record(path: Path, notes: list[str]) -> RunNote | None:
         return None
 
 
-def _identity(run: RunNote) -> Identity | None:
+def _identity(run: RunNote) -> RobotIdentity | None:
     """Whose recording it is; None if it is no robot's."""
     try:
-        return msgspec.json.decode(run.scenario, type=Identity)
+        return msgspec.json.decode(run.scenario, type=RobotIdentity)
     except (ValueError, RecursionError):
         return None
 
 
-def _check_twice(own: Sequence[tuple[Path, Identity]]) -> None:
+def _check_twice(own: Sequence[tuple[Path, RobotIdentity]]) -> None:
     seen: dict[tuple[str, int], Path] = {}
     for path, identity in own:
         known = seen.setdefault((identity.id, identity.epoch), path)
         if known != path:
-            raise OutingError(
+            raise FieldTrialError(
                 f"{known} and {path}: both are recordings of {identity.id} in epoch {identity.epoch}; "
-                "there should be one of each epoch, from one outing"
+                "there should be one of each epoch, from one field trial"
             )
 
 
-def _with_places(path: Path, identity: Identity, notes: list[str]) -> Identity:
+def _with_places(path: Path, identity: RobotIdentity, notes: list[str]) -> RobotIdentity:
     """With the places in the file beside the recording if its first record has none."""
     if identity.places is not None:
         return identity
@@ -165,7 +167,7 @@ def _with_places(path: Path, identity: Identity, notes: list[str]) -> Identity:
     return msgspec.structs.replace(identity, places=tuple((x, y) for x, y in places))
 
 
-def _take_base(path: Path, run: RunNote, outing: Outing) -> None:
+def _take_base(path: Path, run: RunNote, trial: FieldTrial) -> None:
     """Add what a robot's base has counted, if it is a base's recording with a last record."""
     if run.actor != "base":
         return
@@ -173,14 +175,14 @@ def _take_base(path: Path, run: RunNote, outing: Outing) -> None:
         robot = msgspec.json.decode(run.scenario, type=_Base).robot
         final = read_notes(path).get("final")
         if final is None:
-            outing.notes.append(f"{path}: has no last record, so the lateness that it counted is not known")
+            trial.notes.append(f"{path}: has no last record, so the lateness that it counted is not known")
             return
         outcome = msgspec.json.decode(final, type=_Outcome).outcome
     except (AcrcError, ValueError, RecursionError) as error:
-        outing.notes.append(f"{path}: its first or last record is not that of a base: {error}")
+        trial.notes.append(f"{path}: its first or last record is not that of a base: {error}")
         return
-    outing.lateness_ms.setdefault(robot, Counter()).update(outcome.lateness_ms)
-    outing.overruns[robot] += outcome.overruns
+    trial.lateness_ms.setdefault(robot, Counter()).update(outcome.lateness_ms)
+    trial.overruns[robot] += outcome.overruns
 
 
 class _Outcome(msgspec.Struct, frozen=True):
@@ -189,10 +191,10 @@ class _Outcome(msgspec.Struct, frozen=True):
     outcome: Punctuality
 
 
-def _strangers(outing: Outing) -> Iterator[str]:
+def _strangers(trial: FieldTrial) -> Iterator[str]:
     """Whose recordings are missing."""
-    known = {log.identity.address for log in outing.all_logs()}
-    heard = Counter(frame.sender for log in outing.all_logs() for frame in log.heard)
+    known = {log.identity.address for log in trial.all_logs()}
+    heard = Counter(frame.sender for log in trial.all_logs() for frame in log.heard)
     for sender in sorted(heard.keys() - known):
         yield (
             f"{heard[sender]} frames were heard of address {sender}, which is no robot's here: what it did "

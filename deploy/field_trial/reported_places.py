@@ -1,4 +1,4 @@
-"""What became of the places of an outing, from what its robots said."""
+"""What became of the places of a field trial, from what its robots said."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -10,8 +10,8 @@ import msgspec
 from actors.instant import Duration, seconds
 from actors.messages import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.world.referee import PlaceOutcome, Referee, Verdict
-from deploy.field_trial.aligned_clocks import OutingClocks
-from deploy.field_trial.recordings import Outing
+from deploy.field_trial.aligned_clocks import AlignedClocks
+from deploy.field_trial.recordings import FieldTrial
 from deploy.field_trial.robot_log import Moment, RobotLog
 
 _TOGETHER: Final[Duration] = seconds(30)
@@ -30,7 +30,7 @@ class ClaimedPlace(PlaceOutcome, frozen=True):
         return Verdict.CLAIMED if self.reported_at is not None else super().verdict
 
 
-class OutingPlaces(NamedTuple):
+class ReportedPlaces(NamedTuple):
     """All places, and what they are taken from."""
 
     places: tuple[PlaceOutcome, ...]
@@ -50,17 +50,17 @@ class _Owner:
 
 
 class _Word(NamedTuple):
-    """What one robot said of one place; `instant` is the outing's."""
+    """What one robot said of one place; `instant` is the field trial's."""
 
     instant: int
     robot: str
     said: PlaceReport | PlaceGivenUp
 
 
-def outing_places(outing: Outing, clocks: OutingClocks) -> OutingPlaces:
-    """What became of every place that a robot was given or spoke of; instants since the outing's begin."""
-    words = _words(outing, clocks)
-    lists = {robot: logs[0].identity.places for robot, logs in outing.logs.items()}
+def reported_places(trial: FieldTrial, clocks: AlignedClocks) -> ReportedPlaces:
+    """What became of every place that a robot was given or spoke of; instants since the trial's begin."""
+    words = _words(trial, clocks)
+    lists = {robot: logs[0].identity.places for robot, logs in trial.logs.items()}
     known = {robot: places for robot, places in lists.items() if places is not None}
     unknown = _unknown(words, known)
     owners = [_Owner(robot, places) for robot, places in (known | unknown).items()]
@@ -76,17 +76,17 @@ def outing_places(outing: Outing, clocks: OutingClocks) -> OutingPlaces:
     spoken = {(word.said.owner, word.said.place) for word in words}
     places = [
         ClaimedPlace(**msgspec.structs.asdict(place))
-        for place in referee.outcomes(_routes(outing, clocks))
+        for place in referee.outcomes(_routes(trial, clocks))
         if place.owner in known or (place.owner, place.place) in spoken
     ]
-    return OutingPlaces(tuple(places), tuple(_notes(unknown, outside)))
+    return ReportedPlaces(tuple(places), tuple(_notes(unknown, outside)))
 
 
-def _words(outing: Outing, clocks: OutingClocks) -> list[_Word]:
+def _words(trial: FieldTrial, clocks: AlignedClocks) -> list[_Word]:
     """Everything said of places, in the order of time."""
     begin = clocks.begin
     words = []
-    for robot, logs in outing.logs.items():
+    for robot, logs in trial.logs.items():
         for log in logs:
             for tick, drive in log.drives:
                 said: tuple[PlaceReport | PlaceGivenUp, ...] = (*drive.reports, *drive.given_up)
@@ -107,11 +107,11 @@ def _unknown(
     return {owner: ((math.nan, math.nan),) * number for owner, number in sorted(most.items())}
 
 
-def _routes(outing: Outing, clocks: OutingClocks) -> dict[str, tuple[PlaceKey, ...]]:
+def _routes(trial: FieldTrial, clocks: AlignedClocks) -> dict[str, tuple[PlaceKey, ...]]:
     """Where the robots that take part at the end still mean to go."""
     last = {
         robot: steps[-1]
-        for robot, logs in outing.logs.items()
+        for robot, logs in trial.logs.items()
         if (steps := [log for log in logs if log.ticks])
     }
     ends = {robot: _end(log, clocks) for robot, log in last.items()}
@@ -119,7 +119,7 @@ def _routes(outing: Outing, clocks: OutingClocks) -> dict[str, tuple[PlaceKey, .
     return {robot: _route(log) for robot, log in last.items() if latest - ends[robot] <= _TOGETHER}
 
 
-def _end(log: RobotLog, clocks: OutingClocks) -> int:
+def _end(log: RobotLog, clocks: AlignedClocks) -> int:
     return clocks.instant(log, Moment(len(log.ticks) - 1, log.ticks[-1].instant))
 
 

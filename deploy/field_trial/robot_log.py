@@ -50,7 +50,7 @@ _LATEST_US: Final = 1 << 60
 """36 000 years: beyond what any clock shows, and well within 64 bits."""
 
 
-class Identity(msgspec.Struct, frozen=True):
+class RobotIdentity(msgspec.Struct, frozen=True):
     """What a robot's first record says of it, as far as it is needed here."""
 
     id: str
@@ -97,7 +97,7 @@ class RobotLog:
     """One recording, as far as it can be read."""
 
     path: Path
-    identity: Identity
+    identity: RobotIdentity
     ticks: list[Tick] = field(default_factory=list)
     drives: list[tuple[int, Drive]] = field(default_factory=list)
     """With the number of the tick that each answers."""
@@ -119,7 +119,7 @@ class RobotLog:
     """Why the rest of the file could not be read."""
 
 
-def read_log(path: Path, identity: Identity, kept: Mapping[bytes, bytes]) -> RobotLog:
+def read_log(path: Path, identity: RobotIdentity, kept: Mapping[bytes, bytes]) -> RobotLog:
     """Read a robot's recording up to its end, or as far as it makes sense.
 
     `kept`: messages that others have recorded in full, by their sha256.

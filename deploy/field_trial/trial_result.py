@@ -1,4 +1,4 @@
-"""What an outing comes to: the result of a run whose truth nobody knows."""
+"""What a field trial comes to: the result of a run whose truth nobody knows."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -9,10 +9,10 @@ import msgspec
 from actors.instant import Duration, in_seconds
 from actors.radio.frame import octets
 from actors.world.referee import PlaceOutcome
-from deploy.field_trial.aligned_clocks import ClockReport, OutingClocks
+from deploy.field_trial.aligned_clocks import AlignedClocks, ClockReport
 from deploy.field_trial.node_counts import node_account
-from deploy.field_trial.recordings import Outing
-from deploy.field_trial.reported_places import OutingPlaces
+from deploy.field_trial.recordings import FieldTrial
+from deploy.field_trial.reported_places import ReportedPlaces
 from deploy.field_trial.robot_log import FATES, RobotLog
 from deploy.results.deeco_result import DeecoResult, deeco_result, nearest_rank
 from deploy.results.place_table import counted
@@ -29,7 +29,7 @@ class RecordingReport(msgspec.Struct, frozen=True):
     """"as planned", "failed", "cut short" or "damaged"."""
 
 
-class RobotOuting(msgspec.Struct, frozen=True):
+class RobotTrial(msgspec.Struct, frozen=True):
     """One robot's part; the fields that RobotResult has, too, mean the same."""
 
     places_total: int
@@ -54,8 +54,8 @@ class RobotOuting(msgspec.Struct, frozen=True):
     recordings: tuple[RecordingReport, ...]
 
 
-class OutingResult(msgspec.Struct, frozen=True):
-    """The result of an outing; the fields that RunResult has, too, mean the same but for truth."""
+class TrialResult(msgspec.Struct, frozen=True):
+    """The result of a field trial; the fields that RunResult has, too, mean the same but for truth."""
 
     robots: int
     duration_s: float
@@ -70,7 +70,7 @@ class OutingResult(msgspec.Struct, frozen=True):
     """When the last place was reported; None unless all were, and truly so if somebody watched."""
     settled_s: float | None
     last_reached_s: float | None
-    per_robot: dict[str, RobotOuting]
+    per_robot: dict[str, RobotTrial]
     contacts: int | None
     """None where nobody watched."""
     frames: dict[str, int]
@@ -84,18 +84,20 @@ class OutingResult(msgspec.Struct, frozen=True):
     out: str | None
 
 
-def outing_result(outing: Outing, clocks: OutingClocks, told: OutingPlaces, out: Path | None) -> OutingResult:
+def trial_result(
+    trial: FieldTrial, clocks: AlignedClocks, told: ReportedPlaces, out: Path | None
+) -> TrialResult:
     """What the robots' recordings come to."""
-    accounts = [node_account(log) for log in outing.all_logs()]
-    frames = {robot: _frames(logs) for robot, logs in outing.logs.items()}
+    accounts = [node_account(log) for log in trial.all_logs()]
+    frames = {robot: _frames(logs) for robot, logs in trial.logs.items()}
     whole = Counter[str]()
     for part in frames.values():
         whole.update(part)
     places = counted(told.places)
-    stretches = {robot: clocks.reports(robot) for robot in outing.logs}
-    robot_seconds = sum(one.to_s - one.from_s for parts in stretches.values() for one in parts)
-    return OutingResult(
-        robots=len(outing.logs),
+    segments = {robot: clocks.reports(robot) for robot in trial.logs}
+    robot_seconds = sum(one.to_s - one.from_s for parts in segments.values() for one in parts)
+    return TrialResult(
+        robots=len(trial.logs),
         duration_s=in_seconds(Duration(clocks.span)),
         places_total=places.total,
         places_done=None if told.contacts is None else places.done,
@@ -105,31 +107,29 @@ def outing_result(outing: Outing, clocks: OutingClocks, told: OutingPlaces, out:
         completion_s=_completion(told.places) if told.contacts is None else places.completion_s,
         settled_s=places.settled_s,
         last_reached_s=places.last_reached_s,
-        per_robot={
-            robot: _robot(robot, outing, told, frames[robot], stretches[robot]) for robot in outing.logs
-        },
+        per_robot={robot: _robot(robot, trial, told, frames[robot], segments[robot]) for robot in trial.logs},
         contacts=told.contacts,
         frames=dict(whole),
         radio_bytes_per_robot_s=rate(whole["bytes_sent"], robot_seconds),
         deeco=deeco_result(account.node for account in accounts if account.node is not None),
         reference=clocks.reference,
-        notes=(*outing.notes, *clocks.notes, *told.notes, *(note for one in accounts for note in one.notes)),
+        notes=(*trial.notes, *clocks.notes, *told.notes, *(note for one in accounts for note in one.notes)),
         out=None if out is None else str(out),
     )
 
 
 def _robot(
     robot: str,
-    outing: Outing,
-    told: OutingPlaces,
+    trial: FieldTrial,
+    told: ReportedPlaces,
     frames: dict[str, int],
     clock: tuple[ClockReport, ...],
-) -> RobotOuting:
+) -> RobotTrial:
     own = [place for place in told.places if place.owner == robot]
-    part, logs = counted(own), outing.logs[robot]
+    part, logs = counted(own), trial.logs[robot]
     drives = [drive for log in logs for _, drive in log.drives]
-    lateness = outing.lateness_ms.get(robot)
-    return RobotOuting(
+    lateness = trial.lateness_ms.get(robot)
+    return RobotTrial(
         places_total=part.total,
         places_done=None if told.contacts is None else part.done,
         places_claimed=part.claimed,
@@ -140,7 +140,7 @@ def _robot(
         frames=frames,
         lateness_p50_ms=None if lateness is None else nearest_rank(lateness, 50),
         lateness_p99_ms=None if lateness is None else nearest_rank(lateness, 99),
-        overruns=outing.overruns.get(robot),
+        overruns=trial.overruns.get(robot),
         clock=clock,
         recordings=tuple(_recording(log) for log in logs),
     )

@@ -1,4 +1,4 @@
-"""An outing's result for people, or as JSON for programs."""
+"""A field trial's result for people, or as JSON for programs."""
 
 import sys
 from collections.abc import Iterator
@@ -9,10 +9,10 @@ from rich.table import Table
 
 from actors.runtime.errors import printable
 from deploy.field_trial.aligned_clocks import ClockReport
-from deploy.field_trial.trial_result import OutingResult, RobotOuting
+from deploy.field_trial.trial_result import RobotTrial, TrialResult
 
 
-def print_outing(result: OutingResult, *, json: bool) -> None:
+def print_field_trial(result: TrialResult, *, json: bool) -> None:
     """Print the result on standard output; as JSON, it is the only thing there."""
     if json:
         sys.stdout.write(msgspec.json.encode(result).decode() + "\n")
@@ -27,7 +27,7 @@ def print_outing(result: OutingResult, *, json: bool) -> None:
         console.print(f"written to {result.out}")
 
 
-def _table(result: OutingResult) -> Table:
+def _table(result: TrialResult) -> Table:
     """A row per robot and one for all; columns for what nobody has only where somebody has it."""
     gave_up, late = result.places_given_up > 0, any(map(_lateness, result.per_robot.values()))
     table = Table("robot", "reported", *(("given up",) if gave_up else ()), "all at")
@@ -35,7 +35,7 @@ def _table(result: OutingResult) -> Table:
         table.add_column(name)
     table.add_column(f"clock against {result.reference}", no_wrap=True)
 
-    def add(name: str, of: RobotOuting | OutingResult, lateness: str, clock: str) -> None:
+    def add(name: str, of: RobotTrial | TrialResult, lateness: str, clock: str) -> None:
         table.add_row(
             *(name, f"{of.places_claimed} of {of.places_total}"),
             *((str(of.places_given_up),) if gave_up else ()),
@@ -52,26 +52,26 @@ def _table(result: OutingResult) -> Table:
     return table
 
 
-def _lateness(robot: RobotOuting) -> str:
+def _lateness(robot: RobotTrial) -> str:
     if robot.lateness_p50_ms is None:
         return ""
     return f"{robot.lateness_p50_ms} ms, {robot.lateness_p99_ms} ms"
 
 
-def _clock(stretches: tuple[ClockReport, ...], *, is_reference: bool) -> str:
-    """A line for each stretch."""
-    if is_reference and len(stretches) == 1:
+def _clock(segments: tuple[ClockReport, ...], *, is_reference: bool) -> str:
+    """A line for each segment."""
+    if is_reference and len(segments) == 1:
         return "itself"
-    return "\n".join(map(_stretch, stretches))
+    return "\n".join(map(_segment, segments))
 
 
-def _stretch(clock: ClockReport) -> str:
+def _segment(clock: ClockReport) -> str:
     if clock.error_s is None:
         return "unknown"
     return f"{clock.offset_s:+.4f} s ± {clock.error_s * 1000:.2f} ms"
 
 
-def _sentences(result: OutingResult) -> Iterator[str]:
+def _sentences(result: TrialResult) -> Iterator[str]:
     yield f"{result.duration_s:.1f} s from the first step of all to the last"
     if result.completion_s is None and result.settled_s is not None:
         yield f"every place was reported or given up by {result.settled_s:.1f} s"

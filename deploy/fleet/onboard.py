@@ -10,10 +10,10 @@ import msgspec
 from actors.messages import ProcessOrder
 from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials
-from actors.world.world_setup import RobotSetup
+from actors.world.world_setup import BodySetup
 from deploy.processes.launch import Program
 from deploy.run.out_folder import OutFolderError
-from deploy.run.plan import Plan, lay_out_robot, robot_program, seat_argv
+from deploy.run.plan import Plan, client_argv, lay_out_robot, robot_program
 from firmware_bridge.onboard import last_pose
 from firmware_bridge.onboard.onboard_setup import BaseSetup, BridgeSetup
 
@@ -58,7 +58,7 @@ class Onboard:
         return self.last_pose or self.folder(BASE) / "last.pose"
 
     @property
-    def robot(self) -> RobotSetup:
+    def robot(self) -> BodySetup:
         """The one robot."""
         (robot,) = self.plan.world.robots
         return robot
@@ -137,7 +137,7 @@ def bridge_program(onboard: Onboard, start: int) -> Program:
     argv = (
         "--setup",
         str(folder / "setup.json"),
-        *seat_argv(plan, onboard.folder(BASE).name, "radio", record),
+        *client_argv(plan, onboard.folder(BASE).name, "radio", record),
     )
     return Program(BRIDGE, "firmware_bridge.onboard.bridge", argv, folder / f"{name}.log", record)
 

@@ -14,13 +14,13 @@ from actors.geometry import Point
 from actors.instant import milliseconds
 from actors.radio.radio_setup import RadioSetup
 from actors.robot_model import load_model
-from actors.world.world_setup import RobotSetup, WorldSetup
+from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
 from deploy.fleet import onboard as layout
 from deploy.fleet.epochs import EpochCounter
 from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.fleet.onboard import Onboard, Ports
-from deploy.fleet.onboard_supervisor import OnboardError, Watch
+from deploy.fleet.onboard_supervisor import OnboardError, OnboardSupervisor
 from deploy.fleet.service_notice import ServiceNotice
 from deploy.processes.launch import launcher
 from deploy.processes.signals import signals_as_interrupts
@@ -92,7 +92,7 @@ def run(prepared: Onboard, say: Callable[[str], None]) -> None:
         layout.lay_out(prepared)
     with signals_as_interrupts(), launcher("exec", reap=False) as launched:
         service, in_doubt = ServiceNotice(), last_pose.read(prepared.pose_file) is not None
-        watch = Watch(prepared, launched, say, lives=service.lives)
+        watch = OnboardSupervisor(prepared, launched, say, lives=service.lives)
         try:
             watch.start()
             service.ready()
@@ -133,7 +133,7 @@ def new_folder(runs: Path) -> Path:
 def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> Plan:
     step_us = milliseconds(fleet.step_ms)
     model = load_model(robot.model, robot.sensor)
-    body = RobotSetup(
+    body = BodySetup(
         robot.id,
         robot.model,
         model.sensor_name,

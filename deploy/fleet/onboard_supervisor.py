@@ -26,7 +26,7 @@ class RestartBudget:
     within_s: float = 60.0
 
 
-class Watch:
+class OnboardSupervisor:
     """One robot's three processes; a base that ends takes the others along, for it is their router."""
 
     START_S = 120.0

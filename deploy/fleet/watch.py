@@ -46,7 +46,7 @@ class LaptopParameters:
 
 
 @dataclass(frozen=True)
-class Answer:
+class WatchAnswer:
     """What became of an order to one robot."""
 
     endpoint: str
@@ -64,7 +64,7 @@ def done(order: Order) -> str:
 
 def give(
     endpoints: Sequence[str], keys: Path, order: Order, parameters: LaptopParameters = LaptopParameters()
-) -> list[Answer]:
+) -> list[WatchAnswer]:
     """Give all robots an order at once; each one's answer, after `order_s` at the latest.
 
     One that cannot be reached delays none of the others. Raises an AcrcError for an endpoint or keys that
@@ -100,9 +100,9 @@ def give(
     return [_answer(name, failures[name], causes) for name in names]
 
 
-def _answer(name: str, failure: str | None, causes: dict[str, str]) -> Answer:
+def _answer(name: str, failure: str | None, causes: dict[str, str]) -> WatchAnswer:
     why = causes.get(name, "")
-    return Answer(name, f"{failure}: {why}" if failure and why else failure)
+    return WatchAnswer(name, f"{failure}: {why}" if failure and why else failure)
 
 
 def _tell(

@@ -21,10 +21,10 @@ from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from deploy.field_trial.collect import collect
-from deploy.field_trial.trial_result import OutingResult
+from deploy.field_trial.trial_result import TrialResult
 from deploy.fleet import onboard as layout
 from deploy.fleet.onboard import Onboard, Ports
-from deploy.fleet.onboard_supervisor import Watch
+from deploy.fleet.onboard_supervisor import OnboardSupervisor
 from deploy.laboratory import loop_limits
 from deploy.processes.launch import Child, Launcher, Program, launcher
 from deploy.processes.signals import signals_as_interrupts
@@ -33,7 +33,7 @@ from deploy.run.isolating import warn
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import make_folder
 from deploy.run.plan import Plan
-from deploy.run.preflight import rehearse
+from deploy.run.preflight import preflight
 from deploy.scenario.tables import Scenario
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 
@@ -49,7 +49,7 @@ class LaboratoryError(AcrcError):
     """Emulated devices that did not start, or did not last."""
 
 
-def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = None) -> OutingResult:
+def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = None) -> TrialResult:
     """Run the scenario until everything is done, or to its limit, and gather what came of it.
 
     The result also stands in run.json, and what became of every place in places.csv. `launched` starts the
@@ -78,7 +78,7 @@ def _lay_out(plan: Plan) -> None:
 def _run_processes(plan: Plan, launching: Launcher, on_progress: OnProgress) -> None:
     folder = plan.folder(LABORATORY)
     with signals_as_interrupts(), launching as launched, ExitStack() as stack:
-        rehearse(plan, launched)
+        preflight(plan, launched)
         room = _Room(plan, launched)
         stack.callback(room.end)
         room.start()
@@ -131,7 +131,7 @@ class _Room:
             return
         for number in (signal.SIGTERM, signal.SIGKILL):
             self._child.send(number)
-            deadline = time.monotonic() + Watch.GRACE_S
+            deadline = time.monotonic() + OnboardSupervisor.GRACE_S
             while self._child.exit_code is None and time.monotonic() < deadline:
                 self._launched.wait(0.05)
 
@@ -149,9 +149,9 @@ def _robot(plan: Plan, index: int, folder: Path) -> Onboard:
     return Onboard(alone, ports, itertools.count().__next__)
 
 
-def _watch(robot: Onboard, launched: Launcher, stack: ExitStack) -> Watch:
+def _watch(robot: Onboard, launched: Launcher, stack: ExitStack) -> OnboardSupervisor:
     layout.lay_out(robot)
-    watch = Watch(robot, launched, lambda sentence: None)
+    watch = OnboardSupervisor(robot, launched, lambda sentence: None)
     stack.callback(layout.withdraw, robot)
     stack.callback(watch.end)
     watch.start()
@@ -165,7 +165,11 @@ def _listen(robot: Onboard, stack: ExitStack) -> ZenohBus:
 
 
 def _follow(
-    plan: Plan, watches: Sequence[Watch], buses: Sequence[ZenohBus], room: _Room, on_progress: OnProgress
+    plan: Plan,
+    watches: Sequence[OnboardSupervisor],
+    buses: Sequence[ZenohBus],
+    room: _Room,
+    on_progress: OnProgress,
 ) -> None:
     """Until nobody has a place left, or to the limit."""
     begun = time.monotonic()

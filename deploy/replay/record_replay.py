@@ -10,7 +10,7 @@ from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.core import Core
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import difference, otherwise
-from actors.runtime.process import Part, RunNote
+from actors.runtime.process import ActorProcess, RunNote
 from actors.runtime.recording import Entry, RecordingError, Unrecorded, decoded, read_notes, read_recording
 from actors.runtime.shell import Shell
 from actors.world import program as world_program
@@ -54,7 +54,7 @@ def replay_actor(out: Path, actor: str, prepare: Callable[[Core], None] | None =
     return ReplayReport(actor, bus.compared)
 
 
-def _builders() -> dict[str, Callable[[tuple[str, ...]], Part]]:
+def _builders() -> dict[str, Callable[[tuple[str, ...]], ActorProcess]]:
     return {"world": world_program.part_of, "radio": radio_part}
 
 

@@ -18,12 +18,12 @@ import msgspec
 
 from actors.robot import assembly
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.sandbox import Plan, isolate
+from actors.runtime.isolation.sandbox import Confinement, isolate
 from actors.runtime.lifecycle.parent import die_with_parent
 from deploy.replay.record_replay import ReplayReport, replay_actor
 
 
-class Answer(msgspec.Struct, frozen=True):
+class ReplayAnswer(msgspec.Struct, frozen=True):
     """What came of a replay: one of the two."""
 
     report: ReplayReport | None = None
@@ -44,7 +44,7 @@ def main(argv: Sequence[str]) -> int:
         assembly.kernels()  # while their cache can still be written
         if options.isolate:
             isolate(
-                Plan(
+                Confinement(
                     own=options.own,
                     hidden=(options.own.parent,),
                     readable=(options.out,),
@@ -59,14 +59,14 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def _replayed(out: Path, actor: str) -> Answer:
+def _replayed(out: Path, actor: str) -> ReplayAnswer:
     try:
-        return Answer(report=replay_actor(out, actor))
+        return ReplayAnswer(report=replay_actor(out, actor))
     except AcrcError as error:
-        return Answer(fault=str(error))
+        return ReplayAnswer(fault=str(error))
     except Exception as error:
         traceback.print_exc()
-        return Answer(fault=f"{actor}: {type(error).__name__}: {error}")
+        return ReplayAnswer(fault=f"{actor}: {type(error).__name__}: {error}")
 
 
 if __name__ == "__main__":

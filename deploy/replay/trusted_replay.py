@@ -11,7 +11,7 @@ from actors.runtime.process import RunNote
 from actors.runtime.recording import RecordingError, decoded, read_notes
 from deploy.processes.launch import Program, launcher
 from deploy.replay.record_replay import ReplayReport, replay_actor
-from deploy.replay.replay_program import Answer
+from deploy.replay.replay_program import ReplayAnswer
 from deploy.replay.run_recordings import recordings
 from deploy.run.foreign import folder_of, refuse_foreign
 from deploy.run.isolating import choose, warn
@@ -63,9 +63,9 @@ def _answer(program: Program, home: Path) -> ReplayReport:
     show(said(program))
     try:
         with (home / "answer.json").open("rb") as file:
-            answer = msgspec.json.decode(file.read(ANSWER_BYTES), type=Answer)
+            answer = msgspec.json.decode(file.read(ANSWER_BYTES), type=ReplayAnswer)
     except (OSError, msgspec.DecodeError):
-        answer = Answer()
+        answer = ReplayAnswer()
     if answer.report is None:
         ended = f"{program.actor}: the process that executes it again ended with exit code {child.exit_code}"
         raise ReplayError(answer.fault or ended)

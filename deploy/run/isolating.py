@@ -13,7 +13,7 @@ OPEN = (
 
 
 @dataclass(frozen=True)
-class Choice:
+class IsolationChoice:
     """How robots' processes will run."""
 
     isolate: bool
@@ -21,7 +21,7 @@ class Choice:
     """What is missing, and why, in a sentence; empty if nothing is."""
 
 
-def choose(wanted: bool | None, *, debugged: bool = False) -> Choice:
+def choose(wanted: bool | None, *, debugged: bool = False) -> IsolationChoice:
     """What becomes of the wish `wanted` (None: as well as the machine can) here.
 
     `debugged`: a debugger has to reach the process. Raises IsolationError where isolation is asked for and
@@ -29,14 +29,14 @@ def choose(wanted: bool | None, *, debugged: bool = False) -> Choice:
     """
     if wanted is False or (wanted is None and debugged):
         option = "--no-isolate" if wanted is False else "--debugpy"
-        return Choice(False, f"{option}: robots run as plain processes; {OPEN}")
+        return IsolationChoice(False, f"{option}: robots run as plain processes; {OPEN}")
     reason = sandbox.available()
     if reason is None:
-        return Choice(True)
+        return IsolationChoice(True)
     if wanted:
         raise sandbox.IsolationError(reason)
     cause = reason.removesuffix(f"; {sandbox.ADVICE}")
-    return Choice(False, f"robots run as plain processes, because {cause}; {OPEN}")
+    return IsolationChoice(False, f"robots run as plain processes, because {cause}; {OPEN}")
 
 
 def warn(choice_warning: str) -> None:

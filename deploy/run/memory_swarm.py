@@ -12,14 +12,14 @@ from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.messages import Roster as RosterMessage
 from actors.radio.program import part as radio_part
 from actors.robot.program import part as robot_part
-from actors.runtime.bus.interface import Delivery
 from actors.runtime.bus.memory_bus import MemoryBus, run_shells
+from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.fingerprint import fingerprints
 from actors.runtime.lifecycle.failure import OutOfPatience, failure_note, in_words
 from actors.runtime.pace import Pace
-from actors.runtime.process import Part, final_note
+from actors.runtime.process import ActorProcess, final_note
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell
 from actors.world import program as world_program
@@ -40,7 +40,7 @@ class MemorySwarm:
         self._bus = bus
         self._on_progress = on_progress
         self._stack = ExitStack()
-        self._seats: list[tuple[Program, Part, Shell, Recorder]] = []
+        self._actors: list[tuple[Program, ActorProcess, Shell, Recorder]] = []
         self._shells: list[Shell] = []
         self._core: WorldCore | None = None
         self._turn: Shell | None = None
@@ -51,7 +51,7 @@ class MemorySwarm:
     @property
     def programs(self) -> tuple[Program, ...]:
         """What each actor would have been as a process."""
-        return tuple(program for program, _, _, _ in self._seats)
+        return tuple(program for program, _, _, _ in self._actors)
 
     def run(self) -> None:
         """Run to the end; whatever happens, the recordings are closed and say how it ended."""
@@ -66,8 +66,8 @@ class MemorySwarm:
                 raise
             if leftovers.fault is not None:
                 raise RunFailedError(f"a strategy failed: {leftovers.fault}")
-            cpu_s = time.process_time() / len(self._seats)  # one process: everyone gets an equal share
-            for _, part, shell, recorder in self._seats:
+            cpu_s = time.process_time() / len(self._actors)  # one process: everyone gets an equal share
+            for _, part, shell, recorder in self._actors:
                 recorder.note("final", final_note(shell, part, cpu_s))
 
     def _play(self) -> None:
@@ -83,21 +83,21 @@ class MemorySwarm:
         world = world_as_program(plan)
         self._core = world_program.build(plan.world)
         note = world_program.run_note(plan.world, world.argv, plan.commit)
-        self._seat(world, world_program.part(self._core, note))
+        self._add(world, world_program.part(self._core, note))
         radio = radio_program(plan)
-        self._seat(radio, radio_part(radio.argv))
+        self._add(radio, radio_part(radio.argv))
         for robot in plan.world.robots:
             program = robot_program(plan, robot, ProcessOrder(robot.id, 0), 0)
-            self._seat(program, robot_part(program.argv))
+            self._add(program, robot_part(program.argv))
 
-    def _seat(self, program: Program, part: Part) -> None:
+    def _add(self, program: Program, part: ActorProcess) -> None:
         assert program.record is not None
         recorder = self._stack.enter_context(Recorder(program.record, part.run.step_us))
         recorder.note("run", part.run)
         shell = Shell(part.core, self._bus, recorder, actor=part.run.actor, open_to=part.open_to)
         for address in part.listens:
             self._bus.listen(address, shell.deliver)
-        self._seats.append((program, part, shell, recorder))
+        self._actors.append((program, part, shell, recorder))
         self._shells.append(shell)
         if part.ready is not None:
             shell.send(part.ready)
@@ -105,7 +105,7 @@ class MemorySwarm:
     def _note_failure(self, error: BaseException) -> str:
         """In the file of the actor whose turn it was; the others end in the middle, as processes would."""
         note = failure_note("the run", 0, error)
-        for _, part, shell, recorder in self._seats:
+        for _, part, shell, recorder in self._actors:
             if shell is self._turn:
                 note = failure_note(part.run.actor, shell.core.step, error)
                 recorder.note("failure", note)
@@ -143,10 +143,10 @@ class MemorySwarm:
         self.rosters += 1
         robots = {robot.id: robot for robot in self._plan.world.robots}
         for order in roster.start:
-            for program, _, shell, _ in self._seats:
+            for program, _, shell, _ in self._actors:
                 if program.actor == order.robot:
                     while not shell.finished and shell.pump() is None:
                         pass
                     self._bus.leave(shell.deliver)
             program = robot_program(self._plan, robots[order.robot], order, roster.step)
-            self._seat(program, robot_part(program.argv))
+            self._add(program, robot_part(program.argv))

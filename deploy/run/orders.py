@@ -27,8 +27,8 @@ from actors.messages import (
 )
 from actors.order_limits import OrderLimits, fault
 from actors.runtime.access import router_file, rules
-from actors.runtime.bus.interface import Bus
 from actors.runtime.bus.zenoh_bus import open_mesh
+from actors.runtime.bus_interface import Bus
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError

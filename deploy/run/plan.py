@@ -14,7 +14,7 @@ from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials, unix_endpoint
 from actors.runtime.client_options import own_folder
 from actors.runtime.isolation.resource_limits import ProcessLimits, as_words
-from actors.world.world_setup import RobotSetup, WorldSetup
+from actors.world.world_setup import BodySetup, WorldSetup
 from deploy.processes.launch import Program
 from deploy.run import scenario_copy
 from deploy.run.out_folder import make_folder
@@ -85,7 +85,7 @@ def lay_out(plan: Plan) -> None:
         lay_out_robot(plan, robot)
 
 
-def lay_out_robot(plan: Plan, robot: RobotSetup) -> None:
+def lay_out_robot(plan: Plan, robot: BodySetup) -> None:
     """Write the files that one robot reads."""
     own_folder(plan.folder(robot.id)).mkdir(parents=True)
     copy_map(Path(plan.world.map), plan.folder(robot.id))
@@ -119,12 +119,16 @@ def world_program(plan: Plan) -> Program:
 def radio_program(plan: Plan) -> Program:
     """The radio's program."""
     folder = plan.folder("radio")
-    argv = ("--setup", str(folder / "setup.json"), *seat_argv(plan, "world", "radio", folder / "radio.mcap"))
+    argv = (
+        "--setup",
+        str(folder / "setup.json"),
+        *client_argv(plan, "world", "radio", folder / "radio.mcap"),
+    )
     return Program("radio", "actors.radio", argv, folder / "radio.log", folder / "radio.mcap")
 
 
 def robot_program(
-    plan: Plan, robot: RobotSetup, order: ProcessOrder, first_step: int, name: str | None = None
+    plan: Plan, robot: BodySetup, order: ProcessOrder, first_step: int, name: str | None = None
 ) -> Program:
     """A robot's program; the same but for endpoint and time source as on a robot.
 
@@ -134,7 +138,7 @@ def robot_program(
     name = name or (robot.id if order.epoch == 0 else f"{robot.id}.{order.epoch}")
     argv = (
         *robot_argv(plan, robot, order.epoch, first_step),
-        *seat_argv(plan, robot.id, "", folder / f"{name}.mcap"),
+        *client_argv(plan, robot.id, "", folder / f"{name}.mcap"),
         *(("--isolate",) if plan.isolate else ()),
         *(word for limit in (as_words(plan.limits) or ("",)) for word in ("--limit", limit)),
         *(word for path in plan.hidden for word in ("--hide", str(path))),
@@ -142,7 +146,7 @@ def robot_program(
     return Program(robot.id, "actors.robot", argv, folder / f"{name}.log", folder / f"{name}.mcap")
 
 
-def robot_argv(plan: Plan, robot: RobotSetup, epoch: int, first_step: int) -> tuple[str, ...]:
+def robot_argv(plan: Plan, robot: BodySetup, epoch: int, first_step: int) -> tuple[str, ...]:
     """What a robot is, apart from its connections."""
     folder = plan.folder(robot.id)
     model = folder / "model.toml"
@@ -185,7 +189,7 @@ def observer_program(plan: Plan) -> Program:
     return Program("observer", "actors.observer", argv, plan.out / "view.log", None)
 
 
-def seat_argv(plan: Plan, folder: str, user: str, record: Path) -> tuple[str, ...]:
+def client_argv(plan: Plan, folder: str, user: str, record: Path) -> tuple[str, ...]:
     """The options that every client has; the router's socket, and `user`'s credentials, lie in `folder`."""
     place = plan.folder(folder).resolve()
     secret = place / (f"{user}.credentials" if user else "credentials")
@@ -195,7 +199,7 @@ def seat_argv(plan: Plan, folder: str, user: str, record: Path) -> tuple[str, ..
     )
 
 
-def _write_places(robot: RobotSetup, path: Path) -> None:
+def _write_places(robot: BodySetup, path: Path) -> None:
     title = f"# Places that {robot.id} has to clean: x, y in metres, map frame."
     rows = "".join(f"    [{x!r}, {y!r}],\n" for x, y in robot.places)
     path.write_text(f"{title}\nplaces = [\n{rows}]\n")

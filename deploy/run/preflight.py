@@ -32,19 +32,19 @@ from actors.runtime.lifecycle.failure import FailureNote
 from actors.runtime.recording import RecordingError, read_notes
 from deploy.processes.launch import Child, Launcher, Program
 from deploy.run.plan import Plan, lay_out_robot, robot_program
-from deploy.scenario.resolve import Cast
+from deploy.scenario.resolve import ResolvedScenario
 
 _HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL | re.MULTILINE)
 """What faulthandler writes of the place where the main thread was."""
 
 
-class RehearsalError(AcrcError):
+class PreflightError(AcrcError):
     """A robot that cannot be made."""
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a rehearsal may take."""
+    """What a preflight may take."""
 
     patience_s: float = 120.0
     """Until the robot has been made, kernels included, which are compiled at the first start ever."""
@@ -54,7 +54,7 @@ class Bounds:
     """Of what the strategy says, the last part is shown."""
 
 
-def rehearse(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None:
+def preflight(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None:
     """Make the first robot in a process of its own, in a folder that is gone afterwards.
 
     Raises RehearsalError where that fails, hangs or ends; a bug's traceback is shown first.
@@ -64,7 +64,7 @@ def rehearse(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None:
         stage = replace(plan, out=Path(folder).resolve())
         lay_out_robot(stage, robot)
         program = robot_program(stage, robot, ProcessOrder(robot.id, 0), 0)
-        program = replace(program, argv=(*program.argv, "--rehearse", f"{bounds.patience_s:g}"))
+        program = replace(program, argv=(*program.argv, "--preflight", f"{bounds.patience_s:g}"))
         child = launched.start(program)
         try:
             _await_end(child, launched, bounds)
@@ -74,7 +74,7 @@ def rehearse(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None:
         _judge(plan, child, bounds)
 
 
-def rehearse_here(settled: Cast, text: str, modules: Sequence[Path]) -> None:
+def preflight_here(settled: ResolvedScenario, text: str, modules: Sequence[Path]) -> None:
     """Make the first robot's behaviour in this process, told the adaptation.toml `text`, and drop it.
 
     For a run in memory, where the strategy runs in this process anyway. Raises an AcrcError for settings,
@@ -121,23 +121,23 @@ def _judge(plan: Plan, child: Child, bounds: Bounds) -> None:
     if "failure" in notes:
         note = msgspec.json.decode(notes["failure"], type=FailureNote)
         if note.expected:
-            raise RehearsalError(printable(note.cause))
+            raise PreflightError(printable(note.cause))
         show(said(child.program, bounds.shown_bytes))
-        raise RehearsalError(f"{made}: {printable(note.cause)}")
+        raise PreflightError(f"{made}: {printable(note.cause)}")
     if child.exit_code == 0 and "run" in notes:
         return
     told = said(child.program, bounds.shown_bytes)
     hung = _HUNG.search(told)
     if hung is not None:
         where = f"{Path(hung[1]).name}:{hung[2]}"
-        raise RehearsalError(f"{made}: is not done after {bounds.patience_s:g} s; it is at {where}")
+        raise PreflightError(f"{made}: is not done after {bounds.patience_s:g} s; it is at {where}")
     if child.exit_code == 2 and told.strip():  # it says why before it comes to the strategy
-        raise RehearsalError(told.strip().splitlines()[-1])
+        raise PreflightError(told.strip().splitlines()[-1])
     show(told)
     if child.exit_code is None or child.exit_code < 0:
         number = signal.SIGKILL if child.exit_code is None else signal.Signals(-child.exit_code)
-        raise RehearsalError(f"{made}: its process was ended by signal {number.name}")
-    raise RehearsalError(f"{made}: its process ended with exit code {child.exit_code}")
+        raise PreflightError(f"{made}: its process was ended by signal {number.name}")
+    raise PreflightError(f"{made}: its process ended with exit code {child.exit_code}")
 
 
 def _notes(program: Program) -> dict[str, bytes]:

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from deploy.results.origin import UNKNOWN, Origin, origin
 from deploy.run.options import RunOptions
-from deploy.scenario.resolve import Cast
+from deploy.scenario.resolve import ResolvedScenario
 from deploy.scenario.scenario_text import to_toml
 from deploy.version import software
 
@@ -30,7 +30,7 @@ class ScenarioCopy(NamedTuple):
     """What the result says about where it comes from."""
 
 
-def beside(settled: Cast, options: RunOptions) -> ScenarioCopy:
+def beside(settled: ResolvedScenario, options: RunOptions) -> ScenarioCopy:
     """The copy for the run's folder, in MAP of which the map will lie; paths of the scenario are absolute."""
     scenario, out = settled.scenario, options.out
     named = dict.fromkeys((scenario.robots.model, *(robot.model for robot in scenario.robot)))

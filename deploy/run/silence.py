@@ -41,7 +41,7 @@ class Suspect(NamedTuple):
     pid: int
 
 
-class Verdict(NamedTuple):
+class SilenceVerdict(NamedTuple):
     """Who is at fault, and the words for it."""
 
     suspect: Suspect
@@ -76,7 +76,7 @@ class Silence:
 
     def verdict(
         self, everyone: Sequence[Suspect], awaited: Sequence[Suspect], what: str, *, starting: bool = False
-    ) -> Verdict | None:
+    ) -> SilenceVerdict | None:
         """Who of `awaited` has used the patience up; `what` they are awaited for. None: nobody, as yet.
 
         `everyone`: all processes of the run; nobody is judged while one of them is stopped.
@@ -112,12 +112,12 @@ class Silence:
     def _add(account: dict[int, float], pid: int, seconds: float) -> None:
         account[pid] = account.get(pid, 0.0) + seconds
 
-    def _judge(self, suspect: Suspect, what: str, starting: bool) -> Verdict | None:
+    def _judge(self, suspect: Suspect, what: str, starting: bool) -> SilenceVerdict | None:
         limit_s = self._patience.step_s
         if self._idle_s.get(suspect.pid, 0.0) >= limit_s:
-            return Verdict(suspect, f"{what} for {limit_s:g} s")
+            return SilenceVerdict(suspect, f"{what} for {limit_s:g} s")
         if starting:
             limit_s *= self._patience.start_factor
         if self._worked_s.get(suspect.pid, 0.0) >= limit_s:
-            return Verdict(suspect, f"{what} after {limit_s:g} s of processor time")
+            return SilenceVerdict(suspect, f"{what} after {limit_s:g} s of processor time")
         return None

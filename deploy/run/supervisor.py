@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress, Roster
-from actors.runtime.bus.interface import Bus
+from actors.runtime.bus_interface import Bus
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.failure import FailureNote, in_words

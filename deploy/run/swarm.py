@@ -21,7 +21,7 @@ from deploy.results.result import Circumstances, RunResult, gather
 from deploy.run import progress, scenario_copy
 from deploy.run.disk_use import DiskWatch
 from deploy.run.foreign import beside, folder_of
-from deploy.run.isolating import Choice, choose, warn
+from deploy.run.isolating import IsolationChoice, choose, warn
 from deploy.run.memory_swarm import MemorySwarm
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import check_new
@@ -35,10 +35,10 @@ from deploy.run.plan import (
     robot_program,
     world_program,
 )
-from deploy.run.preflight import rehearse, rehearse_here
+from deploy.run.preflight import preflight, preflight_here
 from deploy.run.silence import Patience
 from deploy.run.supervisor import Supervisor
-from deploy.scenario.resolve import cast
+from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_text import adaptation, navigation
 from deploy.scenario.tables import Scenario
 from deploy.version import software
@@ -68,12 +68,12 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
     For a run in memory the strategy's code runs once in this process; what it raises, but for AcrcError, is
     its own.
     """
-    choice = Choice(False) if options.bus == "memory" else choose(options.isolate)
-    settled = cast(scenario)
+    choice = IsolationChoice(False) if options.bus == "memory" else choose(options.isolate)
+    settled = resolve(scenario)
     modules = module_folders(settled.behaviour, settled.scenario)
     told = adaptation(settled.scenario)
     if options.bus == "memory":
-        rehearse_here(settled, told, modules)
+        preflight_here(settled, told, modules)
     return Plan(
         out=options.out,
         world=settled.world,
@@ -109,7 +109,7 @@ def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
     began = time.time()
     check_new(plan.out)
     with signals_as_interrupts(), launcher(spawn) as launched:
-        rehearse(plan, launched)
+        preflight(plan, launched)
         lay_out(plan)
         supervisor = _supervise(plan, launched, on_progress)
     about = _circumstances(plan, began, "zenoh", supervisor.rosters)

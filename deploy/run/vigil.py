@@ -6,7 +6,7 @@ from pathlib import Path
 from actors.messages import Progress
 from deploy.processes.last_word import where_it_stands
 from deploy.processes.launch import Child
-from deploy.run.silence import WORLD, Patience, Silence, Suspect, Verdict
+from deploy.run.silence import WORLD, Patience, Silence, SilenceVerdict, Suspect
 
 
 class Vigil:
@@ -58,7 +58,7 @@ class Vigil:
         self._tell(self._silence.stopped)
         return None if verdict is None else self._words(verdict, running)
 
-    def _words(self, verdict: Verdict, running: Sequence[Child]) -> str:
+    def _words(self, verdict: SilenceVerdict, running: Sequence[Child]) -> str:
         guilty = next(child for child in running if child.pid == verdict.suspect.pid)
         place = where_it_stands(guilty, self._wait)
         return f"{verdict.sentence}; {guilty.program.actor} stands at {place}" if place else verdict.sentence

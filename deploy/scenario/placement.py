@@ -33,7 +33,7 @@ class Spacing:
 
 
 @dataclass(frozen=True)
-class Figure:
+class RobotSpec:
     """One robot's kind, before it has a start and places."""
 
     id: str
@@ -45,7 +45,7 @@ class Figure:
 
 
 def starts(
-    grid: OccupancyGrid, figures: Sequence[Figure], scenario: Scenario, spacing: Spacing = Spacing()
+    grid: OccupancyGrid, figures: Sequence[RobotSpec], scenario: Scenario, spacing: Spacing = Spacing()
 ) -> list[tuple[float, float, float]]:
     """Every robot's first pose, in order: as given, or drawn at a distance from all that are given."""
     given: dict[str, tuple[float, float, float]] = {}
@@ -70,7 +70,7 @@ def starts(
 
 def _draw_start(
     grid: OccupancyGrid,
-    figure: Figure,
+    figure: RobotSpec,
     scenario: Scenario,
     spacing: Spacing,
     taken: Sequence[Point],
@@ -96,7 +96,7 @@ def _draw_start(
     return point
 
 
-def _check_apart(figures: Sequence[Figure], given: dict[str, tuple[float, float, float]]) -> None:
+def _check_apart(figures: Sequence[RobotSpec], given: dict[str, tuple[float, float, float]]) -> None:
     for index, figure in enumerate(figures):
         here = Point(*given[figure.id][:2])
         for other in figures[:index]:
@@ -108,7 +108,7 @@ def _check_apart(figures: Sequence[Figure], given: dict[str, tuple[float, float,
                 )
 
 
-def check_moves(grid: OccupancyGrid, figures: Sequence[Figure], scenario: Scenario) -> None:
+def check_moves(grid: OccupancyGrid, figures: Sequence[RobotSpec], scenario: Scenario) -> None:
     """Raise PlacementError if an event puts a robot into a wall."""
     radius = {figure.id: figure.radius for figure in figures}
     for event in scenario.event:
@@ -118,7 +118,7 @@ def check_moves(grid: OccupancyGrid, figures: Sequence[Figure], scenario: Scenar
 
 def places(
     grid: OccupancyGrid,
-    figure: Figure,
+    figure: RobotSpec,
     start: tuple[float, float, float],
     scenario: Scenario,
     spacing: Spacing = Spacing(),
@@ -165,7 +165,7 @@ def _golden(index: int, count: int) -> Sequence[tuple[float, float]]:
 
 
 def _checked(
-    grid: OccupancyGrid, figure: Figure, points: Sequence[tuple[float, float]]
+    grid: OccupancyGrid, figure: RobotSpec, points: Sequence[tuple[float, float]]
 ) -> tuple[tuple[float, float], ...]:
     for index, (x, y) in enumerate(points):
         if not grid.is_free(Point(x, y)):

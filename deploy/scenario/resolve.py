@@ -9,17 +9,17 @@ from actors.radio import presets as radio_presets
 from actors.radio.radio_setup import RadioSetup
 from actors.robot_model import load_model
 from actors.world.uncertainty import Uncertainty
-from actors.world.world_setup import RobotSetup, WorldSetup
+from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
 from deploy.scenario.air import check_walls, radio_setup
 from deploy.scenario.areas import check_areas, of_places
 from deploy.scenario.events import timed_orders
-from deploy.scenario.placement import Figure, check_moves, places, starts
+from deploy.scenario.placement import RobotSpec, check_moves, places, starts
 from deploy.scenario.tables import PlacesTable, RobotTable, Scenario
 
 
 @dataclass(frozen=True)
-class Cast:
+class ResolvedScenario:
     """A scenario of which nothing is left open."""
 
     scenario: Scenario
@@ -30,7 +30,7 @@ class Cast:
     """Entry string `module:function` of the robots' behaviour."""
 
 
-def cast(scenario: Scenario) -> Cast:
+def resolve(scenario: Scenario) -> ResolvedScenario:
     """Everything that the scenario leaves to be drawn or looked up, from its seed.
 
     What one robot gets depends on the robots before it only, so a larger count changes nothing for them.
@@ -45,7 +45,7 @@ def cast(scenario: Scenario) -> Cast:
     poses = starts(grid, figures, scenario)
     check_moves(grid, figures, scenario)
     robots = tuple(
-        RobotSetup(
+        BodySetup(
             figure.id, figure.model, figure.sensor, figure.odometry, start,
             places(grid, figure, start, scenario),
         )
@@ -64,7 +64,7 @@ def cast(scenario: Scenario) -> Cast:
     if world.uncertainty != Uncertainty():  # else what is said above of the map holds
         _check_floor(world)
     addresses = tuple((robot.id, number) for number, robot in enumerate(robots, start=1))
-    return Cast(_settled(scenario, robots), world, radio_setup(scenario, addresses), behaviour)
+    return ResolvedScenario(_settled(scenario, robots), world, radio_setup(scenario, addresses), behaviour)
 
 
 def _check_floor(world: WorldSetup) -> None:
@@ -74,17 +74,17 @@ def _check_floor(world: WorldSetup) -> None:
     real_floor(world, [load_model(robot.model, robot.sensor) for robot in world.robots])
 
 
-def _figure(robot: str, scenario: Scenario) -> Figure:
+def _figure(robot: str, scenario: Scenario) -> RobotSpec:
     """The robot's own table, and what holds for all robots where that says nothing."""
     common = scenario.robots
     own = next((table for table in scenario.robot if table.id == robot), RobotTable(id=robot))
     name = own.model or common.model
     model = load_model(name, own.sensor or (common.sensor if name == common.model else None))
     odometry = own.odometry or common.odometry or model.odometry
-    return Figure(robot, name, model.sensor_name, odometry, model.footprint.circumradius, own)
+    return RobotSpec(robot, name, model.sensor_name, odometry, model.footprint.circumradius, own)
 
 
-def _settled(scenario: Scenario, robots: Sequence[RobotSetup]) -> Scenario:
+def _settled(scenario: Scenario, robots: Sequence[BodySetup]) -> Scenario:
     """The scenario with a table for each robot that leaves nothing to be drawn.
 
     Of the areas it keeps those of the places: robots may ask for a random point there.

@@ -26,7 +26,7 @@ NAMES: Final = (
 """All that a link counts, in the order in which it is shown."""
 
 
-class Counters:
+class LinkCounters:
     """The counters of one link."""
 
     def __init__(self) -> None:

@@ -38,13 +38,13 @@ from firmware_bridge.beeclick.commands import (
     Synchronise,
     encode,
 )
-from firmware_bridge.beeclick.counters import Counters
+from firmware_bridge.beeclick.counters import LinkCounters
 from firmware_bridge.beeclick.events import Event, Unconfirmed
 from firmware_bridge.beeclick.news import news
 from firmware_bridge.beeclick.pace import Pace
 from firmware_bridge.beeclick.parameters import DEFAULTS, BeeClickParameters, BoardSettings
 from firmware_bridge.beeclick.reader import Reader
-from firmware_bridge.beeclick.standing import Standing
+from firmware_bridge.beeclick.standing import LinkStanding
 from firmware_bridge.beeclick.wire import NUMBER_END, NoiseError
 
 _FILLER: Final = b"\xff"
@@ -53,7 +53,7 @@ _SPREAD: Final = 0x9E3779B1
 """Odd, so that the numbers of 2^32 packets differ; 2^32 by the golden ratio, so that none looks like data."""
 
 
-class Phase(Enum):
+class LinkPhase(Enum):
     """How far the link is."""
 
     OFF = "off"
@@ -87,8 +87,8 @@ class Link:
 
     def __init__(self, settings: BoardSettings, parameters: BeeClickParameters = DEFAULTS) -> None:
         self.settings = settings
-        self.phase = Phase.OFF
-        self.counters = Counters()
+        self.phase = LinkPhase.OFF
+        self.counters = LinkCounters()
         self._p = parameters
         self._reader = Reader()
         self._setup = settings.commands()
@@ -102,7 +102,7 @@ class Link:
         self._sync_began = self._heard_at = self._answered_at = 0
         self._given_up = False
         """No SYNC has been answered for so long that nothing of what the board has will be."""
-        self._standing = Standing(self.counters, self._events)
+        self._standing = LinkStanding(self.counters, self._events)
 
     @property
     def in_flight(self) -> int:
@@ -116,7 +116,7 @@ class Link:
 
     def connect(self, now: Instant) -> None:
         """A port has been opened; whatever was known of the board is forgotten."""
-        assert self.phase is Phase.OFF, "lost() comes before another connect()"
+        assert self.phase is LinkPhase.OFF, "lost() comes before another connect()"
         self._reader.reset()
         self._pace.connected(now)
         self._standing.connected()
@@ -125,7 +125,7 @@ class Link:
     def lost(self, now: Instant) -> list[Event]:
         """The port has gone; packets in flight are unconfirmed, those that wait go on waiting."""
         self._standing.down(now, "lost")
-        self.phase = Phase.OFF
+        self.phase = LinkPhase.OFF
         self.counters.add("lost")
         self._settle(now, len(self._asked), "lost")
         return self._given()
@@ -152,7 +152,7 @@ class Link:
 
     def take(self, now: Instant, data: bytes = b"") -> list[Event]:
         """What the port has given, and the passing of time: what follows from both, in order."""
-        if self.phase is Phase.OFF:
+        if self.phase is LinkPhase.OFF:
             return self._given()
         if data:
             self._heard_at = now
@@ -166,14 +166,14 @@ class Link:
 
     def due(self, now: Instant) -> bytes:
         """What is to be written now; ask again once it is with the port, and after each `take`."""
-        if self.phase is Phase.OFF:
+        if self.phase is LinkPhase.OFF:
             return b""
-        if self.phase is Phase.SYNCING or self._doubted:
+        if self.phase is LinkPhase.SYNCING or self._doubted:
             return self._sync(now) if now >= self._sync_due() else b""
         out = bytearray()
         while self._to_set:
             out += self._ask(now, self._to_set.popleft())
-        if self.phase is Phase.READY:
+        if self.phase is LinkPhase.READY:
             most = self._p.in_flight if self._standing.is_up else 1
             while self._waiting and self.in_flight < most and self._pace.has_room:
                 out += self._ask_packet(now, self._waiting.popleft())
@@ -186,9 +186,9 @@ class Link:
 
     def wake(self) -> Instant | None:
         """When something is due if nothing comes before; None: nothing is."""
-        if self.phase is Phase.OFF:
+        if self.phase is LinkPhase.OFF:
             return None
-        if self.phase is Phase.SYNCING:
+        if self.phase is LinkPhase.SYNCING:
             give_up = [] if self._given_up else [self._sync_began + self._p.give_up]
             return Instant(min([self._sync_due(), *give_up]))
         times = [self._deadline(), self._sync_due()] if self._asked else []
@@ -245,21 +245,21 @@ class Link:
             self._synchronised(now, skipped=place > 0)
         elif skipped_setting:
             self._begin_sync(now, "echo_skipped")
-        elif self.phase is Phase.SETTING and not self._to_set and not self._asked:
-            self.phase = Phase.READY
+        elif self.phase is LinkPhase.SETTING and not self._to_set and not self._asked:
+            self.phase = LinkPhase.READY
             self._standing.ready(now)
 
     def _confirmed(self, now: Instant, tag: int, failed: bool) -> None:
         self._end(AccessFailure(now, tag) if failed else Sent(now, tag), "failed" if failed else "sent")
-        self._standing.confirmed(now, self.phase is Phase.READY)
+        self._standing.confirmed(now, self.phase is LinkPhase.READY)
 
     def _synchronised(self, now: Instant, skipped: bool) -> None:
-        if self.phase is Phase.READY:
+        if self.phase is LinkPhase.READY:
             if not skipped:
                 return  # it was held up, and no more
             self.counters.add("answer_skipped")
             self._standing.down(now, "answer_skipped")
-        self.phase = Phase.SETTING
+        self.phase = LinkPhase.SETTING
         self._to_set.extend(self._setup)
 
     def _unasked(self, now: Instant, answer: Answer) -> None:
@@ -268,7 +268,7 @@ class Link:
             self.counters.add("late_sync")  # to an earlier one of several
         elif isinstance(answer, PacketSent) and self._was_used(answer.number):
             self.counters.add("late_confirmation")
-        elif self.phase is Phase.SYNCING:
+        elif self.phase is LinkPhase.SYNCING:
             self.counters.add("late_echo")
         else:
             cause = "strange_confirmation" if isinstance(answer, PacketSent) else "strange_echo"
@@ -285,7 +285,7 @@ class Link:
         if stalled:
             self._reader.search()
             self._noise(now, "stalled")
-        if self.phase is Phase.SYNCING:
+        if self.phase is LinkPhase.SYNCING:
             if not self._given_up and now >= self._sync_began + self._p.give_up:
                 self._given_up = True
                 if self.in_flight:
@@ -302,17 +302,17 @@ class Link:
 
     def _deadline(self) -> int:
         """When what was asked first has waited for too long; the set-up has no packets to wait for."""
-        patience = self._p.doubt if self.phase is Phase.SETTING else self._p.answer_timeout
+        patience = self._p.doubt if self.phase is LinkPhase.SETTING else self._p.answer_timeout
         return self._asked[0].since + patience
 
     # --- what the board is told --------------------------------------------------------------------------
 
     def _begin_sync(self, now: Instant, cause: str = "") -> None:
         """Find the board again; its answers so far are still taken."""
-        if self.phase is Phase.SYNCING:
+        if self.phase is LinkPhase.SYNCING:
             return
         self._standing.down(now, cause)
-        self.phase = Phase.SYNCING
+        self.phase = LinkPhase.SYNCING
         self._to_set.clear()
         self._given_up = False
         self._sync_began = now
@@ -320,14 +320,14 @@ class Link:
     @property
     def _doubted(self) -> bool:
         """True while a board that is ready has a SYNC to answer, ahead of time."""
-        return self.phase is Phase.READY and self._sync_asked()
+        return self.phase is LinkPhase.READY and self._sync_asked()
 
     def _sync_due(self) -> int:
         """When the next SYNC may be sent; of a board that is ready, once it has let something wait."""
         due = self._pace.due(not self._reader.aligned)
-        if self.phase is Phase.SYNCING:
+        if self.phase is LinkPhase.SYNCING:
             return due
-        if not self._asked or not self._pace.has_room or self.phase is Phase.SETTING:
+        if not self._asked or not self._pace.has_room or self.phase is LinkPhase.SETTING:
             return 2**62
         since = self._pace.last if self._doubted else self._asked[0].since
         return max(due, since + self._p.doubt)

@@ -7,7 +7,7 @@ from actors.messages import Heard
 from actors.radio.frame_check import frame_check
 from actors.radio.signal_codes import rssi_dbm
 from firmware_bridge.beeclick.answers import Answer, Moisture, Notes, ReceivedPacket, Sentence, Warmth
-from firmware_bridge.beeclick.counters import Counters
+from firmware_bridge.beeclick.counters import LinkCounters
 from firmware_bridge.beeclick.events import Event, Fix, Humidity, Info, Temperature
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.sentence import parse
@@ -22,7 +22,7 @@ _WETTEST: Final = 1000
 
 
 def news(
-    now: Instant, answer: Answer, settings: BoardSettings, counters: Counters, drop_bad_fcs: bool
+    now: Instant, answer: Answer, settings: BoardSettings, counters: LinkCounters, drop_bad_fcs: bool
 ) -> list[Event]:
     """The event that an unasked message is; none for what is to be dropped."""
     match answer:
@@ -46,7 +46,7 @@ def news(
 
 
 def _heard(
-    now: Instant, packet: ReceivedPacket, settings: BoardSettings, counters: Counters, drop_bad_fcs: bool
+    now: Instant, packet: ReceivedPacket, settings: BoardSettings, counters: LinkCounters, drop_bad_fcs: bool
 ) -> list[Event]:
     if packet.fcs != frame_check(mac_header(packet.pan, packet.address) + packet.data):
         counters.add("bad_fcs")
@@ -61,7 +61,7 @@ def _heard(
     return [Heard(now, packet.address, rssi_dbm(packet.rssi_code), packet.lqi, packet.data)]
 
 
-def _fix(now: Instant, text: bytes, counters: Counters) -> list[Event]:
+def _fix(now: Instant, text: bytes, counters: LinkCounters) -> list[Event]:
     position = parse(text)
     if position is None:
         counters.add("bad_sentence")

@@ -3,7 +3,7 @@
 from typing import Final
 
 from actors.instant import Instant
-from firmware_bridge.beeclick.counters import Counters
+from firmware_bridge.beeclick.counters import LinkCounters
 from firmware_bridge.beeclick.events import Down, Event, Up
 
 _FRUITLESS: Final = 2
@@ -11,10 +11,10 @@ _FRUITLESS: Final = 2
 not: one may be lost on the line."""
 
 
-class Standing:
+class LinkStanding:
     """Up and Down in turns, however often a board is found and lost; silent once, until it is up again."""
 
-    def __init__(self, counters: Counters, events: list[Event]) -> None:
+    def __init__(self, counters: LinkCounters, events: list[Event]) -> None:
         """`events`: where what is said goes."""
         self._counters = counters
         self._events = events

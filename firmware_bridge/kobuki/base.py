@@ -18,7 +18,7 @@ from actors.portable.draws import normals
 from actors.world.odometry import KobukiErrors
 from firmware_bridge.kobuki import frame, motion
 from firmware_bridge.kobuki import packets as wire_packets
-from firmware_bridge.kobuki.body import Body, Truth
+from firmware_bridge.kobuki.body import Body, BodyTruth
 from firmware_bridge.kobuki.frame import FrameReader
 from firmware_bridge.kobuki.packets import (
     UDID,
@@ -31,6 +31,7 @@ from firmware_bridge.kobuki.packets import (
     DockingIR,
     Feedback,
     Firmware,
+    FirmwareVersion,
     GeneralInput,
     GetGain,
     Hardware,
@@ -38,7 +39,6 @@ from firmware_bridge.kobuki.packets import (
     RawGyro,
     RequestExtra,
     SetGain,
-    Version,
 )
 from firmware_bridge.kobuki.wire import decode_commands, encode_feedback
 
@@ -49,7 +49,7 @@ EXACT: Final = KobukiErrors(
 _BYTE_US: Final = 10e6 / 115_200
 _FACTORY_GAINS: Final = ControllerInfo(0, 100_000, 100, 2_000)
 """Set by type 0, whatever the numbers behind it."""
-_GAINS_SINCE: Final = Version(1, 2, 0)
+_GAINS_SINCE: Final = FirmwareVersion(1, 2, 0)
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,8 @@ class BaseParameters:
     """What kind of base is emulated, and where its counters stand when it is switched on."""
 
     errors: KobukiErrors = EXACT
-    hardware: Version = Version(1, 0, 4)  # noqa: RUF009 - frozen
-    firmware: Version = Version(1, 1, 4)  # noqa: RUF009
+    hardware: FirmwareVersion = FirmwareVersion(1, 0, 4)  # noqa: RUF009 - frozen
+    firmware: FirmwareVersion = FirmwareVersion(1, 1, 4)  # noqa: RUF009
     udid: UDID = UDID((1, 2, 3))  # noqa: RUF009
     stamp_ms: int = 0
     left_ticks: int = 0
@@ -193,7 +193,7 @@ class EmulatedKobuki:
         if flags & wire_packets.UDID_REQUEST:
             self._extra.append(self._p.udid)
 
-    def _measure(self, truth: Truth, until: Instant, now: Instant) -> None:
+    def _measure(self, truth: BodyTruth, until: Instant, now: Instant) -> None:
         """Count the motion from the last measurement to `until`, the body being at `truth` only `now`."""
         if until == self._now:
             return

@@ -11,7 +11,7 @@ from firmware_bridge.room import EMPTY, Room
 _SUBSTEP_US = 5_000
 
 
-class Truth(NamedTuple):
+class BodyTruth(NamedTuple):
     """Where a body truly is, and how it moves."""
 
     pose: Pose
@@ -30,7 +30,7 @@ class Body(Protocol):
     def advance(self, now: Instant) -> None:
         """Let time pass until `now`; nothing, where somebody else moves the body."""
 
-    def truth(self) -> Truth:
+    def truth(self) -> BodyTruth:
         """Where it is now."""
 
     def bumper(self) -> int:
@@ -67,9 +67,9 @@ class Unicycle:
             self._now = Instant(self._now + step)
             self._move(Duration(step))
 
-    def truth(self) -> Truth:
+    def truth(self) -> BodyTruth:
         """As in Body."""
-        return Truth(self._pose, self._v, self._omega)
+        return BodyTruth(self._pose, self._v, self._omega)
 
     def bumper(self) -> int:
         """As in Body."""

@@ -16,13 +16,13 @@ from firmware_bridge.kobuki import frame, motion
 from firmware_bridge.kobuki import packets as wire_packets
 from firmware_bridge.kobuki.battery import BatteryLevel, BatteryParameters, level
 from firmware_bridge.kobuki.events import (
+    BaseIdentity,
     BatteryChanged,
     Changed,
     Event,
     Fed,
     Found,
     Identified,
-    Identity,
     Lost,
     Sense,
     StopsChanged,
@@ -40,6 +40,7 @@ from firmware_bridge.kobuki.packets import (
     DockingIR,
     Feedback,
     Firmware,
+    FirmwareVersion,
     GeneralInput,
     GeneralOutput,
     Hardware,
@@ -51,7 +52,6 @@ from firmware_bridge.kobuki.packets import (
     Sound,
     SoundSequence,
     Unknown,
-    Version,
 )
 from firmware_bridge.kobuki.safety import Allowed, Cause, SafetyParameters, SafetyStop
 from firmware_bridge.kobuki.wire import decode_feedback, encode_command
@@ -74,7 +74,7 @@ F = TypeVar(
 
 _ASK_ALL: Final = wire_packets.HARDWARE_REQUEST | wire_packets.FIRMWARE_REQUEST | wire_packets.UDID_REQUEST
 _NOTE_S: Final = 2.75e-6
-_GAINS_SINCE: Final = Version(1, 2, 0)
+_GAINS_SINCE: Final = FirmwareVersion(1, 2, 0)
 
 
 class KobukiError(AcrcError):
@@ -125,7 +125,7 @@ class KobukiDriver:
         self._senses: dict[Sense, int] = {}
         self._battery: BatteryChanged | None = None
         self.odometry = KobukiOdometry(parameters.odometry)
-        self.identity = Identity()
+        self.identity = BaseIdentity()
         self.found = False
         """True while the base sends feedback."""
         self.allowed = Allowed(0.0, 0.0, ())
@@ -261,7 +261,7 @@ class KobukiDriver:
     def _meet(self, now: Instant) -> None:
         """A base has appeared, perhaps another, perhaps one that was switched off and on."""
         self.found = True
-        self.identity = Identity()
+        self.identity = BaseIdentity()
         self._requests_left = self._p.requests
         self._outputs_due = self._request_due = now
         self._told.append(Found(now))

@@ -5,7 +5,7 @@ from enum import Enum
 
 from actors.instant import Instant
 from firmware_bridge.kobuki.battery import BatteryLevel
-from firmware_bridge.kobuki.packets import UDID, Feedback, Version
+from firmware_bridge.kobuki.packets import UDID, Feedback, FirmwareVersion
 from firmware_bridge.kobuki.safety import Stop
 
 
@@ -64,11 +64,11 @@ class BatteryChanged:
 
 
 @dataclass(frozen=True)
-class Identity:
+class BaseIdentity:
     """Which base it is; None = it has not said so yet."""
 
-    hardware: Version | None = None
-    firmware: Version | None = None
+    hardware: FirmwareVersion | None = None
+    firmware: FirmwareVersion | None = None
     udid: UDID | None = None
 
     @property
@@ -82,7 +82,7 @@ class Identified:
     """The base has said all about itself."""
 
     instant: Instant
-    identity: Identity
+    identity: BaseIdentity
 
 
 @dataclass(frozen=True)

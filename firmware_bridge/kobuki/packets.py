@@ -166,7 +166,7 @@ class Current:
 
 
 @dataclass(frozen=True, order=True)
-class Version:
+class FirmwareVersion:
     """A version number."""
 
     major: int
@@ -181,14 +181,14 @@ class Version:
 class Hardware:
     """The base's hardware version."""
 
-    version: Version
+    version: FirmwareVersion
 
 
 @dataclass(frozen=True)
 class Firmware:
     """The base's firmware version."""
 
-    version: Version
+    version: FirmwareVersion
 
 
 @dataclass(frozen=True)

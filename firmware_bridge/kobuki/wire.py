@@ -20,6 +20,7 @@ from firmware_bridge.kobuki.packets import (
     DockingIR,
     Feedback,
     Firmware,
+    FirmwareVersion,
     GeneralInput,
     GeneralOutput,
     GetGain,
@@ -31,7 +32,6 @@ from firmware_bridge.kobuki.packets import (
     Sound,
     SoundSequence,
     Unknown,
-    Version,
 )
 
 
@@ -66,11 +66,11 @@ _RAW_GYRO: Final = 13
 _GENERAL_INPUT: Final = 16
 _UDID: Final = 19
 _OLD_FIRMWARE: Final = {
-    123: Version(1, 0, 0),
-    110: Version(1, 1, 0),
-    10100: Version(1, 1, 0),
-    111: Version(1, 1, 1),
-    10101: Version(1, 1, 1),
+    123: FirmwareVersion(1, 0, 0),
+    110: FirmwareVersion(1, 1, 0),
+    10100: FirmwareVersion(1, 1, 0),
+    111: FirmwareVersion(1, 1, 1),
+    10101: FirmwareVersion(1, 1, 1),
 }
 """The first three firmwares, which said their version in two bytes."""
 _INPUT: Final = struct.Struct("<5H6x")
@@ -167,16 +167,16 @@ def _udid(data: bytes) -> UDID:
     return UDID((a, b, c))
 
 
-def _version(kind: int, data: bytes) -> Version:
+def _version(kind: int, data: bytes) -> FirmwareVersion:
     """Of four bytes, or of two as old firmware sends them: 104 is hardware 1.0.4."""
     if len(data) == 4:
-        return Version(data[2], data[1], data[0])
+        return FirmwareVersion(data[2], data[1], data[0])
     if len(data) != 2:
         raise MalformedError(f"packet {kind} has {len(data)} bytes of data, not 2 or 4")
     number = int.from_bytes(data, "little")
     if kind == _FIRMWARE and number in _OLD_FIRMWARE:
         return _OLD_FIRMWARE[number]
-    return Version(number // 100, number // 10 % 10, number % 10)
+    return FirmwareVersion(number // 100, number // 10 % 10, number % 10)
 
 
 def _raw_gyro(data: bytes) -> RawGyro:

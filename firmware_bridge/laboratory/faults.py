@@ -8,7 +8,15 @@ from typing import Final, Literal, TypeVar
 from actors.instant import START, Duration, in_seconds
 from actors.runtime.errors import AcrcError
 from firmware_bridge.kobuki.base import Faults
-from firmware_bridge.laboratory.laboratory import BASE, DEVICES, RADIO, RANGE, Hardware, Jack, Laboratory
+from firmware_bridge.laboratory.laboratory import (
+    BASE,
+    DEVICES,
+    RADIO,
+    RANGE,
+    EmulatedHardware,
+    Jack,
+    Laboratory,
+)
 from firmware_bridge.laboratory.lines import Lines
 from firmware_bridge.range_sensors.rplidar_wire import Health
 
@@ -168,7 +176,7 @@ class Bench:
         way, told = laboratory.travelled(robot), int(body.is_told_to_stand)
         return f"{time:.3f} {way:.4f} {body.truth().v:.4f} {told}"
 
-    def _of(self, robot: str) -> Hardware:
+    def _of(self, robot: str) -> EmulatedHardware:
         return self._laboratory.robots[robot]
 
 

@@ -15,7 +15,7 @@ from actors.world.physics import SUBSTEP
 from actors.world.referee import PlaceOutcome, Referee
 from actors.world.uncertainty import drifting
 from firmware_bridge.beeclick.emulation import emulated_medium
-from firmware_bridge.beeclick.emulation.emulated_board import Board
+from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulation.emulated_medium import Air, AirParameters, Place
 from firmware_bridge.kobuki.base import EXACT, BaseParameters, EmulatedKobuki
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
@@ -40,12 +40,12 @@ class Jack(NamedTuple):
 Out = Callable[[Jack, bytes], None]
 
 
-class Hardware(NamedTuple):
+class EmulatedHardware(NamedTuple):
     """One robot's devices."""
 
     body: RobotBody
     base: EmulatedKobuki
-    board: Board
+    board: EmulatedBoard
     lidar: EmulatedRplidar
 
 
@@ -66,7 +66,7 @@ class Laboratory:
         noise = [generator(seed, "laboratory range", robot.id) for robot in world.robots]
         self._sights = Sights(real_floor(world, models).visible, models, noise)
         self._air = Air(generator(seed, "laboratory air", ""), AirParameters(preset(setup.radio)))
-        self.robots: Mapping[str, Hardware] = {
+        self.robots: Mapping[str, EmulatedHardware] = {
             robot.id: self._hardware(index, generator(seed, "laboratory base", robot.id), robot.odometry)
             for index, robot in enumerate(world.robots)
         }
@@ -154,13 +154,13 @@ class Laboratory:
             self._sights.poses[index] = self._bodies.truth(index)[:3]
         self._referee.watch(self._now, self._sights.poses[:, :2])
 
-    def _hardware(self, index: int, random: np.random.Generator, odometry: str) -> Hardware:
+    def _hardware(self, index: int, random: np.random.Generator, odometry: str) -> EmulatedHardware:
         body = RobotBody(self._bodies, index)
         errors = self._errors if odometry == "kobuki" else EXACT
-        board = Board(self._air, START)
+        board = EmulatedBoard(self._air, START)
         self._air.add(board, self._place(index))
         base = EmulatedKobuki(body, random, BaseParameters(errors))
-        return Hardware(body, base, board, EmulatedRplidar(self._sights.of(index), LIDAR))
+        return EmulatedHardware(body, base, board, EmulatedRplidar(self._sights.of(index), LIDAR))
 
     def _place(self, index: int) -> Place:
         def place(_: Instant) -> tuple[float, float]:

@@ -38,7 +38,7 @@ class LaboratorySetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
 
 
-class RobotTruth(msgspec.Struct, frozen=True):
+class LaboratoryTruth(msgspec.Struct, frozen=True):
     """Where a robot truly is in the end."""
 
     pose: tuple[float, float, float]
@@ -65,7 +65,7 @@ class LaboratoryResult(msgspec.Struct, frozen=True):
     """Sub-steps of the physics by how late they were made, in whole milliseconds."""
     lost_ms: int
     """Wall time that was left out because the laboratory was too late to make it up."""
-    robots: dict[str, RobotTruth] = {}
+    robots: dict[str, LaboratoryTruth] = {}
     bases: dict[str, dict[str, int]] = {}
     """Frames from each base's driver that were right, and bytes that were skipped."""
     air: dict[str, int] = {}

@@ -12,11 +12,11 @@ from typing import Final
 from actors.instant import START, Duration, Instant, in_seconds, milliseconds
 from actors.runtime.errors import AcrcError
 from actors.world.physics import SUBSTEP
-from firmware_bridge.beeclick.emulation.emulated_board import Board
+from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.kobuki.base import EmulatedKobuki
 from firmware_bridge.laboratory.faults import Bench
 from firmware_bridge.laboratory.laboratory import Laboratory
-from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult, RobotTruth
+from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult, LaboratoryTruth
 from firmware_bridge.laboratory.lines import Lines
 
 _ROUND: Final = milliseconds(1)
@@ -104,7 +104,7 @@ class RealTime:
             behind_ms={str(late): count for late, count in sorted(self._behind.items())},
             lost_ms=self._left_out // 1000,
             robots={
-                robot: RobotTruth(laboratory.pose(robot), laboratory.travelled(robot))
+                robot: LaboratoryTruth(laboratory.pose(robot), laboratory.travelled(robot))
                 for robot in laboratory.robots
             },
             bases={robot: _base(hardware.base) for robot, hardware in laboratory.robots.items()},
@@ -149,7 +149,7 @@ class RealTime:
         return Instant((time.monotonic_ns() - self._began_ns) // 1000 - self._left_out)
 
 
-def _board(board: Board) -> dict[str, int]:
+def _board(board: EmulatedBoard) -> dict[str, int]:
     return {**board.counters, "address": board.address, "channel": board.channel + _FIRST_CHANNEL}
 
 

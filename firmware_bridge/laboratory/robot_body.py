@@ -5,7 +5,7 @@ from actors.instant import Instant
 from actors.messages import Drive
 from actors.portable import cos, sin
 from actors.world.body import Bodies
-from firmware_bridge.kobuki.body import Truth
+from firmware_bridge.kobuki.body import BodyTruth
 
 
 class RobotBody:
@@ -37,10 +37,10 @@ class RobotBody:
     def advance(self, now: Instant) -> None:
         """As in Body: somebody else moves it."""
 
-    def truth(self) -> Truth:
+    def truth(self) -> BodyTruth:
         """As in Body."""
         x, y, heading, vx, vy, omega = self._bodies.truth(self._index)
-        return Truth(Pose(x, y, heading), vx * cos(heading) + vy * sin(heading), omega)
+        return BodyTruth(Pose(x, y, heading), vx * cos(heading) + vy * sin(heading), omega)
 
     def bumper(self) -> int:
         """As in Body: pressed at any time since the last call."""

@@ -25,7 +25,7 @@ from actors.runtime.bus.waking_bus import WakingBus
 from actors.runtime.client_options import ArgumentParser
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent
-from actors.runtime.process import Part, RunNote, play
+from actors.runtime.process import ActorProcess, RunNote, play
 from actors.runtime.processor import processor
 from actors.runtime.shell import Shell
 from firmware_bridge.kobuki import port as kobuki_port
@@ -145,7 +145,7 @@ class Base:
         self._stopped = True
 
 
-def part(base: Base, setup: BaseSetup, argv: Sequence[str], commit: str) -> Part:
+def part(base: Base, setup: BaseSetup, argv: Sequence[str], commit: str) -> ActorProcess:
     """The base and its connections."""
     run = RunNote(
         actor="base",
@@ -157,7 +157,7 @@ def part(base: Base, setup: BaseSetup, argv: Sequence[str], commit: str) -> Part
         kernels={},
         processor=processor(),
     )
-    return Part(
+    return ActorProcess(
         core=base.core,
         listens=base.core.listens(),
         run=run,

@@ -12,11 +12,11 @@ from actors.instant import Instant, seconds
 from actors.messages import RADIO_READY, Ready
 from actors.runtime.access.rules import client_config
 from actors.runtime.bus.waking_bus import WakingBus
-from actors.runtime.client_options import ArgumentParser, Seat, add_seat_options, seat
+from actors.runtime.client_options import ArgumentParser, ClientOptions, add_client_options, client_options
 from actors.runtime.core import to
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent
-from actors.runtime.process import Part, RunNote, play
+from actors.runtime.process import ActorProcess, RunNote, play
 from actors.runtime.processor import processor
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell
@@ -37,7 +37,7 @@ class BridgeOptions:
     """The bridge's command line."""
 
     setup: Path
-    seat: Seat
+    client: ClientOptions
 
 
 def parse(argv: Sequence[str]) -> BridgeOptions:
@@ -46,9 +46,9 @@ def parse(argv: Sequence[str]) -> BridgeOptions:
         prog="python -m firmware_bridge.onboard.bridge", description="Talks by a BEE click."
     )
     parser.add_argument("--setup", required=True, type=Path, help="JSON file with the bridge's set-up")
-    add_seat_options(parser)
+    add_client_options(parser)
     given = parser.parse_args(argv)
-    return BridgeOptions(given.setup, seat(given))
+    return BridgeOptions(given.setup, client_options(given))
 
 
 class Bridge:
@@ -120,7 +120,7 @@ class Bridge:
         self._said = sentence
 
 
-def part(bridge: Bridge, setup: BridgeSetup, argv: Sequence[str], commit: str) -> Part:
+def part(bridge: Bridge, setup: BridgeSetup, argv: Sequence[str], commit: str) -> ActorProcess:
     """The bridge and its connections."""
     run = RunNote(
         actor="radio",
@@ -132,7 +132,7 @@ def part(bridge: Bridge, setup: BridgeSetup, argv: Sequence[str], commit: str) -
         kernels={},
         processor=processor(),
     )
-    return Part(
+    return ActorProcess(
         core=bridge.core,
         listens=bridge.core.listens(),
         run=run,
@@ -147,13 +147,13 @@ def main(argv: Sequence[str]) -> int:
     """Bridge until the base has ended; the exit code."""
     try:
         options = parse(argv)
-        if options.seat.with_parent:
+        if options.client.with_parent:
             die_with_parent(os.getppid())
         setup = load(options.setup, BridgeSetup)
         bridge = Bridge(setup, Clock())
-        process = part(bridge, setup, argv, options.seat.commit)
-        config = client_config(options.seat.credentials, options.seat.router)
-        return play(process, Recorder(options.seat.record, setup.step_us), config)
+        process = part(bridge, setup, argv, options.client.commit)
+        config = client_config(options.client.credentials, options.client.router)
+        return play(process, Recorder(options.client.record, setup.step_us), config)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

@@ -21,7 +21,7 @@ from firmware_bridge.range_sensors.rplidar_wire import (
     Descriptor,
     Health,
     Info,
-    Request,
+    LidarRequest,
     SampleReader,
 )
 from firmware_bridge.range_sensors.sensor import Rays
@@ -58,7 +58,7 @@ class RplidarParameters:
     an echo is sent too, so a gap is a loss, and must not look like free floor."""
 
 
-class Phase(Enum):
+class LidarPhase(Enum):
     """What the lidar is doing, or asked for."""
 
     STOPPING = "being stopped"
@@ -111,7 +111,7 @@ class Rplidar:
         """When the head last was seen to turn on, ..."""
         self._mark_q6 = -_NOTICEABLE_Q6
         """... and where it was then."""
-        self.phase = Phase.STOPPING
+        self.phase = LidarPhase.STOPPING
         self._entered = started
         self.counts = RplidarCounts()
         self.health: Health | None = None
@@ -134,7 +134,7 @@ class Rplidar:
                 f"the RPLIDAR says that it is broken (error {self.health.code}); unplug it and plug it in "
                 "again, and see that nothing holds its motor"
             )
-        if self.phase is Phase.SCANNING and now - self._alive <= self._p.patience:
+        if self.phase is LidarPhase.SCANNING and now - self._alive <= self._p.patience:
             return None
         return (
             f"no scan from the RPLIDAR for {in_seconds(now - self._alive):.1f} s; it should be plugged in, "
@@ -143,36 +143,36 @@ class Rplidar:
 
     def sees(self, now: Instant) -> bool:
         """True while its head turns and something is seen."""
-        if self.phase is not Phase.SCANNING or self._echo is None:
+        if self.phase is not LidarPhase.SCANNING or self._echo is None:
             return False
         return now - min(self._echo, self._turning_at) <= self._p.sight
 
     def take(self, now: Instant, data: bytes) -> None:
         """Bytes that have come, also none."""
-        if self.phase is Phase.SCANNING:
+        if self.phase is LidarPhase.SCANNING:
             self._sampled(now, data)
             return
         self._pending += data
-        if self.phase in {Phase.STOPPING, Phase.RESETTING}:
+        if self.phase in {LidarPhase.STOPPING, LidarPhase.RESETTING}:
             self._pending.clear()  # the rest of a scan, or a greeting
-        elif self.phase is Phase.HEALTH:
+        elif self.phase is LidarPhase.HEALTH:
             self._answered(now, wire.HEALTH)
-        elif self.phase is Phase.INFO:
+        elif self.phase is LidarPhase.INFO:
             self._answered(now, wire.INFO)
-        elif self.phase is Phase.STARTING and self._described(wire.SCANNING):
+        elif self.phase is LidarPhase.STARTING and self._described(wire.SCANNING):
             rest = bytes(self._pending[wire.DESCRIPTOR_SIZE :])
-            self._enter(Phase.SCANNING, now)
+            self._enter(LidarPhase.SCANNING, now)
             self._sampled(now, rest)
 
     def due(self, now: Instant) -> bytes:
         """The bytes to write now."""
         waited = now - self._entered
-        rest = {Phase.STOPPING: self._p.pause, Phase.RESETTING: self._p.reset}.get(self.phase)
+        rest = {LidarPhase.STOPPING: self._p.pause, LidarPhase.RESETTING: self._p.reset}.get(self.phase)
         if rest is not None:
             if self._asked and waited >= rest:
-                self._enter(Phase.HEALTH, now)
+                self._enter(LidarPhase.HEALTH, now)
         elif max(self._entered, self._alive) + self._p.patience < now:
-            self._enter(Phase.STOPPING, now)
+            self._enter(LidarPhase.STOPPING, now)
         if self._asked:
             return b""
         self._asked = True
@@ -180,14 +180,14 @@ class Rplidar:
 
     def farewell(self) -> bytes:
         """The last bytes to write."""
-        return Request.STOP.bytes
+        return LidarRequest.STOP.bytes
 
-    def _enter(self, phase: Phase, now: Instant) -> None:
+    def _enter(self, phase: LidarPhase, now: Instant) -> None:
         self.phase = phase
         self._entered = now
-        self._asked = phase is Phase.SCANNING
+        self._asked = phase is LidarPhase.SCANNING
         self._pending.clear()
-        if phase is Phase.STARTING:
+        if phase is LidarPhase.STARTING:
             self.counts.starts += 1
             self._samples = SampleReader()
             self._turn = None
@@ -208,10 +208,10 @@ class Rplidar:
         self._alive = now
         if wanted is wire.INFO:
             self.info = Info.decode(data)
-            self._enter(Phase.STARTING, now)
+            self._enter(LidarPhase.STARTING, now)
             return
         self.health = Health.decode(data)
-        self._enter(Phase.RESETTING if self.health.status == 2 else Phase.INFO, now)
+        self._enter(LidarPhase.RESETTING if self.health.status == 2 else LidarPhase.INFO, now)
 
     def _sampled(self, now: Instant, data: bytes) -> None:
         samples = self._samples.take(data)
@@ -255,11 +255,11 @@ class Rplidar:
 
 
 _REQUESTS = {
-    Phase.STOPPING: Request.STOP,
-    Phase.RESETTING: Request.RESET,
-    Phase.HEALTH: Request.HEALTH,
-    Phase.INFO: Request.INFO,
-    Phase.STARTING: Request.SCAN,
+    LidarPhase.STOPPING: LidarRequest.STOP,
+    LidarPhase.RESETTING: LidarRequest.RESET,
+    LidarPhase.HEALTH: LidarRequest.HEALTH,
+    LidarPhase.INFO: LidarRequest.INFO,
+    LidarPhase.STARTING: LidarRequest.SCAN,
 }
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from actors.instant import START, Instant, in_seconds
 from firmware_bridge.range_sensors import rplidar_wire as wire
-from firmware_bridge.range_sensors.rplidar_wire import FULL_TURN_Q6, Health, Info, Request, Sample
+from firmware_bridge.range_sensors.rplidar_wire import FULL_TURN_Q6, Health, Info, LidarRequest, Sample
 
 Sight = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """(n,) directions, rad counter-clockwise from the lidar's zero, to (n,) ranges, m; inf = nothing."""
@@ -77,16 +77,16 @@ class EmulatedRplidar:
         return b"" if self.silent else out
 
     def _obey(self, request: int) -> None:
-        if request == Request.STOP:
+        if request == LidarRequest.STOP:
             self._scanning = False
-        elif request == Request.RESET:
+        elif request == LidarRequest.RESET:
             self._scanning = False
             self._out += b"RP LIDAR System.\r\n"
-        elif request == Request.HEALTH:
+        elif request == LidarRequest.HEALTH:
             self._out += wire.HEALTH.encode() + self.health.encode()
-        elif request == Request.INFO:
+        elif request == LidarRequest.INFO:
             self._out += wire.INFO.encode() + self._p.info.encode()
-        elif request == Request.SCAN and self.health.status != 2:
+        elif request == LidarRequest.SCAN and self.health.status != 2:
             self._scanning = True
             self._last_turn = int(self._sampled / self._p.samples * self._p.turns)
             self._out += wire.SCANNING.encode()

@@ -11,7 +11,7 @@ from typing import Final
 REQUEST: Final = 0xA5
 
 
-class Request(IntEnum):
+class LidarRequest(IntEnum):
     """A request without data: `A5` and this."""
 
     SCAN = 0x20

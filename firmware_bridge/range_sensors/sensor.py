@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM, Scan
-from actors.robot_model import RangeSensor as SensorModel
+from actors.robot_model import RangeSensor
 
 REACH: Final = math.radians(1.0)
 """How far from a ray a sample may lie and still speak for it where no sample hits the ray's own share of the
 circle; own choice: a lidar of 360 samples fills 640 rays, and a sector without samples stays without."""
 
 
-class RangeSensor(Protocol):
+class RangeSensorDriver(Protocol):
     """Gives each sweep once."""
 
     def scan(self) -> Scan | None:
@@ -25,7 +25,7 @@ class RangeSensor(Protocol):
 class Rays:
     """The rays of a sensor's model, and how samples at any other angles become their ranges."""
 
-    def __init__(self, model: SensorModel, reach: float = REACH) -> None:
+    def __init__(self, model: RangeSensor, reach: float = REACH) -> None:
         self._model = model
         self._reach = reach
         turned = model.increment * np.arange(model.rays, dtype=np.float64)

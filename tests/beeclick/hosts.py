@@ -7,7 +7,7 @@ from firmware_bridge.beeclick import answers, commands
 from firmware_bridge.beeclick.answers import AddressSet, Answer, ChannelSet, PacketSent, PowerSet
 from firmware_bridge.beeclick.commands import Command, SendPacket
 from firmware_bridge.beeclick.events import Event
-from firmware_bridge.beeclick.link import Link, Phase
+from firmware_bridge.beeclick.link import Link, LinkPhase
 from firmware_bridge.beeclick.parameters import DEFAULTS, BeeClickParameters, BoardSettings
 from firmware_bridge.beeclick.wire import SYNC_PATTERN
 
@@ -52,7 +52,7 @@ class Host:
         assert self.hear(SYNC_PATTERN) == []
         assert len(self.commands()) == 3
         self.hear(*ECHOES)
-        assert self.link.phase is Phase.READY
+        assert self.link.phase is LinkPhase.READY
         return self
 
     def send(self, *tags: int) -> list[int]:

@@ -27,7 +27,7 @@ from firmware_bridge.beeclick.commands import (
     Synchronise,
 )
 from firmware_bridge.beeclick.emulation.emulate import standing
-from firmware_bridge.beeclick.emulation.emulated_board import Board, BoardParameters
+from firmware_bridge.beeclick.emulation.emulated_board import BoardParameters, EmulatedBoard
 from firmware_bridge.beeclick.emulation.emulated_medium import Air, AirParameters, advance
 from firmware_bridge.beeclick.signal import mac_header
 from firmware_bridge.beeclick.wire import SYNC_PATTERN, byte_time
@@ -40,7 +40,7 @@ class Bench:
         self.now = START
         self.air = Air(np.random.default_rng(1), AirParameters(csma=csma))
         for number in range(boards):
-            self.air.add(Board(self.air, START), standing(number * distance, 0.0))
+            self.air.add(EmulatedBoard(self.air, START), standing(number * distance, 0.0))
         self.board = self.air.boards[0]
         self.log = bytearray()
 
@@ -323,7 +323,7 @@ def test_sensors_speak_in_pairs() -> None:
 
 def test_a_missing_sensor_gives_the_ends_of_its_range() -> None:
     bench = Bench()
-    board = Board(bench.air, START, BoardParameters(temperature=-397, humidity=-20))
+    board = EmulatedBoard(bench.air, START, BoardParameters(temperature=-397, humidity=-20))
     assert board.run(Instant(0)) == b""
     board.run(Instant(1_400_000))
     board.settle(Instant(1_800_000))

@@ -6,12 +6,12 @@ from benchmarks.hardware.beeclick import soak, throughput
 from deeco.replication.fragments import Fragmenter
 from deeco.replication.reassembly import Reassembly
 from firmware_bridge.beeclick.emulation.emulate import standing
-from firmware_bridge.beeclick.emulation.emulated_board import Board
+from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulation.emulated_medium import Air, AirParameters
 from firmware_bridge.beeclick.emulation.lab import Desk, Lab
 from firmware_bridge.beeclick.emulation.line import Disturbance
 from firmware_bridge.beeclick.events import Down, Info, PacketEnd, Unconfirmed, Up
-from firmware_bridge.beeclick.link import Link, Phase
+from firmware_bridge.beeclick.link import Link, LinkPhase
 from firmware_bridge.beeclick.parameters import BeeClickParameters, BoardSettings
 
 QUICK = BeeClickParameters(
@@ -27,7 +27,7 @@ def lab(boards: int, seed: int = 1, parameters: BeeClickParameters | None = None
     air = Air(rng, AirParameters(csma=True))
     desks = []
     for number in range(boards):
-        board = Board(air, START)
+        board = EmulatedBoard(air, START)
         air.add(board, standing(2.0 * number, 0.0))
         desks.append(Desk(Link(BoardSettings(number + 1), parameters or BeeClickParameters()), board))
     return Lab(air, desks, rng, milliseconds(poll / 1_000))
@@ -40,7 +40,7 @@ def ends(desk: Desk) -> list[tuple[str, int]]:
 def test_robots_hear_one_another() -> None:
     room = lab(3)
     room.run(milliseconds(50))
-    assert [desk.link.phase for desk in room.desks] == [Phase.READY] * 3
+    assert [desk.link.phase for desk in room.desks] == [LinkPhase.READY] * 3
     for desk, text in zip(room.desks, (b"one", b"two", b"three"), strict=True):
         desk.send(room.now, 7, text)
     room.run(milliseconds(50))
@@ -61,7 +61,7 @@ def test_a_restarted_board_is_set_up_again_and_its_packets_are_unconfirmed() -> 
     room.run(milliseconds(7))
     desk.board.reboot(room.now)
     room.run(seconds(1.2))
-    assert desk.link.phase is Phase.READY
+    assert desk.link.phase is LinkPhase.READY
     assert (desk.board.pan, desk.board.address, desk.board.channel) == (0xBABA, 1, 15)
     kinds = {tag: kind for kind, tag in ends(desk)}
     assert sorted(kinds) == [0, 1, 2, 3]
@@ -75,7 +75,7 @@ def test_an_idle_restarted_board_is_set_up_again_within_two_seconds() -> None:
     room.run(milliseconds(1_500))
     desk.board.reboot(room.now)
     room.run(milliseconds(2_020))
-    assert desk.link.phase is Phase.READY
+    assert desk.link.phase is LinkPhase.READY
     assert desk.board.address == 1
 
 
@@ -103,7 +103,7 @@ def test_the_button_does_no_harm_to_a_board_that_is_being_found() -> None:
         desk.board.press(room.now)
         room.run(seconds(3))
         assert not desk.board.hung
-        assert desk.link.phase is Phase.READY
+        assert desk.link.phase is LinkPhase.READY
 
 
 def test_noise_that_only_the_board_hears_costs_half_a_second_at_most() -> None:
@@ -119,7 +119,7 @@ def test_noise_that_only_the_board_hears_costs_half_a_second_at_most() -> None:
             if busy:
                 desk.send(room.now, 1, b"lost")
             room.run(milliseconds(510))
-            assert desk.board.commands.in_step and desk.link.phase is Phase.READY
+            assert desk.board.commands.in_step and desk.link.phase is LinkPhase.READY
             desk.send(room.now, 2, b"comes through")
             room.run(milliseconds(30))
             assert ends(desk)[-1] == ("Sent", 2)
@@ -130,7 +130,7 @@ class WedgedAir(Air):
 
     wedged = True
 
-    def transmit(self, board: Board, now: Instant, frame: bytes) -> None:
+    def transmit(self, board: EmulatedBoard, now: Instant, frame: bytes) -> None:
         if not self.wedged:
             super().transmit(board, now, frame)
 
@@ -138,7 +138,7 @@ class WedgedAir(Air):
 def test_a_wedged_radio_is_silent_once_and_its_boards_ring_is_not_overrun() -> None:
     rng = np.random.default_rng(1)
     air = WedgedAir(rng)
-    desk = Desk(Link(BoardSettings(1)), Board(air, START))
+    desk = Desk(Link(BoardSettings(1)), EmulatedBoard(air, START))
     air.add(desk.board, standing(0.0, 0.0))
     room = Lab(air, [desk], rng)
     room.run(milliseconds(50))
@@ -183,7 +183,7 @@ def test_a_hung_board_is_silent_until_it_is_reset() -> None:
     assert [e.cause for e in desk.events if isinstance(e, Down)] == ["no_echo", "silent"]
     desk.board.reboot(room.now)
     room.run(milliseconds(900))
-    assert desk.link.phase is Phase.READY
+    assert desk.link.phase is LinkPhase.READY
 
 
 def test_a_thousand_restarts_lose_no_packet_from_the_books() -> None:
@@ -200,7 +200,7 @@ def test_a_thousand_restarts_lose_no_packet_from_the_books() -> None:
         room.run(milliseconds(float(rng.integers(1, 40))))
         desk.board.reboot(room.now)
         room.run(milliseconds(260))
-        assert desk.link.phase is Phase.READY
+        assert desk.link.phase is LinkPhase.READY
         for kind, one in ends(desk):
             assert one not in books
             books[one] = kind

@@ -9,7 +9,7 @@ from firmware_bridge.beeclick.answers import (
 )
 from firmware_bridge.beeclick.commands import SendPacket, SetAddress, SetChannel, SetPower
 from firmware_bridge.beeclick.events import Down, Temperature, Unconfirmed, Up
-from firmware_bridge.beeclick.link import Phase
+from firmware_bridge.beeclick.link import LinkPhase
 from firmware_bridge.beeclick.signal import mac_header
 from firmware_bridge.beeclick.wire import SYNC_PATTERN
 from tests.beeclick.hosts import ECHOES, SYNC, Host, confirm
@@ -26,7 +26,7 @@ def test_a_link_starts_with_a_sync_and_the_set_up_confirmed_by_echoes() -> None:
     assert host.hear(SYNC_PATTERN, after=6_000) == []
     assert host.commands() == [SetAddress(0xBABA, 0x0103), SetChannel(15), SetPower(-100)]
     assert host.hear(*ECHOES[:2]) == []
-    assert host.link.phase is Phase.SETTING
+    assert host.link.phase is LinkPhase.SETTING
     assert host.hear(ECHOES[2]) == [Up(host.now)]
     assert host.link.counters.nonzero() == {"answers": 4, "syncs": 1, "ups": 1}
 
@@ -35,7 +35,7 @@ def test_nothing_is_believed_before_the_first_sync_answer() -> None:
     host = Host()
     host.due()
     assert host.hear(Warmth(215), packet(b"old"), ECHOES[0], b"\x00Hel", SYNC_PATTERN) == []
-    assert host.link.phase is Phase.SETTING
+    assert host.link.phase is LinkPhase.SETTING
     assert host.link.counters["junk_bytes"] == 3 + 13 + 5 + 4
     assert host.link.counters["heard"] == 0
 
@@ -57,7 +57,7 @@ def test_a_sync_is_repeated_until_it_is_answered() -> None:
     host.hear(SYNC_PATTERN)
     assert len(host.commands()) == 3
     host.hear(SYNC_PATTERN * 2, *ECHOES)  # the answers to the others
-    assert host.link.phase is Phase.READY
+    assert host.link.phase is LinkPhase.READY
     assert host.link.counters["late_sync"] == 2
 
 
@@ -79,7 +79,7 @@ def test_a_wrong_echo_begins_everything_anew() -> None:
     host.hear(SYNC_PATTERN)
     host.due()
     host.hear(AddressSet(0xBABA, 0x0104))
-    assert host.link.phase is Phase.SYNCING
+    assert host.link.phase is LinkPhase.SYNCING
     assert host.link.counters["strange_echo"] == 1
 
 
@@ -89,7 +89,7 @@ def test_a_missing_echo_begins_everything_anew() -> None:
     host.hear(SYNC_PATTERN)
     host.due()
     host.hear(ECHOES[0], ECHOES[2])
-    assert host.link.phase is Phase.SYNCING
+    assert host.link.phase is LinkPhase.SYNCING
     host.hear(after=80_000)
     assert host.due() == SYNC
 
@@ -145,7 +145,7 @@ def test_a_later_confirmation_settles_the_earlier_packets() -> None:
     assert host.hear(confirm(second)) == [Unconfirmed(host.now, 1, "answer_skipped"), Sent(host.now, 2)]
     assert host.hear(confirm(first)) == []  # never twice
     assert host.link.counters["late_confirmation"] == 1
-    assert host.link.phase is Phase.READY
+    assert host.link.phase is LinkPhase.READY
 
 
 def test_a_confirmation_that_comes_twice_counts_once() -> None:
@@ -160,7 +160,7 @@ def test_a_confirmation_of_no_packet_is_noise() -> None:
     events = host.hear(PacketSent(0x12345678, failed=False))
     assert events == [Down(host.now, "strange_confirmation")]
     assert host.link.counters["strange_confirmation"] == 1
-    assert host.link.phase is Phase.SYNCING
+    assert host.link.phase is LinkPhase.SYNCING
 
 
 # --- out of step -----------------------------------------------------------------------------------------
@@ -264,7 +264,7 @@ def test_a_board_that_is_only_slow_is_not_down_and_loses_nothing() -> None:
     assert host.hear(*map(confirm, numbers), SYNC_PATTERN, SYNC_PATTERN) == [
         Sent(host.now, tag) for tag in (1, 2, 3, 4)
     ]
-    assert host.link.phase is Phase.READY and host.link.counters["late_sync"] == 1
+    assert host.link.phase is LinkPhase.READY and host.link.counters["late_sync"] == 1
     assert len(host.send()) == 1
 
 
@@ -274,7 +274,7 @@ def test_a_board_that_listens_is_asked_again_and_again() -> None:
         assert host.hear(after=seconds(1)) == []
         assert host.commands() == [SetAddress(0xBABA, 0x0103)]
         assert host.hear(ECHOES[0], after=1_000) == []
-    assert host.link.phase is Phase.READY
+    assert host.link.phase is LinkPhase.READY
 
 
 def test_a_silent_board_is_reported_once_and_asked_on() -> None:
@@ -375,7 +375,7 @@ def test_a_host_that_was_held_up_reads_before_it_judges() -> None:
     host = Host().get_ready()
     (number,) = host.send(1)
     assert host.hear(confirm(number), after=seconds(5)) == [Sent(host.now, 1)]
-    assert host.link.phase is Phase.READY
+    assert host.link.phase is LinkPhase.READY
 
 
 # --- what the board says unasked -------------------------------------------------------------------------

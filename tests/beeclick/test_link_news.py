@@ -12,7 +12,7 @@ from firmware_bridge.beeclick.answers import (
     Warmth,
 )
 from firmware_bridge.beeclick.events import Down, Fix, Humidity, Info, Temperature
-from firmware_bridge.beeclick.link import Phase
+from firmware_bridge.beeclick.link import LinkPhase
 from firmware_bridge.beeclick.parameters import BeeClickParameters
 from tests.beeclick.hosts import Host
 from tests.beeclick.test_link import packet
@@ -68,7 +68,7 @@ def test_a_position_is_passed_on_and_a_damaged_one_is_not() -> None:
     assert fix.latitude == pytest.approx(48.1173)
     assert host.hear(Sentence(text.replace(b"4807", b"4808"))) == []
     assert host.link.counters["bad_sentence"] == 1
-    assert host.link.phase is Phase.READY
+    assert host.link.phase is LinkPhase.READY
 
 
 def test_the_boards_notes_are_passed_on() -> None:

@@ -14,7 +14,7 @@ from actors.instant import Instant
 from actors.messages import Heard, Sent
 from firmware_bridge.beeclick.emulation.emulate import main
 from firmware_bridge.beeclick.events import Event
-from firmware_bridge.beeclick.link import Link, Phase
+from firmware_bridge.beeclick.link import Link, LinkPhase
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.port import BoardPort, PortError
 
@@ -198,7 +198,7 @@ def converse(ports: list[BoardPort]) -> None:
 
     for link in links:
         link.connect(Instant(time.monotonic_ns() // 1000))
-    wait_for(all_are(lambda n: links[n].phase is Phase.READY))
+    wait_for(all_are(lambda n: links[n].phase is LinkPhase.READY))
     for number, link in enumerate(links):
         link.send(Instant(0), number, bytes([number]) * 118)
     wait_for(all_are(lambda n: any(isinstance(e, Sent) for e in events[n])))

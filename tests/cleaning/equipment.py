@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from actors.geometry import CERTAIN, Covariance, Point, Pose
 from actors.instant import Instant, seconds
 from actors.messages import PlaceKey
-from actors.robot.behaviour.ports import AbortReason, Goal, GoalStatus
+from actors.robot.behaviour.goal import AbortReason, Goal, GoalStatus
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.place import Duty
 from cleaning.robot import CleaningRobot

@@ -15,7 +15,7 @@ from actors.geometry import Point
 from actors.instant import Instant, seconds
 from actors.messages import PlaceKey
 from actors.randomness import generator
-from actors.robot.behaviour.ports import AbortReason
+from actors.robot.behaviour.goal import AbortReason
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.cleaner import Cleaner, State

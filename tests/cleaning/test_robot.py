@@ -6,7 +6,7 @@ import pytest
 
 from actors.geometry import Point, Pose
 from actors.messages import PlaceKey
-from actors.robot.behaviour.ports import AbortReason
+from actors.robot.behaviour.goal import AbortReason
 from cleaning.parameters import CleaningParameters
 from cleaning.robot import CleaningRobot
 from tests.cleaning.equipment import NOW, SOMEWHERE, Base, Notes, Ways, duty, plain

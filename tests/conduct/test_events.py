@@ -24,8 +24,8 @@ from actors.messages import (
     Thaw,
 )  # fmt: skip
 from actors.robot_model import load_model
-from actors.runtime.bus.interface import Delivery
 from actors.runtime.bus.memory_bus import StalledError
+from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import encode
 from actors.runtime.core import at
 from actors.runtime.fingerprint import combined

@@ -30,8 +30,8 @@ from actors.messages import (
 )
 from actors.radio.program import build as build_radio
 from actors.radio.radio_setup import RadioSetup
-from actors.runtime.bus.interface import Delivery
 from actors.runtime.bus.memory_bus import MemoryBus, run_shells
+from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.core import Address, Core, Inputs, Output, at, read, to
 from actors.runtime.message_counts import run_digest
@@ -39,7 +39,7 @@ from actors.runtime.recording import Unrecorded
 from actors.runtime.shell import Shell
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
-from actors.world.world_setup import RobotSetup, TimedOrder, WorldSetup
+from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup
 
 M = TypeVar("M")
 STEP = 100_000
@@ -143,7 +143,7 @@ class Theatre:
     ) -> WorldSetup:
         """The set-up of a world with these robots."""
         setups = tuple(
-            RobotSetup(robot, "turtlebot2", None, "exact", STARTS[robot], places) for robot in robots
+            BodySetup(robot, "turtlebot2", None, "exact", STARTS[robot], places) for robot in robots
         )
         timed = tuple(TimedOrder(round(when * 1e6), order) for when, order in events)
         return WorldSetup("maps/corridor.yaml", 1, STEP, round(seconds * 1e6), setups, timed)

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Annotated, NamedTuple
 
-from deeco.knowledge import Knowledge, component, role
+from deeco.component import component, role
+from deeco.knowledge import Knowledge
 from deeco.replication.packet import KnowledgePacket, Version, pack
 from deeco.replication.scalars import Resolution
 from deeco.replication.schema import RoleBook

@@ -12,7 +12,7 @@ from deeco.node import Node
 from deeco.replication.network import NetworkParameters
 from deeco.replication.packet import KnowledgePacket, Version, pack
 from deeco.replication.relaying import Relay, RelayParameters
-from deeco.statistics import Counters
+from deeco.statistics import NodeCounters
 from tests.deeco.air import Air, Reach
 
 RELAY = RelayParameters()
@@ -155,7 +155,7 @@ def test_a_full_queue_refuses_and_counts() -> None:
 def test_what_was_cancelled_still_counts_until_its_time() -> None:
     """Else whoever sends one version after another has the receiver plan without end."""
     planned: list[Callable[[Instant], None]] = []
-    counters = Counters()
+    counters = NodeCounters()
     relay = Relay(RelayParameters(waiting=4), 1, lambda task, at: planned.append(task), _unsent, counters)
     for number in range(100):
         packet = KnowledgePacket("c0", Version(0, number), 0, ())

@@ -12,7 +12,7 @@ from deeco.node import Node
 from deeco.replication.network import NetworkParameters
 from deeco.replication.packet import Version
 from deeco.replication.replicas import Replica, Replicas
-from deeco.statistics import Counters
+from deeco.statistics import NodeCounters
 
 
 @role
@@ -99,7 +99,7 @@ def test_at_any_moment_all_that_is_too_old_is_gone_and_nothing_else(
     story: list[tuple[int, int, int]],
 ) -> None:
     """Each time a component's newer version comes in, heard a moment ago, and time goes on."""
-    replicas = Replicas(256, Duration(5), Counters())
+    replicas = Replicas(256, Duration(5), NodeCounters())
     heard: dict[str, int] = {}
     now = 0
     for counter, (number, ago, passing) in enumerate(story):

@@ -12,7 +12,7 @@ from scipy import stats
 
 from deploy.field_trial.clocks.alignment import Alignment, Fit, align
 from deploy.field_trial.clocks.equations import AlignmentParameters
-from deploy.field_trial.clocks.frame_stamps import Frame, Kind, Stamp
+from deploy.field_trial.clocks.frame_stamps import Frame, Stamp, StampKind
 from deploy.field_trial.clocks.student_t import quantile
 
 DEFAULTS = AlignmentParameters()
@@ -69,13 +69,13 @@ class Air:
         slow = np.random.default_rng([self.seed, 3]).normal(5000.0, self.unlike_us, self.robots)
         handed = instant - 3000.0 - generator.exponential(3000.0)
         stamps = [
-            Stamp(sender, self.shown(sender, instant + slow[sender] + self.noise(generator)), Kind.SENT)
+            Stamp(sender, self.shown(sender, instant + slow[sender] + self.noise(generator)), StampKind.SENT)
         ]
         for robot in range(self.robots):
             late = self.lag_us + self.noise(generator)
             if robot != sender and (sender, robot) not in self.deaf:
-                stamps.append(Stamp(robot, self.shown(robot, instant + slow[robot] + late), Kind.HEARD))
-        return Frame(tuple(stamps), Stamp(sender, self.shown(sender, handed), Kind.HANDED))
+                stamps.append(Stamp(robot, self.shown(robot, instant + slow[robot] + late), StampKind.HEARD))
+        return Frame(tuple(stamps), Stamp(sender, self.shown(sender, handed), StampKind.HANDED))
 
     def errors(
         self, fits: Alignment, bound: Callable[[Fit, int], float] = Fit.error

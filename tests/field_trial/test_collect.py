@@ -9,7 +9,7 @@ import pytest
 from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import Entry, Note, Recorder, read_notes, recorder
 from deploy.field_trial.collect import collect
-from deploy.field_trial.trial_result import OutingResult
+from deploy.field_trial.trial_result import TrialResult
 from tests.field_trial.conftest import Run
 from tests.field_trial.rewriting import Clock, clock, noise, rewrite
 from tests.field_trial.runs import copies, table
@@ -37,7 +37,7 @@ def test_a_simulated_run_gives_its_own_result_but_for_truth(head_on: Run, tmp_pa
         *(table(out / "places.csv") for out in (tmp_path / "out", head_on.out)), strict=True
     ):
         assert row == true | {"verdict": "claimed", "reached_s": "", "reached_by": ""}
-    assert msgspec.json.decode((tmp_path / "out" / "run.json").read_bytes(), type=OutingResult) == ours
+    assert msgspec.json.decode((tmp_path / "out" / "run.json").read_bytes(), type=TrialResult) == ours
 
 
 def test_clocks_that_are_off_and_drift_are_put_right(head_on: Run, tmp_path: Path) -> None:
@@ -243,5 +243,5 @@ def test_the_command_prints_a_table_or_json(head_on: Run, tmp_path: Path) -> Non
         assert row[:5] == [robot, "3 of 3", f"{done_s:.1f} s", *counted] and row[5].startswith(clock_said)
     assert cells[2] == ["all", "6 of 6", f"{head_on.result.completion_s:.1f} s", str(sent), str(heard)]
     done = acrc("collect", tmp_path / "far" / "r1", tmp_path / "far" / "r2", "--json")
-    result = msgspec.json.decode(done.stdout, type=OutingResult)
+    result = msgspec.json.decode(done.stdout, type=TrialResult)
     assert (result.places_claimed, result.out, done.stderr) == (6, None, "")

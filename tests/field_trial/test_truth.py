@@ -7,7 +7,7 @@ import pytest
 
 from actors.world.referee import PlaceOutcome
 from deploy.field_trial.collect import collect
-from deploy.field_trial.recordings import OutingError
+from deploy.field_trial.recordings import FieldTrialError
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
 from tests.field_trial.conftest import Run
 from tests.field_trial.rewriting import clock
@@ -61,16 +61,16 @@ def test_a_report_of_what_nobody_reached_is_mistaken(crowd: Run, tmp_path: Path)
     assert ours.notes == ("the laboratory fell behind, so the true instants are early by up to 40 ms",)
 
 
-def test_another_outings_truth_is_one_sentence(head_on: Run, tmp_path: Path) -> None:
+def test_another_field_trials_truth_is_one_sentence(head_on: Run, tmp_path: Path) -> None:
     far = copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock()})
-    with pytest.raises(OutingError) as error:
+    with pytest.raises(FieldTrialError) as error:
         collect([far], None, laboratory(head_on, tmp_path / "result.json"))
     assert str(error.value) == (
-        "--truth: the laboratory began 1699999995 s after the outing and went on for 100 s; it should be "
-        "that of this outing"
+        "--truth: the laboratory began 1699999995 s after the field trial and went on for 100 s; it should "
+        "be that of this field trial"
     )
     (tmp_path / "junk.json").write_text("{}")
-    with pytest.raises(OutingError) as error:
+    with pytest.raises(FieldTrialError) as error:
         collect([far], None, tmp_path / "junk.json")
     assert str(error.value) == (
         f"--truth {tmp_path}/junk.json: no result of a laboratory: Object missing required field `began_us`"

@@ -45,18 +45,18 @@ def test_two_recordings_of_one_robot_in_one_epoch(head_on: Run, tmp_path: Path) 
     two = copies(head_on.out, tmp_path / "two", {"r2": clock()})
     assert sentence(one, two) == (
         f"{one}/r2/r2.mcap and {two}/r2/r2.mcap: both are recordings of r2 in epoch 0; there should be one "
-        "of each epoch, from one outing"
+        "of each epoch, from one field trial"
     )
     assert collect([one, one / "r2"]).robots == 2  # the same file twice is one
 
 
-def test_recordings_of_different_outings(head_on: Run, crowd: Run, tmp_path: Path) -> None:
+def test_recordings_of_different_field_trials(head_on: Run, crowd: Run, tmp_path: Path) -> None:
     one = copies(head_on.out, tmp_path / "one", {"r1": clock()})
     two = copies(crowd.out, tmp_path / "two", {"r2": clock(86_400_000_000)})
     assert sentence(one, two) == (
         f"r1 and r2: no frame connects their recordings, and {86_400 - head_on.result.simulated_s:.0f} s lie "
         "between them by their own clocks; "
-        "the recordings should be of one outing"
+        "the recordings should be of one field trial"
     )
 
 

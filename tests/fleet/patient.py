@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from deploy.fleet.doctor.machine import Certified, Kernels, Membership, UsbPort
+from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels, UsbPort
 from firmware_bridge.serial_port import Device
 
 KOBUKI_AT_0 = UsbPort("/dev/ttyUSB0", "0403", "6001", "kobuki_A1B2")
@@ -32,7 +32,7 @@ class Patient:
     held: Mapping[str, list[str]] = field(default_factory=dict)
     port_faults: Mapping[str, str] = field(default_factory=dict)
     camera: str | None = None
-    group: Membership = field(default=Membership(exists=True, listed=True, in_force=True))
+    group: GroupMembership = field(default=GroupMembership(exists=True, listed=True, in_force=True))
     time: datetime = datetime(2030, 5, 1, 12, tzinfo=UTC)
     error: float | None = 0.012
     free: int = 20_000_000_000
@@ -64,7 +64,7 @@ class Patient:
     def camera_fault(self) -> str | None:
         return self.camera
 
-    def membership(self, group: str) -> Membership:
+    def membership(self, group: str) -> GroupMembership:
         assert group == "dialout"
         return self.group
 

@@ -12,7 +12,7 @@ import pytest
 from deploy.fleet.doctor import computer, consultation, ports
 from deploy.fleet.doctor import robot as robot_checks
 from deploy.fleet.doctor.findings import Finding, well, wrong
-from deploy.fleet.doctor.machine import Certified, Kernels, Machine, Membership, UsbPort
+from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels, Machine, UsbPort
 from deploy.fleet.doctor.this_machine import ThisMachine
 from deploy.fleet.fleet_file import load_fleet
 from firmware_bridge.kobuki.port import KOBUKI
@@ -127,21 +127,21 @@ def test_a_full_disk_kernels_that_cannot_be_kept_and_no_namespaces_are_wrong() -
     ("state", "text"),
     [
         (
-            Membership(exists=False, listed=False, in_force=False),
+            GroupMembership(exists=False, listed=False, in_force=False),
             "there is no group dialout; `sudo groupadd dialout`, `sudo usermod -aG dialout robot`, then log "
             "in again",
         ),
         (
-            Membership(exists=True, listed=False, in_force=False),
+            GroupMembership(exists=True, listed=False, in_force=False),
             "robot is not in the group dialout; `sudo usermod -aG dialout robot`, then log in again",
         ),
         (
-            Membership(exists=True, listed=True, in_force=False),
+            GroupMembership(exists=True, listed=True, in_force=False),
             "robot is in the group dialout only from the next login; log in again",
         ),
     ],
 )
-def test_whoever_may_not_open_ports_is_told_how_to(state: Membership, text: str) -> None:
+def test_whoever_may_not_open_ports_is_told_how_to(state: GroupMembership, text: str) -> None:
     assert only(ports.group(HEALTHY.but(group=state))) == wrong("group", text)
 
 

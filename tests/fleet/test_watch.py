@@ -16,7 +16,7 @@ from actors.messages import CONTROL, PROGRESS, Control, Order, Pause, Progress, 
 from actors.runtime.codec import decode, encode
 from deploy.fleet import watch
 from deploy.fleet.certificates import SERVER
-from deploy.fleet.watch import Answer
+from deploy.fleet.watch import WatchAnswer
 from deploy.usage import OptionError
 from tests.fleet.test_tls import Robot
 from tests.fleet.texts import ROOT
@@ -87,14 +87,14 @@ def test_all_robots_are_stopped_at_once_and_every_failure_is_named(robots: list[
     assert got == heard == [Stop()] and theirs == []
     late = "it was not reached within 2 s"
     assert answers == [
-        Answer(nobody, f"{late}: connection refused"),
-        Answer(dumb, f"{late}: no answer within 1.5 s"),
-        Answer(
+        WatchAnswer(nobody, f"{late}: connection refused"),
+        WatchAnswer(dumb, f"{late}: no answer within 1.5 s"),
+        WatchAnswer(
             foreign.endpoint,
             f"{late}: its certificate is not accepted here, unable to get local issuer certificate",
         ),
-        Answer(deaf.endpoint, "it was given the order, but did not say within 2 s that it obeys"),
-        Answer(good.endpoint, None),
+        WatchAnswer(deaf.endpoint, "it was given the order, but did not say within 2 s that it obeys"),
+        WatchAnswer(good.endpoint, None),
     ]
 
 
@@ -121,7 +121,7 @@ def test_pause_and_resume_come_back_as_soon_as_the_robot_obeys(robots: list[Robo
     with base(robots[0]) as got:
         for order in (Pause(), Resume()):
             began = time.monotonic()
-            assert watch.give([robots[0].endpoint], keys, order) == [Answer(robots[0].endpoint, None)]
+            assert watch.give([robots[0].endpoint], keys, order) == [WatchAnswer(robots[0].endpoint, None)]
             assert time.monotonic() - began < 1.5
     assert got == [Pause(), Resume()]
 

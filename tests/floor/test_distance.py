@@ -47,7 +47,7 @@ def test_a_cell_beside_a_wall_has_half_a_cell_of_clearance() -> None:
         resolution=2.0,
     )
     root = math.sqrt(0.5) * 2.0
-    assert distance.clearance(grid).tolist() == [
+    assert distance.clearance(grid.blocking, grid.resolution).tolist() == [
         [1.0, 1.0, 1.0, 1.0, 1.0],
         [1.0, root, 1.0, root, 1.0],
         [1.0, 1.0, 0.0, 1.0, 1.0],
@@ -82,13 +82,13 @@ def test_the_clearance_is_that_of_scipy_on_half_cells(
     seed: int, rows: int, columns: int, share: float
 ) -> None:
     grid = random_plan(seed, rows, columns, share)
-    assert np.array_equal(distance.clearance(grid), scipy_clearance(grid))
+    assert np.array_equal(distance.clearance(grid.blocking, grid.resolution), scipy_clearance(grid))
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_clearance_is_the_distance_to_the_nearest_square(seed: int) -> None:
     grid = random_plan(seed, 9, 13, 0.1)
-    field = distance.clearance(grid)
+    field = distance.clearance(grid.blocking, grid.resolution)
     for row, column in np.ndindex(field.shape):
         expected = brute_clearance(grid, grid.centre(Cell(row, column)))
         assert field[row, column] == pytest.approx(expected, abs=1e-12)
@@ -101,7 +101,7 @@ def test_the_clearance_of_a_point_is_exact_up_to_what_was_asked(
     grid = random_plan(seed, 9, 13, 0.05)
     point = Point(x, y)
     expected = min(within, brute_clearance(grid, point)) if grid.is_free(point) else 0.0
-    assert distance.point_clearance(grid, point, within) == pytest.approx(expected, abs=1e-12)
+    assert grid.clearance_at(point, within) == pytest.approx(expected, abs=1e-12)
 
 
 def test_fingerprints_depend_on_nothing_but_the_machine() -> None:

@@ -65,7 +65,7 @@ def test_a_grid_keeps_a_copy_that_nobody_can_change() -> None:
 def test_the_clearance_is_computed_once_and_nobody_can_change_it() -> None:
     grid = plan("...", "..#")
     assert grid.clearance is grid.clearance
-    assert np.array_equal(grid.clearance, distance.clearance(grid))
+    assert np.array_equal(grid.clearance, distance.clearance(grid.blocking, grid.resolution))
     with pytest.raises(ValueError, match="read-only"):
         grid.clearance[0, 0] = 7.0
 

@@ -4,7 +4,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from actors.floor.distance import point_clearance
 from actors.floor.grid import reachable
 from actors.floor.placement import Area, PlacementError, areas_named, check_pose, draw_points
 from actors.geometry import Point
@@ -44,7 +43,7 @@ def test_points_keep_their_distances(seed: int, clearance: float, apart: float, 
     assert len(points) == count
     for index, point in enumerate(points):
         assert grid.is_free(point)
-        assert point_clearance(grid, point, 1.0) >= clearance - 1e-9
+        assert grid.clearance_at(point, 1.0) >= clearance - 1e-9
         assert all(point.distance_to(other) >= apart - 1e-9 for other in (*points[:index], *keep_off))
 
 

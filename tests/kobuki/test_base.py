@@ -9,9 +9,9 @@ from actors.geometry import Pose
 from actors.instant import START, Instant
 from firmware_bridge.kobuki import emulate
 from firmware_bridge.kobuki.base import BaseParameters, EmulatedKobuki
-from firmware_bridge.kobuki.body import Truth, Unicycle
+from firmware_bridge.kobuki.body import BodyTruth, Unicycle
 from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.kobuki.packets import ControllerInfo, GetGain, SetGain, Version
+from firmware_bridge.kobuki.packets import ControllerInfo, FirmwareVersion, GetGain, SetGain
 from firmware_bridge.room import Room
 from tests.kobuki.drives import Rig
 
@@ -29,7 +29,7 @@ class Passenger:
     def advance(self, now: Instant) -> None:
         """The world does it."""
 
-    def truth(self) -> Truth:
+    def truth(self) -> BodyTruth:
         return self._mover.truth()
 
     def bumper(self) -> int:
@@ -80,14 +80,18 @@ def test_a_lifted_base_does_not_move_and_a_deaf_one_drives_on() -> None:
 
 
 def test_new_firmware_tells_its_gains() -> None:
-    base = EmulatedKobuki(Unicycle(), np.random.default_rng(1), BaseParameters(firmware=Version(1, 2, 0)))
+    base = EmulatedKobuki(
+        Unicycle(), np.random.default_rng(1), BaseParameters(firmware=FirmwareVersion(1, 2, 0))
+    )
     base._obey(SetGain(1, 50_000, 200, 3_000))
     base._obey(GetGain())
     assert len(base.run(Instant(40_000))) == 2 * 81 + 15 - 81  # of the second feedback nothing has left yet
 
 
 def test_type_0_sets_the_factorys_gains_whatever_the_numbers_behind_it() -> None:
-    base = EmulatedKobuki(Unicycle(), np.random.default_rng(1), BaseParameters(firmware=Version(1, 2, 0)))
+    base = EmulatedKobuki(
+        Unicycle(), np.random.default_rng(1), BaseParameters(firmware=FirmwareVersion(1, 2, 0))
+    )
     told = []
     for command in (SetGain(1, 50_000, 200, 3_000), SetGain(0, 7, 8, 9)):
         base._obey(command)

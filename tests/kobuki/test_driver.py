@@ -10,11 +10,11 @@ from firmware_bridge.kobuki.base import BaseParameters
 from firmware_bridge.kobuki.battery import BatteryLevel
 from firmware_bridge.kobuki.driver import Colour, KobukiError
 from firmware_bridge.kobuki.events import (
+    BaseIdentity,
     BatteryChanged,
     Changed,
     Found,
     Identified,
-    Identity,
     Lost,
     Sense,
     StopsChanged,
@@ -26,13 +26,13 @@ from firmware_bridge.kobuki.packets import (
     Basic,
     Command,
     DockingIR,
+    FirmwareVersion,
     GeneralOutput,
     Melody,
     RequestExtra,
     SetGain,
     Sound,
     SoundSequence,
-    Version,
 )
 from firmware_bridge.kobuki.safety import Cause
 from firmware_bridge.kobuki.wire import WireMisuseError
@@ -56,7 +56,7 @@ def test_a_base_is_found_and_says_who_it_is() -> None:
     rig.run(1.0)
     assert rig.driver.waiting(rig.now) is None
     assert [event for event in rig.told if isinstance(event, Found)] != []
-    identity = Identity(Version(1, 0, 4), Version(1, 1, 4), UDID((1, 2, 3)))
+    identity = BaseIdentity(FirmwareVersion(1, 0, 4), FirmwareVersion(1, 1, 4), UDID((1, 2, 3)))
     assert rig.driver.identity == identity
     assert [event.identity for event in rig.told if isinstance(event, Identified)] == [identity]
     assert len(heard(rig, RequestExtra)) == 1
@@ -142,7 +142,7 @@ def test_gains_need_new_firmware() -> None:
     )
     with pytest.raises(KobukiError, match=f"^{re.escape(sentence)}$"):
         rig.driver.set_gains(100, 0.1, 2)
-    rig = Rig(BaseParameters(firmware=Version(1, 2, 0)))
+    rig = Rig(BaseParameters(firmware=FirmwareVersion(1, 2, 0)))
     rig.run(0.5)
     rig.driver.set_gains(100, 0.1, 2)
     rig.run(0.1)

@@ -17,6 +17,7 @@ from firmware_bridge.kobuki.packets import (
     DockingIR,
     Feedback,
     Firmware,
+    FirmwareVersion,
     GeneralInput,
     GeneralOutput,
     GetGain,
@@ -28,7 +29,6 @@ from firmware_bridge.kobuki.packets import (
     Sound,
     SoundSequence,
     Unknown,
-    Version,
 )
 from firmware_bridge.kobuki.wire import (
     WireMisuseError,
@@ -63,8 +63,8 @@ FEEDBACK = [
     (Inertial(-9000, 250), "04 07 d8 dc fa 00 00 00 00"),
     (Cliff(2000, 2001, 4095), "05 06 d0 07 d1 07 ff 0f"),
     (Current(7, 255), "06 02 07 ff"),
-    (Hardware(Version(1, 0, 4)), "0a 04 04 00 01 00"),
-    (Firmware(Version(1, 1, 4)), "0b 04 04 01 01 00"),
+    (Hardware(FirmwareVersion(1, 0, 4)), "0a 04 04 00 01 00"),
+    (Firmware(FirmwareVersion(1, 1, 4)), "0b 04 04 01 01 00"),
     # raw x = 5, y = -7, z = 9: the robot's x = 7, y = 5
     (RawGyro(8, ((7, 5, 9),)), "0d 08 08 03 05 00 f9 ff 09 00"),
     (GeneralInput(3, (1, 2, 3, 4095)), "10 10 03 00 01 00 02 00 03 00 ff 0f 00 00 00 00 00 00"),
@@ -89,12 +89,12 @@ def test_a_feedback_packet_has_these_bytes(feedback: Feedback, wire: str) -> Non
 @pytest.mark.parametrize(
     ("wire", "feedback"),
     [
-        ("0a 02 68 00", Hardware(Version(1, 0, 4))),  # 104
-        ("0b 02 7b 00", Firmware(Version(1, 0, 0))),  # 123
-        ("0b 02 6e 00", Firmware(Version(1, 1, 0))),  # 110
-        ("0b 02 74 27", Firmware(Version(1, 1, 0))),  # 10100
-        ("0b 02 6f 00", Firmware(Version(1, 1, 1))),  # 111
-        ("0b 02 75 27", Firmware(Version(1, 1, 1))),  # 10101
+        ("0a 02 68 00", Hardware(FirmwareVersion(1, 0, 4))),  # 104
+        ("0b 02 7b 00", Firmware(FirmwareVersion(1, 0, 0))),  # 123
+        ("0b 02 6e 00", Firmware(FirmwareVersion(1, 1, 0))),  # 110
+        ("0b 02 74 27", Firmware(FirmwareVersion(1, 1, 0))),  # 10100
+        ("0b 02 6f 00", Firmware(FirmwareVersion(1, 1, 1))),  # 111
+        ("0b 02 75 27", Firmware(FirmwareVersion(1, 1, 1))),  # 10101
     ],
 )
 def test_old_firmware_says_its_versions_in_two_bytes(wire: str, feedback: Feedback) -> None:
@@ -119,7 +119,7 @@ INT16 = st.integers(-0x8000, 0x7FFF)
 UINT16 = st.integers(0, 0xFFFF)
 UINT8 = st.integers(0, 0xFF)
 UINT32 = st.integers(0, 0xFFFFFFFF)
-VERSIONS = st.builds(Version, UINT8, UINT8, UINT8)
+VERSIONS = st.builds(FirmwareVersion, UINT8, UINT8, UINT8)
 READINGS = st.lists(st.tuples(st.integers(-0x7FFF, 0x7FFF), INT16, INT16), max_size=3).map(tuple)
 ANY_FEEDBACK: st.SearchStrategy[Feedback] = st.one_of(
     st.builds(

@@ -15,7 +15,7 @@ import msgspec
 from actors.instant import Instant
 from actors.messages import Scan
 from actors.robot_model import OdometryKind, load_model
-from actors.world.world_setup import RobotSetup, WorldSetup
+from actors.world.world_setup import BodySetup, WorldSetup
 from firmware_bridge.beeclick.events import Event
 from firmware_bridge.beeclick.link import Link
 from firmware_bridge.beeclick.parameters import BoardSettings
@@ -35,7 +35,7 @@ STARTS = ((12.0, 12.5, 0.0), (14.0, 12.5, 3.0), (16.0, 12.0, 1.0))
 def setup(robots: int, odometry: OdometryKind = "exact") -> LaboratorySetup:
     """Robots r1, r2, … in the corridor, each with a place 0.6 m in front of r1."""
     bodies = tuple(
-        RobotSetup(f"r{number}", "turtlebot2", None, odometry, start, ((12.6, 12.5),))
+        BodySetup(f"r{number}", "turtlebot2", None, odometry, start, ((12.6, 12.5),))
         for number, start in enumerate(STARTS[:robots], start=1)
     )
     world = WorldSetup(str(ROOT / "maps/corridor.yaml"), 1, 100_000, 1_000_000, bodies)

@@ -21,7 +21,7 @@ from firmware_bridge.kobuki.wire import encode_command
 from firmware_bridge.laboratory.faults import Bench, FaultError
 from firmware_bridge.laboratory.laboratory import BASE, DEVICES, RADIO, RANGE, Jack, Laboratory
 from firmware_bridge.laboratory.lines import Lines
-from firmware_bridge.range_sensors.rplidar_wire import Request
+from firmware_bridge.range_sensors.rplidar_wire import LidarRequest
 from tests.laboratory.hosts import setup
 
 FAST = frame.encode(encode_command(base_control(0.4, 0.3)))
@@ -46,7 +46,7 @@ def driven(round_ms: int, dose: Uncertainty = USUAL) -> tuple[Laboratory, Wire]:
     world = msgspec.structs.replace(room.world, uncertainty=dose)
     laboratory, wire = Laboratory(msgspec.structs.replace(room, world=world)), Wire()
     laboratory.take(Jack("r1", BASE), START, FAST)
-    laboratory.take(Jack("r1", RANGE), START, Request.SCAN.bytes)
+    laboratory.take(Jack("r1", RANGE), START, LidarRequest.SCAN.bytes)
     for at in range(0, 2001, round_ms):
         laboratory.advance(Instant(1000 * at), wire)
     return laboratory, wire

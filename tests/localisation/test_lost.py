@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from actors.robot.localisation import lost
-from actors.robot.localisation.lost import Lost, odds_of_lost
+from actors.robot.localisation.lost import LostProbability, odds_of_lost
 
 beams = st.integers(0, 1000)
 
@@ -22,8 +22,8 @@ def likelihood(passing: float, agreeing: float, agreed: int, passed: int) -> flo
     return beta(passing + passed, agreeing + agreed) - beta(passing, agreeing)
 
 
-def after(scans: int, agreeing: int, passed: int, probability: float = 0.0) -> Lost:
-    state = Lost(probability)
+def after(scans: int, agreeing: int, passed: int, probability: float = 0.0) -> LostProbability:
+    state = LostProbability(probability)
     for _ in range(scans):
         state.take(agreeing, passed)
     return state
@@ -56,7 +56,7 @@ def test_it_falls_with_scans_that_agree_and_rises_with_those_that_pass_walls() -
 
 
 def test_a_beam_that_grazes_a_corner_now_and_then_is_no_reason() -> None:
-    state = Lost()
+    state = LostProbability()
     for number in range(300):
         state.take(50, 1 if number % 5 == 0 else 0)
         assert state.probability < 0.01
@@ -64,7 +64,7 @@ def test_a_beam_that_grazes_a_corner_now_and_then_is_no_reason() -> None:
 
 @given(st.lists(st.tuples(beams, beams), max_size=40), st.floats(0.0, 1.0))
 def test_it_is_never_certain_of_either(scans: list[tuple[int, int]], first: float) -> None:
-    state = Lost(first)
+    state = LostProbability(first)
     for agreed, passed in scans:
         state.take(agreed, passed)
         assert 1e-6 <= state.probability <= 0.999

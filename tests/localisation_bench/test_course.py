@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from actors.floor.distance import point_clearance
 from actors.geometry import Point, Pose
 from actors.messages import NO_ECHO_MM
 from actors.randomness import generator
@@ -20,7 +19,7 @@ BODY = 0.177
 
 
 def off_walls(a: Course, points: NDArray[np.float64]) -> float:
-    return min(point_clearance(a.grid, Point(*xy), 1.0) for xy in points.tolist())
+    return min(a.grid.clearance_at(Point(*xy), 1.0) for xy in points.tolist())
 
 
 @pytest.mark.parametrize(("plan", "seed"), [(CORRIDOR, 1), (CORRIDOR, 2), (APARTMENT, 1), (APARTMENT, 2)])
@@ -37,7 +36,7 @@ def test_the_robot_drives_within_its_drive_and_off_all_walls(plan: str, seed: in
     turns = np.diff(np.unwrap(track[:, 2])) / SUBSTEP
     assert np.abs(np.diff(turns)).max() / SUBSTEP <= 3.5 + 1e-6
     assert speed.mean() > 0.35
-    assert min(point_clearance(place.grid, Point(*xy), 1.0) for xy in track[::5, :2].tolist()) >= BODY
+    assert min(place.grid.clearance_at(Point(*xy), 1.0) for xy in track[::5, :2].tolist()) >= BODY
 
 
 def test_a_crowd_keeps_near_and_overlaps_nothing() -> None:

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.messages import Drive
-from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, LocalMap
-from actors.robot.navigation.driver import Driver, Steering
+from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMap
 from actors.robot.navigation.dwa_parameters import DWA_PRESETS, DwaParameters
+from actors.robot.navigation.local_planner import LocalPlanner, Steering
 from actors.robot.navigation.planning import Planner, ground
 from actors.robot.sweep import Sweeps
 from tests.robot.base import FakeBase, at_step, model
@@ -88,8 +88,8 @@ class Pilot:
         self.base = FakeBase(floor, KIND, start)
         self.goal = goal
         self.fixed: list[tuple[Point, float]] = []
-        self.local = LocalMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
-        self.driver = Driver(self.local, RADIUS, KIND.drive, parameters or DWA_PRESETS[preset])
+        self.local = CostMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
+        self.driver = LocalPlanner(self.local, RADIUS, KIND.drive, parameters or DWA_PRESETS[preset])
         self.record = Record()
         self._start = start
         self._sweeps = Sweeps(KIND.sensor)

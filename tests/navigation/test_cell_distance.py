@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from actors.robot.navigation.bounds import ParameterError
 from actors.robot.navigation.cell_distance import MOST_REACH, fingerprint, squared_within
-from actors.robot.navigation.cost_map import LocalMap, LocalMapParameters
+from actors.robot.navigation.cost_map import CostMap, CostMapParameters
 from actors.robot.navigation.planning import Planner, PlanningParameters, ground
 from actors.robot_model import load_model
 from tests.robot.base import TWO_ROOMS
@@ -48,7 +48,7 @@ def test_the_largest_reach_does_not_overflow() -> None:
     ("make", "sentence"),
     [
         (
-            lambda: LocalMap(load_model("turtlebot2").sensor, 0.177, LocalMapParameters(padding=7.0)),
+            lambda: CostMap(load_model("turtlebot2").sensor, 0.177, CostMapParameters(padding=7.0)),
             "local_map: the body with its padding reaches 7.177 m far, but must reach at most 126 cells of "
             "0.05 m",
         ),

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from actors.geometry import STILL, Pose, Twist
 from actors.instant import Instant
 from actors.messages import NO_ECHO_MM
-from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, LocalMap
-from actors.robot.navigation.driver import Driver, Steering
+from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMap
 from actors.robot.navigation.dwa_parameters import DWA_PRESETS
+from actors.robot.navigation.local_planner import LocalPlanner, Steering
 from actors.robot.sweep import Sweep
 from tests.navigation.course import CHAPTER, KIND, RADIUS, ROBUST
 
@@ -23,11 +23,11 @@ EAST = np.column_stack((np.linspace(0.0, 3.0, 61), np.zeros(61)))
 SILENCE = np.full(KIND.sensor.rays, NO_ECHO_MM, np.uint16)
 
 
-def driver(preset: str = "chapter", ranges: NDArray[np.uint16] = SILENCE) -> tuple[Driver, LocalMap]:
+def driver(preset: str = "chapter", ranges: NDArray[np.uint16] = SILENCE) -> tuple[LocalPlanner, CostMap]:
     """At the origin of both frames, on a plan to the east."""
-    local = LocalMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
+    local = CostMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
     local.take(Instant(0), ORIGIN, Sweep(ranges, ORIGIN))
-    made = Driver(local, RADIUS, KIND.drive, DWA_PRESETS[preset])
+    made = LocalPlanner(local, RADIUS, KIND.drive, DWA_PRESETS[preset])
     made.follow(EAST)
     return made, local
 
@@ -83,8 +83,8 @@ def test_between_it_holds_the_command_and_a_new_goal_ends_that() -> None:
 
 
 def test_without_a_fresh_scan_it_does_not_drive() -> None:
-    local = LocalMap(KIND.sensor, RADIUS)
-    blind = Driver(local, RADIUS, KIND.drive, CHAPTER)
+    local = CostMap(KIND.sensor, RADIUS)
+    blind = LocalPlanner(local, RADIUS, KIND.drive, CHAPTER)
     blind.follow(EAST)
     assert blind.steer(Instant(0), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
     made, local = driver()
@@ -131,9 +131,9 @@ def test_no_command_exceeds_the_limits(
 
 def test_the_bases_limits_hold_where_they_are_lower() -> None:
     slow = KIND.drive.model_copy(update={"speed": 0.15, "acceleration": 0.5, "turn_rate": 0.5})
-    local = LocalMap(KIND.sensor, RADIUS)
+    local = CostMap(KIND.sensor, RADIUS)
     local.take(Instant(0), ORIGIN, Sweep(SILENCE, ORIGIN))
-    made = Driver(local, RADIUS, slow, CHAPTER)
+    made = LocalPlanner(local, RADIUS, slow, CHAPTER)
     made.follow(EAST)
     assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL).twist.vx == pytest.approx(0.1)
     assert made.steer(Instant(200_000), ORIGIN, ORIGIN, Twist(0.15, 0, 0)).twist.vx == pytest.approx(0.15)
@@ -147,10 +147,10 @@ def test_nearer_to_something_than_it_may_be(preset: str, escape: float, valid: b
     """Its front touches what is 18 cm from its centre: the chapter's robot is stuck, another may get away."""
     ranges = SILENCE.copy()
     ranges[KIND.sensor.rays // 2 - 1] = 280
-    local = LocalMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
+    local = CostMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
     local.take(Instant(0), ORIGIN, Sweep(ranges, ORIGIN))
     assert local.marks().shape == (1, 2)
-    made = Driver(local, RADIUS, KIND.drive, replace(DWA_PRESETS[preset], escape=escape))
+    made = LocalPlanner(local, RADIUS, KIND.drive, replace(DWA_PRESETS[preset], escape=escape))
     made.follow(np.column_stack((np.zeros(20), np.linspace(0.0, 1.0, 20))))
     steering = made.steer(Instant(0), ORIGIN, ORIGIN, STILL)
     assert steering.valid == valid

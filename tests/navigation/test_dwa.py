@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from actors.robot.navigation.cell_distance import squared_within
-from actors.robot.navigation.dwa import INVALID, WEIGHTS, Choice, Fields, best, fingerprint
+from actors.robot.navigation.dwa import INVALID, WEIGHTS, Fields, VelocityChoice, best, fingerprint
 from actors.robot.navigation.map_grid import wavefront
 from tests.navigation.dwa_twin import Numbers, Twin, squared_at
 
@@ -55,7 +55,7 @@ class Scene:
         counts: tuple[int, int] = (7, 8),
         barred: NDArray[np.bool_] = FREE,
         trusted: int = 1,
-    ) -> Choice:
+    ) -> VelocityChoice:
         packed = np.array([tuple(weights[name] for name in WEIGHTS.names or ())], WEIGHTS)
         return best(
             np.array(self.pose), window, counts, barred, self.fields(trusted=trusted), self.table, packed

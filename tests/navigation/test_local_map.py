@@ -13,9 +13,9 @@ from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.messages import NO_ECHO_MM
 from actors.robot.navigation.bounds import ParameterError
-from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, LocalMap, LocalMapParameters
-from actors.robot.navigation.goals import NavigationParameters
+from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMap, CostMapParameters
 from actors.robot.navigation.inflation import INSCRIBED, LETHAL
+from actors.robot.navigation.navigator import NavigationParameters
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor, load_model
 
@@ -37,8 +37,8 @@ def sweep(pose: Pose, *, only: dict[int, int] | None = None, sensor: RangeSensor
     return Sweep(ranges, pose)
 
 
-def mapped(*sweeps: Sweep, parameters: LocalMapParameters | None = None) -> LocalMap:
-    made = LocalMap(ALL_ROUND, RADIUS, parameters or LocalMapParameters())
+def mapped(*sweeps: Sweep, parameters: CostMapParameters | None = None) -> CostMap:
+    made = CostMap(ALL_ROUND, RADIUS, parameters or CostMapParameters())
     for seen in sweeps:
         made.take(START, seen.pose, seen)
     return made
@@ -58,7 +58,7 @@ def test_an_echo_marks_the_cell_it_comes_from() -> None:
 
 
 def test_a_scan_counts_from_where_it_was_made_not_from_where_the_robot_is() -> None:
-    local = LocalMap(ALL_ROUND, RADIUS)
+    local = CostMap(ALL_ROUND, RADIUS)
     local.take(START, Pose(0.3, 0.2, 1.0), sweep(ORIGIN, only={0: 1130}))
     assert rounded(local.marks()) == [(1.025, 0.025)]
 
@@ -106,13 +106,13 @@ def test_what_left_the_window_is_forgotten() -> None:
 
 @pytest.mark.parametrize(("valid", "left"), [(True, 0), (False, 1)])
 def test_whether_silence_clears_is_a_parameter(valid: bool, left: int) -> None:
-    parameters = replace(LocalMapParameters(), inf_is_valid=valid)
+    parameters = replace(CostMapParameters(), inf_is_valid=valid)
     local = mapped(sweep(ORIGIN, only={0: 1130}), sweep(ORIGIN), parameters=parameters)
     assert len(local.marks()) == left
 
 
 def test_silence_does_not_clear_where_the_sensor_is_blind_and_as_far_again() -> None:
-    local = LocalMap(CAMERA, RADIUS)
+    local = CostMap(CAMERA, RADIUS)
     local.take(START, ORIGIN, sweep(ORIGIN, only={-10: 600, 10: 1200}, sensor=CAMERA))
     assert len(local.marks()) == 2
     local.take(START, ORIGIN, sweep(ORIGIN, sensor=CAMERA))
@@ -129,7 +129,7 @@ def test_recovery_forgets_what_is_outside_of_a_square() -> None:
 
 
 def test_its_age_is_that_of_the_last_scan() -> None:
-    local = LocalMap(ALL_ROUND, RADIUS)
+    local = CostMap(ALL_ROUND, RADIUS)
     assert local.age(START) == math.inf
     local.take(Instant(1_000_000), ORIGIN, sweep(ORIGIN))
     local.take(Instant(1_100_000), ORIGIN, None)
@@ -145,7 +145,7 @@ def test_free_floor_is_remembered_for_a_while_if_at_all() -> None:
 
 
 def test_below_the_body_nothing_is_marked_and_all_is_trusted() -> None:
-    local = LocalMap(ALL_ROUND, RADIUS, LOCAL_MAP_PRESETS["robust"])
+    local = CostMap(ALL_ROUND, RADIUS, LOCAL_MAP_PRESETS["robust"])
     local.take(START, ORIGIN, sweep(ORIGIN, only=dict.fromkeys(range(360), 30)))
     assert not local.marks().size
     assert local.trusted(START)[38:42, 38:42].all()

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.failures import failures
 from benchmarks.navigation import navigation
-from benchmarks.navigation.course import Course, scenario
+from benchmarks.navigation.course import NavigationCourse, scenario
 from benchmarks.navigation.run import measure
 from benchmarks.swarm import seeds
 from deploy.usage import OptionError
@@ -18,18 +18,18 @@ MAZE = MAPS / "maze.yaml"
 
 
 def test_a_course_is_drawn_from_its_seed() -> None:
-    course = Course(MAZE, 2, 3, 1)
+    course = NavigationCourse(MAZE, 2, 3, 1)
     assert scenario(course) == scenario(course)
-    assert scenario(course).robot != scenario(Course(MAZE, 2, 3, 2)).robot
+    assert scenario(course).robot != scenario(NavigationCourse(MAZE, 2, 3, 2)).robot
     assert [len(robot.places or ()) for robot in scenario(course).robot] == [3, 3]
     assert scenario(course).localisation == {} == scenario(course).navigation
-    other = scenario(Course(MAZE, 2, 3, 1, "odometry", "robust"))
+    other = scenario(NavigationCourse(MAZE, 2, 3, 1, "odometry", "robust"))
     assert (other.localisation, other.navigation) == ({"preset": "odometry"}, {"preset": "robust"})
     assert other.robot == scenario(course).robot, "the same course"
 
 
 def test_one_robot_reaches_what_it_is_sent_to() -> None:
-    figures = measure(Course(MAZE, 1, 1, 1, localisation="odometry"))
+    figures = measure(NavigationCourse(MAZE, 1, 1, 1, localisation="odometry"))
     assert [leg.how for leg in figures.legs] == ["succeeded"]
     for leg in figures.legs:
         assert leg.shortest is not None and leg.shortest > 0.1

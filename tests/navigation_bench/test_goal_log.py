@@ -9,17 +9,8 @@ import numpy as np
 from actors.geometry import Point, Pose
 from actors.instant import Instant
 from actors.randomness import generator
-from actors.robot.behaviour.ports import (
-    AbortReason,
-    Behaviour,
-    Decision,
-    Goal,
-    GoalOrder,
-    GoalStatus,
-    Setting,
-    Start,
-    View,
-)
+from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalStatus
+from actors.robot.behaviour.ports import Behaviour, Decision, Setting, Start, View
 from benchmarks.failures.run import pursuit
 from benchmarks.navigation import goal_log, goal_orders
 from benchmarks.navigation.goal_log import LoggedGoal

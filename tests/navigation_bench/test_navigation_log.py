@@ -13,12 +13,12 @@ import pytest
 from actors.robot.navigation.inflation import INSCRIBED, LETHAL
 from benchmarks.localisation.log import LogError
 from benchmarks.navigation import log as navigation_log
-from benchmarks.navigation.course import Course
+from benchmarks.navigation.course import NavigationCourse
 from benchmarks.navigation.navigation import NavigationTask, write_log
 from deploy.repository import REPOSITORY
 
 CORRIDOR = REPOSITORY / "maps" / "corridor.yaml"
-SHORT = Course(CORRIDOR, 2, 1, 3, patience=20.0)
+SHORT = NavigationCourse(CORRIDOR, 2, 1, 3, patience=20.0)
 
 
 def load(file: Path) -> Any:

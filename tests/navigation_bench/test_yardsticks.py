@@ -13,7 +13,7 @@ from actors.floor.map_file import load_map
 from actors.floor.placement import draw_points
 from actors.geometry import Point, Pose
 from actors.world.physics import Arena
-from actors.world.world_setup import RobotSetup, WorldSetup
+from actors.world.world_setup import BodySetup, WorldSetup
 from benchmarks.failures.passage import Passages
 from benchmarks.navigation.approach import closest, robot_gaps, touches, wall_gaps
 from benchmarks.navigation.retracing import RetracingError, retrace
@@ -48,8 +48,8 @@ def around(start: Point, goal: Point) -> float:
     return first + RADIUS * (arc + other_arc) + 0.1 + last
 
 
-def standing_at(robot: str, pose: Pose) -> RobotSetup:
-    return RobotSetup(robot, "turtlebot2", None, "exact", (pose.x, pose.y, pose.heading), ())
+def standing_at(robot: str, pose: Pose) -> BodySetup:
+    return BodySetup(robot, "turtlebot2", None, "exact", (pose.x, pose.y, pose.heading), ())
 
 
 @pytest.mark.parametrize(

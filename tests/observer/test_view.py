@@ -13,7 +13,7 @@ from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
 from actors.messages import Drive, PlaceGivenUp, PlaceReport, RobotTruth, Truth
 from actors.observer import viewer
-from actors.observer.observer import Observer, Summary
+from actors.observer.observer import Observer, ViewSummary
 from actors.runtime.errors import AcrcError
 
 GRID = OccupancyGrid(
@@ -64,7 +64,7 @@ def test_the_file_holds_map_places_robots_and_trajectories_over_time(tmp_path: P
     observer = Observer(tmp_path, GRID, {"r1": [Point(1.0, 4.0)]}, window=False)
     for step in range(5):
         observer.truth(truth(step))
-    assert observer.close() == Summary(missed=0, shown=5, expected=5, whole=False)
+    assert observer.close() == ViewSummary(missed=0, shown=5, expected=5, whole=False)
     found = rows(tmp_path / "view.rrd")
     assert {entity for entity in found if entity.startswith("/world")} == {
         "/world/map",
@@ -144,7 +144,7 @@ def test_at_most_ten_pictures_a_second_and_the_last_truth_always(tmp_path: Path)
     observer = Observer(tmp_path, GRID, window=False)
     for step in range(26):
         observer.truth(truth(step, step_us=10_000))
-    assert observer.close() == Summary(missed=0, shown=4, expected=26, whole=False)
+    assert observer.close() == ViewSummary(missed=0, shown=4, expected=26, whole=False)
     assert times(rows(tmp_path / "view.rrd")["/world/labels"]) == [0.0, 0.1, 0.2, 0.25]
 
 
@@ -152,7 +152,7 @@ def test_steps_that_never_came_are_counted(tmp_path: Path) -> None:
     observer = Observer(tmp_path, GRID, window=False)
     for step in (2, 3, 7):
         observer.truth(truth(step))
-    assert observer.close() == Summary(missed=5, shown=3, expected=8, whole=False)
+    assert observer.close() == ViewSummary(missed=5, shown=3, expected=8, whole=False)
 
 
 def test_a_halt_without_robots_keeps_the_last_picture(tmp_path: Path) -> None:
@@ -160,7 +160,7 @@ def test_a_halt_without_robots_keeps_the_last_picture(tmp_path: Path) -> None:
     for step in range(3):
         observer.truth(truth(step, step_us=10_000))
     observer.truth(Truth(3, 30_000, (), halt=True))
-    assert observer.close() == Summary(missed=0, shown=2, expected=4, whole=True)
+    assert observer.close() == ViewSummary(missed=0, shown=2, expected=4, whole=True)
 
 
 def test_a_machine_without_a_display_gets_one_sentence(
@@ -188,7 +188,7 @@ def test_a_window_that_does_not_open_costs_one_sentence(
         f"the view goes to {tmp_path}/view.rrd only."
     )
     observer.truth(truth(0))
-    assert observer.close() == Summary(missed=0, shown=1, expected=1, whole=False)
+    assert observer.close() == ViewSummary(missed=0, shown=1, expected=1, whole=False)
 
 
 @pytest.mark.parametrize(

@@ -44,10 +44,10 @@ class Room:
         self.now = Instant(0)
         self.air = Air(np.random.default_rng(1))
         self.bridges: list[BridgeCore] = []
-        self.boards: list[emulated.Board] = []
+        self.boards: list[emulated.EmulatedBoard] = []
         for number in range(robots):
             link = Link(BoardSettings(number + 1))
-            board = emulated.Board(self.air, self.now)
+            board = emulated.EmulatedBoard(self.air, self.now)
             self.air.add(board, standing(float(number)))
             link.connect(self.now)
             self.boards.append(board)

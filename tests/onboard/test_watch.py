@@ -7,7 +7,7 @@ import pytest
 
 from deploy.fleet import onboard as layout
 from deploy.fleet.onboard import Onboard
-from deploy.fleet.onboard_supervisor import Watch
+from deploy.fleet.onboard_supervisor import OnboardSupervisor
 from deploy.processes.launch import Child, Program
 
 
@@ -36,7 +36,7 @@ class Played:
 
 
 @pytest.fixture
-def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[Watch, Played]:
+def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupervisor, Played]:
     """A robot whose base, bridge and program run."""
 
     issued = SimpleNamespace(sockets={layout.BRIDGE: tmp_path})
@@ -50,14 +50,14 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[Watch, Play
     monkeypatch.setattr(layout, "onboard_robot_program", program("r1"))
     onboard: Onboard = type("One", (), {"robot": Robot})()
     launcher = Played()
-    watch = Watch(onboard, launcher, lambda _line: None)  # type: ignore[arg-type]
+    watch = OnboardSupervisor(onboard, launcher, lambda _line: None)  # type: ignore[arg-type]
     watch.start()
     assert launcher.started == [layout.BASE, layout.BRIDGE, "r1"]
     return watch, launcher
 
 
 def test_a_robot_that_has_finished_is_not_started_again_while_its_base_still_ends(
-    played: tuple[Watch, Played],
+    played: tuple[OnboardSupervisor, Played],
 ) -> None:
     watch, launcher = played
     launcher.ends = [{"r1": 0}, {}, {layout.BRIDGE: 0}, {layout.BASE: 0}]
@@ -66,7 +66,7 @@ def test_a_robot_that_has_finished_is_not_started_again_while_its_base_still_end
     assert watch.restarts == 0
 
 
-def test_a_robot_that_has_failed_is_started_again(played: tuple[Watch, Played]) -> None:
+def test_a_robot_that_has_failed_is_started_again(played: tuple[OnboardSupervisor, Played]) -> None:
     watch, launcher = played
     launcher.ends = [{"r1": 1}]
     assert watch.look(0.0)

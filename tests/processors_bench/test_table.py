@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from benchmarks.processors import aarch64, here, pythons, table
-from benchmarks.processors.computer import Computer, Outcome, Task, last_words, make
+from benchmarks.processors.computer import Computer, RunOutcome, Task, last_words, make
 from benchmarks.processors.table import Row, digests, line, measure, tasks, verdict
 from deploy.repository import REPOSITORY
 
 
-def row(name: str, **outcomes: Outcome) -> Row:
+def row(name: str, **outcomes: RunOutcome) -> Row:
     return Row(name, outcomes)
 
 
@@ -48,13 +48,13 @@ def test_a_run_that_fails_says_its_last_words(tmp_path: Path) -> None:
 
 def test_the_verdict() -> None:
     rows = [
-        row("a", crowd=Outcome("1")),
-        row("b", crowd=Outcome("1")),
-        row("c", crowd=Outcome("", "missing")),
+        row("a", crowd=RunOutcome("1")),
+        row("b", crowd=RunOutcome("1")),
+        row("c", crowd=RunOutcome("", "missing")),
     ]
     assert digests(rows, "crowd") == {"1"}
     assert verdict({"1"}) == "one digest" and verdict(set()) == "no digest"
-    assert verdict(digests([*rows, row("d", crowd=Outcome("2"))], "crowd")) == (
+    assert verdict(digests([*rows, row("d", crowd=RunOutcome("2"))], "crowd")) == (
         "2 digests, where there should be one"
     )
 
@@ -65,7 +65,7 @@ def test_a_run_that_fails_on_a_computer_that_is_there_is_a_fault_and_a_missing_c
     absent = Computer("Python 3.99", missing="no such interpreter was found")
     broken = Computer("a broken one", ("/bin/false",))
     monkeypatch.setattr(table, "make", lambda task, computer, *_: (
-        Outcome("1") if computer.name == "well" else make(task, computer, tmp_path, 60.0)
+        RunOutcome("1") if computer.name == "well" else make(task, computer, tmp_path, 60.0)
     ))  # fmt: skip
     (lost,) = measure([Task("t", tmp_path, 1.0)], [absent], tmp_path, lambda row: None)
     (worse,) = measure([Task("t", tmp_path, 1.0)], [broken], tmp_path, lambda row: None)
@@ -104,4 +104,4 @@ def test_an_emulator_that_is_not_there_is_said_with_what_brings_it(
         aarch64.NAME,
         "qemu-aarch64-static not found; --install, or: sudo apt install qemu-user-static",
     )
-    assert table.line(row(found.name, crowd=Outcome("", found.missing))).endswith(found.missing)
+    assert table.line(row(found.name, crowd=RunOutcome("", found.missing))).endswith(found.missing)

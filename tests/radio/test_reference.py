@@ -18,7 +18,7 @@ from actors.radio.medium.medium import Medium, Request
 from actors.radio.medium.state import SYMBOL_NS, Kind
 from actors.radio.medium.traffic import Poisson, Saturated
 from actors.radio.presets import preset
-from benchmarks.radio.reference import Point
+from benchmarks.radio.reference import OperatingPoint
 from benchmarks.radio.trials import SECOND, Table, contend, measure, scene
 from benchmarks.radio.truth import formula_kbps
 
@@ -32,7 +32,7 @@ def test_one_backlogged_sender_has_the_throughput_of_the_closed_formula(octets: 
     settings = {"n": "1", "psdu": str(octets), "load": "sat"}
     own = mean(contend(scene(family, settings), seed)["goodput_kbps"] for seed in range(1, 13))
     # The standard error of the mean of 360 s is below 0.06 %.
-    assert own == pytest.approx(formula_kbps(Point(family, settings, 1, 1, {})), rel=0.002)
+    assert own == pytest.approx(formula_kbps(OperatingPoint(family, settings, 1, 1, {})), rel=0.002)
 
 
 def test_the_error_rate_is_that_of_annex_e() -> None:
@@ -127,6 +127,6 @@ def test_overlapping_frames_fare_as_in_ns3(
 ) -> None:
     names = ("psdu0", "psdu1", "delta_db", "offset_us")
     settings = dict(zip(names, map(str, (octets, other, delta_db, offset_us)), strict=True))
-    own = measure(Point("e_capture", settings, 1, 4000, {}), 1)
+    own = measure(OperatingPoint("e_capture", settings, 1, 4000, {}), 1)
     assert own["pdr_first"].value == pytest.approx(first, abs=4 * math.sqrt(0.25 * 1.5 / 2000))
     assert own["pdr_second"].value == 0.0

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from actors.runtime.errors import AcrcError
-from benchmarks.radio.reference import Estimate, Point, over_runs, points, share
+from benchmarks.radio.reference import OperatingPoint, ReferenceEstimate, over_runs, points, share
 from benchmarks.radio.truth import TruthTask, combined, compare, normal_score, run
 
 HEAD = (
@@ -66,12 +66,15 @@ def test_both_sides_runs_make_one_error() -> None:
 
 
 def test_a_difference_is_outside_where_it_is_too_great() -> None:
-    point = Point("c_contention", {}, 5, 1, {})
-    near = compare(point, "pdr_tx", Estimate(0.5, 0.01, 4), Estimate(0.51, 0.003, 49))
-    far = compare(point, "pdr_tx", Estimate(0.5, 0.01, 4), Estimate(0.6, 0.003, 49))
+    point = OperatingPoint("c_contention", {}, 5, 1, {})
+    near = compare(point, "pdr_tx", ReferenceEstimate(0.5, 0.01, 4), ReferenceEstimate(0.51, 0.003, 49))
+    far = compare(point, "pdr_tx", ReferenceEstimate(0.5, 0.01, 4), ReferenceEstimate(0.6, 0.003, 49))
     assert near.inside and not far.inside
     assert far.excess == pytest.approx(0.1 - 3 * far.error) and near.excess < 0
-    assert compare(point, "pdr_tx", Estimate(1.0, 0, 4), Estimate(1.0, 0, 49)).informative is False
+    assert (
+        compare(point, "pdr_tx", ReferenceEstimate(1.0, 0, 4), ReferenceEstimate(1.0, 0, 49)).informative
+        is False
+    )
 
 
 @pytest.mark.parametrize(("t", "freedom", "z"), [(2.776, 4, 1.96), (4.604, 4, 2.576), (2.009, 50, 1.96)])

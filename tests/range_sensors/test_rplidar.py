@@ -20,7 +20,7 @@ from actors.instant import START, Instant, milliseconds
 from actors.messages import NO_ECHO_MM, Scan
 from actors.robot_model import RangeSensor as SensorModel
 from actors.robot_model import load_model
-from firmware_bridge.range_sensors.rplidar import Phase, Rplidar, RplidarParameters, open_port
+from firmware_bridge.range_sensors.rplidar import LidarPhase, Rplidar, RplidarParameters, open_port
 from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, Sight
 from firmware_bridge.range_sensors.rplidar_wire import (
     HEALTH,
@@ -28,7 +28,7 @@ from firmware_bridge.range_sensors.rplidar_wire import (
     SCANNING,
     Health,
     Info,
-    Request,
+    LidarRequest,
     Sample,
     SampleReader,
 )
@@ -48,8 +48,8 @@ def room(angles: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def test_bytes() -> None:
-    assert Request.SCAN.bytes == bytes.fromhex("a5 20")
-    assert Request.STOP.bytes == bytes.fromhex("a5 25")
+    assert LidarRequest.SCAN.bytes == bytes.fromhex("a5 20")
+    assert LidarRequest.STOP.bytes == bytes.fromhex("a5 25")
     assert SCANNING.encode() == bytes.fromhex("a5 5a 05 00 00 40 81")
     assert INFO.encode() == bytes.fromhex("a5 5a 14 00 00 00 04")
     assert HEALTH.encode() == bytes.fromhex("a5 5a 03 00 00 00 06")
@@ -190,7 +190,7 @@ def test_a_lidar_that_falls_silent_is_started_again() -> None:
     rig.run(1.0)
     rig.device.silent = True
     rig.run(3.0)
-    assert rig.lidar.phase is not Phase.SCANNING
+    assert rig.lidar.phase is not LidarPhase.SCANNING
     sentence = rig.lidar.waiting(rig.now)
     assert sentence is not None
     assert sentence.startswith("no scan from the RPLIDAR for 3.0 s; it should be plugged in, and its head ")
@@ -203,7 +203,7 @@ def test_a_lidar_that_falls_silent_is_started_again() -> None:
 
 def test_one_that_scans_already_is_stopped_first() -> None:
     rig = Rig()
-    rig.device.take(START, Request.SCAN.bytes)
+    rig.device.take(START, LidarRequest.SCAN.bytes)
     rig.run(2.0)
     assert len(rig.scans) > 5
 
@@ -236,7 +236,7 @@ def test_turns_with_too_few_or_too_many_samples_are_no_scans() -> None:
 
 def test_a_turn_with_a_gap_is_no_scan_as_it_would_look_like_free_floor() -> None:
     lidar = Rplidar(CHAPTER, START)
-    lidar.phase = Phase.SCANNING
+    lidar.phase = LidarPhase.SCANNING
     for turn in range(4):
         lost = 15 if turn == 1 else 5
         samples = [Sample(k == 0, 15, 64 * k, 4000) for k in range(360) if not 100 <= k < 100 + lost]

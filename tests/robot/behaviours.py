@@ -3,7 +3,8 @@
 from actors.geometry import Point
 from actors.instant import Instant
 from actors.messages import Outgoing
-from actors.robot.behaviour.ports import Behaviour, Decision, GoalOrder, Start, View
+from actors.robot.behaviour.goal import GoalOrder
+from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
 
 number = 7
 

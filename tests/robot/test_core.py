@@ -28,13 +28,14 @@ from actors.messages import (
 )
 from actors.robot.behaviour.decision_limits import RobotLimits
 from actors.robot.behaviour.entry import BehaviourError
-from actors.robot.behaviour.ports import Decision, Goal, GoalOrder, GoalStatus, Phase, View
-from actors.robot.core import Parts, RobotCore, StepError
+from actors.robot.behaviour.goal import Goal, GoalOrder, GoalPhase, GoalStatus
+from actors.robot.behaviour.ports import Decision, View
+from actors.robot.core import RobotCore, RobotParts, StepError
 from actors.robot.localisation import DeadReckoning
-from actors.robot.navigation.cost_map import LocalMap
-from actors.robot.navigation.driver import Driver
+from actors.robot.navigation.cost_map import CostMap
 from actors.robot.navigation.dwa_parameters import DwaParameters
-from actors.robot.navigation.goals import Navigation
+from actors.robot.navigation.local_planner import LocalPlanner
+from actors.robot.navigation.navigator import Navigator
 from actors.robot.navigation.planning import Planner, ground
 from actors.robot.sweep import ScanError, Sweeps
 from actors.runtime.core import Output, at, to
@@ -70,11 +71,11 @@ class Robot:
         kind = model()
         self.behaviour = behaviour or Scripted(decision)
         self.base = FakeBase(TWO_ROOMS, kind, START)
-        local = LocalMap(kind.sensor, 0.177)
-        driver = Driver(local, 0.177, kind.drive, DwaParameters())
-        navigation = Navigation(Planner(FLOOR), local, driver)
+        local = CostMap(kind.sensor, 0.177)
+        driver = LocalPlanner(local, 0.177, kind.drive, DwaParameters())
+        navigation = Navigator(Planner(FLOOR), local, driver)
         self.localisation = Masked(START)
-        parts = Parts(Sweeps(kind.sensor), self.localisation, navigation, self.behaviour)
+        parts = RobotParts(Sweeps(kind.sensor), self.localisation, navigation, self.behaviour)
         self.core = RobotCore(
             "r1", parts, entry="my.study:behaviour", first_step=first_step, step_us=100_000, limits=limits
         )
@@ -133,7 +134,7 @@ def test_the_behaviour_sees_pose_motion_goal_and_radio_and_its_goal_drives_the_r
     first, until = views[0]
     assert first == View(Instant(0), START, False, None, (HEARD, Sent(95, 1)), CERTAIN, 0.0)
     assert until == 100_000
-    assert views[1][0].goal == Goal(goal, GoalStatus.ACTIVE, None, Phase.CONTROLLING, Instant(100_000))
+    assert views[1][0].goal == Goal(goal, GoalStatus.ACTIVE, None, GoalPhase.CONTROLLING, Instant(100_000))
     assert views[1][0].radio == () and views[1][0].instant == 100_000
     assert any(view.moving for view, _ in views)
     last = views[-1][0]
@@ -200,12 +201,12 @@ def test_pausing_and_peers_reach_navigation_and_localisation() -> None:
     for _ in range(10):
         robot.take_step()
     goal = robot.behaviour.views[-1][0].goal
-    assert goal is not None and goal.phase is Phase.PAUSED and robot.base.pose == START
+    assert goal is not None and goal.phase is GoalPhase.PAUSED and robot.base.pose == START
     robot.behaviour.decision = Decision(paused=False, peers=())
     for _ in range(10):
         robot.take_step()
     goal = robot.behaviour.views[-1][0].goal
-    assert goal is not None and goal.phase is Phase.CONTROLLING and robot.base.pose.x > START.x
+    assert goal is not None and goal.phase is GoalPhase.CONTROLLING and robot.base.pose.x > START.x
     assert not robot.localisation.told
 
 

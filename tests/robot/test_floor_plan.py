@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from actors.floor.distance import point_clearance
 from actors.floor.grid import OccupancyGrid, reachable
 from actors.floor.map_file import load_map
 from actors.floor.placement import Area, PlacementError
@@ -50,7 +49,7 @@ def within(area: Area, point: Point) -> bool:
 def test_the_robot_can_stand_and_get_there(grid: OccupancyGrid, start: Point, radius: float) -> None:
     region = reachable(grid, start, radius)
     for place in draws(floor(grid, start=start, radius=radius), 500):
-        assert point_clearance(grid, place, 1.0) >= radius
+        assert grid.clearance_at(place, 1.0) >= radius
         assert region[grid.cell(place)]
 
 

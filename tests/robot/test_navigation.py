@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, seconds
-from actors.robot.behaviour.ports import AbortReason, Goal, GoalOrder, GoalStatus, Phase
-from actors.robot.navigation.driver import Steering
-from actors.robot.navigation.goals import NAVIGATION_PRESETS, Navigation, NavigationParameters
+from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus
+from actors.robot.navigation.local_planner import Steering
+from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters, Navigator
 from actors.robot.navigation.planning import Planner, ground
 from actors.robot.sweep import Sweep
 from tests.robot.base import TWO_ROOMS, at_step
@@ -67,7 +67,7 @@ class Trip:
 
     def __init__(self, parameters: NavigationParameters = CHAPTER) -> None:
         self.driver, self.map = Obedient(), Memory()
-        self.navigation = Navigation(Planner(FLOOR), self.map, self.driver, parameters)
+        self.navigation = Navigator(Planner(FLOOR), self.map, self.driver, parameters)
         self.place = WEST
         self.step = 0
         self.drifts = True
@@ -91,7 +91,7 @@ class Trip:
         return self
 
     @property
-    def phase(self) -> Phase | None:
+    def phase(self) -> GoalPhase | None:
         assert self.navigation.goal is not None
         return self.navigation.goal.phase
 
@@ -108,7 +108,7 @@ def test_a_goal_is_followed_to_within_the_tolerance() -> None:
     trip = Trip().goes_to(FAR)
     assert trip.navigation.goal == Goal(FAR, ACTIVE)
     assert trip.take_step() == AHEAD
-    assert trip.navigation.goal == Goal(FAR, ACTIVE, None, Phase.CONTROLLING, at_step(0))
+    assert trip.navigation.goal == Goal(FAR, ACTIVE, None, GoalPhase.CONTROLLING, at_step(0))
     trip.steps(250)
     assert trip.navigation.goal == Goal(FAR, SUCCEEDED)
     assert trip.place.distance_to(FAR) <= 0.15
@@ -125,7 +125,7 @@ def test_the_way_is_planned_anew_every_second() -> None:
 def test_without_a_way_it_recovers_once_and_then_gives_up() -> None:
     trip = Trip().goes_to(NOWHERE)
     assert trip.steps(7) == [STILL] * 7
-    assert (trip.phase, trip.map.cleared) == (Phase.PLANNING, [3.0])
+    assert (trip.phase, trip.map.cleared) == (GoalPhase.PLANNING, [3.0])
     trip.steps(6)
     assert trip.navigation.goal == Goal(NOWHERE, ABORTED, AbortReason.NO_PLAN)
     assert trip.step == 13, "0.5 s of patience exceeded, and once more"
@@ -136,10 +136,10 @@ def test_without_a_trajectory_it_clears_the_map_after_its_patience_and_tries_onc
     trip.take_step()
     trip.driver.valid = False
     assert trip.steps(10) == [STILL] * 10
-    assert (trip.phase, trip.map.cleared) == (Phase.OBSTRUCTED, [])
+    assert (trip.phase, trip.map.cleared) == (GoalPhase.OBSTRUCTED, [])
     assert trip.navigation.goal is not None and trip.navigation.goal.since == at_step(1)
     trip.take_step()
-    assert (trip.phase, trip.map.cleared, trip.count("recoveries")) == (Phase.PLANNING, [3.0], 1)
+    assert (trip.phase, trip.map.cleared, trip.count("recoveries")) == (GoalPhase.PLANNING, [3.0], 1)
     trip.take_step()
     assert trip.navigation.goal == Goal(FAR, ABORTED, AbortReason.BLOCKED)
     assert trip.count("no_valid_trajectory") == [(at_step(1), at_step(12), "abort")]
@@ -155,7 +155,7 @@ def test_what_goes_away_in_time_costs_no_goal_and_all_patience_is_back() -> None
         trip.steps(11)  # long enough for a recovery
     trip.driver.valid = True
     trip.steps(3)
-    assert (trip.phase, trip.count("recoveries")) == (Phase.CONTROLLING, 3)
+    assert (trip.phase, trip.count("recoveries")) == (GoalPhase.CONTROLLING, 3)
     spells = [(2, 13, "itself"), (15, 26, "itself"), (28, 39, "itself")]
     assert trip.count("no_valid_trajectory") == [(at_step(a), at_step(b), how) for a, b, how in spells]
 
@@ -164,7 +164,7 @@ def test_who_does_not_get_away_recovers_and_then_gives_up() -> None:
     trip = Trip().goes_to(FAR)
     trip.drifts = False
     trip.steps(102)
-    assert (trip.map.cleared, trip.phase) == ([3.0], Phase.PLANNING)
+    assert (trip.map.cleared, trip.phase) == ([3.0], GoalPhase.PLANNING)
     trip.steps(101)
     assert trip.navigation.goal == Goal(FAR, ABORTED, AbortReason.NO_PROGRESS)
     assert trip.step == 203
@@ -197,7 +197,7 @@ def test_a_goal_that_was_given_up_can_be_asked_for_again() -> None:
     trip.driver.valid = True
     trip.goes_to(FAR)
     assert trip.take_step() == AHEAD
-    assert trip.navigation.goal == Goal(FAR, ACTIVE, None, Phase.CONTROLLING, at_step(20))
+    assert trip.navigation.goal == Goal(FAR, ACTIVE, None, GoalPhase.CONTROLLING, at_step(20))
     assert trip.driver.begun == 2
 
 
@@ -234,22 +234,22 @@ def test_a_paused_robot_stands_for_as_long_as_it_takes_and_then_goes_on() -> Non
     trip.steps(3)
     trip.navigation.take(GoalOrder.KEEP, True)
     assert trip.steps(500) == [STILL] * 500
-    assert trip.navigation.goal == Goal(FAR, ACTIVE, None, Phase.PAUSED, at_step(3))
+    assert trip.navigation.goal == Goal(FAR, ACTIVE, None, GoalPhase.PAUSED, at_step(3))
     trip.navigation.take(GoalOrder.KEEP, False)
     assert trip.take_step() == AHEAD
-    assert trip.navigation.goal == Goal(FAR, ACTIVE, None, Phase.CONTROLLING, at_step(503))
+    assert trip.navigation.goal == Goal(FAR, ACTIVE, None, GoalPhase.CONTROLLING, at_step(503))
 
 
 def test_a_goal_given_to_a_paused_robot_waits_and_saying_it_twice_changes_nothing() -> None:
     trip = Trip()
     trip.navigation.take(FAR, True)
-    assert trip.take_step() == STILL and trip.phase is Phase.PAUSED
+    assert trip.take_step() == STILL and trip.phase is GoalPhase.PAUSED
     near = Point(1.0, 3.0)
     trip.navigation.take(near, True)
     assert trip.take_step() == STILL
     trip.navigation.take(GoalOrder.KEEP, False)
     assert trip.take_step() == AHEAD
-    assert trip.navigation.goal == Goal(near, ACTIVE, None, Phase.CONTROLLING, at_step(2))
+    assert trip.navigation.goal == Goal(near, ACTIVE, None, GoalPhase.CONTROLLING, at_step(2))
     trip.navigation.take(GoalOrder.KEEP, False)
     trip.take_step()
     assert trip.navigation.goal.since == at_step(2), "not begun anew"
@@ -268,7 +268,7 @@ def test_a_robot_that_touches_something_backs_away_and_goes_on() -> None:
     trip = Trip().goes_to(FAR)
     trip.steps(3)
     backward = Twist(-0.1, 0.0, 0.0)
-    assert trip.take_step(bumped=True) == backward and trip.phase is Phase.RETREATING
+    assert trip.take_step(bumped=True) == backward and trip.phase is GoalPhase.RETREATING
     trip.place = Point(trip.place.x - 0.1, trip.place.y)
     assert trip.take_step() == backward
     trip.place = Point(trip.place.x - 0.06, trip.place.y)

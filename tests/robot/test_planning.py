@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from actors.floor.distance import point_clearance
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import Point
@@ -123,7 +122,7 @@ def test_a_coarse_grid_never_promises_more_room_than_there_is(
         promised = coarse.clearance[row, column]
         if promised > 0:
             centre = coarse.grid.centre(Cell(row, column))
-            assert promised <= point_clearance(fine, centre, within=5.0) + 1e-9
+            assert promised <= fine.clearance_at(centre, within=5.0) + 1e-9
 
 
 @pytest.mark.parametrize("office", [12.44, 17.25])

@@ -56,7 +56,7 @@ def test_every_option_is_read(argv: dict[str, str], tmp_path: Path) -> None:
     assert setup.places == (Point(12.5, 6.0), Point(9.0, 12.25))
     assert (options.model, options.sensor) == ("turtlebot2", "kinect")
     assert options.map == MAPS / "corridor.yaml"
-    assert options.seat.record == tmp_path / "r1.mcap"
+    assert options.client.record == tmp_path / "r1.mcap"
     assert not options.isolate
     assert setup.adaptation == Adaptation()
 

@@ -9,7 +9,7 @@ from actors.instant import seconds
 from actors.robot.localisation import PRESETS
 from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS
 from actors.robot.navigation.dwa_parameters import DWA_PRESETS
-from actors.robot.navigation.goals import NAVIGATION_PRESETS
+from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.robot.navigation.planning import PlanningParameters
 from actors.robot.stack import Stack, StackError, load_stack, parse
 

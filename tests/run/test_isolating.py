@@ -3,7 +3,7 @@
 import pytest
 
 from actors.runtime.isolation import sandbox
-from deploy.run.isolating import OPEN, Choice, choose, warn
+from deploy.run.isolating import OPEN, IsolationChoice, choose, warn
 from tests.swarm.command import acrc
 
 REASON = f"this machine has no locks; {sandbox.ADVICE}"
@@ -16,12 +16,12 @@ def unable(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_where_it_can_be_had_nothing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sandbox, "available", lambda: None)
-    assert choose(None) == choose(True) == Choice(True, "")
+    assert choose(None) == choose(True) == IsolationChoice(True, "")
 
 
 @pytest.mark.usefixtures("unable")
 def test_the_default_falls_back_with_the_cause() -> None:
-    assert choose(None) == Choice(
+    assert choose(None) == IsolationChoice(
         False, f"robots run as plain processes, because this machine has no locks; {OPEN}"
     )
 
@@ -35,7 +35,7 @@ def test_what_was_asked_for_does_not_fall_back() -> None:
 
 def test_who_does_without_is_told_what_that_means(capsys: pytest.CaptureFixture[str]) -> None:
     choice = choose(False)
-    assert choice == Choice(False, f"--no-isolate: robots run as plain processes; {OPEN}")
+    assert choice == IsolationChoice(False, f"--no-isolate: robots run as plain processes; {OPEN}")
     assert choose(None, debugged=True).warning == f"--debugpy: robots run as plain processes; {OPEN}"
     warn(choice.warning)
     warn("")

@@ -3,7 +3,7 @@
 import pytest
 
 from actors.runtime.lifecycle.process_table import Glance
-from deploy.run.silence import Patience, Silence, Suspect, Verdict
+from deploy.run.silence import Patience, Silence, SilenceVerdict, Suspect
 
 R1, R2 = Suspect("r1", 11), Suspect("r2", 12)
 BOTH = (R1, R2)
@@ -26,7 +26,7 @@ class Machine:
 
     def pass_by(
         self, seconds: float, *, working: float = 0.0, every: float = 0.5, starting: bool = False
-    ) -> Verdict | None:
+    ) -> SilenceVerdict | None:
         """Look every so often while r2 works for this share of the time; the first verdict."""
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9:
@@ -47,12 +47,14 @@ def machine() -> Machine:
 
 def test_who_does_nothing_is_blamed_after_thirty_seconds(machine: Machine) -> None:
     assert machine.pass_by(29.5) is None
-    assert machine.pass_by(1.0) == Verdict(R2, "no Drive from r2 for 30 s")
+    assert machine.pass_by(1.0) == SilenceVerdict(R2, "no Drive from r2 for 30 s")
 
 
 def test_who_works_is_blamed_after_thirty_seconds_of_work_however_long_that_takes(machine: Machine) -> None:
     assert machine.pass_by(290.0, working=0.1) is None
-    assert machine.pass_by(20.0, working=0.1) == Verdict(R2, "no Drive from r2 after 30 s of processor time")
+    assert machine.pass_by(20.0, working=0.1) == SilenceVerdict(
+        R2, "no Drive from r2 after 30 s of processor time"
+    )
 
 
 def test_until_it_is_ready_it_may_work_ten_times_as_long_but_not_idle_longer(machine: Machine) -> None:
@@ -63,7 +65,7 @@ def test_until_it_is_ready_it_may_work_ten_times_as_long_but_not_idle_longer(mac
     )
     machine.silence.broken()
     machine.pass_by(0.5)
-    assert machine.pass_by(31.0, starting=True) == Verdict(R2, "no Drive from r2 for 30 s")
+    assert machine.pass_by(31.0, starting=True) == SilenceVerdict(R2, "no Drive from r2 for 30 s")
 
 
 @pytest.mark.parametrize("state", ["R", "D"])
@@ -81,13 +83,13 @@ def test_nobody_is_judged_while_anybody_of_the_run_is_stopped(machine: Machine, 
     machine.state[pid] = "S"
     assert machine.pass_by(4.0) is None, "what it idled before still counts, what it was stopped does not"
     assert machine.silence.stopped == frozenset()
-    assert machine.pass_by(2.0) == Verdict(R2, "no Drive from r2 for 30 s")
+    assert machine.pass_by(2.0) == SilenceVerdict(R2, "no Drive from r2 for 30 s")
 
 
 def test_a_suspended_computer_counts_as_two_looks(machine: Machine) -> None:
     assert machine.pass_by(28.0) is None
     assert machine.pass_by(36_000.0, every=36_000.0) is None
-    assert machine.pass_by(2.0) == Verdict(R2, "no Drive from r2 for 30 s")
+    assert machine.pass_by(2.0) == SilenceVerdict(R2, "no Drive from r2 for 30 s")
 
 
 def test_a_step_begins_everything_anew(machine: Machine) -> None:

@@ -6,9 +6,9 @@ import msgspec
 import pytest
 
 from actors.messages import DRIVE, SENSES, Drive
-from actors.runtime.bus.interface import Delivery
 from actors.runtime.bus.memory_bus import MemoryBus, StalledError, run_shells
 from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
+from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import encode
 from actors.runtime.core import at
 from actors.runtime.message_counts import run_digest

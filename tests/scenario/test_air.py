@@ -7,7 +7,7 @@ import pytest
 from actors.radio.propagation.interferers import WifiParameters
 from actors.radio.propagation.walls import WallPatch
 from deploy.scenario.air import WallError
-from deploy.scenario.resolve import cast
+from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import load_scenario, parse
 from deploy.scenario.scenario_text import to_toml
 from tests.scenario.faults import scenario
@@ -33,7 +33,7 @@ duty = 0.3
 
 
 def test_the_radio_is_told_what_the_tables_say() -> None:
-    told = cast(scenario(TABLES)).radio
+    told = resolve(scenario(TABLES)).radio
     assert (told.preset, told.channel, told.walls) == ("beeclick", 15, "concrete")
     assert (told.shadowing_db, told.correlation_distance) == (4.0, 1.5)
     assert told.patches == (WallPatch("glass", (11.0, 14.0), (0.0, 7.0)),)
@@ -42,20 +42,20 @@ def test_the_radio_is_told_what_the_tables_say() -> None:
 
 
 def test_what_the_tables_leave_out_is_left_to_the_preset() -> None:
-    told = cast(load_scenario()).radio
+    told = resolve(load_scenario()).radio
     assert (told.walls, told.shadowing_db, told.correlation_distance, told.channel) == (None,) * 4
     assert not told.patches and not told.wifi
 
 
 def test_the_tables_read_back_from_the_text_of_a_settled_scenario() -> None:
-    settled = cast(scenario(TABLES)).scenario
+    settled = resolve(scenario(TABLES)).scenario
     text = to_toml(settled)
-    assert cast(parse(text, Path("settled.toml"))).radio == cast(scenario(TABLES)).radio
+    assert resolve(parse(text, Path("settled.toml"))).radio == resolve(scenario(TABLES)).radio
 
 
 def test_a_wall_where_there_is_none_is_refused() -> None:
     with pytest.raises(WallError) as caught:
-        cast(scenario('[[wall]]\nmaterial = "glass"\nx = [12.0, 12.5]\ny = [5.0, 5.5]'))
+        resolve(scenario('[[wall]]\nmaterial = "glass"\nx = [12.0, 12.5]\ny = [5.0, 5.5]'))
     assert str(caught.value) == (
         "wall[0] spans x 12 to 12.5 and y 5 to 5.5 m, where nothing is occupied, but must hold a wall"
     )

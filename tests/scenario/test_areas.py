@@ -7,9 +7,9 @@ import pytest
 
 from actors.floor.placement import Area
 from actors.runtime.errors import AcrcError
-from actors.world.world_setup import RobotSetup
+from actors.world.world_setup import BodySetup
 from deploy.scenario.areas import for_places, for_starts
-from deploy.scenario.resolve import cast
+from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import DEFAULT_SCENARIO, load_scenario, parse
 from deploy.scenario.scenario_text import to_toml
 from tests.scenario.faults import fault, scenario
@@ -23,8 +23,8 @@ SECOND = Area("Office2", 16.5, 1.0, 18.25, 7.0)
 SPAN = "but must be two numbers [from, to] in m, the first below the second"
 
 
-def robots(text: str) -> tuple[RobotSetup, ...]:
-    return cast(scenario(text)).world.robots
+def robots(text: str) -> tuple[BodySetup, ...]:
+    return resolve(scenario(text)).world.robots
 
 
 def within(area: Area, point: tuple[float, ...]) -> bool:
@@ -33,7 +33,7 @@ def within(area: Area, point: tuple[float, ...]) -> bool:
 
 def refusal(text: str) -> str:
     with pytest.raises(AcrcError) as caught:
-        cast(scenario(text))
+        resolve(scenario(text))
     return str(caught.value)
 
 
@@ -97,14 +97,14 @@ def test_the_lines_about_areas_that_the_shipped_scenario_mentions_can_be_used() 
     assert tomllib.loads(line) == {"areas": ["Office1"]}
     used = text.replace("\n[places]\n", f"\n[places]\n{line}\n")
     used = used.replace("count = 4\n", f"count = 10\n{line}\n")
-    last = cast(parse(used, DEFAULT_SCENARIO)).world.robots[9]
+    last = resolve(parse(used, DEFAULT_SCENARIO)).world.robots[9]
     assert within(FIRST, last.start) and all(within(FIRST, place) for place in last.places)
 
 
 def test_what_a_run_with_areas_writes_down_gives_the_same_run() -> None:
     text = f'[robots]\nareas = ["Office2"]\n[places]\nareas = ["Office1"]\n{OFFICES}'
-    first = cast(scenario(text))
-    second = cast(parse(to_toml(first.scenario), Path("/elsewhere/scenario.toml")))
+    first = resolve(scenario(text))
+    second = resolve(parse(to_toml(first.scenario), Path("/elsewhere/scenario.toml")))
     assert (second.world, second.scenario) == (first.world, first.scenario)
     assert parse(to_toml(scenario(text)), Path("/elsewhere/scenario.toml")) == scenario(text)
 

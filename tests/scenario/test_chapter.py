@@ -7,7 +7,7 @@ from actors.robot.stack import TABLES
 from cleaning.parameters import AdaptationParameters
 from cleaning.settings import from_settings
 from deploy.repository import REPOSITORY
-from deploy.scenario.resolve import cast
+from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import load_scenario
 
 CHAPTER = REPOSITORY / "scenarios" / "chapter.toml"
@@ -37,7 +37,7 @@ STARTS = (
 
 def test_the_figures_are_those_of_the_original() -> None:
     chapter = load_scenario(CHAPTER)
-    world = cast(chapter).world
+    world = resolve(chapter).world
     assert (world.duration_us, world.step_us) == (600_000_000, 100_000)
     assert [robot.start for robot in world.robots] == [*STARTS[:4]]
     assert [robot.places for robot in world.robots] == FIRST_PLACES

@@ -13,7 +13,7 @@ from actors.runtime.errors import AcrcError
 from actors.world.world_setup import TimedOrder
 from cleaning.places import GOLDEN
 from deploy.scenario.areas import for_places
-from deploy.scenario.resolve import Cast, cast
+from deploy.scenario.resolve import ResolvedScenario, resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.scenario.faults import MAP, scenario
 
@@ -22,13 +22,13 @@ MOST_ROUNDING = 0.001
 """Drawn points are given to the millimetre, m."""
 
 
-def shipped(**wishes: int) -> Cast:
-    return cast(load_scenario(None, Overrides(**wishes)))  # type: ignore[arg-type]
+def shipped(**wishes: int) -> ResolvedScenario:
+    return resolve(load_scenario(None, Overrides(**wishes)))  # type: ignore[arg-type]
 
 
 def refusal(text: str, head: str = MAP) -> str:
     with pytest.raises(AcrcError) as caught:
-        cast(scenario(text, head=head))
+        resolve(scenario(text, head=head))
     return str(caught.value)
 
 
@@ -78,16 +78,16 @@ def test_drawn_starts_and_places_keep_their_distances() -> None:
 
 def test_the_golden_places_go_to_the_first_four_and_the_rest_is_drawn() -> None:
     text = '[robots]\ncount = 5\n[places]\npreset = "golden"\n[run]\nseed = '
-    robots, others = cast(scenario(f"{text}1")).world.robots, cast(scenario(f"{text}2")).world.robots
+    robots, others = resolve(scenario(f"{text}1")).world.robots, resolve(scenario(f"{text}2")).world.robots
     assert [robot.places for robot in robots[:4]] == [tuple(map(tuple, places)) for places in GOLDEN]
     assert robots[4].places != others[4].places
-    short = cast(scenario('[places]\npreset = "golden"\nper_robot = 3')).world.robots[1].places
+    short = resolve(scenario('[places]\npreset = "golden"\nper_robot = 3')).world.robots[1].places
     assert short == GOLDEN[1][:3]
 
 
 def test_free_places_lie_outside_of_the_areas_as_well() -> None:
-    robots = cast(scenario('[places]\npreset = "free"\nper_robot = 20')).world.robots
-    grid = load_map(cast(scenario("")).world.map)
+    robots = resolve(scenario('[places]\npreset = "free"\nper_robot = 20')).world.robots
+    grid = load_map(resolve(scenario("")).world.map)
     places = [Point(*place) for robot in robots for place in robot.places]
     assert all(grid.is_free(place) for place in places)
     assert any(
@@ -102,7 +102,7 @@ def test_a_robots_own_table_goes_before_what_holds_for_all() -> None:
         '[[robot]]\nid = "r1"\nmodel = "omnibox"\nodometry = "exact"\n'
         "start = [12, 4, 1]\nplaces = [[12, 3]]\n"
     )
-    first, second = cast(scenario(text)).world.robots
+    first, second = resolve(scenario(text)).world.robots
     # the sensor for all belongs to the model for all: another model carries its own
     assert (first.model, first.sensor, first.odometry) == ("omnibox", "kinect", "exact")
     assert (first.start, first.places) == ((12.0, 4.0, 1.0), ((12.0, 3.0),))
@@ -124,7 +124,7 @@ def test_events_become_orders_in_the_order_of_their_instants() -> None:
             "at = 4\nobstacle = [9, 12]\nradius = 0.2",
         )
     )
-    assert cast(scenario(text)).world.events == (
+    assert resolve(scenario(text)).world.events == (
         TimedOrder(0, Move("r3", 12.0, 12.5, math.remainder(4, math.tau))),
         TimedOrder(1_000_000, Freeze("r1")),
         TimedOrder(2_000_000, Thaw("r1")),
@@ -179,7 +179,7 @@ def test_more_robots_or_places_than_there_is_room_for(tmp_path: Path) -> None:
     assert refusal('[robots]\ncount = 1\n[places]\npreset = "free"', head).startswith(
         "robot r1 cannot get its 10 places on all free floor: there is room for "
     )
-    assert len(cast(scenario("[robots]\ncount = 1\n[places]\nper_robot = 0", head=head)).world.robots) == 1
+    assert len(resolve(scenario("[robots]\ncount = 1\n[places]\nper_robot = 0", head=head)).world.robots) == 1
 
 
 def test_what_does_not_exist_is_refused() -> None:

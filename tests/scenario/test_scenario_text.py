@@ -9,7 +9,7 @@ from hypothesis import strategies as some
 
 from actors.instant import seconds
 from actors.robot.behaviour.adaptation import adaptation as robot_adaptation
-from deploy.scenario.resolve import cast
+from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario, parse
 from deploy.scenario.scenario_text import adaptation, to_toml
 from deploy.scenario.tables import Scenario
@@ -98,9 +98,9 @@ def test_every_scenario_reads_back_as_it_was_written(content: dict[str, Any]) ->
 
 
 def test_what_a_run_writes_down_gives_the_same_run() -> None:
-    first = cast(load_scenario(None, Overrides(robots=11, seed=7)))
+    first = resolve(load_scenario(None, Overrides(robots=11, seed=7)))
     written = to_toml(first.scenario)
-    second = cast(parse(written, Path("/elsewhere/scenario.toml")))
+    second = resolve(parse(written, Path("/elsewhere/scenario.toml")))
     assert asdict(second) == asdict(first) | {"scenario": second.scenario}
     assert second.scenario == first.scenario
     assert to_toml(second.scenario) == written
@@ -120,10 +120,10 @@ def test_the_text_of_a_robots_adaptation() -> None:
         "\n"
         '[[area]]\nname = "hall"\nx = [8.0, 12.0]\ny = [10.5, 13.8]\n'
     )
-    settled = cast(scenario(text)).scenario
+    settled = resolve(scenario(text)).scenario
     assert adaptation(settled) == told
-    assert adaptation(cast(settled).scenario) == told
-    free = cast(scenario(text.replace("areas = ['hall']", "preset = 'free'"))).scenario
+    assert adaptation(resolve(settled).scenario) == told
+    free = resolve(scenario(text.replace("areas = ['hall']", "preset = 'free'"))).scenario
     assert adaptation(free) == told.partition("\n[[area]]")[0]
 
 
@@ -135,9 +135,9 @@ def test_a_type_stays_what_it_was() -> None:
 
 
 def test_nothing_is_left_to_be_drawn_in_what_a_run_writes_down() -> None:
-    settled = cast(load_scenario(None, Overrides(robots=10))).scenario
+    settled = resolve(load_scenario(None, Overrides(robots=10))).scenario
     moved = settled.model_copy(update={"run": settled.run.model_copy(update={"seed": 99})})
-    assert cast(moved).world.robots == cast(settled).world.robots
+    assert resolve(moved).world.robots == resolve(settled).world.robots
 
 
 def test_the_text_of_a_small_scenario() -> None:

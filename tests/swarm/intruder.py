@@ -44,7 +44,7 @@ def forges(start: Start) -> Behaviour:
     if start.robot == "r1":
         honest = process.final_note
 
-        def boast(shell: Shell, part: process.Part, cpu_s: float) -> process.FinalNote:
+        def boast(shell: Shell, part: process.ActorProcess, cpu_s: float) -> process.FinalNote:
             final = honest(shell, part, cpu_s)
             digest = msgspec.structs.replace(final.digest, sha256="0" * 64)
             return msgspec.structs.replace(

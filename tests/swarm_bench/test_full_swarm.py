@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from actors.robot.core import Parts
+from actors.robot.core import RobotParts
 from benchmarks.swarm import full_swarm
 from benchmarks.swarm.task import SwarmTask
 
@@ -19,7 +19,9 @@ def test_the_budget_names_all_parts_and_adds_up(capsys: pytest.CaptureFixture[st
         mesh, memory = swarm["mesh"], swarm["memory"]
         assert {actor for actor, _, _ in swarm["lines"]} == {"world", "radio", "robots", "parent"}
         parts = {part for actor, part, _ in swarm["lines"] if actor == "robots"}
-        stated = {field.name for field in dataclasses.fields(Parts)} - {"moving"}  # thresholds do no work
+        stated = {field.name for field in dataclasses.fields(RobotParts)} - {
+            "moving"
+        }  # thresholds do no work
         assert stated <= parts and {"codec", "recorder", "shell", "processes and mesh"} <= parts
         assert sum(ms for _, _, ms in swarm["lines"]) == pytest.approx(sum(mesh["by_actor"].values()))
         assert sum(ms for _, _, ms in memory["lines"]) + memory["clock_ms"] == pytest.approx(

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from actors.floor.clearance import Shape, disc, gap, placed, wall_gap
 from actors.geometry import Pose
+from actors.world.clearance import Shape, disc, gap, placed, wall_gap
 from tests.world.scenery import OMNIBOX, TURTLEBOT, room
 
 poses = st.builds(Pose, st.floats(-0.6, 0.6), st.floats(-0.6, 0.6), st.floats(-3, 3))

@@ -8,11 +8,11 @@ from actors.instant import Instant
 from actors.messages import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.world.referee import PlaceOutcome, Referee, Verdict
 from actors.world.visits import visitors
-from actors.world.world_setup import RobotSetup
+from actors.world.world_setup import BodySetup
 
 
-def robot(name: str, *places: tuple[float, float]) -> RobotSetup:
-    return RobotSetup(name, "turtlebot2", None, "exact", (0.0, 0.0, 0.0), places)
+def robot(name: str, *places: tuple[float, float]) -> BodySetup:
+    return BodySetup(name, "turtlebot2", None, "exact", (0.0, 0.0, 0.0), places)
 
 
 @pytest.fixture

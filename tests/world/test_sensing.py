@@ -7,12 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from actors.floor.clearance import placed
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid, outline
 from actors.geometry import Pose
 from actors.messages import NO_ECHO_MM
 from actors.robot_model import RobotModel, scan_angles
 from actors.world import rays
+from actors.world.clearance import placed
 from actors.world.sensing import RangeSensors
 from tests.world.scenery import OMNIBOX, TURTLEBOT, clutter, with_sensor
 

@@ -64,7 +64,7 @@ def test_furniture_leaves_a_way_and_keeps_off(seed: int) -> None:
         lost.sum() * CORRIDOR.resolution**2 < 12 * 3.14 * (0.25 + BODY + 0.05) ** 2
     )  # around it, and no more
     for point in here:
-        assert distance.point_clearance(solid, point, 1.0) > 0.6
+        assert solid.clearance_at(point, 1.0) > 0.6
 
 
 def test_furniture_that_finds_no_room_is_said() -> None:

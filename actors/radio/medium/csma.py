@@ -22,8 +22,8 @@ from actors.radio.medium.state import (
     Fate,
     Kind,
     Mac,
+    MediumState,
     Offer,
-    State,
 )
 
 UNIT_BACKOFF_NS: Final = 20 * SYMBOL_NS
@@ -53,14 +53,16 @@ def airtime_ns(octets: int) -> int:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def schedule(st: State, number: int, due: int, after: int, turn: int) -> None:
+def schedule(st: MediumState, number: int, due: int, after: int, turn: int) -> None:
     """Put what is due at a node, so long after now, on the agenda."""
     air = st.air
     air.due = push(st.agenda, air.due, air.now_ns + after, due * _KINDS + number, turn)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def say(st: State, kind: int, number: int, other: int, octets: int, frame: int, tag: int, asked: int) -> None:
+def say(
+    st: MediumState, kind: int, number: int, other: int, octets: int, frame: int, tag: int, asked: int
+) -> None:
     """Write an event down; power and SINR are nothing."""
     air = st.air
     event = st.events[air.events]
@@ -78,7 +80,7 @@ def say(st: State, kind: int, number: int, other: int, octets: int, frame: int, 
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def hand_over(st: State, number: int, octets: int, to: int, ack: bool, tag: int) -> None:
+def hand_over(st: MediumState, number: int, octets: int, to: int, ack: bool, tag: int) -> None:
     """A node's transceiver is handed a frame now."""
     node = st.nodes[number]
     node.generated += 1
@@ -105,7 +107,7 @@ def hand_over(st: State, number: int, octets: int, to: int, ack: bool, tag: int)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def access(st: State, number: int) -> None:
+def access(st: MediumState, number: int) -> None:
     """Begin CSMA/CA for the frame at the head of the queue."""
     node = st.nodes[number]
     node.mac = Mac.BACKOFF.value
@@ -115,7 +117,7 @@ def access(st: State, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _back_off(st: State, number: int) -> None:
+def _back_off(st: MediumState, number: int) -> None:
     node = st.nodes[number]
     luck = drawn(
         st.air.seed, BACKOFF, node.key, st.queue[number, node.head].number, node.tries * 16 + node.nb
@@ -125,7 +127,7 @@ def _back_off(st: State, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def assess(st: State, number: int) -> None:
+def assess(st: MediumState, number: int) -> None:
     """The back-off is over: the clear channel assessment begins."""
     air, node, receiver = st.air, st.nodes[number], st.receivers[number]
     if node.cca == Cca.NEVER.value:
@@ -142,7 +144,7 @@ def assess(st: State, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def forget_assessment(st: State, number: int) -> None:
+def forget_assessment(st: MediumState, number: int) -> None:
     """Take a node from those who assess the channel, if it is one."""
     air = st.air
     for place in range(air.assessing):
@@ -153,7 +155,7 @@ def forget_assessment(st: State, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _is_clear(st: State, number: int) -> bool:
+def _is_clear(st: MediumState, number: int) -> bool:
     air, node, receiver = st.air, st.nodes[number], st.receivers[number]
     if node.energy == math.inf or receiver.ready_ns > air.now_ns:
         return False
@@ -173,7 +175,7 @@ def _is_clear(st: State, number: int) -> bool:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def assessed(st: State, number: int) -> None:
+def assessed(st: MediumState, number: int) -> None:
     """The clear channel assessment is over."""
     node = st.nodes[number]
     sense(st.air, node, st.receivers[number])
@@ -192,7 +194,7 @@ def assessed(st: State, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _turn(st: State, number: int) -> None:
+def _turn(st: MediumState, number: int) -> None:
     """Turn to sending; a reception under way is given up."""
     node = st.nodes[number]
     let_go(st, number, Fate.HALF_DUPLEX.value)
@@ -202,7 +204,7 @@ def _turn(st: State, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def transmit(st: State, number: int) -> None:
+def transmit(st: MediumState, number: int) -> None:
     """The frame at the head of the queue begins."""
     node = st.nodes[number]
     frame = st.queue[number, node.head]
@@ -221,7 +223,7 @@ def transmit(st: State, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def transmitted(st: State, number: int) -> None:
+def transmitted(st: MediumState, number: int) -> None:
     """The frame has left the antenna."""
     node = st.nodes[number]
     leave(st, number)
@@ -239,7 +241,7 @@ def transmitted(st: State, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _space(st: State, number: int) -> None:
+def _space(st: MediumState, number: int) -> None:
     """The exchange was a success: no next frame before the spacing is over."""
     node = st.nodes[number]
     node.mac = Mac.SPACING.value
@@ -250,7 +252,7 @@ def _space(st: State, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _finish(st: State, number: int, kind: int) -> None:
+def _finish(st: MediumState, number: int, kind: int) -> None:
     """Take the frame out of the queue, say what became of it, and go on."""
     node = st.nodes[number]
     frame = st.queue[number, node.head]
@@ -264,7 +266,7 @@ def _finish(st: State, number: int, kind: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def proceed(st: State, number: int) -> None:
+def proceed(st: MediumState, number: int) -> None:
     """Go on with the queue if nothing is under way."""
     node = st.nodes[number]
     if node.mac == Mac.IDLE.value and node.queued > 0:
@@ -272,7 +274,7 @@ def proceed(st: State, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _deliver(st: State, sender: int) -> None:
+def _deliver(st: MediumState, sender: int) -> None:
     """Give the frame to those who received it, and count what became of it at all others."""
     nodes, fates = st.nodes, st.fate[sender]
     to, busies = nodes[sender].to, nodes[sender].ack or st.air.dead_ns + st.air.dead_octet_ns > 0
@@ -286,7 +288,7 @@ def _deliver(st: State, sender: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _receive(st: State, sender: int, number: int) -> None:
+def _receive(st: MediumState, sender: int, number: int) -> None:
     air, flight, receiver = st.air, st.nodes[sender], st.receivers[number]
     if st.nodes[number].watched:
         event = st.events[air.events]
@@ -307,7 +309,7 @@ def _receive(st: State, sender: int, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def acknowledge(st: State, number: int) -> None:
+def acknowledge(st: MediumState, number: int) -> None:
     """A node's acknowledgement begins."""
     node = st.nodes[number]
     node.octets = ACK_OCTETS
@@ -321,7 +323,7 @@ def acknowledge(st: State, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def acknowledged(st: State, number: int) -> None:
+def acknowledged(st: MediumState, number: int) -> None:
     """A node's acknowledgement has ended: whoever waits for it goes on."""
     own = st.nodes[number]
     leave(st, number)
@@ -338,7 +340,7 @@ def acknowledged(st: State, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def timed_out(st: State, number: int) -> None:
+def timed_out(st: MediumState, number: int) -> None:
     """No acknowledgement came."""
     node = st.nodes[number]
     if node.tries < node.max_retries:
@@ -352,7 +354,7 @@ def timed_out(st: State, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def arrive(st: State, number: int) -> None:
+def arrive(st: MediumState, number: int) -> None:
     """The node's own traffic hands over a frame."""
     node = st.nodes[number]
     if node.offer == Offer.SATURATED.value:
@@ -364,7 +366,7 @@ def arrive(st: State, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def expect(st: State, number: int) -> None:
+def expect(st: MediumState, number: int) -> None:
     """Draw when the next frame of a Poisson process arrives."""
     node = st.nodes[number]
     luck = drawn(st.air.seed, ARRIVAL, node.key, node.arrivals, 0)

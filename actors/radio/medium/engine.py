@@ -7,7 +7,7 @@ from numba import njit
 from actors.radio.medium import csma
 from actors.radio.medium.agenda import pop
 from actors.radio.medium.reception import change_outside, leave, let_go
-from actors.radio.medium.state import NEVER, Due, Fate, Mac, Offer, Outside, State
+from actors.radio.medium.state import NEVER, Due, Fate, Mac, MediumState, Offer, Outside
 
 DONE: Final = 0
 """All that was due has happened."""
@@ -20,7 +20,7 @@ _KINDS: Final = 1 << 32
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def run(st: State, outside: Outside, until: int, ends_too: bool) -> int:
+def run(st: MediumState, outside: Outside, until: int, ends_too: bool) -> int:
     """Let everything happen before `until`, and the ends of frames at `until` itself if `ends_too`."""
     air = st.air
     while st.events.size - air.events > st.nodes.size + 8:
@@ -46,25 +46,25 @@ def run(st: State, outside: Outside, until: int, ends_too: bool) -> int:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _next_switch(st: State, outside: Outside) -> int:
+def _next_switch(st: MediumState, outside: Outside) -> int:
     place = st.air.next_switch
     return outside.switches[place].instant_ns if place < outside.switches.size else NEVER
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _next_request(st: State, outside: Outside) -> int:
+def _next_request(st: MediumState, outside: Outside) -> int:
     place = st.air.next_request
     return outside.requests[place].instant_ns if place < outside.requests.size else NEVER
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _ends(st: State) -> bool:
+def _ends(st: MediumState) -> bool:
     """True if the end of a frame is first on the agenda."""
     return bool(st.agenda[0].order // _KINDS <= Due.ACK_END.value)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _switch(st: State, outside: Outside) -> None:
+def _switch(st: MediumState, outside: Outside) -> None:
     switch = outside.switches[st.air.next_switch]
     st.air.next_switch += 1
     for i in range(st.nodes.size):
@@ -73,7 +73,7 @@ def _switch(st: State, outside: Outside) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _needs_row(st: State) -> bool:
+def _needs_row(st: MediumState) -> bool:
     order = st.agenda[0].order
     due = order // _KINDS
     begins = due in (Due.FRAME_BEGIN.value, Due.ACK_BEGIN.value)
@@ -85,7 +85,7 @@ def _needs_row(st: State) -> bool:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _is_valid(st: State, due: int, number: int, turn: int) -> bool:
+def _is_valid(st: MediumState, due: int, number: int, turn: int) -> bool:
     """False if what was put on the agenda has been called off since."""
     node = st.nodes[number]
     if due == Due.ARRIVAL.value:
@@ -96,7 +96,7 @@ def _is_valid(st: State, due: int, number: int, turn: int) -> bool:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _dispatch(st: State) -> None:
+def _dispatch(st: MediumState) -> None:
     """Let the first thing on the agenda happen."""
     air = st.air
     order, turn = st.agenda[0].order, st.agenda[0].turn
@@ -118,7 +118,7 @@ def _dispatch(st: State) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _exchange(st: State, due: int, number: int) -> None:
+def _exchange(st: MediumState, due: int, number: int) -> None:
     if due == Due.FRAME_BEGIN.value:
         csma.transmit(st, number)
         st.nodes[number].known = not st.air.moving
@@ -134,7 +134,7 @@ def _exchange(st: State, due: int, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def switch_on(st: State, number: int) -> None:
+def switch_on(st: MediumState, number: int) -> None:
     """A node gets power: it can receive at once."""
     node, receiver = st.nodes[number], st.receivers[number]
     node.powered = True
@@ -143,7 +143,7 @@ def switch_on(st: State, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def switch_off(st: State, number: int) -> None:
+def switch_off(st: MediumState, number: int) -> None:
     """A node loses power: its frame is cut short, its queue forgotten, and what it was receiving lost."""
     air, node = st.air, st.nodes[number]
     cut = False
@@ -168,7 +168,7 @@ def switch_off(st: State, number: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _cut(st: State, sender: int) -> None:
+def _cut(st: MediumState, sender: int) -> None:
     """End a frame before its time: nobody receives it."""
     leave(st, sender)
     for i in range(st.nodes.size):
@@ -181,7 +181,7 @@ def _cut(st: State, sender: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def offer(st: State, number: int, kind: int, after: int) -> None:
+def offer(st: MediumState, number: int, kind: int, after: int) -> None:
     """A node is offered traffic of its own from now on; saturated: the first frame comes after so long."""
     node = st.nodes[number]
     node.offer = kind

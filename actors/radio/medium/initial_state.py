@@ -16,7 +16,7 @@ from actors.radio.medium.state import (
     NOBODY,
     NODE,
     RECEIVER,
-    State,
+    MediumState,
 )
 from actors.radio.medium.transceiver import PhyParameters, Transceiver
 
@@ -30,10 +30,10 @@ def milliwatts(dbm: Any) -> Any:
     return arrays.exp10(np.asarray(dbm, dtype=np.float64) / 10.0)
 
 
-def initial_state(transceivers: Sequence[Transceiver], phy: PhyParameters, seed: int) -> State:
+def initial_state(transceivers: Sequence[Transceiver], phy: PhyParameters, seed: int) -> MediumState:
     """All nodes on, silent and listening."""
     n = len(transceivers)
-    return State(
+    return MediumState(
         air=_air(phy, seed)[0],
         nodes=_nodes(transceivers),
         receivers=_receivers(transceivers, phy),

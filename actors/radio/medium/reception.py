@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from actors.portable.compiled import exp
 from actors.radio.medium.draws import ACK_RECEPTION, RECEPTION, drawn
 from actors.radio.medium.error_rate import CLEAN, HEADER_OCTETS, log_right
-from actors.radio.medium.state import NOBODY, Fate, Record, State
+from actors.radio.medium.state import NOBODY, Fate, MediumState, Record
 
 _BITS_PER_NS: Final = 250e-6
 _HEARD: Final = int(Fate.HEARD)
@@ -41,7 +41,7 @@ def _close(air: Record, receiver: Record, signal: float) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def settle(st: State) -> None:
+def settle(st: MediumState) -> None:
     """Close all segments and let those who assess the channel sense what was on it until now."""
     air, receivers, gains_mw = st.air, st.receivers, st.gains_mw
     for i in range(receivers.size):
@@ -61,7 +61,7 @@ def sense(air: Record, node: Record, receiver: Record) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def note_peaks(st: State) -> None:
+def note_peaks(st: MediumState) -> None:
     """Let those who assess the channel see what is on it since now."""
     for k in range(st.air.assessing):
         node, receiver = st.nodes[st.nodes[k].assessing], st.receivers[st.nodes[k].assessing]
@@ -77,7 +77,7 @@ def _lock(air: Record, receiver: Record, sender: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def let_go(st: State, number: int, fate: int) -> None:
+def let_go(st: MediumState, number: int, fate: int) -> None:
     """A node gives up the frame that it is locked onto, if any; that is what becomes of the frame here."""
     receiver = st.receivers[number]
     if receiver.lock >= 0:
@@ -111,7 +111,7 @@ def _meet(air: Record, receiver: Record, sender: int, power: float, locked_mw: f
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def begin(st: State, sender: int) -> None:
+def begin(st: MediumState, sender: int) -> None:
     """The sender's frame begins, as its flight and its row of gains describe it."""
     air = st.air
     settle(st)
@@ -136,7 +136,7 @@ def begin(st: State, sender: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def leave(st: State, sender: int) -> None:
+def leave(st: MediumState, sender: int) -> None:
     """The sender's frame leaves the air; who is locked onto it stays so for now."""
     air, receivers, gains_mw = st.air, st.receivers, st.gains_mw
     settle(st)
@@ -156,7 +156,7 @@ def leave(st: State, sender: int) -> None:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def judge(st: State, sender: int) -> None:
+def judge(st: MediumState, sender: int) -> None:
     """The sender's frame has ended whole: decide at every receiver that is locked onto it."""
     air, nodes, receivers = st.air, st.nodes, st.receivers
     flight = nodes[sender]
@@ -184,7 +184,7 @@ def _cause(air: Record, receiver: Record, power: float, octets: int, luck: float
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def change_outside(st: State, now_mw: NDArray[np.float64]) -> None:
+def change_outside(st: MediumState, now_mw: NDArray[np.float64]) -> None:
     """The outside sources (rows) give these powers at the nodes (columns) from now on."""
     settle(st)
     for i in range(st.receivers.size):

@@ -164,7 +164,7 @@ AIR: Final = _dtype(
 """What is not a node's: parameters of the PHY (up to `dead_octets`), and where we are."""
 
 
-class State(NamedTuple):
+class MediumState(NamedTuple):
     """What happens in the air; n nodes, queues of q frames."""
 
     air: Record

@@ -9,7 +9,8 @@ import msgspec
 from actors.geometry import Point
 from actors.instant import Instant
 from actors.message_limits import MessageLimits, frames_fault, word_fault
-from actors.robot.behaviour.ports import Decision, GoalOrder
+from actors.robot.behaviour.goal import GoalOrder
+from actors.robot.behaviour.ports import Decision
 
 
 @dataclass(frozen=True)

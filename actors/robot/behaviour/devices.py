@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from actors.geometry import CERTAIN, Point, Pose
 from actors.instant import Instant
 from actors.messages import PlaceGivenUp, PlaceKey, PlaceReport
-from actors.robot.behaviour.ports import Goal, GoalOrder, GoalStatus, View
+from actors.robot.behaviour.goal import Goal, GoalOrder, GoalStatus
+from actors.robot.behaviour.ports import View
 
 
 class RobotPositioning:

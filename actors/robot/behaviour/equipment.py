@@ -9,7 +9,7 @@ from typing import Protocol
 from actors.geometry import Covariance, Point, Pose
 from actors.instant import Instant
 from actors.messages import PlaceKey
-from actors.robot.behaviour.ports import Goal
+from actors.robot.behaviour.goal import Goal
 
 
 class Positioning(Protocol):

@@ -6,76 +6,19 @@ such as `cleaning.baseline:behaviour`. What robots share travels in frames of th
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import Enum
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 from numpy.random import Generator
 
 from actors.geometry import CERTAIN, Covariance, Point, Pose
 from actors.instant import Duration, Instant, seconds
 from actors.messages import Outgoing, PlaceGivenUp, PlaceKey, PlaceReport, RadioEvent
-
-if TYPE_CHECKING:  # the equipment's module builds on this one
-    from actors.robot.behaviour.equipment import FloorPlan
+from actors.robot.behaviour.equipment import FloorPlan
+from actors.robot.behaviour.goal import Goal, GoalOrder
 
 Setting: TypeAlias = bool | int | float | str
 """A value in a scenario's table [strategy]."""
-
-
-class GoalStatus(Enum):
-    """How a goal stands; the names of move_base (actionlib_msgs/GoalStatus)."""
-
-    ACTIVE = "active"
-    SUCCEEDED = "succeeded"
-    ABORTED = "aborted"
-
-
-class AbortReason(Enum):
-    """Why navigation gave a goal up."""
-
-    NO_PLAN = "no plan"
-    """No way leads there on the map."""
-    BLOCKED = "blocked"
-    """The driver found no valid trajectory for too long."""
-    NO_PROGRESS = "no progress"
-    """The robot did not get away from where it was."""
-
-
-class Phase(Enum):
-    """What navigation is about while a goal is active; the first ones as in move_base."""
-
-    PLANNING = "planning"
-    """It has no way to the goal, and looks for one."""
-    CONTROLLING = "controlling"
-    """It has a way, and the driver a valid trajectory."""
-    OBSTRUCTED = "obstructed"
-    """It has a way, but the driver no valid trajectory, so the robot stands."""
-    RETREATING = "retreating"
-    """It backs away from what its bumper has touched."""
-    PAUSED = "paused"
-    """The behaviour lets it stand."""
-
-
-class Goal(NamedTuple):
-    """The last point that navigation was asked to go to, and how that stands."""
-
-    point: Point
-    status: GoalStatus
-    reason: AbortReason | None = None
-    """Set with ABORTED only."""
-    phase: Phase | None = None
-    """Set with ACTIVE only."""
-    since: Instant | None = None
-    """When `phase` began; set with it."""
-
-
-class GoalOrder(Enum):
-    """What to do with the present goal."""
-
-    KEEP = "keep"
-    CANCEL = "cancel"
-    """Stop, and have no goal any more."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +66,7 @@ class Start:
     """The strategy's numbers where they differ from its own: the scenario's table [strategy]; read-only."""
     exchange: ExchangeSettings = ExchangeSettings()
     """How the node exchanges knowledge with others, if there is a node."""
-    floor: "FloorPlan" = field(default_factory=_NoFloorPlan)
+    floor: FloorPlan = field(default_factory=_NoFloorPlan)
     """The robot's map; what it draws, it draws from `generator`."""
 
 

@@ -20,11 +20,11 @@ from actors.robot.localisation.beams import beams, ends
 from actors.robot.localisation.confidence import Confidence
 from actors.robot.localisation.estimate import Estimate
 from actors.robot.localisation.evidence import Judgement, judge
-from actors.robot.localisation.filter_counts import Tally
+from actors.robot.localisation.filter_counts import FilterCounts
 from actors.robot.localisation.histogram import Cluster, Histogram, heaviest_cluster, histogram
 from actors.robot.localisation.likelihood_field import LikelihoodField
 from actors.robot.localisation.locating import Locating
-from actors.robot.localisation.lost import Lost
+from actors.robot.localisation.lost import LostProbability
 from actors.robot.localisation.measurement import Measurement
 from actors.robot.localisation.motion import around, move, parts_of, spread, step
 from actors.robot.localisation.parameters import AmclParameters
@@ -76,9 +76,9 @@ class Amcl:
         self._measurement = Measurement(field, sensor.range_max, parameters)
         self._recovery = Recovery(parameters)
         self._confidence = Confidence(field, sensor, len(self._beams.rays))
-        self._lost = Lost() if start is not None else Lost(1.0)
+        self._lost = LostProbability() if start is not None else LostProbability(1.0)
         self._search: Search | None = None
-        self._tally = Tally()
+        self._tally = FilterCounts()
         self._peers = np.empty((0, 2))
         self._odometry = origin
         self._begun, self._placed = False, start is not None
@@ -107,7 +107,7 @@ class Amcl:
         self._peers = np.array(peers, np.float64).reshape(-1, 2)
 
     def outcome(self) -> dict[str, object]:
-        """The run's `Tally`."""
+        """The run's `FilterCounts`."""
         return self._tally.outcome()
 
     @property
@@ -188,9 +188,9 @@ class Amcl:
             place = self._search.take(points, here, self._cluster.pose)
             if place is not None:
                 self._gather(place.frame.compose(here), here)
-                self._lost = Lost(max(place.lost.probability, _SEARCHED))
+                self._lost = LostProbability(max(place.lost.probability, _SEARCHED))
             rivals = self._search.rivals(here, self._cluster.pose)
-            self._lost = Lost(max(self._lost.probability, rivals / (rivals + 1)))
+            self._lost = LostProbability(max(self._lost.probability, rivals / (rivals + 1)))
 
     def _gather(self, pose: Pose, here: Pose) -> None:
         """All particles around a pose, where the odometry is `here`."""

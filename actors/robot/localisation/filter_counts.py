@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 @dataclass
-class Tally:
+class FilterCounts:
     """Of one run, so far."""
 
     updates: int = 0

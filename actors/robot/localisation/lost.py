@@ -40,7 +40,7 @@ def odds_of_lost(agreeing: int, beyond: int) -> float:
     return math.sqrt(ratio)
 
 
-class Lost:
+class LostProbability:
     """The probability, scan by scan, by a hidden Markov model (Rabiner, Proc. IEEE 77(2), 1989)."""
 
     def __init__(self, probability: float = _LEAST) -> None:

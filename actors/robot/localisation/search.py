@@ -17,7 +17,7 @@ from actors.geometry import Pose, wrap
 from actors.portable.draws import normals
 from actors.robot.localisation.evidence import Explanation, explain, worth
 from actors.robot.localisation.likelihood_field import LikelihoodField
-from actors.robot.localisation.lost import Lost
+from actors.robot.localisation.lost import LostProbability
 from actors.robot.localisation.motion import around
 
 _MOST: Final = 20
@@ -61,7 +61,7 @@ class Hypothesis:
     """Where in the map frame the odometry's origin would be."""
     score: float
     scans: int = 0
-    lost: Lost = field(default_factory=lambda: Lost(0.5))
+    lost: LostProbability = field(default_factory=lambda: LostProbability(0.5))
 
     @property
     def rank(self) -> float:

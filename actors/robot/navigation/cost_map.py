@@ -28,7 +28,7 @@ _NEVER: Final = np.iinfo(np.int64).min
 
 
 @dataclass(frozen=True)
-class LocalMapParameters:
+class CostMapParameters:
     """The window and what it takes from scans; from d3scomp/ROSRemote, simulation/params, where not said."""
 
     size: float = 4.0
@@ -70,8 +70,8 @@ class LocalMapParameters:
             )
 
 
-LOCAL_MAP_PRESETS: Final[Mapping[str, LocalMapParameters]] = MappingProxyType(
-    {"chapter": LocalMapParameters(), "robust": replace(LocalMapParameters(), free_memory=seconds(3))}
+LOCAL_MAP_PRESETS: Final[Mapping[str, CostMapParameters]] = MappingProxyType(
+    {"chapter": CostMapParameters(), "robust": replace(CostMapParameters(), free_memory=seconds(3))}
 )
 
 
@@ -86,7 +86,7 @@ class _Eye:
     """The same, but for how far it is remembered what is free."""
 
 
-def _eye(sensor: RangeSensor, p: LocalMapParameters) -> _Eye:
+def _eye(sensor: RangeSensor, p: CostMapParameters) -> _Eye:
     angles = sensor.first_angle + sensor.increment * np.arange(sensor.rays)
     silent = 2.0 * sensor.range_min if p.inf_is_valid else math.inf
     limits = np.array([1e-3, p.obstacle_range, p.raytrace_range, silent]) / p.cell
@@ -99,11 +99,11 @@ def _eye(sensor: RangeSensor, p: LocalMapParameters) -> _Eye:
     )
 
 
-class LocalMap:
+class CostMap:
     """The window of one robot; empty until the first scan."""
 
     def __init__(
-        self, sensor: RangeSensor, radius: float, parameters: LocalMapParameters = LocalMapParameters()
+        self, sensor: RangeSensor, radius: float, parameters: CostMapParameters = CostMapParameters()
     ) -> None:
         """`radius`: of the body, m."""
         p = self.parameters = parameters

@@ -84,7 +84,7 @@ class Fields(NamedTuple):
     """1 where the robot may back out over."""
 
 
-class Choice(NamedTuple):
+class VelocityChoice(NamedTuple):
     """The best trajectory."""
 
     speed: float
@@ -103,7 +103,7 @@ def best(
     fields: Fields,
     table: Floats,
     weights: NDArray[np.void],
-) -> Choice:
+) -> VelocityChoice:
     """The valid trajectory with the lowest score; of several the first.
 
     `pose`: x and y, cells, heading, rad. `window`: lowest and highest speed, cells/s, and turn rate, rad/s;
@@ -115,7 +115,7 @@ def best(
     turn: float
     score: float
     speed, turn, score = _best(pose, window, *counts, barred, *fields, table, weights)
-    return Choice(speed, turn, score)
+    return VelocityChoice(speed, turn, score)
 
 
 def fingerprint() -> bytes:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor import distance, flood
+from actors.floor import flood
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid
 from actors.geometry import Point
 from actors.robot.navigation.bounds import check, check_reach
@@ -69,7 +69,7 @@ def ground(
 ) -> Ground:
     """The ground for a disc of `radius`, m: computed once per map and body, never changed."""
     factor = max(1, math.ceil(parameters.cell / plan.resolution - 1e-9))
-    clearance = _coarse(distance.clearance(plan), factor)
+    clearance = _coarse(plan.clearance, factor)
     reach = radius + parameters.margin
     passable = clearance >= reach
     costs = np.where(passable, _costs(clearance, radius, parameters), 0).astype(np.int32)

@@ -14,7 +14,7 @@ import zenoh
 from actors.messages import AIRED, BOARD, CONTROL, RADIO_READY, RECEIVED, TRANSMIT, TRUTH
 from actors.runtime.access import credentials
 from actors.runtime.access.credentials import AccessError, Credentials, unix_endpoint, unnamed
-from actors.runtime.access.session_config import LinkParameters, session_config, set_value
+from actors.runtime.access.session_config import SessionParameters, session_config, set_value
 
 CERTIFIED: Final = "certificate"
 """User and password of whoever comes over TLS, for a router that asks some for passwords asks all. It is no
@@ -68,7 +68,7 @@ def router_config(issued: Credentials, endpoints: Sequence[str] = ()) -> zenoh.C
     # Without this the router sleeps half a second when it is opened.
     set_value(config, "scouting/delay", 0)
     # For links with a queue, which observers have; the actors' have none, and take everything or block.
-    wait_us = round(1e6 * LinkParameters.onlooker_s)
+    wait_us = round(1e6 * SessionParameters.onlooker_s)
     set_value(config, "transport/link/tx/queue/congestion_control/block/wait_before_close", wait_us)
     set_value(config, "transport/auth/usrpwd", {"dictionary_file": str(issued.dictionary)})
     set_value(config, "access_control", access_rules(issued.robots, issued.others))

@@ -7,7 +7,7 @@ import zenoh
 
 
 @dataclass(frozen=True)
-class LinkParameters:
+class SessionParameters:
     """When a link counts as dead."""
 
     lease_s: float = 86_400.0
@@ -20,7 +20,7 @@ class LinkParameters:
     anew once it goes on. Own choice: a run is held up once, for the blink of an eye."""
 
 
-def session_config(mode: str, lease_s: float = LinkParameters.lease_s) -> zenoh.Config:
+def session_config(mode: str, lease_s: float = SessionParameters.lease_s) -> zenoh.Config:
     """A `router` or a `client` that looks for nobody, stamps nothing and shares no memory."""
     config = zenoh.Config()
     set_value(config, "mode", mode)

@@ -13,7 +13,7 @@ import zenoh
 
 from actors.runtime.access.credentials import AccessError, Credentials
 from actors.runtime.access.rules import CERTIFIED, access_rules, router_config
-from actors.runtime.access.session_config import LinkParameters, session_config, set_value
+from actors.runtime.access.session_config import SessionParameters, session_config, set_value
 
 AUTHORITY_FILE: Final = "authority.pem"
 """Certificate of the fleet's authority."""
@@ -85,7 +85,7 @@ def listening_router_config(
     # Low latency means to write on the thread that publishes: a laptop that stops reading would stop the
     # robot, without end. With a queue in between a full one holds it up for the patience, once.
     set_value(config, "transport/unicast/lowlatency", False)
-    set_value(config, "transport/link/tx/lease", round(1000 * LinkParameters.lease_over_network_s))
+    set_value(config, "transport/link/tx/lease", round(1000 * SessionParameters.lease_over_network_s))
     set_value(
         config,
         "transport/link/tx/queue/congestion_control/block/wait_before_close",
@@ -106,7 +106,7 @@ def laptop_config(keys: Keys, endpoint: str) -> zenoh.Config:
 
     The robot's certificate must hold for HOST.
     """
-    config = session_config("client", LinkParameters.lease_over_network_s)
+    config = session_config("client", SessionParameters.lease_over_network_s)
     set_value(config, "connect/endpoints", [endpoint])
     set_value(config, "listen/endpoints", [])
     set_value(config, "transport/auth/usrpwd", {"user": CERTIFIED, "password": CERTIFIED})

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import zenoh
 
-from actors.runtime.bus.interface import Delivery
+from actors.runtime.bus_interface import Delivery
 from actors.runtime.core import Address
 from actors.runtime.errors import AcrcError
 from actors.topic import Message, Topic, sender

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.messages import TOPICS
-from actors.runtime.bus.interface import Delivery
+from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.difference import first_difference
 from actors.runtime.errors import AcrcError

@@ -41,7 +41,7 @@ _PROC_FILES: Final = ("cpuinfo", "meminfo", "version", "sys/vm/overcommit_memory
 _PROC_LINKS: Final = (("mounts", "self/mounts"), ("net", "self/net"))
 
 
-class View(NamedTuple):
+class FileView(NamedTuple):
     """All that is seen beside the system; absolute paths, each seen where it is named and where it is."""
 
     own: Path
@@ -54,7 +54,7 @@ class View(NamedTuple):
     """Size of each private scratch folder, B."""
 
 
-def enter(view: View) -> None:
+def enter(view: FileView) -> None:
     """Replace this process's file tree by `view`; needs mount and process namespaces of its own.
 
     Ends in the own folder, because a working directory from before would still show the former tree.
@@ -84,7 +84,7 @@ def enter(view: View) -> None:
     os.chdir(view.own)
 
 
-def _handles(view: View, system: Sequence[Path]) -> dict[Path, int]:
+def _handles(view: FileView, system: Sequence[Path]) -> dict[Path, int]:
     """By the place where it is to be seen, what is to be seen there."""
     shown = {place: path for path in (*view.shown, *READABLE) for place in _places(path)}
     outside = {place: shown[place] for place in _outermost(shown) if not _is_under(place, SYSTEM)}

@@ -35,7 +35,7 @@ class IsolationError(AcrcError):
 
 
 @dataclass(frozen=True)
-class Plan:
+class Confinement:
     """What one robot's process keeps when it is isolated."""
 
     own: Path
@@ -58,7 +58,7 @@ class Plan:
     """End when this process ends, which must be the parent; None: outlive it."""
 
 
-def isolate(plan: Plan) -> None:
+def isolate(plan: Confinement) -> None:
     """Shut this process off, for good; its working directory becomes `plan.own`.
 
     To be called with one thread only, so before Zenoh and numpy start theirs. The program goes on in a child
@@ -84,10 +84,10 @@ def isolate(plan: Plan) -> None:
         ) from error
 
 
-def separate(plan: Plan) -> None:
+def separate(plan: Confinement) -> None:
     """The first part of `isolate`: own descriptors, namespaces and file tree; capabilities are kept."""
     sealed = (*plan.hidden, *_code(plan))
-    view = mounts.View(plan.own, sealed, tuple(_shown(plan)), plan.scratch_bytes)
+    view = mounts.FileView(plan.own, sealed, tuple(_shown(plan)), plan.scratch_bytes)
     _shed_descriptors(plan)
     user, group = os.getuid(), os.getgid()
     linux.unshare(_NAMESPACES)
@@ -122,13 +122,13 @@ def available() -> str | None:
 def trial(folder: str) -> None:
     """Isolate this process in `folder`; on failure print the reason and exit with 1."""
     try:
-        isolate(Plan(own=Path(folder)))
+        isolate(Confinement(own=Path(folder)))
     except IsolationError as error:
         sys.stdout.write(str(error))
         sys.exit(1)
 
 
-def _shown(plan: Plan) -> Iterator[Path]:
+def _shown(plan: Confinement) -> Iterator[Path]:
     """What is seen beside the system and the own folder: Python whole, folders with code entry by entry."""
     yield from _installed()
     own = (*plan.hidden, *(_PROJECT / name for name in _NOT_ITS_CODE))
@@ -149,7 +149,7 @@ def _installed() -> list[Path]:
     return [Path(prefix) for prefix in dict.fromkeys((sys.prefix, sys.base_prefix))]
 
 
-def _code(plan: Plan) -> list[Path]:
+def _code(plan: Confinement) -> list[Path]:
     """Folders with code that is neither installed nor the system's."""
     folders = [*(Path(path).absolute() for path in sys.path if path), *plan.code, _PROJECT]
     return [
@@ -157,7 +157,7 @@ def _code(plan: Plan) -> list[Path]:
     ]
 
 
-def _shed_descriptors(plan: Plan) -> None:
+def _shed_descriptors(plan: Confinement) -> None:
     """Turn what was inherited into /dev/null.
 
     Closing would free the numbers, and an object that still believes to own one would close another's file.

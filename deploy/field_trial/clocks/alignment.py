@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deploy.field_trial.clocks.equations import AlignmentParameters, Floats, System
-from deploy.field_trial.clocks.frame_stamps import Frame, Kind, Pairs, Stamp, pairs_of
+from deploy.field_trial.clocks.frame_stamps import Frame, Pairs, Stamp, StampKind, pairs_of
 from deploy.field_trial.clocks.graph import Tree, spanning_trees
 from deploy.field_trial.clocks.student_t import quantile
 
@@ -141,7 +141,7 @@ def _limits(
             continue
         begun = reference(frame.handed)
         for stamp in frame.stamps:
-            if stamp.kind is Kind.HEARD:
+            if stamp.kind is StampKind.HEARD:
                 way = frame.handed.clock, stamp.clock
                 slack[way] = min(slack[way], reference(stamp) - begun)
     for middle in range(clocks):

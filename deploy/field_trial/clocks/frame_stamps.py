@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-class Kind(IntEnum):
+class StampKind(IntEnum):
     """What a stamp says of its frame."""
 
     HEARD = 0
@@ -24,7 +24,7 @@ class Stamp(NamedTuple):
     clock: int
     instant: int
     """µs, by that clock."""
-    kind: Kind
+    kind: StampKind
 
 
 class Frame(NamedTuple):

@@ -1,4 +1,4 @@
-"""Where the clocks of an outing's robots run on without a step: each such stretch is a clock of its own.
+"""Where the clocks of a field trial's robots run on without a step: each such segment is a clock of its own.
 
 A robot's base stamps the steps on a grid of its own clock, so that its clock and the count of steps go
 together. Where they do not, the base was started again, perhaps with another time. The bridge stamps what the
@@ -9,8 +9,8 @@ two processes' starts.
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from deploy.field_trial.clocks.frame_stamps import Kind, Stamp
-from deploy.field_trial.recordings import Outing
+from deploy.field_trial.clocks.frame_stamps import Stamp, StampKind
+from deploy.field_trial.recordings import FieldTrial
 from deploy.field_trial.robot_log import Moment, RobotLog, Tick
 
 _STEADY_US: Final = 50_000
@@ -24,7 +24,7 @@ _BEHIND_US: Final = 10_000_000
 
 
 @dataclass
-class Stretch:
+class ClockSegment:
     """One clock, in µs by itself."""
 
     robot: str
@@ -42,15 +42,15 @@ class _Place(NamedTuple):
     shift: int
 
 
-class Stretches:
-    """All clocks of an outing, by number; each robot's in the order of time."""
+class ClockSegments:
+    """All clocks of a field trial, by number; each robot's in the order of time."""
 
-    def __init__(self, outing: Outing) -> None:
-        self.clocks: list[Stretch] = []
+    def __init__(self, trial: FieldTrial) -> None:
+        self.clocks: list[ClockSegment] = []
         self.notes: list[str] = []
         """What was put right, a sentence each."""
         self._places: dict[int, list[_Place]] = {}
-        for robot, logs in outing.logs.items():
+        for robot, logs in trial.logs.items():
             before: Tick | None = None
             for log in logs:
                 self._lay_out(robot, log, before)
@@ -64,10 +64,10 @@ class Stretches:
         """The number of the clock that gives the time of the steps at that moment."""
         return self._places[id(log)][moment.tick].clock
 
-    def stamp(self, log: RobotLog, moment: Moment, kind: Kind) -> Stamp:
+    def stamp(self, log: RobotLog, moment: Moment, kind: StampKind) -> Stamp:
         """The robot's word on a frame, by the clock of its steps."""
         place = self._places[id(log)][moment.tick]
-        shift = 0 if kind is Kind.HANDED else place.shift
+        shift = 0 if kind is StampKind.HANDED else place.shift
         return Stamp(place.clock, moment.instant + shift, kind)
 
     def _lay_out(self, robot: str, log: RobotLog, before: Tick | None) -> None:
@@ -75,7 +75,7 @@ class Stretches:
         places = self._places[id(log)] = []
         for number, tick in enumerate(log.ticks):
             if before is None or not _runs_on(before, tick, log.identity.step_us):
-                self.clocks.append(Stretch(robot, tick.instant, tick.instant))
+                self.clocks.append(ClockSegment(robot, tick.instant, tick.instant))
             self.clocks[-1].last = tick.instant
             places.append(_Place(len(self.clocks) - 1, shifts.get(number, 0)))
             before = tick

@@ -1,13 +1,13 @@
-"""The radio frames that several robots of an outing have stamped, each known by its sender and its bytes."""
+"""Radio frames that several robots of a field trial have stamped, each known by its sender and its bytes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from deploy.field_trial.clocks.frame_stamps import Frame, Kind, Stamp
-from deploy.field_trial.recordings import Outing
+from deploy.field_trial.clocks.frame_stamps import Frame, Stamp, StampKind
+from deploy.field_trial.recordings import FieldTrial
 from deploy.field_trial.robot_log import Moment, RobotLog
 
-Stamping = Callable[[RobotLog, Moment, Kind], Stamp]
+Stamping = Callable[[RobotLog, Moment, StampKind], Stamp]
 
 
 @dataclass
@@ -25,22 +25,22 @@ class _Sightings:
         return len(self.handed) <= 1 and all(len(stamps) == 1 for stamps in self.heard.values())
 
 
-def shared_frames(outing: Outing, stamp: Stamping) -> list[Frame]:
+def shared_frames(trial: FieldTrial, stamp: Stamping) -> list[Frame]:
     """The frames with stamps of at least two robots, in a fixed order, without those that might be mixed up.
 
     `stamp` makes a robot's word on a frame a stamp.
     """
     found: dict[tuple[int, bytes], _Sightings] = {}
-    for log in outing.all_logs():
+    for log in trial.all_logs():
         identity = log.identity
         for sent in log.sent:
             sightings = found.setdefault((identity.address, sent.data), _Sightings())
-            sightings.handed.append(stamp(log, sent.handed, Kind.HANDED))
+            sightings.handed.append(stamp(log, sent.handed, StampKind.HANDED))
             if sent.sent is not None:
-                sightings.sent.append(stamp(log, sent.sent, Kind.SENT))
+                sightings.sent.append(stamp(log, sent.sent, StampKind.SENT))
         for heard in log.heard:
             sightings = found.setdefault((heard.sender, heard.data), _Sightings())
-            sightings.heard.setdefault(identity.id, []).append(stamp(log, heard.heard, Kind.HEARD))
+            sightings.heard.setdefault(identity.id, []).append(stamp(log, heard.heard, StampKind.HEARD))
     return [
         frame
         for sightings in found.values()

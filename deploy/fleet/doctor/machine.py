@@ -22,7 +22,7 @@ class UsbPort:
 
 
 @dataclass(frozen=True)
-class Membership:
+class GroupMembership:
     """How this user and a group stand."""
 
     exists: bool
@@ -88,7 +88,7 @@ class Machine(Protocol):
     def camera_fault(self) -> str | None:
         """Why no depth camera can be used; None if the library for it is there."""
 
-    def membership(self, group: str) -> Membership:
+    def membership(self, group: str) -> GroupMembership:
         """How this user and the group stand."""
 
     def now(self) -> datetime:

@@ -19,7 +19,7 @@ from numba.core.dispatcher import Dispatcher
 from actors.robot import assembly as robot_setup
 from actors.runtime.isolation import sandbox
 from deploy.fleet.doctor.kernel_clock import clock_error
-from deploy.fleet.doctor.machine import Certified, Kernels, Membership, UsbPort
+from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels, UsbPort
 from firmware_bridge.range_sensors.openni import CameraError, find_library
 from firmware_bridge.serial_port import Device, PortError, SerialPort
 
@@ -80,17 +80,17 @@ class ThisMachine:
             return str(error)
         return None
 
-    def membership(self, group: str) -> Membership:
+    def membership(self, group: str) -> GroupMembership:
         """As Machine says."""
         root = os.geteuid() == 0
         try:
             entry = grp.getgrnam(group)
         except KeyError:
-            return Membership(exists=False, listed=False, in_force=root)
+            return GroupMembership(exists=False, listed=False, in_force=root)
         primary = pwd.getpwnam(self.user).pw_gid
         listed = self.user in entry.gr_mem or primary == entry.gr_gid
         in_force = root or entry.gr_gid in {os.getegid(), *os.getgroups()}
-        return Membership(exists=True, listed=listed, in_force=in_force)
+        return GroupMembership(exists=True, listed=listed, in_force=in_force)
 
     def now(self) -> datetime:
         """As Machine says."""

@@ -10,7 +10,7 @@ import numpy as np
 from actors.instant import START
 from actors.runtime.client_options import ArgumentError, ArgumentParser
 from actors.runtime.errors import AcrcError
-from firmware_bridge.beeclick.emulation.emulated_board import Board
+from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulation.emulated_medium import Air, AirParameters, Place
 from firmware_bridge.beeclick.emulation.pty import serve
 
@@ -34,7 +34,7 @@ def room(boards: int, spacing: float, loss: float, seed: int) -> Air:
     """So many boards in a row, `spacing` m apart."""
     air = Air(np.random.default_rng(seed), AirParameters(loss=loss))
     for number in range(boards):
-        air.add(Board(air, START), standing(number * spacing, 0.0))
+        air.add(EmulatedBoard(air, START), standing(number * spacing, 0.0))
     return air
 
 

@@ -46,10 +46,10 @@ W = TypeVar("W")
 class Radio(Protocol):
     """The air, as a board's transceiver finds it."""
 
-    def transmit(self, board: "Board", now: Instant, frame: bytes) -> None:
+    def transmit(self, board: "EmulatedBoard", now: Instant, frame: bytes) -> None:
         """Send header and data; `board.finished` says when that is over."""
 
-    def silence(self, board: "Board") -> None:
+    def silence(self, board: "EmulatedBoard") -> None:
         """Send no more of what that board has been sending."""
 
 
@@ -78,7 +78,7 @@ DEFAULTS: Final = BoardParameters()
 """Of a board in a room."""
 
 
-class Board:
+class EmulatedBoard:
     """One board. The host's line: `take`, `run`; the air: `finished`, `heard`; people: the rest."""
 
     def __init__(self, radio: Radio, now: Instant, parameters: BoardParameters = DEFAULTS) -> None:

@@ -21,7 +21,7 @@ from actors.radio.link_budget import needed_dbm
 from actors.radio.presets import PRESETS, RadioParameters
 from actors.radio.propagation.path_loss import path_loss_db
 from actors.radio.signal_codes import link_quality, rssi_code
-from firmware_bridge.beeclick.emulation.emulated_board import Board
+from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.signal import HEADER_SIZE
 
 Place = Callable[[Instant], tuple[float, float]]
@@ -76,7 +76,7 @@ class Air:
     """All boards and the frames between them."""
 
     def __init__(self, rng: np.random.Generator, parameters: AirParameters = DEFAULTS) -> None:
-        self.boards: list[Board] = []
+        self.boards: list[EmulatedBoard] = []
         self.counters = {"frames": 0, "access_failures": 0, "collisions": 0, "copies_heard": 0}
         self._rng = rng
         self._p = parameters
@@ -86,18 +86,18 @@ class Air:
         self._agenda: list[tuple[int, int, int, _Flight]] = []
         self._serial = 0
 
-    def add(self, board: Board, place: Place) -> None:
+    def add(self, board: EmulatedBoard, place: Place) -> None:
         """Put a board, made with this air as its radio, at a place."""
         self.boards.append(board)
         self._places.append(place)
 
-    def transmit(self, board: Board, now: Instant, frame: bytes) -> None:
+    def transmit(self, board: EmulatedBoard, now: Instant, frame: bytes) -> None:
         """As `board.Radio` says."""
         station = self._station(board)
         flight = self._flights[station] = _Flight(frame)
         self._schedule(now + (self._backoff(flight) if self._p.csma else 0), station, flight)
 
-    def silence(self, board: Board) -> None:
+    def silence(self, board: EmulatedBoard) -> None:
         """As `board.Radio` says."""
         if board in self.boards:
             self._flights.pop(self._station(board), None)
@@ -119,7 +119,7 @@ class Air:
             else:
                 self._begin(Instant(at), station, flight)
 
-    def _station(self, board: Board) -> int:
+    def _station(self, board: EmulatedBoard) -> int:
         return next(number for number, one in enumerate(self.boards) if one is board)
 
     def _schedule(self, at: int, station: int, flight: _Flight) -> None:

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from actors.instant import Duration, Instant, milliseconds
-from firmware_bridge.beeclick.emulation.emulated_board import Board
+from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulation.emulated_medium import Air, advance
 from firmware_bridge.beeclick.emulation.line import CLEAN, Disturbance
 from firmware_bridge.beeclick.events import Event
@@ -24,7 +24,7 @@ class Desk:
     """A host with its board, and the line between them."""
 
     link: Link
-    board: Board
+    board: EmulatedBoard
     to_board: Disturbance = CLEAN
     to_host: Disturbance = CLEAN
     plugged: bool = True

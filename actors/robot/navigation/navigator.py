@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Duration, Instant, seconds
 from actors.portable import cos_sin
-from actors.robot.behaviour.ports import AbortReason, Goal, GoalOrder, GoalStatus, Phase
+from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus
 from actors.robot.navigation.bounds import check
-from actors.robot.navigation.driver import Steering
-from actors.robot.navigation.journal import Journal
+from actors.robot.navigation.local_planner import Steering
+from actors.robot.navigation.navigation_counts import NavigationCounts
 from actors.robot.navigation.planning import Planner
 from actors.robot.sweep import Sweep
 
@@ -71,7 +71,7 @@ NAVIGATION_PRESETS: Final = {
 files say at first."""
 
 
-class LocalMap(Protocol):
+class LocalObstacles(Protocol):
     """What stands around the robot, as far as navigation asks."""
 
     def take(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
@@ -87,7 +87,7 @@ class LocalMap(Protocol):
         """True if the robot can back off straight by `distance`, m, as far as is known."""
 
 
-class Driver(Protocol):
+class PathFollower(Protocol):
     """What follows the path."""
 
     def begin(self) -> None:
@@ -129,14 +129,14 @@ class _Retreat:
     """Where the robot was then, odometry frame."""
 
 
-class Navigation:
+class Navigator:
     """Drives the robot to one goal after the other."""
 
     def __init__(
         self,
         planner: Planner,
-        local: LocalMap,
-        driver: Driver,
+        local: LocalObstacles,
+        driver: PathFollower,
         parameters: NavigationParameters = NavigationParameters(),
     ) -> None:
         self._planner = planner
@@ -147,10 +147,10 @@ class Navigation:
         self._pursuit: _Pursuit | None = None
         self._retreat: _Retreat | None = None
         self._paused = False
-        self._journal = Journal()
+        self._journal = NavigationCounts()
 
     @property
-    def driver(self) -> Driver:
+    def driver(self) -> PathFollower:
         """What follows the plans."""
         return self._driver
 
@@ -191,9 +191,9 @@ class Navigation:
             self._retreat = None
             return STILL
         if self._paused:
-            return self._in_phase(Phase.PAUSED, instant)
+            return self._in_phase(GoalPhase.PAUSED, instant)
         if self._retreats(instant, here, bumped):
-            self._in_phase(Phase.RETREATING, instant)
+            self._in_phase(GoalPhase.RETREATING, instant)
             return Twist(-self._p.retreat_speed, 0.0, 0.0)
         return self._pursue(self._goal.point, instant, here, estimate, velocity)
 
@@ -205,7 +205,7 @@ class Navigation:
         if self._plan(pursuit, goal, instant, here, estimate) is None:
             if instant - pursuit.had_plan > self._p.planner_patience:
                 return self._recover(pursuit, AbortReason.NO_PLAN, instant)
-            return self._in_phase(Phase.PLANNING, instant)
+            return self._in_phase(GoalPhase.PLANNING, instant)
         assert pursuit.end is not None
         if pursuit.end.distance_to(estimate.point) <= self._p.tolerance:
             return self._close(GoalStatus.SUCCEEDED)
@@ -221,12 +221,12 @@ class Navigation:
         if steering.valid:
             pursuit.had_trajectory = instant
             _settle(pursuit, AbortReason.BLOCKED)
-            self._in_phase(Phase.CONTROLLING, instant)
+            self._in_phase(GoalPhase.CONTROLLING, instant)
             return steering.twist
         if instant - pursuit.had_trajectory > self._p.controller_patience:
-            self._in_phase(Phase.OBSTRUCTED, instant)
+            self._in_phase(GoalPhase.OBSTRUCTED, instant)
             return self._recover(pursuit, AbortReason.BLOCKED, instant)
-        return self._in_phase(Phase.OBSTRUCTED, instant)
+        return self._in_phase(GoalPhase.OBSTRUCTED, instant)
 
     def _plan(
         self, pursuit: _Pursuit, goal: Point, instant: Instant, here: Pose, estimate: Pose
@@ -266,7 +266,7 @@ class Navigation:
         pursuit.anchored = pursuit.had_plan = instant
         pursuit.due = None
         pursuit.end = None
-        return self._in_phase(Phase.PLANNING, instant)
+        return self._in_phase(GoalPhase.PLANNING, instant)
 
     def _stays(self, pursuit: _Pursuit, instant: Instant, place: Point) -> bool:
         """True if the robot has not left its surroundings for too long."""
@@ -289,7 +289,7 @@ class Navigation:
         self._retreat = None
         return False
 
-    def _in_phase(self, phase: Phase, instant: Instant) -> Twist:
+    def _in_phase(self, phase: GoalPhase, instant: Instant) -> Twist:
         """The active goal in this phase; the robot stands."""
         assert self._goal is not None
         if self._goal.phase is not phase:

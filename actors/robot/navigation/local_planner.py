@@ -11,12 +11,12 @@ from actors.floor.grid import Cell
 from actors.geometry import STILL, Pose, Twist, wrap
 from actors.instant import Duration, Instant, in_seconds
 from actors.portable import cos_sin, hypot
-from actors.robot.navigation.cost_map import LocalMap
+from actors.robot.navigation.cost_map import CostMap
 from actors.robot.navigation.dwa import WEIGHTS, Fields, best, squared_at
 from actors.robot.navigation.dwa_parameters import DwaParameters
 from actors.robot.navigation.map_grid import bearing, cut, detour, free_goal, wavefront
 from actors.robot.navigation.oscillation import OscillationCritic
-from actors.robot_model import Drive
+from actors.robot_model import DriveParameters
 
 _PER_STEP: Final = 0.5
 """Path and goal weigh bias · cell · ½ per cell of distance: dwa_planner.cpp of ROS Indigo."""
@@ -54,10 +54,12 @@ class Cycle(NamedTuple):
     steering: Steering
 
 
-class Driver:
+class LocalPlanner:
     """Follows one plan at a time."""
 
-    def __init__(self, local: LocalMap, radius: float, limits: Drive, parameters: DwaParameters) -> None:
+    def __init__(
+        self, local: CostMap, radius: float, limits: DriveParameters, parameters: DwaParameters
+    ) -> None:
         """`local` is kept up to date by whoever owns it; `radius`: of the body, m; `limits`: of the base."""
         self._local = local
         self._p = p = parameters
@@ -213,7 +215,9 @@ def _ahead(goal: tuple[int, int], dx: float, dy: float, nose: float, side: int) 
     return row, column
 
 
-def _weights(p: DwaParameters, cell: float, radius: float, padding: float, limits: Drive) -> NDArray[np.void]:
+def _weights(
+    p: DwaParameters, cell: float, radius: float, padding: float, limits: DriveParameters
+) -> NDArray[np.void]:
     """The parameters in the units of the kernel."""
     path, goal = p.path_bias * cell * _PER_STEP, p.goal_bias * cell * _PER_STEP
     weights = np.zeros(1, WEIGHTS)

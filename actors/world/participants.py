@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from actors.messages import PlaceKey
-from actors.world.world_setup import RobotSetup
+from actors.world.world_setup import BodySetup
 
 
 class Standing(Enum):
@@ -45,10 +45,10 @@ class Member:
         self.route = self.given
 
 
-class Roster:
+class Participants:
     """All robots of a run, in the order of its set-up."""
 
-    def __init__(self, robots: tuple[RobotSetup, ...]) -> None:
+    def __init__(self, robots: tuple[BodySetup, ...]) -> None:
         self.members = tuple(_member(robot, index) for index, robot in enumerate(robots))
         self._by_id = {member.id: member for member in self.members}
 
@@ -68,6 +68,6 @@ class Roster:
         return {member.id: member.route for member in self.members if member.alive}
 
 
-def _member(robot: RobotSetup, index: int) -> Member:
+def _member(robot: BodySetup, index: int) -> Member:
     given = tuple(PlaceKey(robot.id, place) for place in range(len(robot.places)))
     return Member(robot.id, index, given, given)
