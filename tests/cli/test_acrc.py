@@ -95,7 +95,7 @@ def clone(tmp_path: Path) -> Clone:
     return Clone(folder, tools)
 
 
-@pytest.mark.parametrize("script", ["acrc", ".ci/run", "tests/deploy/fake_python.sh"])
+@pytest.mark.parametrize("script", ["acrc", ".ci/run", "tests/cli/fake_python.sh"])
 def test_the_scripts_are_well_formed(script: str) -> None:
     subprocess.run(["bash" if script == ".ci/run" else "sh", "-n", ROOT / script], check=True)
     assert os.access(ROOT / script, os.X_OK) or script.startswith("tests")
