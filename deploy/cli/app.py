@@ -12,10 +12,10 @@ from rich.console import Console
 
 from actors.runtime.errors import AcrcError
 from deploy.cli import streams
-from deploy.cli.added import WithAdded
 from deploy.cli.collect import collect
 from deploy.cli.fleet import app as deploy
 from deploy.cli.fleet import doctor
+from deploy.cli.lazy import WithLazyGroups
 from deploy.cli.record import app as record
 from deploy.development.checks import run_checks
 from deploy.development.suite import run_suite
@@ -24,7 +24,7 @@ from deploy.usage import OptionError
 
 app = typer.Typer(
     name="acrc",
-    cls=WithAdded,
+    cls=WithLazyGroups,
     help="A testbed for self-adaptation: cleaning robots that can talk by radio only.",
     no_args_is_help=True,
     add_completion=False,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from actors.world import visits
+from actors.task import visits
 from deploy.run import kernels
 
 
