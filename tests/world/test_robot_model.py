@@ -129,14 +129,16 @@ def test_rays_point_within_the_half_open_circle_at_equal_angles(
             "footprint should hold the vertices of a convex polygon round (0, 0), but it does not bend "
             "outward at (0.1, 0)",
         ),
-        ("[footprint]", "[footprint", "this is no TOML: Expected ']' at the end of a table declaration (at line 9, column 12)"),
+        (
+            "[footprint]",
+            "[footprint",
+            "this is no TOML: Expected ']' at the end of a table declaration (at line 9, column 12)",
+        ),
     ],
 )
 def test_a_wrong_file_is_refused_in_one_sentence(tmp_path: Path, old: str, new: str, sentence: str) -> None:
     said = refusal(tmp_path, old, new)
     assert said == f"broken.toml: {sentence}"
-        "TOML" in said and said.startswith(f"broken.toml: {sentence}")
-    )
 
 
 def test_unknown_names_are_refused_with_those_that_exist(tmp_path: Path) -> None:
