@@ -53,8 +53,8 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     """Run the scenario until no robot has a place left, or to its limit, and gather what came of it.
 
     The result also stands in result/run.json below the output folder, and what became of every place in
-    result/places.csv. `launched` starts the processes; None: as the options say. Raises OptionError for a scenario that asks for more than emulated
-    devices have.
+    result/places.csv. `launched` starts the processes; None: as the options say. Raises OptionError for a
+    scenario that asks for more than emulated devices have.
     """
     loop_limits.check(scenario)
     if said := loop_limits.note(scenario):
