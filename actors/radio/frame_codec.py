@@ -8,11 +8,10 @@ import struct
 from dataclasses import dataclass
 from typing import Final
 
+from actors.ieee802154 import PSDU_LIMIT
 from actors.radio.frame_check import FCS_OCTETS, frame_check
 from actors.runtime.errors import AcrcError
 
-MOST_OCTETS: Final = 127
-"""aMaxPHYPacketSize (6.4.1)."""
 BROADCAST: Final = 0xFFFF
 """As short address: everyone; as PAN: any (7.2.1.3, 7.2.1.4)."""
 _LEAST_OCTETS: Final = 5
@@ -102,15 +101,15 @@ def encode(frame: Frame) -> bytes:
     else:
         body = _data_header(frame) + frame.payload
     whole = body + frame_check(body).to_bytes(FCS_OCTETS, "little")
-    if len(whole) > MOST_OCTETS:
-        raise FrameError(f"The frame has {len(whole)} octets; at most {MOST_OCTETS} fit.")
+    if len(whole) > PSDU_LIMIT:
+        raise FrameError(f"The frame has {len(whole)} octets; at most {PSDU_LIMIT} fit.")
     return whole
 
 
 def decode(psdu: bytes) -> Frame:
     """The frame in a PSDU. Raises FrameError, and nothing else, for whatever else the octets are."""
-    if not _LEAST_OCTETS <= len(psdu) <= MOST_OCTETS:
-        raise FrameError(f"The frame has {len(psdu)} octets; it must have {_LEAST_OCTETS} to {MOST_OCTETS}.")
+    if not _LEAST_OCTETS <= len(psdu) <= PSDU_LIMIT:
+        raise FrameError(f"The frame has {len(psdu)} octets; it must have {_LEAST_OCTETS} to {PSDU_LIMIT}.")
     body, given = psdu[:-FCS_OCTETS], int.from_bytes(psdu[-FCS_OCTETS:], "little")
     right = frame_check(body)
     if given != right:

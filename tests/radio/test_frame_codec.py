@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from actors.ieee802154 import PSDU_LIMIT
 from actors.radio.frame import octets
 from actors.radio.frame_check import frame_check
 from actors.radio.frame_codec import (
     BROADCAST,
-    MOST_OCTETS,
     Acknowledgement,
     DataFrame,
     Endpoint,
@@ -61,7 +61,7 @@ def test_the_acknowledgement_of_the_standards_example() -> None:
 
 def test_a_beeclick_frame_carries_118_bytes_and_no_more() -> None:
     frame = beeclick(1, 2, bytes(118))
-    assert len(encode(frame)) == MOST_OCTETS == octets(118)
+    assert len(encode(frame)) == PSDU_LIMIT == octets(118)
     with pytest.raises(FrameError) as error:
         encode(beeclick(1, 2, bytes(119)))
     assert str(error.value) == "The frame has 128 octets; at most 127 fit."
@@ -102,7 +102,7 @@ frames = data_frames() | st.builds(Acknowledgement, octet, st.booleans(), st.int
 @given(frame=frames)
 def test_what_is_written_reads_back(frame: Frame) -> None:
     octets = encode(frame)
-    assert 5 <= len(octets) <= MOST_OCTETS
+    assert 5 <= len(octets) <= PSDU_LIMIT
     assert decode(octets) == frame
 
 

@@ -15,8 +15,8 @@ from actors.radio.presets import PRESETS, preset
 from actors.radio.propagation.indoor import IndoorPropagation, PropagationParameters
 from actors.radio.propagation.materials import MATERIALS
 from actors.radio.propagation.path_loss import PathLossParameters, path_loss_db
+from actors.radio.radio_model import radio_model
 from actors.radio.radio_setup import RadioSetup
-from actors.radio.surroundings import surroundings
 from actors.runtime.errors import AcrcError
 
 CORRIDOR = str(Path(__file__).parents[2] / "maps" / "corridor.yaml")
@@ -69,8 +69,8 @@ def test_the_ideal_air_has_no_end() -> None:
 @given(distance=st.floats(0.0, 500.0), slope=st.sampled_from([0.0, 2.0, 3.0]), excess=st.floats(0.0, 30.0))
 def test_the_kernel_computes_the_formula(distance: float, slope: float, excess: float) -> None:
     parameters = PathLossParameters(near_exponent=slope, excess_db=excess)
-    air = IndoorPropagation(PropagationParameters(parameters))
-    found = air.loss_db(np.array([[0.0, 2.0]]), np.array([[distance, 2.0]]))[0, 0]
+    propagation = IndoorPropagation(PropagationParameters(parameters))
+    found = propagation.loss_db(np.array([[0.0, 2.0]]), np.array([[distance, 2.0]]))[0, 0]
     assert found == pytest.approx(path_loss_db(np.array([distance]), parameters)[0], abs=1e-9)
 
 
@@ -90,7 +90,7 @@ def test_pairs_in_reach_are_counted_once_a_second() -> None:
 
 def test_a_set_up_amends_its_preset() -> None:
     setup = RadioSetup(1, 100_000, (), "rosomnet", walls="concrete", shadowing_db=3.0, channel=26)
-    found = surroundings(setup).parameters
+    found = radio_model(setup).parameters
     assert found.phy == preset("rosomnet").phy and found.channel == 26
     assert (found.propagation.walls, found.propagation.shadowing.sigma_db) == ("concrete", 3.0)
     assert found.propagation.path_loss == preset("rosomnet").propagation.path_loss
@@ -100,8 +100,8 @@ def test_walls_of_the_map_stand_between_the_offices() -> None:
     through, open_space = np.array([[12.0, 5.0]]), np.array([[17.5, 5.0]])
     losses = {}
     for walls in ("air", "brick", "concrete"):
-        air = surroundings(RadioSetup(1, 100_000, (), map=CORRIDOR, walls=walls)).propagation
-        losses[walls] = float(air.loss_db(through, open_space)[0, 0])
+        propagation = radio_model(RadioSetup(1, 100_000, (), map=CORRIDOR, walls=walls)).propagation
+        losses[walls] = float(propagation.loss_db(through, open_space)[0, 0])
     assert losses["air"] == pytest.approx(24.5 + 40.2 + 20 * math.log10(5.5))
     assert losses["concrete"] > losses["brick"] > losses["air"] + 2 * MATERIALS["brick"].crossing_db
 
@@ -116,5 +116,5 @@ def test_walls_of_the_map_stand_between_the_offices() -> None:
 )
 def test_a_set_up_that_makes_no_sense_is_named(wrong: dict[str, str], sentence: str) -> None:
     with pytest.raises(AcrcError) as error:
-        surroundings(RadioSetup(1, 100_000, (), **wrong))  # type: ignore[arg-type]
+        radio_model(RadioSetup(1, 100_000, (), **wrong))  # type: ignore[arg-type]
     assert str(error.value) == sentence

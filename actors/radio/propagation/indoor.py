@@ -95,5 +95,5 @@ def fingerprint() -> bytes:
     )
     places = np.stack([arrays.cos(np.arange(7.0)), 0.85 + 0.8 * arrays.sin(np.arange(7.0))], axis=1)
     parameters = PropagationParameters(shadowing=ShadowingParameters(4.0))
-    air = IndoorPropagation(parameters, floor, np.random.default_rng(1))
-    return floor.squares.tobytes() + air.loss_db(places, places).tobytes()
+    propagation = IndoorPropagation(parameters, floor, np.random.default_rng(1))
+    return floor.squares.tobytes() + propagation.loss_db(places, places).tobytes()
