@@ -20,7 +20,6 @@ from actors.radio.medium.state import Outcome
 from actors.radio.presets import RadioParameters, preset
 from actors.radio.propagation.indoor import IndoorPropagation
 from actors.radio.propagation.interferers import Wifi, WifiParameters
-from actors.radio.propagation.path_loss import path_loss_db
 from actors.radio.propagation.shadowing import ShadowingParameters
 from actors.radio.radio_model import radio_model
 from actors.radio.radio_setup import RadioSetup
@@ -116,10 +115,12 @@ def _arriving(
 
 def _reach(task: PlotTask) -> str:
     distances = np.geomspace(4.0, 80.0, 300).astype(np.float64)
+    away = np.stack([distances, np.zeros(300)], axis=1)
     series = [_KEY_COUNTED]
     for colour, name in enumerate(("chapter", "rosomnet", "beeclick")):
         parameters = preset(name)
-        shares = _arriving(parameters, path_loss_db(distances, parameters.propagation.path_loss))
+        propagation = IndoorPropagation(parameters.propagation)
+        shares = _arriving(parameters, propagation.loss_db(np.zeros((1, 2)), away)[0])
         series.append(Series(name, distances.tolist(), shares.tolist(), colour))
         grey = distances[(shares > 0.005) & (shares < 0.995)]
         measured = np.linspace(grey[0] - 0.2, grey[-1] + 0.2, 9).tolist()

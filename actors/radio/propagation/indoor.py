@@ -84,7 +84,7 @@ def _path_losses(senders: Floats, receivers: Floats, coefficients: Floats, loss_
     for i in range(senders.shape[0]):
         for j in range(receivers.shape[0]):
             dx, dy = receivers[j, 0] - senders[i, 0], receivers[j, 1] - senders[i, 1]
-            loss_db[i, j] = path_loss.over(np.sqrt(dx * dx + dy * dy), coefficients)
+            loss_db[i, j] = max(path_loss.over(np.sqrt(dx * dx + dy * dy), coefficients), 0.0)
 
 
 def fingerprint() -> bytes:
