@@ -70,7 +70,7 @@ def parse(argv: Sequence[str]) -> RadioOptions:
 
 
 def load_setup(path: Path) -> RadioSetup:
-    """The set-up in a JSON file."""
+    """The set-up in a JSON file; AcrcError if there is none."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=RadioSetup)
     except (OSError, ValueError, RecursionError) as error:

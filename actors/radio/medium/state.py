@@ -157,7 +157,7 @@ TRANSCEIVER: Final = _dtype(
 `known`: the row of gains holds for the transceiver's next frame."""
 
 ROSTER: Final = _dtype(in_air="i8", assessing="i8")
-"""The number of one who has a frame in the air, and of one who assesses the channel."""
+"""Two lists side by side: who has a frame in the air, and who assesses the channel, by number."""
 
 FRAME: Final = _dtype(octets="i8", to="i8", ack="b1", number="i8", tag="i8", asked_ns="i8")
 """A frame in a transmit queue."""
