@@ -8,13 +8,13 @@ All instants are microseconds of the run's time; positions are metres in the map
 from typing import Final
 
 from actors.board_readings import BoardNote
+from actors.ieee802154 import MAC_OCTETS, PSDU_LIMIT
 from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message, MessagePart, Topic
 
 MESSAGE_VERSION: Final = 4
-FRAME_DATA_LIMIT: Final = 118
-"""Data bytes of one radio frame: 127 octets of the PSDU less the 9 that the BEE click's MAC header and FCS
-take (IEEE 802.15.4-2006, aMaxPHYPacketSize)."""
+FRAME_DATA_LIMIT: Final = PSDU_LIMIT - MAC_OCTETS
+"""Data bytes of one radio frame, 118: what MAC header and FCS leave of a PSDU."""
 NO_ECHO_MM: Final = 0xFFFF
 """The range on the wire, uint16 mm, of a ray that met nothing within the sensor's range."""
 

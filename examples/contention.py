@@ -8,23 +8,25 @@ import sys
 
 import numpy as np
 
-from actors.radio.medium import Kind, Medium, Poisson, airtime_ns
+from actors.ieee802154 import airtime_ns
+from actors.radio.medium import Kind, Medium, Poisson
 from actors.radio.presets import preset
 from actors.radio.propagation import IndoorPropagation
 
 SENDERS, OCTETS, SECONDS = 10, 60, 30
-AIR = preset("beeclick")
+PARAMETERS = preset("beeclick")
 
 
 def contend(load: float, seed: int = 1) -> tuple[float, float, float]:
     """Delivered share, share of access failures, mean latency in ms, where frames take `load` of the time."""
     angles = np.arange(SENDERS) * 2 * np.pi / SENDERS
     around = 10 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    nodes = [AIR.transceiver.numbered(address) for address in range(SENDERS + 1)]
-    medium = Medium(nodes, IndoorPropagation(AIR.propagation), AIR.phy, seed=seed, watched=[SENDERS])
-    medium.place(np.concatenate([around, np.zeros((1, 2))]))  # m; the last node listens
-    for node in range(SENDERS):
-        medium.offer(node, Poisson(OCTETS, load * 1e9 / airtime_ns(OCTETS) / SENDERS))
+    transceivers = [PARAMETERS.transceiver.numbered(address) for address in range(SENDERS + 1)]
+    propagation = IndoorPropagation(PARAMETERS.propagation)
+    medium = Medium(transceivers, propagation, PARAMETERS.phy, seed=seed, watched=[SENDERS])
+    medium.place(np.concatenate([around, np.zeros((1, 2))]))  # m; the last one listens
+    for sender in range(SENDERS):
+        medium.offer(sender, Poisson(OCTETS, load * 1e9 / airtime_ns(OCTETS) / SENDERS))
     events = medium.run(SECONDS * 1_000_000_000)
     heard = events[(events["kind"] == Kind.HEARD)]
     counted = medium.counters()

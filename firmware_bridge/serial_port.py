@@ -5,7 +5,7 @@ import importlib
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from actors.runtime.errors import AcrcError
 
@@ -17,6 +17,17 @@ class PortError(AcrcError):
     """A serial port that cannot be opened, or has gone."""
 
 
+class UsbChip(NamedTuple):
+    """What makes a serial port of a USB plug; four hexadecimal digits each, as the kernel gives them."""
+
+    vendor: str
+    product: str
+
+
+FTDI: Final = UsbChip("0403", "6001")
+CP2102: Final = UsbChip("10c4", "ea60")
+
+
 @dataclass(frozen=True)
 class Device:
     """What hangs on a port, for sentences."""
@@ -26,6 +37,7 @@ class Device:
     symlink: str
     """The name that a udev rule gives its port."""
     baud: int
+    chip: UsbChip
 
 
 class SerialPort:

@@ -21,9 +21,9 @@ from actors.radio.frame import size_fault
 from actors.radio.frame_outcomes import FrameOutcomes
 from actors.radio.host_link import Host
 from actors.radio.link_budget import DirectReach
-from actors.radio.station_air import Handed, StationAir
-from actors.radio.stations import Stations
-from actors.radio.surroundings import Surroundings
+from actors.radio.radio_model import RadioModel
+from actors.radio.robot_medium import Handed, RobotMedium
+from actors.radio.transceiver_truth import TransceiverTruth
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 
@@ -38,18 +38,16 @@ class RadioCore:
     events lie before the step's end.
     """
 
-    def __init__(
-        self, robots: Sequence[tuple[str, int]], step_us: int, around: Surroundings, seed: int
-    ) -> None:
+    def __init__(self, robots: Sequence[tuple[str, int]], step_us: int, model: RadioModel, seed: int) -> None:
         self._step = 0
         self._step_us = step_us
         self._finished = False
-        self._tally = FrameOutcomes(len(robots))
-        self._air = StationAir([address for _, address in robots], around, seed)
-        self._reach = DirectReach(around.parameters, around.propagation)
-        self._station = {robot: number for number, (robot, _) in enumerate(robots)}
+        self._outcomes = FrameOutcomes(len(robots))
+        self._medium = RobotMedium([address for _, address in robots], model, seed)
+        self._reach = DirectReach(model.parameters, model.propagation)
+        self._number = {robot: number for number, (robot, _) in enumerate(robots)}
         self._ids = [robot for robot, _ in robots]
-        self._hosts = {robot: Host(around.parameters.host_buffer, self._tally) for robot in self._ids}
+        self._hosts = {robot: Host(model.parameters.host_buffer, self._outcomes) for robot in self._ids}
 
     @property
     def step(self) -> int:
@@ -91,30 +89,31 @@ class RadioCore:
         return outputs
 
     def counters(self) -> dict[str, int]:
-        """What became of all frames and events (`Tally.counters`); `frames_pending` are still under way.
+        """What became of all frames and events (`FrameOutcomes.counters`).
 
-        And how many pairs of robots were in direct reach (`DirectReach.counters`).
+        `frames_pending` are still under way. And how many pairs of robots were in direct reach
+        (`DirectReach.counters`).
         """
-        medium = self._air.medium
-        counters = self._tally.counters(medium.counters()) | {"frames_pending": medium.pending}
-        counters["events_discarded"] += self._air.discarded
+        medium = self._medium.medium
+        counters = self._outcomes.counters(medium.counters()) | {"frames_pending": medium.pending}
+        counters["events_discarded"] += self._medium.discarded
         return counters | self._reach.counters()
 
     def counters_by_robot(self) -> dict[str, dict[str, int]]:
-        """What became of each robot's frames, and of the others' at it (`Tally.by_robot`)."""
-        return self._tally.by_robot(self._ids, self._air.medium.counters())
+        """What became of each robot's frames, and of the others' at it (`FrameOutcomes.by_robot`)."""
+        return self._outcomes.by_robot(self._ids, self._medium.medium.counters())
 
     def _events(self, truth: Truth, inputs: Inputs) -> dict[str, list[RadioEvent]]:
         """The step's events by robot, in order of their instants."""
         requests, refusals = self._requests(truth, inputs)
         by_id = {robot.id: robot for robot in truth.robots}
-        stations = Stations(truth.instant, [by_id.get(robot) for robot in self._ids])
+        transceivers = TransceiverTruth(truth.instant, [by_id.get(robot) for robot in self._ids])
         if self._reach.due(truth.instant):
-            self._reach.see(truth.instant, stations.places[list(stations.powered)])
+            self._reach.see(truth.instant, transceivers.places[list(transceivers.powered)])
         until = truth.instant + self._step_us
         events: dict[str, list[RadioEvent]] = {}
-        for station, event in self._air.advance(stations, truth.jams, requests, until):
-            events.setdefault(self._ids[station], []).append(event)
+        for number, event in self._medium.advance(transceivers, truth.jams, requests, until):
+            events.setdefault(self._ids[number], []).append(event)
         for robot_id, refused in refusals:
             events.setdefault(robot_id, []).append(refused)
         for robot_id in dict.fromkeys(robot_id for robot_id, _ in refusals):
@@ -137,15 +136,15 @@ class RadioCore:
                     nearest = min(max(frame.instant, truth.instant), truth.instant + self._step_us - 1)
                     refusals.append((robot.id, Refused(nearest, frame.tag, fault)))
                 elif robot.powered:
-                    requests.append(Handed(frame.instant, self._station[robot.id], frame.tag, frame.data))
+                    requests.append(Handed(frame.instant, self._number[robot.id], frame.tag, frame.data))
                 else:
-                    self._tally.discarded[self._station[robot.id]] += 1
-        self._tally.refused += len(refusals)
+                    self._outcomes.discarded[self._number[robot.id]] += 1
+        self._outcomes.refused += len(refusals)
         return requests, refusals
 
     def _fault(self, robot: str, frame: Outgoing, start: int) -> str:
         """One sentence on why the frame is not accepted; empty if it is."""
-        if robot not in self._station:
+        if robot not in self._number:
             return f"Robot {robot} has no transceiver; the radio was set up without it."
         if not start <= frame.instant < start + self._step_us:
             return (

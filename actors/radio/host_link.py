@@ -7,9 +7,9 @@ from actors.radio.frame_outcomes import FrameOutcomes
 class Host:
     """Holds up to `buffer` events for a robot that does not step; what comes later is dropped and counted."""
 
-    def __init__(self, buffer: int, tally: FrameOutcomes) -> None:
+    def __init__(self, buffer: int, outcomes: FrameOutcomes) -> None:
         self._buffer = buffer
-        self._tally = tally
+        self._outcomes = outcomes
         self._held: list[RadioEvent] = []
         self._epoch: int | None = None
 
@@ -22,10 +22,10 @@ class Host:
         new epoch what was held for the one before.
         """
         if epoch != self._epoch:
-            self._tally.events("discarded", len(self._held))
+            self._outcomes.events("discarded", len(self._held))
             self._held, self._epoch = [], epoch
         if not powered:
-            self._tally.events("discarded", len(self._held) + len(events))
+            self._outcomes.events("discarded", len(self._held) + len(events))
             self._held = []
             return []
         if stepping:
@@ -33,5 +33,5 @@ class Host:
             return held + events if held else events
         room = self._buffer - len(self._held)
         self._held += events[:room]
-        self._tally.events("dropped", len(events) - min(room, len(events)))
+        self._outcomes.events("dropped", len(events) - min(room, len(events)))
         return []

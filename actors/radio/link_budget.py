@@ -5,18 +5,20 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.ieee802154 import PSDU_LIMIT
 from actors.radio.medium.channel import Propagation
 from actors.radio.medium.error_rate import frame_error_rate
 from actors.radio.presets import RadioParameters
 from actors.radio.propagation.path_loss import line_of_sight
 
-LONGEST_OCTETS: Final = 127
-"""aMaxPHYPacketSize (IEEE 802.15.4-2006, 6.4.1): the frame that gets least far."""
 _EVERY_US: Final = 1_000_000
 
 
-def needed_dbm(parameters: RadioParameters, share: float = 0.5, octets: int = LONGEST_OCTETS) -> float:
-    """The received power, dBm, at which that share of frames of so many octets arrives undisturbed."""
+def needed_dbm(parameters: RadioParameters, share: float = 0.5, octets: int = PSDU_LIMIT) -> float:
+    """The received power, dBm, at which that share of frames of so many octets arrives undisturbed.
+
+    By default of the longest frames, which get least far.
+    """
     low, high = -30.0, 30.0
     for _ in range(60):
         middle = (low + high) / 2
@@ -26,7 +28,7 @@ def needed_dbm(parameters: RadioParameters, share: float = 0.5, octets: int = LO
     return max(phy.noise_dbm + max(high, phy.lock_sinr_db), parameters.transceiver.sensitivity_dbm)
 
 
-def reach(parameters: RadioParameters, share: float = 0.5, octets: int = LONGEST_OCTETS) -> float:
+def reach(parameters: RadioParameters, share: float = 0.5, octets: int = PSDU_LIMIT) -> float:
     """The distance, m, in line of sight and without shadowing, over which that share of frames arrives."""
     budget_db = parameters.transceiver.tx_power_dbm - needed_dbm(parameters, share, octets)
     return line_of_sight(budget_db, parameters.propagation.path_loss)

@@ -12,8 +12,8 @@ from actors.portable import draws as portable_draws
 from actors.radio.core import RadioCore
 from actors.radio.medium import medium
 from actors.radio.propagation import indoor
+from actors.radio.radio_model import radio_model
 from actors.radio.radio_setup import RadioSetup
-from actors.radio.surroundings import surroundings
 from actors.runtime.bus.quota_bus import QuotaBus
 from actors.runtime.client_options import ArgumentParser, ClientOptions, add_client_options, client_options
 from actors.runtime.core import at, to
@@ -29,8 +29,8 @@ GREATEST_ADDRESS = 0xFFFD
 
 
 def build(setup: RadioSetup) -> RadioCore:
-    """The core, before its first step; AcrcError if the setup makes no sense."""
-    around = surroundings(setup)
+    """The core, before its first step; AcrcError if the set-up makes no sense."""
+    model = radio_model(setup)
     if setup.step_us < 1:
         raise AcrcError(f"The radio's step is {setup.step_us} µs long; it must be at least 1 µs.")
     owners: dict[int, str] = {}
@@ -48,7 +48,7 @@ def build(setup: RadioSetup) -> RadioCore:
             raise AcrcError(f"Robot {robot} is listed twice for the radio; each robot needs one entry.")
         owners[address] = robot
         names.add(robot)
-    return RadioCore(setup.robots, setup.step_us, around, setup.seed)
+    return RadioCore(setup.robots, setup.step_us, model, setup.seed)
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class RadioOptions:
 
 def parse(argv: Sequence[str]) -> RadioOptions:
     """The options in `argv`; ArgumentError if they make no sense."""
-    parser = ArgumentParser(prog="python -m actors.radio", description="Simulates the air.")
+    parser = ArgumentParser(prog="python -m actors.radio", description="Simulates the radio medium.")
     parser.add_argument("--setup", required=True, type=Path, help="JSON file with the radio's set-up")
     add_client_options(parser)
     given = parser.parse_args(argv)
@@ -70,7 +70,7 @@ def parse(argv: Sequence[str]) -> RadioOptions:
 
 
 def load_setup(path: Path) -> RadioSetup:
-    """The set-up in a JSON file."""
+    """The set-up in a JSON file; AcrcError if there is none."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=RadioSetup)
     except (OSError, ValueError, RecursionError) as error:

@@ -7,10 +7,10 @@ from actors.radio.propagation.walls import WallPatch
 
 
 class RadioSetup(msgspec.Struct, frozen=True):
-    """The stations and the model of the air; what is None is as the preset has it."""
+    """The robots with transceivers, and the radio's model; what is None is as the preset has it."""
 
     seed: int
-    """The run's seed, for everything random on the air."""
+    """The run's seed, for everything random on the medium."""
     step_us: int
     """Length of a step, µs."""
     robots: tuple[tuple[str, int], ...]

@@ -17,7 +17,7 @@ from actors.radio.frame import airtime_us
 from firmware_bridge.beeclick.answers import Answer, PacketSent
 from firmware_bridge.beeclick.emulation.emulate import standing
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard, Radio
-from firmware_bridge.beeclick.emulation.emulated_medium import Air, AirParameters
+from firmware_bridge.beeclick.emulation.emulated_medium import EmulatedMedium, MediumParameters
 from firmware_bridge.beeclick.emulation.lab import Desk, Lab
 from firmware_bridge.beeclick.emulation.line import CLEAN, Disturbance
 from firmware_bridge.beeclick.events import Event, Unconfirmed
@@ -83,7 +83,7 @@ class Throughput:
     data_bytes: int
     packets_per_s: float
     share: float
-    """Of what the slower of line and air can carry."""
+    """Of what the slower of line and medium can carry."""
 
 
 class _Board(EmulatedBoard):
@@ -121,12 +121,12 @@ class _Ordeal:
 
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
-        air = Air(self.rng)
-        self.board = _Board(air, START)
+        medium = EmulatedMedium(self.rng)
+        self.board = _Board(medium, START)
         self.link = _Link(BoardSettings(2))
-        air.add(self.board, standing(0.0, 0.0))
+        medium.add(self.board, standing(0.0, 0.0))
         self.desk = Desk(self.link, self.board)
-        self.lab = Lab(air, [self.desk], self.rng)
+        self.lab = Lab(medium, [self.desk], self.rng)
         self.packets = self.invented = self.most_kept = 0
         self.most_back = dict.fromkeys(Trouble, (0, 0))
         self.ledger: Counter[int] = Counter()
@@ -230,10 +230,10 @@ def _come_back(lab: Lab, desk: Desk) -> tuple[int, int] | None:
 def throughput(data_bytes: int, duration: Duration = _RUN) -> Throughput:
     """Keep the queue full of packets of that size for so long in virtual time."""
     rng = np.random.default_rng(1)
-    air = Air(rng, AirParameters(csma=False))
-    desk = Desk(Link(BoardSettings(2)), EmulatedBoard(air, START))
-    air.add(desk.board, standing(0.0, 0.0))
-    lab = Lab(air, [desk], rng)
+    medium = EmulatedMedium(rng, MediumParameters(csma=False))
+    desk = Desk(Link(BoardSettings(2)), EmulatedBoard(medium, START))
+    medium.add(desk.board, standing(0.0, 0.0))
+    lab = Lab(medium, [desk], rng)
     lab.run(milliseconds(20))
     before, began = desk.link.counters["sent"], lab.now
     while lab.now < began + duration:
@@ -257,7 +257,9 @@ def run(bytes_: int, json_output: bool = False) -> None:
     for name, value in asdict(borne).items():
         table.add_row(name, f"{value:.1f}" if isinstance(value, float) else f"{value:_}".replace("_", " "))
     console.print(table)
-    table = Table("data bytes", "packets per s", "share of line or air", title="Throughput in virtual time")
+    table = Table(
+        "data bytes", "packets per s", "share of line or medium", title="Throughput in virtual time"
+    )
     for one in carried:
         table.add_row(str(one.data_bytes), f"{one.packets_per_s:.1f}", f"{one.share:.3f}")
     console.print(table)

@@ -74,7 +74,7 @@ def _messages(out: Path) -> Iterator[Parser]:
     yield Parser("frames of fragments", frames, lambda data: Reassembly().take(START, 1, data))
     packets = tuple(packet for frame in frames for packet in Reassembly().take(START, 1, frame))
     yield Parser("packets of knowledge", packets or frames, unpack)
-    psdus = tuple(frame_codec.encode(frame_codec.beeclick(1, 2, frame)) for frame in frames[:50])
+    psdus = tuple(frame_codec.encode(frame_codec.DataFrame(1, 2, frame)) for frame in frames[:50])
     yield Parser("octets of a frame", psdus, frame_codec.decode)
 
 

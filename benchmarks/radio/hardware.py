@@ -14,9 +14,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from actors.radio.medium.csma import airtime_ns
+from actors.ieee802154 import airtime_ns
 from actors.radio.medium.medium import Medium
-from actors.radio.medium.state import Fate
+from actors.radio.medium.state import Outcome
 from actors.radio.medium.traffic import Poisson
 from actors.radio.medium.transceiver import Transceiver
 from actors.radio.presets import preset
@@ -85,13 +85,13 @@ def cost(side: float, load: float, task: HardwareTask) -> Cost:
 
 def delivery(settings: Transceiver, side: float, load: float, task: HardwareTask, draw: int) -> float:
     """Mean over all pairs: frames heard of those sent."""
-    air = preset("ns3")
-    nodes = [settings.numbered(address) for address in range(task.robots)]
-    medium = Medium(nodes, IndoorPropagation(air.propagation), air.phy, seed=draw, watched=())
+    ns3 = preset("ns3")
+    transceivers = [settings.numbered(address) for address in range(task.robots)]
+    medium = Medium(transceivers, IndoorPropagation(ns3.propagation), ns3.phy, seed=draw, watched=())
     medium.place(np.random.default_rng(draw).uniform(0.0, side, (task.robots, 2)))
-    for node in range(task.robots):
+    for robot in range(task.robots):
         rate = load * SECOND / airtime_ns(task.octets) / task.robots
-        medium.offer(node, Poisson(task.octets, rate))
+        medium.offer(robot, Poisson(task.octets, rate))
     medium.run(task.seconds * SECOND)
-    heard, sent = medium.fates()[:, Fate.HEARD].sum(), medium.counters()["sent"].sum()
+    heard, sent = medium.outcomes()[:, Outcome.HEARD].sum(), medium.counters()["sent"].sum()
     return float(heard / (sent * (task.robots - 1)))

@@ -16,14 +16,13 @@ from actors.floor.map_file import load_map
 from actors.radio.link_budget import needed_dbm
 from actors.radio.medium.error_rate import frame_error_rate
 from actors.radio.medium.medium import Medium, Request
-from actors.radio.medium.state import Fate
+from actors.radio.medium.state import Outcome
 from actors.radio.presets import RadioParameters, preset
 from actors.radio.propagation.indoor import IndoorPropagation
 from actors.radio.propagation.interferers import Wifi, WifiParameters
-from actors.radio.propagation.path_loss import path_loss_db
 from actors.radio.propagation.shadowing import ShadowingParameters
+from actors.radio.radio_model import radio_model
 from actors.radio.radio_setup import RadioSetup
-from actors.radio.surroundings import surroundings
 from benchmarks.radio.reference import OperatingPoint, points
 from benchmarks.radio.svg_chart import Axis, Series, chart
 from benchmarks.radio.trials import contend, scene
@@ -95,14 +94,14 @@ def _heard(
     parameters: RadioParameters, distance: float, task: PlotTask, wifi: WifiParameters | None = None
 ) -> float:
     """The share of 127-octet frames over a distance in line of sight, counted in the medium."""
-    air = IndoorPropagation(parameters.propagation)
-    stations = [Wifi(wifi, parameters.channel, air, lambda: np.random.default_rng(5))] if wifi else []
-    nodes = [replace(parameters.transceiver, address=address) for address in (1, 2)]
-    medium = Medium(nodes, air, parameters.phy, seed=1, interferers=stations)
+    propagation = IndoorPropagation(parameters.propagation)
+    stations = [Wifi(wifi, parameters.channel, propagation, lambda: np.random.default_rng(5))] if wifi else []
+    pair = [replace(parameters.transceiver, address=address) for address in (1, 2)]
+    medium = Medium(pair, propagation, parameters.phy, seed=1, interferers=stations)
     medium.place(np.array([[0.0, 0.0], [distance, 0.0]]))
     medium.submit(Request(k * _SPACING_NS, 0, 127, tag=k) for k in range(task.frames))
     medium.run(task.frames * _SPACING_NS)
-    return float(medium.fates()[1, Fate.HEARD]) / task.frames
+    return float(medium.outcomes()[1, Outcome.HEARD]) / task.frames
 
 
 def _arriving(
@@ -116,10 +115,12 @@ def _arriving(
 
 def _reach(task: PlotTask) -> str:
     distances = np.geomspace(4.0, 80.0, 300).astype(np.float64)
+    away = np.stack([distances, np.zeros(300)], axis=1)
     series = [_KEY_COUNTED]
     for colour, name in enumerate(("chapter", "rosomnet", "beeclick")):
         parameters = preset(name)
-        shares = _arriving(parameters, path_loss_db(distances, parameters.propagation.path_loss))
+        propagation = IndoorPropagation(parameters.propagation)
+        shares = _arriving(parameters, propagation.loss_db(np.zeros((1, 2)), away)[0])
         series.append(Series(name, distances.tolist(), shares.tolist(), colour))
         grey = distances[(shares > 0.005) & (shares < 0.995)]
         measured = np.linspace(grey[0] - 0.2, grey[-1] + 0.2, 9).tolist()
@@ -156,8 +157,10 @@ def _grey_zone(task: PlotTask) -> str:
                 parameters.propagation.path_loss, near_loss_db=200.0, near_exponent=0.0, breakpoint=np.inf
             )
             told = replace(parameters.propagation, path_loss=flat, shadowing=ShadowingParameters(sigma))
-            air = IndoorPropagation(told, None, np.random.default_rng(2))
-            rows = [air.loss_db(one[None], other[None])[0, 0] for one, other in zip(*ends, strict=True)]
+            propagation = IndoorPropagation(told, None, np.random.default_rng(2))
+            rows = [
+                propagation.loss_db(one[None], other[None])[0, 0] for one, other in zip(*ends, strict=True)
+            ]
             shadows = np.array(rows) - 200.0
         losses = parameters.transceiver.tx_power_dbm - powers[:, None] + shadows
         shares = _arriving(parameters, losses).mean(axis=1).tolist()
@@ -206,7 +209,7 @@ def _contention(task: PlotTask, reference: list[OperatingPoint]) -> str:
 def _corridor(file: Path, map_file: Path, task: PlotTask) -> None:
     """Received power on the free floor: darker is stronger; red: fewer than half of the frames arrive."""
     setup = RadioSetup(1, 100_000, (), "chapter", str(map_file))
-    found, grid = surroundings(setup), load_map(map_file)
+    found, grid = radio_model(setup), load_map(map_file)
     x, y = (axis[1::4] for axis in grid.centres())
     spots = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     loss = found.propagation.loss_db(np.array([task.transmitter]), spots)[0].reshape(len(y), len(x))

@@ -12,7 +12,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from actors.radio.medium.csma import airtime_ns
+from actors.ieee802154 import airtime_ns
 from actors.radio.medium.medium import Medium
 from actors.radio.medium.traffic import Poisson
 from actors.radio.presets import preset
@@ -81,14 +81,14 @@ def run(ns3_python: Path | None, json_output: bool = False, task: SpeedTask | No
 
 def medium_speed(senders: int, load: float, octets: int, frames: int, seed: int = 1) -> float:
     """Frames on the air per CPU second of the medium."""
-    air = preset("ns3")
+    parameters = preset("ns3")
     losses = Losses(np.full((senders + 1, senders + 1), 60.0))
-    nodes = [air.transceiver.numbered(address) for address in range(senders + 1)]
-    medium = Medium(nodes, losses, air.phy, seed=seed, watched=[senders])
+    transceivers = [parameters.transceiver.numbered(address) for address in range(senders + 1)]
+    medium = Medium(transceivers, losses, parameters.phy, seed=seed, watched=[senders])
     medium.place(losses.places)
     per_second = load * SECOND / airtime_ns(octets)
-    for node in range(senders):
-        medium.offer(node, Poisson(octets, per_second / senders))
+    for sender in range(senders):
+        medium.offer(sender, Poisson(octets, per_second / senders))
     medium.run(SECOND)  # kernels are loaded and rows of losses known
     before = int(medium.counters()["sent"].sum())
     begun = time.process_time()

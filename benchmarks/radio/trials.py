@@ -13,10 +13,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.ieee802154 import airtime_ns
 from actors.radio.medium.channel import Propagation
-from actors.radio.medium.csma import airtime_ns
 from actors.radio.medium.medium import Medium, Request
-from actors.radio.medium.state import BROADCAST, Cca, Fate, Kind
+from actors.radio.medium.state import BROADCAST, Cca, Kind, Outcome
 from actors.radio.medium.traffic import Poisson, Saturated
 from actors.radio.medium.transceiver import PhyParameters, Transceiver
 from actors.radio.presets import preset
@@ -25,15 +25,15 @@ from benchmarks.radio.reference import CAPTURE, OperatingPoint, ReferenceEstimat
 
 SECOND: Final = 1_000_000_000
 NS3: Final = preset("ns3")
-MAC_OCTETS: Final = 11
-"""Short addresses and PAN compression."""
+NS3_MAC_OCTETS: Final = 11
+"""Around the data of its frames: short addresses and PAN compression."""
 _SENSITIVITY_LEAD_DB: Final = 0.4066
 """How far ns-3's noise lies below the sensitivity that it is given."""
 _BATCH: Final = 20_000
 
 
 class Table:
-    """A propagation where node i stands at (i, 0): the losses, dB, between nodes are given one by one."""
+    """A propagation where transceiver i stands at (i, 0): the losses, dB, are given one by one."""
 
     def __init__(self, losses_db: NDArray[np.float64]) -> None:
         self._losses_db = losses_db
@@ -46,7 +46,7 @@ class Table:
 
     @property
     def places(self) -> NDArray[np.float64]:
-        """(n, 2): where the nodes stand."""
+        """(n, 2): where the transceivers stand."""
         n = len(self._losses_db)
         return np.stack([np.arange(n, dtype=np.float64), np.zeros(n)], axis=1)
 
@@ -115,15 +115,15 @@ def contend(stage: TrialScene, seed: int) -> dict[str, float]:
     medium.place(stage.places)
     _load(medium, stage, seed)
     medium.run(SECOND)
-    before, heard_before, busy_before = medium.counters(), medium.fates()[:, Fate.HEARD], medium.busy_ns
+    before, heard_before, busy_before = medium.counters(), medium.outcomes()[:, Outcome.HEARD], medium.busy_ns
     events = medium.run((1 + stage.seconds) * SECOND)
-    after, heard = medium.counters(), medium.fates()[:, Fate.HEARD] - heard_before
+    after, heard = medium.counters(), medium.outcomes()[:, Outcome.HEARD] - heard_before
     counted = {
         name: int(after[name].sum() - before[name].sum())
         for name in ("generated", "sent", "access_failures", "overlapping")
     }
     waited = events["instant_ns"] - events["asked_ns"]
-    latency_ms = waited[(events["kind"] == Kind.HEARD) & (events["node"] == sink)] / 1e6
+    latency_ms = waited[(events["kind"] == Kind.HEARD) & (events["transceiver"] == sink)] / 1e6
     sent = max(counted["sent"], 1)
     frames_s = len(latency_ms) / stage.seconds
     return {
@@ -135,21 +135,21 @@ def contend(stage: TrialScene, seed: int) -> dict[str, float]:
         "overlap_tx_ratio": counted["overlapping"] / sent,
         "lat_mean_ms": float(latency_ms.mean()) if latency_ms.size else 0.0,
         "lat_p95_ms": float(np.percentile(latency_ms, 95)) if latency_ms.size else 0.0,
-        "goodput_kbps": frames_s * 8 * (stage.octets - MAC_OCTETS) / 1000,
+        "goodput_kbps": frames_s * 8 * (stage.octets - NS3_MAC_OCTETS) / 1000,
     }
 
 
 def _load(medium: Medium, stage: TrialScene, seed: int) -> None:
-    """Give all nodes but the sink their traffic; backlogged ones begin at phases of their own."""
+    """Give all but the sink their traffic; backlogged ones begin at phases of their own."""
     sink = len(stage.places) - 1
     to = sink if stage.acknowledged else BROADCAST
     phases = np.random.default_rng(seed).integers(0, SECOND // 10, sink).tolist()
-    for node in range(sink):
+    for sender in range(sink):
         if math.isinf(stage.load):
-            medium.offer(node, Saturated(stage.octets, phases[node], to, stage.acknowledged))
+            medium.offer(sender, Saturated(stage.octets, phases[sender], to, stage.acknowledged))
         else:
             rate = stage.load / (sink * airtime_ns(stage.octets) / SECOND)
-            medium.offer(node, Poisson(stage.octets, rate, to, stage.acknowledged))
+            medium.offer(sender, Poisson(stage.octets, rate, to, stage.acknowledged))
 
 
 def _equal(senders: int) -> Table:
@@ -157,7 +157,7 @@ def _equal(senders: int) -> Table:
 
 
 def _hidden(weaker_db: float) -> Table:
-    """Nodes 0 and 1 hear node 2 only; node 1 arrives so much weaker than node 0."""
+    """Senders 0 and 1 hear 2 only; 1 arrives there so much weaker than 0."""
     losses = np.full((3, 3), 200.0)
     losses[0, 2] = losses[2, 0] = 70.0
     losses[1, 2] = losses[2, 1] = 70.0 + weaker_db
@@ -165,7 +165,7 @@ def _hidden(weaker_db: float) -> Table:
 
 
 def _scattered(senders: int, side: float) -> NDArray[np.float64]:
-    """Places by a linear congruential generator, x before y; the last node in the middle."""
+    """Places by a linear congruential generator, x before y; the last one in the middle."""
     state, draws = 1, []
     for _ in range(2 * (senders + 1)):
         state = (1103515245 * state + 12345) % 2**31
@@ -213,15 +213,15 @@ def _forced(one: Callable[[int], list[Request]], frames: int, lasts_ns: int) -> 
 
 
 def _heard(stage: TrialScene, batches: list[list[Request]], senders: int, frames: int) -> list[int]:
-    """How many frames of each sender the last node hears."""
-    nodes = len(stage.places)
-    transceivers = [replace(stage.settings, address=i, cca=Cca.NEVER, min_be=0) for i in range(nodes)]
-    medium = Medium(transceivers, stage.propagation, stage.phy, seed=frames, watched=[nodes - 1])
+    """How many frames of each sender the last transceiver hears."""
+    count = len(stage.places)
+    transceivers = [replace(stage.settings, address=i, cca=Cca.NEVER, min_be=0) for i in range(count)]
+    medium = Medium(transceivers, stage.propagation, stage.phy, seed=frames, watched=[count - 1])
     medium.place(stage.places)
-    heard = np.zeros(nodes, np.int64)
+    heard = np.zeros(count, np.int64)
     for batch in batches:
         medium.submit(batch)
         events = medium.run(batch[-1].instant_ns + SECOND // 50)
         said = events[events["kind"] == Kind.HEARD]
-        heard += np.bincount(said["other"], minlength=nodes)
+        heard += np.bincount(said["other"], minlength=count)
     return [int(count) for count in heard[:senders]]

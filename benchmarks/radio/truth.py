@@ -21,7 +21,7 @@ from rich.table import Table
 
 from actors.runtime.errors import AcrcError
 from benchmarks.radio.reference import FAMILIES, LATENCIES, OperatingPoint, ReferenceEstimate, points
-from benchmarks.radio.trials import MAC_OCTETS, measure
+from benchmarks.radio.trials import NS3_MAC_OCTETS, measure
 from deploy.field_trial.clocks.student_t import quantile
 
 _FREEDOM_ENOUGH: Final = 200.0
@@ -166,7 +166,7 @@ def formula_kbps(point: OperatingPoint) -> float:
     symbols = (12 if octets <= 18 else 40) + 3.5 * 20 + 8 + 12 + (12 + 2 * octets)
     if point.family.endswith("_ack"):
         symbols += 12 + 22
-    return 8 * (octets - MAC_OCTETS) * 62.5 / symbols
+    return 8 * (octets - NS3_MAC_OCTETS) * 62.5 / symbols
 
 
 def agreement(family: str, number: int, found: Sequence[Comparison]) -> Agreement:

@@ -32,7 +32,7 @@ _CLASSES: Final[dict[type, str]] = {
     Odometers: "odometry",
     RangeSensors: "range scans",
     Referee: "referee",
-    RadioCore: "stations and events",
+    RadioCore: "transceivers and events",
     Medium: "medium",
     RobotCore: "core",
     Recorder: "recorder",

@@ -35,7 +35,7 @@ from actors.runtime.process import FinalNote
 from actors.runtime.recording import Entry, Note, RecordingError, decoded, read_recording
 from actors.topic import Message
 
-FATES: Final[Mapping[type[Any], str]] = {
+FRAME_OUTCOMES: Final[Mapping[type[Any], str]] = {
     Sent: "frames_sent",
     AccessFailure: "frames_access_failed",
     Overflow: "frames_overflowed",
@@ -106,7 +106,7 @@ class RobotLog:
     newest: list[Moment] = field(default_factory=list)
     """The last event of each message from the transceiver."""
     events: Counter[str] = field(default_factory=Counter)
-    """Events from the transceiver by their names in FATES."""
+    """Events from the transceiver by their names in FRAME_OUTCOMES."""
     frames_handed: int = 0
     """Frames that its answers count."""
     hashed_drives: int = 0
@@ -204,7 +204,7 @@ class _Reader:
 
     def _event(self, event: RadioEvent) -> None:
         log = self.log
-        log.events[FATES[type(event)]] += 1
+        log.events[FRAME_OUTCOMES[type(event)]] += 1
         moment = Moment(self._tick, self._checked(event.instant))
         if isinstance(event, Heard):
             log.heard.append(HeardFrame(moment, event.sender, event.data))

@@ -13,7 +13,7 @@ from deploy.field_trial.aligned_clocks import AlignedClocks, ClockReport
 from deploy.field_trial.node_counts import node_account
 from deploy.field_trial.recordings import FieldTrial
 from deploy.field_trial.reported_places import ReportedPlaces
-from deploy.field_trial.robot_log import FATES, RobotLog
+from deploy.field_trial.robot_log import FRAME_OUTCOMES, RobotLog
 from deploy.results.deeco_result import DeecoResult, deeco_result, nearest_rank
 from deploy.results.place_table import counted
 from deploy.results.result import rate
@@ -154,7 +154,7 @@ def _completion(places: Sequence[PlaceOutcome]) -> float | None:
 
 def _frames(logs: Sequence[RobotLog]) -> dict[str, int]:
     frames = {"frames_handed": sum(log.frames_handed for log in logs)}
-    frames |= {name: sum(log.events[name] for log in logs) for name in FATES.values()}
+    frames |= {name: sum(log.events[name] for log in logs) for name in FRAME_OUTCOMES.values()}
     sent = (frame for log in logs for frame in log.sent if frame.sent is not None)
     frames["bytes_sent"] = sum(octets(len(frame.data)) for frame in sent)
     return frames

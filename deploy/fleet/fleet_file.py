@@ -38,9 +38,8 @@ from deploy.scenario.stack_tables import stack_fault
 from deploy.scenario.tables import AreaTable, DeecoTable
 from firmware_bridge.beeclick.signal import power_setting
 from firmware_bridge.beeclick.wire import MisuseError
+from firmware_bridge.onboard.onboard_setup import OPENNI
 
-OPENNI: Final = "openni"
-"""The range sensor that is no port: a depth camera, found by itself."""
 _LISTEN: Final = re.compile(
     r"tls/(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9][A-Za-z0-9.-]*):(?P<port>[0-9]{1,5})"
 )

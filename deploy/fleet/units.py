@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Final
 
 from actors.runtime.errors import AcrcError
-from deploy.fleet.fleet_file import OPENNI, Fleet, FleetRobot
+from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.fleet.udev_rules import GROUP, rules
 from deploy.usage import OptionError
+from firmware_bridge.onboard.onboard_setup import OPENNI
 
 RULES_FILE: Final = "60-acrc.rules"
 _USER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,30}")

@@ -4,14 +4,13 @@ from typing import Final
 
 from actors.instant import Instant
 from actors.messages import Heard
-from actors.radio.frame_check import frame_check
+from actors.radio.frame_codec import DataFrame
 from actors.radio.signal_codes import rssi_dbm
 from firmware_bridge.beeclick.answers import Answer, Moisture, Notes, ReceivedPacket, Sentence, Warmth
 from firmware_bridge.beeclick.counters import LinkCounters
 from firmware_bridge.beeclick.events import Event, Fix, Humidity, Info, Temperature
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.sentence import parse
-from firmware_bridge.beeclick.signal import mac_header
 
 _NO_SENSOR: Final = -397
 """Tenths of a degree, from the number 0: the data line is held low."""
@@ -48,7 +47,7 @@ def news(
 def _heard(
     now: Instant, packet: ReceivedPacket, settings: BoardSettings, counters: LinkCounters, drop_bad_fcs: bool
 ) -> list[Event]:
-    if packet.fcs != frame_check(mac_header(packet.pan, packet.address) + packet.data):
+    if packet.fcs != DataFrame(packet.pan, packet.address, packet.data).check:
         counters.add("bad_fcs")
         if drop_bad_fcs:
             return []

@@ -1,4 +1,4 @@
-"""The numbers of the BEE click's firmware: transmit power, MAC header."""
+"""The transmit power that the BEE click's firmware sets."""
 
 from typing import Final
 
@@ -6,8 +6,6 @@ from firmware_bridge.beeclick.wire import MisuseError
 
 _LARGE_STEP: Final = 100
 """Tenths of a dB (DS39776C, register RFCON3)."""
-HEADER_SIZE: Final = 7
-"""Of the MAC header: frame control, sequence, source PAN, source address."""
 
 
 def radiated(asked: int) -> int:
@@ -33,8 +31,3 @@ def power_setting(power_dbm: float) -> int:
         f"The board cannot send with {power_dbm:g} dBm; its firmware sets 0, -0.5 or -6.3 dBm, "
         "or one of them less 10, 20 or 30 dB."
     )
-
-
-def mac_header(pan: int, address: int) -> bytes:
-    """The 7 bytes in front of the data: data frame, 16-bit source, sequence always 0 (MRF24J40.cpp)."""
-    return b"\x01\x80\x00" + pan.to_bytes(2, "little") + address.to_bytes(2, "little")

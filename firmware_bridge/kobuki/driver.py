@@ -11,7 +11,6 @@ from enum import Enum
 from typing import Final, TypeVar
 
 from actors.instant import Duration, Instant, in_seconds, milliseconds
-from actors.runtime.errors import AcrcError
 from firmware_bridge.kobuki import frame, motion
 from firmware_bridge.kobuki import packets as wire_packets
 from firmware_bridge.kobuki.battery import BatteryLevel, BatteryParameters, level
@@ -40,7 +39,6 @@ from firmware_bridge.kobuki.packets import (
     DockingIR,
     Feedback,
     Firmware,
-    FirmwareVersion,
     GeneralInput,
     GeneralOutput,
     Hardware,
@@ -48,8 +46,6 @@ from firmware_bridge.kobuki.packets import (
     Melody,
     RawGyro,
     RequestExtra,
-    SetGain,
-    Sound,
     SoundSequence,
     Unknown,
 )
@@ -73,12 +69,6 @@ F = TypeVar(
 )
 
 _ASK_ALL: Final = wire_packets.HARDWARE_REQUEST | wire_packets.FIRMWARE_REQUEST | wire_packets.UDID_REQUEST
-_NOTE_S: Final = 2.75e-6
-_GAINS_SINCE: Final = FirmwareVersion(1, 2, 0)
-
-
-class KobukiError(AcrcError):
-    """A base that cannot do what is asked of it."""
 
 
 class Colour(Enum):
@@ -216,28 +206,9 @@ class KobukiDriver:
         self._outputs |= colour.value << shift
         self._outputs_due = now
 
-    def tone(self, frequency_hz: float, duration_ms: int) -> None:
-        """Play a tone of up to 255 ms. Raises WireMisuseError for one that cannot be."""
-        note = round(1 / (frequency_hz * _NOTE_S)) if frequency_hz > 0 else 0
-        self._queue[Sound] = _framed(Sound(note, duration_ms))
-
     def play(self, melody: Melody) -> None:
         """Play one of the base's own sounds."""
         self._queue[SoundSequence] = _framed(SoundSequence(melody))
-
-    def set_gains(self, p: float, i: float, d: float) -> None:
-        """Use these gains for the wheels; the factory's are 100, 0.1 and 2.
-
-        Raises KobukiError for firmware that cannot.
-        """
-        firmware = self.identity.firmware
-        if firmware is None or firmware < _GAINS_SINCE:
-            said = "has not said its firmware's version" if firmware is None else f"has firmware {firmware}"
-            raise KobukiError(
-                f"the Kobuki {said}; its wheels' gains can be set from firmware {_GAINS_SINCE} on, "
-                "which kobuki.readthedocs.io tells how to install"
-            )
-        self._queue[SetGain] = _framed(SetGain(1, *(round(1000 * gain) for gain in (p, i, d))))
 
     # --- within ---
 

@@ -53,11 +53,6 @@ def velocity(control: BaseControl) -> tuple[float, float]:
     return control.radius * omega / 1000, omega
 
 
-def wheel_speeds(v: float, omega: float) -> tuple[float, float]:
-    """Of the left and the right wheel, m/s."""
-    return v - omega * TRACK / 2, v + omega * TRACK / 2
-
-
 def _whole(value: float) -> int:
     """Towards zero, as far as an int16 goes."""
     return int(max(-_LIMIT - 1, min(_LIMIT, value)))

@@ -98,11 +98,6 @@ class KobukiOdometry:
         self.counts = OdometryCounts()
 
     @property
-    def gyro_used(self) -> bool:
-        """False while the heading comes from the wheels."""
-        return self._last is not None and self._last.angle is not None and not self._frozen
-
-    @property
     def unknown(self) -> int:
         """How often the base has moved unheard, perhaps, so that the pose is no longer what it says."""
         return self.counts.gaps + self.counts.restarts

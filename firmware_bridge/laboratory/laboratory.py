@@ -16,7 +16,7 @@ from actors.world.physics import SUBSTEP
 from actors.world.uncertainty import drifting
 from firmware_bridge.beeclick.emulation import emulated_medium
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.emulation.emulated_medium import Air, AirParameters, Place
+from firmware_bridge.beeclick.emulation.emulated_medium import EmulatedMedium, MediumParameters, Place
 from firmware_bridge.kobuki.base import EXACT, BaseParameters, EmulatedKobuki
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 from firmware_bridge.laboratory.robot_body import RobotBody
@@ -52,8 +52,8 @@ class EmulatedHardware(NamedTuple):
 class Laboratory:
     """The hardware of all robots; time begins at 0.
 
-    Bodies, bases and lidars go from sub-step to sub-step of the physics, boards and air through every
-    instant: a driver of a base does not notice 10 ms, the host of a board does.
+    Bodies, bases and lidars go from sub-step to sub-step of the physics, boards and their medium through
+    every instant: a driver of a base does not notice 10 ms, the host of a board does.
     """
 
     def __init__(self, setup: LaboratorySetup) -> None:
@@ -65,7 +65,9 @@ class Laboratory:
         models = [load_model(robot.model, robot.sensor) for robot in world.robots]
         noise = [generator(seed, "laboratory range", robot.id) for robot in world.robots]
         self._sights = Sights(real_floor(world, models).visible, models, noise)
-        self._air = Air(generator(seed, "laboratory air", ""), AirParameters(preset(setup.radio)))
+        self._medium = EmulatedMedium(
+            generator(seed, "laboratory air", ""), MediumParameters(preset(setup.radio))
+        )
         self.robots: Mapping[str, EmulatedHardware] = {
             robot.id: self._hardware(index, generator(seed, "laboratory base", robot.id), robot.odometry)
             for index, robot in enumerate(world.robots)
@@ -88,7 +90,7 @@ class Laboratory:
     @property
     def wake(self) -> Instant:
         """When something happens next that `advance` would have to make happen."""
-        wakes = (self._air.wake(), *(board.wake() for board in self._air.boards))
+        wakes = (self._medium.wake(), *(board.wake() for board in self._medium.boards))
         return min((at for at in wakes if at is not None), default=self._due)
 
     @property
@@ -102,9 +104,9 @@ class Laboratory:
         return self._referee.places(())
 
     @property
-    def air(self) -> Mapping[str, int]:
+    def medium(self) -> Mapping[str, int]:
         """Counters of the boards' medium."""
-        return self._air.counters
+        return self._medium.counters
 
     def pose(self, robot: str) -> tuple[float, float, float]:
         """Where it truly is: x, y in m and heading in rad, map frame."""
@@ -132,7 +134,7 @@ class Laboratory:
                 out(Jack(name, BASE), robot.base.run(self._now))
                 out(Jack(name, RANGE), robot.lidar.run(self._now))
         self._instant = until
-        emulated_medium.advance(self._air, until)
+        emulated_medium.advance(self._medium, until)
         for name, robot in self.robots.items():
             out(Jack(name, RADIO), robot.board.run(until))
 
@@ -157,8 +159,8 @@ class Laboratory:
     def _hardware(self, index: int, random: np.random.Generator, odometry: str) -> EmulatedHardware:
         body = RobotBody(self._bodies, index)
         errors = self._errors if odometry == "kobuki" else EXACT
-        board = EmulatedBoard(self._air, START)
-        self._air.add(board, self._place(index))
+        board = EmulatedBoard(self._medium, START)
+        self._medium.add(board, self._place(index))
         base = EmulatedKobuki(body, random, BaseParameters(errors))
         return EmulatedHardware(body, base, board, EmulatedRplidar(self._sights.of(index), LIDAR))
 

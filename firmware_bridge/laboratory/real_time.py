@@ -108,7 +108,7 @@ class RealTime:
                 for robot in laboratory.robots
             },
             bases={robot: _base(hardware.base) for robot, hardware in laboratory.robots.items()},
-            air=dict(laboratory.air),
+            air=dict(laboratory.medium),
             cpu_s=time.process_time() - self._began_cpu_s,
         )
 

@@ -1,5 +1,6 @@
 """The bridge as a program: `python -m firmware_bridge.onboard.bridge --setup FILE --router ENDPOINT …`."""
 
+import functools
 import os
 import sys
 from collections.abc import Sequence
@@ -8,9 +9,10 @@ from pathlib import Path
 
 import msgspec
 
-from actors.instant import Instant, seconds
+from actors.instant import Instant
 from actors.messages import RADIO_READY, Ready
 from actors.runtime.access.rules import client_config
+from actors.runtime.background import to_stderr
 from actors.runtime.bus.waking_bus import WakingBus
 from actors.runtime.client_options import ArgumentParser, ClientOptions, add_client_options, client_options
 from actors.runtime.core import to
@@ -22,14 +24,12 @@ from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell
 from firmware_bridge.beeclick.link import Link
 from firmware_bridge.beeclick.parameters import BoardSettings
-from firmware_bridge.beeclick.port import BoardPort, PortError
+from firmware_bridge.beeclick.port import BoardPort
 from firmware_bridge.onboard.bridge_core import BridgeCore
 from firmware_bridge.onboard.clock import Clock
 from firmware_bridge.onboard.conduct import conduct
 from firmware_bridge.onboard.onboard_setup import BridgeSetup, load
-
-_RETRY = seconds(1)
-"""A port that is not there is tried again so often."""
+from firmware_bridge.onboard.reconnecting_port import ReconnectingPort
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,12 @@ class Bridge:
     """The bridge process around its core: the board's port, which may come and go."""
 
     def __init__(self, setup: BridgeSetup, clock: Clock) -> None:
-        self._path = setup.radio
         self._clock = clock
         self._link = Link(BoardSettings(setup.address, setup.channel, setup.pan, setup.power_dbm))
         self.core = BridgeCore(setup.robot, self._link)
-        self._port: BoardPort | None = None
-        self._retry_at = Instant(0)
-        self._said = ""
+        self._line = ReconnectingPort(
+            functools.partial(BoardPort, setup.radio), lambda sentence: to_stderr(f"{sentence}\n")
+        )
 
     def drive(self, shell: Shell, bus: WakingBus) -> None:
         """Run until the base says that it is over."""
@@ -69,8 +68,7 @@ class Bridge:
         try:
             conduct(shell, bus, core, self, self._clock, lambda: None, lambda: core.has_news)
         finally:
-            if self._port is not None:
-                self._port.close()
+            self._line.close()
 
     @property
     def wake(self) -> Instant | None:
@@ -79,45 +77,22 @@ class Bridge:
 
     def descriptors(self) -> Sequence[int]:
         """What to wait for."""
-        return () if self._port is None else (self._port.fileno(),)
+        return self._line.descriptors()
 
     def serve(self, now: Instant) -> None:
         """Read what has come, write what is due; open the port anew if it has gone."""
-        if self._port is None:
-            self._connect(now)
-        if self._port is None:
+        if self._line.connect(now):
+            self._link.connect(now)
+        if self._line.port is None:
             self.core.due()  # frames whose instants have come wait with the link, which holds few
-            return
-        try:
-            self.core.hear(self._port.read())
-            if self._port.is_idle:
-                self._port.write(self.core.due())
-            else:
-                self._port.write(b"")
-        except PortError as error:
-            self._say(str(error))
+        elif not self._line.exchange(self._converse):
             self.core.lost()
-            self._port.close()
-            self._port = None
 
-    def _connect(self, now: Instant) -> None:
-        if now < self._retry_at:
-            return
-        self._retry_at = Instant(now + _RETRY)
-        try:
-            self._port = BoardPort(self._path)
-        except PortError as error:
-            self._say(str(error))
-            return
-        self._say("")
-        self._link.connect(now)
-
-    def _say(self, sentence: str) -> None:
-        """Each thing once, into the process's log."""
-        if sentence and sentence != self._said:
-            sys.stderr.write(f"{sentence}\n")
-            sys.stderr.flush()
-        self._said = sentence
+    def _converse(self, port: BoardPort) -> bool:
+        """Give the core what the board says, and the board what is due as soon as it takes it; True."""
+        self.core.hear(port.read())
+        port.write(self.core.due() if port.is_idle else b"")
+        return True
 
 
 def part(bridge: Bridge, setup: BridgeSetup, argv: Sequence[str], commit: str) -> ActorProcess:

@@ -3,11 +3,9 @@
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from actors.instant import Instant, seconds
-from firmware_bridge.serial_port import PortError, SerialPort
-
-_RETRY = seconds(1)
-"""A port that is not there is tried again so often."""
+from actors.instant import Instant
+from firmware_bridge.onboard.reconnecting_port import ReconnectingPort
+from firmware_bridge.serial_port import SerialPort
 
 
 class WireDriver(Protocol):
@@ -31,62 +29,28 @@ class Wire:
         say: Callable[[str], None],
     ) -> None:
         """`take`: gives the driver what has come. `say` is told, in a sentence, when the port is away."""
-        self._tell = say
-        self._open = open_port
+        self._line = ReconnectingPort(open_port, say)
         self._driver = driver
         self._take = take
-        self._port: SerialPort | None = None
-        self._retry_at = Instant(0)
-        self._said = ""
 
     def descriptors(self) -> Sequence[int]:
         """What to wait for."""
-        return () if self._port is None else (self._port.fileno(),)
+        return self._line.descriptors()
 
     @property
     def port(self) -> SerialPort | None:
         """Another object each time that it is opened; None while it is not."""
-        return self._port
+        return self._line.port
 
     def serve(self, now: Instant) -> None:
         """Read what has come, write what is due; open the port anew if it has gone."""
-        if self._port is None:
-            self._connect(now)
-        data = self._exchange(lambda port: port.read()) or b""
-        self._take(now, data)
+        self._line.connect(now)
+        self._take(now, self._line.exchange(lambda port: port.read()) or b"")
         if due := self._driver.due(now):
-            self._exchange(lambda port: port.write(due))
+            self._line.exchange(lambda port: port.write(due))
 
     def close(self) -> None:
         """Say farewell to the device, and give the port back."""
         last = self._driver.farewell()
-        self._exchange(lambda port: port.write(last))
-        if self._port is not None:
-            self._port.close()
-
-    def _connect(self, now: Instant) -> None:
-        if now < self._retry_at:
-            return
-        self._retry_at = Instant(now + _RETRY)
-        try:
-            self._port = self._open()
-            self._say("")
-        except PortError as error:
-            self._say(str(error))
-
-    def _exchange(self, what: Callable[[SerialPort], bytes | None]) -> bytes | None:
-        if self._port is None:
-            return None
-        try:
-            return what(self._port)
-        except PortError as error:
-            self._say(str(error))
-            self._port.close()
-            self._port = None
-            return None
-
-    def _say(self, sentence: str) -> None:
-        """Each thing once, into the process's log."""
-        if sentence and sentence != self._said:
-            self._tell(sentence)
-        self._said = sentence
+        self._line.exchange(lambda port: port.write(last))
+        self._line.close()

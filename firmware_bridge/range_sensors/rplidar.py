@@ -25,11 +25,11 @@ from firmware_bridge.range_sensors.rplidar_wire import (
     SampleReader,
 )
 from firmware_bridge.range_sensors.sensor import Rays
-from firmware_bridge.serial_port import Device, SerialPort
+from firmware_bridge.serial_port import CP2102, Device, SerialPort
 
 _NOTICEABLE_Q6: Final = 10 * 64
 """A head that turns goes on by so much, 1/64°."""
-RPLIDAR = Device(name="RPLIDAR", symlink="/dev/rplidar", baud=115_200)
+RPLIDAR = Device(name="RPLIDAR", symlink="/dev/rplidar", baud=115_200, chip=CP2102)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
-"""What every range sensor of a robot is: a source of scans along the rays of the robot's model."""
+"""How the samples of a range sensor become scans along the rays of the robot's model."""
 
 import math
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +13,6 @@ from actors.robot_model import RangeSensor
 REACH: Final = math.radians(1.0)
 """How far from a ray a sample may lie and still speak for it where no sample hits the ray's own share of the
 circle; own choice: a lidar of 360 samples fills 640 rays, and a sector without samples stays without."""
-
-
-class RangeSensorDriver(Protocol):
-    """Gives each sweep once."""
-
-    def scan(self) -> Scan | None:
-        """The last sweep, if it has not been given yet; the ranges are those of the model's rays."""
 
 
 class Rays:

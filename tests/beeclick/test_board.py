@@ -3,7 +3,7 @@ import pytest
 
 from actors.instant import START, Duration, Instant, milliseconds, seconds
 from actors.radio.frame import airtime_us
-from actors.radio.frame_check import frame_check
+from actors.radio.frame_codec import DataFrame, encode, frame_check
 from firmware_bridge.beeclick import answers, commands
 from firmware_bridge.beeclick.answers import (
     AddressSet,
@@ -28,30 +28,29 @@ from firmware_bridge.beeclick.commands import (
 )
 from firmware_bridge.beeclick.emulation.emulate import standing
 from firmware_bridge.beeclick.emulation.emulated_board import BoardParameters, EmulatedBoard
-from firmware_bridge.beeclick.emulation.emulated_medium import Air, AirParameters, advance
-from firmware_bridge.beeclick.signal import mac_header
+from firmware_bridge.beeclick.emulation.emulated_medium import EmulatedMedium, MediumParameters, advance
 from firmware_bridge.beeclick.wire import SYNC_PATTERN, byte_time
 
 
 class Bench:
-    """A board whose host the test plays, alone in the air unless others are put there."""
+    """A board whose host the test plays, alone on the medium unless others are put there."""
 
     def __init__(self, boards: int = 1, csma: bool = False, distance: float = 2.0) -> None:
         self.now = START
-        self.air = Air(np.random.default_rng(1), AirParameters(csma=csma))
+        self.medium = EmulatedMedium(np.random.default_rng(1), MediumParameters(csma=csma))
         for number in range(boards):
-            self.air.add(EmulatedBoard(self.air, START), standing(number * distance, 0.0))
-        self.board = self.air.boards[0]
+            self.medium.add(EmulatedBoard(self.medium, START), standing(number * distance, 0.0))
+        self.board = self.medium.boards[0]
         self.log = bytearray()
 
     def tell(self, *parts: Command | bytes, board: int = 0) -> None:
         data = b"".join(part if isinstance(part, bytes) else commands.encode(part) for part in parts)
-        self.air.boards[board].take(self.now, data)
+        self.medium.boards[board].take(self.now, data)
 
     def wait(self, duration: int) -> bytes:
         """What the first board says meanwhile."""
         self.now = Instant(self.now + duration)
-        advance(self.air, self.now)
+        advance(self.medium, self.now)
         return self.board.run(self.now)
 
     def said(self, duration: int = 20_000) -> list[Answer]:
@@ -65,7 +64,7 @@ class Bench:
     def sync(self, board: int = 0) -> None:
         self.tell(b"\xff", Synchronise(), board=board)
         self.wait(2_000)
-        self.air.boards[board].run(self.now)
+        self.medium.boards[board].run(self.now)
 
 
 def packets(count: int, size: int = 10) -> list[Command]:
@@ -189,13 +188,12 @@ def test_a_ninth_packet_is_confirmed_in_place_of_the_one_in_the_air() -> None:
     bench.wait(byte_time(124))
     bench.tell(*(SendPacket(number, b"x") for number in range(1, 9)))
     assert bench.said() == [PacketSent(8, failed=False)]
-    assert bench.air.counters["frames"] == 1
+    assert bench.medium.counters["frames"] == 1
 
 
 def test_an_answer_ring_that_is_full_hangs_the_board() -> None:
     bench = Bench()
-    frame = mac_header(1, 2) + bytes(118)
-    whole = frame + frame_check(frame).to_bytes(2, "little")
+    whole = encode(DataFrame(1, 2, bytes(118)))
     for _ in range(7):
         bench.board.heard(bench.now, whole, 0, 0)
     assert not bench.board.hung
@@ -241,7 +239,7 @@ def test_a_channel_that_is_never_clear_fails_a_packet() -> None:
         (sent,) = (a for a in bench.said(150_000) if isinstance(a, PacketSent))
         failed += sent.failed
     assert 0 < failed < 40
-    assert bench.air.counters["access_failures"] >= failed
+    assert bench.medium.counters["access_failures"] >= failed
 
 
 def test_a_packet_is_heard_by_those_in_range_and_on_the_channel() -> None:
@@ -253,8 +251,8 @@ def test_a_packet_is_heard_by_those_in_range_and_on_the_channel() -> None:
     bench.tell(SendPacket(1, b"hello"), board=1)
     (packet,) = (a for a in bench.said() if isinstance(a, ReceivedPacket))
     assert (packet.pan, packet.address, packet.data) == (0xBABA, 1, b"hello")
-    assert packet.fcs == frame_check(mac_header(0xBABA, 1) + b"hello")
-    assert [b.counters["heard"] for b in bench.air.boards] == [1, 0, 0, 0]  # 2: channel, 3: 60 m
+    assert packet.fcs == DataFrame(0xBABA, 1, b"hello").check
+    assert [b.counters["heard"] for b in bench.medium.boards] == [1, 0, 0, 0]  # 2: channel, 3: 60 m
 
 
 def test_overlapping_packets_collide() -> None:
@@ -264,7 +262,7 @@ def test_overlapping_packets_collide() -> None:
     for number in (1, 2):
         bench.tell(SendPacket(1, b"hello"), board=number)
     assert bench.said() == []
-    assert bench.air.counters["collisions"] == 1
+    assert bench.medium.counters["collisions"] == 1
 
 
 def test_a_stronger_board_reaches_farther() -> None:
@@ -280,8 +278,8 @@ def test_a_stronger_board_reaches_farther() -> None:
 
 def test_frames_that_are_no_bee_clicks_are_dropped() -> None:
     bench = Bench()
-    frame = b"\x41\x88\x00" + bytes(20)
-    bench.board.heard(bench.now, frame, 100, 100)
+    foreign = b"\x41\x88\x00" + bytes(20)
+    bench.board.heard(bench.now, foreign + frame_check(foreign).to_bytes(2, "little"), 100, 100)
     bench.board.heard(bench.now, b"\x01\x80\x00", 100, 100)
     assert bench.said() == []
     assert bench.board.counters["foreign"] == 2
@@ -323,7 +321,7 @@ def test_sensors_speak_in_pairs() -> None:
 
 def test_a_missing_sensor_gives_the_ends_of_its_range() -> None:
     bench = Bench()
-    board = EmulatedBoard(bench.air, START, BoardParameters(temperature=-397, humidity=-20))
+    board = EmulatedBoard(bench.medium, START, BoardParameters(temperature=-397, humidity=-20))
     assert board.run(Instant(0)) == b""
     board.run(Instant(1_400_000))
     board.settle(Instant(1_800_000))
@@ -362,7 +360,7 @@ def test_a_restart_loses_the_settings_and_the_sync_but_not_the_voice() -> None:
     assert (bench.board.pan, bench.board.address, bench.board.channel) == (0, 0, 0)
     bench.tell(SetChannel(4))
     assert bench.said(seconds(1.3)) == []
-    assert bench.air.boards[1].counters["heard"] == 0  # what was in the air was cut off
+    assert bench.medium.boards[1].counters["heard"] == 0  # what was in the air was cut off
     assert bench.said(seconds(0.1)) == [Warmth(215)]
 
 

@@ -3,15 +3,14 @@
 import pytest
 
 from actors.messages import Heard, Sent
-from actors.radio.frame_check import frame_check
+from actors.radio.frame_codec import DataFrame
 from firmware_bridge.beeclick.answers import Answer, ReceivedPacket, Warmth
 from firmware_bridge.beeclick.events import Event, Unconfirmed
-from firmware_bridge.beeclick.signal import mac_header
 from firmware_bridge.beeclick.wire import SYNC_PATTERN
 from tests.beeclick.hosts import ECHOES, Host, confirm, said
 
 TEXT = b"hello " + SYNC_PATTERN
-HELLO = ReceivedPacket(0xBABA, 7, 100, 100, frame_check(mac_header(0xBABA, 7) + TEXT), TEXT)
+HELLO = ReceivedPacket(0xBABA, 7, 100, 100, DataFrame(0xBABA, 7, TEXT).check, TEXT)
 BOGUS = b"\x01\x70\xba\xba\x07\x00\x8a\xc8\x00\x00"
 
 

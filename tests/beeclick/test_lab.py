@@ -7,7 +7,7 @@ from deeco.replication.fragments import Fragmenter
 from deeco.replication.reassembly import Reassembly
 from firmware_bridge.beeclick.emulation.emulate import standing
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.emulation.emulated_medium import Air, AirParameters
+from firmware_bridge.beeclick.emulation.emulated_medium import EmulatedMedium, MediumParameters
 from firmware_bridge.beeclick.emulation.lab import Desk, Lab
 from firmware_bridge.beeclick.emulation.line import Disturbance
 from firmware_bridge.beeclick.events import Down, Info, PacketEnd, Unconfirmed, Up
@@ -24,13 +24,13 @@ QUICK = BeeClickParameters(
 
 def lab(boards: int, seed: int = 1, parameters: BeeClickParameters | None = None, poll: int = 1_000) -> Lab:
     rng = np.random.default_rng(seed)
-    air = Air(rng, AirParameters(csma=True))
+    medium = EmulatedMedium(rng, MediumParameters(csma=True))
     desks = []
     for number in range(boards):
-        board = EmulatedBoard(air, START)
-        air.add(board, standing(2.0 * number, 0.0))
+        board = EmulatedBoard(medium, START)
+        medium.add(board, standing(2.0 * number, 0.0))
         desks.append(Desk(Link(BoardSettings(number + 1), parameters or BeeClickParameters()), board))
-    return Lab(air, desks, rng, milliseconds(poll / 1_000))
+    return Lab(medium, desks, rng, milliseconds(poll / 1_000))
 
 
 def ends(desk: Desk) -> list[tuple[str, int]]:
@@ -125,7 +125,7 @@ def test_noise_that_only_the_board_hears_costs_half_a_second_at_most() -> None:
             assert ends(desk)[-1] == ("Sent", 2)
 
 
-class WedgedAir(Air):
+class WedgedMedium(EmulatedMedium):
     """Loses the interrupt at a frame's end: the board waits for it for ever, and goes on talking."""
 
     wedged = True
@@ -137,10 +137,10 @@ class WedgedAir(Air):
 
 def test_a_wedged_radio_is_silent_once_and_its_boards_ring_is_not_overrun() -> None:
     rng = np.random.default_rng(1)
-    air = WedgedAir(rng)
-    desk = Desk(Link(BoardSettings(1)), EmulatedBoard(air, START))
-    air.add(desk.board, standing(0.0, 0.0))
-    room = Lab(air, [desk], rng)
+    medium = WedgedMedium(rng)
+    desk = Desk(Link(BoardSettings(1)), EmulatedBoard(medium, START))
+    medium.add(desk.board, standing(0.0, 0.0))
+    room = Lab(medium, [desk], rng)
     room.run(milliseconds(50))
     for second in range(20):
         desk.send(room.now, second, bytes(50))
@@ -150,7 +150,7 @@ def test_a_wedged_radio_is_silent_once_and_its_boards_ring_is_not_overrun() -> N
     # At 12 s it has eight commands; with one of them in the air none is lost, but the ring looks empty.
     assert desk.board.commands.overflows == 1
     assert desk.link.counters["silent"] == 1
-    air.wedged = False
+    medium.wedged = False
     desk.board.reboot(room.now)
     room.run(seconds(10.5))
     desk.send(room.now, 99, b"again")

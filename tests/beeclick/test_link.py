@@ -1,6 +1,6 @@
 from actors.instant import Instant, milliseconds, seconds
 from actors.messages import AccessFailure, Overflow, Refused, Sent
-from actors.radio.frame_check import frame_check
+from actors.radio.frame_codec import DataFrame
 from firmware_bridge.beeclick.answers import (
     AddressSet,
     PacketSent,
@@ -10,13 +10,12 @@ from firmware_bridge.beeclick.answers import (
 from firmware_bridge.beeclick.commands import SendPacket, SetAddress, SetChannel, SetPower
 from firmware_bridge.beeclick.events import Down, Temperature, Unconfirmed, Up
 from firmware_bridge.beeclick.link import LinkPhase
-from firmware_bridge.beeclick.signal import mac_header
 from firmware_bridge.beeclick.wire import SYNC_PATTERN
 from tests.beeclick.hosts import ECHOES, SYNC, Host, confirm
 
 
 def packet(data: bytes, pan: int = 0xBABA, address: int = 7) -> ReceivedPacket:
-    return ReceivedPacket(pan, address, 138, 200, frame_check(mac_header(pan, address) + data), data)
+    return ReceivedPacket(pan, address, 138, 200, DataFrame(pan, address, data).check, data)
 
 
 def test_a_link_starts_with_a_sync_and_the_set_up_confirmed_by_echoes() -> None:

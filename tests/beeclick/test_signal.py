@@ -1,9 +1,7 @@
 import pytest
 
-from actors.radio.frame_check import frame_check
 from actors.radio.signal_codes import link_quality, rssi_code, rssi_dbm
 from firmware_bridge.beeclick.signal import (
-    mac_header,
     power_setting,
     radiated,
 )
@@ -49,18 +47,6 @@ def test_only_powers_that_the_firmware_gets_right_are_asked_for() -> None:
     right = [asked for asked in range(-363, 1) if radiated(asked) == asked]
     assert right == sorted(-10 * large - small for large in (0, 10, 20, 30) for small in (0, 5, 63))
     assert [power_setting(asked / 10) for asked in right] == right
-
-
-def test_the_frame_check_sequence_is_the_standards() -> None:
-    # The catalogue's check value of CRC-16/KERMIT, which is the same sum.
-    assert frame_check(b"123456789") == 0x2189
-    # The example of IEEE 802.15.4-2006, 7.2.1.9: header and sum of an acknowledgement, first bit first.
-    header = bytes(int(bits[::-1], 2) for bits in ("01000000", "00000000", "01010110"))
-    assert f"{frame_check(header):016b}"[::-1] == "0010011110011110"
-
-
-def test_a_frame_begins_as_the_firmware_makes_it() -> None:
-    assert mac_header(0xBABA, 0x0103) == bytes.fromhex("01 80 00 ba ba 03 01")
 
 
 def test_link_quality_grows_from_the_weakest_frame_over_twenty_decibels() -> None:

@@ -235,7 +235,7 @@ def test_refused_orders_and_obstacles_do_not_pile_up() -> None:
 def test_jammers_whose_time_is_over_are_forgotten() -> None:
     jams = [(k / 10, StartJam(12.0, 13.0, 5.0, 50_000)) for k in range(20)]
     play = Theatre(2.5, jams, talks=("r1", "r2")).run()
-    assert len(play.radio._air.medium._interference) <= 2
+    assert len(play.radio._medium.medium._interference) <= 2
 
 
 def test_every_event_is_in_the_digest() -> None:

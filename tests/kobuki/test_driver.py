@@ -1,14 +1,11 @@
 """The driver at an emulated base: who it is, what it tells, what it sends and how often."""
 
-import re
-
 import pytest
 
 from actors.instant import Instant
 from firmware_bridge.kobuki import frame
-from firmware_bridge.kobuki.base import BaseParameters
 from firmware_bridge.kobuki.battery import BatteryLevel
-from firmware_bridge.kobuki.driver import Colour, KobukiError
+from firmware_bridge.kobuki.driver import Colour
 from firmware_bridge.kobuki.events import (
     BaseIdentity,
     BatteryChanged,
@@ -30,12 +27,9 @@ from firmware_bridge.kobuki.packets import (
     GeneralOutput,
     Melody,
     RequestExtra,
-    SetGain,
-    Sound,
     SoundSequence,
 )
 from firmware_bridge.kobuki.safety import Cause
-from firmware_bridge.kobuki.wire import WireMisuseError
 from tests.kobuki.drives import Rig
 
 
@@ -121,32 +115,9 @@ def test_the_power_rails_stay_on_whatever_the_leds_show() -> None:
 
 def test_sounds() -> None:
     rig = Rig()
-    rig.driver.tone(440.0, 200)
     rig.driver.play(Melody.ERROR)
     rig.run(0.2)
-    assert heard(rig, Sound) == [Sound(826, 200)]
     assert heard(rig, SoundSequence) == [SoundSequence(4)]
-    for frequency, ms in ((1.0, 100), (0.0, 256), (440.0, 256)):
-        with pytest.raises(WireMisuseError):
-            rig.driver.tone(frequency, ms)
-
-
-def test_gains_need_new_firmware() -> None:
-    rig = Rig()
-    with pytest.raises(KobukiError, match=r"^the Kobuki has not said its firmware's version; "):
-        rig.driver.set_gains(100, 0.1, 2)
-    rig.run(0.5)
-    sentence = (
-        "the Kobuki has firmware 1.1.4; its wheels' gains can be set from firmware 1.2.0 on, "
-        "which kobuki.readthedocs.io tells how to install"
-    )
-    with pytest.raises(KobukiError, match=f"^{re.escape(sentence)}$"):
-        rig.driver.set_gains(100, 0.1, 2)
-    rig = Rig(BaseParameters(firmware=FirmwareVersion(1, 2, 0)))
-    rig.run(0.5)
-    rig.driver.set_gains(100, 0.1, 2)
-    rig.run(0.1)
-    assert heard(rig, SetGain) == [SetGain(1, 100_000, 100, 2_000)]
 
 
 def test_sensors_that_change_are_events() -> None:

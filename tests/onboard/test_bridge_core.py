@@ -25,7 +25,7 @@ from actors.messages import (
 from actors.runtime.core import Address, at
 from actors.topic import Message
 from firmware_bridge.beeclick.emulation import emulated_board as emulated
-from firmware_bridge.beeclick.emulation.emulated_medium import Air, Place, advance
+from firmware_bridge.beeclick.emulation.emulated_medium import EmulatedMedium, Place, advance
 from firmware_bridge.beeclick.link import Link
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.onboard.bridge_core import MOST_PLANNED, BridgeCore
@@ -42,13 +42,13 @@ class Room:
 
     def __init__(self, robots: int = 2) -> None:
         self.now = Instant(0)
-        self.air = Air(np.random.default_rng(1))
+        self.medium = EmulatedMedium(np.random.default_rng(1))
         self.bridges: list[BridgeCore] = []
         self.boards: list[emulated.EmulatedBoard] = []
         for number in range(robots):
             link = Link(BoardSettings(number + 1))
-            board = emulated.EmulatedBoard(self.air, self.now)
-            self.air.add(board, standing(float(number)))
+            board = emulated.EmulatedBoard(self.medium, self.now)
+            self.medium.add(board, standing(float(number)))
             link.connect(self.now)
             self.boards.append(board)
             self.bridges.append(BridgeCore(f"r{number + 1}", link))
@@ -59,7 +59,7 @@ class Room:
         until = self.now + duration
         while self.now < until:
             self.now = Instant(self.now + POLL)
-            advance(self.air, self.now)
+            advance(self.medium, self.now)
             for bridge, board in zip(self.bridges, self.boards, strict=True):
                 bridge.now = self.now
                 bridge.hear(board.run(self.now))

@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.radio.medium.draws import ACK_RECEPTION, BACKOFF, RECEPTION, uniform
+from actors.radio.medium.draws import ACK_RECEPTION, BACKOFF, RECEPTION, drawn
 from actors.radio.medium.error_rate import bit_error_rate
 from actors.radio.medium.medium import Request
-from actors.radio.medium.state import BROADCAST, Cca, Fate, Kind
+from actors.radio.medium.state import BROADCAST, Cca, Kind, Outcome
 from actors.radio.medium.transceiver import PhyParameters, Transceiver
 
 SYMBOL = 16_000
 ENDS, ACK_ENDS, CCA_ENDS, BEGINS, ACK_BEGINS, TIMES_OUT, SPACED, CCA_BEGINS, ARRIVES = range(9)
 Said = tuple[int, int, int, int, int]
-"""Instant, kind, node, other, tag."""
+"""Instant, kind, transceiver, other, tag."""
 
 
 def mw(dbm: float) -> float:
@@ -46,11 +46,11 @@ class Flight:
     begin: int
     end: int
     ack_of: int | None = None
-    fate: dict[int, Fate] = field(default_factory=dict)
+    outcomes: dict[int, Outcome] = field(default_factory=dict)
 
 
 @dataclass
-class Node:
+class PlainTransceiver:
     queue: deque[tuple[int, Request]] = field(default_factory=deque)
     doing: str = "nothing"
     number: int = 0
@@ -76,22 +76,22 @@ class PlainMedium:
         seed: int,
         bursts: list[tuple[int, int, float]],
     ) -> None:
-        """`bursts`: begin and end, ns, and power, mW, at every node of an outside source."""
+        """`bursts`: begin and end, ns, and power, mW, at every transceiver of an outside source."""
         self.t = transceivers
         tx = np.array([t.tx_power_dbm for t in transceivers])
         self.power = 10.0 ** ((tx[:, None] - losses_db) / 10.0)
         self.phy, self.seed, self.bursts = phy, seed, bursts
-        self.nodes = [Node() for _ in transceivers]
+        self.state = [PlainTransceiver() for _ in transceivers]
         self.history: list[Flight] = []
         self.said: list[Said] = []
-        self.fates = [dict.fromkeys(Fate, 0) for _ in transceivers]
+        self.outcomes = [dict.fromkeys(Outcome, 0) for _ in transceivers]
         self.agenda: list[tuple[int, int, int, int, Any]] = []
         self.serial = 0
         self.now = 0
 
     def play(self, requests: list[Request]) -> list[Said]:
         for request in requests:
-            self.at(request.instant_ns, ARRIVES, request.node, request)
+            self.at(request.instant_ns, ARRIVES, request.transceiver, request)
         while self.agenda:
             self.now, due, i, _, what = heapq.heappop(self.agenda)
             handlers: tuple[Callable[[int, Any], None], ...] = (
@@ -101,104 +101,104 @@ class PlainMedium:
             handlers[due](i, what)
         return self.said
 
-    def at(self, instant: int, due: int, node: int, what: object = None) -> None:
+    def at(self, instant: int, due: int, number: int, what: object = None) -> None:
         self.serial += 1
-        heapq.heappush(self.agenda, (instant, due, node, self.serial, what))
+        heapq.heappush(self.agenda, (instant, due, number, self.serial, what))
 
     # --- the MAC -------------------------------------------------------------------------------------------
 
     def arrival(self, i: int, request: Request) -> None:
-        node = self.nodes[i]
-        number, node.number = node.number, node.number + 1
-        if len(node.queue) == self.t[i].queue:
+        own = self.state[i]
+        number, own.number = own.number, own.number + 1
+        if len(own.queue) == self.t[i].queue:
             self.said.append((self.now, Kind.OVERFLOW, i, -1, request.tag))
             return
-        node.queue.append((number, request))
-        if node.doing == "nothing":
+        own.queue.append((number, request))
+        if own.doing == "nothing":
             self.access(i)
 
     def access(self, i: int) -> None:
-        node = self.nodes[i]
-        node.doing, node.nb, node.be = "backing off", 0, self.t[i].min_be
+        own = self.state[i]
+        own.doing, own.nb, own.be = "backing off", 0, self.t[i].min_be
         self.back_off(i)
 
     def back_off(self, i: int) -> None:
-        node = self.nodes[i]
-        key = node.tries * 16 + node.nb
-        luck = uniform(self.seed, BACKOFF, self.t[i].address, node.queue[0][0], key)
-        self.at(self.now + int(luck * 2**node.be) * 20 * SYMBOL, CCA_BEGINS, i)
+        own = self.state[i]
+        key = own.tries * 16 + own.nb
+        luck = drawn(self.seed, BACKOFF, self.t[i].address, own.queue[0][0], key)
+        self.at(self.now + int(luck * 2**own.be) * 20 * SYMBOL, CCA_BEGINS, i)
 
     def cca_begin(self, i: int, _: object) -> None:
-        node = self.nodes[i]
-        node.cca_deaf = node.ready > self.now
+        own = self.state[i]
+        own.cca_deaf = own.ready > self.now
         if self.t[i].cca == Cca.NEVER:
-            self.turn(i)
+            self.turn_around(i)
         else:
             self.at(self.now + 8 * SYMBOL, CCA_ENDS, i)
 
     def cca_end(self, i: int, _: object) -> None:
-        node, settings = self.nodes[i], self.t[i]
+        own, settings = self.state[i], self.t[i]
         if self.is_clear(i):
-            self.turn(i)
+            self.turn_around(i)
             return
-        node.nb, node.be = node.nb + 1, min(node.be + 1, settings.max_be)
-        if node.nb <= settings.max_backoffs:
+        own.nb, own.be = own.nb + 1, min(own.be + 1, settings.max_be)
+        if own.nb <= settings.max_backoffs:
             self.back_off(i)
         else:
-            node.doing = "nothing"
+            own.doing = "nothing"
             self.done(i, Kind.ACCESS_FAILURE)
 
     def is_clear(self, i: int) -> bool:
-        node, since = self.nodes[i], self.now - 8 * SYMBOL
-        if node.cca_deaf or node.ready > self.now:
+        own, since = self.state[i], self.now - 8 * SYMBOL
+        if own.cca_deaf or own.ready > self.now:
             return False
         spans = [(f.begin, f.end, self.power[f.sender, i]) for f in self.history if f.sender != i]
         spans += self.bursts
         energy = sum(p * max(min(e, self.now) - max(b, since), 0) for b, e, p in spans) / (8 * SYMBOL)
-        carrier = node.lock is not None or any(e > since for _, e in node.locks)
+        carrier = own.lock is not None or any(e > since for _, e in own.locks)
         if self.phy.peak_cca:
             edges = [self.now, *(b for b, _, _ in spans if since <= b <= self.now)]
             energy = max(sum(p for b, e, p in spans if b <= at < e) for at in edges)
-            carrier = node.lock is not None
+            carrier = own.lock is not None
         loud = energy >= mw(self.t[i].cca_threshold_dbm)
         busy = {Cca.ENERGY: loud, Cca.CARRIER: carrier, Cca.EITHER: loud or carrier}
         return not busy.get(self.t[i].cca, loud and carrier)
 
-    def turn(self, i: int) -> None:
-        node = self.nodes[i]
-        if node.lock:
-            node.lock.fate[i] = Fate.HALF_DUPLEX
-            self.unlock(node)
-        node.ready, node.doing = 2**62, "turning"
+    def turn_around(self, i: int) -> None:
+        own = self.state[i]
+        if own.lock:
+            own.lock.outcomes[i] = Outcome.HALF_DUPLEX
+            self.unlock(own)
+        own.ready, own.doing = 2**62, "turnaround"
         self.at(self.now + 12 * SYMBOL, BEGINS, i)
 
     def frame_begin(self, i: int, _: object) -> None:
-        node = self.nodes[i]
-        number, request = node.queue[0]
+        own = self.state[i]
+        number, request = own.queue[0]
         end = self.now + (12 + 2 * request.octets) * SYMBOL
-        flight = Flight(i, request, number, number * 16 + node.tries, self.now, end)
-        node.doing = "sending"
+        flight = Flight(i, request, number, number * 16 + own.tries, self.now, end)
+        own.doing = "sending"
         self.appear(flight)
         self.at(end, ENDS, i, flight)
 
     def frame_end(self, i: int, flight: Flight) -> None:
-        node, request = self.nodes[i], flight.request
+        own, request = self.state[i], flight.request
         self.vanish(flight)
-        node.ready = self.now + 12 * SYMBOL
+        own.ready = self.now + 12 * SYMBOL
         asks = request.ack and request.to != BROADCAST
-        for j, fate in flight.fate.items():
-            heard = fate == Fate.HEARD and request.to in (BROADCAST, j)
-            self.fates[j][Fate.FILTERED if fate == Fate.HEARD and not heard else fate] += 1
+        for j, outcome in flight.outcomes.items():
+            heard = outcome == Outcome.HEARD and request.to in (BROADCAST, j)
+            self.outcomes[j][Outcome.FILTERED if outcome == Outcome.HEARD and not heard else outcome] += 1
             if heard:
                 self.said.append((self.now, Kind.HEARD, j, i, request.tag))
-                phy, other = self.phy, self.nodes[j]
+                phy, other = self.phy, self.state[j]
                 read = min(request.octets, phy.dead_octets)
                 other.dead_until = self.now + 1000 * (phy.dead_us + phy.dead_octet_us * read)
                 if asks:
                     other.ready = 2**62
                     self.at(self.now + 12 * SYMBOL, ACK_BEGINS, j, flight)
         if asks:
-            node.doing, node.waiting_for = "awaiting", flight.draw
+            own.doing, own.waiting_for = "awaiting", flight.draw
             self.at(self.now + 54 * SYMBOL, TIMES_OUT, i, flight.draw)
         else:
             self.space(i)
@@ -211,47 +211,47 @@ class PlainMedium:
 
     def ack_end(self, i: int, ack: Flight) -> None:
         self.vanish(ack)
-        self.nodes[i].ready = self.now + 12 * SYMBOL
-        asker = self.nodes[ack.request.to]
+        self.state[i].ready = self.now + 12 * SYMBOL
+        asker = self.state[ack.request.to]
         waits = asker.doing == "awaiting" and asker.queue[0][0] == ack.number
-        if waits and ack.fate[ack.request.to] == Fate.HEARD:
+        if waits and ack.outcomes[ack.request.to] == Outcome.HEARD:
             self.space(ack.request.to)
 
     def timeout(self, i: int, draw: int) -> None:
-        node = self.nodes[i]
-        if node.doing != "awaiting" or node.waiting_for != draw:
+        own = self.state[i]
+        if own.doing != "awaiting" or own.waiting_for != draw:
             return
-        if node.tries < self.t[i].max_retries:
-            node.tries += 1
+        if own.tries < self.t[i].max_retries:
+            own.tries += 1
             self.access(i)
         else:
-            node.doing = "nothing"
+            own.doing = "nothing"
             self.done(i, Kind.NO_ACK)
 
     def space(self, i: int) -> None:
-        node = self.nodes[i]
-        node.doing = "spacing"
-        self.at(self.now + (12 if node.queue[0][1].octets <= 18 else 40) * SYMBOL, SPACED, i)
+        own = self.state[i]
+        own.doing = "spacing"
+        self.at(self.now + (12 if own.queue[0][1].octets <= 18 else 40) * SYMBOL, SPACED, i)
         self.done(i, Kind.SENT)
 
     def spaced(self, i: int, _: object) -> None:
-        self.nodes[i].doing = "nothing"
-        if self.nodes[i].queue:
+        self.state[i].doing = "nothing"
+        if self.state[i].queue:
             self.access(i)
 
     def done(self, i: int, kind: Kind) -> None:
-        node = self.nodes[i]
-        _, request = node.queue.popleft()
-        node.tries = 0
+        own = self.state[i]
+        _, request = own.queue.popleft()
+        own.tries = 0
         self.said.append((self.now, kind, i, request.to, request.tag))
-        if node.doing == "nothing" and node.queue:
+        if own.doing == "nothing" and own.queue:
             self.access(i)
 
     # --- the PHY -------------------------------------------------------------------------------------------
 
-    def unlock(self, node: Node) -> None:
-        node.locks.append((node.locked, self.now))
-        node.lock = None
+    def unlock(self, own: PlainTransceiver) -> None:
+        own.locks.append((own.locked, self.now))
+        own.lock = None
 
     def sums(self, i: int, at: int, but: Flight) -> tuple[float, float]:
         """Power of the other frames and of outside sources at an instant."""
@@ -259,41 +259,41 @@ class PlainMedium:
         return sum(self.power[f.sender, i] for f in frames), sum(p for b, e, p in self.bursts if b <= at < e)
 
     def appear(self, flight: Flight) -> None:
-        for i, node in enumerate(self.nodes):
+        for i, own in enumerate(self.state):
             if i != flight.sender:
-                flight.fate[i] = self.meet(i, node, flight)
+                flight.outcomes[i] = self.meet(i, own, flight)
         self.history.append(flight)
 
-    def meet(self, i: int, node: Node, flight: Flight) -> Fate:
+    def meet(self, i: int, own: PlainTransceiver, flight: Flight) -> Outcome:
         phy, power = self.phy, self.power[flight.sender, i]
         noise, lock = mw(phy.noise_dbm), mw(phy.lock_sinr_db)
         if power < max(mw(self.t[i].sensitivity_dbm), noise * lock):
-            return Fate.BELOW_SENSITIVITY
-        if node.ready > self.now:
-            return Fate.HALF_DUPLEX
-        if node.dead_until > self.now:
-            return Fate.RECEIVER_BUSY
+            return Outcome.BELOW_SENSITIVITY
+        if own.ready > self.now:
+            return Outcome.HALF_DUPLEX
+        if own.dead_until > self.now:
+            return Outcome.RECEIVER_BUSY
         frames, outside = self.sums(i, self.now, flight)
         clear = power > lock * (noise + outside + mw(phy.cochannel_penalty_db) * frames)
-        if node.lock is None and not clear:
-            return Fate.COLLISION if power > lock * (noise + outside) else Fate.DISTURBED
-        if node.lock is not None:
-            first = self.power[node.lock.sender, i]
-            late = self.now - node.locked >= phy.capture_us * 1000
+        if own.lock is None and not clear:
+            return Outcome.COLLISION if power > lock * (noise + outside) else Outcome.DISTURBED
+        if own.lock is not None:
+            first = self.power[own.lock.sender, i]
+            late = self.now - own.locked >= phy.capture_us * 1000
             if late or not clear or power < mw(phy.capture_db) * first:
-                return Fate.COLLISION
-            node.lock.fate[i] = Fate.COLLISION
-            self.unlock(node)
-        node.lock, node.locked = flight, self.now
-        return Fate.HEARD
+                return Outcome.COLLISION
+            own.lock.outcomes[i] = Outcome.COLLISION
+            self.unlock(own)
+        own.lock, own.locked = flight, self.now
+        return Outcome.HEARD
 
     def vanish(self, flight: Flight) -> None:
-        for i, node in enumerate(self.nodes):
-            if node.lock is flight:
-                self.unlock(node)
-                flight.fate[i] = self.outcome(i, flight)
+        for i, own in enumerate(self.state):
+            if own.lock is flight:
+                self.unlock(own)
+                flight.outcomes[i] = self.outcome(i, flight)
 
-    def outcome(self, i: int, flight: Flight) -> Fate:
+    def outcome(self, i: int, flight: Flight) -> Outcome:
         edges = {flight.begin, flight.end}
         for begin, end in [*((f.begin, f.end) for f in self.history), *((b, e) for b, e, _ in self.bursts)]:
             edges |= {at for at in (begin, end) if flight.begin < at < flight.end}
@@ -309,10 +309,10 @@ class PlainMedium:
             right += bits * log_right(power / disturbing)
         purpose = RECEPTION if flight.ack_of is None else ACK_RECEPTION
         origin = flight.sender if flight.ack_of is None else flight.ack_of
-        luck = uniform(self.seed, purpose, self.t[origin].address, flight.draw, self.t[i].address)
-        for log, fate in ((right, Fate.HEARD), (quiet, None), (alone, Fate.COLLISION)):
-            if fate is None and luck >= math.exp(log):
-                return Fate.BELOW_SENSITIVITY
-            if fate is not None and luck < math.exp(log):
-                return fate
-        return Fate.DISTURBED
+        luck = drawn(self.seed, purpose, self.t[origin].address, flight.draw, self.t[i].address)
+        for log, outcome in ((right, Outcome.HEARD), (quiet, None), (alone, Outcome.COLLISION)):
+            if outcome is None and luck >= math.exp(log):
+                return Outcome.BELOW_SENSITIVITY
+            if outcome is not None and luck < math.exp(log):
+                return outcome
+        return Outcome.DISTURBED

@@ -24,11 +24,11 @@ from actors.radio.medium.transceiver import PhyParameters, Transceiver
 from actors.radio.presets import RadioParameters
 from actors.radio.propagation.indoor import IndoorPropagation
 from actors.radio.propagation.path_loss import line_of_sight
-from actors.radio.surroundings import Surroundings
+from actors.radio.radio_model import RadioModel
 from actors.topic import Message
 
 STEP = 100_000
-TURN = 192
+TURNAROUND = 192
 """From sending to receiving and back, µs."""
 SPACING = 640
 """After a frame of more than 18 octets, µs."""
@@ -43,9 +43,9 @@ REACH = line_of_sight(
 """10.5 m."""
 
 
-def around(parameters: RadioParameters = PLAIN) -> Surroundings:
+def around(parameters: RadioParameters = PLAIN) -> RadioModel:
     """No walls, no shadowing, no Wi-Fi."""
-    return Surroundings(parameters, IndoorPropagation(parameters.propagation), ())
+    return RadioModel(parameters, IndoorPropagation(parameters.propagation), ())
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,8 @@ class Frame:
 
     @property
     def end(self) -> int:
-        """When it has left the antenna in plain air, if nothing of its sender's waits before it."""
-        return self.instant + TURN + self.airtime
+        """When it has left the antenna on an idle medium, if nothing of its sender's waits before it."""
+        return self.instant + TURNAROUND + self.airtime
 
 
 @dataclass
@@ -87,13 +87,13 @@ class Swarm:
 
     robots: dict[str, Robot]
     step_us: int = STEP
-    air: Surroundings = field(default_factory=around)
+    model: RadioModel = field(default_factory=around)
     given: dict[str, list[RadioEvent]] = field(default_factory=dict)
     steps: list[dict[str, list[RadioEvent]]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         addresses = [(robot, 100 + number) for number, robot in enumerate(self.robots)]
-        self.core = RadioCore(addresses, self.step_us, self.air, seed=1)
+        self.core = RadioCore(addresses, self.step_us, self.model, seed=1)
 
     def change(self, robot: str, **changes: Any) -> None:
         """Freeze, thaw, kill or restart a robot."""

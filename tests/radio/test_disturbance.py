@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from actors.radio.medium.medium import Medium, Request
-from actors.radio.medium.state import Fate
+from actors.radio.medium.state import Outcome
 from actors.radio.presets import preset
 from actors.radio.propagation.indoor import IndoorPropagation
 from actors.radio.propagation.interferers import Jammer, Wifi, WifiParameters
@@ -15,19 +15,19 @@ from actors.radio.propagation.interferers import Jammer, Wifi, WifiParameters
 FRAMES = 3000
 SPACING_NS = 45_000_000
 BEECLICK = preset("beeclick")
-AIR = IndoorPropagation(BEECLICK.propagation)
+PROPAGATION = IndoorPropagation(BEECLICK.propagation)
 
 
 def counted(wifi: WifiParameters, radio_channel: int, octets: int, link: float) -> tuple[float, float]:
     """The shares of frames that arrive over a link, and that never got the channel."""
-    station = Wifi(wifi, radio_channel, AIR, lambda: np.random.default_rng(2))
-    nodes = [replace(BEECLICK.transceiver, address=address) for address in (1, 2)]
-    medium = Medium(nodes, AIR, BEECLICK.phy, seed=1, interferers=[station])
+    station = Wifi(wifi, radio_channel, PROPAGATION, lambda: np.random.default_rng(2))
+    pair = [replace(BEECLICK.transceiver, address=address) for address in (1, 2)]
+    medium = Medium(pair, PROPAGATION, BEECLICK.phy, seed=1, interferers=[station])
     medium.place(np.array([[0.0, 0.0], [link, 0.0]]))
     medium.submit(Request(k * SPACING_NS, 0, octets, tag=k) for k in range(FRAMES))
     medium.run(FRAMES * SPACING_NS)
     failures = int(medium.counters()["access_failures"][0])
-    return float(medium.fates()[1, Fate.HEARD]) / FRAMES, failures / FRAMES
+    return float(medium.outcomes()[1, Outcome.HEARD]) / FRAMES, failures / FRAMES
 
 
 @pytest.mark.parametrize(("duty", "octets"), [(0.1, 20), (0.1, 127), (0.3, 60), (0.3, 127)])
@@ -36,7 +36,9 @@ def test_a_frame_survives_where_no_burst_touches_it(duty: float, octets: int) ->
     # that of a silence at the frame's begin that lasts for all of it. Standard error at most 0.9 %.
     far = WifiParameters(9.0, 33.0, 1, duty)
     at_both = (
-        far.power_dbm - 10.41 - AIR.loss_db(np.array([[9.0, 33.0]]), np.array([[0.0, 0.0], [18.0, 0.0]]))
+        far.power_dbm
+        - 10.41
+        - PROPAGATION.loss_db(np.array([[9.0, 33.0]]), np.array([[0.0, 0.0], [18.0, 0.0]]))
     )
     assert (at_both < -70.0).all() and (at_both > -74.0).all()
     silence = 1.5 * (1.0 - duty) / duty
@@ -55,23 +57,23 @@ def test_a_station_nearby_is_noticed_and_one_on_another_channel_is_not() -> None
 
 def test_a_jammer_drowns_who_is_near_for_as_long_as_it_is_on() -> None:
     jammer = Jammer(10.0, 0.0, 2.0, 5 * SPACING_NS, 10 * SPACING_NS)
-    nodes = [replace(BEECLICK.transceiver, address=address) for address in (1, 2, 3)]
-    medium = Medium(nodes, AIR, BEECLICK.phy, seed=1, interferers=[jammer])
+    pair = [replace(BEECLICK.transceiver, address=address) for address in (1, 2, 3)]
+    medium = Medium(pair, PROPAGATION, BEECLICK.phy, seed=1, interferers=[jammer])
     medium.place(np.array([[0.0, 0.0], [9.0, 0.0], [5.0, 0.0]]))
     medium.submit(Request(k * SPACING_NS, 0, 60, tag=k) for k in range(20))
     medium.run(20 * SPACING_NS)
-    fates = medium.fates()
-    assert (fates[1, Fate.HEARD], fates[1, Fate.DISTURBED]) == (15, 5)
-    assert fates[2, Fate.HEARD] == 20
+    outcomes = medium.outcomes()
+    assert (outcomes[1, Outcome.HEARD], outcomes[1, Outcome.DISTURBED]) == (15, 5)
+    assert outcomes[2, Outcome.HEARD] == 20
     medium.submit(Request(20 * SPACING_NS + 1, 1, 60) for _ in range(1))
     medium.run(21 * SPACING_NS)
-    assert medium.fates()[0, Fate.HEARD] == 1
+    assert medium.outcomes()[0, Outcome.HEARD] == 1
 
 
 def test_a_sender_beside_a_jammer_does_not_get_the_channel() -> None:
     jammer = Jammer(0.0, 0.0, 2.0, 0, 100 * SPACING_NS)
-    nodes = [replace(BEECLICK.transceiver, address=address) for address in (1, 2)]
-    medium = Medium(nodes, AIR, BEECLICK.phy, seed=1, interferers=[jammer])
+    pair = [replace(BEECLICK.transceiver, address=address) for address in (1, 2)]
+    medium = Medium(pair, PROPAGATION, BEECLICK.phy, seed=1, interferers=[jammer])
     medium.place(np.array([[0.0, 0.0], [9.0, 0.0]]))
     medium.submit(Request(k * SPACING_NS, 0, 60, tag=k) for k in range(10))
     medium.run(10 * SPACING_NS)

@@ -11,12 +11,12 @@ from actors.radio.propagation.indoor import IndoorPropagation, PropagationParame
 from actors.radio.propagation.interferers import Jammer, Wifi, WifiParameters, in_band_db
 from actors.runtime.errors import AcrcError
 
-AIR = IndoorPropagation(PropagationParameters())
+PROPAGATION = IndoorPropagation(PropagationParameters())
 HOUR = 3_600_000_000_000
 
 
 def wifi(duty: float = 0.3, channel: int = 1, seed: int = 1) -> Wifi:
-    return Wifi(WifiParameters(2.0, 1.0, channel, duty), 11, AIR, lambda: np.random.default_rng(seed))
+    return Wifi(WifiParameters(2.0, 1.0, channel, duty), 11, PROPAGATION, lambda: np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize("duty", [0.05, 0.3, 0.8])

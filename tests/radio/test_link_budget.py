@@ -14,9 +14,9 @@ from actors.radio.medium.error_rate import frame_error_rate
 from actors.radio.presets import PRESETS, preset
 from actors.radio.propagation.indoor import IndoorPropagation, PropagationParameters
 from actors.radio.propagation.materials import MATERIALS
-from actors.radio.propagation.path_loss import PathLossParameters, path_loss_db
+from actors.radio.propagation.path_loss import PathLossParameters, over
+from actors.radio.radio_model import radio_model
 from actors.radio.radio_setup import RadioSetup
-from actors.radio.surroundings import surroundings
 from actors.runtime.errors import AcrcError
 
 CORRIDOR = str(Path(__file__).parents[2] / "maps" / "corridor.yaml")
@@ -25,9 +25,9 @@ CORRIDOR = str(Path(__file__).parents[2] / "maps" / "corridor.yaml")
 def arriving(name: str, distance: float, octets: int = 127) -> float:
     """The share of frames that arrive undisturbed in line of sight."""
     p = preset(name)
-    loss = path_loss_db(np.array([distance]), p.propagation.path_loss)
-    snr_db = p.transceiver.tx_power_dbm - loss - p.phy.noise_dbm
-    return 1.0 - float(frame_error_rate(snr_db, octets)[0])
+    loss_db = over(distance, p.propagation.path_loss.coefficients())
+    snr_db = p.transceiver.tx_power_dbm - loss_db - p.phy.noise_dbm
+    return 1.0 - float(frame_error_rate(np.array([snr_db]), octets)[0])
 
 
 def test_half_of_the_longest_frames_arrive_at_ten_metres_by_the_chapters_preset() -> None:
@@ -57,7 +57,7 @@ def test_reach_is_where_the_share_arrives(name: str, octets: int) -> None:
         assert arriving(name, reach(preset(name), part, octets), octets) == pytest.approx(part, abs=1e-6)
 
 
-def test_the_ideal_air_has_no_end() -> None:
+def test_the_ideal_medium_has_no_end() -> None:
     assert reach(preset("ideal")) == math.inf
     assert (
         reach(replace(preset("ideal"), transceiver=replace(preset("ideal").transceiver, tx_power_dbm=-99)))
@@ -69,9 +69,11 @@ def test_the_ideal_air_has_no_end() -> None:
 @given(distance=st.floats(0.0, 500.0), slope=st.sampled_from([0.0, 2.0, 3.0]), excess=st.floats(0.0, 30.0))
 def test_the_kernel_computes_the_formula(distance: float, slope: float, excess: float) -> None:
     parameters = PathLossParameters(near_exponent=slope, excess_db=excess)
-    air = IndoorPropagation(PropagationParameters(parameters))
-    found = air.loss_db(np.array([[0.0, 2.0]]), np.array([[distance, 2.0]]))[0, 0]
-    assert found == pytest.approx(path_loss_db(np.array([distance]), parameters)[0], abs=1e-9)
+    propagation = IndoorPropagation(PropagationParameters(parameters))
+    found = propagation.loss_db(np.array([[0.0, 2.0]]), np.array([[distance, 2.0]]))[0, 0]
+    metres = max(distance, 0.1)
+    near, far = 40.2 + 10 * slope * math.log10(metres), 58.5 + 33 * math.log10(max(metres / 8.0, 1.0))
+    assert found == pytest.approx(excess + (near if metres <= 8.0 else far), abs=1e-9)
 
 
 def test_pairs_in_reach_are_counted_once_a_second() -> None:
@@ -90,7 +92,7 @@ def test_pairs_in_reach_are_counted_once_a_second() -> None:
 
 def test_a_set_up_amends_its_preset() -> None:
     setup = RadioSetup(1, 100_000, (), "rosomnet", walls="concrete", shadowing_db=3.0, channel=26)
-    found = surroundings(setup).parameters
+    found = radio_model(setup).parameters
     assert found.phy == preset("rosomnet").phy and found.channel == 26
     assert (found.propagation.walls, found.propagation.shadowing.sigma_db) == ("concrete", 3.0)
     assert found.propagation.path_loss == preset("rosomnet").propagation.path_loss
@@ -100,8 +102,8 @@ def test_walls_of_the_map_stand_between_the_offices() -> None:
     through, open_space = np.array([[12.0, 5.0]]), np.array([[17.5, 5.0]])
     losses = {}
     for walls in ("air", "brick", "concrete"):
-        air = surroundings(RadioSetup(1, 100_000, (), map=CORRIDOR, walls=walls)).propagation
-        losses[walls] = float(air.loss_db(through, open_space)[0, 0])
+        propagation = radio_model(RadioSetup(1, 100_000, (), map=CORRIDOR, walls=walls)).propagation
+        losses[walls] = float(propagation.loss_db(through, open_space)[0, 0])
     assert losses["air"] == pytest.approx(24.5 + 40.2 + 20 * math.log10(5.5))
     assert losses["concrete"] > losses["brick"] > losses["air"] + 2 * MATERIALS["brick"].crossing_db
 
@@ -116,5 +118,5 @@ def test_walls_of_the_map_stand_between_the_offices() -> None:
 )
 def test_a_set_up_that_makes_no_sense_is_named(wrong: dict[str, str], sentence: str) -> None:
     with pytest.raises(AcrcError) as error:
-        surroundings(RadioSetup(1, 100_000, (), **wrong))  # type: ignore[arg-type]
+        radio_model(RadioSetup(1, 100_000, (), **wrong))  # type: ignore[arg-type]
     assert str(error.value) == sentence

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from actors.messages import Jam
 from actors.radio.medium import engine
 from actors.radio.medium.medium import Medium, Request, fingerprint
-from actors.radio.medium.state import BROADCAST, Cca, Fate, Kind
+from actors.radio.medium.state import BROADCAST, Cca, Kind, Outcome
 from actors.radio.medium.traffic import Poisson
 from actors.radio.medium.transceiver import PhyParameters, Transceiver
 from actors.radio.presets import preset
@@ -21,12 +21,12 @@ from actors.radio.propagation.path_loss import PathLossParameters
 from tests.radio.plain_medium import PlainMedium, Said, mw
 from tests.radio.swarm import STEP, Frame, Robot, Swarm, around
 
-NODES = 5
+COUNT = 5
 SECOND = 1_000_000_000
-OPEN_AIR = IndoorPropagation(PropagationParameters(PathLossParameters()))
+LINE_OF_SIGHT = IndoorPropagation(PropagationParameters(PathLossParameters()))
 quick = settings(max_examples=150, deadline=None, derandomize=True)
 
-places = st.lists(st.tuples(st.floats(0, 90), st.floats(0, 4)), min_size=NODES, max_size=NODES)
+places = st.lists(st.tuples(st.floats(0, 90), st.floats(0, 4)), min_size=COUNT, max_size=COUNT)
 phys = st.builds(
     PhyParameters,
     noise_dbm=st.just(-95.5),
@@ -37,7 +37,7 @@ phys = st.builds(
     dead_octet_us=st.sampled_from([0, 9]),
     dead_octets=st.just(50),
 )
-nodes = st.lists(
+transceivers = st.lists(
     st.builds(
         Transceiver,
         address=st.just(0),
@@ -49,20 +49,22 @@ nodes = st.lists(
         max_backoffs=st.integers(0, 4),
         queue=st.integers(1, 4),
     ),
-    min_size=NODES,
-    max_size=NODES,
+    min_size=COUNT,
+    max_size=COUNT,
 ).map(lambda some: [replace(one, address=100 + i) for i, one in enumerate(some)])
 requests = st.lists(
     st.builds(
         Request,
         instant_ns=st.integers(0, 40_000).map(lambda us: us * 1000),
-        node=st.integers(0, NODES - 1),
+        transceiver=st.integers(0, COUNT - 1),
         octets=st.integers(10, 127),
-        to=st.integers(BROADCAST, NODES - 1),
+        to=st.integers(BROADCAST, COUNT - 1),
         ack=st.booleans(),
     ),
     max_size=30,
-).map(lambda some: [r._replace(tag=k, to=(r.to if r.to != r.node else -1)) for k, r in enumerate(some)])
+).map(
+    lambda some: [r._replace(tag=k, to=(r.to if r.to != r.transceiver else -1)) for k, r in enumerate(some)]
+)
 
 
 class Burst:
@@ -84,13 +86,14 @@ class Burst:
 
 def said(events: NDArray[np.void]) -> list[Said]:
     return [
-        (int(e["instant_ns"]), int(e["kind"]), int(e["node"]), int(e["other"]), int(e["tag"])) for e in events
+        (int(e["instant_ns"]), int(e["kind"]), int(e["transceiver"]), int(e["other"]), int(e["tag"]))
+        for e in events
     ]
 
 
 @quick
 @given(
-    spots=places, phy=phys, transceivers=nodes, frames=requests,
+    spots=places, phy=phys, transceivers=transceivers, frames=requests,
     burst=st.none() | st.tuples(st.integers(0, 40_000), st.integers(1, 20_000), st.floats(-100, -50)),
 )  # fmt: skip
 def test_the_medium_is_that_of_a_plain_model(
@@ -102,23 +105,28 @@ def test_the_medium_is_that_of_a_plain_model(
 ) -> None:
     positions = np.array(spots)
     spans = [(burst[0] * 1000, (burst[0] + burst[1]) * 1000, burst[2])] if burst else []
-    medium = Medium(transceivers, OPEN_AIR, phy, seed=7, interferers=[Burst(*span) for span in spans])
+    medium = Medium(transceivers, LINE_OF_SIGHT, phy, seed=7, interferers=[Burst(*span) for span in spans])
     medium.place(positions)
     medium.submit(frames)
     events = said(medium.run(SECOND))
     plain = PlainMedium(
-        transceivers, OPEN_AIR.loss_db(positions, positions), phy, 7, [(b, e, mw(p)) for b, e, p in spans]
+        transceivers,
+        LINE_OF_SIGHT.loss_db(positions, positions),
+        phy,
+        7,
+        [(b, e, mw(p)) for b, e, p in spans],
     )
-    expected = plain.play(sorted(frames, key=lambda r: (r.instant_ns, r.node, r.tag)))
+    expected = plain.play(sorted(frames, key=lambda r: (r.instant_ns, r.transceiver, r.tag)))
     assert sorted(events) == sorted(expected)
-    assert medium.fates()[:, : Fate.NOT_COUNTED].tolist() == [
-        [fates[fate] for fate in Fate if fate != Fate.NOT_COUNTED] for fates in plain.fates
+    assert medium.outcomes()[:, : Outcome.NOT_COUNTED].tolist() == [
+        [counts[outcome] for outcome in Outcome if outcome != Outcome.NOT_COUNTED]
+        for counts in plain.outcomes
     ]
     assert medium.pending == 0
 
 
 def circling(instant_ns: int) -> NDArray[np.float64]:
-    """Six nodes on circles of their own around places 12 m apart."""
+    """Six transceivers on circles of their own around places 12 m apart."""
     angle = instant_ns / 1e9 * np.arange(1, 7) / 3
     centres = np.array([[12.0 * (k % 3), 12.0 * (k // 3)] for k in range(6)])
     places: NDArray[np.float64] = centres + 5 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -126,18 +134,18 @@ def circling(instant_ns: int) -> NDArray[np.float64]:
 
 
 def busy_medium(extra: int = 0, moving: bool = True) -> Medium:
-    """Six nodes, two of which talk to one another, and a source that is on and off; and silent nodes."""
+    """Six transceivers, two of which talk to one another, a source that is on and off, and silent ones."""
     transceivers = [Transceiver(10 * (k + 1), tx_power_dbm=-10.0) for k in range(6 + extra)]
-    medium = Medium(transceivers, OPEN_AIR, PhyParameters(noise_dbm=-95.5), seed=3)
+    medium = Medium(transceivers, LINE_OF_SIGHT, PhyParameters(noise_dbm=-95.5), seed=3)
     silent = np.full((extra, 2), 6.0)
     medium.add(Burst(300_000_000, 420_000_000, -90.0))
     if moving:
         medium.follow(lambda instant: np.concatenate([circling(instant), silent]))
     else:
         medium.place(np.concatenate([circling(0), silent]))
-    for node in range(6):
-        to = node ^ 1 if node < 2 else BROADCAST
-        medium.offer(node, Poisson(60 + node, 40.0, to, acknowledged=node < 2))
+    for sender in range(6):
+        to = sender ^ 1 if sender < 2 else BROADCAST
+        medium.offer(sender, Poisson(60 + sender, 40.0, to, acknowledged=sender < 2))
     return medium
 
 
@@ -147,7 +155,7 @@ def test_the_step_changes_nothing(moving: bool) -> None:
         medium = busy_medium(moving=moving)
         steps = range(step_ms, 1001, step_ms)
         events = np.concatenate([medium.run(step * 1_000_000) for step in steps])
-        return events.tobytes(), medium.fates().tobytes()
+        return events.tobytes(), medium.outcomes().tobytes()
 
     whole = trace(1000)
     assert len(whole[0]) > 50_000
@@ -155,23 +163,25 @@ def test_the_step_changes_nothing(moving: bool) -> None:
         assert trace(step_ms) == whole
 
 
-def test_a_silent_node_changes_nothing_for_the_others() -> None:
+def test_a_silent_transceiver_changes_nothing_for_the_others() -> None:
     alone, beside = busy_medium(), busy_medium(extra=1)
     events, more = alone.run(SECOND), beside.run(SECOND)
-    others = more[more["node"] < 6]
+    others = more[more["transceiver"] < 6]
     assert others.tobytes() == events.tobytes() and len(more) > len(others)
-    assert np.array_equal(beside.fates()[:6], alone.fates())
+    assert np.array_equal(beside.outcomes()[:6], alone.outcomes())
 
 
-def test_the_number_of_a_node_means_nothing_only_its_address() -> None:
+def test_the_number_of_a_transceiver_means_nothing_only_its_address() -> None:
     def heard(order: list[int]) -> list[tuple[int, int, int]]:
-        medium = Medium([Transceiver(k) for k in order], OPEN_AIR, PhyParameters(), seed=5)
+        medium = Medium([Transceiver(k) for k in order], LINE_OF_SIGHT, PhyParameters(), seed=5)
         medium.place(np.array([[3.0 * k, 0.0] for k in order]))
         for number, k in enumerate(order):
             medium.offer(number, Poisson(50, 30.0 + k))
         events = medium.run(SECOND)
         events = events[events["kind"] == Kind.HEARD]
-        return sorted((int(e["instant_ns"]), order[int(e["node"])], order[int(e["other"])]) for e in events)
+        return sorted(
+            (int(e["instant_ns"]), order[int(e["transceiver"])], order[int(e["other"])]) for e in events
+        )
 
     assert heard([1, 2, 3, 4]) == heard([3, 1, 4, 2]) != []
 
@@ -179,30 +189,37 @@ def test_the_number_of_a_node_means_nothing_only_its_address() -> None:
 def test_air_time_adds_up() -> None:
     medium = busy_medium()
     medium.run(5 * SECOND)
-    nodes = medium.counters()
-    frames = int(((12 + 2 * (60 + np.arange(6))) * nodes["sent"]).sum()) * 16_000
-    acks = int(nodes["on_air_ns"].sum()) - frames
-    assert acks % (22 * 16_000) == 0 and acks >= 22 * 16_000 * int(nodes["acknowledged"].sum()) > 0
-    assert medium.busy_ns <= nodes["on_air_ns"].sum()
-    tx_ended = nodes["sent"].sum() - nodes["retries"].sum()
+    counted = medium.counters()
+    frames = int(((12 + 2 * (60 + np.arange(6))) * counted["sent"]).sum()) * 16_000
+    acks = int(counted["on_air_ns"].sum()) - frames
+    assert acks % (22 * 16_000) == 0 and acks >= 22 * 16_000 * int(counted["acknowledged"].sum()) > 0
+    assert medium.busy_ns <= counted["on_air_ns"].sum()
+    tx_ended = counted["sent"].sum() - counted["retries"].sum()
     assert (
-        abs(int(tx_ended - nodes["acknowledged"][:2].sum() - nodes["no_ack"].sum() - nodes["sent"][2:].sum()))
+        abs(
+            int(
+                tx_ended
+                - counted["acknowledged"][:2].sum()
+                - counted["no_ack"].sum()
+                - counted["sent"][2:].sum()
+            )
+        )
         <= 2
     )
 
 
-def test_a_frame_is_below_the_floor_or_has_a_fate_by_chance() -> None:
+def test_a_frame_is_below_the_floor_or_comes_through_by_chance() -> None:
     """Nothing is heard that arrives weaker than the sensitivity, whatever the noise."""
     phy = PhyParameters(noise_dbm=-130.0)
-    loss = OPEN_AIR.loss_db(np.array([[0.0, 0.0]]), np.array([[30.0, 0.0]]))[0, 0]
+    loss = LINE_OF_SIGHT.loss_db(np.array([[0.0, 0.0]]), np.array([[30.0, 0.0]]))[0, 0]
     for margin, heard in ((0.01, 20), (-0.01, 0)):
         transceivers = [Transceiver(1), Transceiver(2, sensitivity_dbm=-loss - margin)]
-        medium = Medium(transceivers, OPEN_AIR, phy)
+        medium = Medium(transceivers, LINE_OF_SIGHT, phy)
         medium.place(np.array([[0.0, 0.0], [30.0, 0.0]]))
         medium.submit(Request(k * 50_000_000, 0, 60) for k in range(20))
         medium.run(2 * SECOND)
-        assert medium.fates()[1, Fate.HEARD] == heard
-        assert medium.fates()[1, Fate.BELOW_SENSITIVITY] == 20 - heard
+        assert medium.outcomes()[1, Outcome.HEARD] == heard
+        assert medium.outcomes()[1, Outcome.BELOW_SENSITIVITY] == 20 - heard
         assert math.isfinite(loss)
 
 
@@ -212,7 +229,7 @@ def test_the_fingerprint_compiles_all_that_a_run_calls() -> None:
     kernels = [engine.run, engine.offer, engine.switch_on, engine.switch_off]
     compiled = [len(kernel.signatures) for kernel in kernels]
     assert min(compiled) == 1
-    swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0, vx=0.5)}, air=around(preset("chapter")))
+    swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0, vx=0.5)}, model=around(preset("chapter")))
     swarm.run([Frame(0, "a")], [Jam(0.0, 0.0, 1.0, 50_000)])
     swarm.change("a", powered=False)
     swarm.run([Frame(STEP, "b")])

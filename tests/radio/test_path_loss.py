@@ -1,19 +1,18 @@
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from actors.radio.presets import preset
-from actors.radio.propagation.path_loss import PathLossParameters, line_of_sight, path_loss_db
+from actors.radio.propagation.path_loss import PathLossParameters, line_of_sight, over
 from actors.runtime.errors import AcrcError
 
 ANNEX_E = PathLossParameters()
 
 
 def test_annex_e_at_known_distances() -> None:
-    loss_db = path_loss_db(np.array([1.0, 2.0, 8.0, 80.0]), ANNEX_E)
+    loss_db = [over(distance, ANNEX_E.coefficients()) for distance in (1.0, 2.0, 8.0, 80.0)]
     assert loss_db == pytest.approx([40.2, 46.2206, 58.2618, 91.5], abs=1e-4)
 
 
@@ -28,7 +27,7 @@ def test_line_of_sight_ends_where_the_loss_passes_the_budget(
     parameters = PathLossParameters(breakpoint=breakpoint_)
     edge = line_of_sight(budget_db, parameters)
     if not math.isclose(distance, edge, rel_tol=1e-9):
-        loss_db = path_loss_db(np.array([distance]), parameters)[0]
+        loss_db = over(distance, parameters.coefficients())
         assert (loss_db <= budget_db) == (distance < edge)
 
 
@@ -37,8 +36,8 @@ def test_a_hopeless_budget_reaches_nothing() -> None:
 
 
 def test_antennas_that_touch_are_taken_to_be_ten_centimetres_apart() -> None:
-    loss = path_loss_db(np.array([0.0, 0.1]), ANNEX_E)
-    assert loss[0] == loss[1] == pytest.approx(20.2)
+    touching, apart = (over(distance, ANNEX_E.coefficients()) for distance in (0.0, 0.1))
+    assert touching == apart == pytest.approx(20.2)
 
 
 def test_an_unknown_preset_is_named() -> None:

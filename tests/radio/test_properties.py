@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from actors.messages import AccessFailure, Heard, Overflow, RadioEvent, Sent
 from actors.radio.link_budget import reach
 from actors.radio.presets import preset
-from tests.radio.swarm import REACH, SPACING, TURN, Frame, Robot, Swarm, around
+from tests.radio.swarm import REACH, SPACING, TURNAROUND, Frame, Robot, Swarm, around
 
 HORIZON = 60_000
 NAMES = ("a", "b", "c", "d", "e")
@@ -78,9 +78,9 @@ def test_a_frame_alone_in_the_air_is_heard_by_all_in_range(
     robots: dict[str, Robot], frames: list[Frame]
 ) -> None:
     swarm = played(robots, frames)
-    air = sendings(swarm, frames)
-    for begin, end, frame in air:
-        if any(b < end + TURN and begin - TURN < e for b, e, other in air if other is not frame):
+    sent = sendings(swarm, frames)
+    for begin, end, frame in sent:
+        if any(b < end + TURNAROUND and begin - TURNAROUND < e for b, e, other in sent if other is not frame):
             continue
         for name, robot in robots.items():
             heard = [e for e in swarm.given.get(name, []) if isinstance(e, Heard) and e.instant == end]
@@ -93,13 +93,13 @@ def test_a_frame_alone_in_the_air_is_heard_by_all_in_range(
 def test_air_time_adds_up(robots: dict[str, Robot], frames: list[Frame]) -> None:
     """Who does not listen sends at once, or after his last frame and the spacing, one at a time, in order."""
     swarm = played(robots, frames)
-    air = sendings(swarm, frames)
+    sent = sendings(swarm, frames)
     for name in NAMES:
         free = 0
         for begin, end, frame in sorted(
-            (entry for entry in air if entry[2].robot == name), key=lambda e: e[:2]
+            (entry for entry in sent if entry[2].robot == name), key=lambda e: e[:2]
         ):
-            assert begin == max(frame.instant, free) + TURN
+            assert begin == max(frame.instant, free) + TURNAROUND
             short = len(frame.data) + 9 <= 18
             free = end + (192 if short else SPACING)
 

@@ -7,7 +7,7 @@ import pytest
 
 from actors.radio.link_budget import reach
 from actors.radio.medium.medium import Medium, Request
-from actors.radio.medium.state import Fate
+from actors.radio.medium.state import Outcome
 from actors.radio.presets import RadioParameters, preset
 from actors.radio.propagation.indoor import IndoorPropagation
 
@@ -17,15 +17,15 @@ SPACING_NS = 45_000_000
 
 
 def arriving(parameters: RadioParameters, distance: float, octets: int = 127) -> float:
-    """The share of frames from one node that another one hears in line of sight."""
-    nodes = [replace(parameters.transceiver, address=address) for address in (1, 2)]
-    medium = Medium(nodes, IndoorPropagation(parameters.propagation), parameters.phy, seed=3)
+    """The share of frames from one transceiver that another one hears in line of sight."""
+    pair = [replace(parameters.transceiver, address=address) for address in (1, 2)]
+    medium = Medium(pair, IndoorPropagation(parameters.propagation), parameters.phy, seed=3)
     medium.place(np.array([[0.0, 0.0], [distance, 0.0]]))
     medium.submit(Request(k * SPACING_NS, 0, octets, tag=k) for k in range(FRAMES))
     medium.run(FRAMES * SPACING_NS)
-    fates = medium.fates()[1]
-    assert fates.sum() == FRAMES
-    return float(fates[Fate.HEARD] / FRAMES)
+    outcomes = medium.outcomes()[1]
+    assert outcomes.sum() == FRAMES
+    return float(outcomes[Outcome.HEARD] / FRAMES)
 
 
 def test_half_of_the_longest_frames_arrive_at_ten_metres() -> None:

@@ -13,9 +13,10 @@ from statistics import mean
 import numpy as np
 import pytest
 
+from actors.ieee802154 import SYMBOL_NS
 from actors.radio.medium.error_rate import bit_error_rate, frame_error_rate
 from actors.radio.medium.medium import Medium, Request
-from actors.radio.medium.state import SYMBOL_NS, Kind
+from actors.radio.medium.state import Kind
 from actors.radio.medium.traffic import Poisson, Saturated
 from actors.radio.presets import preset
 from benchmarks.radio.reference import OperatingPoint
@@ -48,8 +49,8 @@ def test_the_error_rate_is_that_of_annex_e() -> None:
 @pytest.mark.parametrize(("rx_dbm", "octets"), [(-97.0, 20), (-96.5, 60), (-96.0, 127), (-95.4066, 127)])
 def test_frames_over_a_weak_link_are_lost_by_the_formula(rx_dbm: float, octets: int) -> None:
     table = Table(np.full((2, 2), -rx_dbm))
-    nodes = [NS3.transceiver.numbered(k) for k in range(2)]
-    medium = Medium(nodes, table, NS3.phy, seed=1, watched=[1])
+    pair = [NS3.transceiver.numbered(k) for k in range(2)]
+    medium = Medium(pair, table, NS3.phy, seed=1, watched=[1])
     medium.place(table.places)
     medium.submit(Request(k * SECOND // 20, 0, octets) for k in range(4000))
     heard = (medium.run(201 * SECOND)["kind"] == Kind.HEARD).sum()

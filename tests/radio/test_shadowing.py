@@ -17,7 +17,7 @@ FLAT = PathLossParameters(near_loss_db=100.0, near_exponent=0.0, breakpoint=math
 """100 dB everywhere: what differs is shadowing."""
 
 
-def air(seed: int, parameters: ShadowingParameters = PARAMETERS) -> IndoorPropagation:
+def propagation(seed: int, parameters: ShadowingParameters = PARAMETERS) -> IndoorPropagation:
     return IndoorPropagation(
         PropagationParameters(FLAT, shadowing=parameters), None, np.random.default_rng(seed)
     )
@@ -25,7 +25,7 @@ def air(seed: int, parameters: ShadowingParameters = PARAMETERS) -> IndoorPropag
 
 def over_seeds(senders: Floats, receivers: Floats, seeds: int = 3000) -> Floats:
     """(seeds, s · r) of shadowing, dB."""
-    return np.array([air(seed).loss_db(senders, receivers).ravel() - 100.0 for seed in range(seeds)])
+    return np.array([propagation(seed).loss_db(senders, receivers).ravel() - 100.0 for seed in range(seeds)])
 
 
 def plain(field: Waves, one: Floats, other: Floats, parameters: ShadowingParameters) -> float:
@@ -42,7 +42,7 @@ def plain(field: Waves, one: Floats, other: Floats, parameters: ShadowingParamet
 def test_the_kernel_computes_the_definition() -> None:
     rng = np.random.default_rng(5)
     senders, receivers = rng.uniform(-20, 20, (3, 2)), rng.uniform(-20, 20, (9, 2))
-    found = air(7).loss_db(senders, receivers) - 100.0
+    found = propagation(7).loss_db(senders, receivers) - 100.0
     field = waves(PARAMETERS, np.random.default_rng(7))
     for i, one in enumerate(senders):
         for j, other in enumerate(receivers):
@@ -78,39 +78,39 @@ def test_the_correlation_falls_with_the_way_of_either_end() -> None:
 def test_one_seed_alone_has_about_the_same_spread_over_places() -> None:
     places = np.random.default_rng(3).uniform(0, 300, (400, 2))
     for seed in range(3):
-        found = air(seed).loss_db(places[:1], places[1:]) - 100.0
+        found = propagation(seed).loss_db(places[:1], places[1:]) - 100.0
         assert found.std() == pytest.approx(4.0, rel=0.2)
 
 
 def test_both_directions_are_the_same_to_the_last_bit() -> None:
     places = np.random.default_rng(2).uniform(-30, 30, (40, 2))
-    loss = air(1).loss_db(places, places)
+    loss = propagation(1).loss_db(places, places)
     assert np.array_equal(loss, loss.T)
 
 
 def test_others_change_nothing_and_neither_does_who_was_where_before() -> None:
     rng = np.random.default_rng(4)
     places = rng.uniform(0, 30, (20, 2))
-    walking, fresh = air(9), air(9)
+    walking, fresh = propagation(9), propagation(9)
     for _ in range(20):
         places += rng.normal(0, 0.05, places.shape)
         row = walking.loss_db(places[3:4], places)
     assert np.array_equal(row, fresh.loss_db(places[3:4], places))
-    pair = air(9).loss_db(places[3:4], places[7:8])
+    pair = propagation(9).loss_db(places[3:4], places[7:8])
     assert pair[0, 0] == row[0, 7]
 
 
 def test_another_seed_is_another_building() -> None:
     places = np.random.default_rng(2).uniform(-30, 30, (40, 2))
-    one, other = (air(seed).loss_db(places, places)[np.triu_indices(40, 1)] for seed in (1, 2))
+    one, other = (propagation(seed).loss_db(places, places)[np.triu_indices(40, 1)] for seed in (1, 2))
     assert abs(np.corrcoef(one, other)[0, 1]) < 0.2
 
 
 def test_no_loss_is_below_nothing() -> None:
     near = PropagationParameters(PathLossParameters(), shadowing=replace(PARAMETERS, sigma_db=30.0))
     places = np.random.default_rng(2).uniform(0, 0.5, (40, 2))
-    air = (IndoorPropagation(near, None, np.random.default_rng(seed)) for seed in range(10))
-    least = [float(one.loss_db(places, places).min()) for one in air]
+    several = (IndoorPropagation(near, None, np.random.default_rng(seed)) for seed in range(10))
+    least = [float(one.loss_db(places, places).min()) for one in several]
     assert min(least) == 0.0 < max(least)
 
 

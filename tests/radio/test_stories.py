@@ -14,10 +14,10 @@ from actors.messages import (
     Sent,
 )
 from actors.radio.medium.state import Cca
-from actors.radio.stations import Stations
-from tests.radio.swarm import PLAIN, SPACING, STEP, TURN, Frame, Robot, Swarm, around
+from actors.radio.transceiver_truth import TransceiverTruth
+from tests.radio.swarm import PLAIN, SPACING, STEP, TURNAROUND, Frame, Robot, Swarm, around
 
-NEXT = TURN + 832 + SPACING
+NEXT = TURNAROUND + 832 + SPACING
 """From the begin of a frame of 20 octets to that of the next one of the same queue, µs."""
 
 
@@ -68,7 +68,7 @@ def test_frames_that_only_touch_are_both_heard() -> None:
     swarm = three()
     first = Frame(0, "a")
     events = swarm.run([first, Frame(first.instant + first.airtime, "b")])
-    assert [event.instant for event in events["c"]] == [TURN + 832, TURN + 2 * 832]
+    assert [event.instant for event in events["c"]] == [TURNAROUND + 832, TURNAROUND + 2 * 832]
     # b was turning while a still sent, and a while b began
     assert swarm.core.counters()["copies_lost_half_duplex"] == 2
 
@@ -94,7 +94,7 @@ def test_interference_that_ends_early_still_spoils_a_frame() -> None:
 def test_a_sender_out_of_range_does_not_disturb() -> None:
     swarm = Swarm({"a": Robot(0.0), "b": Robot(5.0), "far": Robot(25.0)})
     events = swarm.run([Frame(0, "a", 1), Frame(100, "far", 2)])
-    assert [event.instant for event in events["b"]] == [TURN + 832]
+    assert [event.instant for event in events["b"]] == [TURNAROUND + 832]
     assert swarm.core.counters()["copies_lost_below_sensitivity"] == 3
 
 
@@ -117,7 +117,7 @@ def test_a_receiver_is_deaf_while_its_buffer_is_read() -> None:
     robots = {"a": Robot(0.0), "b": Robot(1.0), "c": Robot(2.0)}
 
     def heard_by_c(pause: int) -> int:
-        swarm = Swarm(dict(robots), air=around(replace(PLAIN, phy=phy)))
+        swarm = Swarm(dict(robots), model=around(replace(PLAIN, phy=phy)))
         swarm.run([Frame(0, "a"), Frame(832 + pause, "b")])
         by_robot = swarm.core.counters_by_robot()
         assert by_robot["c"]["copies_lost_receiver_busy"] == 2 - by_robot["c"]["copies_heard"]
@@ -150,14 +150,14 @@ def test_a_frame_makes_room_at_the_very_instant_it_ends() -> None:
 
 def test_who_listens_first_sends_one_after_the_other() -> None:
     polite = replace(PLAIN, transceiver=replace(PLAIN.transceiver, cca=Cca.ENERGY, min_be=3))
-    swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0), "c": Robot(2.0)}, air=around(polite))
+    swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0), "c": Robot(2.0)}, model=around(polite))
     swarm.run([Frame(0, "a", data=bytes(118)), Frame(3000, "b")])
     assert [e.sender for e in swarm.given["c"] if isinstance(e, Heard)] == [100, 101]
 
 
 def test_a_channel_that_is_never_clear_is_an_access_failure() -> None:
     polite = replace(PLAIN, transceiver=replace(PLAIN.transceiver, cca=Cca.ENERGY, min_be=0, max_backoffs=0))
-    swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0)}, air=around(polite))
+    swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0)}, model=around(polite))
     events = swarm.run([Frame(0, "a", 1), Frame(400, "b", 2)])
     # The assessment takes 8 symbols; a's turned and sends from 320 µs on.
     assert events["b"] == [AccessFailure(528, 2), Heard(1152, 100, -72.8, 255, b"12345678901")]
@@ -192,14 +192,14 @@ def test_a_jammer_silences_its_surroundings_until_it_ends() -> None:
     swarm = three()
     jam = Jam(x=1.0, y=0.0, radius=2.0, until=STEP + 2000)
     assert set(swarm.run([Frame(0, "a")], [jam])) == {"a", "c"}
-    assert set(swarm.run([Frame(STEP + 1999 - TURN, "a"), Frame(STEP + 5000, "a")])) == {"a", "b", "c"}
+    assert set(swarm.run([Frame(STEP + 1999 - TURNAROUND, "a"), Frame(STEP + 5000, "a")])) == {"a", "b", "c"}
     assert len(swarm.given["c"]) == 3 and len(swarm.given["b"]) == 1
     assert swarm.core.counters()["copies_lost_disturbed"] == 2
 
 
 def test_who_listens_first_does_not_send_beside_a_jammer() -> None:
     polite = replace(PLAIN, transceiver=replace(PLAIN.transceiver, cca=Cca.ENERGY))
-    swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0)}, air=around(polite))
+    swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0)}, model=around(polite))
     events = swarm.run([Frame(0, "a", 3)], [Jam(0.0, 0.0, 0.5, STEP)])
     assert [type(event) for event in events["a"]] == [AccessFailure]
 
@@ -219,9 +219,9 @@ def test_robots_move_on_between_truths() -> None:
 
 def test_a_robot_that_turns_moves_along_its_arc() -> None:
     truth = RobotTruth("a", 2.0, 0.0, math.pi / 2, 0.0, 1.0, 0.5, True, True, 0)
-    stations = Stations(1_000_000, [truth])  # a circle of 2 m around the origin
+    transceivers = TransceiverTruth(1_000_000, [truth])  # a circle of 2 m around the origin
     for elapsed in (0.0, 0.1, 3.0, 4.0 * math.pi):
-        place = stations.positions(1_000_000_000 + round(elapsed * 1e9))[0]
+        place = transceivers.positions(1_000_000_000 + round(elapsed * 1e9))[0]
         assert place == pytest.approx([2.0 * math.cos(elapsed / 2), 2.0 * math.sin(elapsed / 2)], abs=1e-8)
 
 

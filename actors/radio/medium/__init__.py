@@ -4,9 +4,8 @@
 """
 
 from actors.radio.medium.channel import Interferer, Propagation
-from actors.radio.medium.csma import airtime_ns
 from actors.radio.medium.medium import Medium, Request
-from actors.radio.medium.state import Cca, Kind
+from actors.radio.medium.state import Cca, Kind, Outcome
 from actors.radio.medium.traffic import Poisson, Saturated
 from actors.radio.medium.transceiver import PhyParameters, Transceiver
 
@@ -15,11 +14,11 @@ __all__ = [
     "Interferer",
     "Kind",
     "Medium",
+    "Outcome",
     "PhyParameters",
     "Poisson",
     "Propagation",
     "Request",
     "Saturated",
     "Transceiver",
-    "airtime_ns",
 ]

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def push(agenda: NDArray[np.void], size: int, instant: int, order: int, turn: int) -> int:
+def push(agenda: NDArray[np.void], size: int, instant: int, order: int, ticket: int) -> int:
     """Put an entry into a heap of so many; the new size."""
     place = size
     while place > 0:
@@ -16,11 +16,11 @@ def push(agenda: NDArray[np.void], size: int, instant: int, order: int, turn: in
             break
         agenda[place].instant_ns = entry.instant_ns
         agenda[place].order = entry.order
-        agenda[place].turn = entry.turn
+        agenda[place].ticket = entry.ticket
         place = above
     agenda[place].instant_ns = instant
     agenda[place].order = order
-    agenda[place].turn = turn
+    agenda[place].ticket = ticket
     return size + 1
 
 
@@ -28,7 +28,7 @@ def push(agenda: NDArray[np.void], size: int, instant: int, order: int, turn: in
 def pop(agenda: NDArray[np.void], size: int) -> int:
     """Take the first entry out of a heap of so many, at least one; the new size."""
     size -= 1
-    instant, order, turn = agenda[size].instant_ns, agenda[size].order, agenda[size].turn
+    instant, order, ticket = agenda[size].instant_ns, agenda[size].order, agenda[size].ticket
     place = 0
     while True:
         below = 2 * place + 1
@@ -46,9 +46,9 @@ def pop(agenda: NDArray[np.void], size: int) -> int:
             break
         agenda[place].instant_ns = entry.instant_ns
         agenda[place].order = entry.order
-        agenda[place].turn = entry.turn
+        agenda[place].ticket = entry.ticket
         place = below
     agenda[place].instant_ns = instant
     agenda[place].order = order
-    agenda[place].turn = turn
+    agenda[place].ticket = ticket
     return size

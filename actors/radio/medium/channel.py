@@ -1,4 +1,4 @@
-"""What the medium asks of the air: how much power arrives, and which other sources disturb.
+"""What the medium asks of the channel: how much power arrives, and which other sources disturb.
 
 The medium knows frames, transceivers and instants; walls, distances and shadowing belong to a `Propagation`,
 Wi-Fi and jammers to an `Interferer`. Positions are (…, 2) arrays, m, map frame. Everything here is a function
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Trajectory = Callable[[int], NDArray[np.float64]]
-"""Positions of all nodes, (nodes, 2), m, at an instant, ns; a node's place depends on the instant alone."""
+"""Positions of all transceivers, (n, 2), m, at an instant, ns; each depends on the instant alone."""
 
 
 class Propagation(Protocol):

@@ -1,4 +1,4 @@
-"""Kernels of the medium's event loop: what is due, at which node, in the one order that time gives."""
+"""Kernels of the medium's event loop: what is due, at which transceiver, in the one order that time gives."""
 
 from typing import Final
 
@@ -7,7 +7,7 @@ from numba import njit
 from actors.radio.medium import csma
 from actors.radio.medium.agenda import pop
 from actors.radio.medium.reception import change_outside, leave, let_go
-from actors.radio.medium.state import NEVER, Due, Fate, Mac, MediumState, Offer, Outside
+from actors.radio.medium.state import NEVER, Due, MacState, MediumState, Offer, Outcome, Outside
 
 DONE: Final = 0
 """All that was due has happened."""
@@ -22,16 +22,16 @@ _KINDS: Final = 1 << 32
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def run(st: MediumState, outside: Outside, until: int, ends_too: bool) -> int:
     """Let everything happen before `until`, and the ends of frames at `until` itself if `ends_too`."""
-    air = st.air
-    while st.events.size - air.events > st.nodes.size + 8:
-        at = st.agenda[0].instant_ns if air.due > 0 else NEVER
+    medium = st.medium
+    while st.events.size - medium.events > st.transceivers.size + 8:
+        at = st.agenda[0].instant_ns if medium.due > 0 else NEVER
         switched = _next_switch(st, outside)
         asked = _next_request(st, outside)
         first = min(at, switched, asked)
         if first > until or (first == until and not (ends_too and first == at and _ends(st))):
-            air.now_ns = max(air.now_ns, until)
+            medium.now_ns = max(medium.now_ns, until)
             return DONE
-        air.now_ns = first
+        medium.now_ns = first
         if switched == first and not ends_too:
             _switch(st, outside)
         elif at == first:
@@ -39,21 +39,21 @@ def run(st: MediumState, outside: Outside, until: int, ends_too: bool) -> int:
                 return ROW
             _dispatch(st)
         else:
-            request = outside.requests[air.next_request]
-            air.next_request += 1
-            csma.hand_over(st, request.node, request.octets, request.to, request.ack, request.tag)
+            request = outside.requests[medium.next_request]
+            medium.next_request += 1
+            csma.hand_over(st, request.transceiver, request.octets, request.to, request.ack, request.tag)
     return FULL
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _next_switch(st: MediumState, outside: Outside) -> int:
-    place = st.air.next_switch
+    place = st.medium.next_switch
     return outside.switches[place].instant_ns if place < outside.switches.size else NEVER
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _next_request(st: MediumState, outside: Outside) -> int:
-    place = st.air.next_request
+    place = st.medium.next_request
     return outside.requests[place].instant_ns if place < outside.requests.size else NEVER
 
 
@@ -65,9 +65,9 @@ def _ends(st: MediumState) -> bool:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _switch(st: MediumState, outside: Outside) -> None:
-    switch = outside.switches[st.air.next_switch]
-    st.air.next_switch += 1
-    for i in range(st.nodes.size):
+    switch = outside.switches[st.medium.next_switch]
+    st.medium.next_switch += 1
+    for i in range(st.transceivers.size):
         outside.now_mw[switch.source, i] = outside.rows_mw[switch.row, i] if switch.row >= 0 else 0.0
     change_outside(st, outside.now_mw)
 
@@ -79,30 +79,30 @@ def _needs_row(st: MediumState) -> bool:
     begins = due in (Due.FRAME_BEGIN.value, Due.ACK_BEGIN.value)
     return (
         begins
-        and not st.nodes[order % _KINDS].known
-        and _is_valid(st, due, order % _KINDS, st.agenda[0].turn)
+        and not st.transceivers[order % _KINDS].known
+        and _is_valid(st, due, order % _KINDS, st.agenda[0].ticket)
     )
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _is_valid(st: MediumState, due: int, number: int, turn: int) -> bool:
+def _is_valid(st: MediumState, due: int, number: int, ticket: int) -> bool:
     """False if what was put on the agenda has been called off since."""
-    node = st.nodes[number]
     if due == Due.ARRIVAL.value:
-        return bool(turn == node.offer_turn)
+        return bool(ticket == st.transceivers[number].traffic.ticket)
+    mac = st.transceivers[number].mac
     if due in (Due.ACK_BEGIN.value, Due.ACK_END.value):
-        return bool(turn == node.epoch)
-    return bool(turn == node.turn)
+        return bool(ticket == mac.epoch)
+    return bool(ticket == mac.ticket)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _dispatch(st: MediumState) -> None:
     """Let the first thing on the agenda happen."""
-    air = st.air
-    order, turn = st.agenda[0].order, st.agenda[0].turn
-    air.due = pop(st.agenda, air.due)
+    medium = st.medium
+    order, ticket = st.agenda[0].order, st.agenda[0].ticket
+    medium.due = pop(st.agenda, medium.due)
     due, number = order // _KINDS, order % _KINDS
-    if not _is_valid(st, due, number, turn):
+    if not _is_valid(st, due, number, ticket):
         return
     if due == Due.ARRIVAL.value:
         csma.arrive(st, number)
@@ -111,7 +111,7 @@ def _dispatch(st: MediumState) -> None:
     elif due == Due.CCA_END.value:
         csma.assessed(st, number)
     elif due == Due.SPACING_END.value:
-        st.nodes[number].mac = Mac.IDLE.value
+        st.transceivers[number].mac.state = MacState.IDLE.value
         csma.proceed(st, number)
     else:
         _exchange(st, due, number)
@@ -121,12 +121,12 @@ def _dispatch(st: MediumState) -> None:
 def _exchange(st: MediumState, due: int, number: int) -> None:
     if due == Due.FRAME_BEGIN.value:
         csma.transmit(st, number)
-        st.nodes[number].known = not st.air.moving
+        st.transceivers[number].known = not st.medium.moving
     elif due == Due.FRAME_END.value:
         csma.transmitted(st, number)
     elif due == Due.ACK_BEGIN.value:
         csma.acknowledge(st, number)
-        st.nodes[number].known = not st.air.moving
+        st.transceivers[number].known = not st.medium.moving
     elif due == Due.ACK_END.value:
         csma.acknowledged(st, number)
     else:
@@ -135,58 +135,60 @@ def _exchange(st: MediumState, due: int, number: int) -> None:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def switch_on(st: MediumState, number: int) -> None:
-    """A node gets power: it can receive at once."""
-    node, receiver = st.nodes[number], st.receivers[number]
-    node.powered = True
+    """A transceiver gets power: it can receive at once."""
+    transceiver = st.transceivers[number]
+    receiver = transceiver.receiver
+    transceiver.mac.powered = True
     receiver.ready_ns = receiver.dead_until_ns = 0
     receiver.unlock_ns = -NEVER
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def switch_off(st: MediumState, number: int) -> None:
-    """A node loses power: its frame is cut short, its queue forgotten, and what it was receiving lost."""
-    air, node = st.air, st.nodes[number]
+    """A transceiver loses power: its frame is cut short, its queue forgotten, its reception lost."""
+    medium, transceiver = st.medium, st.transceivers[number]
+    mac, counters = transceiver.mac, transceiver.counters
     cut = False
-    for k in range(air.in_air):
-        cut = cut or st.nodes[k].in_air == number
+    for k in range(medium.in_air):
+        cut = cut or st.rosters[k].in_air == number
     if cut:
         _cut(st, number)
-    let_go(st, number, Fate.POWERED_OFF.value)
+    let_go(st, number, Outcome.POWERED_OFF.value)
     csma.forget_assessment(st, number)
-    for k in range(air.in_air):
-        if st.fate[st.nodes[k].in_air, number] != Fate.NOT_COUNTED.value:
-            st.fate[st.nodes[k].in_air, number] = Fate.POWERED_OFF.value
-    own = cut and not st.nodes[number].is_ack
-    node.cut_off += own
-    node.discarded += node.queued - own
-    node.queued = 0
-    node.tries = 0
-    node.mac = Mac.IDLE.value
-    node.turn += 1
-    node.epoch += 1
-    node.powered = False
+    for k in range(medium.in_air):
+        if st.outcomes[st.rosters[k].in_air, number] != Outcome.NOT_COUNTED.value:
+            st.outcomes[st.rosters[k].in_air, number] = Outcome.POWERED_OFF.value
+    cut_off = cut and not transceiver.flight.is_ack
+    counters.cut_off += cut_off
+    counters.discarded += mac.queued - cut_off
+    mac.queued = 0
+    mac.tries = 0
+    mac.state = MacState.IDLE.value
+    mac.ticket += 1
+    mac.epoch += 1
+    mac.powered = False
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _cut(st: MediumState, sender: int) -> None:
     """End a frame before its time: nobody receives it."""
     leave(st, sender)
-    for i in range(st.nodes.size):
-        if st.receivers[i].lock == sender:
-            let_go(st, i, Fate.POWERED_OFF.value)
-        if st.fate[sender, i] != Fate.NOT_COUNTED.value:
-            st.fate[sender, i] = Fate.POWERED_OFF.value
-        if not st.nodes[sender].is_ack:
-            st.nodes[i].fates[st.fate[sender, i]] += 1
+    for i in range(st.transceivers.size):
+        if st.transceivers[i].receiver.lock == sender:
+            let_go(st, i, Outcome.POWERED_OFF.value)
+        if st.outcomes[sender, i] != Outcome.NOT_COUNTED.value:
+            st.outcomes[sender, i] = Outcome.POWERED_OFF.value
+        if not st.transceivers[sender].flight.is_ack:
+            st.transceivers[i].counters.outcomes[st.outcomes[sender, i]] += 1
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def offer(st: MediumState, number: int, kind: int, after: int) -> None:
-    """A node is offered traffic of its own from now on; saturated: the first frame comes after so long."""
-    node = st.nodes[number]
-    node.offer = kind
-    node.offer_turn += 1
+    """The medium makes a transceiver's traffic from now on; if saturated, beginning after so long."""
+    traffic = st.transceivers[number].traffic
+    traffic.kind = kind
+    traffic.ticket += 1
     if kind == Offer.POISSON.value:
         csma.expect(st, number)
     elif kind == Offer.SATURATED.value:
-        csma.schedule(st, number, Due.ARRIVAL.value, after, node.offer_turn)
+        csma.schedule(st, number, Due.ARRIVAL.value, after, traffic.ticket)

@@ -11,10 +11,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from actors.ieee802154 import PHY_HEADER_OCTETS
 from actors.portable import arrays
 
-HEADER_OCTETS: Final = 6
-"""Preamble, start-of-frame delimiter and length."""
 CLEAN: Final = 4.5
 """A SINR, linear, from which on no bit of any frame is lost: below 1e-19 per bit."""
 _STEPS: Final = 4096
@@ -32,7 +31,7 @@ def bit_error_rate(sinr: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def frame_error_rate(snr_db: NDArray[np.float64], octets: int) -> NDArray[np.float64]:
     """Probability that a frame of so many PSDU octets is lost at a constant ratio, dB; same shape."""
-    bits = 8 * (octets + HEADER_OCTETS)
+    bits = 8 * (octets + PHY_HEADER_OCTETS)
     log_right = arrays.log1p(-bit_error_rate(arrays.exp10(np.asarray(snr_db) / 10.0)))
     rate: NDArray[np.float64] = -arrays.expm1(bits * log_right)
     return rate

@@ -8,7 +8,7 @@ from actors.radio.medium.initial_state import milliwatts
 from actors.radio.medium.state import SWITCH
 
 REFRESH_NS = 20_000_000
-"""The power of a long burst is evaluated again at every multiple of this, as nodes may move."""
+"""The power of a long burst is evaluated again at every multiple of this, as transceivers may move."""
 
 OFF = -1
 
@@ -57,8 +57,8 @@ class Interference:
             interferer = self._interferers[source]
             if on and interferer is not None:
                 rows.append(interferer.power_dbm(where(instant)))
-        nodes = len(where(since_ns))
-        return switches, milliwatts(np.array(rows).reshape(-1, nodes))
+        transceivers = len(where(since_ns))
+        return switches, milliwatts(np.array(rows).reshape(-1, transceivers))
 
     def _entries(
         self, source: int, interferer: Interferer, since_ns: int, until_ns: int

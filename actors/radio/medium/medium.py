@@ -1,8 +1,9 @@
-"""The air between transceivers: which frame is in it when, and who hears it.
+"""The medium that transceivers share: whose frame is in the air when, and who hears it.
 
-A library of its own: nodes, where they are, what they send, and how far the time is to go. Every instant is a
-whole number of nanoseconds. Nothing depends on how the time is cut into calls of `run`, nor on nodes that are
-silent: all random numbers are functions of a seed and of what they are for (`actors.radio.medium.draws`).
+A library of its own: transceivers, where they are, what they send, and how far the time is to go. Every
+instant is a whole number of nanoseconds. Nothing depends on how the time is cut into calls of `run`, nor on
+transceivers that are silent: all random numbers are functions of a seed and of what they are for
+(`actors.radio.medium.draws`).
 """
 
 from collections.abc import Iterable, Sequence
@@ -11,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.ieee802154 import PSDU_LIMIT
 from actors.radio.medium import engine
 from actors.radio.medium.channel import Interferer, Propagation, Trajectory
 from actors.radio.medium.initial_state import initial_state, milliwatts
@@ -19,15 +21,12 @@ from actors.radio.medium.state import BROADCAST, EVENT, REQUEST, SWITCH, Offer, 
 from actors.radio.medium.traffic import Poisson, Saturated, Traffic
 from actors.radio.medium.transceiver import PhyParameters, Transceiver
 
-GREATEST_OCTETS = 127
-"""aMaxPHYPacketSize (IEEE 802.15.4-2006, 6.4.1)."""
-
 
 class Request(NamedTuple):
-    """A node hands a frame to its transceiver at an instant that is still to come."""
+    """A transceiver is handed a frame at an instant that is still to come."""
 
     instant_ns: int
-    node: int
+    transceiver: int
     octets: int
     """Of the PSDU."""
     to: int = BROADCAST
@@ -37,7 +36,7 @@ class Request(NamedTuple):
 
 
 class Medium:
-    """Nodes, numbered as given, and the frames between them."""
+    """Transceivers, numbered as given, and the frames between them."""
 
     def __init__(
         self,
@@ -49,7 +48,7 @@ class Medium:
         interferers: Sequence[Interferer] = (),
         watched: Sequence[int] | None = None,
     ) -> None:
-        """`watched`: nodes for which `run` gives what they hear; all by default. The counters know of all."""
+        """`watched`: those for which `run` gives what they hear; all by default. The counters know of all."""
         self._transceivers = tuple(transceivers)
         self._propagation = propagation
         self._state = initial_state(transceivers, phy or PhyParameters(), seed)
@@ -61,26 +60,26 @@ class Medium:
         for interferer in interferers:
             self.add(interferer)
         if watched is not None:
-            self._state.nodes["watched"] = False
-            self._state.nodes["watched"][list(watched)] = True
+            self._state.transceivers["settings"]["watched"] = False
+            self._state.transceivers["settings"]["watched"][list(watched)] = True
 
     @property
     def now_ns(self) -> int:
         """Up to, and without, this instant everything has happened."""
-        return int(self._state.air["now_ns"])
+        return int(self._state.medium["now_ns"])
 
     def place(self, positions: NDArray[np.float64]) -> None:
-        """From now on the nodes stand still: (n, 2), m."""
+        """From now on the transceivers stand still: (n, 2), m."""
         positions = np.array(positions, dtype=np.float64)
         self._where = lambda _: positions
-        self._state.air["moving"] = False
-        self._state.nodes["known"] = False
+        self._state.medium["moving"] = False
+        self._state.transceivers["known"] = False
 
     def follow(self, trajectory: Trajectory) -> None:
-        """From now on the nodes move. The trajectory is asked for instants as far as `run` goes."""
+        """From now on the transceivers move. The trajectory is asked for instants as far as `run` goes."""
         self._where = trajectory
-        self._state.air["moving"] = True
-        self._state.nodes["known"] = False
+        self._state.medium["moving"] = True
+        self._state.transceivers["known"] = False
 
     def add(self, interferer: Interferer) -> None:
         """From now on the source disturbs too; of its bursts those count that begin no earlier."""
@@ -91,34 +90,33 @@ class Medium:
             silent = np.zeros((1, len(self._transceivers)))
             self._outside = self._outside._replace(now_mw=np.concatenate([now_mw, silent]))
 
-    def offer(self, node: int, traffic: Traffic) -> None:
-        """From now on the node is handed frames of its own accord; their tag is -1."""
-        record = self._state.nodes[node]
-        record["offer_octets"], record["offer_to"] = traffic.octets, traffic.to
-        record["offer_ack"] = traffic.acknowledged
+    def offer(self, transceiver: int, traffic: Traffic) -> None:
+        """From now on the medium hands the transceiver frames by itself; their tag is -1."""
+        record = self._state.transceivers["traffic"][transceiver]
+        record["octets"], record["to"], record["ack"] = traffic.octets, traffic.to, traffic.acknowledged
         if isinstance(traffic, Poisson):
             record["interval_ns"] = 1e9 / traffic.per_second
-            engine.offer(self._state, node, Offer.POISSON.value, 0)
+            engine.offer(self._state, transceiver, Offer.POISSON.value, 0)
         else:
-            engine.offer(self._state, node, Offer.SATURATED.value, traffic.after_ns)
+            engine.offer(self._state, transceiver, Offer.SATURATED.value, traffic.after_ns)
 
     def submit(self, requests: Iterable[Request]) -> None:
-        """Frames to be handed over at instants to come; at one instant in order of nodes, then as given."""
+        """Frames to be handed over at instants to come; at one instant by transceiver, then as given."""
         new = np.array([tuple(request) for request in requests], REQUEST)
-        done = int(self._state.air["next_request"])
+        done = int(self._state.medium["next_request"])
         both = np.concatenate([self._outside.requests[done:], new])
-        order = np.lexsort((both["node"], both["instant_ns"]))
+        order = np.lexsort((both["transceiver"], both["instant_ns"]))
         self._outside = self._outside._replace(requests=both[order])
-        self._state.air["next_request"] = 0
+        self._state.medium["next_request"] = 0
 
-    def switch(self, node: int, powered: bool) -> None:
-        """Switch a transceiver on or off now. Let the frames that end now end first: `finish_frames`."""
-        if bool(self._state.nodes["powered"][node]) == powered:
+    def switch(self, transceiver: int, powered: bool) -> None:
+        """Switch it on or off now. Let the frames that end now end first: `finish_frames`."""
+        if bool(self._state.transceivers["mac"]["powered"][transceiver]) == powered:
             return
         if powered:
-            engine.switch_on(self._state, node)
+            engine.switch_on(self._state, transceiver)
         else:
-            engine.switch_off(self._state, node)
+            engine.switch_off(self._state, transceiver)
 
     def finish_frames(self) -> NDArray[np.void]:
         """Let the frames end that end right now, before anything is switched: what `run` gives."""
@@ -128,39 +126,40 @@ class Medium:
         """Let everything happen before `until_ns`: the events, (events,) of EVENT, in order of time."""
         switches, rows = self._interference.until(self.now_ns, until_ns, self._where)
         self._outside = self._outside._replace(switches=switches, rows_mw=rows)
-        self._state.air["next_switch"] = 0
+        self._state.medium["next_switch"] = 0
         return self._advance(until_ns, False)
 
     def counters(self) -> NDArray[np.void]:
-        """(n,) of NODE: the counters of each node, and the rest of what is known of it; a copy."""
-        return self._state.nodes.copy()
+        """(n,) of COUNTERS: what has become of each transceiver's frames, and of others' at it; a copy."""
+        return self._state.transceivers["counters"].copy()
 
-    def fates(self) -> NDArray[np.int64]:
-        """(n, fates): what became, at each node, of the frames of others that have ended, by Fate; a copy."""
-        return self._state.nodes["fates"].copy()
+    def outcomes(self) -> NDArray[np.int64]:
+        """(n, outcomes): what became of others' frames at each transceiver, by Outcome; a copy."""
+        return self._state.transceivers["counters"]["outcomes"].copy()
 
     @property
     def busy_ns(self) -> int:
         """How long at least one frame has been in the air."""
-        air = self._state.air
-        return int(air["busy_ns"] + (air["now_ns"] - air["busy_since_ns"] if air["in_air"] else 0))
+        medium = self._state.medium
+        open_ns = medium["now_ns"] - medium["busy_since_ns"] if medium["in_air"] else 0
+        return int(medium["busy_ns"] + open_ns)
 
     @property
     def pending(self) -> int:
         """How many frames are in the air or wait in a queue."""
-        return int(self._state.nodes["queued"].sum(dtype=np.int64))
+        return int(self._state.transceivers["mac"]["queued"].sum(dtype=np.int64))
 
     def _advance(self, until_ns: int, ends_too: bool) -> NDArray[np.void]:
-        state, air = self._state, self._state.air
+        state, medium = self._state, self._state.medium
         parts: list[NDArray[np.void]] = []
         while True:
             code = engine.run(state, self._outside, until_ns, ends_too)
             if code == engine.ROW:
                 self._find_row()
                 continue
-            if air["events"]:
-                parts.append(state.events[: air["events"]].copy())
-                air["events"] = 0
+            if medium["events"]:
+                parts.append(state.events[: medium["events"]].copy())
+                medium["events"] = 0
             if code == engine.DONE:
                 return parts[0] if len(parts) == 1 else np.concatenate(parts) if parts else np.zeros(0, EVENT)
 
@@ -171,11 +170,11 @@ class Medium:
         positions = self._where(self.now_ns)
         loss_db = self._propagation.loss_db(positions[sender : sender + 1], positions)[0]
         state.gains_mw[sender] = milliwatts(self._tx_dbm[sender] - loss_db)
-        state.nodes["known"][sender] = True
+        state.transceivers["known"][sender] = True
 
 
 class _Line:
-    """Nodes in a row whose losses and disturbance are plain sums, for the fingerprint."""
+    """Transceivers in a row whose losses and disturbance are plain sums, for the fingerprint."""
 
     def loss_db(self, senders: NDArray[np.float64], receivers: NDArray[np.float64]) -> NDArray[np.float64]:
         apart: NDArray[np.float64] = 55.0 + np.abs(senders[:, :1] - receivers[:, 0])
@@ -196,16 +195,16 @@ class _Line:
 def fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
     line = _Line()
-    nodes = [Transceiver(k, tx_power_dbm=-10.0, max_backoffs=k) for k in range(5)]
-    medium = Medium(nodes, line, seed=1, interferers=[line])
+    row = [Transceiver(k, tx_power_dbm=-10.0, max_backoffs=k) for k in range(5)]
+    medium = Medium(row, line, seed=1, interferers=[line])
     medium.follow(lambda at: np.stack([np.arange(5.0) * (4.0 + at / 1e9), np.zeros(5)], axis=1))
-    for node in range(3):
-        medium.offer(node, Poisson(30 + node, 60.0, (node + 1) % 3, acknowledged=node != 1))
-    medium.offer(3, Saturated(127))
+    for number in range(3):
+        medium.offer(number, Poisson(30 + number, 60.0, (number + 1) % 3, acknowledged=number != 1))
+    medium.offer(3, Saturated(PSDU_LIMIT))
     medium.submit(Request(k * 7_000_000, 4, 20, tag=k) for k in range(100))
     events = [medium.run(200_000_000), medium.finish_frames()]
     medium.switch(3, False)
     events.append(medium.run(300_000_000))
     medium.switch(3, True)
     events.append(medium.run(400_000_000))
-    return b"".join(part.tobytes() for part in events) + medium.fates().tobytes()
+    return b"".join(part.tobytes() for part in events) + medium.outcomes().tobytes()

@@ -1,7 +1,7 @@
-"""What the kernels of the medium work on: one record per node, per frame in the air, per event.
+"""What the kernels of the medium work on: a record per transceiver, waiting frame and event.
 
-All instants and durations are whole nanoseconds: a symbol of 16 µs is exact, so is a robot's µs, and nodes
-whose phases are drawn at random practically never meet at one instant.
+All instants and durations are whole nanoseconds: a symbol of 16 µs is exact, so is a robot's µs, and
+transceivers whose phases are drawn at random practically never meet at one instant.
 """
 
 from enum import IntEnum
@@ -13,16 +13,15 @@ from numpy.typing import NDArray
 Record = Any
 """One entry of an array of records, as kernels know it: fields by name, changed in place."""
 
-SYMBOL_NS: Final = 16_000
 NEVER: Final = np.iinfo(np.int64).max
 BROADCAST: Final = -1
 """As destination."""
 NOBODY: Final = -1
-"""As number of a node."""
+"""As number of a transceiver."""
 
 
-class Fate(IntEnum):
-    """What becomes of one frame at one node other than its sender."""
+class Outcome(IntEnum):
+    """What becomes of one frame at one transceiver other than its sender's."""
 
     HEARD = 0
     COLLISION = 1
@@ -30,17 +29,17 @@ class Fate(IntEnum):
     DISTURBED = 2
     """A source that is no transceiver: Wi-Fi, a jammer."""
     HALF_DUPLEX = 3
-    """The node was sending at the time, or turning between sending and receiving."""
+    """The transceiver was sending at the time, or in the turnaround between sending and receiving."""
     RECEIVER_BUSY = 4
-    """The node's computer was reading an earlier frame from the transceiver, which cannot receive then."""
+    """The robot's computer was reading an earlier frame from the transceiver, which cannot receive then."""
     BELOW_SENSITIVITY = 5
     """Too weak even on a free channel, or spoilt by noise alone."""
     POWERED_OFF = 6
-    """The node or the sender was switched off before the frame ended."""
+    """The transceiver or the sender was switched off before the frame ended."""
     FILTERED = 7
-    """Received, but meant for another node."""
+    """Received, but meant for another transceiver."""
     NOT_COUNTED = 8
-    """The sender itself, or a node that was off when the frame began."""
+    """The sender itself, or a transceiver that was off when the frame began."""
 
 
 class Kind(IntEnum):
@@ -69,13 +68,14 @@ class Cca(IntEnum):
     """ALOHA (mode 4 of IEEE 802.15.4-2011)."""
 
 
-class Mac(IntEnum):
-    """What a node's MAC is at."""
+class MacState(IntEnum):
+    """What a transceiver's MAC is at."""
 
     IDLE = 0
     BACKOFF = 1
     """The random delay and the assessment after it."""
-    TURNING = 2
+    TURNAROUND = 2
+    """From receiving to sending."""
     SENDING = 3
     AWAITING = 4
     """An acknowledgement."""
@@ -98,90 +98,115 @@ class Due(IntEnum):
 
 
 class Offer(IntEnum):
-    """The kind of traffic that a node is offered by itself."""
+    """The kind of traffic that the medium makes for a transceiver."""
 
     NONE = 0
     POISSON = 1
     SATURATED = 2
 
 
-def _dtype(**kinds: str) -> np.dtype[np.void]:
+def _dtype(**kinds: str | np.dtype[np.void]) -> np.dtype[np.void]:
     """Integers all have 64 bits: kernels are compiled once for each kind of argument."""
     return np.dtype(list(kinds.items()), align=True)
 
 
-NODE: Final = _dtype(
+SETTINGS: Final = _dtype(
     key="i8", min_be="i8", max_be="i8", max_backoffs="i8", max_retries="i8", cca="i8", cca_mw="f8",
-    capacity="i8", watched="b1",
-    offer="i8", offer_turn="i8", offer_octets="i8", offer_to="i8", offer_ack="b1", interval_ns="f8",
-    powered="b1", mac="i8", nb="i8", be="i8", tries="i8", turn="i8", epoch="i8",
-    head="i8", queued="i8", number="i8", arrivals="i8",
+    floor_mw="f8", capacity="i8", watched="b1",
+)  # fmt: skip
+"""What a transceiver is set to; it does not change. `key`: of its random numbers; `floor_mw`: weaker frames
+are not received; `capacity`: of its queue; `watched`: what it hears becomes events."""
+
+TRAFFIC: Final = _dtype(
+    kind="i8", ticket="i8", octets="i8", to="i8", ack="b1", interval_ns="f8", arrivals="i8"
+)  # fmt: skip
+"""What the medium makes for a transceiver to send, and how many arrivals have been drawn."""
+
+MAC: Final = _dtype(
+    powered="b1", state="i8", nb="i8", be="i8", tries="i8", ticket="i8", epoch="i8",
+    head="i8", queued="i8", number="i8",
     assessed_ns="i8", energy="f8", peak="f8", carrier="b1",
     ack_to="i8", ack_number="i8", ack_draw="i8",
-    in_air="i8", assessing="i8", known="b1",
-    octets="i8", to="i8", ack="b1", is_ack="b1", frame="i8", draw="i8", tag="i8", asked_ns="i8",
+)  # fmt: skip
+"""Where a MAC is: its MacState, its ring of waiting frames and the number of the next, what its
+clear channel assessment has seen, and the acknowledgement that it owes."""
+
+FLIGHT: Final = _dtype(
+    octets="i8", to="i8", ack="b1", is_ack="b1", frame="i8", draw="i8", tag="i8", asked_ns="i8"
+)  # fmt: skip
+"""The frame that a transceiver has in the air, or had last. `frame`: its number; `draw`: number and try."""
+
+COUNTERS: Final = _dtype(
     generated="i8", sent="i8", overflowed="i8", access_failures="i8", acknowledged="i8", no_ack="i8",
     cut_off="i8", discarded="i8", octets_sent="i8", on_air_ns="i8", overlapping="i8", retries="i8",
-    fates=f"{len(Fate)}i8",
+    outcomes=f"{len(Outcome)}i8",
 )  # fmt: skip
-"""A node's parameters (up to `interval_ns`), its MAC (up to `ack_draw`), the frame that it has in the air
-(`octets` to `asked_ns`) and its counters, `fates` of the frames of others.
-
-`in_air` and `assessing` of the first nodes hold the numbers of the nodes that are in the air, and of those
-that assess the channel. `known`: the row of gains holds for the node's next frame."""
+"""What has become of a transceiver's frames; `outcomes`: of the frames of others at it, by Outcome."""
 
 RECEIVER: Final = _dtype(
-    floor_mw="f8", total_mw="f8", external_mw="f8", lock="i8", lock_ns="i8", unlock_ns="i8", ready_ns="i8",
+    total_mw="f8", external_mw="f8", lock="i8", lock_ns="i8", unlock_ns="i8", ready_ns="i8",
     dead_until_ns="i8", segment_ns="i8", log_right="f8", log_alone="f8", worst_sinr="f8",
 )  # fmt: skip
-"""What arrives at a node, and the frame that it is locked onto (number of its sender)."""
+"""What arrives at a transceiver, and the frame that it is locked onto (number of its sender)."""
+
+TRANSCEIVER: Final = _dtype(
+    settings=SETTINGS, traffic=TRAFFIC, mac=MAC, receiver=RECEIVER, flight=FLIGHT, counters=COUNTERS,
+    known="b1",
+)  # fmt: skip
+"""One record, not an array for each part: every array that kernels pass on to one another costs time.
+`known`: the row of gains holds for the transceiver's next frame."""
+
+ROSTER: Final = _dtype(in_air="i8", assessing="i8")
+"""Two lists side by side: who has a frame in the air, and who assesses the channel, by number."""
 
 FRAME: Final = _dtype(octets="i8", to="i8", ack="b1", number="i8", tag="i8", asked_ns="i8")
 """A frame in a transmit queue."""
 
-REQUEST: Final = _dtype(instant_ns="i8", node="i8", octets="i8", to="i8", ack="b1", tag="i8")
-"""A frame that a node is going to be handed."""
+REQUEST: Final = _dtype(instant_ns="i8", transceiver="i8", octets="i8", to="i8", ack="b1", tag="i8")
+"""A frame that a transceiver is going to be handed."""
 
 SWITCH: Final = _dtype(instant_ns="i8", source="i8", row="i8")
 """An outside source goes on, with row `row` of the powers given, or off: row -1."""
 
-AGENDA: Final = _dtype(instant_ns="i8", order="i8", turn="i8")
-"""`order`: what is due << 32 | node; at one instant the smaller is first."""
+AGENDA: Final = _dtype(instant_ns="i8", order="i8", ticket="i8")
+"""`order`: what is due << 32 | transceiver; at one instant the smaller is first. An entry has been called off
+if its `ticket` is no longer that of the MAC, or of the traffic, or the epoch."""
 
 EVENT: Final = _dtype(
-    instant_ns="i8", kind="i8", node="i8", other="i8", octets="i8", number="i8", tag="i8", asked_ns="i8",
-    power_mw="f8", sinr="f8",
+    instant_ns="i8", kind="i8", transceiver="i8", other="i8", octets="i8", number="i8", tag="i8",
+    asked_ns="i8", power_mw="f8", sinr="f8",
 )  # fmt: skip
-"""`node` says it; `other` is the sender of what was heard. `number`: of the sender's frames; `tag`: as given
-with the request; `sinr`: the worst during the frame, linear."""
+"""`transceiver` says it; `other` is the sender of what was heard. `number`: of the sender's frames; `tag`: as
+given with the request; `sinr`: the worst during the frame, linear."""
 
-AIR: Final = _dtype(
+MEDIUM: Final = _dtype(
     seed="i8", noise_mw="f8", lock_sinr="f8", capture="f8", capture_ns="i8", penalty="f8",
     peak_cca="b1", dead_ns="i8", dead_octet_ns="i8", dead_octets="i8",
     now_ns="i8", moving="b1", due="i8", in_air="i8", assessing="i8", events="i8", next_request="i8",
     next_switch="i8", busy_since_ns="i8", busy_ns="i8",
 )  # fmt: skip
-"""What is not a node's: parameters of the PHY (up to `dead_octets`), and where we are."""
+"""What is no single transceiver's: parameters of the PHY (up to `dead_octets`), and where we are."""
 
 
 class MediumState(NamedTuple):
-    """What happens in the air; n nodes, queues of q frames."""
+    """What happens on the medium; n transceivers, queues of q frames."""
 
-    air: Record
-    """One record of AIR, changed in place."""
-    nodes: NDArray[np.void]
-    receivers: NDArray[np.void]
-    """(n,) of NODE and of RECEIVER."""
+    medium: Record
+    """One record of MEDIUM, changed in place."""
+    transceivers: NDArray[np.void]
+    """(n,) of TRANSCEIVER."""
     queue: NDArray[np.void]
     """(n, q) of FRAME, a ring."""
     agenda: NDArray[np.void]
-    """A binary heap of AGENDA; the first `air.due` count."""
+    """A binary heap of AGENDA; the first `medium.due` count."""
+    rosters: NDArray[np.void]
+    """(n,) of ROSTER; the first `medium.in_air`, and `medium.assessing`, count."""
     gains_mw: NDArray[np.float64]
-    """(n, n): power of a sender's frame (row) at a node (column)."""
-    fate: NDArray[np.uint8]
-    """(n, n): what becomes of the frame in the air of a sender (row) at a node (column), so far."""
+    """(n, n): power of a sender's frame (row) at a receiver (column)."""
+    outcomes: NDArray[np.uint8]
+    """(n, n): what becomes of the frame in the air of a sender (row) at a receiver (column), so far."""
     events: NDArray[np.void]
-    """(m,) of EVENT; the first `air.events` count."""
+    """(m,) of EVENT; the first `medium.events` count."""
 
 
 class Outside(NamedTuple):

@@ -13,7 +13,7 @@ class Poisson:
     """Of the PSDU, MAC header and FCS included: 9 to 127."""
     per_second: float
     to: int = BROADCAST
-    """Number of the receiving node."""
+    """Number of the receiving transceiver."""
     acknowledged: bool = False
 
 
@@ -24,7 +24,7 @@ class Saturated:
     octets: int
     """As in Poisson."""
     after_ns: int = 0
-    """When the first comes, counted from now: phases that differ keep nodes from moving in step."""
+    """When the first comes, counted from now: phases that differ keep transceivers from moving in step."""
     to: int = BROADCAST
     acknowledged: bool = False
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+from actors.ieee802154 import PSDU_LIMIT
 from actors.radio.medium.state import Cca
 
 
@@ -32,7 +33,7 @@ class PhyParameters:
     buffer is read."""
     dead_octet_us: int = 0
     """… and for so much longer per octet of the frame, µs."""
-    dead_octets: int = 127
+    dead_octets: int = PSDU_LIMIT
     """… of at most so many octets."""
 
 
@@ -41,7 +42,7 @@ class Transceiver:
     """The settings of one transceiver; the defaults are the standard's, with the MRF24J40's sensitivity."""
 
     address: int
-    """Short address; it keys all random numbers of this node, so it must be the node's own."""
+    """Short address; it keys all random numbers of this transceiver, so it must be its own."""
     tx_power_dbm: float = 0.0
     sensitivity_dbm: float = -95.0
     """No frame that arrives weaker is received, dBm. Default: typical for the MRF24J40 (Microchip

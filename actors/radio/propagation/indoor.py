@@ -84,7 +84,7 @@ def _path_losses(senders: Floats, receivers: Floats, coefficients: Floats, loss_
     for i in range(senders.shape[0]):
         for j in range(receivers.shape[0]):
             dx, dy = receivers[j, 0] - senders[i, 0], receivers[j, 1] - senders[i, 1]
-            loss_db[i, j] = path_loss.over(np.sqrt(dx * dx + dy * dy), coefficients)
+            loss_db[i, j] = max(path_loss.over(np.sqrt(dx * dx + dy * dy), coefficients), 0.0)
 
 
 def fingerprint() -> bytes:
@@ -95,5 +95,5 @@ def fingerprint() -> bytes:
     )
     places = np.stack([arrays.cos(np.arange(7.0)), 0.85 + 0.8 * arrays.sin(np.arange(7.0))], axis=1)
     parameters = PropagationParameters(shadowing=ShadowingParameters(4.0))
-    air = IndoorPropagation(parameters, floor, np.random.default_rng(1))
-    return floor.squares.tobytes() + air.loss_db(places, places).tobytes()
+    propagation = IndoorPropagation(parameters, floor, np.random.default_rng(1))
+    return floor.squares.tobytes() + propagation.loss_db(places, places).tobytes()

@@ -1,4 +1,4 @@
-"""What disturbs the air and is no transceiver of it: Wi-Fi stations and jammers (`channel.Interferer`)."""
+"""What disturbs the medium and is no transceiver on it: Wi-Fi stations and jammers (`channel.Interferer`)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

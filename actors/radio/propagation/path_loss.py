@@ -12,7 +12,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from actors.portable import arrays
 from actors.portable.compiled import exp10, log10
 
 Floats = NDArray[np.float64]
@@ -63,16 +62,6 @@ def over(distance: float, coefficients: Floats) -> float:
         return near
     far: float = coefficients[3] + coefficients[4] * log10(d)
     return far
-
-
-def path_loss_db(distances: Floats, parameters: PathLossParameters) -> Floats:
-    """Loss, dB, over each of the distances, m; same shape."""
-    p = parameters
-    d = np.maximum(distances, p.nearest)
-    near = p.near_loss_db + 10.0 * p.near_exponent * arrays.log10(d)
-    far = p.far_loss_db + 10.0 * p.far_exponent * arrays.log10(np.maximum(d / p.breakpoint, 1.0))
-    loss: Floats = p.excess_db + np.where(d <= p.breakpoint, near, far)
-    return loss
 
 
 def line_of_sight(budget_db: float, parameters: PathLossParameters) -> float:

@@ -30,7 +30,7 @@ _TAGS: Final = 2**32
 """Of one epoch."""
 _BACKLOG: Final = 256
 """Frames that may wait for a later step; twice what the largest packet and as many relays need."""
-_FATES: Final[Mapping[type[Any], str]] = {
+_OUTCOMES: Final[Mapping[type[Any], str]] = {
     Sent: "frames_sent",
     AccessFailure: "frames_access_failure",
     Overflow: "frames_overflow",
@@ -121,7 +121,7 @@ class _Hosted:
             if isinstance(event, Heard):
                 heard.append(Reception(Instant(event.instant), event.sender, event.data, event.rssi_dbm))
             else:
-                self._counted[_FATES[type(event)]] += 1
+                self._counted[_OUTCOMES[type(event)]] += 1
         return heard
 
     def _frames(self, sent: Sequence[Transmission], begin: Instant) -> tuple[Outgoing, ...]:

@@ -1,52 +1,32 @@
 """Checks of a robot's devices: ports, who may open them, who has them open, the depth camera."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Final
 
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from deploy.fleet.doctor.findings import Finding, well, wrong
 from deploy.fleet.doctor.machine import Machine, UsbPort
-from deploy.fleet.fleet_file import OPENNI, FleetRobot
+from deploy.fleet.fleet_file import FleetRobot
 from deploy.fleet.udev_rules import GROUP, given_name
 from firmware_bridge.beeclick.port import BOARD
 from firmware_bridge.kobuki.port import KOBUKI
+from firmware_bridge.onboard.onboard_setup import OPENNI
 from firmware_bridge.range_sensors.depth import DepthScanner
 from firmware_bridge.range_sensors.rplidar import RPLIDAR
 from firmware_bridge.serial_port import Device
 
-
-@dataclass(frozen=True)
-class _Chip:
-    """The USB chip of a device, as the udev rules know it."""
-
-    device: Device
-    vendor: str
-    product: str
-
-    def is_at(self, port: UsbPort) -> bool:
-        """True if the device may be at that port."""
-        if (port.vendor, port.product) != (self.vendor, self.product):
-            return False
-        return self.device not in {KOBUKI, BOARD} or _is_kobuki(port) is (self.device is KOBUKI)
-
-
-_CHIPS: Final = (
-    _Chip(KOBUKI, "0403", "6001"),
-    _Chip(BOARD, "0403", "6001"),
-    _Chip(RPLIDAR, "10c4", "ea60"),
-)
+_DEVICES: Final = (KOBUKI, BOARD, RPLIDAR)
 
 
 def ports(machine: Machine, robot: FleetRobot) -> Iterator[Finding]:
     """Whether every device is where the fleet file says."""
     lidar = None if robot.range == OPENNI else robot.range
-    for subject, path, chip in zip(
-        ("base", "radio", "range"), (robot.base, robot.radio, lidar), _CHIPS, strict=True
+    for subject, path, device in zip(
+        ("base", "radio", "range"), (robot.base, robot.radio, lidar), _DEVICES, strict=True
     ):
         if path is not None:
-            yield _port(machine, subject, path, chip)
+            yield _port(machine, subject, path, device)
 
 
 def group(machine: Machine) -> Iterator[Finding]:
@@ -76,12 +56,12 @@ def camera(machine: Machine, robot: FleetRobot) -> Iterator[Finding]:
     yield well("range", "OpenNI2 is there") if fault is None else wrong("range", fault)
 
 
-def _port(machine: Machine, subject: str, path: str, chip: _Chip) -> Finding:
-    name = chip.device.name
+def _port(machine: Machine, subject: str, path: str, device: Device) -> Finding:
+    name = device.name
     if not machine.exists(path):
-        return wrong(subject, f"{path}: {_missing(machine, path, chip)}")
+        return wrong(subject, f"{path}: {_missing(machine, path, device)}")
     usb = machine.usb_port(path)
-    if usb is not None and chip.device is KOBUKI and not _is_kobuki(usb):
+    if usb is not None and device is KOBUKI and not _is_kobuki(usb):
         return wrong(
             subject,
             f"{path}: {usb.vendor}:{usb.product} is plugged in there, which is no {name}; the name of the "
@@ -94,7 +74,7 @@ def _port(machine: Machine, subject: str, path: str, chip: _Chip) -> Finding:
             f"{path}: {holders[0]} has the port open, so the {name} cannot be tried; end it, unless it is "
             "this very robot",
         )
-    fault = machine.port_fault(path, chip.device)
+    fault = machine.port_fault(path, device)
     if fault is not None:
         return wrong(subject, fault)
     return well(
@@ -102,9 +82,8 @@ def _port(machine: Machine, subject: str, path: str, chip: _Chip) -> Finding:
     )
 
 
-def _missing(machine: Machine, path: str, chip: _Chip) -> str:
-    device = chip.device
-    plugged = [port.path for port in machine.usb_ports() if chip.is_at(port)]
+def _missing(machine: Machine, path: str, device: Device) -> str:
+    plugged = [port.path for port in machine.usb_ports() if _may_be_at(device, port)]
     if not plugged:
         return f"there is no such port, and no {device.name} is seen; plug it in and switch it on"
     if given_name(path) is None:
@@ -113,6 +92,12 @@ def _missing(machine: Machine, path: str, chip: _Chip) -> str:
         f"there is no such port, but {plugged[0]} looks like the {device.name}; install the udev rules that "
         "`acrc deploy units` writes, then plug it in again"
     )
+
+
+def _may_be_at(device: Device, port: UsbPort) -> bool:
+    if (port.vendor, port.product) != device.chip:
+        return False
+    return device not in {KOBUKI, BOARD} or _is_kobuki(port) is (device is KOBUKI)
 
 
 def _is_kobuki(port: UsbPort) -> bool:

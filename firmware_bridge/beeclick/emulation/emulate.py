@@ -11,7 +11,7 @@ from actors.instant import START
 from actors.runtime.client_options import ArgumentError, ArgumentParser
 from actors.runtime.errors import AcrcError
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.emulation.emulated_medium import Air, AirParameters, Place
+from firmware_bridge.beeclick.emulation.emulated_medium import EmulatedMedium, MediumParameters, Place
 from firmware_bridge.beeclick.emulation.pty import serve
 
 _MOST = 100
@@ -30,12 +30,12 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def room(boards: int, spacing: float, loss: float, seed: int) -> Air:
+def room(boards: int, spacing: float, loss: float, seed: int) -> EmulatedMedium:
     """So many boards in a row, `spacing` m apart."""
-    air = Air(np.random.default_rng(seed), AirParameters(loss=loss))
+    medium = EmulatedMedium(np.random.default_rng(seed), MediumParameters(loss=loss))
     for number in range(boards):
-        air.add(EmulatedBoard(air, START), standing(number * spacing, 0.0))
-    return air
+        medium.add(EmulatedBoard(medium, START), standing(number * spacing, 0.0))
+    return medium
 
 
 def standing(x: float, y: float) -> Place:

@@ -11,6 +11,8 @@ from typing import Final, Protocol, TypeVar
 
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import FRAME_DATA_LIMIT
+from actors.radio import frame_codec
+from actors.radio.frame_codec import DataFrame, FrameError
 from firmware_bridge.beeclick.answers import (
     AddressSet,
     Answer,
@@ -33,21 +35,20 @@ from firmware_bridge.beeclick.commands import (
     SYNC,
 )
 from firmware_bridge.beeclick.emulation.rings import AnswerRing, CommandRing, CrashError
-from firmware_bridge.beeclick.signal import HEADER_SIZE, mac_header, radiated
+from firmware_bridge.beeclick.signal import radiated
 from firmware_bridge.beeclick.wire import byte_time, bytes_in
 
 _GRAIN: Final = 9
 """So many bytes from the host are looked at together while they come in, about 100 µs."""
-_FCS_SIZE: Final = 2
 _LONGEST_SENTENCE: Final = 254
 W = TypeVar("W")
 
 
 class Radio(Protocol):
-    """The air, as a board's transceiver finds it."""
+    """The medium, as a board's transceiver finds it."""
 
-    def transmit(self, board: "EmulatedBoard", now: Instant, frame: bytes) -> None:
-        """Send header and data; `board.finished` says when that is over."""
+    def transmit(self, board: "EmulatedBoard", now: Instant, psdu: bytes) -> None:
+        """Send a frame, header to FCS; `board.finished` says when that is over."""
 
     def silence(self, board: "EmulatedBoard") -> None:
         """Send no more of what that board has been sending."""
@@ -79,7 +80,7 @@ DEFAULTS: Final = BoardParameters()
 
 
 class EmulatedBoard:
-    """One board. The host's line: `take`, `run`; the air: `finished`, `heard`; people: the rest."""
+    """One board. The host's line: `take`, `run`; the medium: `finished`, `heard`; people: the rest."""
 
     def __init__(self, radio: Radio, now: Instant, parameters: BoardParameters = DEFAULTS) -> None:
         self._radio = radio
@@ -161,7 +162,7 @@ class EmulatedBoard:
             self._sentence = line[:_LONGEST_SENTENCE]
             self._unless_hung(self._handle, now, None)
 
-    # --- the air -----------------------------------------------------------------------------------------
+    # --- the medium --------------------------------------------------------------------------------------
 
     def finished(self, now: Instant, succeeded: bool) -> None:
         """The radio has done with the frame."""
@@ -170,14 +171,14 @@ class EmulatedBoard:
             return
         self._unless_hung(self._radio_says, now, succeeded)
 
-    def heard(self, now: Instant, frame: bytes, rssi: int, lqi: int) -> None:
+    def heard(self, now: Instant, psdu: bytes, rssi: int, lqi: int) -> None:
         """A frame, header to FCS, with the codes of the chip."""
-        header = HEADER_SIZE + _FCS_SIZE
-        if frame[:2] != b"\x01\x80" or not header <= len(frame) <= header + FRAME_DATA_LIMIT:
+        try:
+            frame = frame_codec.decode(psdu)
+        except FrameError:
             self.counters["foreign"] += 1
             return
-        pan, address, fcs = (int.from_bytes(part, "little") for part in (frame[3:5], frame[5:7], frame[-2:]))
-        packet = ReceivedPacket(pan, address, rssi, lqi, fcs, frame[HEADER_SIZE:-_FCS_SIZE])
+        packet = ReceivedPacket(frame.pan, frame.source, rssi, lqi, frame.check, frame.data)
         if not self._busy:
             self._unless_hung(self._radio_says, now, packet)
         elif any(isinstance(one, ReceivedPacket) for one in self._held):
@@ -295,7 +296,8 @@ class EmulatedBoard:
         if length > FRAME_DATA_LIMIT:  # what the chip makes of it is not known
             self._fails = now
             return
-        self._radio.transmit(self, now, mac_header(self.pan, self.address) + command[6 : 6 + length])
+        frame = DataFrame(self.pan, self.address, command[6 : 6 + length])
+        self._radio.transmit(self, now, frame_codec.encode(frame))
 
     def _do(self, now: Instant, command: bytes) -> None:
         match command[0]:

@@ -10,15 +10,15 @@ from types import FrameType
 from typing import Final
 
 from actors.instant import Instant
-from firmware_bridge.beeclick.emulation.emulated_medium import Air, advance
+from firmware_bridge.beeclick.emulation.emulated_medium import EmulatedMedium, advance
 from firmware_bridge.pseudo_terminal import PseudoTerminal
 
 _ROUND_S: Final = 0.001
 """Longest wait for bytes from a host, s."""
 
 
-def serve(air: Air, links: Sequence[Path]) -> None:
-    """Be the air's boards at those paths until SIGTERM or SIGINT. Raises LinkError."""
+def serve(medium: EmulatedMedium, links: Sequence[Path]) -> None:
+    """Be the medium's boards at those paths until SIGTERM or SIGINT. Raises LinkError."""
     stopped = False
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
@@ -34,16 +34,16 @@ def serve(air: Air, links: Sequence[Path]) -> None:
             begun = time.monotonic_ns()
             while not stopped:
                 time.sleep(_ROUND_S)
-                exchange(air, lines, Instant((time.monotonic_ns() - begun) // 1000))
+                exchange(medium, lines, Instant((time.monotonic_ns() - begun) // 1000))
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
-def exchange(air: Air, lines: Sequence[PseudoTerminal], now: Instant) -> None:
+def exchange(medium: EmulatedMedium, lines: Sequence[PseudoTerminal], now: Instant) -> None:
     """Let the boards take and give on their lines what they have taken and given by `now`."""
-    advance(air, now)
-    for board, line in zip(air.boards, lines, strict=True):
+    advance(medium, now)
+    for board, line in zip(medium.boards, lines, strict=True):
         if data := line.read(0.0):
             board.take(now, data)
         line.write(board.run(now))

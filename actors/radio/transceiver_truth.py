@@ -1,4 +1,4 @@
-"""Where the transceivers are during one step."""
+"""Where the transceivers are during one step, and which of them are on."""
 
 from collections.abc import Sequence
 
@@ -9,10 +9,10 @@ from actors.messages import RobotTruth
 from actors.portable import arrays
 
 
-class Stations:
-    """The robots of one step by station number; a station without a robot is switched off.
+class TransceiverTruth:
+    """What is true of the transceivers in one step, by number; one whose robot is gone is switched off.
 
-    A robot moves on from its pose at the step's start with constant speed and turn rate: along an arc.
+    A robot moves on from its pose at the step's start with constant speed and angular velocity: along an arc.
     """
 
     def __init__(self, start_us: int, robots: Sequence[RobotTruth | None]) -> None:
@@ -22,13 +22,13 @@ class Stations:
         truths = [(r.x, r.y, r.vx, r.vy, r.omega) if r else (0.0, 0.0, 0.0, 0.0, 0.0) for r in robots]
         table = np.array(truths, dtype=np.float64).reshape(-1, 5)
         self.places: NDArray[np.float64] = table[:, :2]
-        """(stations, 2), m, at the step's start."""
+        """(transceivers, 2), m, at the step's start."""
         self._velocities = table[:, 2:4]
         self._omega = table[:, 4]
         self.still = not self._velocities.any()
 
     def positions(self, instant_ns: int) -> NDArray[np.float64]:
-        """Positions at the instant: (stations, 2), m."""
+        """Positions at the instant: (transceivers, 2), m."""
         elapsed = (instant_ns - self._start_ns) / 1e9
         half_angle = self._omega * (elapsed / 2)
         cos, sin = arrays.cos(half_angle), arrays.sin(half_angle)

@@ -1,4 +1,4 @@
-"""From a set-up to what surrounds the transceivers: the preset as amended, the propagation, the Wi-Fi."""
+"""From a set-up to what a medium is made of: the preset as amended, the propagation, the Wi-Fi."""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,8 +16,8 @@ from actors.runtime.errors import AcrcError
 
 
 @dataclass(frozen=True)
-class Surroundings:
-    """The model of the air of one run."""
+class RadioModel:
+    """All that the medium of one run is made of, but for its transceivers' addresses."""
 
     parameters: RadioParameters
     """The preset, with what the set-up says instead."""
@@ -25,7 +25,7 @@ class Surroundings:
     interferers: tuple[Interferer, ...]
 
 
-def surroundings(setup: RadioSetup) -> Surroundings:
+def radio_model(setup: RadioSetup) -> RadioModel:
     """What the set-up describes; AcrcError if a preset or material is unknown, or the map cannot be read."""
     parameters = _amended(setup)
     walls = parameters.propagation.walls
@@ -39,7 +39,7 @@ def surroundings(setup: RadioSetup) -> Surroundings:
         Wifi(station, parameters.channel, propagation(), partial(generator, setup.seed, "Wi-Fi", str(number)))
         for number, station in enumerate(setup.wifi)
     )
-    return Surroundings(parameters, propagation(), stations)
+    return RadioModel(parameters, propagation(), stations)
 
 
 def _amended(setup: RadioSetup) -> RadioParameters:
