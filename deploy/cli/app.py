@@ -107,10 +107,13 @@ def run(
             "processes. Repeatable.",
         ),
     ] = None,
-    patience: Annotated[
+    timeout: Annotated[
         float,
         typer.Option(
-            metavar="S", min=1, max=86400, help="How long an actor may keep all from the next step."
+            metavar="S",
+            min=1,
+            max=86400,
+            help="The run ends once a process keeps all others from the next step for longer.",
         ),
     ] = 30.0,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")] = False,
@@ -138,7 +141,7 @@ def run(
         view=view,
         hardware=hardware,
         limit=limit or (),
-        patience=patience,
+        timeout=timeout,
         json=json,
         check=check,
     )

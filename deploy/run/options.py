@@ -10,11 +10,11 @@ from typing import Literal, cast, get_args
 
 from actors.runtime.isolation.resource_limits import ProcessLimits, limits
 from deploy.run import out_folder
-from deploy.run.silence import Patience
+from deploy.run.silence import Timeout
 from deploy.usage import OptionError
 
 SLOWEST = 0.01
-"""At this speed a step of 100 ms takes 10 s, well under the patience with an actor that is silent."""
+"""At this speed a step of 100 ms takes 10 s, well under the timeout."""
 _SLOWEST_STEP_S = 0.1
 """The longest step that a scenario may have."""
 Bus = Literal["zenoh", "memory"]
@@ -46,7 +46,7 @@ class RunOptions:
     """Robots as on board, with emulated devices, in wall time."""
     limits: ProcessLimits = field(default=ProcessLimits())
     """What each robot's process may have."""
-    patience_s: float = Patience.step_s
+    timeout_s: float = Timeout.step_s
     """How long an actor may keep all others from the next step, s; see `deploy.run.silence`."""
     json: bool = False
     """Print the result as JSON on standard output, and nothing else."""
@@ -66,7 +66,7 @@ def run_options(  # one for each option of the command line
     view: bool = False,
     hardware: bool = False,
     limit: Sequence[str] = (),
-    patience: float = Patience.step_s,
+    timeout: float = Timeout.step_s,
     json: bool = False,
     check: bool = False,
 ) -> RunOptions:
@@ -92,9 +92,9 @@ def run_options(  # one for each option of the command line
         )
     if limit and (bus == "memory" or hardware):
         raise OptionError("--limit: holds a simulated robot's process; must stand with --bus zenoh only")
-    if _speed(speed) != "max" and not patience > (slowest := _SLOWEST_STEP_S / float(speed)):
+    if _speed(speed) != "max" and not timeout > (slowest := _SLOWEST_STEP_S / float(speed)):
         raise OptionError(
-            f"--patience {patience:g}: must be more than the {slowest:g} s of a step at --speed {speed}"
+            f"--timeout: {timeout:g}; must be more than the {slowest:g} s of a step at --speed {speed}"
         )
     out_folder.check(out, mesh=bus == "zenoh")
     return RunOptions(
@@ -108,7 +108,7 @@ def run_options(  # one for each option of the command line
         view,
         hardware,
         limits(tuple(limit)),
-        patience,
+        timeout,
         json,
         check,
     )
