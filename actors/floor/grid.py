@@ -108,9 +108,9 @@ class OccupancyGrid:
         return self.contains(point) and bool(self.cells[self.cell(point)] == FREE)
 
     def clearance_at(self, point: Point, within: float) -> float:
-        """Distance from `point` to the nearest point of a blocking cell, m, or `within` if that is smaller.
+        """Distance from `point` to the nearest point that blocks, m, or `within` if that is smaller.
 
-        Exact for any point, where `clearance` knows the cells' centres only; 0 in a blocking cell and outside.
+        Exact for any point, where `clearance` knows cells' centres only; 0 in a blocking cell and outside.
         """
         if not self.is_free(point):
             return 0.0

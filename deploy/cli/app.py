@@ -12,7 +12,7 @@ from rich.console import Console
 
 from actors.runtime.errors import AcrcError
 from deploy.cli import streams
-from deploy.cli.bench import app as bench
+from deploy.cli.added import WithAdded
 from deploy.cli.collect import collect
 from deploy.cli.fleet import app as deploy
 from deploy.cli.fleet import doctor
@@ -24,13 +24,13 @@ from deploy.usage import OptionError
 
 app = typer.Typer(
     name="acrc",
+    cls=WithAdded,
     help="A testbed for self-adaptation: cleaning robots that can talk by radio only.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.add_typer(bench, name="bench", help="Measure how fast and how true the parts are.")
 app.add_typer(record, name="record", help="Check and replay what a run has recorded.")
 app.add_typer(deploy, name="deploy", help="Make keys for a fleet, and units for a robot's computer.")
 app.command()(doctor)

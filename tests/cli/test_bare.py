@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import typer
 
+from benchmarks.cli.app import app as bench
 from deploy.cli.app import app
 
 ROOT = Path(__file__).parents[2]
@@ -61,7 +62,7 @@ for command, modules in commands.items():
 def functions() -> dict[str, ast.FunctionDef]:
     """The function behind every command, by the words that call it."""
     found = {}
-    tree: list[tuple[str, typer.Typer]] = [("", app)]
+    tree: list[tuple[str, typer.Typer]] = [("", app), ("bench ", bench)]
     for prefix, one in tree:
         tree += [
             (f"{prefix}{group.name} ", group.typer_instance)

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from benchmarks.cli.options import Json
 from deploy.repository import REPOSITORY
 
 _MAPS = REPOSITORY / "maps"
@@ -43,7 +44,7 @@ def localisation(
         Path | None,
         typer.Option(metavar="JSON", help="With --from: compare with what another one made of these logs."),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Measure how well the robot keeps track of where it is, beside the truth."""
     from benchmarks.localisation import cells, command, logs

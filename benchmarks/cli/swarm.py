@@ -1,0 +1,91 @@
+"""Whole swarms on the command line: speed, seeds, crowded starts and violent ends."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from benchmarks.cli.options import Json
+
+
+def steps(
+    robots: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=1, max=1000, help="May be repeated.  [default: 1, 4, 10, 20, 50]"),
+    ] = None,
+    seconds: Annotated[float, typer.Option(metavar="S", min=1, max=3600, help="Simulated time.")] = 60.0,
+    json: Json = False,
+) -> None:
+    """Measure whole steps of a swarm, beside a bare ping-pong."""
+    from benchmarks.swarm import steps as whole
+
+    whole.run(robots or whole.ROBOTS, seconds, json)
+
+
+def swarm(
+    robots: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=1, max=500, help="May be repeated.  [default: 4, 10, 20, 50]"),
+    ] = None,
+    seconds: Annotated[float, typer.Option(metavar="S", min=1, max=3600, help="Simulated time.")] = 60.0,
+    repeat: Annotated[int, typer.Option(metavar="N", min=1, max=100, help="Runs whose median counts.")] = 3,
+    json: Json = False,
+) -> None:
+    """Measure the whole stack with many robots: speed, CPU by part and how it grows, memory."""
+    from benchmarks.swarm import full_swarm
+    from benchmarks.swarm.task import SwarmTask
+
+    full_swarm.run(SwarmTask(tuple(robots or SwarmTask.robots), seconds, repeat), json)
+
+
+def seeds(
+    scenario: Annotated[
+        Path | None,
+        typer.Argument(metavar="SCENARIO.toml", help="What to run.  [default: scenarios/corridor.toml]"),
+    ] = None,
+    robots: Annotated[
+        list[int] | None,
+        typer.Option(
+            metavar="N", min=1, max=500, help="May be repeated.  [default: the scenario's; shipped: 1, 4]"
+        ),
+    ] = None,
+    count: Annotated[int, typer.Option("--seeds", metavar="N", min=1, max=10_000, help="Seeds 1 to N.")] = 10,
+    strategy: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="May be repeated.  [default: none]")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Run a scenario from many seeds, with each strategy, and count places and contacts."""
+    from benchmarks.swarm import seeds as by_seed
+
+    by_seed.run(robots or (), count, json, strategies=strategy or by_seed.STRATEGIES, scenario=scenario)
+
+
+def crowded_start(
+    robots: Annotated[int, typer.Option(metavar="N", min=1, max=500)] = 100,
+    hogs: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="Busy processes per core.")] = 4,
+    json: Json = False,
+) -> None:
+    """Start many robots beside processes that keep every core busy, and compare with the run alone."""
+    from benchmarks.swarm import crowded_start as trials
+
+    if not trials.run(trials.CrowdedStartTask(robots, hogs_per_core=hogs), json):
+        raise typer.Exit(1)
+
+
+def endings(
+    count: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="Runs.")] = 200,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="From which all that is done follows.")] = 1,
+    longest_stop: Annotated[
+        float, typer.Option(metavar="S", min=5, max=3600, help="Processes are stopped for 5 s to so long.")
+    ] = 60.0,
+    workers: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="Runs at a time.")] = 4,
+    json: Json = False,
+) -> None:
+    """Kill, stop and signal runs at random instants; say what was not named, was left, or cannot be read."""
+    from benchmarks.swarm import endings as trials
+    from benchmarks.swarm.endings_trial import EndingsTask
+
+    task = EndingsTask(count, seed, longest_stop=longest_stop)
+    if not trials.run(task, workers, json):
+        raise typer.Exit(1)
