@@ -171,7 +171,7 @@ def test_keys_that_are_not_there_are_missed_by_name(tmp_path: Path) -> None:
     with pytest.raises(AccessError) as caught:
         load_keys(keys.machines[1].folder)
     assert str(caught.value) == (
-        f"{tmp_path}/keys/r2/key.pem cannot be read (No such file or directory); `acrc deploy keys` makes "
+        f"{tmp_path}/keys/r2/key.pem cannot be read (No such file or directory); `acrc fleet keys` makes "
         "the keys of all machines, and this machine needs a copy of its own folder"
     )
 
@@ -201,6 +201,6 @@ def test_where_there_are_no_keys_there_is_nothing_to_revoke(tmp_path: Path) -> N
     with pytest.raises(AcrcError) as caught:
         renew(FLEET, tmp_path / "keys", ["r2"], {}, now=NOW, days=30)
     assert str(caught.value) == (
-        f"{tmp_path}/keys: there are no keys to revoke; `acrc deploy keys` without --revoke makes the first"
+        f"{tmp_path}/keys: there are no keys to revoke; `acrc fleet keys` without --revoke makes the first"
     )
     assert list(tmp_path.iterdir()) == []

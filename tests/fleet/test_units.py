@@ -28,7 +28,14 @@ def unit(more: str = "", path: Path = OFFICE, program: Path = ACRC) -> dict[str,
 
 def test_the_service_is_the_robot_from_switching_on_and_is_not_restarted_for_ever() -> None:
     sections = unit()
-    assert words(sections["Service"]["ExecStart"][0]) == [str(ACRC), "onboard", str(OFFICE), "--robot", "r2"]
+    assert words(sections["Service"]["ExecStart"][0]) == [
+        str(ACRC),
+        "fleet",
+        "onboard",
+        str(OFFICE),
+        "--robot",
+        "r2",
+    ]
     expected = {
         "User": "robot",
         "SupplementaryGroups": "dialout",
@@ -93,7 +100,7 @@ def test_paths_with_all_that_means_something_to_systemd_stay_what_they_are() -> 
     folder = Path('/home/a b/50% "off" $HOME/back\\slash')
     own = unit(path=folder / "fleet.toml", program=folder / "acrc")["Service"]
     assert words(own["ExecStart"][0]) == [
-        str(folder / "acrc"), "onboard", str(folder / "fleet.toml"), "--robot", "r2"
+        str(folder / "acrc"), "fleet", "onboard", str(folder / "fleet.toml"), "--robot", "r2"
     ]  # fmt: skip
     assert own["ReadWritePaths"] == [r'"/home/a b/50%% \"off\" $HOME/back\\slash"']
 

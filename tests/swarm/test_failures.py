@@ -240,8 +240,10 @@ def test_nothing_is_left_when_acrc_itself_is_killed(tmp_path: Path, spawn: str) 
 def test_a_folder_that_is_not_empty_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     done = acrc("run", "--out", tmp_path)
-    assert done.returncode == 1
-    assert done.stderr.strip() == f"acrc: --out {tmp_path}: exists and is not an empty folder; name a new one"
+    assert done.returncode == 2
+    assert (
+        done.stderr.strip() == f"acrc: --out: {tmp_path} exists and is not an empty folder; must be a new one"
+    )
     assert list(tmp_path.iterdir()) == [tmp_path / "mine.txt"]
 
 

@@ -24,7 +24,7 @@ def test_a_limit_that_is_none_is_refused(word: str) -> None:
     with pytest.raises(LimitError) as caught:
         limits((word,))
     assert str(caught.value) == (
-        f"--limit {word}: must be one of memory_mb, open_files, file_mb, disk_mb, disk_files, processes, "
+        f"--limit: {word}; must be one of memory_mb, open_files, file_mb, disk_mb, disk_files, processes, "
         '"=" and a number from 1 to 999999999'
     )
 
@@ -33,6 +33,9 @@ def test_limits_and_a_timeout_that_do_not_fit_the_other_options(tmp_path: Path) 
     with pytest.raises(OptionError) as caught:
         run_options(tmp_path / "out", bus="memory", limit=("file_mb=1",))
     assert str(caught.value) == "--limit: holds a simulated robot's process; must stand with --bus zenoh only"
+    with pytest.raises(OptionError) as caught:
+        run_options(tmp_path / "out", limit=("file_mb",))
+    assert str(caught.value).startswith("--limit: file_mb; must be one of memory_mb, ")
     with pytest.raises(OptionError) as caught:
         run_options(tmp_path / "out", speed="0.02", timeout=5.0)
     assert str(caught.value) == "--timeout: 5; must be more than the 5 s of a step at --speed 0.02"
