@@ -6,33 +6,29 @@ is wrong, in words that follow the sender's name, or None if nothing is.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 from actors import order_limits
 from actors.messages import (
     FRAME_DATA_LIMIT,
-    REASON_LIMIT,
     Drive,
     Jam,
     Outgoing,
-    PlaceGivenUp,
-    PlaceKey,
-    PlaceReport,
     Senses,
     StartJam,
     Transmit,
     Truth,
 )
+from actors.task.word_limits import TaskLimits, words_fault
+from actors.wording import brief
 
 GREATEST_COORDINATE: Final = 1e5
 """Of a pose, either way, m, as of a velocity, m/s, and of angles, rad. Far beyond any floor."""
 _TAGS: Final = 2**63
-_SHOWN: Final = 100
-"""Characters of a foreign value that a sentence shows."""
 
 
 @dataclass(frozen=True)
-class MessageLimits:
+class MessageLimits(TaskLimits):
     """How much a robot may say in one step; own choices, far above what a strategy needs.
 
     What it says about places must also fit one message (actors.runtime.codec.MESSAGE_LIMIT).
@@ -40,31 +36,9 @@ class MessageLimits:
 
     frames: int = 32
     """Frames to be sent; at 250 kbit/s a step of 0.1 s has air time for about as many of 80 bytes."""
-    reports: int = 1000
-    """Places reported as visited."""
-    given_up: int = 1000
-    """Places given up; no robot is given more places (as a scenario file allows)."""
-    route: int = 10_000
-    """Places that a robot still means to visit: its own, and those that it takes over from others."""
 
 
 LIMITS: Final = MessageLimits()
-
-
-class Word(Protocol):
-    """What a robot says about places: part of a Drive, and of the decision that it comes from."""
-
-    @property
-    def reports(self) -> tuple[PlaceReport, ...]:
-        """Places reported as visited."""
-
-    @property
-    def given_up(self) -> tuple[PlaceGivenUp, ...]:
-        """Places given up."""
-
-    @property
-    def route(self) -> tuple[PlaceKey, ...] | None:
-        """Where it still means to go."""
 
 
 def drive_fault(drive: Drive, step: int, begin: int, end: int, limits: MessageLimits = LIMITS) -> str | None:
@@ -84,7 +58,7 @@ def drive_fault(drive: Drive, step: int, begin: int, end: int, limits: MessageLi
             f"holds itself to be at ({x:g}, {y:g}), {heading:g} rad; coordinates should be at most "
             f"{GREATEST_COORDINATE:g}"
         )
-    return word_fault(drive, begin, end, limits)
+    return words_fault(drive, begin, end, limits)
 
 
 def transmit_fault(transmit: Transmit, step: int, announced: int) -> str | None:
@@ -125,15 +99,6 @@ def senses_fault(senses: Senses) -> str | None:
     )
 
 
-def word_fault(word: Word, begin: int, end: int, limits: MessageLimits) -> str | None:
-    """What is wrong with what is said about places in the step from `begin` to `end`, µs."""
-    if word.reports and (wrong := _reports_fault(word.reports, begin, end, limits)):
-        return wrong
-    if word.given_up and (wrong := _given_up_fault(word.given_up, begin, end, limits)):
-        return wrong
-    return None if word.route is None else _route_fault(word.route, limits)
-
-
 def frames_fault(frames: Sequence[object], begin: int, end: int, limits: MessageLimits) -> str | None:
     """What is wrong with frames to be sent in the step from `begin` to `end`, µs."""
     if len(frames) > limits.frames:
@@ -148,12 +113,6 @@ def frames_fault(frames: Sequence[object], begin: int, end: int, limits: Message
     return None
 
 
-def brief(value: object) -> str:
-    """A foreign value as Python would write it, cut short where it is long."""
-    text = repr(value)
-    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
-
-
 def is_place(x: float, y: float) -> bool:
     """True for a point that may lie on a floor."""
     return abs(x) <= GREATEST_COORDINATE and abs(y) <= GREATEST_COORDINATE
@@ -162,58 +121,6 @@ def is_place(x: float, y: float) -> bool:
 def is_heading(heading: float) -> bool:
     """True for an angle, rad, that can be taken for one."""
     return abs(heading) <= GREATEST_COORDINATE
-
-
-def _reports_fault(reports: Sequence[object], begin: int, end: int, limits: MessageLimits) -> str | None:
-    if len(reports) > limits.reports:
-        return f"reports {len(reports)} places in one step; at most {limits.reports} may be"
-    for report in reports:
-        if not isinstance(report, PlaceReport):
-            return f"gives {brief(report)} for a report; it should be a PlaceReport"
-        if wrong := _instant_fault("reports a place", report.instant, begin, end):
-            return wrong
-    return None
-
-
-def _given_up_fault(given_up: Sequence[object], begin: int, end: int, limits: MessageLimits) -> str | None:
-    if len(given_up) > limits.given_up:
-        return f"gives {len(given_up)} places up in one step; at most {limits.given_up} may be"
-    for place in given_up:
-        if not isinstance(place, PlaceGivenUp) or not isinstance(place.reason, str):
-            return f"gives {brief(place)} up; it should be a PlaceGivenUp with a reason in words"
-        if not 0 < len(place.reason) <= REASON_LIMIT:
-            return (
-                f"gives a place up for a reason of {len(place.reason)} characters; "
-                f"it should have 1 to {REASON_LIMIT}"
-            )
-        if wrong := _instant_fault("gives a place up", place.instant, begin, end):
-            return wrong
-    return None
-
-
-def _instant_fault(what: str, instant: object, begin: int, end: int) -> str | None:
-    if type(instant) is not int:
-        return f"{what} at {brief(instant)} µs; it should be a whole number"
-    if not begin <= instant < end:
-        return f"{what} at {instant} µs; it should be from {begin} to {end - 1} µs"
-    return None
-
-
-def _route_fault(route: object, limits: MessageLimits) -> str | None:
-    if not isinstance(route, tuple):
-        return f"gives {brief(route)} for a route; it should be a tuple of PlaceKey, or None"
-    if len(route) > limits.route:
-        return f"has a route of {len(route)} places; at most {limits.route} may be"
-    seen: set[tuple[str, int]] = set()
-    for place in route:
-        if not isinstance(place, PlaceKey):
-            return f"has {brief(place)} in its route; it should be a PlaceKey"
-        if (place.owner, place.place) in seen:
-            return (
-                f"has place {place.place} of {brief(place.owner)} twice in its route; each may be there once"
-            )
-        seen.add((place.owner, place.place))
-    return None
 
 
 def _frame_fault(frame: Outgoing, earliest: int, end: int) -> str | None:

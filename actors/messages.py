@@ -8,14 +8,13 @@ All instants are microseconds of the run's time; positions are metres in the map
 from typing import Final
 
 from actors.board_readings import BoardNote
+from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message, MessagePart, Topic
 
 MESSAGE_VERSION: Final = 4
 FRAME_DATA_LIMIT: Final = 118
 """Data bytes of one radio frame: 127 octets of the PSDU less the 9 that the BEE click's MAC header and FCS
 take (IEEE 802.15.4-2006, aMaxPHYPacketSize)."""
-REASON_LIMIT: Final = 100
-"""Characters of the reason for which a place is given up."""
 NO_ECHO_MM: Final = 0xFFFF
 """The range on the wire, uint16 mm, of a ray that met nothing within the sensor's range."""
 
@@ -69,35 +68,6 @@ class Senses(Message, frozen=True):
     """The last message to this process: no answer is expected."""
     earlier_scans: tuple[Scan, ...] = ()
     """The sweeps before `scan` since the last step, oldest first: a sensor may be faster than the steps."""
-
-
-class PlaceKey(MessagePart, frozen=True):
-    """Names a place to be cleaned."""
-
-    owner: str
-    """The robot that the place belonged to at the start of the run."""
-    place: int
-    """Its index in the owner's list."""
-
-
-class PlaceReport(MessagePart, frozen=True):
-    """The robot holds that it has visited a place to be cleaned."""
-
-    owner: str
-    place: int
-    """As in PlaceKey."""
-    instant: int
-
-
-class PlaceGivenUp(MessagePart, frozen=True):
-    """The robot holds that nobody should try for a place any more."""
-
-    owner: str
-    place: int
-    """As in PlaceKey."""
-    instant: int
-    reason: str
-    """For people; at most REASON_LIMIT characters."""
 
 
 class Drive(Message, frozen=True):

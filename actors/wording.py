@@ -9,6 +9,13 @@ from typing import Final
 _LONGEST: Final = 60
 """Characters of a value that a sentence shows."""
 _DEPTH: Final = 3
+_BRIEF: Final = 100
+
+
+def brief(value: object) -> str:
+    """A foreign value as Python would write it, cut short where it is long."""
+    text = repr(value)
+    return text if len(text) <= _BRIEF else f"{text[:_BRIEF]}…"
 
 
 def shown(value: object) -> str:

@@ -6,11 +6,11 @@ from typing import Final, NamedTuple, Self
 from numpy.random import Generator
 
 from actors.geometry import Point
-from actors.messages import PlaceKey
-from actors.robot.behaviour.equipment import FloorPlan, PlaceMonitor, Positioning
+from actors.robot.behaviour import FloorPlan, PlaceMonitor, Positioning
+from actors.task.words import PlaceKey
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, Unblock
-from cleaning.place import LAST_TERM, Claim, Duty
+from cleaning.place import LAST_TERM, Assignment, Takeover
 from cleaning.robot import CleaningRobot
 from deeco import Duration, Instant, adaptation, component, milliseconds, periodic, seconds
 
@@ -37,7 +37,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
     """Checks in a row at which it wanted to move and had not."""
     blocked_for: int = 0
     """Checks in a row at which it was blocked."""
-    tried: tuple[Claim, ...] = ()
+    tried: tuple[Takeover, ...] = ()
     """For each time that it unblocked itself since it last visited a place: where it was heading for. Kept
     only if it may give up."""
     adopted_at: Instant | None = None
@@ -88,31 +88,31 @@ class AdaptiveCleaningRobot(CleaningRobot):
         """The robot that knows where a peer was just now."""
         return replace(self, peers=(*(other for other in self.peers if other.id != peer.id), peer))
 
-    def adopting(self, duty: Duty, now: Instant) -> Self:
+    def adopting(self, assignment: Assignment, now: Instant) -> Self:
         """The robot with a place of somebody else's in its route, heading for it at once.
 
         Itself if it holds the place already, has settled it, or has heard of a term that nobody can come to.
         """
-        if self.holds(duty.key) or self.has_settled(duty.key) or duty.term >= LAST_TERM:
+        if self.holds(assignment.key) or self.has_settled(assignment.key) or assignment.term >= LAST_TERM:
             return self
-        taken = replace(duty, term=duty.term + 1)
-        others = tuple(claim for claim in self.adopted if claim.key != duty.key)
+        taken = replace(assignment, term=assignment.term + 1)
+        others = tuple(takeover for takeover in self.adopted if takeover.key != assignment.key)
         robot = replace(
             self.heading_for(taken),
             route=(*self.route, taken),
             former=self.destination,
-            adopted=(*others, taken.claim)[-self.parameters.most_adopted :],
+            adopted=(*others, taken.takeover)[-self.parameters.most_adopted :],
             adopted_at=now,
         )
         return robot._afresh()
 
     def taken_by(self, peer: Cleaner) -> frozenset[PlaceKey]:
         """The places of its route that the peer has taken over, with a later word than this robot's own."""
-        heard = {claim.key: claim.term for claim in peer.adopted}
+        heard = {takeover.key: takeover.term for takeover in peer.adopted}
         return frozenset(
-            duty.key
-            for duty in self.route
-            if duty.key in heard and (heard[duty.key], peer.id) > (duty.term, self.id)
+            assignment.key
+            for assignment in self.route
+            if assignment.key in heard and (heard[assignment.key], peer.id) > (assignment.term, self.id)
         )
 
     def leaving_to(self, peer: Cleaner, now: Instant, *, exchange: bool) -> Self:
@@ -131,14 +131,14 @@ class AdaptiveCleaningRobot(CleaningRobot):
 
     def _having_tried(self, monitor: PlaceMonitor, now: Instant) -> Self:
         """The robot after one more attempt at its destination, which it may give up for that."""
-        duty, most = self.destination, self.parameters.attempts
-        if duty is None or not most:
+        assignment, most = self.destination, self.parameters.attempts
+        if assignment is None or not most:
             return self
-        tried = (*self.tried, duty.claim)
-        if tried.count(duty.claim) < most:
+        tried = (*self.tried, assignment.takeover)
+        if tried.count(assignment.takeover) < most:
             return replace(self, tried=tried)
         reason = f"blocked on the way to it, {most} times without visiting any place meanwhile"
-        return self.given_up(duty, reason, monitor, now)
+        return self.given_up(assignment, reason, monitor, now)
 
     def _turned(self, floor: FloorPlan, generator: Generator) -> Self:
         """The robot on its way to somewhere else, or on a new attempt."""
@@ -156,5 +156,5 @@ class AdaptiveCleaningRobot(CleaningRobot):
         return replace(self, blocked_for=0, still_for=0, state=State.FREE)
 
 
-def _heads_for(peer: Cleaner, duty: Duty) -> bool:
-    return peer.destination is not None and peer.destination.key == duty.key
+def _heads_for(peer: Cleaner, assignment: Assignment) -> bool:
+    return peer.destination is not None and peer.destination.key == assignment.key

@@ -14,7 +14,7 @@ first. Of all takings so far, let the heaviest be that of robot R.
 4. At the start the owner's taking is the only one; whenever a heavier one comes, the same holds of who took.
 Others may hold the place beside R, because of old messages. They drop it when they hear R, or visit it again.
 
-A robot that is restarted forgets what it had adopted; its own places it takes anew (`place.duties`).
+A robot that is restarted forgets what it had adopted; its own places it takes anew (`place.assignments`).
 """
 
 from cleaning.adaptive import AdaptiveCleaningRobot

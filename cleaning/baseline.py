@@ -1,9 +1,8 @@
 """The naive solution: every robot visits its places in the order given, and takes no notice of the others."""
 
-from actors.robot.behaviour.node_host import host
-from actors.robot.behaviour.ports import Behaviour, Start
+from actors.robot.behaviour import Behaviour, Start, host
 from cleaning.parameters import CleaningParameters
-from cleaning.place import duties
+from cleaning.place import assignments
 from cleaning.robot import CleaningRobot
 from cleaning.settings import from_settings
 
@@ -12,6 +11,6 @@ def behaviour(start: Start) -> Behaviour:
     """Visit the own places in their order, whatever the others do: the chapter's baseline."""
     parameters = from_settings(CleaningParameters, start.settings)
     robot = CleaningRobot(
-        id=start.robot, position=start.pose.point, route=duties(start), parameters=parameters
+        id=start.robot, position=start.pose.point, route=assignments(start), parameters=parameters
     )
     return host(start, robot)

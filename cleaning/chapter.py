@@ -2,14 +2,13 @@
 
 from typing import Final
 
-from actors.robot.behaviour.node_host import host
-from actors.robot.behaviour.ports import Behaviour, Start
+from actors.robot.behaviour import Behaviour, Start, host
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.making_way import MakingWay
 from cleaning.parameters import AdaptationParameters, ReleasedParameters
 from cleaning.peer_mask import PeerMask
-from cleaning.place import duties
+from cleaning.place import assignments
 from cleaning.settings import from_settings
 
 _SENSOR_RANGE: Final = 6.5
@@ -29,7 +28,7 @@ def released(start: Start) -> Behaviour:
 def _adaptive(start: Start, parameters: AdaptationParameters) -> Behaviour:
     p = parameters
     robot = AdaptiveCleaningRobot(
-        id=start.robot, position=start.pose.point, route=duties(start), parameters=p
+        id=start.robot, position=start.pose.point, route=assignments(start), parameters=p
     )
     adoption = DestinationAdoption(p.adoption_distance, p.adoption_checks, p.adoption_backoff)
     further: list[object] = [MakingWay(p.adoption_distance)] if p.make_way else []

@@ -4,7 +4,7 @@ from enum import Enum
 from typing import Annotated
 
 from actors.geometry import Point
-from cleaning.place import Claim, Duty
+from cleaning.place import Assignment, Takeover
 from deeco import Knowledge, role
 from deeco.replication.schema import Resolution
 
@@ -24,12 +24,12 @@ class Cleaner(Knowledge):
     position: Annotated[Point, Resolution(1000)]
     """Where it holds itself to be, m, map frame."""
     state: State = State.FREE
-    destination: Duty | None = None
+    destination: Assignment | None = None
     """The place that it heads for; None if it has none, and while it heads for some other point."""
-    former: Duty | None = None
+    former: Assignment | None = None
     """The destination that it left for the present one, which it adopted: whoever held that may have this in
     exchange."""
-    adopted: tuple[Claim, ...] = ()
+    adopted: tuple[Takeover, ...] = ()
     """What it has taken over from others, the newest last; visited or given up since or not."""
 
     def is_blocked(self) -> bool:

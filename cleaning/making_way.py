@@ -1,6 +1,6 @@
 """An ensemble beyond the chapter's: who is done gets out of the way of who is not."""
 
-from actors.robot.behaviour.equipment import FloorPlan
+from actors.robot.behaviour import FloorPlan
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.cleaner import Cleaner
 from deeco import ensemble, seconds

@@ -4,21 +4,22 @@ from dataclasses import dataclass
 from typing import Annotated, Final
 
 from actors.geometry import Point
-from actors.messages import PlaceKey
-from actors.robot.behaviour.ports import Start
+from actors.robot.behaviour import Start
+from actors.task.words import PlaceKey
 from deeco.replication.schema import Resolution
 
 RESTART_TERM: Final = 2**20
-"""What a restart adds to the terms of a robot's own duties; see `duties`. No tuning: any number will do that
-is larger than how often a place changes hands between two restarts. This one is reached after 36 days with
-an exchange every 3 s, the ensemble's period. It costs air only after a restart: 4 bytes a place."""
+"""What a restart adds to the terms of a robot's own assignments; see `assignments`. No tuning: any number
+will do that is larger than how often a place changes hands between two restarts. This one is reached after
+36 days with an exchange every 3 s, the ensemble's period. It costs air only after a restart: 4 bytes a
+place."""
 LAST_TERM: Final = 2**63 - 1
 """No place is taken over beyond it: no honest swarm comes there, and the next but one has no form on the air.
 Whoever hears so great a term hears a liar."""
 
 
 @dataclass(frozen=True)
-class Claim:
+class Takeover:
     """That somebody has taken a place over: what is said of it to those who held it before."""
 
     owner: str
@@ -35,8 +36,8 @@ class Claim:
 
 
 @dataclass(frozen=True)
-class Duty:
-    """The duty to clean a place."""
+class Assignment:
+    """The assignment to clean a place."""
 
     owner: str
     """The robot that the place belonged to at the start of the run."""
@@ -53,16 +54,16 @@ class Duty:
         return PlaceKey(self.owner, self.index)
 
     @property
-    def claim(self) -> Claim:
+    def takeover(self) -> Takeover:
         """The same without where it is."""
-        return Claim(self.owner, self.index, self.term)
+        return Takeover(self.owner, self.index, self.term)
 
 
-def duties(start: Start) -> tuple[Duty, ...]:
+def assignments(start: Start) -> tuple[Assignment, ...]:
     """A robot's own places, in the order given.
 
     A robot that was restarted takes them all again, and with a term above all that it may have had before:
     others have handed places back to it, and must not draw them off by what they said of them long ago.
     """
     term = start.epoch * RESTART_TERM
-    return tuple(Duty(start.robot, index, point, term) for index, point in enumerate(start.places))
+    return tuple(Assignment(start.robot, index, point, term) for index, point in enumerate(start.places))

@@ -9,16 +9,15 @@ from dataclasses import replace
 from typing import NamedTuple, Self
 
 from actors.geometry import Point
-from actors.messages import PlaceKey
-from actors.robot.behaviour.equipment import Navigation, PlaceMonitor, Positioning
-from actors.robot.behaviour.goal import AbortReason, GoalStatus
+from actors.robot.behaviour import AbortReason, GoalStatus, Navigation, PlaceMonitor, Positioning
+from actors.task.words import PlaceKey
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import CleaningParameters
-from cleaning.place import Claim, Duty
+from cleaning.place import Assignment, Takeover
 from deeco import Instant, component, milliseconds, periodic, seconds
 
 
-class Errand(NamedTuple):
+class OrderedGoal(NamedTuple):
     """What navigation has been told to do."""
 
     point: Point
@@ -30,15 +29,15 @@ class CleaningRobot(Cleaner):
     """Visits the places of its route, in order."""
 
     parameters: CleaningParameters = CleaningParameters()
-    route: tuple[Duty, ...] = ()
+    route: tuple[Assignment, ...] = ()
     """What it means to visit; no place twice. `destination`, if there is one, is in it."""
     waypoint: Point | None = None
-    """Where it heads for before anything else, m: any point, which is nobody's duty."""
-    settled: tuple[Claim, ...] = ()
+    """Where it heads for before anything else, m: any point, which is nobody's assignment."""
+    settled: tuple[Takeover, ...] = ()
     """What it has visited or given up, and will not take on again."""
     attempt: int = 0
     """Grows whenever navigation is to be told anew where to go, be it to the same point."""
-    errand: Errand | None = None
+    ordered: OrderedGoal | None = None
     """What navigation has been told last."""
     no_plans: int = 0
     """How often in a row navigation has found no way to the destination."""
@@ -59,11 +58,11 @@ class CleaningRobot(Cleaner):
     def set_destination(self, monitor: PlaceMonitor, now: Instant) -> Self:
         """Tick off every place within reach, whether it is its turn or not; choose the next destination."""
         robot = self
-        near = [duty for duty in self.route if self.reaches(duty.point)]
+        near = [assignment for assignment in self.route if self.reaches(assignment.point)]
         if near:
-            for duty in near:
-                monitor.visited(duty.key, now)
-            robot = robot.without({duty.key for duty in near}, settled=True)
+            for assignment in near:
+                monitor.visited(assignment.key, now)
+            robot = robot.without({assignment.key for assignment in near}, settled=True)
         if robot.waypoint is not None and robot.reaches(robot.waypoint):
             robot = replace(robot, waypoint=None)
         if robot.target is None and robot.route:
@@ -76,25 +75,25 @@ class CleaningRobot(Cleaner):
 
         A robot that has visited its last place drives up to it. One whose destination was taken stops.
         """
-        errand = None if self.target is None else Errand(self.target, self.attempt)
-        if errand is None:
-            if self.errand is None or self.errand.attempt == self.attempt:
+        ordered = None if self.target is None else OrderedGoal(self.target, self.attempt)
+        if ordered is None:
+            if self.ordered is None or self.ordered.attempt == self.attempt:
                 return self
             navigation.stop()
-        elif errand != self.errand:
-            navigation.go_to(errand.point)
+        elif ordered != self.ordered:
+            navigation.go_to(ordered.point)
         else:
-            return self._after_abort(errand, navigation, monitor, now)
-        return replace(self, errand=errand, no_plans=0)
+            return self._after_abort(ordered, navigation, monitor, now)
+        return replace(self, ordered=ordered, no_plans=0)
 
     @periodic(every=seconds(1), order=5)
     def report_status(self, monitor: PlaceMonitor) -> Self:
         """Say which places are left."""
-        monitor.remaining([duty.key for duty in self.route])
+        monitor.remaining([assignment.key for assignment in self.route])
         return self
 
     def _after_abort(
-        self, errand: Errand, navigation: Navigation, monitor: PlaceMonitor, now: Instant
+        self, ordered: OrderedGoal, navigation: Navigation, monitor: PlaceMonitor, now: Instant
     ) -> Self:
         """What follows if navigation has given its goal up: another try, or none any more."""
         goal, p = navigation.goal, self.parameters
@@ -105,38 +104,38 @@ class CleaningRobot(Cleaner):
             reason = f"navigation found no way to it, {no_plans} times in a row"
             return self.given_up(self.destination, reason, monitor, now)
         if p.retry:
-            navigation.go_to(errand.point)
+            navigation.go_to(ordered.point)
         return replace(self, no_plans=no_plans)
 
     def holds(self, key: PlaceKey) -> bool:
         """True if the place is in its route."""
-        return any(duty.key == key for duty in self.route)
+        return any(assignment.key == key for assignment in self.route)
 
     def has_settled(self, key: PlaceKey) -> bool:
         """True if it has visited the place or given it up."""
-        return any(claim.key == key for claim in self.settled)
+        return any(takeover.key == key for takeover in self.settled)
 
-    def heading_for(self, duty: Duty | None) -> Self:
+    def heading_for(self, assignment: Assignment | None) -> Self:
         """The robot on a new attempt, at a place of its route or, with None, at none for now."""
-        return replace(self, destination=duty, former=None, waypoint=None, attempt=self.attempt + 1)
+        return replace(self, destination=assignment, former=None, waypoint=None, attempt=self.attempt + 1)
 
     def sent_to(self, waypoint: Point) -> Self:
         """The robot on its way to any point, m, after which it goes on with the first place of its route."""
         return replace(self.heading_for(None), waypoint=waypoint)
 
-    def given_up(self, duty: Duty, reason: str, monitor: PlaceMonitor, now: Instant) -> Self:
+    def given_up(self, assignment: Assignment, reason: str, monitor: PlaceMonitor, now: Instant) -> Self:
         """The robot without a place that nobody is to try for any more; 1 to 100 characters say why."""
-        monitor.given_up(duty.key, reason, now)
-        robot = self.without({duty.key}, settled=True)
+        monitor.given_up(assignment.key, reason, now)
+        robot = self.without({assignment.key}, settled=True)
         return robot if robot.destination == self.destination else robot.heading_for(None)
 
     def without(self, keys: Container[PlaceKey], *, settled: bool) -> Self:
         """The robot with these places out of its route, and with no destination if that was one of them."""
-        gone = tuple(duty.claim for duty in self.route if duty.key in keys)
+        gone = tuple(assignment.takeover for assignment in self.route if assignment.key in keys)
         left, former = self.destination, self.former
         return replace(
             self,
-            route=tuple(duty for duty in self.route if duty.key not in keys),
+            route=tuple(assignment for assignment in self.route if assignment.key not in keys),
             settled=self.settled + gone if settled else self.settled,
             destination=None if left is not None and left.key in keys else left,
             former=None if former is not None and former.key in keys else former,

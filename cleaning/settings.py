@@ -7,8 +7,8 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any, Final, TypeVar, get_type_hints
 
 from actors.instant import Duration, seconds
+from actors.robot.behaviour import Setting
 from actors.robot.behaviour.adaptation import LONGEST_S
-from actors.robot.behaviour.ports import Setting
 from actors.runtime.errors import AcrcError
 from actors.wording import shown, unknown_key
 from deeco import DeecoError

@@ -8,12 +8,9 @@ import sys
 
 import numpy as np
 
-from actors.radio.medium.csma import airtime_ns
-from actors.radio.medium.medium import Medium
-from actors.radio.medium.state import Kind
-from actors.radio.medium.traffic import Poisson
+from actors.radio.medium import Kind, Medium, Poisson, airtime_ns
 from actors.radio.presets import preset
-from actors.radio.propagation.indoor import IndoorPropagation
+from actors.radio.propagation import IndoorPropagation
 
 SENDERS, OCTETS, SECONDS = 10, 60, 30
 AIR = preset("beeclick")

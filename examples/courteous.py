@@ -11,14 +11,12 @@ from typing import Self
 
 from numpy.random import Generator
 
-from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor
-from actors.robot.behaviour.node_host import host
-from actors.robot.behaviour.ports import Behaviour, Start
+from actors.robot.behaviour import Behaviour, FloorPlan, Navigation, PlaceMonitor, Start, host
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import AdaptationParameters
-from cleaning.place import Duty, duties
+from cleaning.place import Assignment, assignments
 from cleaning.settings import from_settings
 from deeco import START, Duration, Instant, adaptation, component, ensemble, periodic, role, seconds
 
@@ -37,7 +35,7 @@ class CourteousParameters(AdaptationParameters):
 class Offering(Cleaner):
     """A cleaner that lets others know, too, what they may do for it."""
 
-    offered: Duty | None = None
+    offered: Assignment | None = None
 
 
 @component
@@ -51,7 +49,9 @@ class CourteousRobot(AdaptiveCleaningRobot, Offering):
     @periodic(every=seconds(5))
     def reorder(self) -> Self:
         """The nearest place first, and the farthest for whoever has time."""
-        nearest = tuple(sorted(self.route, key=lambda duty: duty.point.distance_to(self.position)))
+        nearest = tuple(
+            sorted(self.route, key=lambda assignment: assignment.point.distance_to(self.position))
+        )
         return replace(self, route=nearest, offered=nearest[-1] if len(nearest) > 1 else None)
 
     @adaptation
@@ -71,8 +71,8 @@ class CourteousRobot(AdaptiveCleaningRobot, Offering):
         """Give up what is left at closing time."""
         robot = self
         if now >= START + self.parameters.closing:
-            for duty in self.route:
-                robot = robot.given_up(duty, "it was closing time", monitor, now)
+            for assignment in self.route:
+                robot = robot.given_up(assignment, "it was closing time", monitor, now)
         return robot
 
 
@@ -120,7 +120,7 @@ def behaviour(start: Start) -> Behaviour:
     """Give way, help those who have more to do, and close in time: an example of a strategy of one's own."""
     parameters = from_settings(CourteousParameters, start.settings)
     robot = CourteousRobot(
-        id=start.robot, position=start.pose.point, route=duties(start), parameters=parameters
+        id=start.robot, position=start.pose.point, route=assignments(start), parameters=parameters
     )
     way = GivingWay(parameters.adoption_distance)
     return host(start, robot, way, HandOver(), AdoptedDestinationRemove(exchange=False))

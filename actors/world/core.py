@@ -5,14 +5,14 @@ has answered, send Truth. MOVE: physics to the step's end. A roll call precedes 
 restart.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import Enum
 from typing import Final
 
 import msgspec
 
 from actors.instant import Instant, in_seconds
-from actors.message_limits import brief, drive_fault
+from actors.message_limits import drive_fault
 from actors.messages import (
     AIRED,
     ANSWERED,
@@ -28,22 +28,20 @@ from actors.messages import (
     Answered,
     Control,
     Drive,
-    PlaceGivenUp,
-    PlaceKey,
-    PlaceReport,
     Progress,
     Ready,
     RobotTruth,
     Roster,
     Truth,
-)  # fmt: skip
+)
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import few, otherwise, parted
+from actors.task.task import Task
+from actors.wording import brief
 from actors.world.body import Bodies
 from actors.world.orders import Orders
 from actors.world.participants import Member, Participants, Standing
-from actors.world.referee import PlaceOutcome, Referee
 from actors.world.whereabouts import PoseError, Whereabouts
 from actors.world.world_setup import WorldSetup
 
@@ -59,8 +57,8 @@ class FalseMessageError(AcrcError):
     """A message that nobody who keeps to the rules sends."""
 
 
-class UnknownPlaceError(FalseMessageError):
-    """A robot that speaks of a place that there is not."""
+class FalseWordError(FalseMessageError):
+    """A robot that says of its task what cannot be true, such as a place that there is not."""
 
 
 class WorldPhase(Enum):
@@ -76,11 +74,11 @@ class WorldPhase(Enum):
 class WorldCore:
     """Conducts the steps; see the module's first lines for the phases."""
 
-    def __init__(self, setup: WorldSetup, bodies: Bodies) -> None:
+    def __init__(self, setup: WorldSetup, bodies: Bodies, task: Task) -> None:
         self._setup = setup
         self._bodies = bodies
         self._participants = Participants(setup.robots)
-        self._referee = Referee(setup.robots, setup.reach)
+        self._task = task
         self._whereabouts = Whereabouts(len(setup.robots))
         self._orders = Orders(setup.events, self._participants, bodies)
         self._step = 0
@@ -115,9 +113,9 @@ class WorldCore:
         return self._phase is WorldPhase.OPEN
 
     @property
-    def places(self) -> tuple[PlaceOutcome, ...]:
-        """What has become of every place so far, in the order of the scenario."""
-        return self._referee.outcomes(self._participants.routes)
+    def task_outcome(self) -> Mapping[str, object]:
+        """What the task has come to so far, by subject."""
+        return self._task.outcome(self._participants.present)
 
     @property
     def pose_errors(self) -> dict[str, PoseError]:
@@ -180,7 +178,7 @@ class WorldCore:
             self._restarting = False
             return self._send_senses()
         self._phase = WorldPhase.OPEN
-        self._referee.watch(self.instant, self._bodies.positions)
+        self._task.watch(self.instant, self._bodies.positions)
         return ()
 
     def _admit(self, member: Member, ready: Ready) -> None:
@@ -207,6 +205,8 @@ class WorldCore:
                 self._take_counts(read(inputs, AIRED))
             self._orders.due(self.instant)
         outputs = self._take_orders(inputs)
+        for start in self._orders.starts:
+            self._task.restart(start.robot)
         if self._orders.paused and not self._orders.stop:
             self._phase = WorldPhase.PAUSED
             return [*outputs, to(PROGRESS, self._progress())]
@@ -251,7 +251,7 @@ class WorldCore:
     def _over(self) -> bool:
         if self._orders.stop or self.instant >= self._setup.duration_us:
             return True
-        return self._referee.settled and not self._orders.pending and not self._orders.starts
+        return self._task.settled and not self._orders.pending and not self._orders.starts
 
     def _halt(self) -> list[Output]:
         alive = self._participants.of(Standing.STEPPING, Standing.FROZEN)
@@ -279,7 +279,8 @@ class WorldCore:
             if wrong := drive_fault(drive, self._step, self.instant, end):
                 raise FalseMessageError(f"{self._when()}: {member.id} {wrong}")
             self._bodies.command(member.index, drive, self.instant)
-            self._take_word(member, drive)
+            if wrong := self._task.take(member.id, drive):
+                raise FalseWordError(f"{self._when()}: {member.id} {wrong}")
             held[member.index] = drive.pose
             transmits[member.id] = drive.transmits
         truths = tuple(self._truth(member, transmits[member.id]) for member in self._participants.members)
@@ -288,26 +289,6 @@ class WorldCore:
         jams, self._orders.jams = tuple(self._orders.jams), []
         self._phase = WorldPhase.MOVE
         return (to(TRUTH, Truth(self._step, self.instant, truths, jams)),)
-
-    def _take_word(self, member: Member, drive: Drive) -> None:
-        """Take in what the robot says about places."""
-        for report in drive.reports:
-            self._check(member, "reports", report)
-            self._referee.report(member.id, report)
-        for given_up in drive.given_up:
-            self._check(member, "gives up", given_up)
-            self._referee.give_up(member.id, given_up)
-        if drive.route is not None:
-            for place in drive.route:
-                self._check(member, "has in its route", place)
-            member.route = drive.route
-
-    def _check(self, member: Member, verb: str, place: PlaceKey | PlaceReport | PlaceGivenUp) -> None:
-        if not self._referee.knows(place):
-            raise UnknownPlaceError(
-                f"{self._when()}: {member.id} {verb} place {place.place} of {brief(place.owner)}, "
-                "which nobody was given"
-            )
 
     def _when(self) -> str:
         return f"step {self._step} ({in_seconds(self.instant):g} s)"
@@ -323,14 +304,13 @@ class WorldCore:
         self._bodies.move(self.instant, self._setup.step_us)
         self._step += 1
         self._phase = WorldPhase.OPEN
-        self._referee.watch(self.instant, self._bodies.positions)
+        self._task.watch(self.instant, self._bodies.positions)
         whole = self.instant % 1_000_000 < self._setup.step_us
         return (to(PROGRESS, self._progress()),) if whole else ()
 
     def _progress(self) -> Progress:
-        left = {(place.owner, place.place) for route in self._participants.routes.values() for place in route}
-        reports = self._referee.reports
-        return Progress(self._step, self.instant, len(left), reports, self._finished, self.paused)
+        left, done = self._task.progress(self._participants.present)
+        return Progress(self._step, self.instant, left, done, self._finished, self.paused)
 
     def waiting(self, addresses: Sequence[Address]) -> Progress:
         """How things stand while these messages are missing."""

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from enum import Enum
 
-from actors.messages import PlaceKey
 from actors.world.world_setup import BodySetup
 
 
@@ -23,10 +22,6 @@ class Member:
 
     id: str
     index: int
-    given: tuple[PlaceKey, ...]
-    """The places that it was given."""
-    route: tuple[PlaceKey, ...]
-    """The places that it still means to visit, as its process last said; before its first word, `given`."""
     standing: Standing = Standing.AWAITED
     epoch: int = 0
     kernels: str = ""
@@ -39,17 +34,16 @@ class Member:
         return self.standing is not Standing.ENDED
 
     def begin_anew(self) -> None:
-        """Await a new process: it knows of nothing but the places that it is given."""
+        """Await a new process."""
         self.epoch += 1
         self.standing = Standing.AWAITED
-        self.route = self.given
 
 
 class Participants:
     """All robots of a run, in the order of its set-up."""
 
     def __init__(self, robots: tuple[BodySetup, ...]) -> None:
-        self.members = tuple(_member(robot, index) for index, robot in enumerate(robots))
+        self.members = tuple(Member(robot.id, index) for index, robot in enumerate(robots))
         self._by_id = {member.id: member for member in self.members}
 
     def __getitem__(self, robot: str) -> Member:
@@ -63,11 +57,6 @@ class Participants:
         return [member for member in self.members if member.standing in standings]
 
     @property
-    def routes(self) -> dict[str, tuple[PlaceKey, ...]]:
-        """The route of each robot that takes part, by its id."""
-        return {member.id: member.route for member in self.members if member.alive}
-
-
-def _member(robot: BodySetup, index: int) -> Member:
-    given = tuple(PlaceKey(robot.id, place) for place in range(len(robot.places)))
-    return Member(robot.id, index, given, given)
+    def present(self) -> tuple[str, ...]:
+        """The ids of those that take part."""
+        return tuple(member.id for member in self.members if member.alive)

@@ -22,7 +22,9 @@ from actors.runtime.process import ActorProcess, RunNote
 from actors.runtime.processor import processor
 from actors.runtime.shell import Shell, run_shell
 from actors.runtime.ticks import ticking
-from actors.world import drive, odometry_kernel, physics, rays, visits
+from actors.task import visits
+from actors.task.referee import Referee
+from actors.world import drive, odometry_kernel, physics, rays
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
 from actors.world.world_setup import WorldSetup
@@ -74,8 +76,8 @@ def load_setup(path: Path) -> WorldSetup:
 
 
 def build(setup: WorldSetup) -> WorldCore:
-    """The core of a world."""
-    return WorldCore(setup, Bodies(setup))
+    """The core of a world whose task is to visit places."""
+    return WorldCore(setup, Bodies(setup), Referee(setup.robots, setup.reach))
 
 
 def part_of(argv: Sequence[str]) -> ActorProcess:
@@ -95,7 +97,7 @@ def part(core: WorldCore, run: RunNote, hold: Callable[[Shell, Bus], None] = run
         bus=QuotaBus,
         drive=hold,
         outcome=lambda: {
-            "places": core.places,
+            **core.task_outcome,
             "contacts": core.contacts,
             "pose_errors": core.pose_errors,
             "steps": core.step,

@@ -4,7 +4,7 @@ NEST = """
 import os
 from contextlib import suppress
 from pathlib import Path
-from actors.runtime import linux
+from actors.runtime.lifecycle import linux
 with suppress(OSError):
     user, group = os.getuid(), os.getgid()
     linux.unshare(linux.CLONE_NEWUSER | linux.CLONE_NEWNS)
@@ -18,7 +18,7 @@ UNDO = """
 import ctypes, sys
 from contextlib import suppress
 from pathlib import Path
-from actors.runtime import linux
+from actors.runtime.lifecycle import linux
 repository, token, out = sys.argv[1:]
 for folder in (out, "/tmp", "/run"):
     if Path(repository).is_relative_to(folder):

@@ -13,7 +13,6 @@ import zenoh
 
 from actors.runtime.access.credentials import reveal
 from actors.runtime.isolation.sandbox import Confinement, isolate
-from benchmarks.attacks.attacks import ATTACKS
 from benchmarks.attacks.member import Description, Note, SwarmMember, client, router, sockets
 
 
@@ -65,6 +64,8 @@ def ordinary_keys(name: str) -> list[str]:
 
 def obey(member: SwarmMember, order: Note) -> Note:
     """Carry out one stage of an attack."""
+    from benchmarks.attacks.attacks import ATTACKS  # noqa: PLC0415 — brings threads, which isolation refuses
+
     if order.get("forget"):
         member.forget()
         return {}

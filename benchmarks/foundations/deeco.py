@@ -13,13 +13,12 @@ from rich.table import Table
 from actors.geometry import Point, Pose
 from actors.instant import Instant, in_seconds, milliseconds, seconds
 from actors.messages import Heard
-from actors.robot.behaviour.goal import Goal, GoalStatus
-from actors.robot.behaviour.ports import Behaviour, Start, View
+from actors.robot.behaviour import Behaviour, Goal, GoalStatus, Start, View
 from benchmarks.statistics.cpu_time import best
 from cleaning.adoption import DestinationAdoption
 from cleaning.chapter import behaviour
 from cleaning.cleaner import Cleaner, State
-from cleaning.place import Duty
+from cleaning.place import Assignment
 from deeco import component, ensemble, periodic
 from deeco.link import Reception
 from deeco.node import Node
@@ -52,7 +51,7 @@ class Counting(Cleaner):
     """Changes its knowledge with every activation; otherwise of the model problem's size."""
 
     blocked_for: int = 0
-    route: tuple[Duty, ...] = ()
+    route: tuple[Assignment, ...] = ()
     still_for: int = 0
     attempt: int = 0
     before: Point | None = None
@@ -121,12 +120,12 @@ def _crowd(task: DeecoTask) -> Node:
 
 
 def _standing(name: str, x: float) -> StandingCleaner:
-    duty = Duty(name, 3, Point(x, 5.0))
-    return StandingCleaner(id=name, position=Point(x, 1.0), state=State.BLOCKED, destination=duty)
+    assignment = Assignment(name, 3, Point(x, 5.0))
+    return StandingCleaner(id=name, position=Point(x, 1.0), state=State.BLOCKED, destination=assignment)
 
 
 def _activation_us(task: DeecoTask) -> float:
-    route = tuple(Duty("r1", index, Point(1.0 * index, 2.0)) for index in range(10))
+    route = tuple(Assignment("r1", index, Point(1.0 * index, 2.0)) for index in range(10))
 
     def prepare() -> Node:
         return Node([Counting(id="r1", position=Point(1.0, 2.0), route=route)])

@@ -12,9 +12,8 @@ import msgspec
 
 from actors.geometry import Point
 from actors.instant import Instant
+from actors.robot.behaviour import Behaviour, Decision, Goal, GoalOrder, GoalStatus, Start, View
 from actors.robot.behaviour.entry import load_behaviour
-from actors.robot.behaviour.goal import Goal, GoalOrder, GoalStatus
-from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
 
 ENTRY: Final = "benchmarks.navigation.goal_log:behaviour"
 SUBJECT: Final = "goals"

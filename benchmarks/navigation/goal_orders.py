@@ -3,9 +3,8 @@
 from typing import Final
 
 from actors.instant import Instant
-from actors.messages import PlaceGivenUp, PlaceReport
-from actors.robot.behaviour.goal import GoalStatus
-from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
+from actors.robot.behaviour import Behaviour, Decision, GoalStatus, Start, View
+from actors.task.words import PlaceGivenUp, PlaceReport
 
 ENTRY: Final = "benchmarks.navigation.goal_orders:behaviour"
 

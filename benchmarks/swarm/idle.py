@@ -1,7 +1,7 @@
 """The behaviour of a robot that does nothing, for ever."""
 
 from actors.instant import Instant
-from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
+from actors.robot.behaviour import Behaviour, Decision, Start, View
 
 NOTHING = Decision()
 

@@ -16,11 +16,11 @@ from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.message_counts import MessageCounts
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell
+from actors.task.referee import Referee
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
 from actors.world.odometry import Odometers
 from actors.world.physics import Arena
-from actors.world.referee import Referee
 from actors.world.sensing import RangeSensors
 from benchmarks.swarm import process_figures
 from benchmarks.swarm.part_clock import PartClock, Target, calls_of

@@ -156,7 +156,3 @@ def _what(found: object) -> str:
     if is_component(type(found)):
         return f"an instance of the component {type(found).__name__}, whose class should be named"
     return f"of type {type(found).__name__}, neither a component nor an ensemble"
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import msgspec
 
-from actors.world.referee import PlaceOutcome
+from actors.task.referee import PlaceOutcome
 from deploy.field_trial.aligned_clocks import AlignedClocks
 from deploy.field_trial.recordings import FieldTrialError
 from deploy.field_trial.reported_places import ReportedPlaces

@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 import msgspec
 
 from actors.instant import Duration, seconds
-from actors.messages import PlaceGivenUp, PlaceKey, PlaceReport
-from actors.world.referee import PlaceOutcome, Referee, Verdict
+from actors.task.referee import PlaceOutcome, Referee, Verdict
+from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 from deploy.field_trial.aligned_clocks import AlignedClocks
 from deploy.field_trial.recordings import FieldTrial
 from deploy.field_trial.robot_log import Moment, RobotLog

@@ -8,7 +8,7 @@ import msgspec
 
 from actors.instant import Duration, in_seconds
 from actors.radio.frame import octets
-from actors.world.referee import PlaceOutcome
+from actors.task.referee import PlaceOutcome
 from deploy.field_trial.aligned_clocks import AlignedClocks, ClockReport
 from deploy.field_trial.node_counts import node_account
 from deploy.field_trial.recordings import FieldTrial

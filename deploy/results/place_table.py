@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.instant import in_seconds
-from actors.world.referee import PlaceOutcome, Verdict
+from actors.task.referee import PlaceOutcome, Verdict
 
 COLUMNS: Final = (
     "owner", "place", "x", "y", "verdict", "reached_s", "reached_by", "reported_s", "reported_by",

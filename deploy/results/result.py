@@ -14,7 +14,7 @@ from actors.runtime.message_counts import run_digest
 from actors.runtime.process import FinalNote
 from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import decoded, read_notes
-from actors.world.referee import PlaceOutcome
+from actors.task.referee import PlaceOutcome
 from actors.world.whereabouts import PoseError
 from deploy.processes.launch import Program
 from deploy.results.deeco_result import DeecoResult, NodeOutcome, deeco_result, node_outcome

@@ -12,8 +12,8 @@ class RampParameters:
     speed_up: float = 0.3
     """m/s²."""
     slow_down: float = 0.6
-    """The same, towards standing. Own choice: half as much again as the robot plans its stops with, 0.4
-    (actors.robot.driving); with kobuki_driver's 0.36 it would come to stand later than it means to."""
+    """The same, towards standing. Own choice, above kobuki_driver's 0.36: navigation plans with 1.0
+    (actors.robot.navigation.dwa_parameters), and on this base comes to stand later than it means to."""
     turn_up: float = 3.5
     """rad/s²."""
     turn_down: float = 4.2

@@ -22,7 +22,8 @@ from actors.runtime.client_options import ArgumentError, ArgumentParser
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import fingerprints
 from actors.runtime.lifecycle.parent import die_with_parent
-from actors.world import drive, odometry_kernel, rays, visits
+from actors.task import visits
+from actors.world import drive, odometry_kernel, rays
 from firmware_bridge.laboratory.laboratory import DEVICES, Jack, Laboratory
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup, LaboratorySetupError, load
 from firmware_bridge.laboratory.lines import Lines

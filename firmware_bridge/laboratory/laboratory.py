@@ -10,9 +10,9 @@ from actors.portable import arrays
 from actors.radio.presets import preset
 from actors.randomness import generator
 from actors.robot_model import load_model
+from actors.task.referee import PlaceOutcome, Referee
 from actors.world.body import Bodies, real_floor
 from actors.world.physics import SUBSTEP
-from actors.world.referee import PlaceOutcome, Referee
 from actors.world.uncertainty import drifting
 from firmware_bridge.beeclick.emulation import emulated_medium
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
@@ -99,7 +99,7 @@ class Laboratory:
     @property
     def places(self) -> tuple[PlaceOutcome, ...]:
         """Which have truly been reached, when and by whom."""
-        return self._referee.outcomes({})
+        return self._referee.places(())
 
     @property
     def air(self) -> Mapping[str, int]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 
 from actors.runtime.errors import AcrcError
-from actors.world.referee import PlaceOutcome
+from actors.task.referee import PlaceOutcome
 from actors.world.world_setup import WorldSetup
 
 

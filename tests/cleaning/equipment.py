@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 from actors.geometry import CERTAIN, Covariance, Point, Pose
 from actors.instant import Instant, seconds
-from actors.messages import PlaceKey
-from actors.robot.behaviour.goal import AbortReason, Goal, GoalStatus
+from actors.robot.behaviour import AbortReason, Goal, GoalStatus
+from actors.task.words import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
-from cleaning.place import Duty
+from cleaning.place import Assignment
 from cleaning.robot import CleaningRobot
 
 NOW = Instant(seconds(100))
@@ -83,12 +83,12 @@ class Floor:
         return SOMEWHERE
 
 
-def duty(x: float, index: int = 0, owner: str = "r1", term: int = 0) -> Duty:
-    return Duty(owner, index, Point(x, 0.0), term)
+def assignment(x: float, index: int = 0, owner: str = "r1", term: int = 0) -> Assignment:
+    return Assignment(owner, index, Point(x, 0.0), term)
 
 
-def route(*xs: float, owner: str = "r1") -> tuple[Duty, ...]:
-    return tuple(duty(x, index, owner) for index, x in enumerate(xs))
+def route(*xs: float, owner: str = "r1") -> tuple[Assignment, ...]:
+    return tuple(assignment(x, index, owner) for index, x in enumerate(xs))
 
 
 def plain(*xs: float) -> CleaningRobot:

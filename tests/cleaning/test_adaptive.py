@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 
 from actors.geometry import Point
-from actors.messages import PlaceKey
 from actors.randomness import generator
+from actors.task.words import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.cleaner import State
 from cleaning.parameters import AdaptationParameters, ReleasedParameters, Unblock
-from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Notes, Ways, adaptive, duty
+from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Notes, Ways, adaptive, assignment
 
 RNG = generator(5, "behaviour", "r1", 0)
 WHOLE = AdaptationParameters()
@@ -135,7 +135,7 @@ def test_of_two_places_that_it_gives_up_each_has_had_its_attempts() -> None:
 
 def test_visiting_any_place_is_progress() -> None:
     notes = Notes()
-    robot = replace(stuck(AdaptationParameters(attempts=2)), destination=duty(5.0))
+    robot = replace(stuck(AdaptationParameters(attempts=2)), destination=assignment(5.0))
     robot = checked(robot, 1, notes)
     assert len(robot.tried) == 1
     robot = replace(robot, position=Point(9.0, 0.0)).set_destination(notes, NOW)

@@ -6,15 +6,15 @@ import pytest
 
 from actors.geometry import Point
 from actors.instant import Instant, seconds
-from actors.messages import PlaceKey
+from actors.task.words import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.cleaner import Cleaner, State
 from cleaning.making_way import MakingWay
 from cleaning.parameters import AdaptationParameters, ReleasedParameters
-from cleaning.place import Claim
+from cleaning.place import Takeover
 from deeco.knowledge import seen_as
-from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Notes, Ways, adaptive, duty, route
+from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Notes, Ways, adaptive, assignment, route
 
 P = AdaptationParameters()
 ADOPTION = DestinationAdoption(P.adoption_distance, P.adoption_checks, P.adoption_backoff)
@@ -50,12 +50,15 @@ R1, R2 = blocked("r1", 0.0, 5.0, 6.0), blocked("r2", 1.0, -5.0, -6.0)
 
 def test_two_blocked_robots_exchange_their_destinations() -> None:
     r1, r2 = adopts(R1, seen(R2)), adopts(R2, seen(R1))
-    assert r1.destination == duty(-5.0, owner="r2", term=1) == r1.route[-1]
-    assert r2.destination == duty(5.0, owner="r1", term=1) == r2.route[-1]
-    assert r1.adopted == (Claim("r2", 0, 1),) and r1.former == duty(5.0)
+    assert r1.destination == assignment(-5.0, owner="r2", term=1) == r1.route[-1]
+    assert r2.destination == assignment(5.0, owner="r1", term=1) == r2.route[-1]
+    assert r1.adopted == (Takeover("r2", 0, 1),) and r1.former == assignment(5.0)
     r1, r2 = removes(r1, seen(r2)), removes(r2, seen(r1))
-    assert r1.route == (duty(6.0, 1), duty(-5.0, owner="r2", term=1)) and r1.destination == r1.route[-1]
-    assert r2.route == (duty(-6.0, 1, "r2"), duty(5.0, term=1)) and r2.destination == r2.route[-1]
+    assert (
+        r1.route == (assignment(6.0, 1), assignment(-5.0, owner="r2", term=1))
+        and r1.destination == r1.route[-1]
+    )
+    assert r2.route == (assignment(-6.0, 1, "r2"), assignment(5.0, term=1)) and r2.destination == r2.route[-1]
 
 
 @pytest.mark.parametrize(
@@ -74,9 +77,9 @@ def test_who_has_been_blocked_for_no_whole_second_does_not_adopt() -> None:
 def test_it_adopts_once_in_ten_seconds() -> None:
     r1 = adopts(R1, seen(R2))
     again = replace(r1, state=State.BLOCKED, blocked_for=1)
-    other = seen(replace(R2, destination=duty(-6.0, 1, "r2")))
+    other = seen(replace(R2, destination=assignment(-6.0, 1, "r2")))
     assert adopts(again, other, Instant(NOW + seconds(9.9))) == again
-    assert adopts(again, other, Instant(NOW + seconds(10))).destination == duty(-6.0, 1, "r2", 1)
+    assert adopts(again, other, Instant(NOW + seconds(10))).destination == assignment(-6.0, 1, "r2", 1)
 
 
 def test_after_adopting_it_is_free_until_the_outcome_is_seen() -> None:
@@ -97,8 +100,8 @@ def test_navigation_gets_the_adopted_goal() -> None:
 def test_the_newest_ten_adoptions_are_published() -> None:
     robot = adaptive("r1", 0.0)
     for index in range(12):
-        robot = robot.adopting(duty(1.0, index, "r2"), NOW)
-    assert [claim.index for claim in robot.adopted] == list(range(2, 12))
+        robot = robot.adopting(assignment(1.0, index, "r2"), NOW)
+    assert [takeover.index for takeover in robot.adopted] == list(range(2, 12))
     assert len(robot.route) == 12
 
 
@@ -110,23 +113,25 @@ def test_who_is_late_gets_the_others_destination_in_exchange_all_the_same() -> N
     r2 = adopts(R2, seen(r1))
     assert r2 == R2, "r1 shows r2's own destination by now, and is not blocked any more"
     r2 = removes(r2, seen(r1))
-    assert r2.destination == duty(5.0, term=1) and r2.former is None
-    assert r2.route == (duty(-6.0, 1, "r2"), duty(5.0, term=1))
-    assert removes(r1, seen(r2)).route == (duty(6.0, 1), duty(-5.0, owner="r2", term=1))
+    assert r2.destination == assignment(5.0, term=1) and r2.former is None
+    assert r2.route == (assignment(-6.0, 1, "r2"), assignment(5.0, term=1))
+    assert removes(r1, seen(r2)).route == (assignment(6.0, 1), assignment(-5.0, owner="r2", term=1))
 
 
 def test_without_exchange_who_is_late_goes_on_with_its_own() -> None:
     r2 = removes(R2, seen(adopts(R1, seen(R2))), RELEASED)
-    assert r2.destination == duty(-6.0, 1, "r2") and r2.route == (duty(-6.0, 1, "r2"),)
+    assert r2.destination == assignment(-6.0, 1, "r2") and r2.route == (assignment(-6.0, 1, "r2"),)
 
 
 def test_what_the_other_left_is_taken_from_nobody_else() -> None:
     r1 = adopts(R1, seen(R2))
-    third = replace(adaptive("r3", 0.0), route=route(-5.0, owner="r2"), destination=duty(3.0, owner="r3"))
-    third = replace(third, route=(*third.route, duty(3.0, owner="r3")))
-    assert removes(third, seen(r1)).route == (duty(3.0, owner="r3"),)
-    elsewhere = replace(seen(r1), destination=duty(6.0, 1))
-    assert removes(R2, elsewhere).destination == duty(-6.0, 1, "r2")
+    third = replace(
+        adaptive("r3", 0.0), route=route(-5.0, owner="r2"), destination=assignment(3.0, owner="r3")
+    )
+    third = replace(third, route=(*third.route, assignment(3.0, owner="r3")))
+    assert removes(third, seen(r1)).route == (assignment(3.0, owner="r3"),)
+    elsewhere = replace(seen(r1), destination=assignment(6.0, 1))
+    assert removes(R2, elsewhere).destination == assignment(-6.0, 1, "r2")
 
 
 def test_who_loses_the_last_place_stops() -> None:
@@ -160,7 +165,7 @@ def test_a_place_that_goes_there_and_back_is_not_lost() -> None:
     r1, r2 = removes(r1, seen(r2)), removes(r2, seen(r1))
     r1 = replace(r1, state=State.BLOCKED, blocked_for=1, adopted_at=None)
     r1 = adopts(r1, replace(seen(r2), state=State.BLOCKED))
-    assert r1.destination == duty(5.0, term=2), "r1 takes back what was its own"
+    assert r1.destination == assignment(5.0, term=2), "r1 takes back what was its own"
     r2 = removes(r2, seen(r1))
     for _ in range(3):
         r1, r2 = removes(r1, seen(r2)), removes(r2, seen(r1))
@@ -182,15 +187,15 @@ def test_what_it_has_cleaned_or_given_up_itself_is_not_adopted() -> None:
     notes = Notes()
     r1 = replace(R1, position=Point(5.0, 0.0)).set_destination(notes, NOW)
     r1 = replace(r1, position=Point(0.0, 0.0))
-    assert adopts(r1, replace(seen(R2), destination=duty(5.0, term=1))) == r1
+    assert adopts(r1, replace(seen(R2), destination=assignment(5.0, term=1))) == r1
     gone = R1.given_up(R1.route[0], "the door is shut", notes, NOW)
     gone = replace(gone, state=State.BLOCKED, blocked_for=1)
-    assert adopts(gone, replace(seen(R2), destination=duty(5.0, term=1))) == gone
+    assert adopts(gone, replace(seen(R2), destination=assignment(5.0, term=1))) == gone
 
 
 def test_the_later_word_counts_and_of_two_the_greater_id() -> None:
-    r3 = replace(seen(adaptive("r3", 0.0)), adopted=(Claim("r1", 0, 2),))
-    mine = {term: replace(R2, route=(duty(5.0, term=term),), destination=None) for term in (1, 2, 3)}
+    r3 = replace(seen(adaptive("r3", 0.0)), adopted=(Takeover("r1", 0, 2),))
+    mine = {term: replace(R2, route=(assignment(5.0, term=term),), destination=None) for term in (1, 2, 3)}
     assert [bool(mine[term].taken_by(r3)) for term in (1, 2, 3)] == [True, True, False]
     other = replace(mine[2], id="r4")
     assert not other.taken_by(r3)
@@ -200,6 +205,6 @@ def test_a_term_that_nobody_can_come_to_is_not_adopted_and_breaks_nothing() -> N
     """From the air: one more than the greatest number of 64 bits has no form to be published in."""
     r1 = seen(R2)
     for term in (2**63 - 1, 2**64 - 1):
-        assert adopts(R1, replace(r1, destination=duty(-5.0, owner="r2", term=term))) == R1
-    taken = adopts(R1, replace(r1, destination=duty(-5.0, owner="r2", term=2**63 - 2)))
+        assert adopts(R1, replace(r1, destination=assignment(-5.0, owner="r2", term=term))) == R1
+    taken = adopts(R1, replace(r1, destination=assignment(-5.0, owner="r2", term=2**63 - 2)))
     assert taken.destination is not None and taken.destination.term == 2**63 - 1

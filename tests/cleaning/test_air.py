@@ -7,17 +7,17 @@ import numpy as np
 from actors.geometry import Point, Pose
 from actors.instant import Instant
 from actors.messages import FRAME_DATA_LIMIT
-from actors.robot.behaviour.ports import Start, View
+from actors.robot.behaviour import Start, View
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.chapter import behaviour
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters
-from cleaning.place import RESTART_TERM, Claim, Duty
+from cleaning.place import RESTART_TERM, Assignment, Takeover
 from deeco.replication.fragments import CHECKSUM, HEADER, Fragmenter
 from deeco.replication.packet import KnowledgePacket, Version, pack
 from deeco.replication.schema import RoleBook
 
-LONGEST = Duty("r500", 999, Point(-123.456, 123.456), 2000)
+LONGEST = Assignment("r500", 999, Point(-123.456, 123.456), 2000)
 """More than any scenario has."""
 
 
@@ -26,15 +26,15 @@ def packet(robot: AdaptiveCleaningRobot) -> bytes:
     return pack(KnowledgePacket(robot.id, Version(3, 100_000), 3, book.pack(robot)))
 
 
-def robot(adopted: int, destination: Duty | None = LONGEST) -> AdaptiveCleaningRobot:
-    claims = tuple(Claim("r500", 999 - number, 2000) for number in range(adopted))
+def robot(adopted: int, destination: Assignment | None = LONGEST) -> AdaptiveCleaningRobot:
+    takeovers = tuple(Takeover("r500", 999 - number, 2000) for number in range(adopted))
     return AdaptiveCleaningRobot(
         id="r500",
         position=LONGEST.point,
         state=State.BLOCKED,
         destination=destination,
         former=destination if adopted else None,
-        adopted=claims,
+        adopted=takeovers,
     )
 
 
@@ -53,11 +53,11 @@ def test_with_ten_adopted_two_frames() -> None:
 
 def test_with_ten_adopted_from_robots_that_were_restarted_three_frames() -> None:
     late = 3 * RESTART_TERM + 1
-    claims = tuple(replace(claim, term=late) for claim in robot(10).adopted)
-    duty = replace(LONGEST, term=late)
-    restarted = replace(robot(10, duty), adopted=claims)
+    takeovers = tuple(replace(takeover, term=late) for takeover in robot(10).adopted)
+    assignment = replace(LONGEST, term=late)
+    restarted = replace(robot(10, assignment), adopted=takeovers)
     assert len(Fragmenter(1).frames([packet(restarted)])) == 3
-    assert len(Fragmenter(1).frames([packet(robot(0, duty))])) == 1
+    assert len(Fragmenter(1).frames([packet(robot(0, assignment))])) == 1
 
 
 def test_what_the_strategy_itself_sends_first_is_one_frame_a_second() -> None:

@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 
 from actors.geometry import Point
 from actors.instant import Instant, seconds
-from actors.messages import PlaceKey
 from actors.randomness import generator
-from actors.robot.behaviour.goal import AbortReason
+from actors.robot.behaviour import AbortReason
+from actors.task.words import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters, ReleasedParameters
-from cleaning.place import Duty
+from cleaning.place import Assignment
 from deeco.knowledge import seen_as
 from tests.cleaning.equipment import Floor, Notes, Ways
 
@@ -49,13 +49,13 @@ class Swarm:
             AdaptiveCleaningRobot(
                 id=f"r{number}",
                 position=Point(9.0, 9.0),
-                route=tuple(Duty(f"r{number}", index, POINTS[index % 4]) for index in range(places)),
+                route=tuple(Assignment(f"r{number}", index, POINTS[index % 4]) for index in range(places)),
                 parameters=parameters,
             )
             for number in range(robots)
         ]
         self.ways = [Ways() for _ in self.robots]
-        self.places = [duty.key for robot in self.robots for duty in robot.route]
+        self.places = [assignment.key for robot in self.robots for assignment in robot.route]
         self.published: list[Cleaner] = []
         self.now = Instant(0)
         self._adoption = DestinationAdoption(
@@ -136,11 +136,11 @@ class Swarm:
         return robot.drive(ways, self.notes, self.now)
 
     def check(self) -> None:
-        held = {duty.key for robot in self.robots for duty in robot.route}
+        held = {assignment.key for robot in self.robots for assignment in robot.route}
         over = {*self.notes.visits, *(key for key, _ in self.notes.gone)}
         assert [key for key in self.places if key not in held | over] == []
         for robot in self.robots:
-            keys = [duty.key for duty in robot.route]
+            keys = [assignment.key for assignment in robot.route]
             assert len(set(keys)) == len(keys), "no place twice"
             assert robot.destination is None or robot.destination in robot.route
             assert robot.former is None or robot.former in robot.route
@@ -200,8 +200,8 @@ def test_in_the_end_each_place_is_in_one_route_once_everybody_has_heard_everybod
         swarm.check()
     holders: dict[PlaceKey, int] = {}
     for robot in swarm.robots:
-        for duty in robot.route:
-            holders[duty.key] = holders.get(duty.key, 0) + 1
+        for assignment in robot.route:
+            holders[assignment.key] = holders.get(assignment.key, 0) + 1
     over = {*swarm.notes.visits, *(key for key, _ in swarm.notes.gone)}
     assert all(holders.get(key) == 1 for key in swarm.places if key not in over)
 
@@ -217,7 +217,9 @@ def test_it_holds_in_long_stories_in_which_places_change_hands_often() -> None:
         ]
         story = [Act("set_destination", robot, 0) for robot in range(5)] + story
         swarm = play(2 + seed % 4, 1 + seed % 2, PRESETS[seed % 4], story)
-        exchanged += max((duty.term for robot in swarm.robots for duty in robot.route), default=0) > 2
+        exchanged += (
+            max((assignment.term for robot in swarm.robots for assignment in robot.route), default=0) > 2
+        )
         visited += bool(swarm.notes.visits)
         gone += bool(swarm.notes.gone)
     assert min(exchanged, visited, gone) >= 15, "or it would hold of little"

@@ -3,19 +3,19 @@
 from numpy.random import Generator
 
 from actors.geometry import Point, Pose
-from actors.messages import PlaceKey
 from actors.randomness import generator
-from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning
+from actors.robot.behaviour import FloorPlan, Navigation, PlaceMonitor, Positioning
+from actors.task.words import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
 from cleaning.cleaner import Cleaner, State
-from cleaning.place import Claim, Duty
+from cleaning.place import Assignment, Takeover
 from cleaning.robot import CleaningRobot
 from deeco import Knowledge, seconds
 from deeco.node import Node
 from deeco.replication.packet import KnowledgePacket, Version, pack
 from deeco.replication.schema import RoleBook
-from tests.cleaning.equipment import Base, Floor, Notes, Ways, adaptive, duty, plain
+from tests.cleaning.equipment import Base, Floor, Notes, Ways, adaptive, assignment, plain
 from tests.deeco.air import Air, everywhere
 
 ENSEMBLES = (DestinationAdoption(1.5, 1, seconds(10)), AdoptedDestinationRemove(exchange=True))
@@ -36,7 +36,7 @@ def node(robot: CleaningRobot, ways: Ways, number: int) -> Node:
 def route_of(air: Air, robot: str) -> list[PlaceKey]:
     knowledge: Knowledge = air.nodes[robot].knowledge(robot)
     assert isinstance(knowledge, CleaningRobot)
-    return [duty.key for duty in knowledge.route]
+    return [assignment.key for assignment in knowledge.route]
 
 
 def test_two_that_stand_head_to_head_turn_round_with_each_others_destinations() -> None:
@@ -53,7 +53,7 @@ def test_who_has_not_been_heard_of_for_long_takes_no_part() -> None:
     """In the released code a robot that has long gone goes on being blocked for ever."""
     for audible, expected in ((True, PlaceKey("r2", 0)), (False, PlaceKey("r1", 0))):
         ghost = CleaningRobot(
-            id="r2", position=Point(1.0, 0.0), state=State.BLOCKED, route=(duty(9.0, owner="r2"),)
+            id="r2", position=Point(1.0, 0.0), state=State.BLOCKED, route=(assignment(9.0, owner="r2"),)
         )
         nodes = {"r1": node(adaptive("r1", 0.0, 5.0), Ways(), 1), "r2": node(ghost, Ways(), 2)}
         air = Air(nodes)
@@ -77,10 +77,10 @@ def test_published_knowledge_fits_a_frame_until_ten_places_have_been_adopted() -
     book = RoleBook([Cleaner])
 
     def size(adopted: int) -> int:
-        far = Duty("r12", 9, Point(-26.454, 11.137), 3)
-        claims = tuple(Claim("r12", index, 3) for index in range(adopted))
+        far = Assignment("r12", 9, Point(-26.454, 11.137), 3)
+        takeovers = tuple(Takeover("r12", index, 3) for index in range(adopted))
         robot = AdaptiveCleaningRobot(
-            id="r12", position=Point(26.123, 13.456), destination=far, former=far, adopted=claims
+            id="r12", position=Point(26.123, 13.456), destination=far, former=far, adopted=takeovers
         )
         return len(pack(KnowledgePacket("r12", Version(0, 600), 0, book.pack(robot))))
 

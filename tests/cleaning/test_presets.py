@@ -7,10 +7,10 @@ import pytest
 from actors.geometry import Point, Pose
 from actors.instant import seconds
 from actors.randomness import generator
+from actors.robot.behaviour import Setting, Start
 from actors.robot.behaviour.entry import load_behaviour
-from actors.robot.behaviour.ports import Setting, Start
 from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, Unblock
-from cleaning.place import RESTART_TERM, Duty, duties
+from cleaning.place import RESTART_TERM, Assignment, assignments
 from cleaning.settings import SettingsError, from_settings
 from cleaning.strategies import STRATEGIES, entry
 
@@ -81,11 +81,14 @@ def test_what_makes_no_sense_is_said_in_a_sentence(
 
 
 def test_a_restarted_robot_takes_its_places_anew_with_a_word_later_than_all_before() -> None:
-    assert duties(START) == (Duty("r1", 0, Point(5.0, 0.0), 0), Duty("r1", 1, Point(9.0, 0.0), 0))
-    assert [duty.term for duty in duties(replace(START, epoch=2))] == [2 * RESTART_TERM] * 2
+    assert assignments(START) == (
+        Assignment("r1", 0, Point(5.0, 0.0), 0),
+        Assignment("r1", 1, Point(9.0, 0.0), 0),
+    )
+    assert [assignment.term for assignment in assignments(replace(START, epoch=2))] == [2 * RESTART_TERM] * 2
 
 
 def test_no_number_of_exchanges_between_two_restarts_outweighs_a_restart() -> None:
     """A day of exchanges every 3 s, the adoption's period: the restarted robot's own word is later."""
-    of_yesterday = duties(replace(START, epoch=1))[0].term + 24 * 3600 // 3
-    assert duties(replace(START, epoch=2))[0].term > of_yesterday
+    of_yesterday = assignments(replace(START, epoch=1))[0].term + 24 * 3600 // 3
+    assert assignments(replace(START, epoch=2))[0].term > of_yesterday

@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 
 from actors.geometry import Point, Pose
-from actors.messages import PlaceKey
-from actors.robot.behaviour.goal import AbortReason
+from actors.robot.behaviour import AbortReason
+from actors.task.words import PlaceKey
 from cleaning.parameters import CleaningParameters
 from cleaning.robot import CleaningRobot
-from tests.cleaning.equipment import NOW, SOMEWHERE, Base, Notes, Ways, duty, plain
+from tests.cleaning.equipment import NOW, SOMEWHERE, Base, Notes, Ways, assignment, plain
 
 
 def keys(*places: int) -> list[PlaceKey]:
@@ -27,10 +27,10 @@ def test_it_senses_where_it_is() -> None:
 def test_it_takes_its_places_in_order() -> None:
     notes = Notes()
     robot = plain(5.0, 10.0).set_destination(notes, NOW)
-    assert robot.destination == duty(5.0) and notes.visits == []
+    assert robot.destination == assignment(5.0) and notes.visits == []
     robot = at(robot, 4.51).set_destination(notes, NOW)
-    assert robot.destination == duty(10.0, 1) and notes.visits == keys(0)
-    assert robot.route == (duty(10.0, 1),) and robot.has_settled(PlaceKey("r1", 0))
+    assert robot.destination == assignment(10.0, 1) and notes.visits == keys(0)
+    assert robot.route == (assignment(10.0, 1),) and robot.has_settled(PlaceKey("r1", 0))
     robot = at(robot, 10.49).set_destination(notes, NOW)
     assert (robot.destination, robot.route, notes.visits) == (None, (), keys(0, 1))
 
@@ -46,7 +46,7 @@ def test_places_it_passes_are_visited_too_and_the_destination_stays() -> None:
     robot = plain(5.0, 10.0, 2.0).set_destination(notes, NOW)
     robot = at(robot, 2.2).set_destination(notes, NOW)
     assert notes.visits == keys(2)
-    assert robot.destination == duty(5.0) and robot.route == (duty(5.0), duty(10.0, 1))
+    assert robot.destination == assignment(5.0) and robot.route == (assignment(5.0), assignment(10.0, 1))
 
 
 def test_navigation_is_told_once() -> None:
@@ -108,7 +108,7 @@ def test_sent_anywhere_it_goes_there_first_and_has_no_destination_to_publish() -
     robot = robot.set_destination(notes, NOW).drive(ways, notes, NOW)
     assert robot.destination is None and ways.orders == [SOMEWHERE]
     robot = replace(robot, position=SOMEWHERE).set_destination(notes, NOW)
-    assert robot.destination == duty(5.0) and robot.waypoint is None
+    assert robot.destination == assignment(5.0) and robot.waypoint is None
 
 
 def test_it_says_what_is_left_in_order() -> None:
@@ -122,11 +122,11 @@ def test_a_place_given_up_leaves_the_route_and_is_never_a_destination_again() ->
     robot = plain(5.0, 10.0).set_destination(notes, NOW)
     robot = robot.given_up(robot.route[0], "the door is shut", notes, NOW)
     assert notes.gone == [(PlaceKey("r1", 0), "the door is shut")]
-    assert robot.destination is None and robot.route == (duty(10.0, 1),)
+    assert robot.destination is None and robot.route == (assignment(10.0, 1),)
     assert robot.has_settled(PlaceKey("r1", 0)) and not robot.holds(PlaceKey("r1", 0))
     other = plain(5.0, 10.0).set_destination(notes, NOW)
     other = other.given_up(other.route[1], "the door is shut", notes, NOW)
-    assert other.destination == duty(5.0) and other.attempt == 0
+    assert other.destination == assignment(5.0) and other.attempt == 0
 
 
 @pytest.mark.parametrize("attempts", [0, 1, 3])

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from actors.instant import Duration, milliseconds, seconds
-from actors.robot.behaviour.ports import Setting
+from actors.robot.behaviour import Setting
 from actors.runtime.errors import AcrcError
 from cleaning.settings import SettingsError, from_settings
 from deeco import DeploymentError

@@ -7,9 +7,10 @@ import msgspec
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from actors.messages import DRIVE, Drive, PlaceGivenUp, PlaceKey, PlaceReport
+from actors.messages import DRIVE, Drive
 from actors.runtime.codec import decode, encode
 from actors.runtime.errors import AcrcError
+from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.world.whereabouts import PoseError
 from tests.conduct.theatre import Theatre
 
@@ -64,9 +65,9 @@ def test_whatever_a_robot_says_the_world_goes_on_with_finite_numbers_or_names_it
         # a frame that was announced and never comes is waited for
         assert not str(error).startswith("nobody") or 0 < drive.transmits <= 32
     else:
-        assert play.core.step == 5 or all(place.settled_at is not None for place in play.core.places)
+        assert play.core.step == 5 or all(place.settled_at is not None for place in play.places)
     assert all(finite(msgspec.to_builtins(truth)) for truth in play.truths)
-    for judged in (*play.core.places, *play.core.pose_errors.values()):
+    for judged in (*play.places, *play.core.pose_errors.values()):
         assert finite(msgspec.to_builtins(judged))
         assert not isinstance(judged, PoseError) or 0 <= judged.greatest <= 2e5
-    assert len(msgspec.json.encode(play.core.places)) < 2000
+    assert len(msgspec.json.encode(play.places)) < 2000

@@ -5,9 +5,10 @@ import math
 import msgspec
 import pytest
 
-from actors.messages import AIRED, Aired, Drive, EventCount, PlaceGivenUp, PlaceKey, PlaceReport
+from actors.messages import AIRED, Aired, Drive, EventCount
 from actors.runtime.codec import encode
 from actors.runtime.errors import AcrcError
+from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.world.core import FalseMessageError
 from tests.conduct.theatre import Theatre
 

@@ -2,9 +2,10 @@
 
 import pytest
 
-from actors.messages import Freeze, Kill, Obstacle, PlaceGivenUp, PlaceKey, PlaceReport, Restart
-from actors.world.core import UnknownPlaceError
-from actors.world.referee import Verdict
+from actors.messages import Freeze, Kill, Obstacle, Restart
+from actors.task.referee import Verdict
+from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
+from actors.world.core import FalseWordError
 from tests.conduct.theatre import Says, Theatre
 
 R1, R2 = PlaceKey("r1", 0), PlaceKey("r2", 0)
@@ -23,8 +24,8 @@ def test_the_run_ends_when_every_place_is_reported_or_given_up() -> None:
     play.acts["r1"].says = {3: reported(R1, 300_000), 7: given_up(R2)}  # whoever it belongs to
     play.run()
     assert play.core.step == 8 and play.progress[-1].finished
-    assert [place.verdict for place in play.core.places] == [Verdict.MISTAKEN, Verdict.GIVEN_UP]
-    assert (play.core.places[1].given_up_by, play.core.places[1].reason) == ("r1", "the door is shut")
+    assert [place.verdict for place in play.places] == [Verdict.MISTAKEN, Verdict.GIVEN_UP]
+    assert (play.places[1].given_up_by, play.places[1].reason) == ("r1", "the door is shut")
 
 
 def test_robots_that_want_nowhere_any_more_do_not_end_the_run() -> None:
@@ -32,14 +33,14 @@ def test_robots_that_want_nowhere_any_more_do_not_end_the_run() -> None:
     for act in play.acts.values():
         act.says = {3: Says(route=())}
     assert play.run().core.step == 20
-    assert [place.verdict for place in play.core.places] == [Verdict.LOST] * 2
+    assert [place.verdict for place in play.places] == [Verdict.LOST] * 2
     assert [play.progress[0].places_left, play.progress[-1].places_left] == [0, 0]
 
 
 def test_without_any_place_the_run_goes_to_its_limit() -> None:
     play = Theatre(1.0, places=())
     assert play.run().core.step == 10
-    assert play.core.places == ()
+    assert play.places == ()
 
 
 def test_the_run_goes_on_while_events_lie_ahead() -> None:
@@ -60,7 +61,7 @@ def test_the_run_goes_on_until_a_robot_that_is_started_again_has_come() -> None:
 
 def test_a_frozen_robot_keeps_its_places_and_a_killed_one_loses_them() -> None:
     play = Theatre(2.0, [(1.0, Freeze("r1")), (1.0, Kill("r2"))]).run()
-    r1, r2 = play.core.places
+    r1, r2 = play.places
     assert (r1.in_route_of, r1.verdict) == (("r1",), Verdict.OPEN)
     assert (r2.in_route_of, r2.verdict, r2.lost) == ((), Verdict.LOST, True)
     assert play.progress[0].places_left == 2 and play.progress[-1].places_left == 1
@@ -69,13 +70,13 @@ def test_a_frozen_robot_keeps_its_places_and_a_killed_one_loses_them() -> None:
 def test_who_takes_a_place_over_keeps_it_from_being_lost() -> None:
     play = Theatre(2.0, [(1.0, Kill("r2"))])
     play.acts["r1"].says = {5: Says(route=(R2, R1))}
-    assert [place.in_route_of for place in play.run().core.places] == [("r1",), ("r1",)]
+    assert [place.in_route_of for place in play.run().places] == [("r1",), ("r1",)]
 
 
 def test_a_robot_started_again_has_the_places_that_it_was_given() -> None:
     play = Theatre(2.0, [(1.0, Restart("r2"))])
     play.acts["r2"].says = {5: Says(route=())}
-    assert play.run().core.places[1].in_route_of == ("r2",)
+    assert play.run().places[1].in_route_of == ("r2",)
 
 
 @pytest.mark.parametrize(
@@ -92,6 +93,6 @@ def test_a_robot_started_again_has_the_places_that_it_was_given() -> None:
 def test_a_place_that_nobody_was_given_ends_the_run(says: Says, sentence: str) -> None:
     play = Theatre(2.0)
     play.acts["r1"].says = {7: says}
-    with pytest.raises(UnknownPlaceError) as caught:
+    with pytest.raises(FalseWordError) as caught:
         play.run()
     assert str(caught.value) == sentence

@@ -17,9 +17,6 @@ from actors.messages import (
     Drive,
     Order,
     Outgoing,
-    PlaceGivenUp,
-    PlaceKey,
-    PlaceReport,
     Progress,
     Ready,
     Received,
@@ -37,6 +34,9 @@ from actors.runtime.core import Address, Core, Inputs, Output, at, read, to
 from actors.runtime.message_counts import run_digest
 from actors.runtime.recording import Unrecorded
 from actors.runtime.shell import Shell
+from actors.task.referee import PlaceOutcome, Referee
+from actors.task.task import Task
+from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
 from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup
@@ -112,11 +112,12 @@ class Theatre:
         talks: Sequence[str] = (),
         kernels: Mapping[str, str] | None = None,
         places: tuple[tuple[float, float], ...] = ((15.0, 12.5),),
+        task: Task | None = None,
     ) -> None:
         setup = self.setup_of(robots, seconds, events, places)
         self.bus = MemoryBus()
         self.bodies = Bodies(setup)
-        self.core = WorldCore(setup, self.bodies)
+        self.core = WorldCore(setup, self.bodies, task or Referee(setup.robots, setup.reach))
         self.world = self._shell(self.core, self.core.listens(), "world", self.core.open_to)
         addresses = tuple((robot, number + 1) for number, robot in enumerate(robots))
         self.radio = build_radio(RadioSetup(1, STEP, addresses))
@@ -157,6 +158,13 @@ class Theatre:
         shell = self._shell(core, (at(SENSES, robot), at(RECEIVED, robot)), name)
         self.shells.append(shell)
         shell.send(to(READY, Ready(step, robot, epoch, kernels), robot))
+
+    @property
+    def places(self) -> tuple[PlaceOutcome, ...]:
+        """What has become of every place so far."""
+        (places,) = self.core.task_outcome.values()
+        assert isinstance(places, tuple)
+        return places
 
     def run(self) -> "Theatre":
         """To the end."""

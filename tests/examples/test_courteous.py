@@ -4,13 +4,13 @@ from dataclasses import replace
 
 from actors.geometry import Point
 from actors.instant import START, Instant, seconds
-from actors.messages import PlaceKey
 from actors.randomness import generator
+from actors.task.words import PlaceKey
 from cleaning.adoption import AdoptedDestinationRemove
 from cleaning.cleaner import Cleaner, State
 from deeco.knowledge import seen_as
 from examples.courteous import CourteousRobot, GivingWay, HandOver, Offering
-from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Notes, Ways, duty, route
+from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Notes, Ways, assignment, route
 
 
 def robot(name: str, at: float, *xs: float) -> CourteousRobot:
@@ -21,7 +21,7 @@ def robot(name: str, at: float, *xs: float) -> CourteousRobot:
 def test_it_reorders_the_queue() -> None:
     r1 = robot("r1", 0.0, 9.0, 2.0, -1.0).reorder()
     assert [one.index for one in r1.route] == [2, 1, 0]
-    assert r1.offered == duty(9.0) and r1.destination == duty(9.0)
+    assert r1.offered == assignment(9.0) and r1.destination == assignment(9.0)
     assert robot("r1", 0.0, 9.0).reorder().offered is None
 
 
@@ -56,12 +56,12 @@ def test_it_hands_a_place_over_to_who_has_none() -> None:
     offering = seen_as(r1, Offering)
     assert isinstance(offering, Offering) and hand_over.membership(offering, r2)
     r2 = hand_over.at_member(offering, r2, NOW)
-    assert r2.destination == duty(9.0, term=1) and r1.holds(PlaceKey("r1", 0))
+    assert r2.destination == assignment(9.0, term=1) and r1.holds(PlaceKey("r1", 0))
     assert not hand_over.membership(offering, r2), "it has one now"
     heard = seen_as(r2, Offering)
     assert isinstance(heard, Offering) and remove.membership(heard, r1)
     left = remove.at_member(heard, r1, NOW)
-    assert not left.holds(PlaceKey("r1", 0)) and left.destination == duty(2.0, 1)
+    assert not left.holds(PlaceKey("r1", 0)) and left.destination == assignment(2.0, 1)
 
 
 def test_it_gives_up_what_is_left_at_closing_time() -> None:

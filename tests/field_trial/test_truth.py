@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from actors.world.referee import PlaceOutcome
+from actors.task.referee import PlaceOutcome
 from deploy.field_trial.collect import collect
 from deploy.field_trial.recordings import FieldTrialError
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult

@@ -22,8 +22,9 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 PRELUDE = """
 import ctypes, os, sys
 from pathlib import Path
-from actors.runtime import isolation, linux, mounts, syscall_filter
-from actors.runtime.isolation.sandbox import IsolationError, Plan, available, isolate, separate
+from actors.runtime.isolation import mounts, sandbox, syscall_filter
+from actors.runtime.lifecycle import linux
+from actors.runtime.isolation.sandbox import Confinement, IsolationError, available, isolate, separate
 from actors.runtime.lifecycle.parent import die_with_parent
 
 def attempt(act):
@@ -71,7 +72,7 @@ def test_only_the_own_folder_stays_writable_and_what_is_written_there_stays(run_
     lines = said(
         """
         own = Path(sys.argv[1])
-        isolate(Plan(own=own, hidden=(own.parent,)))
+        isolate(Confinement(own=own, hidden=(own.parent,)))
         print(Path.cwd() == own, sorted(path.name for path in own.parent.iterdir()))
         print((own / "recording.mcap").write_text("kept"))
         print(attempt(lambda: (own.parent / "lost").write_text("")))
@@ -89,7 +90,7 @@ def test_named_files_under_a_hidden_folder_can_be_read_but_not_written(run_folde
     lines = said(
         """
         own, chart = Path(sys.argv[1]), Path(sys.argv[2])
-        isolate(Plan(own=own, hidden=(own.parent,), readable=(chart,)))
+        isolate(Confinement(own=own, hidden=(own.parent,), readable=(chart,)))
         print(chart.read_text(), attempt(lambda: chart.write_text("changed")))
         print(sorted(path.name for path in chart.parent.iterdir()))
         """,
@@ -103,7 +104,7 @@ def test_a_hidden_folder_inside_a_readable_one_stays_hidden(run_folder: Path) ->
     lines = said(
         """
         own = Path(sys.argv[1])
-        isolate(Plan(own=own, hidden=(own.parent,), readable=(own.parent.parent, own.parent)))
+        isolate(Confinement(own=own, hidden=(own.parent,), readable=(own.parent.parent, own.parent)))
         print(sorted(path.name for path in own.parent.parent.iterdir()))
         print(sorted(path.name for path in own.parent.iterdir()))
         """,
@@ -118,7 +119,7 @@ def test_output_goes_to_the_own_log_and_inherited_descriptors_lead_nowhere(run_f
         """
         own = Path(sys.argv[1])
         folder = os.open(own.parent, os.O_RDONLY)
-        isolate(Plan(own=own, hidden=(own.parent,), log=own / "log.txt"))
+        isolate(Confinement(own=own, hidden=(own.parent,), log=own / "log.txt"))
         print(os.readlink(f"/proc/self/fd/{folder}"), os.readlink("/proc/self/fd/0"), flush=True)
         print("a traceback", file=sys.stderr)
         """,
@@ -131,7 +132,7 @@ def test_output_goes_to_the_own_log_and_inherited_descriptors_lead_nowhere(run_f
 def test_libraries_still_find_what_they_need(run_folder: Path) -> None:
     lines = said(
         """
-        isolate(Plan(own=Path(sys.argv[1])))
+        isolate(Confinement(own=Path(sys.argv[1])))
         import subprocess, threading
         import numpy, zenoh
         print(numpy.ones((300, 300)).dot(numpy.ones((300, 300)))[0, 0])
@@ -152,7 +153,7 @@ def test_without_mount_setattr_the_tree_is_made_readonly_mount_by_mount(run_fold
         def too_old(path):
             raise OSError(errno.ENOSYS, "mount_setattr")
         linux.set_tree_readonly = too_old
-        isolate(Plan(own=Path(sys.argv[1])))
+        isolate(Confinement(own=Path(sys.argv[1])))
         for folder in ("/etc", "/dev/pts", sys.argv[2]):
             print(attempt(lambda: Path(folder, "lost").write_text("")))
         print(Path(sys.argv[1], "kept").write_text("kept"))
@@ -176,7 +177,7 @@ def test_a_nested_user_namespace_does_not_undo_the_file_tree(name: str, run_fold
     in_force, begin, outcome = BREAKS[name]
     code = """
         own = Path(sys.argv[1])
-        plan = Plan(own=own, hidden=(own.parent,))
+        plan = Confinement(own=own, hidden=(own.parent,))
         exec(sys.argv[2])
         code = sys.argv[3]
         sys.argv = ["-c", sys.argv[4], "lost", str(own.parent)]
@@ -191,7 +192,7 @@ def test_a_nested_user_namespace_does_not_undo_the_file_tree(name: str, run_fold
 def test_the_namespaces_alone_forbid_tracing_a_process_outside(run_folder: Path) -> None:
     code = f"""
         if sys.argv[2] == "True":
-            separate(Plan(own=Path(sys.argv[1])))
+            separate(Confinement(own=Path(sys.argv[1])))
             linux.drop_capabilities()
         libc = ctypes.CDLL(None, use_errno=True)
         print(libc.ptrace({PTRACE_ATTACH}, int(sys.argv[3]), None, None))
@@ -216,7 +217,7 @@ def test_an_ordinary_user_can_be_isolated_too(run_folder: Path) -> None:
         own = Path(sys.argv[1])
         os.setgroups([]); os.setgid(65534); os.setuid(65534)
         linux.prctl(4, 1)  # PR_SET_DUMPABLE, which execve would set: else /proc/self belongs to root
-        isolate(Plan(own=own, hidden=(own.parent,)))
+        isolate(Confinement(own=own, hidden=(own.parent,)))
         print(os.getuid(), (own / "kept").write_text("kept"), os.listdir(own.parent))
         print(attempt(lambda: Path("/var/tmp/scratch").write_text("1")))
         print([name for name in os.listdir("/proc") if name.isdecimal()] == [str(os.getpid())])
@@ -232,7 +233,7 @@ def test_the_error_names_what_failed_and_the_way_round(run_folder: Path) -> None
         linux.prctl(38, 1)  # PR_SET_NO_NEW_PRIVS
         syscall_filter.install()
         try:
-            isolate(Plan(own=Path(sys.argv[1])))
+            isolate(Confinement(own=Path(sys.argv[1])))
         except IsolationError as error:
             error_said = error
         print(error_said)
@@ -253,7 +254,7 @@ def test_a_process_with_threads_is_refused(run_folder: Path) -> None:
         """
         import threading
         threading.Thread(target=threading.Event().wait, daemon=True).start()
-        isolate(Plan(own=Path(sys.argv[1])))
+        isolate(Confinement(own=Path(sys.argv[1])))
         """,
         run_folder / "r1",
     )

@@ -81,7 +81,7 @@ def test_a_robot_pursues_what_it_was_not_told_to_leave() -> None:
     assert not pursuit([], tracks).any()
 
 
-def test_errands_are_reported_once_and_begin_anew() -> None:
+def test_goal_orders_are_reported_once_and_begin_anew() -> None:
     reached = Goal(A, GoalStatus.SUCCEEDED)
     gone = Goal(B, GoalStatus.ABORTED, AbortReason.NO_PLAN)
     decisions = drive(goal_orders.behaviour(start()), [None, ACTIVE[A], reached, gone, reached, reached])

@@ -11,10 +11,11 @@ from rerun.chunk import RrdReader
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
-from actors.messages import Drive, PlaceGivenUp, PlaceReport, RobotTruth, Truth
+from actors.messages import Drive, RobotTruth, Truth
 from actors.observer import viewer
 from actors.observer.observer import Observer, ViewSummary
 from actors.runtime.errors import AcrcError
+from actors.task.words import PlaceGivenUp, PlaceReport
 
 GRID = OccupancyGrid(
     np.array([[OCCUPIED, FREE, FREE], [UNKNOWN, FREE, OCCUPIED]], dtype=np.uint8), 2.0, Point(-1.0, 3.0)

@@ -20,7 +20,6 @@ from actors.messages import (
     Odometry,
     Order,
     Pause,
-    PlaceKey,
     Progress,
     Ready,
     Resume,
@@ -30,6 +29,7 @@ from actors.messages import (
     Truth,
 )
 from actors.runtime.core import Address, Output, at
+from actors.task.words import PlaceKey
 from actors.topic import Message
 from firmware_bridge.onboard.base_core import AIR_PATIENCE, BaseCore, HangError
 

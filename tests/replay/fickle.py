@@ -5,8 +5,8 @@ import time
 from collections.abc import Callable
 
 from actors.instant import Instant, seconds
-from actors.messages import PlaceGivenUp
 from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
+from actors.task.words import PlaceGivenUp
 
 LETTERS = [f"{letter}{letter}" for letter in "abcdefghijklmnopqrstuvwxyz"]
 WAYS: dict[str, Callable[[], str]] = {

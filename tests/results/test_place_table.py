@@ -3,7 +3,7 @@
 import csv
 from pathlib import Path
 
-from actors.world.referee import PlaceOutcome
+from actors.task.referee import PlaceOutcome
 from deploy.results.place_table import PlaceCounts, counted, write_table
 
 S = 1_000_000

@@ -17,9 +17,6 @@ from actors.messages import (
     Heard,
     Odometry,
     Outgoing,
-    PlaceGivenUp,
-    PlaceKey,
-    PlaceReport,
     Received,
     Scan,
     Senses,
@@ -39,6 +36,7 @@ from actors.robot.navigation.navigator import Navigator
 from actors.robot.navigation.planning import Planner, ground
 from actors.robot.sweep import ScanError, Sweeps
 from actors.runtime.core import Output, at, to
+from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message
 from tests.robot.base import TWO_ROOMS, FakeBase, model
 from tests.robot.behaviours import Scripted

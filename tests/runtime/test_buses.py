@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as some
 
-from actors.messages import DRIVE, REASON_LIMIT, Drive, PlaceGivenUp, PlaceKey, PlaceReport
+from actors.messages import DRIVE, Drive
 from actors.runtime.access.session_config import session_config, set_value
 from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.replay_bus import ReplayBus
@@ -21,6 +21,7 @@ from actors.runtime.codec import MESSAGE_LIMIT, UnfitMessageError, encode
 from actors.runtime.core import Address, Inputs, Output, at, to
 from actors.runtime.recording import Journal, Recorder, Unrecorded
 from actors.runtime.shell import Shell
+from actors.task.words import REASON_LIMIT, PlaceGivenUp, PlaceKey, PlaceReport
 
 ROBOT = "r" * 32
 KEY = DRIVE.key(ROBOT)

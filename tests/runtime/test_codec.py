@@ -5,19 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from actors.messages import (
-    DRIVE,
-    MESSAGE_VERSION,
-    RECEIVED,
-    Drive,
-    Heard,
-    PlaceGivenUp,
-    PlaceKey,
-    PlaceReport,
-    Received,
-    Sent,
-)
+from actors.messages import DRIVE, MESSAGE_VERSION, RECEIVED, Drive, Heard, Received, Sent
 from actors.runtime.codec import WireError, decode, encode
+from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message, Topic
 
 REALS = st.floats(allow_nan=False, allow_infinity=False)

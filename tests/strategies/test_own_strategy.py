@@ -12,7 +12,7 @@ from tests.swarm.command import ROOT
 OWN = """
 from actors.instant import Instant
 from actors.messages import PlaceGivenUp, PlaceKey
-from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
+from actors.robot.behaviour import Behaviour, Decision, Start, View
 
 class Lazy:
     def __init__(self, start: Start) -> None:

@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from actors.instant import Duration, Instant, seconds
-from actors.robot.behaviour.ports import Behaviour, Decision, GoalOrder, Start, View
+from actors.robot.behaviour import Behaviour, Decision, GoalOrder, Start, View
 from cleaning.settings import from_settings
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from typing import Any
 
 from actors.instant import Instant, seconds
 from actors.messages import READY, TRANSMIT
-from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
+from actors.robot.behaviour import Behaviour, Decision, Start, View
 from actors.runtime.bus.zenoh_bus import ZenohBus
 from actors.topic import Topic
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 
 from actors.instant import Instant, seconds
-from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
+from actors.robot.behaviour import Behaviour, Decision, Start, View
 from actors.runtime import process
 from actors.runtime.shell import Shell
 from cleaning.baseline import behaviour as baseline

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from actors.instant import Instant, seconds
-from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
+from actors.robot.behaviour import Behaviour, Decision, Start, View
 from cleaning.baseline import behaviour as baseline
 
 WHEN = seconds(2)

@@ -1,8 +1,8 @@
 """Behaviours with something to say about their run, by entry string."""
 
 from actors.instant import Instant
-from actors.messages import PlaceGivenUp, PlaceKey, PlaceReport
-from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
+from actors.robot.behaviour import Behaviour, Decision, Start, View
+from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 
 GIVES_UP = 30
 """The step in which r1 gives its places up and r2 claims one of its own."""

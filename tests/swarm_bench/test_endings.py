@@ -49,7 +49,7 @@ def test_an_ending_leaves_nothing_and_is_named(digest: str, one: Deed, came: str
 def test_also_a_bench_that_ignores_signals_starts_runs_that_do_not() -> None:
     shown = "import signal; print(signal.getsignal(signal.SIGINT), repr(signal.getsignal(signal.SIGHUP)))"
     program = (
-        "import signal, subprocess, sys; from benchmarks import endings\n"
+        "import signal, subprocess, sys; from benchmarks.swarm import endings\n"
         "for number in (signal.SIGINT, signal.SIGHUP): signal.signal(number, signal.SIG_IGN)\n"
         "endings._obeyed_by_children()\n"
         f"subprocess.run([sys.executable, '-S', '-c', {shown!r}])"

@@ -5,9 +5,9 @@ import pytest
 from numpy.typing import NDArray
 
 from actors.instant import Instant
-from actors.messages import PlaceGivenUp, PlaceKey, PlaceReport
-from actors.world.referee import PlaceOutcome, Referee, Verdict
-from actors.world.visits import visitors
+from actors.task.referee import PlaceOutcome, Referee, Verdict
+from actors.task.visits import visitors
+from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.world.world_setup import BodySetup
 
 
@@ -48,7 +48,7 @@ def test_done_is_reported_and_true_by_then(referee: Referee) -> None:
     referee.watch(Instant(200), at((6.0, 0.0), (9.0, 9.0)))
     assert verdicts(referee) == [Verdict.DONE, Verdict.MISTAKEN, Verdict.MISTAKEN]
     assert [outcome.done for outcome in referee.outcomes({})] == [True, False, False]
-    assert referee.reports == 3
+    assert referee.progress(()).done == 3
 
 
 def test_the_first_report_and_the_first_giving_up_count(referee: Referee) -> None:
@@ -59,7 +59,7 @@ def test_the_first_report_and_the_first_giving_up_count(referee: Referee) -> Non
     reported, given_up, _ = referee.outcomes({})
     assert (reported.reported_at, reported.reported_by) == (10, "r2")
     assert (given_up.given_up_at, given_up.given_up_by, given_up.reason) == (30, "r2", "blocked")
-    assert referee.reports == 1
+    assert referee.progress(()).done == 1
 
 
 def test_a_place_that_is_reported_and_given_up_counts_as_reported_whichever_came_first(

@@ -1,1 +1,28 @@
-"""The seam to the user's code: what a behaviour may know and do, and how it is found and hosted."""
+"""The seam to the user's code: what a behaviour may know and do, and how it is found and hosted.
+
+Strategies need these names of a robot, and no others; docs/tutorial.md and docs/deeco.md show them at work.
+"""
+
+from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning
+from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus
+from actors.robot.behaviour.node_host import host
+from actors.robot.behaviour.ports import Behaviour, Decision, ExchangeSettings, Setting, Start, View
+
+__all__ = [
+    "AbortReason",
+    "Behaviour",
+    "Decision",
+    "ExchangeSettings",
+    "FloorPlan",
+    "Goal",
+    "GoalOrder",
+    "GoalPhase",
+    "GoalStatus",
+    "Navigation",
+    "PlaceMonitor",
+    "Positioning",
+    "Setting",
+    "Start",
+    "View",
+    "host",
+]

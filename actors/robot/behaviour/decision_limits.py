@@ -8,9 +8,10 @@ import msgspec
 
 from actors.geometry import Point
 from actors.instant import Instant
-from actors.message_limits import MessageLimits, frames_fault, word_fault
+from actors.message_limits import MessageLimits, frames_fault
 from actors.robot.behaviour.goal import GoalOrder
 from actors.robot.behaviour.ports import Decision
+from actors.task.word_limits import words_fault
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ def fault(decision: object, begin: Instant, end: Instant, limits: RobotLimits) -
         return f"gives {decision.goal!r} for a goal; it should be a Point of finite numbers or a GoalOrder"
     if decision.paused not in (None, True, False):
         return f"gives {decision.paused!r} for paused; it should be True, False or None"
-    wrong = word_fault(decision, begin, end, limits)
+    wrong = words_fault(decision, begin, end, limits)
     if wrong is None and decision.peers:
         wrong = _peers_fault(decision.peers, limits)
     if wrong is None and decision.frames:

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 from actors.geometry import CERTAIN, Point, Pose
 from actors.instant import Instant
-from actors.messages import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.robot.behaviour.goal import Goal, GoalOrder, GoalStatus
 from actors.robot.behaviour.ports import View
+from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 
 
 class RobotPositioning:

@@ -8,8 +8,8 @@ from typing import Protocol
 
 from actors.geometry import Covariance, Point, Pose
 from actors.instant import Instant
-from actors.messages import PlaceKey
 from actors.robot.behaviour.goal import Goal
+from actors.task.words import PlaceKey
 
 
 class Positioning(Protocol):

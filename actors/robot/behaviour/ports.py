@@ -13,9 +13,10 @@ from numpy.random import Generator
 
 from actors.geometry import CERTAIN, Covariance, Point, Pose
 from actors.instant import Duration, Instant, seconds
-from actors.messages import Outgoing, PlaceGivenUp, PlaceKey, PlaceReport, RadioEvent
+from actors.messages import Outgoing, RadioEvent
 from actors.robot.behaviour.equipment import FloorPlan
 from actors.robot.behaviour.goal import Goal, GoalOrder
+from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 
 Setting: TypeAlias = bool | int | float | str
 """A value in a scenario's table [strategy]."""

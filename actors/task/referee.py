@@ -1,6 +1,6 @@
 """Judges, from ground truth, which places were really visited, and keeps who claimed what and when."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from enum import Enum
 from typing import Protocol
 
@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.instant import Instant
-from actors.messages import PlaceGivenUp, PlaceKey, PlaceReport
-from actors.world.visits import visitors
+from actors.task.task import TaskProgress
+from actors.task.visits import visitors
+from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport, TaskWords
+from actors.wording import brief
 
 
 class Verdict(Enum):
@@ -94,7 +96,7 @@ class Owner(Protocol):
 
 
 class Referee:
-    """Watches every step's true positions and every word on what has come of a place."""
+    """The task of visiting places: watches true positions, and every word on what has come of a place."""
 
     def __init__(self, robots: Sequence[Owner], reach: float) -> None:
         self._ids = tuple(robot.id for robot in robots)
@@ -108,11 +110,11 @@ class Referee:
         self._reported: dict[int, tuple[int, str]] = {}
         self._given_up: dict[int, tuple[int, str, str]] = {}
         self._unsettled = set(range(len(flat)))
-
-    @property
-    def reports(self) -> int:
-        """How many different places have been reported."""
-        return len(self._reported)
+        self._given = {
+            robot.id: tuple(PlaceKey(robot.id, index) for index in range(len(robot.places)))
+            for robot in robots
+        }
+        self._routes = dict(self._given)
 
     @property
     def settled(self) -> bool:
@@ -144,6 +146,41 @@ class Referee:
         number = self._numbers[given_up.owner, given_up.place]
         self._given_up.setdefault(number, (given_up.instant, robot, given_up.reason))
         self._unsettled.discard(number)
+
+    def take(self, robot: str, words: TaskWords) -> str | None:
+        """Take in what a robot says in a step; what it says of a place that there is not, in words."""
+        for report in words.reports:
+            if not self.knows(report):
+                return _unknown("reports", report)
+            self.report(robot, report)
+        for given_up in words.given_up:
+            if not self.knows(given_up):
+                return _unknown("gives up", given_up)
+            self.give_up(robot, given_up)
+        if words.route is not None:
+            for place in words.route:
+                if not self.knows(place):
+                    return _unknown("has in its route", place)
+            self._routes[robot] = words.route
+        return None
+
+    def restart(self, robot: str) -> None:
+        """A robot's process has begun anew: it means to visit the places that it was given."""
+        self._routes[robot] = self._given[robot]
+
+    def progress(self, present: Collection[str]) -> TaskProgress:
+        """Places in the routes of those who take part, and places that have been reported."""
+        routes = (self._routes[robot] for robot in present)
+        left = {(place.owner, place.place) for route in routes for place in route}
+        return TaskProgress(len(left), len(self._reported))
+
+    def outcome(self, present: Collection[str]) -> Mapping[str, object]:
+        """`places`: what has become of every place."""
+        return {"places": self.places(present)}
+
+    def places(self, present: Collection[str]) -> tuple[PlaceOutcome, ...]:
+        """What has become of every place so far, in the order of the robots and of their lists."""
+        return self.outcomes({robot: self._routes[robot] for robot in self._given if robot in present})
 
     def outcomes(self, routes: Mapping[str, Sequence[PlaceKey]]) -> tuple[PlaceOutcome, ...]:
         """What became of every place, in the order of the robots and of their lists.
@@ -178,3 +215,7 @@ class Referee:
             reason=reason,
             in_route_of=in_route_of,
         )
+
+
+def _unknown(verb: str, place: PlaceKey | PlaceReport | PlaceGivenUp) -> str:
+    return f"{verb} place {place.place} of {brief(place.owner)}, which nobody was given"
