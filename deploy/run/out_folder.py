@@ -66,7 +66,7 @@ def check(out: Path, *, mesh: bool) -> None:
     if mesh and mark is not None:
         raise OptionError(
             f'--out: {out.absolute()} has a "{mark}", which cannot be part of a socket\'s address; must be a '
-            "folder without, or stand with --bus memory"
+            "folder without one, or stand with --bus memory"
         )
 
 

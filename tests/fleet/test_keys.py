@@ -1,6 +1,7 @@
 """The fleet's authority and certificates: what is in them, and which files lie where for whose eyes."""
 
 import ipaddress
+import shlex
 import stat
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -145,7 +146,7 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
 def test_days_have_bounds(days: int, tmp_path: Path) -> None:
     with pytest.raises(AcrcError) as caught:
         issue(FLEET, tmp_path / "keys", {}, now=NOW, days=days)
-    assert str(caught.value) == f"--days {days}: must be a whole number from 1 to 3650"
+    assert str(caught.value) == f"--days: {days}; must be a whole number from 1 to 3650"
 
 
 def test_hosts_are_given_by_robot() -> None:
@@ -159,7 +160,9 @@ def test_hosts_are_given_by_robot() -> None:
 def test_a_host_that_is_none_is_refused(word: str) -> None:
     with pytest.raises(AcrcError) as caught:
         hosts_of([word], FLEET)
-    expected = f"--host {word}: must be a robot's id and its name or address, such as r2=192.168.1.12"
+    expected = (
+        f"--host: {shlex.quote(word)}; must be a robot's id and its name or address, such as r2=192.168.1.12"
+    )
     if word.startswith("="):
         expected = f'{ROOT}/some.toml: there is no robot "" in the fleet; it has r1, r2, r3, r4'
     assert str(caught.value) == expected

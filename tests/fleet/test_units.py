@@ -109,7 +109,7 @@ def test_a_user_must_be_one(tmp_path: Path) -> None:
     office = load_fleet(OFFICE)
     with pytest.raises(AcrcError) as caught:
         write(office, office.robot("r1"), tmp_path, program=ACRC, user="me\nExecStart=/bin/sh")
-    assert str(caught.value) == "--user me\nExecStart=/bin/sh: must be the name of a user of this computer"
+    assert str(caught.value) == "--user: 'me\nExecStart=/bin/sh'; must be the name of a user of this computer"
 
 
 def test_a_folder_that_cannot_be_written_to_is_named(tmp_path: Path) -> None:
@@ -117,7 +117,7 @@ def test_a_folder_that_cannot_be_written_to_is_named(tmp_path: Path) -> None:
     office = load_fleet(OFFICE)
     with pytest.raises(AcrcError) as caught:
         write(office, office.robot("r1"), tmp_path / "file", program=ACRC, user="robot")
-    assert str(caught.value) == f"{tmp_path}/file: the units cannot be written: File exists"
+    assert str(caught.value) == f"--out: {tmp_path}/file is a file; must be a folder"
 
 
 @pytest.mark.parametrize(

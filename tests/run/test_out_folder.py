@@ -52,8 +52,8 @@ def test_marks_that_end_the_address_of_a_socket_are_refused_over_the_mesh_only(
     with pytest.raises(OptionError) as caught:
         run_options(out)
     assert str(caught.value) == (
-        f'--out {out}: the path {out} has a "{mark}", which cannot be part of a socket\'s address; '
-        "choose a folder without, or --bus memory"
+        f'--out: {out} has a "{mark}", which cannot be part of a socket\'s address; '
+        "must be a folder without one, or stand with --bus memory"
     )
     assert run_options(out, bus="memory").out == out
 

@@ -114,8 +114,8 @@ def test_a_name_that_two_have_is_refused_when_it_is_asked_for(site: Path, tmp_pa
     assert (done.returncode, done.stdout, done.stderr) == (1, "", f"acrc: strategy {sentence}\n")
     done = acrc("run", "--strategy", "wander", "--out", tmp_path / "out")
     assert (done.returncode, done.stderr) == (
-        1,
-        "acrc: strategy 'wander' is registered by bold_study 1.2 and my_study 1.2, too;"
+        2,
+        "acrc: --strategy: strategy 'wander' is registered by bold_study 1.2 and my_study 1.2, too;"
         " each must have a name of its own\n",
     )
     everyone = listed()
