@@ -229,11 +229,9 @@ def load_model(name_or_path: str, sensor: str | None = None) -> RobotModel:
     """
     name, text = _read(name_or_path)
     try:
-        file = _ModelFile.model_validate(toml_file.loads(text))
+        file = _ModelFile.model_validate(toml_file.tables(text, Path(name), RobotModelError))
     except ValidationError as error:
         raise RobotModelError(_sentence(name, error)) from None
-    except ValueError as error:
-        raise RobotModelError(f"{name} is no TOML file: {error}") from None
     mounted = file.default_sensor if sensor is None else sensor
     if mounted not in file.sensors:
         asked = f"default_sensor is {mounted!r}" if sensor is None else f"there is no sensor {mounted!r}"
@@ -262,17 +260,7 @@ def _read(name_or_path: str) -> tuple[str, str]:
             f"there is no robot model {name_or_path!r}; "
             f"it should be one of {', '.join(known)}, or the path of a .toml file"
         )
-    try:
-        with Path(name_or_path).open("rb") as opened:
-            content = opened.read(toml_file.LARGEST_FILE + 1)
-        if len(content) > toml_file.LARGEST_FILE:
-            raise RobotModelError(
-                f"the robot model {name_or_path} may have at most {toml_file.LARGEST_FILE} bytes"
-            )
-        return name_or_path, content.decode("utf-8")
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
-        raise RobotModelError(f"cannot read the robot model {name_or_path}: {reason}") from None
+    return name_or_path, toml_file.read(Path(name_or_path), "robot model", RobotModelError)
 
 
 def _sentence(name: str, error: ValidationError) -> str:

@@ -21,13 +21,13 @@ _TOKENS: Final = re.compile(
 )
 
 
-def read(path: Path, kind: str, fault: type[AcrcError]) -> str:
-    """The text of a file of that kind, such as "scenario". Raises `fault`."""
+def read(path: Path, kind: str, fault: type[AcrcError], most: int = LARGEST_FILE) -> str:
+    """The text of a file of that kind, such as "scenario", with at most so many bytes. Raises `fault`."""
     try:
         with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise fault(f"{path}: a {kind} file may have at most {LARGEST_FILE} bytes, but this has more")
+            content = file.read(most + 1)
+        if len(content) > most:
+            raise fault(f"{path}: the {kind} file may have at most {most} bytes, but has more")
         return content.decode("utf-8")
     except OSError as error:
         raise fault(f"{path}: the {kind} file cannot be read: {error.strerror}") from None

@@ -11,7 +11,7 @@ import faulthandler
 import sys
 import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from actors.robot import assembly, program
 from actors.runtime.access.rules import client_config
@@ -21,16 +21,16 @@ from actors.runtime.isolation.resource_limits import enforce
 from actors.runtime.isolation.sandbox import Confinement, isolate
 from actors.runtime.lifecycle.failure import failure_note
 from actors.runtime.lifecycle.parent import answer_where, die_with_parent, leave
-from actors.runtime.process import play
+from actors.runtime.process import ActorProcess, play
 from actors.runtime.recording import Recorder
 
 
-def preflight(argv: Sequence[str], recorder: Recorder, patience_s: float) -> int:
+def preflight(make: Callable[[], ActorProcess], recorder: Recorder, patience_s: float) -> int:
     """Make the robot and no more; the recording's first record, or its last, says what came of it."""
     faulthandler.dump_traceback_later(patience_s, exit=True)
     with recorder:
         try:
-            recorder.note("run", program.part(argv).run)
+            recorder.note("run", make().run)
         except Exception as error:
             recorder.note("failure", failure_note("robot", 0, error))
             if not isinstance(error, AcrcError):
@@ -64,9 +64,9 @@ def main(argv: Sequence[str]) -> int:
         if options.limits is not None:
             enforce(options.limits, isolated=options.isolate)
         if options.preflight_s is not None:
-            return preflight(argv, recorder, options.preflight_s)
+            return preflight(lambda: program.part_of(options, argv), recorder, options.preflight_s)
         config = client_config(options.client.credentials, options.client.router)
-        robot, patience_s = program.part(argv), options.client.patience_s
+        robot, patience_s = program.part_of(options, argv), options.client.patience_s
         return play(robot, recorder, config, threads=threads, patience_s=patience_s)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")

@@ -57,18 +57,21 @@ class RobotOptions:
     client: ClientOptions
 
 
-def build(argv: Sequence[str]) -> tuple[RobotOptions, RobotCore]:
-    """The options in `argv` and the core that they ask for. An AcrcError if anything is wrong with them."""
-    options = parse(argv)
+def build(options: RobotOptions) -> RobotCore:
+    """The core that the options ask for. Raises an AcrcError for what does not fit."""
     model = load_model(options.model, options.sensor)
-    return options, robot(options.setup, model, load_map(options.map))
+    return robot(options.setup, model, load_map(options.map))
 
 
 def part(argv: Sequence[str]) -> ActorProcess:
-    """The robot that `argv` describes, with its connections."""
-    look_in(parse(argv).path)
-    options, core = build(argv)
-    setup = options.setup
+    """The robot that `argv` describes, with its connections. Raises an AcrcError if anything is wrong."""
+    return part_of(parse(argv), argv)
+
+
+def part_of(options: RobotOptions, argv: Sequence[str]) -> ActorProcess:
+    """As `part`, from what `parse` made of `argv`."""
+    look_in(options.path)
+    core, setup = build(options), options.setup
     prints = kernels()
     run = RunNote(
         actor=options.client.record.stem,

@@ -54,16 +54,9 @@ class Stack:
 
 def load_stack(path: Path) -> Stack:
     """What stands in a robot's navigation.toml. Raises StackError."""
+    text = toml_file.read(path, "navigation", StackError, BYTES_LIMIT)
     try:
-        with path.open("rb") as file:
-            data = file.read(BYTES_LIMIT + 1)
-        if len(data) > BYTES_LIMIT:
-            raise StackError(f"may have at most {BYTES_LIMIT} bytes, and this has more")
-        return parse(data.decode("utf-8"))
-    except OSError as error:
-        raise StackError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise StackError(f"{path}: byte {error.start} is not UTF-8") from None
+        return parse(text)
     except StackError as error:
         raise StackError(f"{path}: {error}") from None
 

@@ -44,7 +44,7 @@ class WorldOptions:
     setup: Path
     """JSON file with a WorldSetup."""
     router: Path
-    """JSON file with the actors that the router knows, as `actors.runtime.access.rules` wrote it."""
+    """JSON file with the actors that the router knows, as `actors.runtime.access.router_file` writes it."""
     record: Path
     commit: str
     speed: float | None

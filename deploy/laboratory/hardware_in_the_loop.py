@@ -50,11 +50,11 @@ class LaboratoryError(AcrcError):
 
 
 def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = None) -> TrialResult:
-    """Run the scenario until everything is done, or to its limit, and gather what came of it.
+    """Run the scenario until no robot has a place left, or to its limit, and gather what came of it.
 
-    The result also stands in run.json, and what became of every place in places.csv. `launched` starts the
-    processes; None: as the options say. Raises OptionError for a scenario that asks for more than emulated
-    devices have.
+    The result also stands in result/run.json below the output folder, and what became of every place in
+    result/places.csv. `launched` starts the processes; None: as the options say. Raises OptionError for a
+    scenario that asks for more than emulated devices have.
     """
     loop_limits.check(scenario)
     if said := loop_limits.note(scenario):

@@ -170,8 +170,8 @@ def test_places_come_from_the_file_beside_if_the_first_record_has_none(head_on: 
     ours = collect([far])
     assert (ours.places_total, ours.per_robot["r1"].places_total) == (6, 3)
     assert ours.notes == (
-        f"{far}/r2/r2.mcap: does not name the places of r2, and cannot read the places {far}/r2/places.toml: "
-        "No such file or directory",
+        f"{far}/r2/r2.mcap: does not name the places of r2, and {far}/r2/places.toml: the places file "
+        "cannot be read: No such file or directory",
         "r2: its list of places is not known, so the table has those that others spoke of, without where "
         "they are",
     )

@@ -98,8 +98,8 @@ def test_a_wrong_file_is_one_sentence(tmp_path: Path, text: str, fault: str) -> 
 @pytest.mark.parametrize(
     ("data", "fault"),
     [
-        (b"#" * 4_000_001, "may have at most 4000000 bytes, and this has more"),
-        (b"a = '\xff'", "byte 5 is not UTF-8"),
+        (b"#" * 4_000_001, "the adaptation file may have at most 4000000 bytes, but has more"),
+        (b"a = '\xff'", "byte 5 of the adaptation file is not UTF-8"),
         (b"x = " + b"[" * 5000, "this is no TOML: maximum recursion depth exceeded"),
         (b"x = " + b"1" * 5000, "this is no TOML: Exceeds the limit (4300 digits) for integer string"),
     ],
@@ -115,7 +115,10 @@ def test_hostile_bytes_are_one_sentence(tmp_path: Path, data: bytes, fault: str)
 def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(AdaptationError) as caught:
         load_adaptation(tmp_path / "none.toml")
-    assert str(caught.value) == f"{tmp_path}/none.toml: cannot be read: No such file or directory"
+    assert (
+        str(caught.value)
+        == f"{tmp_path}/none.toml: the adaptation file cannot be read: No such file or directory"
+    )
 
 
 def test_the_behaviour_is_told() -> None:

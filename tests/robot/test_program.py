@@ -77,7 +77,8 @@ def test_the_folder_that_is_named_first_goes_first(
 
 
 def test_the_core_begins_with_the_step_and_listens_to_its_own_keys(argv: dict[str, str]) -> None:
-    options, core = build(flat(argv))
+    options = parse(flat(argv))
+    core = build(options)
     assert core.step == 40
     assert core.missing({}) == (at(SENSES, "r1"),)
     assert options.setup.id == "r1"
@@ -144,8 +145,8 @@ def test_wrong_values_are_one_sentence(argv: dict[str, str], option: str, value:
         ("places = 3", " should have one key, places = [[x, y], ...], and has ['places']"),
         ("", " should have one key, places = [[x, y], ...], and has []"),
         ("a = 1", " should have one key, places = [[x, y], ...], and has ['a']"),
-        ("places = [", " is no TOML file: Invalid value (at end of document)"),
-        ("#" * 1_000_001, ": a file of places may have at most 1000000 bytes, and this has more"),
+        ("places = [", ": this is no TOML: Invalid value (at end of document)"),
+        ("#" * 1_000_001, ": the places file may have at most 1000000 bytes, but has more"),
     ],
 )
 def test_wrong_files_of_places_are_one_sentence(tmp_path: Path, text: str, fault: str) -> None:
@@ -159,4 +160,7 @@ def test_wrong_files_of_places_are_one_sentence(tmp_path: Path, text: str, fault
 def test_a_missing_file_of_places_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(AcrcError) as caught:
         load_places(tmp_path / "none.toml")
-    assert str(caught.value) == f"cannot read the places {tmp_path}/none.toml: No such file or directory"
+    assert (
+        str(caught.value)
+        == f"{tmp_path}/none.toml: the places file cannot be read: No such file or directory"
+    )

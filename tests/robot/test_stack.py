@@ -103,9 +103,9 @@ def test_what_is_wrong_is_said_in_one_sentence(text: str, fault: str | None) -> 
 def test_a_file_is_named_in_the_sentence(tmp_path: Path) -> None:
     path = tmp_path / "navigation.toml"
     for content, fault in (
-        (None, "cannot be read: No such file or directory"),
-        (b"\xff", "byte 0 is not UTF-8"),
-        (b"#" * 100_001, "may have at most 100000 bytes, and this has more"),
+        (None, "the navigation file cannot be read: No such file or directory"),
+        (b"\xff", "byte 0 of the navigation file is not UTF-8"),
+        (b"#" * 100_001, "the navigation file may have at most 100000 bytes, but has more"),
         (b"dwa = 1", "dwa is 1, but must be a table [dwa]"),
     ):
         if content is not None:

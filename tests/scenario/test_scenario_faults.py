@@ -305,7 +305,7 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     assert refusal(none) == f"{none}: the scenario file cannot be read: No such file or directory"
     assert refusal(tmp_path) == f"{tmp_path}: the scenario file cannot be read: Is a directory"
     assert refusal(binary) == f"{binary}: byte 7 of the scenario file is not UTF-8"
-    assert refusal(huge) == f"{huge}: a scenario file may have at most 1000000 bytes, but this has more"
+    assert refusal(huge) == f"{huge}: the scenario file may have at most 1000000 bytes, but has more"
 
 
 @pytest.mark.parametrize(

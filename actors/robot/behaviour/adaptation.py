@@ -41,16 +41,9 @@ class Adaptation:
 
 def load_adaptation(path: Path) -> Adaptation:
     """What stands in a robot's adaptation.toml. Raises AdaptationError."""
+    text = toml_file.read(path, "adaptation", AdaptationError, BYTES_LIMIT)
     try:
-        with path.open("rb") as file:
-            data = file.read(BYTES_LIMIT + 1)
-        if len(data) > BYTES_LIMIT:
-            raise AdaptationError(f"may have at most {BYTES_LIMIT} bytes, and this has more")
-        return adaptation(data.decode("utf-8"))
-    except OSError as error:
-        raise AdaptationError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise AdaptationError(f"{path}: byte {error.start} is not UTF-8") from None
+        return adaptation(text)
     except AdaptationError as error:
         raise AdaptationError(f"{path}: {error}") from None
 

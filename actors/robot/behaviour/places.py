@@ -18,18 +18,7 @@ class PlacesError(AcrcError):
 
 def load_places(path: Path) -> tuple[Point, ...]:
     """The places in a TOML file with one key, `places = [[x, y], ...]`, m in the map frame."""
-    try:
-        with path.open("rb") as file:
-            text = file.read(BYTES_LIMIT + 1)
-        if len(text) > BYTES_LIMIT:
-            raise PlacesError(
-                f"{path}: a file of places may have at most {BYTES_LIMIT} bytes, and this has more"
-            )
-        content = toml_file.loads(text.decode("utf-8"))
-    except OSError as error:
-        raise PlacesError(f"cannot read the places {path}: {error.strerror}") from None
-    except ValueError as error:  # no TOML, or no UTF-8
-        raise PlacesError(f"{path} is no TOML file: {error}") from None
+    content = toml_file.tables(toml_file.read(path, "places", PlacesError, BYTES_LIMIT), path, PlacesError)
     places = content.get("places")
     if list(content) != ["places"] or not isinstance(places, list):
         raise PlacesError(f"{path} should have one key, places = [[x, y], ...], and has {list(content)}")

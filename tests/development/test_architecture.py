@@ -1,0 +1,144 @@
+"""docs/architecture.md is true: its rooms are all rooms, its files exist, a run goes its two ways."""
+
+import ast
+import re
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import pytest
+
+from deploy.repository import REPOSITORY
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
+
+PAGE = (REPOSITORY / "docs" / "architecture.md").read_text()
+PACKAGES = ("actors", "benchmarks", "cleaning", "deeco", "deploy", "firmware_bridge")
+ROOM_LIMIT = 20
+WAYS = ("The way of one scan", "The way of one packet of knowledge")
+
+
+def sources() -> list[Path]:
+    """Every Python file that git knows of or would take."""
+    asked = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.py"]
+    listed = subprocess.run(asked, cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
+    return [Path(line) for line in listed.splitlines() if (REPOSITORY / line).is_file()]
+
+
+def section(title: str) -> str:
+    """The text below a heading, to the next one."""
+    return PAGE.partition(f"## {title}\n")[2].partition("\n## ")[0]
+
+
+def rows(title: str) -> list[list[str]]:
+    """The cells of the table below a heading, without its first two lines."""
+    lines = [line for line in section(title).splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines[2:]]
+
+
+def names(text: str) -> list[str]:
+    """What stands in backticks and is no file."""
+    return [name for name in re.findall(r"`([^`]+)`", text) if re.fullmatch(r"[A-Za-z_][\w.]*", name)]
+
+
+def files(text: str) -> list[Path]:
+    return [REPOSITORY / name for name in re.findall(r"`([\w/]+\.py)`", text)]
+
+
+def defined(path: Path) -> set[str]:
+    """Classes, functions and methods of a file, these as `Class.method`."""
+    found = set()
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        if isinstance(node, ast.ClassDef):
+            found |= {f"{node.name}.{one.name}" for one in node.body if isinstance(one, ast.FunctionDef)}
+    return found
+
+
+def test_every_room_is_on_the_page_with_its_own_words() -> None:
+    told = {cells[0]: cells[1] for cells in rows("Rooms")}
+    rooms = sorted({path.parent for path in sources() if path.parts[0] in PACKAGES})
+    said = {}
+    for room in rooms:
+        words = ast.get_docstring(ast.parse((REPOSITORY / room / "__init__.py").read_text())) or ""
+        said[f"`{room}/`"] = words.partition("\n")[0]
+    assert told == said
+
+
+def test_nobody_stands_in_a_corridor() -> None:
+    sizes = Counter(path.parent for path in sources())
+    assert {str(room): size for room, size in sizes.items() if size > ROOM_LIMIT} == {}
+
+
+@pytest.mark.parametrize(
+    "page", ["README.md", *sorted(f"docs/{page.name}" for page in (REPOSITORY / "docs").glob("*.md"))]
+)
+def test_every_module_that_a_page_names_exists(page: str) -> None:
+    text = (REPOSITORY / page).read_text()
+    packages = "|".join(PACKAGES)
+    named = set(re.findall(rf"(?<![\w./-])((?:{packages})/[\w/]+\.py)\b", text))
+    assert sorted(name for name in named if not (REPOSITORY / name).is_file()) == []
+    dotted = set(re.findall(rf"(?:from|import|python -m) ((?:{packages})(?:\.\w+)+)", text))
+    places = {name: REPOSITORY / name.replace(".", "/") for name in dotted}
+    assert (
+        sorted(n for n, at in places.items() if not at.is_dir() and not at.with_suffix(".py").is_file()) == []
+    )
+
+
+@pytest.mark.parametrize("title", [*WAYS, "Where is …"])
+def test_every_name_on_a_way_is_in_a_file_beside_it(title: str) -> None:
+    everything = set().union(*(defined(REPOSITORY / path) for path in sources() if path.parts[0] in PACKAGES))
+    for cells in rows(title):
+        row = " | ".join(cells[1:])
+        here = set().union(*(defined(path) for path in files(row)))
+        for name in names(row):
+            a_class_of_elsewhere = name[0].isupper() and "." not in name and name in everything
+            assert name in here or a_class_of_elsewhere, f"{name} in: {row}"
+
+
+@pytest.fixture(scope="module")
+def calls(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, str]]:
+    """File and name of every function of the project that was called in a few seconds of a run, in order."""
+    seen: list[tuple[str, str]] = []
+    root = str(REPOSITORY)
+
+    def note(frame: FrameType, event: str, _: Any) -> None:
+        code = frame.f_code
+        if event == "call" and code.co_filename.startswith(root):
+            seen.append((code.co_filename, code.co_qualname))
+
+    scenario = load_scenario(REPOSITORY / "scenarios" / "chapter.toml", Overrides(robots=2, duration=6.0))
+    options = RunOptions(tmp_path_factory.mktemp("walked") / "out", bus="memory", json=True)
+    plan = swarm.plan(scenario, options)
+    sys.setprofile(note)
+    try:
+        swarm.run_in_memory(plan, lambda progress: None)
+    finally:
+        sys.setprofile(None)
+    return seen
+
+
+def walked(title: str) -> Iterator[tuple[str, str]]:
+    """Each method named on a way, with its file."""
+    for cells in rows(title):
+        first, *_ = files(cells[1])
+        for name in names(" ".join(cells[2:])):
+            if "." in name:
+                yield str(first), name
+
+
+@pytest.mark.parametrize("title", WAYS)
+def test_a_run_goes_the_way_that_the_page_tells(title: str, calls: list[tuple[str, str]]) -> None:
+    way = list(walked(title))
+    assert len(way) > 10
+    at = 0
+    for step in way:
+        later = next((index for index in range(at, len(calls)) if calls[index] == step), None)
+        assert later is not None, f"{step[1]} is not called after what stands before it on the page"
+        at = later + 1
