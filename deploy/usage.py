@@ -1,7 +1,23 @@
 """What is wrong with a command, before anything has run."""
 
+import shlex
+
 from actors.runtime.errors import AcrcError
+
+_LONGEST = 60
+"""Characters of a value that a sentence shows."""
 
 
 class OptionError(AcrcError):
-    """An option of the command line that makes no sense."""
+    """An option of the command line that makes no sense.
+
+    The sentence is of one form for all: what is wrong, with which value; what would be right.
+    """
+
+
+def wrong_value(option: str, value: object, right: str) -> OptionError:
+    """The error that `option` has this value; `right` goes on after "must be"."""
+    text = str(value)
+    if len(text) > _LONGEST:
+        text = f"{text[:_LONGEST]}…"
+    return OptionError(f"{option}: {shlex.quote(text)}; must be {right}")

@@ -6,13 +6,18 @@ from importlib.metadata import version
 from deploy.repository import REPOSITORY
 
 
+def release() -> str:
+    """The package's version."""
+    return version("acrc-testbed")
+
+
 def software() -> str:
     """The commit, with a plus sign where files were changed since; outside a clone the package's version."""
     try:
         commit = _git("rev-parse", "HEAD")
         return commit + ("+" if _git("status", "--porcelain", "--untracked-files=no") else "")
     except (OSError, subprocess.CalledProcessError):
-        return version("acrc-testbed")
+        return release()
 
 
 def _git(*words: str) -> str:

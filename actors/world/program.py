@@ -124,7 +124,7 @@ class Conductor:
     """Drives the world over the mesh: keeps the pace, and says what it waits for when it waits long."""
 
     TICK_S: Final = 0.25
-    """It has said so before half of the shortest patience is over, and is not blamed itself."""
+    """It has said so before half of the shortest timeout is over, and is not blamed itself."""
 
     def __init__(self, core: WorldCore, speed: float | None) -> None:
         self._core = core

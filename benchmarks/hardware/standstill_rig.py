@@ -87,7 +87,7 @@ class Rig:
         self._answer(patience_s=60.0)  # "ready"
         fleet = self.folder / "fleet.toml"
         fleet.write_text(_FLEET.format(map=_MAP, links=self._links))
-        words = ("onboard", fleet, "--robot", "r1", "--out", self.out)
+        words = ("fleet", "onboard", fleet, "--robot", "r1", "--out", self.out)
         self._log = (self.folder / "onboard.log").open("wb")
         self._onboard = subprocess.Popen(
             [sys.executable, "-m", "deploy", *map(str, words)],

@@ -1,9 +1,11 @@
-"""`acrc collect`, on the command line."""
+"""`acrc fleet collect`."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from deploy.cli.options import Json
 
 
 def collect(
@@ -21,7 +23,7 @@ def collect(
         Path | None,
         typer.Option(metavar="FILE", help="What the laboratory of emulated devices says truly happened."),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")] = False,
+    json: Json = False,
 ) -> None:
     """Gather what robots have recorded on a field trial: align their clocks, and say what came of it."""
     from deploy.field_trial import collect as recordings

@@ -1,4 +1,4 @@
-"""What makes computers robots, on the command line: keys, units, and a look at what is wrong."""
+"""`acrc fleet`: what makes computers robots, and what is done with them then."""
 
 import sys
 from datetime import UTC, datetime
@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from deploy.cli.collect import collect
+from deploy.cli.laptop import pause, resume, stop, watch
+from deploy.cli.onboard import onboard
+from deploy.cli.options import FleetFile, Json
 from deploy.repository import REPOSITORY
 
 if TYPE_CHECKING:
     from deploy.fleet.fleet_file import Fleet
     from deploy.fleet.keys import FleetKeys
 
-app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
-_Fleet = Annotated[Path, typer.Argument(metavar="FLEET.toml", help="Which robots there are.")]
 
-
-@app.command()
 def units(
-    fleet: _Fleet,
+    fleet: FleetFile,
     robot: Annotated[str, typer.Option(metavar="ID", help="Which of the robots this computer is.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write them.")] = Path("units"),
     user: Annotated[
@@ -49,13 +49,13 @@ def units(
         "  sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=tty\n"
         "  sudo systemctl daemon-reload\n"
         f"  sudo systemctl enable --now {service.name}\n\n"
-        f"Then `journalctl -fu {service.name}` shows what the robot says, and `acrc doctor` what is wrong."
+        f"Then `journalctl -fu {service.name}` shows what the robot says, and `acrc fleet doctor` what is "
+        "wrong."
     )
 
 
-@app.command()
 def keys(
-    fleet: _Fleet,
+    fleet: FleetFile,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="New folder for the keys.  [default: where the fleet file says]"),
@@ -103,9 +103,7 @@ def doctor(
     robot: Annotated[
         str | None, typer.Option(metavar="ID", help="Which of the robots this computer is.")
     ] = None,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print the findings as JSON, and nothing else.")
-    ] = False,
+    json: Json = False,
 ) -> None:
     """Say what is wrong with this computer, and how to put it right; exit code 1 if anything is.
 
@@ -141,3 +139,8 @@ def _print_keys(fleet: "Fleet", made: "FleetKeys") -> None:
 
 def _console() -> Console:
     return Console(soft_wrap=True, highlight=False, markup=False)
+
+
+app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+for _command in (keys, units, doctor, onboard, watch, stop, pause, resume, collect):
+    app.command()(_command)

@@ -16,7 +16,7 @@ def read_truth(path: Path) -> LaboratoryResult:
     try:
         return msgspec.json.decode(path.read_bytes(), type=LaboratoryResult)
     except (OSError, ValueError, RecursionError) as error:
-        raise FieldTrialError(f"--truth {path}: no result of a laboratory: {error}") from None
+        raise FieldTrialError(f"--truth: {path} is no result of a laboratory: {error}") from None
 
 
 def with_truth(told: ReportedPlaces, truth: LaboratoryResult, clocks: AlignedClocks) -> ReportedPlaces:

@@ -36,6 +36,7 @@ from deploy.scenario.kinds import (
 from deploy.scenario.scenario_text import adaptation, navigation
 from deploy.scenario.stack_tables import stack_fault
 from deploy.scenario.tables import AreaTable, DeecoTable
+from deploy.usage import OptionError
 from firmware_bridge.beeclick.signal import power_setting
 from firmware_bridge.beeclick.wire import MisuseError
 from firmware_bridge.onboard.onboard_setup import OPENNI
@@ -189,12 +190,12 @@ class Fleet:
     robots: tuple[FleetRobot, ...]
 
     def robot(self, name: str) -> FleetRobot:
-        """The robot of that id. Raises FleetError if there is none."""
+        """The robot of that id, as an option names it. Raises OptionError if there is none."""
         for robot in self.robots:
             if robot.id == name:
                 return robot
         known = ", ".join(robot.id for robot in self.robots)
-        raise FleetError(f'{self.path}: there is no robot "{name}" in the fleet; it has {known}')
+        raise OptionError(f'{self.path}: there is no robot "{name}" in the fleet; it has {known}')
 
     def keys_of(self, machine: str) -> Path:
         """The folder with the keys of a robot, by its id, or of the "operator"."""

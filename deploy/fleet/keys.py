@@ -16,7 +16,7 @@ from actors.runtime.errors import AcrcError
 from deploy.fleet import certificates
 from deploy.fleet.certificates import CLIENT, SERVER, Pair
 from deploy.fleet.fleet_file import Fleet, FleetRobot
-from deploy.usage import OptionError
+from deploy.usage import wrong_value
 
 HOME: Final = "authority"
 """Folder of the authority, which goes to no machine."""
@@ -57,9 +57,7 @@ def hosts_of(words: Sequence[str], fleet: Fleet) -> dict[str, list[str]]:
     for word in words:
         robot, equals, host = word.partition("=")
         if not equals or not _HOST.fullmatch(host):
-            raise OptionError(
-                f"--host {word}: must be a robot's id and its name or address, such as r2=192.168.1.12"
-            )
+            raise wrong_value("--host", word, "a robot's id and its name or address, such as r2=192.168.1.12")
         fleet.robot(robot)
         found.setdefault(robot, []).append(host)
     return found
@@ -75,7 +73,7 @@ def issue(
     OptionError where `days` makes no sense.
     """
     if not 0 < days <= LONGEST_DAYS:
-        raise OptionError(f"--days {days}: must be a whole number from 1 to {LONGEST_DAYS}")
+        raise wrong_value("--days", days, f"a whole number from 1 to {LONGEST_DAYS}")
     if out.exists():
         raise KeysError(
             f"{out}: exists already; move it away to give the whole fleet new keys, or name another folder "
@@ -113,7 +111,7 @@ def renew(
             fleet.robot(machine)
     if not (out / HOME / AUTHORITY_FILE).is_file():
         raise KeysError(
-            f"{out}: there are no keys to revoke; `acrc deploy keys` without --revoke makes the first"
+            f"{out}: there are no keys to revoke; `acrc fleet keys` without --revoke makes the first"
         )
     known = {robot.id: (*_held_for(out / robot.id), *hosts.get(robot.id, ())) for robot in fleet.robots}
     aside = out.with_name(f"{out.name}.until-{now:%Y%m%d-%H%M%S}")

@@ -12,8 +12,8 @@ from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials
 from actors.world.world_setup import BodySetup
 from deploy.processes.launch import Program
-from deploy.run.out_folder import OutFolderError
 from deploy.run.plan import Plan, client_argv, lay_out_robot, robot_program
+from deploy.usage import OptionError
 from firmware_bridge.onboard import last_pose
 from firmware_bridge.onboard.onboard_setup import BaseSetup, BridgeSetup
 
@@ -73,7 +73,7 @@ def lay_out(onboard: Onboard) -> None:
     plan, robot, ports = onboard.plan, onboard.robot, onboard.ports
     own = plan.folder(robot.id)
     if own.exists():
-        raise OutFolderError(f"--out {plan.out}: already has a folder of {robot.id}; name a new one")
+        raise OptionError(f"--out: {plan.out} has a folder of {robot.id}; must be a folder without")
     plan.out.mkdir(parents=True, exist_ok=True)
     lay_out_robot(plan, robot)
     base = BaseSetup(

@@ -28,7 +28,7 @@ from deploy.run.isolating import choose
 from deploy.run.out_folder import claim, writing
 from deploy.run.plan import Plan
 from deploy.run.scenario_copy import ScenarioCopy
-from deploy.usage import OptionError
+from deploy.usage import wrong_value
 from deploy.version import software
 from firmware_bridge.onboard import last_pose
 
@@ -41,7 +41,7 @@ _LOOK_S: Final = 0.5
 
 @dataclass(frozen=True)
 class OnboardOptions:
-    """The options of `acrc onboard`."""
+    """The options of `acrc fleet onboard`."""
 
     out: Path
     """Absolute path of the folder for everything that the robot writes; must have none of this robot yet."""
@@ -59,8 +59,8 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
     """
     if options.debug_port is not None and importlib.util.find_spec("debugpy") is None:
         raise OnboardError(
-            f"--debugpy {options.debug_port}: the Python package debugpy is not installed; "
-            "`.venv/bin/python -m ensurepip` and `.venv/bin/python -m pip install debugpy` bring it"
+            f"--debugpy: {options.debug_port} needs the Python package debugpy, which is not installed; "
+            "`./acrc add debugpy` brings it"
         )
     pose_file = options.out.parent / f"{name}.pose"
     robot = fleet.robot(name)
@@ -119,8 +119,8 @@ def _told(at: str, robot: FleetRobot) -> tuple[float, float, float]:
     except ValueError:
         x = math.nan
     if not math.isfinite(x) or not (math.isfinite(y) and math.isfinite(heading)):
-        raise OptionError(
-            f"--at {at}: should be {AT_START}, or X,Y,HEADING in m and rad, map frame, such as 12.0,5.0,1.57"
+        raise wrong_value(
+            "--at", at, f"{AT_START}, or X,Y,HEADING in m and rad, map frame, such as 12.0,5.0,1.57"
         )
     return x, y, heading
 

@@ -25,7 +25,7 @@ _NAME: Final = re.compile(
 def rules(robot: FleetRobot) -> str:
     """The text of the robot's rules file; a port that has its kernel's name gets no other one."""
     parts = [
-        f"# Ports of robot {robot.id}, written by `acrc deploy units`.",
+        f"# Ports of robot {robot.id}, written by `acrc fleet units`.",
         "",
         'ACTION=="remove", GOTO="acrc_end"',
         'SUBSYSTEM!="tty", GOTO="acrc_end"',

@@ -11,7 +11,7 @@ from typing import Final
 from actors.runtime.errors import AcrcError
 from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.fleet.udev_rules import GROUP, rules
-from deploy.usage import OptionError
+from deploy.usage import OptionError, wrong_value
 from firmware_bridge.onboard.onboard_setup import OPENNI
 
 RULES_FILE: Final = "60-acrc.rules"
@@ -58,7 +58,9 @@ def write(fleet: Fleet, robot: FleetRobot, out: Path, *, program: Path, user: st
     `program`: the script acrc on the robot. `user`: who the robot runs as. Raises UnitsError or OptionError.
     """
     if not _USER.fullmatch(user):
-        raise OptionError(f"--user {user}: must be the name of a user of this computer")
+        raise wrong_value("--user", user, "the name of a user of this computer")
+    if out.exists() and not out.is_dir():
+        raise OptionError(f"--out: {out} is a file; must be a folder")
     written = Units(out / f"acrc-{robot.id}.service", out / RULES_FILE)
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -84,7 +86,7 @@ def service(
         "Install": [("WantedBy", "multi-user.target")],
     }
     parts = [
-        f"# Robot {robot.id}, written by `acrc deploy units`; write it anew once the fleet file has moved."
+        f"# Robot {robot.id}, written by `acrc fleet units`; write it anew once the fleet file has moved."
     ]
     for title, lines in sections.items():
         parts.append("\n".join([f"[{title}]", *(f"{key}={value}" if key else value for key, value in lines)]))
@@ -117,7 +119,7 @@ def _unit(fleet: Fleet, robot: FleetRobot, parameters: ServiceParameters) -> Lin
 def _service(
     fleet: Fleet, robot: FleetRobot, program: Path, user: str, parameters: ServiceParameters
 ) -> Lines:
-    words = (str(program), "onboard", str(fleet.path), "--robot", robot.id)
+    words = (str(program), "fleet", "onboard", str(fleet.path), "--robot", robot.id)
     return [
         ("Type", "notify"),
         ("NotifyAccess", "main"),

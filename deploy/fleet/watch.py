@@ -27,7 +27,7 @@ from actors.runtime.codec import decode, encode
 from actors.runtime.core import Address, at
 from actors.runtime.errors import AcrcError, printable
 from deploy.fleet.watch_cause import cause
-from deploy.usage import OptionError
+from deploy.usage import wrong_value
 
 
 @dataclass(frozen=True)
@@ -207,9 +207,9 @@ def _checked(endpoints: Sequence[str], keys: Path) -> tuple[Keys, list[str]]:
     for endpoint in endpoints:
         host, colon, port = endpoint.removeprefix("tls/").rpartition(":")
         if not endpoint.startswith("tls/") or not host or not colon or not port.isdecimal():
-            raise OptionError(f"{endpoint}: is no endpoint; must be like tls/192.168.1.12:7447")
+            raise wrong_value("ENDPOINT", endpoint, "like tls/192.168.1.12:7447")
         if not 0 < int(port[:6]) < 65536:
-            raise OptionError(f"{endpoint}: has no such port; must be a number from 1 to 65535")
+            raise wrong_value("ENDPOINT", endpoint, "one with a port from 1 to 65535")
     return load_keys(keys), list(dict.fromkeys(endpoints))
 
 

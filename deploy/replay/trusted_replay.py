@@ -1,7 +1,9 @@
 """A recording replayed as the command line does: its code named first, then run shut off from everything."""
 
+import re
 import tempfile
 from pathlib import Path
+from typing import Final
 
 import msgspec
 
@@ -17,6 +19,8 @@ from deploy.run.foreign import folder_of, refuse_foreign
 from deploy.run.isolating import choose, warn
 from deploy.run.preflight import said, show
 
+_ON_DEVICES: Final = re.compile(r"\.(base|radio)(\.|$)")
+"""Processes on board that serve devices: no program executes those again."""
 ANSWER_BYTES = 1 << 16
 """A difference between two messages is one sentence, with both of them in it."""
 
@@ -29,6 +33,8 @@ def replay(out: Path, actor: str, *, trust: bool, isolate: bool | None) -> Repla
     somebody's code, without `trust`; ReplayError at the first output that differs.
     """
     files = recordings(out)
+    if actor in files and _ON_DEVICES.search(actor):
+        raise ReplayError(f"{actor}: is a process with devices on board; must be a robot, world or radio")
     if actor not in files or actor in {"world", "radio"}:
         return replay_actor(out, actor)
     notes = read_notes(files[actor])

@@ -10,22 +10,22 @@ from types import FrameType, TracebackType
 from typing import Final, NoReturn, Self
 
 from actors.runtime.lifecycle import process_table
-from actors.runtime.lifecycle.failure import HardExit, OutOfPatience, where
+from actors.runtime.lifecycle.failure import HardExit, TimedOut, where
 from actors.runtime.lifecycle.leftovers import fault
 from actors.runtime.lifecycle.linux import PR_SET_CHILD_SUBREAPER, prctl
 from actors.runtime.lifecycle.process_table import Glance
 from actors.runtime.shell import Shell
 from actors.runtime.ticks import ticking
-from deploy.run.silence import Patience, Silence, Suspect
+from deploy.run.silence import Silence, Suspect, Timeout
 
 _TICK_S: Final = 0.5
 
 
 @contextlib.contextmanager
 def watched(
-    shells: Sequence[Shell], patience: Patience, turn: Callable[[], str], give_up: Callable[[str], None]
+    shells: Sequence[Shell], timeout: Timeout, turn: Callable[[], str], give_up: Callable[[str], None]
 ) -> Iterator[None]:
-    """Raise OutOfPatience in the main thread if none of the `shells` advances for too long.
+    """Raise TimedOut in the main thread if none of the `shells` advances for too long.
 
     `turn` says in words whose turn it is. `give_up` is called once it has been raised in vain, and must not
     return. In other threads than the main one, where no signal arrives, nobody is watched.
@@ -34,7 +34,7 @@ def watched(
         yield
         return
     me = (Suspect("", os.getpid()),)
-    silence = Silence(patience, look=lambda: {os.getpid(): Glance(0, 0, "S", time.process_time())})
+    silence = Silence(timeout, look=lambda: {os.getpid(): Glance(0, 0, "S", time.process_time())})
     advances = -1
     in_vain = 0
 
@@ -51,7 +51,7 @@ def watched(
             sentence = f"{verdict.sentence}; it stands at {where(frame)}"
             if in_vain > 3:
                 give_up(sentence)
-            raise OutOfPatience(sentence)
+            raise TimedOut(sentence)
 
     with ticking(_TICK_S, tick):
         yield

@@ -17,7 +17,7 @@ from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.fingerprint import fingerprints
-from actors.runtime.lifecycle.failure import OutOfPatience, failure_note, in_words
+from actors.runtime.lifecycle.failure import TimedOut, failure_note, in_words
 from actors.runtime.pace import Pace
 from actors.runtime.process import ActorProcess, final_note
 from actors.runtime.recording import Recorder
@@ -59,7 +59,7 @@ class MemorySwarm:
             try:
                 with Leftovers() as leftovers:
                     self._play()
-            except (SystemExit, OutOfPatience) as error:
+            except (SystemExit, TimedOut) as error:
                 raise RunFailedError(self._note_failure(error)) from None
             except Exception as error:
                 self._note_failure(error)
@@ -71,8 +71,8 @@ class MemorySwarm:
                 recorder.note("final", final_note(shell, part, cpu_s))
 
     def _play(self) -> None:
-        fingerprints(kernel_modules())  # before anybody's patience begins: the very first time takes a minute
-        with exits_caught(), watched(self._shells, self._plan.patience, self._whose_turn, self._give_up):
+        fingerprints(kernel_modules())  # before any timeout runs: the very first time takes a minute
+        with exits_caught(), watched(self._shells, self._plan.timeout, self._whose_turn, self._give_up):
             self._build()
             run_shells(self._shells, self._hold)
 
@@ -119,7 +119,7 @@ class MemorySwarm:
 
     def _give_up(self, sentence: str) -> NoReturn:
         """End this process, although something in it catches whatever is raised."""
-        self._note_failure(OutOfPatience(sentence))
+        self._note_failure(TimedOut(sentence))
         self._stack.close()
         sys.stderr.write(f"acrc: {sentence}\n")
         sys.stderr.flush()

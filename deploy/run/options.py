@@ -8,13 +8,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, cast, get_args
 
-from actors.runtime.isolation.resource_limits import ProcessLimits, limits
+from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, limits
 from deploy.run import out_folder
-from deploy.run.silence import Patience
-from deploy.usage import OptionError
+from deploy.run.silence import Timeout
+from deploy.usage import OptionError, wrong_value
 
 SLOWEST = 0.01
-"""At this speed a step of 100 ms takes 10 s, well under the patience with an actor that is silent."""
+"""At this speed a step of 100 ms takes 10 s, well under the timeout."""
 _SLOWEST_STEP_S = 0.1
 """The longest step that a scenario may have."""
 Bus = Literal["zenoh", "memory"]
@@ -46,7 +46,7 @@ class RunOptions:
     """Robots as on board, with emulated devices, in wall time."""
     limits: ProcessLimits = field(default=ProcessLimits())
     """What each robot's process may have."""
-    patience_s: float = Patience.step_s
+    timeout_s: float = Timeout.step_s
     """How long an actor may keep all others from the next step, s; see `deploy.run.silence`."""
     json: bool = False
     """Print the result as JSON on standard output, and nothing else."""
@@ -66,21 +66,21 @@ def run_options(  # one for each option of the command line
     view: bool = False,
     hardware: bool = False,
     limit: Sequence[str] = (),
-    patience: float = Patience.step_s,
+    timeout: float = Timeout.step_s,
     json: bool = False,
     check: bool = False,
 ) -> RunOptions:
     """The options as they stand on the command line, checked. Raises OptionError."""
     if bus not in get_args(Bus):
-        raise OptionError(f"--bus {bus}: must be {_choice(get_args(Bus))}")
+        raise wrong_value("--bus", bus, _choice(get_args(Bus)))
     if spawn not in get_args(Spawn):
-        raise OptionError(f"--spawn {spawn}: must be {_choice(get_args(Spawn))}")
+        raise wrong_value("--spawn", spawn, _choice(get_args(Spawn)))
     if isolate and bus == "memory":
         raise OptionError(
-            "--isolate: needs a process for each robot, and with --bus memory there is one for all"
+            "--isolate: --bus memory has one process for all robots; must stand with --bus zenoh"
         )
     if view and bus == "memory":
-        raise OptionError("--view: needs the mesh to look on, and with --bus memory there is none")
+        raise OptionError("--view: --bus memory has no mesh to look on; must stand with --bus zenoh")
     if hardware and (bus == "memory" or view or _speed(speed) not in {"max", "1"}):
         raise OptionError(
             "--hardware-in-the-loop: runs processes in wall time; "
@@ -92,9 +92,9 @@ def run_options(  # one for each option of the command line
         )
     if limit and (bus == "memory" or hardware):
         raise OptionError("--limit: holds a simulated robot's process; must stand with --bus zenoh only")
-    if _speed(speed) != "max" and not patience > (slowest := _SLOWEST_STEP_S / float(speed)):
-        raise OptionError(
-            f"--patience {patience:g}: must be more than the {slowest:g} s of a step at --speed {speed}"
+    if _speed(speed) != "max" and not timeout > (slowest := _SLOWEST_STEP_S / float(speed)):
+        raise wrong_value(
+            "--timeout", f"{timeout:g}", f"more than the {slowest:g} s of a step at --speed {speed}"
         )
     out_folder.check(out, mesh=bus == "zenoh")
     return RunOptions(
@@ -107,8 +107,8 @@ def run_options(  # one for each option of the command line
         hidden,
         view,
         hardware,
-        limits(tuple(limit)),
-        patience,
+        _limits(limit),
+        timeout,
         json,
         check,
     )
@@ -120,6 +120,13 @@ def folder_name(scenario: Path) -> str:
     return f"{stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
 
 
+def _limits(words: Sequence[str]) -> ProcessLimits:
+    try:
+        return limits(tuple(words))
+    except LimitError as error:
+        raise OptionError(str(error)) from None
+
+
 def _speed(text: str) -> str:
     if text == "max":
         return text
@@ -128,7 +135,7 @@ def _speed(text: str) -> str:
     except ValueError:
         value = math.nan
     if not value >= SLOWEST or math.isinf(value):
-        raise OptionError(f'--speed {text}: must be "max" or a number from 0.01 on, such as 1 or 4')
+        raise wrong_value("--speed", text, '"max" or a number from 0.01 on, such as 1 or 4')
     return text
 
 

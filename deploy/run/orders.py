@@ -32,10 +32,11 @@ from actors.runtime.bus_interface import Bus
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
+from deploy.usage import OptionError, wrong_value
 
 
 class OrderError(AcrcError):
-    """An order that nobody understands, or a run that takes none."""
+    """A run that takes no order."""
 
 
 def _numbers(make: Callable[..., Order], count: int) -> Callable[[Sequence[str]], Order]:
@@ -74,6 +75,7 @@ _FORMS: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = Mapp
     "stop": ("", _numbers(Stop, 0)),
 })  # fmt: skip
 """By verb: what must follow it, and how it is read."""
+VERBS: Final = tuple(_FORMS)
 
 
 def forms() -> str:
@@ -82,17 +84,17 @@ def forms() -> str:
 
 
 def parse(verb: str, words: Sequence[str]) -> Order:
-    """The order that was typed; OrderError if there is none like it."""
+    """The order that was typed. Raises OptionError if there is none like it."""
     if verb not in _FORMS:
-        raise OrderError(f"there is no order {verb!r}; it should be one of: {forms()}")
+        raise wrong_value("VERB", verb, f"one of: {forms()}")
     shape, read = _FORMS[verb]
     try:
         order = read(words)
     except (ValueError, OverflowError):  # the latter: an infinite number of seconds
-        given = " ".join([verb, *words])
-        raise OrderError(f"the order {given!r} should read {f'{verb} {shape}'.strip()!r}") from None
+        form = f"{verb} {shape}".strip()
+        raise wrong_value("VERB", " ".join([verb, *words]), f"like {form}") from None
     if wrong := fault(order, OrderLimits()):
-        raise OrderError(wrong)
+        raise OptionError(f"{verb}: {wrong}")
     return order
 
 

@@ -57,20 +57,21 @@ def check(out: Path, *, mesh: bool) -> None:
     """Raise OptionError for a folder that can be seen to be of no use; `mesh`: sockets will lie in it."""
     try:
         if out.exists() and not out.is_dir():
-            raise OptionError(f"--out {out}: is a file; must be a folder that is new or empty")
+            raise OptionError(f"--out: {out} is a file; must be a folder that is new or empty")
     except OSError as error:
-        words = f"{_reason(error)}; must be a folder that is new or empty"
-        raise OptionError(f"--out {_short(out)}: {words}") from None
+        raise OptionError(
+            f"--out: {_short(out)} cannot be used: {_reason(error)}; must be a folder that is new or empty"
+        ) from None
     mark = next((mark for mark in _ENDPOINT_MARKS if mark in str(out.absolute())), None)
     if mesh and mark is not None:
         raise OptionError(
-            f'--out {out}: the path {out.absolute()} has a "{mark}", which cannot be part of a '
-            "socket's address; choose a folder without, or --bus memory"
+            f'--out: {out.absolute()} has a "{mark}", which cannot be part of a socket\'s address; must be a '
+            "folder without one, or stand with --bus memory"
         )
 
 
 def make_folder(out: Path) -> None:
-    """Make the folder for the results. OutFolderError if there is something already, or it cannot be made."""
+    """Make the folder for the results. OptionError if there is something, OutFolderError if it cannot be."""
     check_new(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -79,10 +80,10 @@ def make_folder(out: Path) -> None:
 
 
 def check_new(out: Path) -> None:
-    """Raise OutFolderError if there is something already in the folder for the results, or it is closed."""
+    """Raise OptionError if there is something already in the folder, OutFolderError if it is closed."""
     try:
         if out.exists() and (not out.is_dir() or any(out.iterdir())):
-            raise OutFolderError(f"--out {out}: exists and is not an empty folder; name a new one")
+            raise OptionError(f"--out: {out} exists and is not an empty folder; must be a new one")
     except OSError as error:
         raise _unusable(out, error) from None
 
@@ -125,7 +126,7 @@ def _fault(out: Path) -> str | None:
 
 
 def _unusable(out: Path, error: OSError) -> OutFolderError:
-    return OutFolderError(f"--out {_short(out)}: cannot be made: {_reason(error)}; choose another place")
+    return OutFolderError(f"--out: {_short(out)} cannot be made: {_reason(error)}; choose another place")
 
 
 def _reason(error: OSError) -> str:

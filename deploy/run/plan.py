@@ -18,7 +18,7 @@ from actors.world.world_setup import BodySetup, WorldSetup
 from deploy.processes.launch import Program
 from deploy.run import scenario_copy
 from deploy.run.out_folder import make_folder
-from deploy.run.silence import Patience
+from deploy.run.silence import Timeout
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Plan:
     view: bool = False
     limits: ProcessLimits = field(default=ProcessLimits())
     """What each robot's process may have."""
-    patience: Patience = field(default=Patience())
+    timeout: Timeout = field(default=Timeout())
     """How long the run may take no step."""
 
     def folder(self, actor: str) -> Path:

@@ -17,7 +17,7 @@ WORLD: Final = "the world has not taken a step"
 
 
 @dataclass(frozen=True)
-class Patience:
+class Timeout:
     """How long a run may take no step."""
 
     step_s: float = 30.0
@@ -53,11 +53,11 @@ class Silence:
 
     def __init__(
         self,
-        patience: Patience,
+        timeout: Timeout,
         clock: Callable[[], float] = time.monotonic,
         look: Callable[[], Mapping[int, Glance]] = process_table.table,
     ) -> None:
-        self._patience = patience
+        self._timeout = timeout
         self._clock = clock
         self._table = look
         self._looked = clock()
@@ -77,14 +77,14 @@ class Silence:
     def verdict(
         self, everyone: Sequence[Suspect], awaited: Sequence[Suspect], what: str, *, starting: bool = False
     ) -> SilenceVerdict | None:
-        """Who of `awaited` has used the patience up; `what` they are awaited for. None: nobody, as yet.
+        """Who of `awaited` has used the time up; `what` they are awaited for. None: nobody, as yet.
 
         `everyone`: all processes of the run; nobody is judged while one of them is stopped.
         """
         now = self._clock()
-        if now - self._looked < self._patience.look_s:
+        if now - self._looked < self._timeout.look_s:
             return None
-        elapsed_s = min(now - self._looked, 2 * self._patience.look_s)
+        elapsed_s = min(now - self._looked, 2 * self._timeout.look_s)
         self._looked = now
         known = self._table()
         trees = {
@@ -103,7 +103,7 @@ class Silence:
         self._cpu_s[suspect.pid] = cpu_s
         if before_s is None or self.stopped:
             return
-        if cpu_s - before_s >= self._patience.working_share * elapsed_s:
+        if cpu_s - before_s >= self._timeout.working_share * elapsed_s:
             self._add(self._worked_s, suspect.pid, cpu_s - before_s)
         elif not any(one.state in ("R", "D") for one in tree):  # else it waits for a processor, or a disk
             self._add(self._idle_s, suspect.pid, elapsed_s)
@@ -113,11 +113,11 @@ class Silence:
         account[pid] = account.get(pid, 0.0) + seconds
 
     def _judge(self, suspect: Suspect, what: str, starting: bool) -> SilenceVerdict | None:
-        limit_s = self._patience.step_s
+        limit_s = self._timeout.step_s
         if self._idle_s.get(suspect.pid, 0.0) >= limit_s:
             return SilenceVerdict(suspect, f"{what} for {limit_s:g} s")
         if starting:
-            limit_s *= self._patience.start_factor
+            limit_s *= self._timeout.start_factor
         if self._worked_s.get(suspect.pid, 0.0) >= limit_s:
             return SilenceVerdict(suspect, f"{what} after {limit_s:g} s of processor time")
         return None

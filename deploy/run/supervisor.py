@@ -17,7 +17,7 @@ from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.topic import Message, Topic
 from deploy.processes.launch import Child, Launcher, LaunchError, Program
 from deploy.run.disk_use import DiskWatch
-from deploy.run.silence import Patience
+from deploy.run.silence import Timeout
 from deploy.run.vigil import Vigil
 
 
@@ -39,7 +39,7 @@ class Supervisor:
         launcher: Launcher,
         restart: Callable[[ProcessOrder, int], Program],
         on_progress: Callable[[Progress], None],
-        patience: Patience,
+        timeout: Timeout,
         disk: DiskWatch,
         say: Callable[[str], None] = lambda sentence: None,
     ) -> None:
@@ -48,7 +48,7 @@ class Supervisor:
         self._restart = restart
         self._on_progress = on_progress
         self._disk = disk
-        self._vigil = Vigil(patience, launcher.wait, say)
+        self._vigil = Vigil(timeout, launcher.wait, say)
         self._children: list[Child] = []
         self._complete: set[int] = set()
         """Processes that have ended as planned, by id."""
@@ -127,11 +127,11 @@ class Supervisor:
 
     def end_all(self) -> None:
         """Ask every process to end, then make it."""
-        for number, patience_s in ((signal.SIGTERM, self.GRACE_S), (signal.SIGKILL, self.GRACE_S)):
+        for number, grace_s in ((signal.SIGTERM, self.GRACE_S), (signal.SIGKILL, self.GRACE_S)):
             for child in self._running():
                 child.send(number)
                 child.send(signal.SIGCONT)  # one that is stopped would not hear it
-            deadline = time.monotonic() + patience_s
+            deadline = time.monotonic() + grace_s
             while self._running() and time.monotonic() < deadline:
                 with contextlib.suppress(
                     LaunchError

@@ -36,7 +36,7 @@ from deploy.run.plan import (
     world_program,
 )
 from deploy.run.preflight import preflight, preflight_here
-from deploy.run.silence import Patience
+from deploy.run.silence import Timeout
 from deploy.run.supervisor import Supervisor
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_text import adaptation, navigation
@@ -88,7 +88,7 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
         isolate=choice.isolate,
         warning=choice.warning,
         limits=options.limits,
-        patience=Patience(step_s=options.patience_s),
+        timeout=Timeout(step_s=options.timeout_s),
         hidden=options.hidden,
         view=options.view,
     )
@@ -125,7 +125,7 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
         launched,
         lambda order, step: robot_program(plan, robots[order.robot], order, step),
         on_progress,
-        plan.patience,
+        plan.timeout,
         DiskWatch(plan.limits),
         _say,
     )

@@ -6,15 +6,15 @@ from pathlib import Path
 from actors.messages import Progress
 from deploy.processes.last_word import where_it_stands
 from deploy.processes.launch import Child
-from deploy.run.silence import WORLD, Patience, Silence, SilenceVerdict, Suspect
+from deploy.run.silence import WORLD, Silence, SilenceVerdict, Suspect, Timeout
 
 
 class Vigil:
     """What one run's processes are seen to do while no step is taken."""
 
-    def __init__(self, patience: Patience, wait: Callable[[float], None], say: Callable[[str], None]) -> None:
+    def __init__(self, timeout: Timeout, wait: Callable[[float], None], say: Callable[[str], None]) -> None:
         """`wait` passes so many seconds; `say` is told a sentence for the person at the terminal."""
-        self._silence = Silence(patience)
+        self._silence = Silence(timeout)
         self._wait = wait
         self._say = say
         self._size = -1

@@ -14,7 +14,7 @@ from deploy.repository import REPOSITORY
 from deploy.scenario import areas, events, robot_tables, value_wording
 from deploy.scenario.stack_tables import stack_fault
 from deploy.scenario.tables import Scenario
-from deploy.usage import OptionError
+from deploy.usage import wrong_value
 
 DEFAULT_SCENARIO: Final = REPOSITORY / "scenarios" / "corridor.toml"
 
@@ -115,7 +115,7 @@ def _first(
     option = options.get(tuple(str(part) for part in first["loc"]))
     if option is not None:
         right = value_wording.right_at(Scenario, first["loc"])
-        return OptionError(f"{option} {first['input']}: must be {right.words}")
+        return wrong_value(option, first["input"], right.words)
     return ScenarioError(f"{path}: {value_wording.sentence(Scenario, first['type'], first['loc'], content)}")
 
 

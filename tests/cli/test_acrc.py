@@ -163,8 +163,14 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
         (("record", "replay", "out", "r1"), ["sim"]),
         (("bench", "onboard"), ["hardware", "sim"]),
         (("bench", "portable"), ["dev", "sim"]),
-        (("watch", "tls/r1:7447"), []),
-        (("collect", "out"), []),
+        (("fleet", "doctor"), []),
+        (("fleet", "watch", "tls/r1:7447"), []),
+        (("fleet", "stop", "tls/r1:7447"), []),
+        (("fleet", "collect", "out"), []),
+        (("fleet", "units", "fleet.toml"), ["hardware"]),
+        (("list", "maps"), []),
+        (("deploy", "keys", "fleet.toml"), []),
+        (("onboard", "fleet.toml"), []),
         (("order", "out", "stop"), []),
     ],
 )
@@ -206,13 +212,13 @@ def test_packages_that_are_added_stay_over_every_new_installation(clone: Clone) 
 def test_what_cannot_be_added_leaves_no_trace(clone: Clone) -> None:
     own = clone.folder / "requirements.txt"
     assert clone.call("add") == (
-        1, "", "acrc: add: which packages? For instance: ./acrc add pandas networkx\n"
+        2, "", "acrc: NAME: is missing; must be as in ./acrc add pandas networkx\n"
     )  # fmt: skip
     for name in ("--index-url", "a b", "git+https://somewhere/x", "x;y"):
         assert clone.call("add", name) == (
-            1,
+            2,
             "",
-            f"acrc: add: {name} is no package; name one as pip knows it, such as pandas or pandas==3.0.0\n",
+            f"acrc: NAME: {name}; must be a package as pip knows it, such as pandas or pandas==3.0.0\n",
         )
     assert not own.exists()
     clone.call("run")
@@ -224,18 +230,28 @@ def test_what_cannot_be_added_leaves_no_trace(clone: Clone) -> None:
 
 
 def test_keys_come_with_what_hardware_needs_and_the_doctor_installs_nothing_of_his_own(clone: Clone) -> None:
-    clone.call("doctor")
+    clone.call("fleet", "doctor")
     assert clone.extras() == []
-    clone.call("deploy", "keys", "fleet.toml")
+    clone.call("fleet", "keys", "fleet.toml")
     assert clone.extras() == ["hardware"]
     assert {"cryptography", "pyserial"} <= clone.installed()
 
 
 def test_robots_on_board_and_in_the_loop_come_with_what_hardware_needs(clone: Clone) -> None:
-    clone.call("onboard", "fleet.toml", "--robot", "r1")
+    clone.call("fleet", "onboard", "fleet.toml", "--robot", "r1")
     assert clone.extras() == ["hardware"]
     clone.call("run", "scenario.toml", "--hardware-in-the-loop")
     assert clone.extras() == ["hardware", "sim"]
+
+
+def test_the_tabulator_key_installs_nothing_and_says_nothing(clone: Clone) -> None:
+    clone.settings["_ACRC_COMPLETE"] = "complete_bash"
+    assert clone.call() == (0, "", "")
+    assert clone.pip_calls() == 0 and not (clone.folder / ".venv").exists()
+    del clone.settings["_ACRC_COMPLETE"]
+    clone.call("--help")
+    clone.settings["_ACRC_COMPLETE"] = "complete_bash"
+    assert clone.call() == (0, f"in {clone.folder}: -P -m deploy\n", "")
 
 
 @pytest.mark.parametrize("name", ["constraints.txt", "pyproject.toml"])

@@ -29,7 +29,7 @@ STARTS = {
     "run --view": ("deploy.run.swarm", "actors.observer.__main__"),
     "run --hardware-in-the-loop": ("firmware_bridge.laboratory.__main__", *ACTORS[2:], *ON_BOARD),
     "record replay": ACTORS,
-    "onboard": ("actors.robot.__main__", *ON_BOARD),
+    "fleet onboard": ("actors.robot.__main__", *ON_BOARD),
     "bench onboard": ("firmware_bridge.laboratory.__main__", *ACTORS, *ON_BOARD),
     "bench standstill": ("firmware_bridge.laboratory.__main__", ACTORS[2], *ON_BOARD),
     "bench endings": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
@@ -39,7 +39,7 @@ STARTS = {
     "bench steps": ("benchmarks.swarm.ping_pong", *ACTORS),
     "bench swarm": ACTORS,
     "bench portable": ("mpmath",),
-    "deploy keys": ("deploy.fleet.certificates",),
+    "fleet keys": ("deploy.fleet.certificates",),
 }
 """What a command starts or imports beside what its function imports itself."""
 PROGRAM = """
@@ -123,7 +123,10 @@ def by_extras() -> dict[tuple[str, ...], dict[str, list[str]]]:
 
 
 def test_every_command_is_looked_at() -> None:
-    some = {"run", "record replay", "onboard", "watch", "collect", "doctor", "deploy keys", "bench onboard"}
+    some = {
+        *("run", "record replay", "list presets", "list maps", "bench onboard"),
+        *("fleet onboard", "fleet watch", "fleet stop", "fleet collect", "fleet doctor", "fleet keys"),
+    }
     assert some <= set(commands())
     assert all(modules for name, modules in commands().items() if name != "order") and len(commands()) > 25
 

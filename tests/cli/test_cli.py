@@ -10,11 +10,13 @@ import pytest
 from rich.console import Console
 
 from actors.world.whereabouts import PoseError
+from deploy.cli.groups import MOVED
 from deploy.development.checks import Check, run_checks
 from deploy.results import summary
 from deploy.results.deeco_result import DeecoResult
 from deploy.results.navigation_result import NavigationResult
 from deploy.results.result import RobotResult, RunResult
+from deploy.version import release
 
 ROOT = Path(__file__).parents[2]
 
@@ -33,10 +35,10 @@ def acrc(*arguments: str, cwd: Path = ROOT) -> tuple[int, str, str]:
 
 def test_a_wrong_option_is_one_line_and_exit_code_2() -> None:
     assert acrc("run", "--speed", "fast") == (
-        2, "", 'acrc: --speed fast: must be "max" or a number from 0.01 on, such as 1 or 4\n'
+        2, "", 'acrc: --speed: fast; must be "max" or a number from 0.01 on, such as 1 or 4\n'
     )  # fmt: skip
     assert acrc("run", "--step", "15") == (
-        2, "", "acrc: --step 15: must be a multiple of the 10 ms physics sub-step, from 10 to 100\n"
+        2, "", "acrc: --step: 15; must be a multiple of the 10 ms physics sub-step, from 10 to 100\n"
     )  # fmt: skip
 
 
@@ -46,10 +48,67 @@ def test_a_wrong_scenario_is_one_line_and_exit_code_1_however_long(tmp_path: Pat
     assert acrc("run", str(file)) == (1, "", f"acrc: {file}: run.sed is not known; did you mean run.seed?\n")
 
 
+@pytest.mark.parametrize(
+    ("words", "now"),
+    [
+        ("deploy keys fleet.toml", "deploy keys: is no longer a command; it is acrc fleet keys now"),
+        ("deploy units --help", "deploy units: is no longer a command; it is acrc fleet units now"),
+        ("deploy", "deploy: is no longer a command; it is acrc fleet now"),
+        ("doctor", "doctor: is no longer a command; it is acrc fleet doctor now"),
+        ("onboard f --robot r1", "onboard: is no longer a command; it is acrc fleet onboard now"),
+        ("watch tls/r1:1 --keys k", "watch: is no longer a command; it is acrc fleet watch now"),
+        ("watch tls/r1:1 --stop", "watch --stop: is no longer a command; it is acrc fleet stop now"),
+        ("watch --pause x", "watch --pause: is no longer a command; it is acrc fleet pause now"),
+        ("collect --help", "collect: is no longer a command; it is acrc fleet collect now"),
+        ("strategies --json", "strategies: is no longer a command; it is acrc list strategies now"),
+        ("run --patience 3", "--patience: is no longer an option; it is --timeout now"),
+    ],
+)
+def test_an_old_spelling_names_the_new_one(words: str, now: str) -> None:
+    assert acrc(*words.split()) == (2, "", f"acrc: {now}\n")
+
+
+@pytest.mark.parametrize("was", MOVED)
+def test_what_a_command_is_called_now_is_a_command(was: tuple[str, ...]) -> None:
+    code, out, _ = acrc(*MOVED[was].split(), "--help")
+    assert code == 0 and out.startswith(f"Usage: acrc {MOVED[was]} ")
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("rum", "rum: is no command of acrc; did you mean run?"),
+        ("list nothing", "nothing: is no command of acrc list; must be one of strategies, presets, "
+         "models, scenarios, maps"),
+        ("fleet keys", "FLEET.toml: is missing; acrc fleet keys --help says what it is"),
+        ("fleet units f.toml", "--robot: is missing; acrc fleet units --help says what it is"),
+        ("fleet watch --keys k", "ENDPOINT: is missing; acrc fleet watch --help says what it is"),
+        ("run --seed", "--seed: has no value; must be followed by one"),
+        ("run --view=3", "--view: has a value; must stand alone"),
+        ("run --qqqq", "--qqqq: is no option of acrc run; acrc run --help lists those that there are"),
+        ("run a b c", "run: has no use for b c; must be as in acrc run [OPTIONS] [SCENARIO.toml]"),
+        ("run --timeout soon", "--timeout: soon; must be a number from 1 to 86400"),
+        ("run --timeout nan", "--timeout: nan; must be a number from 1 to 86400"),
+        ("fleet keys f.toml --days x", "--days: x; must be a whole number"),
+        ("bench seeds --robots 0", "--robots: 0; must be a whole number from 1 to 500"),
+        ("run --bus tcp", "--bus: tcp; must be zenoh or memory"),
+        ("run --strategy prayer", "--strategy: strategy 'prayer' is not known; it should be one of "
+         "chapter, none, released, or the entry 'module:function' of your own"),
+        ("run --limit x=1", "--limit: x=1; must be one of memory_mb, open_files, file_mb, disk_mb, "
+         "disk_files, processes, \"=\" and a number from 1 to 999999999"),
+        ("order out shout", "VERB: shout; must be one of: kill ROBOT, freeze ROBOT, thaw ROBOT, "
+         "restart ROBOT, move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, obstacle X Y RADIUS, pause, resume, "
+         "stop"),
+    ],
+)  # fmt: skip
+def test_whatever_is_wrong_with_the_words_is_said_in_one_form(words: str, sentence: str) -> None:
+    assert acrc(*words.split()) == (2, "", f"acrc: {sentence}\n")
+
+
 def test_an_unknown_option_is_told_from_the_known_ones() -> None:
     code, out, err = acrc("run", "--robot", "3")
     assert (code, out) == (2, "")
-    assert err.splitlines()[-1].startswith("Error: No such option: --robot")
+    assert err == "acrc: --robot: is no option of acrc run; did you mean --robots?\n"
 
 
 def test_help_names_every_option_of_run() -> None:
@@ -65,9 +124,25 @@ def test_help_names_every_option_of_run() -> None:
 
 
 def test_help_loads_nothing_heavy() -> None:
-    code = "import sys, deploy.cli; print({'numpy', 'numba', 'zenoh', 'pydantic'} & set(sys.modules))"
+    heavy = {"numpy", "numba", "zenoh", "pydantic", "cleaning", "benchmarks", "PIL"}
+    code = f"import sys, deploy.cli.app; print({heavy} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"
+
+
+def test_what_is_for_developers_stands_apart() -> None:
+    code, out, _ = acrc("--help")
+    users, developers = out.partition("Commands for those who change the testbed:\n")[::2]
+    assert code == 0
+    for name in ("run", "order", "record", "list", "fleet", "bench", "add"):
+        assert f"\n  {name} " in users
+    assert [line.split()[0] for line in developers.splitlines()] == ["test", "check"]
+
+
+def test_the_version_names_release_and_commit() -> None:
+    code, out, _ = acrc("--version")
+    assert code == 0
+    assert out.startswith(f"acrc {release()}")
 
 
 def test_test_hands_its_arguments_to_pytest_and_runs_in_the_repository(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from deploy.processes.signals import Interrupted, signals_as_interrupts
 from tests.swarm.command import ACRC, ROOT
 
-LIST = " ".join((*ACRC, "strategies"))
+LIST = " ".join((*ACRC, "list", "strategies"))
 
 
 def shell(command: str) -> tuple[int, str, str]:

@@ -225,7 +225,7 @@ def assert_same_table(ours: Path, simulated: Path, within_s: float) -> None:
 
 def test_the_command_prints_a_table_or_json(head_on: Run, tmp_path: Path) -> None:
     copies(head_on.out, tmp_path / "far", {"r1": clock(EPOCH), "r2": clock(EPOCH + 2_500_000)})
-    said = acrc("collect", tmp_path / "far", "--out", tmp_path / "out")
+    said = acrc("fleet", "collect", tmp_path / "far", "--out", tmp_path / "out")
     assert (said.returncode, said.stderr) == (0, "")
     lines, frames = said.stdout.splitlines(), head_on.result.frames
     sent, heard = frames["frames_sent"], frames["copies_heard"]
@@ -242,6 +242,6 @@ def test_the_command_prints_a_table_or_json(head_on: Run, tmp_path: Path) -> Non
         counted = (str(of[robot]["frames_sent"]), str(of[robot]["copies_heard"]))
         assert row[:5] == [robot, "3 of 3", f"{done_s:.1f} s", *counted] and row[5].startswith(clock_said)
     assert cells[2] == ["all", "6 of 6", f"{head_on.result.completion_s:.1f} s", str(sent), str(heard)]
-    done = acrc("collect", tmp_path / "far" / "r1", tmp_path / "far" / "r2", "--json")
+    done = acrc("fleet", "collect", tmp_path / "far" / "r1", tmp_path / "far" / "r2", "--json")
     result = msgspec.json.decode(done.stdout, type=TrialResult)
     assert (result.places_claimed, result.out, done.stderr) == (6, None, "")

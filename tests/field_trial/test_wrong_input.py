@@ -30,7 +30,7 @@ def test_a_folder_that_is_not_there_or_is_empty(tmp_path: Path) -> None:
     gone = tmp_path / "gone"
     assert sentence(gone) == f"{gone}: no such folder; it should be a robot's, or one that holds robots'"
     assert sentence(tmp_path) == f"{tmp_path}: no recording in it; there should be *.mcap or */*.mcap"
-    done = acrc("collect", gone)
+    done = acrc("fleet", "collect", gone)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == f"acrc: {gone}: no such folder; it should be a robot's, or one that holds robots'\n"
 
@@ -63,7 +63,7 @@ def test_recordings_of_different_field_trials(head_on: Run, crowd: Run, tmp_path
 def test_a_folder_for_results_that_is_in_use(head_on: Run, tmp_path: Path) -> None:
     (tmp_path / "mine.txt").touch()
     assert sentence(head_on.out, out=tmp_path) == (
-        f"--out {tmp_path}: exists and is not an empty folder; name a new one"
+        f"--out: {tmp_path} exists and is not an empty folder; must be a new one"
     )
 
 

@@ -26,7 +26,7 @@ def office(tmp_path: Path) -> Path:
 
 
 def test_keys_are_made_beside_the_fleet_file_and_each_has_a_goal(office: Path) -> None:
-    code, out, err = acrc("deploy", "keys", str(office), "--host", "r1=10.0.0.1", "--host", "r2=10.0.0.2")
+    code, out, err = acrc("fleet", "keys", str(office), "--host", "r1=10.0.0.1", "--host", "r2=10.0.0.2")
     assert code == 0
     assert err == UNNAMED.format("r3")
     keys = office.parent / "office-keys"
@@ -48,8 +48,8 @@ def test_keys_are_made_beside_the_fleet_file_and_each_has_a_goal(office: Path) -
 
 
 def test_revoking_replaces_all_keys_and_says_what_is_to_be_done(office: Path) -> None:
-    assert acrc("deploy", "keys", str(office), "--host", "r1=10.0.0.1", "--host", "r3=10.0.0.3")[0] == 0
-    code, out, err = acrc("deploy", "keys", str(office), "--revoke", "r2", "--revoke", "operator")
+    assert acrc("fleet", "keys", str(office), "--host", "r1=10.0.0.1", "--host", "r3=10.0.0.3")[0] == 0
+    code, out, err = acrc("fleet", "keys", str(office), "--revoke", "r2", "--revoke", "operator")
     assert (code, err) == (0, UNNAMED.format("r2"))
     keys = office.parent / "office-keys"
     (aside,) = office.parent.glob("office-keys.until-*")
@@ -59,18 +59,18 @@ def test_revoking_replaces_all_keys_and_says_what_is_to_be_done(office: Path) ->
         "operator's first, and start the robots again.",
         f"The old keys are in {aside}; delete them after that.",
     ]
-    assert acrc("deploy", "keys", str(office), "--revoke", "r9") == (
-        1,
+    assert acrc("fleet", "keys", str(office), "--revoke", "r9") == (
+        2,
         "",
         f'acrc: {office}: there is no robot "r9" in the fleet; it has r1, r2, r3\n',
     )
 
 
 def test_keys_that_are_there_stay(office: Path) -> None:
-    assert acrc("deploy", "keys", str(office))[0] == 0
+    assert acrc("fleet", "keys", str(office))[0] == 0
     keys = office.parent / "office-keys"
     before = (keys / "r1" / "key.pem").read_bytes()
-    assert acrc("deploy", "keys", str(office)) == (
+    assert acrc("fleet", "keys", str(office)) == (
         1,
         "",
         f"acrc: {keys}: exists already; move it away to give the whole fleet new keys, or name another "
@@ -80,28 +80,28 @@ def test_keys_that_are_there_stay(office: Path) -> None:
 
 
 def test_a_wrong_option_of_keys_is_one_line_and_exit_code_2(office: Path) -> None:
-    assert acrc("deploy", "keys", str(office), "--days", "0") == (
+    assert acrc("fleet", "keys", str(office), "--days", "0") == (
         2,
         "",
-        "acrc: --days 0: must be a whole number from 1 to 3650\n",
+        "acrc: --days: 0; must be a whole number from 1 to 3650\n",
     )
 
 
 def test_units_are_written_and_installed_by_nobody_but_you(office: Path, tmp_path: Path) -> None:
     out = tmp_path / "units"
-    code, said, err = acrc("deploy", "units", str(office), "--robot", "r2", "--out", str(out), "--user", "me")
+    code, said, err = acrc("fleet", "units", str(office), "--robot", "r2", "--out", str(out), "--user", "me")
     assert (code, err) == (0, "")
     assert sorted(path.name for path in out.iterdir()) == ["60-acrc.rules", "acrc-r2.service"]
     service = (out / "acrc-r2.service").read_text()
-    assert f"\nExecStart={ROOT}/acrc onboard {office} --robot r2\n" in service
+    assert f"\nExecStart={ROOT}/acrc fleet onboard {office} --robot r2\n" in service
     assert "\nUser=me\n" in service
     assert f"  sudo install -m 644 {out}/60-acrc.rules /etc/udev/rules.d/\n" in said
     assert "  sudo systemctl enable --now acrc-r2.service\n" in said
 
 
 def test_a_robot_that_is_not_in_the_fleet_gets_no_units(office: Path, tmp_path: Path) -> None:
-    assert acrc("deploy", "units", str(office), "--robot", "r9", "--out", str(tmp_path / "units")) == (
-        1,
+    assert acrc("fleet", "units", str(office), "--robot", "r9", "--out", str(tmp_path / "units")) == (
+        2,
         "",
         f'acrc: {office}: there is no robot "r9" in the fleet; it has r1, r2, r3\n',
     )
@@ -109,33 +109,33 @@ def test_a_robot_that_is_not_in_the_fleet_gets_no_units(office: Path, tmp_path: 
 
 
 def test_the_doctor_finds_what_is_wrong_and_says_so_by_its_exit_code(office: Path) -> None:
-    code, out, err = acrc("doctor", str(office), "--robot", "r2")
+    code, out, err = acrc("fleet", "doctor", str(office), "--robot", "r2")
     assert (code, err) == (1, "")
     assert "wrong  base               /dev/kobuki: there is no such port, and no Kobuki is seen; " in out
-    code, out, _ = acrc("doctor", str(office), "--robot", "r2", "--json")
+    code, out, _ = acrc("fleet", "doctor", str(office), "--robot", "r2", "--json")
     report = json.loads(out)
     assert (code, report["robot"], report["ok"]) == (1, "r2", False)
     assert {"subject", "ok", "text"} == set(report["findings"][0])
 
 
 def test_the_doctor_needs_fleet_and_robot_or_neither(office: Path) -> None:
-    assert acrc("doctor", str(office)) == (
+    assert acrc("fleet", "doctor", str(office)) == (
         2,
         "",
-        "acrc: --robot: must say which of the robots this computer is: r1, r2, r3\n",
+        "acrc: --robot: is missing; must say which of the robots this computer is: r1, r2, r3\n",
     )
-    assert acrc("doctor", "--robot", "r2") == (
+    assert acrc("fleet", "doctor", "--robot", "r2") == (
         2,
         "",
-        "acrc: --robot r2: needs the fleet file, too, as in acrc doctor fleet.toml --robot r2\n",
+        "acrc: --robot: r2 without a fleet file; must be as in acrc fleet doctor fleet.toml --robot r2\n",
     )
 
 
 def test_help_says_what_each_command_is_for() -> None:
     for words, line in (
-        (["deploy", "keys"], "Make the keys of a fleet: its certificate authority"),
-        (["deploy", "units"], "Write the systemd service of a robot and the udev rules"),
-        (["doctor"], "Say what is wrong with this computer, and how to put it right"),
+        (["fleet", "keys"], "Make the keys of a fleet: its certificate authority"),
+        (["fleet", "units"], "Write the systemd service of a robot and the udev rules"),
+        (["fleet", "doctor"], "Say what is wrong with this computer, and how to put it right"),
     ):
         code, out, _ = acrc(*words, "--help")
         assert code == 0

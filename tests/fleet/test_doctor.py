@@ -75,7 +75,7 @@ def test_packages_that_are_missing_or_others_than_those_tested_are_named() -> No
             "numpy is 2.2.5, but was tested as 2.2.6; remove .venv, and the next ./acrc makes it anew",
         ),
         well("packages sim", "not all installed, and not needed here"),
-        wrong("packages hardware", "cryptography missing; `./acrc deploy --help` installs what is"),
+        wrong("packages hardware", "cryptography missing; `./acrc fleet keys --help` installs what is"),
     ]
 
 
@@ -159,7 +159,7 @@ def test_whoever_may_not_open_ports_is_told_how_to(state: GroupMembership, text:
         (
             HEALTHY.but(names={}),
             "/dev/kobuki: there is no such port, but /dev/ttyUSB0 looks like the Kobuki; install the udev "
-            "rules that `acrc deploy units` writes, then plug it in again",
+            "rules that `acrc fleet units` writes, then plug it in again",
         ),
         (
             HEALTHY.but(names={"/dev/kobuki": LIDAR_AT_2}),
@@ -263,7 +263,7 @@ def test_a_strategy_that_cannot_be_made_is_told_why(tmp_path: Path) -> None:
             HEALTHY.but(time=datetime(2032, 1, 1, tzinfo=UTC)),
             False,
             "{folder}/certificate.pem holds from 2030-01-01 to 2031-01-01, but it is 2032-01-01 here; set "
-            "the clock, or make new keys with `acrc deploy keys`",
+            "the clock, or make new keys with `acrc fleet keys`",
         ),
         (
             HEALTHY.but(key_mode=0o644),

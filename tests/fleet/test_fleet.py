@@ -6,6 +6,7 @@ import pytest
 
 from actors.robot.behaviour.adaptation import adaptation
 from deploy.fleet.fleet_file import FleetError, load_fleet
+from deploy.usage import OptionError
 from tests.fleet.texts import HEAD, OFFICE, ROBOT, ROOT, fault, fleet, robot
 
 POWER = "0, -0.5 or -6.3 dBm, or one of them less 10, 20 or 30, which is what the firmware can set"
@@ -82,7 +83,7 @@ def test_a_robot_knows_where_it_listens(listen: str, host: str, everywhere: bool
 
 
 def test_a_robot_that_is_not_in_the_fleet_is_told_from_those_that_are() -> None:
-    with pytest.raises(FleetError) as caught:
+    with pytest.raises(OptionError) as caught:
         fleet(robot(1) + robot(3)).robot("r2")
     assert str(caught.value) == f'{ROOT}/some.toml: there is no robot "r2" in the fleet; it has r1, r3'
 

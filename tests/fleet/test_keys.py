@@ -1,6 +1,7 @@
 """The fleet's authority and certificates: what is in them, and which files lie where for whose eyes."""
 
 import ipaddress
+import shlex
 import stat
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -145,7 +146,7 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
 def test_days_have_bounds(days: int, tmp_path: Path) -> None:
     with pytest.raises(AcrcError) as caught:
         issue(FLEET, tmp_path / "keys", {}, now=NOW, days=days)
-    assert str(caught.value) == f"--days {days}: must be a whole number from 1 to 3650"
+    assert str(caught.value) == f"--days: {days}; must be a whole number from 1 to 3650"
 
 
 def test_hosts_are_given_by_robot() -> None:
@@ -159,7 +160,9 @@ def test_hosts_are_given_by_robot() -> None:
 def test_a_host_that_is_none_is_refused(word: str) -> None:
     with pytest.raises(AcrcError) as caught:
         hosts_of([word], FLEET)
-    expected = f"--host {word}: must be a robot's id and its name or address, such as r2=192.168.1.12"
+    expected = (
+        f"--host: {shlex.quote(word)}; must be a robot's id and its name or address, such as r2=192.168.1.12"
+    )
     if word.startswith("="):
         expected = f'{ROOT}/some.toml: there is no robot "" in the fleet; it has r1, r2, r3, r4'
     assert str(caught.value) == expected
@@ -171,7 +174,7 @@ def test_keys_that_are_not_there_are_missed_by_name(tmp_path: Path) -> None:
     with pytest.raises(AccessError) as caught:
         load_keys(keys.machines[1].folder)
     assert str(caught.value) == (
-        f"{tmp_path}/keys/r2/key.pem cannot be read (No such file or directory); `acrc deploy keys` makes "
+        f"{tmp_path}/keys/r2/key.pem cannot be read (No such file or directory); `acrc fleet keys` makes "
         "the keys of all machines, and this machine needs a copy of its own folder"
     )
 
@@ -201,6 +204,6 @@ def test_where_there_are_no_keys_there_is_nothing_to_revoke(tmp_path: Path) -> N
     with pytest.raises(AcrcError) as caught:
         renew(FLEET, tmp_path / "keys", ["r2"], {}, now=NOW, days=30)
     assert str(caught.value) == (
-        f"{tmp_path}/keys: there are no keys to revoke; `acrc deploy keys` without --revoke makes the first"
+        f"{tmp_path}/keys: there are no keys to revoke; `acrc fleet keys` without --revoke makes the first"
     )
     assert list(tmp_path.iterdir()) == []

@@ -28,7 +28,14 @@ def unit(more: str = "", path: Path = OFFICE, program: Path = ACRC) -> dict[str,
 
 def test_the_service_is_the_robot_from_switching_on_and_is_not_restarted_for_ever() -> None:
     sections = unit()
-    assert words(sections["Service"]["ExecStart"][0]) == [str(ACRC), "onboard", str(OFFICE), "--robot", "r2"]
+    assert words(sections["Service"]["ExecStart"][0]) == [
+        str(ACRC),
+        "fleet",
+        "onboard",
+        str(OFFICE),
+        "--robot",
+        "r2",
+    ]
     expected = {
         "User": "robot",
         "SupplementaryGroups": "dialout",
@@ -93,7 +100,7 @@ def test_paths_with_all_that_means_something_to_systemd_stay_what_they_are() -> 
     folder = Path('/home/a b/50% "off" $HOME/back\\slash')
     own = unit(path=folder / "fleet.toml", program=folder / "acrc")["Service"]
     assert words(own["ExecStart"][0]) == [
-        str(folder / "acrc"), "onboard", str(folder / "fleet.toml"), "--robot", "r2"
+        str(folder / "acrc"), "fleet", "onboard", str(folder / "fleet.toml"), "--robot", "r2"
     ]  # fmt: skip
     assert own["ReadWritePaths"] == [r'"/home/a b/50%% \"off\" $HOME/back\\slash"']
 
@@ -102,7 +109,7 @@ def test_a_user_must_be_one(tmp_path: Path) -> None:
     office = load_fleet(OFFICE)
     with pytest.raises(AcrcError) as caught:
         write(office, office.robot("r1"), tmp_path, program=ACRC, user="me\nExecStart=/bin/sh")
-    assert str(caught.value) == "--user me\nExecStart=/bin/sh: must be the name of a user of this computer"
+    assert str(caught.value) == "--user: 'me\nExecStart=/bin/sh'; must be the name of a user of this computer"
 
 
 def test_a_folder_that_cannot_be_written_to_is_named(tmp_path: Path) -> None:
@@ -110,7 +117,7 @@ def test_a_folder_that_cannot_be_written_to_is_named(tmp_path: Path) -> None:
     office = load_fleet(OFFICE)
     with pytest.raises(AcrcError) as caught:
         write(office, office.robot("r1"), tmp_path / "file", program=ACRC, user="robot")
-    assert str(caught.value) == f"{tmp_path}/file: the units cannot be written: File exists"
+    assert str(caught.value) == f"--out: {tmp_path}/file is a file; must be a folder"
 
 
 @pytest.mark.parametrize(

@@ -132,7 +132,7 @@ def test_the_command_says_what_each_robot_does_and_ends_with_1_if_one_does_not(
     nobody = unused()
     with base(robots[0]):
         done = subprocess.run(
-            [sys.executable, "-m", "deploy", "watch", nobody, robots[0].endpoint, "--keys", keys, "--stop"],
+            [sys.executable, "-m", "deploy", "fleet", "stop", nobody, robots[0].endpoint, "--keys", keys],
             cwd=ROOT,
             capture_output=True,
             text=True,
@@ -148,11 +148,11 @@ def test_the_command_says_what_each_robot_does_and_ends_with_1_if_one_does_not(
 @pytest.mark.parametrize(
     ("endpoint", "sentence"),
     [
-        ("r1.local", "r1.local: is no endpoint; must be like tls/192.168.1.12:7447"),
-        ("tcp/r1:7447", "tcp/r1:7447: is no endpoint; must be like tls/192.168.1.12:7447"),
-        ("tls/r1:", "tls/r1:: is no endpoint; must be like tls/192.168.1.12:7447"),
-        ("tls/r1:70000", "tls/r1:70000: has no such port; must be a number from 1 to 65535"),
-        ("tls/r1:0", "tls/r1:0: has no such port; must be a number from 1 to 65535"),
+        ("r1.local", "ENDPOINT: r1.local; must be like tls/192.168.1.12:7447"),
+        ("tcp/r1:7447", "ENDPOINT: tcp/r1:7447; must be like tls/192.168.1.12:7447"),
+        ("tls/r1:", "ENDPOINT: tls/r1:; must be like tls/192.168.1.12:7447"),
+        ("tls/r1:70000", "ENDPOINT: tls/r1:70000; must be one with a port from 1 to 65535"),
+        ("tls/r1:0", "ENDPOINT: tls/r1:0; must be one with a port from 1 to 65535"),
     ],
 )
 def test_what_is_no_endpoint_is_refused_before_anybody_is_told_anything(
@@ -169,7 +169,7 @@ def test_watching_lives_on_without_one_of_the_robots_and_finds_it_again(
 ) -> None:
     one, other, nobody = robots[0], robots[1], unused()
     names = (nobody, one.endpoint, other.endpoint)
-    command = [sys.executable, "-u", "-m", "deploy", "watch", *names, "--keys", str(keys)]
+    command = [sys.executable, "-u", "-m", "deploy", "fleet", "watch", *names, "--keys", str(keys)]
     with one.router() as first:
         watcher = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
         assert watcher.stdout is not None

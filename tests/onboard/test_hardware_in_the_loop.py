@@ -42,6 +42,10 @@ def test_two_robots_clean_their_places_by_serial_bytes(tmp_path: Path) -> None:
         assert {row["verdict"] for row in csv.DictReader(table)} == {"done"}
     again = acrc("record", "replay", out, "r2")
     assert again.returncode == 0 and "all equal to the recorded ones" in again.stdout, again.stderr
+    base = acrc("record", "replay", out, "r2.base")
+    assert (base.returncode, base.stdout, base.stderr) == (
+        1, "", "acrc: r2.base: is a process with devices on board; must be a robot, world or radio\n"
+    )  # fmt: skip
     assert processes_of(out) == [] and leftovers(out) == []
 
 

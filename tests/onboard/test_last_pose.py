@@ -77,5 +77,5 @@ def test_it_can_be_told_where_it_is() -> None:
         with pytest.raises(OptionError) as refused:
             _told(wrong, stands)
         assert str(refused.value) == (
-            f"--at {wrong}: should be start, or X,Y,HEADING in m and rad, map frame, such as 12.0,5.0,1.57"
+            f"--at: {wrong}; must be start, or X,Y,HEADING in m and rad, map frame, such as 12.0,5.0,1.57"
         )

@@ -61,7 +61,7 @@ def links(tmp_path: Path) -> Iterator[Path]:
 
 def onboard(folder: Path, out: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [*ACRC, "onboard", str(folder), "--robot", "r1", "--out", str(out)],
+        [*ACRC, "fleet", "onboard", str(folder), "--robot", "r1", "--out", str(out)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -141,7 +141,7 @@ def test_the_operator_watches_and_stops_it_over_tls(links: Path, tmp_path: Path)
         endpoint = f"tls/127.0.0.1:{probe.getsockname()[1]}"
     fleet, out = tmp_path / "fleet.toml", tmp_path / "runs" / "one"
     fleet.write_text(FLEET.format(root=ROOT, links=links) + f'listen = "{endpoint}"\n')
-    made = acrc("deploy", "keys", fleet)
+    made = acrc("fleet", "keys", fleet)
     assert made.returncode == 0, made.stderr
     keys = tmp_path / "fleet-keys" / "operator"
     running = onboard(fleet, out)
@@ -149,12 +149,15 @@ def test_the_operator_watches_and_stops_it_over_tls(links: Path, tmp_path: Path)
     try:
         until(out / "r1" / "r1.mcap", steps=5)
         watcher = subprocess.Popen(
-            [*ACRC, "watch", endpoint, "--keys", str(keys)], stdout=subprocess.PIPE, text=True, cwd=ROOT
+            [*ACRC, "fleet", "watch", endpoint, "--keys", str(keys)],
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
         )
         assert watcher.stdout is not None
         line = next(line for line in watcher.stdout if "places left" in line)
         assert line.startswith(f"{endpoint}  step ") and line.endswith("2 places left, 0 reported, running\n")
-        stopped = acrc("watch", endpoint, "--keys", keys, "--stop")
+        stopped = acrc("fleet", "stop", endpoint, "--keys", keys)
         assert (stopped.returncode, stopped.stdout, stopped.stderr) == (
             0,
             f"acrc: {endpoint}: has stopped\n",
@@ -185,13 +188,13 @@ def kill(module: str, out: Path) -> None:
 def test_what_is_missing_is_one_sentence(tmp_path: Path) -> None:
     fleet = tmp_path / "fleet.toml"
     fleet.write_text(FLEET.format(root=ROOT, links="/dev"))
-    refused = acrc("onboard", fleet, "--robot", "r7", "--out", tmp_path / "out")
-    assert refused.returncode == 1 and refused.stdout == ""
+    refused = acrc("fleet", "onboard", fleet, "--robot", "r7", "--out", tmp_path / "out")
+    assert refused.returncode == 2 and refused.stdout == ""
     assert refused.stderr == f'acrc: {fleet}: there is no robot "r7" in the fleet; it has r1\n'
-    blind = acrc("onboard", fleet, "--robot", "r1", "--out", tmp_path / "out", "--debugpy", 5678)
+    blind = acrc("fleet", "onboard", fleet, "--robot", "r1", "--out", tmp_path / "out", "--debugpy", 5678)
     assert blind.returncode == 1
     assert blind.stderr == (
-        "acrc: --debugpy 5678: the Python package debugpy is not installed; "
-        "`.venv/bin/python -m ensurepip` and `.venv/bin/python -m pip install debugpy` bring it\n"
+        "acrc: --debugpy: 5678 needs the Python package debugpy, which is not installed; "
+        "`./acrc add debugpy` brings it\n"
     )
     assert not (tmp_path / "out").exists()

@@ -11,9 +11,9 @@ from deploy.fleet import onboard
 from deploy.fleet.onboard import Onboard, Ports
 from deploy.run import plan, swarm
 from deploy.run.options import RunOptions
-from deploy.run.out_folder import OutFolderError
 from deploy.run.plan import Plan
 from deploy.scenario.scenario_file import load_scenario
+from deploy.usage import OptionError
 
 ROOT = Path(__file__).parents[2]
 PORTS = Ports("/dev/kobuki", "/dev/beeclick", "/dev/rplidar", 0xBABA, 26, 0.0)
@@ -48,9 +48,9 @@ def test_what_the_robot_reads_is_the_same_and_base_and_bridge_lie_beside_it(
     assert sorted(path.name for path in alone.out.iterdir()) == ["r1", "r1.base", "r1.radio"]
     for path in filter(Path.is_file, (simulated.out / "r1").iterdir()):
         assert (alone.out / "r1" / path.name).read_bytes() == path.read_bytes()
-    with pytest.raises(OutFolderError) as refused:
+    with pytest.raises(OptionError) as refused:
         onboard.lay_out(Onboard(alone, PORTS, lambda: 0))
-    assert str(refused.value) == f"--out {alone.out}: already has a folder of r1; name a new one"
+    assert str(refused.value) == f"--out: {alone.out} has a folder of r1; must be a folder without"
 
 
 def test_each_start_of_the_program_is_in_an_epoch_of_its_own_and_named_by_its_number(alone: Plan) -> None:

@@ -26,27 +26,28 @@ def test_speeds_that_are_right(tmp_path: Path, speed: str) -> None:
 def test_speeds_that_are_wrong(tmp_path: Path, speed: str) -> None:
     with pytest.raises(OptionError) as caught:
         run_options(tmp_path, speed=speed)
-    assert str(caught.value) == f'--speed {speed}: must be "max" or a number from 0.01 on, such as 1 or 4'
+    shown = speed or "''"
+    assert str(caught.value) == f'--speed: {shown}; must be "max" or a number from 0.01 on, such as 1 or 4'
 
 
 def test_choices_that_are_wrong(tmp_path: Path) -> None:
     with pytest.raises(OptionError) as caught:
         run_options(tmp_path, bus="ether")
-    assert str(caught.value) == "--bus ether: must be zenoh or memory"
+    assert str(caught.value) == "--bus: ether; must be zenoh or memory"
     with pytest.raises(OptionError) as caught:
         run_options(tmp_path, spawn="fork")
-    assert str(caught.value) == "--spawn fork: must be forkserver or exec"
+    assert str(caught.value) == "--spawn: fork; must be forkserver or exec"
 
 
 def test_options_that_do_not_go_together(tmp_path: Path) -> None:
     with pytest.raises(OptionError) as caught:
         run_options(tmp_path, bus="memory", isolate=True)
     assert str(caught.value) == (
-        "--isolate: needs a process for each robot, and with --bus memory there is one for all"
+        "--isolate: --bus memory has one process for all robots; must stand with --bus zenoh"
     )
     with pytest.raises(OptionError) as caught:
         run_options(tmp_path, bus="memory", view=True)
-    assert str(caught.value) == ("--view: needs the mesh to look on, and with --bus memory there is none")
+    assert str(caught.value) == "--view: --bus memory has no mesh to look on; must stand with --bus zenoh"
     assert run_options(tmp_path, bus="memory", isolate=False).isolate is False
 
 
@@ -54,4 +55,4 @@ def test_a_file_is_no_folder(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(OptionError) as caught:
         run_options(tmp_path / "file")
-    assert str(caught.value) == f"--out {tmp_path}/file: is a file; must be a folder that is new or empty"
+    assert str(caught.value) == f"--out: {tmp_path}/file is a file; must be a folder that is new or empty"

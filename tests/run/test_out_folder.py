@@ -52,8 +52,8 @@ def test_marks_that_end_the_address_of_a_socket_are_refused_over_the_mesh_only(
     with pytest.raises(OptionError) as caught:
         run_options(out)
     assert str(caught.value) == (
-        f'--out {out}: the path {out} has a "{mark}", which cannot be part of a socket\'s address; '
-        "choose a folder without, or --bus memory"
+        f'--out: {out} has a "{mark}", which cannot be part of a socket\'s address; '
+        "must be a folder without one, or stand with --bus memory"
     )
     assert run_options(out, bus="memory").out == out
 
@@ -62,8 +62,8 @@ def test_marks_that_end_the_address_of_a_socket_are_refused_over_the_mesh_only(
     ("below", "sentence"),
     [
         ("file", f"is a file; {NEW}"),
-        ("loop/x", f"too many levels of symbolic links; {NEW}"),
-        ("x" * 300, f"file name too long; {NEW}"),
+        ("loop/x", f"cannot be used: too many levels of symbolic links; {NEW}"),
+        ("x" * 300, f"cannot be used: file name too long; {NEW}"),
     ],
 )
 def test_what_can_be_no_folder_is_refused_before_anything_starts(
@@ -76,10 +76,10 @@ def test_what_can_be_no_folder_is_refused_before_anything_starts(
     with pytest.raises(AcrcError) as caught:
         out_folder.check(out, mesh=True)
         make_folder(out)
-    assert str(caught.value).startswith(f"--out {shown}: ")
-    assert str(caught.value).removeprefix(f"--out {shown}: ") in (
+    assert str(caught.value).startswith(f"--out: {shown} ")
+    assert str(caught.value).removeprefix(f"--out: {shown} ") in (
         sentence,
-        f"cannot be made: {sentence.partition(';')[0]}; choose another place",
+        f"{sentence.partition(';')[0].replace('used', 'made')}; choose another place",
     )
 
 
@@ -87,7 +87,7 @@ def test_a_folder_below_a_file_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     done = acrc("run", "--duration", 1, "--bus", "memory", "--out", tmp_path / "file" / "x" / "y")
     assert (done.returncode, done.stdout, done.stderr) == (
-        1, "", f"acrc: --out {tmp_path}/file/x/y: cannot be made: not a directory; choose another place\n"
+        1, "", f"acrc: --out: {tmp_path}/file/x/y cannot be made: not a directory; choose another place\n"
     )  # fmt: skip
 
 

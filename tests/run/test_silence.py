@@ -3,7 +3,7 @@
 import pytest
 
 from actors.runtime.lifecycle.process_table import Glance
-from deploy.run.silence import Patience, Silence, SilenceVerdict, Suspect
+from deploy.run.silence import Silence, SilenceVerdict, Suspect, Timeout
 
 R1, R2 = Suspect("r1", 11), Suspect("r2", 12)
 BOTH = (R1, R2)
@@ -18,7 +18,7 @@ class Machine:
         self.now_s = 100.0
         self.cpu_s = {11: 1.0, KEEPER: 0.1, WORKER: 1.0}
         self.state = {11: "S", KEEPER: "S", WORKER: "S"}
-        self.silence = Silence(Patience(), lambda: self.now_s, self.table)
+        self.silence = Silence(Timeout(), lambda: self.now_s, self.table)
 
     def table(self) -> dict[int, Glance]:
         parents = {11: 1, KEEPER: 1, WORKER: KEEPER}

@@ -264,13 +264,16 @@ def test_events_that_follow_one_another() -> None:
 @pytest.mark.parametrize(
     ("overrides", "sentence"),
     [
-        (Overrides(robots="four"), "--robots four: must be a whole number from 1 to 500"),
-        (Overrides(robots=0), "--robots 0: must be a whole number from 1 to 500"),
-        (Overrides(robots="3.5"), "--robots 3.5: must be a whole number from 1 to 500"),
-        (Overrides(seed="-1"), "--seed -1: must be a whole number from 0 to 9223372036854775807"),
-        (Overrides(duration="inf"), "--duration inf: must be a number of seconds above 0, at most 1000000"),
-        (Overrides(step="15"), "--step 15: must be a multiple of the 10 ms physics sub-step, from 10 to 100"),
-        (Overrides(strategy=""), '--strategy : must be the name of a strategy, such as "none"'),
+        (Overrides(robots="four"), "--robots: four; must be a whole number from 1 to 500"),
+        (Overrides(robots=0), "--robots: 0; must be a whole number from 1 to 500"),
+        (Overrides(robots="3.5"), "--robots: 3.5; must be a whole number from 1 to 500"),
+        (Overrides(seed="-1"), "--seed: -1; must be a whole number from 0 to 9223372036854775807"),
+        (Overrides(duration="inf"), "--duration: inf; must be a number of seconds above 0, at most 1000000"),
+        (
+            Overrides(step="15"),
+            "--step: 15; must be a multiple of the 10 ms physics sub-step, from 10 to 100",
+        ),
+        (Overrides(strategy=""), "--strategy: ''; must be the name of a strategy, such as \"none\""),
     ],
 )
 def test_a_wrong_option(overrides: Overrides, sentence: str) -> None:

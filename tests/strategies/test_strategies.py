@@ -66,7 +66,7 @@ def install(site: Path, name: str, **strategies: str) -> None:
 
 
 def listed() -> dict[tuple[str, str], dict[str, Any]]:
-    done = acrc("strategies", "--json")
+    done = acrc("list", "strategies", "--json")
     assert done.returncode == 0, done.stderr
     return {(one["name"], one["source"]): one for one in json.loads(done.stdout)}
 
@@ -89,7 +89,7 @@ def test_installed_strategies_are_listed_beside_the_shipped_ones(site: Path) -> 
         "behaviour 'broken:behaviour': broken imports 'no_such_library', which is not installed; "
         "`./acrc add NAME` installs a package for good, by the name that pip knows it by"
     )
-    table = acrc("strategies")
+    table = acrc("list", "strategies")
     assert table.returncode == 0
     assert [line.split()[0] for line in table.stdout.splitlines() if "my_study" in line] == ["wander"]
 
@@ -114,8 +114,8 @@ def test_a_name_that_two_have_is_refused_when_it_is_asked_for(site: Path, tmp_pa
     assert (done.returncode, done.stdout, done.stderr) == (1, "", f"acrc: strategy {sentence}\n")
     done = acrc("run", "--strategy", "wander", "--out", tmp_path / "out")
     assert (done.returncode, done.stderr) == (
-        1,
-        "acrc: strategy 'wander' is registered by bold_study 1.2 and my_study 1.2, too;"
+        2,
+        "acrc: --strategy: strategy 'wander' is registered by bold_study 1.2 and my_study 1.2, too;"
         " each must have a name of its own\n",
     )
     everyone = listed()

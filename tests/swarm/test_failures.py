@@ -20,7 +20,7 @@ from actors.runtime.lifecycle import process_table
 from actors.runtime.recording import Entry, read_notes, read_recording
 from deploy.run import swarm
 from deploy.run.options import RunOptions
-from deploy.run.silence import Patience
+from deploy.run.silence import Timeout
 from deploy.run.supervisor import RunFailedError
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.swarm import saboteur
@@ -122,7 +122,7 @@ def failure(out: Path, behaviour: str, bus: str = "zenoh", spawn: str = "forkser
     """The sentence with which a run ends whose r2 behaves like that; nothing is left of it."""
     overrides = Overrides(strategy=f"tests.swarm.saboteur:{behaviour}", robots=2, duration=3)
     plan = swarm.plan(load_scenario(None, overrides), RunOptions(out, isolate=bus == "isolated"))
-    plan = replace(plan, patience=Patience(**limits))
+    plan = replace(plan, timeout=Timeout(**limits))
     with pytest.raises(AcrcError) as caught:
         if bus == "memory":
             swarm.run_in_memory(plan, lambda progress: None)
@@ -132,7 +132,7 @@ def failure(out: Path, behaviour: str, bus: str = "zenoh", spawn: str = "forkser
     return str(caught.value)
 
 
-def test_a_hang_is_named_after_the_patience_with_step_actor_message_and_line(tmp_path: Path) -> None:
+def test_a_hang_is_named_after_the_timeout_with_step_actor_message_and_line(tmp_path: Path) -> None:
     assert failure(tmp_path / "out", "hangs", step_s=1.0) == (
         f"step 20 (2 s): no Drive from r2 for 1 s; r2 stands at {place('time.sleep(1)')} (_sleep)"
     )
@@ -211,7 +211,7 @@ def test_a_world_that_is_stopped_is_waited_for(tmp_path: Path, capfd: pytest.Cap
             os.kill(seen[0], signal.SIGSTOP)
             threading.Timer(2.5, os.kill, (seen[0], signal.SIGCONT)).start()
 
-    plan = replace(plan, patience=Patience(step_s=1.0))
+    plan = replace(plan, timeout=Timeout(step_s=1.0))
     assert swarm.run_processes(plan, "forkserver", stop_the_world).simulated_s == 20.0
     assert "acrc: world stopped by a signal; the run waits for SIGCONT" in capfd.readouterr().err
 
@@ -240,8 +240,10 @@ def test_nothing_is_left_when_acrc_itself_is_killed(tmp_path: Path, spawn: str) 
 def test_a_folder_that_is_not_empty_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     done = acrc("run", "--out", tmp_path)
-    assert done.returncode == 1
-    assert done.stderr.strip() == f"acrc: --out {tmp_path}: exists and is not an empty folder; name a new one"
+    assert done.returncode == 2
+    assert (
+        done.stderr.strip() == f"acrc: --out: {tmp_path} exists and is not an empty folder; must be a new one"
+    )
     assert list(tmp_path.iterdir()) == [tmp_path / "mine.txt"]
 
 

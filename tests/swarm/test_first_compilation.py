@@ -1,4 +1,4 @@
-"""A first run in one process compiles its kernels, for longer than anybody's patience with a step."""
+"""A first run in one process compiles its kernels, for longer than the timeout of a step."""
 
 import time
 from dataclasses import replace
@@ -9,7 +9,7 @@ import pytest
 from actors.robot import assembly
 from deploy.run import swarm
 from deploy.run.options import RunOptions
-from deploy.run.silence import Patience
+from deploy.run.silence import Timeout
 from deploy.scenario.scenario_file import Overrides, load_scenario
 
 
@@ -34,6 +34,6 @@ def test_compiling_is_nobodys_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     slow = SlowAtFirst()
     plan = swarm.plan(load_scenario(None, Overrides(robots=1, duration=1)), RunOptions(tmp_path / "out"))
     monkeypatch.setattr(assembly, "KERNELS", (*assembly.KERNELS, slow))
-    patient = replace(plan, patience=Patience(step_s=2.0))
-    assert swarm.run_in_memory(patient, lambda progress: None).simulated_s == 1.0
+    limited = replace(plan, timeout=Timeout(step_s=2.0))
+    assert swarm.run_in_memory(limited, lambda progress: None).simulated_s == 1.0
     assert slow.compiled

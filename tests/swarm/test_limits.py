@@ -24,23 +24,26 @@ def test_a_limit_that_is_none_is_refused(word: str) -> None:
     with pytest.raises(LimitError) as caught:
         limits((word,))
     assert str(caught.value) == (
-        f"--limit {word}: must be one of memory_mb, open_files, file_mb, disk_mb, disk_files, processes, "
+        f"--limit: {word}; must be one of memory_mb, open_files, file_mb, disk_mb, disk_files, processes, "
         '"=" and a number from 1 to 999999999'
     )
 
 
-def test_limits_and_patience_that_do_not_fit_the_other_options(tmp_path: Path) -> None:
+def test_limits_and_a_timeout_that_do_not_fit_the_other_options(tmp_path: Path) -> None:
     with pytest.raises(OptionError) as caught:
         run_options(tmp_path / "out", bus="memory", limit=("file_mb=1",))
     assert str(caught.value) == "--limit: holds a simulated robot's process; must stand with --bus zenoh only"
     with pytest.raises(OptionError) as caught:
-        run_options(tmp_path / "out", speed="0.02", patience=5.0)
-    assert str(caught.value) == "--patience 5: must be more than the 5 s of a step at --speed 0.02"
+        run_options(tmp_path / "out", limit=("file_mb",))
+    assert str(caught.value).startswith("--limit: file_mb; must be one of memory_mb, ")
+    with pytest.raises(OptionError) as caught:
+        run_options(tmp_path / "out", speed="0.02", timeout=5.0)
+    assert str(caught.value) == "--timeout: 5; must be more than the 5 s of a step at --speed 0.02"
 
 
 def test_a_strategy_that_takes_all_memory_ends_the_run_and_is_named(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    words = ("--robots", 2, "--duration", 4, "--limit", "memory_mb=1500", "--patience", 60)
+    words = ("--robots", 2, "--duration", 4, "--limit", "memory_mb=1500", "--timeout", 60)
     done = acrc("run", "--strategy", "tests.swarm.saboteur:hoards", *words, "--out", out)
     assert done.returncode == 1
     assert re.search(r"acrc: r2 failed in step 20: MemoryError \(saboteur.py:\d+\)\n$", done.stderr)

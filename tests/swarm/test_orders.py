@@ -9,7 +9,7 @@ import pytest
 
 from actors.messages import Freeze, Move, Obstacle, Order, Pause, StartJam
 from deploy.run import orders
-from deploy.run.orders import OrderError
+from deploy.usage import OptionError
 from tests.swarm.command import acrc, leftovers, processes_of, start
 from tests.swarm.test_failures import stepping, until
 
@@ -34,24 +34,24 @@ def test_orders_as_typed(words: str, order: Order) -> None:
     [
         (
             "shout r1",
-            "there is no order 'shout'; it should be one of: kill ROBOT, freeze ROBOT, thaw ROBOT, restart "
-            "ROBOT, move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, obstacle X Y RADIUS, pause, resume, stop",
+            "VERB: shout; must be one of: kill ROBOT, freeze ROBOT, thaw ROBOT, restart ROBOT, "
+            "move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, obstacle X Y RADIUS, pause, resume, stop",
         ),
-        ("kill", "the order 'kill' should read 'kill ROBOT'"),
-        ("move r1 a b c", "the order 'move r1 a b c' should read 'move ROBOT X Y HEADING'"),
-        ("pause now", "the order 'pause now' should read 'pause'"),
-        ("jam 0 0 5 inf", "the order 'jam 0 0 5 inf' should read 'jam X Y RADIUS SECONDS'"),
-        ("jam 0 0 5 1e10", "a jammer is on for 1e+10 s; it should be above 0 and at most 1e+06 s"),
-        ("jam 0 0 -5 1", "a jammer reaches -5 m; it should be above 0 and at most 1e+06 m"),
+        ("kill", "VERB: kill; must be like kill ROBOT"),
+        ("move r1 a b c", "VERB: 'move r1 a b c'; must be like move ROBOT X Y HEADING"),
+        ("pause now", "VERB: 'pause now'; must be like pause"),
+        ("jam 0 0 5 inf", "VERB: 'jam 0 0 5 inf'; must be like jam X Y RADIUS SECONDS"),
+        ("jam 0 0 5 1e10", "jam: a jammer is on for 1e+10 s; it should be above 0 and at most 1e+06 s"),
+        ("jam 0 0 -5 1", "jam: a jammer reaches -5 m; it should be above 0 and at most 1e+06 m"),
         (
             "obstacle nan 0 1",
-            "an obstacle cannot stand at (nan, 0); each should be a finite number, at most 1e+06 m",
+            "obstacle: an obstacle cannot stand at (nan, 0); each should be a finite number, at most 1e+06 m",
         ),
     ],
 )
 def test_what_is_no_order(words: str, sentence: str) -> None:
     verb, *rest = words.split()
-    with pytest.raises(OrderError) as caught:
+    with pytest.raises(OptionError) as caught:
         orders.parse(verb, rest)
     assert str(caught.value) == sentence
 

@@ -50,7 +50,7 @@ def load_keys(folder: Path) -> Keys:
             (folder / name).open("rb").close()
         except OSError as error:
             raise AccessError(
-                f"{folder / name} cannot be read ({error.strerror}); `acrc deploy keys` makes the keys of "
+                f"{folder / name} cannot be read ({error.strerror}); `acrc fleet keys` makes the keys of "
                 "all machines, and this machine needs a copy of its own folder"
             ) from None
     return Keys(folder / AUTHORITY_FILE, folder / CERTIFICATE_FILE, folder / PRIVATE_KEY_FILE)

@@ -47,7 +47,7 @@ def limits(words: tuple[str, ...]) -> ProcessLimits:
             or not 0 < int(number[:10]) < 10**9
         ):
             raise LimitError(
-                f'--limit {word}: must be one of {", ".join(known)}, "=" and a number from 1 to 999999999'
+                f'--limit: {word}; must be one of {", ".join(known)}, "=" and a number from 1 to 999999999'
             )
         found = replace(found, **{name: int(number[:10])})
     return found

@@ -17,7 +17,7 @@ _LIBRARIES: Final = tuple(
 """Where code lies that is neither the user's nor this project's."""
 
 
-class OutOfPatience(BaseException):  # no Exception, for a strategy may catch those
+class TimedOut(BaseException):  # no Exception, for a strategy may catch those
     """An actor does not come to the end of its step; the text says which one, and where it stands."""
 
 
@@ -37,7 +37,7 @@ class FailureNote(msgspec.Struct, frozen=True):
 
 def failure_note(actor: str, step: int, error: BaseException) -> FailureNote:
     """The cause, whole, as far as it can be printed."""
-    if isinstance(error, AcrcError | OutOfPatience):
+    if isinstance(error, AcrcError | TimedOut):
         return FailureNote(actor, step, printable(str(error)), expected=True)
     frames = [(frame.filename, frame.lineno or 0) for frame in traceback.extract_tb(error.__traceback__)]
     if isinstance(error, HardExit):

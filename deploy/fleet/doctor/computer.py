@@ -12,7 +12,7 @@ _PIN: Final = re.compile(
     r"(?P<name>[A-Za-z0-9_.-]+)==(?P<version>\S+?)(?:; python_version (?P<order><|>=) \"3\.(?P<minor>\d+)\")?"
 )
 _BRINGS: Final = {
-    "hardware": "acrc deploy",
+    "hardware": "acrc fleet keys",
     "sim": "acrc run",
     "observe": "acrc run --view",
     "dev": "acrc test",

@@ -33,12 +33,12 @@ def consult(path: Path | None, name: str | None, *, json: bool, machine: Machine
     """
     if path is None and name is not None:
         raise OptionError(
-            f"--robot {name}: needs the fleet file, too, as in acrc doctor fleet.toml --robot {name}"
+            f"--robot: {name} without a fleet file; must be as in acrc fleet doctor fleet.toml --robot {name}"
         )
     fleet = None if path is None else load_fleet(path)
     if fleet is not None and name is None:
         known = ", ".join(robot.id for robot in fleet.robots)
-        raise OptionError(f"--robot: must say which of the robots this computer is: {known}")
+        raise OptionError(f"--robot: is missing; must say which of the robots this computer is: {known}")
     robot = fleet.robot(name) if fleet is not None and name is not None else None
     found: list[Finding] = []
     for finding in findings(machine or ThisMachine(), fleet, robot):

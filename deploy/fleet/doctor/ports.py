@@ -90,7 +90,7 @@ def _missing(machine: Machine, path: str, device: Device) -> str:
         return f"there is no such port, but {plugged[0]} looks like the {device.name}; give that as its port"
     return (
         f"there is no such port, but {plugged[0]} looks like the {device.name}; install the udev rules that "
-        "`acrc deploy units` writes, then plug it in again"
+        "`acrc fleet units` writes, then plug it in again"
     )
 
 

@@ -82,7 +82,7 @@ def keys(machine: Machine, fleet: Fleet, robot: FleetRobot) -> Iterator[Finding]
         yield wrong(
             "keys",
             f"{files.certificate} holds from {own.begins:%Y-%m-%d} to {own.ends:%Y-%m-%d}, but it is "
-            f"{now:%Y-%m-%d} here; set the clock, or make new keys with `acrc deploy keys`",
+            f"{now:%Y-%m-%d} here; set the clock, or make new keys with `acrc fleet keys`",
         )
     else:
         yield well("keys", f"{files.certificate} holds until {own.ends:%Y-%m-%d}")

@@ -1,16 +1,15 @@
-"""Which strategies can be named: for people as a table, for programs as JSON."""
+"""Which strategies can be named."""
 
 import contextlib
 import inspect
 import sys
 
 import msgspec
-from rich.console import Console
-from rich.table import Table
 
 from actors.robot.behaviour.entry import entry_function
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import Strategy, strategies
+from deploy.cli.rows import print_rows
 
 
 class ListedStrategy(msgspec.Struct, frozen=True):
@@ -35,16 +34,14 @@ def listed() -> tuple[ListedStrategy, ...]:
 
 def print_strategies(*, json: bool) -> None:
     """Print them on standard output."""
-    everyone = listed()
-    if json:
-        sys.stdout.write(msgspec.json.encode(everyone).decode() + "\n")
-        return
-    table = Table(box=None, pad_edge=False)
-    for title in ("name", "entry", "from", "what it does"):
-        table.add_column(title, overflow="fold")
-    for one in everyone:
-        table.add_row(*(one.name, one.entry, one.source, one.error or one.summary))
-    Console(highlight=False, markup=False).print(table)
+    rows = listed()
+    columns = {
+        "name": [row.name for row in rows],
+        "entry": [row.entry for row in rows],
+        "from": [row.source for row in rows],
+        "what it does": [row.error or row.summary for row in rows],
+    }
+    print_rows(rows, columns, json=json)
 
 
 def _listed(strategy: Strategy) -> ListedStrategy:

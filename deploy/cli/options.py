@@ -1,0 +1,24 @@
+"""Arguments and options that several commands have, each with one meaning."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from deploy.cli import completion
+
+ScenarioFile = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="SCENARIO.toml",
+        help="What to run.  [default: scenarios/corridor.toml]",
+        autocompletion=completion.scenarios,
+    ),
+]
+FleetFile = Annotated[Path, typer.Argument(metavar="FLEET.toml", help="Which robots there are.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
+OperatorKeys = Annotated[Path, typer.Option(metavar="DIR", help="The operator's keys, by `acrc fleet keys`.")]
+Endpoints = Annotated[
+    list[str],
+    typer.Argument(metavar="ENDPOINT…", help="Where robots listen, such as tls/192.168.1.12:7447."),
+]

@@ -1,0 +1,198 @@
+"""`acrc run` and `acrc order`: a run is started, and told what to do while it goes on."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from actors.runtime.errors import AcrcError
+from deploy.cli import completion
+from deploy.cli.options import Json, ScenarioFile
+from deploy.usage import OptionError
+
+
+def run(
+    scenario: ScenarioFile = None,
+    robots: Annotated[str | None, typer.Option(metavar="N", help="How many robots.")] = None,
+    seed: Annotated[
+        str | None, typer.Option(metavar="N", help="From which all that is random follows.")
+    ] = None,
+    duration: Annotated[str | None, typer.Option(metavar="S", help="Simulated seconds.")] = None,
+    step: Annotated[str | None, typer.Option(metavar="MS", help="Length of a step, 10 to 100 ms.")] = None,
+    strategy: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="What robots do about being stuck: a name that `acrc list strategies` shows, or "
+            "module:function. Settings of another one in the scenario are left out.",
+            autocompletion=completion.strategies,
+        ),
+    ] = None,
+    speed: Annotated[str, typer.Option(metavar="X", help="Simulated seconds per second, or max.")] = "max",
+    bus: Annotated[
+        str,
+        typer.Option(
+            metavar="zenoh|memory",
+            help="A process per robot, or all of them in one.",
+            autocompletion=lambda: ["zenoh", "memory"],
+        ),
+    ] = "zenoh",
+    spawn: Annotated[
+        str,
+        typer.Option(
+            metavar="forkserver|exec",
+            help="How processes are started.",
+            autocompletion=lambda: ["forkserver", "exec"],
+        ),
+    ] = "forkserver",
+    isolate: Annotated[
+        bool | None,
+        typer.Option(
+            "--isolate/--no-isolate",
+            help="Shut each robot's process off from all but its own senses and radio.  "
+            "[default: where the machine can]",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="New folder for the recordings and the result.  [default: in runs/]"
+        ),
+    ] = None,
+    view: Annotated[bool, typer.Option("--view", help="Show the run while it goes on.")] = False,
+    hardware: Annotated[
+        bool,
+        typer.Option(
+            "--hardware-in-the-loop", help="Robots as on board, their devices emulated; in wall time."
+        ),
+    ] = False,
+    trust: Annotated[
+        bool, typer.Option("--trust", help="Run the code that the scenario names, whoever wrote it.")
+    ] = False,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=N",
+            help="What each robot's process may have: memory_mb, open_files, file_mb, disk_mb, disk_files, "
+            "processes. Repeatable.",
+        ),
+    ] = None,
+    timeout: Annotated[
+        float,
+        typer.Option(
+            metavar="S",
+            min=1,
+            max=86400,
+            help="The run ends once a process keeps all others from the next step for longer.",
+        ),
+    ] = 30.0,
+    json: Json = False,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check", help="Then execute every robot again: what follows more than it is told is found."
+        ),
+    ] = False,
+) -> None:
+    """Run a swarm and say what came of it. Options replace what the scenario says."""
+    from deploy.run.options import folder_name, run_options
+    from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario
+
+    overrides = Overrides(robots, seed, duration, step, strategy)
+    name = folder_name(scenario or DEFAULT_SCENARIO)
+    options = run_options(
+        out or Path("runs", name),
+        speed=speed,
+        bus=bus,
+        spawn=spawn,
+        isolate=isolate,
+        scenario=(scenario or DEFAULT_SCENARIO).name,
+        hidden=(scenario.absolute(),) if scenario else (),
+        view=view,
+        hardware=hardware,
+        limit=limit or (),
+        timeout=timeout,
+        json=json,
+        check=check,
+    )
+    chosen = load_scenario(scenario, overrides)
+
+    from deploy.run import foreign
+
+    behaviour = _behaviour(chosen.run.strategy, by_option=strategy is not None)
+    if not trust:
+        foreign.refuse_foreign(scenario or DEFAULT_SCENARIO, behaviour, foreign.beside(chosen))
+
+    from deploy.processes.signals import Interrupted
+    from deploy.results import deliveries, summary
+    from deploy.run import out_folder, swarm
+    from deploy.run.kernels import compile_kernels
+
+    if out is None:
+        options = replace(options, out=out_folder.claim(options.out.parent, name))
+    try:
+        with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
+            compile_kernels(quiet=json)
+            if hardware:
+                from deploy.field_trial import trial_summary
+                from deploy.laboratory import hardware_in_the_loop
+
+                trial_summary.print_field_trial(hardware_in_the_loop.run(chosen, options), json=json)
+                return
+            result = swarm.run(chosen, options)
+    except Interrupted as interrupt:
+        Console(stderr=True, soft_wrap=True, highlight=False).print(
+            f"acrc: ended from outside; what was recorded is in {options.out}"
+        )
+        raise typer.Exit(interrupt.exit_code) from None
+    summary.print_result(result, json=json)
+    if view:
+        summary.print_view(options.out)
+    deliveries.demand_all(result.undelivered, result.not_delivered)
+    if check:
+        _check_again(options.out)
+
+
+def _check_again(out: Path) -> None:
+    """Execute a run's actors again; what comes out stands on standard error, beside the result."""
+    from deploy.replay.recheck import recheck
+
+    again = recheck(out)
+    Console(stderr=True, soft_wrap=True, highlight=False).print(
+        f"checked: {again.actors} actors executed again, all {again.outputs} messages equal"
+    )
+
+
+def _behaviour(strategy: str, *, by_option: bool) -> str:
+    """The entry string of a strategy. Raises OptionError or StrategyError, by who has named it."""
+    from cleaning.strategies import StrategyError, entry
+
+    try:
+        return entry(strategy)
+    except StrategyError as error:
+        raise OptionError(f"--strategy: {error}") if by_option else error from None
+
+
+def order(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder of a run that is going on.")],
+    verb: Annotated[
+        str,
+        typer.Argument(
+            metavar="VERB", help="kill, freeze, move, pause, stop, …", autocompletion=completion.orders
+        ),
+    ],
+    words: Annotated[list[str] | None, typer.Argument(metavar="WORDS", help="What the verb needs.")] = None,
+) -> None:
+    """Give an order to a run that is going on, such as: acrc order runs/mine kill r2.
+
+    It says what became of the order; exit code 1 if the run refused it.
+    """
+    from deploy.run import orders
+
+    given = " ".join([verb, *(words or [])])
+    refusal = orders.send(out, orders.parse(verb, words or []))
+    if refusal:
+        raise AcrcError(f"the run refused the order {given!r} {refusal}")
+    print(f"acrc: the run has carried out: {given}")
