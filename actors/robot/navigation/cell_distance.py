@@ -1,7 +1,8 @@
 """Kernel: exact Euclidean distances on a small grid, up to a reach.
 
-As actors.floor.distance, first along columns, then along rows; but where no more than a few cells around
-matter, to look at all of them, many columns at a time, is quicker than the lower envelope of parabolas.
+As actors.floor.distance, first along columns, then along rows. There are two, since a local map is made anew
+with every scan, and where no more than a few cells around matter, to look at all of them, many columns at a
+time, is quicker than the lower envelope of parabolas: with 80 × 80 cells and a reach of 15 three times.
 """
 
 from typing import Final
