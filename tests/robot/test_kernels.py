@@ -11,23 +11,23 @@ SCRIPT = """
 import sys
 from numba.core.dispatcher import Dispatcher
 from actors.geometry import Point, Pose
-from actors.robot import setup
+from actors.robot import assembly
 from actors.robot.behaviour.ports import Decision
 from actors.robot.stack import parse
 from actors.robot_model import load_model
 from tests.robot.base import TWO_ROOMS, FakeBase
 
 def variants():
-    kernels = [k for m in setup.KERNELS for k in vars(m).values() if isinstance(k, Dispatcher)]
+    kernels = [k for m in assembly.KERNELS for k in vars(m).values() if isinstance(k, Dispatcher)]
     return sum(len(kernel.signatures) for kernel in kernels)
 
-setup.kernels()
+assembly.kernels()
 compiled = variants()
 model, start = load_model("turtlebot2", "chapter"), Pose(1.0, 1.0, 0.0)
-told = setup.RobotSetup(
+told = assembly.RobotSetup(
     "r1", 0, 0, 7, 100_000, 1, start, (), "tests.robot.behaviours:idle", stack=parse(sys.argv[1])
 )
-core, base = setup.robot(told, model, TWO_ROOMS), FakeBase(TWO_ROOMS, model, start)
+core, base = assembly.robot(told, model, TWO_ROOMS), FakeBase(TWO_ROOMS, model, start)
 core._parts.behaviour.decision = Decision(Point(9.0, 3.0), peers=(Point(2.0, 2.0),))
 base.obstacles = [(Point(4.7, 1.75), 0.2)]
 for step in range(120):
