@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from actors.floor import flood
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, nearest_cell
 from actors.geometry import Point
-from actors.robot.navigation.bounds import check, check_reach
-from actors.robot.navigation.cell_distance import squared_within
+from actors.robot.bounds import check
+from actors.robot.navigation.cell_distance import check_reach, squared_within
 from actors.robot.navigation.inflation import INSCRIBED, Inflation
 from actors.robot.navigation.potential import UNREACHABLE, descent, potential
 
