@@ -110,7 +110,8 @@ class OccupancyGrid:
     def clearance_at(self, point: Point, within: float) -> float:
         """Distance from `point` to the nearest point that blocks, m, or `within` if that is smaller.
 
-        Exact for any point, where `clearance` knows cells' centres only; 0 in a blocking cell and outside.
+        Exact for any point, where `clearance` knows the cells' centres only; 0 in a blocking cell, and
+        outside.
         """
         if not self.is_free(point):
             return 0.0
@@ -150,6 +151,32 @@ def passable(grid: OccupancyGrid, clearance: float) -> NDArray[np.bool_]:
     if clearance <= grid.resolution / 2:  # what every free cell has
         return grid.free
     return grid.clearance >= clearance
+
+
+def nearest_cell(
+    grid: OccupancyGrid, admitted: NDArray[np.bool_], point: Point, within: float = math.inf
+) -> Cell | None:
+    """The admitted cell around `point`, or the one whose centre is nearest; None without any `within`, m.
+
+    `admitted`: (rows, columns).
+    """
+    here = grid.cell(point)
+    if grid.contains(point) and admitted[here]:
+        return here
+    window, bottom, left = admitted, 0, 0
+    if within < math.inf:
+        cells = math.ceil(within / grid.resolution) + 1
+        bottom, left = max(here.row - cells, 0), max(here.column - cells, 0)
+        window = admitted[bottom : max(here.row + cells + 1, 0), left : max(here.column + cells + 1, 0)]
+    rows, columns = np.nonzero(window)
+    if not rows.size:
+        return None
+    x, y = grid.centres()
+    squared = np.square(x[columns + left] - point.x) + np.square(y[rows + bottom] - point.y)
+    best = int(np.argmin(squared))
+    if squared[best] > within * within:
+        return None
+    return Cell(int(rows[best]) + bottom, int(columns[best]) + left)
 
 
 def outline(grid: OccupancyGrid) -> NDArray[np.float64]:

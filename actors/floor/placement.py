@@ -8,7 +8,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from actors.floor.grid import OccupancyGrid, largest_region, reachable
+from actors.floor.grid import OccupancyGrid, largest_region, nearest_cell, reachable
 from actors.geometry import Point
 from actors.runtime.errors import AcrcError
 
@@ -206,9 +206,8 @@ def _withdraw(grid: OccupancyGrid, admitted: NDArray[np.bool_], point: Point, sp
 
 def _advice(grid: OccupancyGrid, point: Point, radius: float) -> str:
     """What would be right instead of `point`; the margin of 1 cm pays for the two digits that are printed."""
-    row, column = np.nonzero(grid.clearance >= radius + 0.01)
-    if not row.size:
+    cell = nearest_cell(grid, grid.clearance >= radius + 0.01, point)
+    if cell is None:
         return "no point of this map is that far from walls"
-    x, y = grid.centres()
-    nearest = int(np.argmin(np.square(x[column] - point.x) + np.square(y[row] - point.y)))
-    return f"the nearest point with room is ({x[column[nearest]]:.2f}, {y[row[nearest]]:.2f})"
+    nearest = grid.centre(cell)
+    return f"the nearest point with room is ({nearest.x:.2f}, {nearest.y:.2f})"

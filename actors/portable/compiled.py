@@ -12,29 +12,11 @@ from numba import types
 from numba.core.typing import signature
 from numba.extending import intrinsic, overload, register_jitable
 
+from actors import portable
+from actors.portable import *  # noqa: F403
 from actors.portable import directions, exponential, exponents, logarithm, quantiles, trigonometry
-from actors.portable.directions import acos, asin, atan, atan2, hypot
-from actors.portable.exponential import exp, exp10, expm1
-from actors.portable.logarithm import log, log1p, log10
-from actors.portable.trigonometry import cos, cos_sin, sin, tan
 
-__all__ = [
-    "acos",
-    "asin",
-    "atan",
-    "atan2",
-    "cos",
-    "cos_sin",
-    "exp",
-    "exp10",
-    "expm1",
-    "hypot",
-    "log",
-    "log1p",
-    "log10",
-    "sin",
-    "tan",
-]
+__all__ = portable.__all__
 
 _IEEE: Final = {"error_model": "numpy", "forceinline": True}
 _DOUBLE: Final = ir.DoubleType()

@@ -6,7 +6,10 @@ from actors.instant import Instant, in_seconds
 
 
 class Pace:
-    """Simulated time passes at most `speed` times as fast as real time; a run that is late does not wait."""
+    """Since the origin simulated time has never passed more than `speed` times as fast as real time.
+
+    A run that is late does not wait, and so goes faster than that until it has caught up.
+    """
 
     def __init__(self, speed: float) -> None:
         self._speed = speed

@@ -1,4 +1,4 @@
-"""The world as a program: `python -m actors.world --setup FILE --router FOLDER --record FILE`."""
+"""The world as a program: `python -m actors.world --setup FILE --router FILE --record FILE`."""
 
 import os
 import signal

@@ -111,10 +111,6 @@ class Bodies:
         """Put something round on the floor."""
         self._arena.add_obstacle(Point(x, y), radius)
 
-    def overlap(self) -> float:
-        """The deepest overlap of a robot with anything, m."""
-        return self._arena.overlap()
-
     def _next_sweep(self, now: int) -> int:
         """The next instant at which a sensor sweeps, on the grid of the sub-steps."""
         return min(_on_grid((now // period + 1) * period) for period in self._periods)

@@ -40,7 +40,7 @@ from actors.runtime.fingerprint import few, otherwise, parted
 from actors.task.task import Task
 from actors.wording import brief
 from actors.world.body import Bodies
-from actors.world.orders import Orders
+from actors.world.orders import Effects, Orders
 from actors.world.participants import Member, Participants, Standing
 from actors.world.whereabouts import PoseError, Whereabouts
 from actors.world.world_setup import WorldSetup
@@ -81,6 +81,8 @@ class WorldCore:
         self._task = task
         self._whereabouts = Whereabouts(len(setup.robots))
         self._orders = Orders(setup.events, self._participants, bodies)
+        self._effects = Effects()
+        """Of the boundary that was opened last."""
         self._step = 0
         self._phase = WorldPhase.ROLL_CALL
         self._finished = False
@@ -203,21 +205,20 @@ class WorldCore:
         if self._phase is WorldPhase.OPEN:
             if self._step:
                 self._take_counts(read(inputs, AIRED))
-            self._orders.due(self.instant)
+            self._effects = self._orders.due(self.instant)
         outputs = self._take_orders(inputs)
-        for start in self._orders.starts:
+        for start in self._effects.starts:
             self._task.restart(start.robot)
-        if self._orders.paused and not self._orders.stop:
+        if self._effects.paused and not self._effects.stop:
             self._phase = WorldPhase.PAUSED
             return [*outputs, to(PROGRESS, self._progress())]
         outputs += self._end_processes()
         if self._over():
             return [*outputs, *self._halt()]
-        if self._orders.starts:
-            starts, self._orders.starts = tuple(self._orders.starts), []
+        if self._effects.starts:
             self._restarting = True
             self._phase = WorldPhase.ROLL_CALL
-            return [*outputs, to(ROSTER, Roster(self._step, starts))]
+            return [*outputs, to(ROSTER, Roster(self._step, self._effects.starts))]
         return [*outputs, *self._send_senses()]
 
     def _take_orders(self, inputs: Inputs) -> list[Output]:
@@ -225,7 +226,7 @@ class WorldCore:
         if at(CONTROL).key not in inputs:
             return []
         control: Control = read(inputs, CONTROL)
-        refusals = self._orders.take(control.orders)
+        self._effects, refusals = self._orders.take(control.orders, self._effects)
         return [to(ANSWERED, Answered(self._step, control.ticket, refusals))] if control.ticket else []
 
     def _take_counts(self, aired: Aired) -> None:
@@ -244,14 +245,12 @@ class WorldCore:
 
     def _end_processes(self) -> list[Output]:
         """Tell the processes that an order ended that this was all."""
-        outputs = [self._senses(self._participants[robot], halt=True) for robot in self._orders.ends]
-        self._orders.ends = []
-        return outputs
+        return [self._senses(self._participants[robot], halt=True) for robot in self._effects.ends]
 
     def _over(self) -> bool:
-        if self._orders.stop or self.instant >= self._setup.duration_us:
+        if self._effects.stop or self.instant >= self._setup.duration_us:
             return True
-        return self._task.settled and not self._orders.pending and not self._orders.starts
+        return self._task.settled and not self._orders.pending and not self._effects.starts
 
     def _halt(self) -> list[Output]:
         alive = self._participants.of(Standing.STEPPING, Standing.FROZEN)
@@ -286,9 +285,8 @@ class WorldCore:
         truths = tuple(self._truth(member, transmits[member.id]) for member in self._participants.members)
         for robot, pose in held.items():
             self._whereabouts.take(robot, pose, truths[robot])
-        jams, self._orders.jams = tuple(self._orders.jams), []
         self._phase = WorldPhase.MOVE
-        return (to(TRUTH, Truth(self._step, self.instant, truths, jams)),)
+        return (to(TRUTH, Truth(self._step, self.instant, truths, self._effects.jams)),)
 
     def _when(self) -> str:
         return f"step {self._step} ({in_seconds(self.instant):g} s)"

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 from actors.geometry import Pose, wrap
 from actors.instant import Instant, in_seconds
@@ -23,7 +24,7 @@ from actors.messages import (
 from actors.order_limits import OrderLimits, fault
 from actors.runtime.errors import AcrcError
 from actors.world.body import Bodies
-from actors.world.participants import Participants, Standing
+from actors.world.participants import Member, Participants, Standing
 from actors.world.world_setup import TimedOrder
 
 
@@ -31,19 +32,29 @@ class OrderError(AcrcError):
     """An order that cannot be carried out."""
 
 
+@dataclass(frozen=True)
+class Effects:
+    """What carrying out the orders of one step boundary has come to: what the world is to send, and do."""
+
+    starts: tuple[ProcessOrder, ...] = ()
+    """Processes to begin."""
+    ends: tuple[str, ...] = ()
+    """Robots whose processes are to be told that this was all."""
+    jams: tuple[Jam, ...] = ()
+    paused: bool = False
+    """The world is to stay at this boundary until it is False."""
+    stop: bool = False
+    """The run is over."""
+
+
 class Orders:
-    """What is due, and what carrying it out has left for the world to send."""
+    """What is due, and who carries it out."""
 
     def __init__(self, events: tuple[TimedOrder, ...], roster: Participants, bodies: Bodies) -> None:
         self._events = deque(events)
         self._roster = roster
         self._bodies = bodies
         self._now = Instant(0)
-        self.paused = False
-        self.stop = False
-        self.starts: list[ProcessOrder] = []
-        self.ends: list[str] = []
-        self.jams: list[Jam] = []
         self._limits = OrderLimits()
         self._obstacles = 0
         self._refused: list[str] = []
@@ -60,67 +71,73 @@ class Orders:
         more = (f"and {self._refused_later} more",) if self._refused_later else ()
         return (*self._refused, *more)
 
-    def due(self, now: Instant) -> None:
-        """Carry out every event of the scenario up to `now`."""
+    def due(self, now: Instant) -> Effects:
+        """Carry out every event of the scenario up to `now`, at which a boundary begins."""
         self._now = now
+        effects = Effects()
         while self._events and self._events[0].instant <= now:
             try:
-                self._carry_out(self._events.popleft().order)
+                effects = self._carry_out(self._events.popleft().order, effects)
             except AcrcError as error:
                 raise OrderError(f"the event {self._when()} cannot happen: {error}") from error
+        return effects
 
-    def take(self, orders: Iterable[Order]) -> tuple[str, ...]:
-        """Carry out orders that have just come in; gives a sentence for each that makes no sense.
+    def take(self, orders: Iterable[Order], before: Effects) -> tuple[Effects, tuple[str, ...]]:
+        """Carry out orders that have just come in, at the boundary that has come to `before` so far.
 
-        It is noted, too, and nothing else becomes of it.
+        Gives what it has come to now, and a sentence for each order that makes no sense. That is noted, too,
+        and nothing else becomes of it.
         """
-        refusals = []
+        effects, refusals = before, []
         for order in orders:
             try:
-                self._carry_out(order)
+                effects = self._carry_out(order, effects)
             except AcrcError as error:
                 refusals.append(f"{self._when()}: {error}")
         room = self._limits.refusals - len(self._refused)
         self._refused += refusals[:room]
         self._refused_later += len(refusals[room:])
-        return tuple(refusals)
+        return effects, tuple(refusals)
 
-    def _carry_out(self, order: Order) -> None:
+    def _carry_out(self, order: Order, before: Effects) -> Effects:
         if wrong := fault(order, self._limits):
             raise OrderError(wrong)
         match order:
             case Kill() | Freeze() | Thaw() | Restart() | Move():
-                self._to_robot(order)
+                return self._to_robot(order, before)
             case StartJam():
-                self.jams.append(Jam(order.x, order.y, order.radius, self._now + order.duration))
+                jam = Jam(order.x, order.y, order.radius, self._now + order.duration)
+                return replace(before, jams=(*before.jams, jam))
             case Obstacle():
                 self._add_obstacle(order)
+                return before
             case Pause():
-                self.paused = True
+                return replace(before, paused=True)
             case Resume():
-                self.paused = False
+                return replace(before, paused=False)
             case Stop():
-                self.stop = True
+                return replace(before, stop=True)
 
-    def _to_robot(self, order: Kill | Freeze | Thaw | Restart | Move) -> None:
+    def _to_robot(self, order: Kill | Freeze | Thaw | Restart | Move, before: Effects) -> Effects:
         if order.robot not in self._roster:
             raise OrderError(f"there is no robot {order.robot!r} to {_verb(order)}")
         member = self._roster[order.robot]
         match order:
             case Kill():
-                self._end(order.robot)
+                return _ended(member, before)
             case Freeze() if member.standing is Standing.STEPPING:
                 member.standing = Standing.FROZEN
             case Thaw() if member.standing is Standing.FROZEN:
                 member.standing = Standing.STEPPING
             case Restart():
-                self._end(order.robot)
+                effects = _ended(member, before)
                 member.begin_anew()
-                self.starts.append(ProcessOrder(member.id, member.epoch))
+                return replace(effects, starts=(*effects.starts, ProcessOrder(member.id, member.epoch)))
             case Move():
                 self._bodies.place(member.index, Pose(order.x, order.y, wrap(order.heading)))
             case _:
                 raise OrderError(f"cannot {_verb(order)} {order.robot}, which is {member.standing.value}")
+        return before
 
     def _add_obstacle(self, order: Obstacle) -> None:
         if self._obstacles >= self._limits.obstacles:
@@ -128,15 +145,17 @@ class Orders:
         self._bodies.add_obstacle(order.x, order.y, order.radius)
         self._obstacles += 1
 
-    def _end(self, robot: str) -> None:
-        member = self._roster[robot]
-        self.starts = [start for start in self.starts if start.robot != robot]
-        if member.standing in (Standing.STEPPING, Standing.FROZEN):
-            self.ends.append(robot)
-        member.standing = Standing.ENDED
-
     def _when(self) -> str:
         return f"at {in_seconds(self._now):g} s"
+
+
+def _ended(member: Member, before: Effects) -> Effects:
+    """What it has come to once the robot's process, begun or about to begin, has ended."""
+    effects = replace(before, starts=tuple(start for start in before.starts if start.robot != member.id))
+    if member.standing in (Standing.STEPPING, Standing.FROZEN):
+        effects = replace(effects, ends=(*effects.ends, member.id))
+    member.standing = Standing.ENDED
+    return effects
 
 
 def _verb(order: Order) -> str:

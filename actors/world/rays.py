@@ -7,8 +7,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from actors.floor.bearings import bearing_to, half_width, window
+from actors.floor.traversal import cell_after, free_squares, ray, square_at
 from actors.portable import arrays
-from actors.portable.compiled import asin, atan2, cos_sin, hypot
+from actors.portable.compiled import cos_sin, hypot
 
 Floats = NDArray[np.float64]
 
@@ -34,72 +36,25 @@ BODY = np.dtype(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _free_squares(blocking: NDArray[np.bool_], squares: NDArray[np.uint8]) -> None:
-    rows, columns = blocking.shape
-    for quadrant in range(4):
-        east = 1 if quadrant & 1 == 0 else -1
-        north = 1 if quadrant & 2 == 0 else -1
-        for a in range(1, rows - 1):
-            row = rows - 1 - a if north > 0 else a
-            for b in range(1, columns - 1):
-                column = columns - 1 - b if east > 0 else b
-                if not blocking[row, column]:
-                    side = min(
-                        squares[quadrant, row + north, column],
-                        squares[quadrant, row, column + east],
-                        squares[quadrant, row + north, column + east],
-                    )
-                    squares[quadrant, row, column] = min(side, 254) + 1
-
-
-def free_squares(blocking: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """How far a ray may leap: (4, rows + 2, columns + 2), with a ring of blocking cells around the map.
-
-    For each cell and each quadrant of directions (bit 0 set: westward, bit 1 set: southward) the side, in
-    cells, of the largest free square that has the cell in its near corner; 0 in a blocking cell, 255 at most.
-    """
-    ringed = np.ones((blocking.shape[0] + 2, blocking.shape[1] + 2), np.bool_)
-    ringed[1:-1, 1:-1] = blocking
-    squares = np.zeros((4, *ringed.shape), np.uint8)
-    _free_squares(ringed, squares)
-    return squares
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
 def cast(squares: NDArray[np.uint8], x: float, y: float, dx: float, dy: float, reach: float) -> float:
     """Distance from (x, y) to the first blocking cell along the unit vector (dx, dy); inf beyond reach.
 
-    Everything is in cells; a ray that starts in a blocking cell or outside of the map is at its end.
-
-    The traversal of Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics
-    1987, but from border to border of free squares, not cells: it meets the same cell at the same point.
+    squares: of `free_squares`. Everything is in cells; a ray that starts in a blocking cell or outside of the
+    map is at its end.
     """
-    east, north = dx >= 0, dy >= 0
-    quadrant = (0 if east else 1) + (0 if north else 2)
-    per_x = 1 / dx if dx != 0 else 1e300
-    per_y = 1 / dy if dy != 0 else 1e300
     column, row = math.floor(x), math.floor(y)
     if not (0 <= column < squares.shape[2] and 0 <= row < squares.shape[1]):
         return 0.0
+    line = ray(x, y, dx, dy)
     distance = 0.0
-    side = int(squares[quadrant, row, column])
+    side = int(squares[line.quadrant, row, column])
     while side:
-        left = column if east else column - side + 1
-        bottom = row if north else row - side + 1
-        border_x = left + side if east else left
-        border_y = bottom + side if north else bottom
-        to_x, to_y = (border_x - x) * per_x, (border_y - y) * per_y
-        distance = min(to_x, to_y)
+        square = square_at(line, column, row, side)
+        distance = min(square.to_x, square.to_y)
         if distance > reach:
             return math.inf
-        # Rounding must not carry the ray out of the square anywhere but through the border that it meets.
-        if to_x < to_y:
-            column = border_x if east else border_x - 1
-            row = min(max(int(y + distance * dy), bottom), bottom + side - 1)
-        else:
-            row = border_y if north else border_y - 1
-            column = min(max(int(x + distance * dx), left), left + side - 1)
-        side = int(squares[quadrant, row, column])
+        column, row = cell_after(line, square, distance)
+        side = int(squares[line.quadrant, row, column])
     return distance
 
 
@@ -151,14 +106,10 @@ def _hide_behind(
     apart = hypot(x, y)
     if apart - radius > sensor.range_max:
         return
-    half = asin(radius / apart) if apart > radius else math.pi
-    bearing = atan2(y, x) - heading - sensor.first_angle
-    bearing -= 2 * math.pi * math.floor(bearing / (2 * math.pi))
-    # The body may appear at both ends of the scan; one ray more on both sides makes up for rounding.
+    bearing, half = bearing_to(x, y, heading, sensor.first_angle), half_width(apart, radius)
     for turn in range(-1, 2):
-        low = (bearing + 2 * math.pi * turn - half) / sensor.increment
-        high = (bearing + 2 * math.pi * turn + half) / sensor.increment
-        for k in range(max(math.ceil(low) - 1, 0), min(math.floor(high) + 2, sensor.rays)):
+        begin, end = window(bearing, half, turn, sensor.increment, sensor.rays)
+        for k in range(begin, end):
             dx, dy = directions[k, 0], directions[k, 1]
             found = _to_polygon(ring, dx, dy) if ring.shape[0] else _to_disc(x, y, radius, dx, dy)
             ranges[k] = min(ranges[k], found)

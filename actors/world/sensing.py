@@ -7,10 +7,11 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors.floor.grid import OccupancyGrid
+from actors.floor.traversal import free_squares
 from actors.portable import arrays
 from actors.portable.draws import normals
 from actors.robot_model import RangeSensor, RobotModel, scan_angles
-from actors.world.rays import BODY, SENSOR, free_squares, in_millimetres, sweep
+from actors.world.rays import BODY, SENSOR, in_millimetres, sweep
 
 
 class RangeSensors:

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor.grid import Cell, OccupancyGrid, passable
+from actors.floor.grid import Cell, OccupancyGrid, nearest_cell, passable
 from actors.geometry import Point
 from actors.robot.navigation.potential import UNREACHABLE, descent, potential
 
@@ -48,11 +48,7 @@ class ShortestWays:
 
     def _nearest(self, point: Point) -> Cell | None:
         """The cell with room for the disc nearest to `point`."""
-        rows, columns = np.nonzero(self._costs)
-        x, y = self._grid.centres()
-        squared = (x[columns] - point.x) ** 2 + (y[rows] - point.y) ** 2
-        best = int(np.argmin(squared))
-        return Cell(int(rows[best]), int(columns[best])) if squared[best] <= _ASIDE**2 else None
+        return nearest_cell(self._grid, self._costs > 0, point, _ASIDE)
 
     def _taut(self, way: NDArray[np.float64]) -> NDArray[np.float64]:
         before = np.inf

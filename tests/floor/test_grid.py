@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from actors.floor import distance
-from actors.floor.grid import Cell, OccupancyGrid, largest_region, outline, reachable
+from actors.floor.grid import Cell, OccupancyGrid, largest_region, nearest_cell, outline, reachable
 from actors.geometry import Point
 from tests.floor.plans import plan, random_plan
 
@@ -111,6 +111,26 @@ def test_regions_are_those_of_scipy(seed: int, share: float) -> None:
 
 def test_a_map_without_floor_has_an_empty_region() -> None:
     assert not largest_region(plan("##", "?#")).any()
+
+
+@given(st.integers(0, 40), st.floats(-4, 2), st.floats(6, 14), st.sampled_from([0.0, 0.3, 1.0, 9.0]))
+def test_the_nearest_cell_is_the_own_one_or_that_with_the_nearest_centre(
+    seed: int, x: float, y: float, within: float
+) -> None:
+    grid, point = random_plan(seed, 20, 16, 0.9), Point(x, y)
+    found = nearest_cell(grid, grid.free, point, within)
+    if grid.is_free(point):
+        assert found == grid.cell(point)
+        return
+    free = [Cell(int(row), int(column)) for row, column in np.argwhere(grid.free)]
+    gaps = {cell: grid.centre(cell).distance_to(point) for cell in free}
+    if found is None:
+        assert min(gaps.values(), default=np.inf) > within - 1e-9
+    else:
+        assert gaps[found] <= within + 1e-9
+        assert gaps[found] == pytest.approx(min(gaps.values()))
+    anywhere = nearest_cell(grid, grid.free, point)
+    assert (anywhere is None) == (not gaps)
 
 
 def test_the_outline_of_one_block_and_of_the_border() -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from actors.geometry import Pose
 from actors.robot.localisation import PRESETS, AmclParameters, beams, measurement
-from actors.robot.localisation.measurement import Measurement, likelihoods
+from actors.robot.localisation.measurement import Cloud, Measurement, likelihoods
 from tests.localisation.scenes import FIELD, NOBODY, ROOM, TURTLEBOT, scan
 
 CUBES = PRESETS["chapter"]
@@ -53,7 +53,7 @@ def weighed(
     weights = before(poses.shape[1])
     directions = np.empty_like(poses[:2])
     fit, skipped = Measurement(FIELD, RANGE, parameters).weigh(
-        points, poses, weights, directions, count, together=together
+        points, Cloud(poses, weights, directions, count), together=together
     )
     assert directions[:, :count] == pytest.approx(np.stack((np.cos(poses[2]), np.sin(poses[2])))[:, :count])
     assert weights[count] == before(count + 1)[count]
@@ -133,7 +133,7 @@ def test_the_true_pose_outweighs_others(parameters: AmclParameters) -> None:
     count = 400
     weights = np.full(count, 1 / count)
     Measurement(FIELD, RANGE, parameters).weigh(
-        ends(), poses, weights, np.empty((2, count)), count, together=True
+        ends(), Cloud(poses, weights, np.empty((2, count)), count), together=True
     )
     best = poses[:, weights.argmax()]
     assert np.hypot(*(best[:2] - HERE[:2])) < 0.06 and weights[7] > 0.9 * weights.max()
@@ -145,7 +145,9 @@ def test_a_particle_of_no_weight_does_not_starve_the_others() -> None:
     poses[:2, 1:] += 100.0
     weights = np.array([0.0, 0.5, 0.5])
     points = np.repeat(ends(), 20, axis=0)
-    Measurement(FIELD, RANGE, PRODUCT).weigh(points, poses, weights, np.empty((2, 3)), 3, together=True)
+    Measurement(FIELD, RANGE, PRODUCT).weigh(
+        points, Cloud(poses, weights, np.empty((2, 3)), 3), together=True
+    )
     assert weights == pytest.approx([0.0, 0.5, 0.5])
 
 

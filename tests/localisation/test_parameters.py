@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from actors.robot.localisation import PRESETS, AmclParameters, LocalisationError
+from actors.robot.bounds import ParameterError
+from actors.robot.localisation import PRESETS, AmclParameters
 from actors.robot.localisation.recovery import Recovery
 
 
@@ -18,7 +19,8 @@ from actors.robot.localisation.recovery import Recovery
         ("alpha1", -0.1, "be at least 0"),
         ("sigma_hit", 0.0, "be above 0"),
         ("z_rand", 0.0, "be above 0"),
-        ("recovery_fast", 1.5, "lie in 0 to 1"),
+        ("recovery_fast", 1.5, "be at most 1"),
+        ("z_hit", -0.5, "be at least 0"),
         ("search_poses", -1, "be at least 0"),
         ("weighting", "sum", "be one of cubes, product"),
         ("odometry_model", "omni", "be one of diff, diff-corrected"),
@@ -26,16 +28,17 @@ from actors.robot.localisation.recovery import Recovery
     ],
 )
 def test_a_value_that_makes_no_sense_is_refused_with_a_sentence(field: str, value: Any, right: str) -> None:
-    with pytest.raises(LocalisationError) as raised:
+    with pytest.raises(ParameterError) as raised:
         AmclParameters(**{field: value})
-    assert str(raised.value) == f"the localiser's {field} is {value!r}; it should {right}"
+    shown = repr(value) if isinstance(value, str) else f"{value:g}"
+    assert str(raised.value) == f"localisation.{field} is {shown}, but must {right}"
 
 
 @pytest.mark.parametrize(("slow", "fast"), [(1.0, 1.0), (0.1, 0.1), (0.5, 0.1)])
 def test_the_long_average_has_to_be_the_slower_one(slow: float, fast: float) -> None:
-    with pytest.raises(LocalisationError) as raised:
+    with pytest.raises(ParameterError) as raised:
         AmclParameters(recovery_slow=slow, recovery_fast=fast)
-    sentence = f"the localiser's recovery_slow is {slow!r}; it should be below recovery_fast {fast!r}"
+    sentence = f"localisation.recovery_slow is {slow:g}, but must be below recovery_fast {fast:g}"
     assert str(raised.value) == sentence
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from actors.robot.navigation.bounds import ParameterError
+from actors.robot.bounds import ParameterError
 from actors.robot.navigation.cell_distance import MOST_REACH, fingerprint, squared_within
 from actors.robot.navigation.cost_map import CostMap, CostMapParameters
 from actors.robot.navigation.planning import Planner, PlanningParameters, ground

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from actors.floor.traversal import equal_squares
 from actors.geometry import Point
 from actors.radio.propagation.materials import MATERIALS, material
-from actors.radio.propagation.walls import WallPatch, Walls, add_walls, build, uniform_squares
+from actors.radio.propagation.walls import WallPatch, Walls, add_walls, build
 from actors.runtime.errors import AcrcError
 
 BRICK = MATERIALS["brick"]
@@ -98,7 +99,7 @@ spots = st.tuples(st.floats(-0.5, 3.6), st.floats(-0.5, 2.8))
 
 def walls_of(kinds: NDArray[np.uint8]) -> Walls:
     return Walls(
-        uniform_squares(kinds), kinds, 0.1, 0.0, 0.0, np.array([0.0, 1.0, 3.0]), np.array([0.0, 20.0, 5.0])
+        equal_squares(kinds), kinds, 0.1, 0.0, 0.0, np.array([0.0, 1.0, 3.0]), np.array([0.0, 20.0, 5.0])
     )
 
 
@@ -141,23 +142,3 @@ def test_walls_are_the_same_from_both_sides(
 ) -> None:
     walls = walls_of(kinds)
     assert loss(walls, one, other) == loss(walls, other, one) >= 0.0
-
-
-def test_squares_are_of_one_material_and_cannot_grow() -> None:
-    kinds = np.random.default_rng(1).choice(2, size=(17, 19), p=[0.9, 0.1]).astype(np.uint8)
-    squares = uniform_squares(kinds)
-    for quadrant in range(4):
-        for row in range(17):
-            for column in range(19):
-                side = int(squares[quadrant, row, column])
-                assert _uniform(kinds, quadrant, row, column, side)
-                assert not _uniform(kinds, quadrant, row, column, side + 1)
-
-
-def _uniform(kinds: NDArray[np.uint8], quadrant: int, row: int, column: int, side: int) -> bool:
-    left = column - side + 1 if quadrant & 1 else column
-    bottom = row - side + 1 if quadrant & 2 else row
-    if left < 0 or bottom < 0 or left + side > kinds.shape[1] or bottom + side > kinds.shape[0]:
-        return False
-    square = kinds[bottom : bottom + side, left : left + side]
-    return bool((square == kinds[row, column]).all())

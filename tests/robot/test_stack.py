@@ -76,7 +76,7 @@ def test_without_localisation_the_odometry_is_trusted() -> None:
             'localisation.weighting = "sum"',
             'localisation.weighting is "sum", but must be "cubes" or "product"',
         ),
-        ("localisation.beams = 0", "the localiser's beams is 0; it should be at least 1"),
+        ("localisation.beams = 0", "localisation.beams is 0, but must be at least 1"),
         (
             'localisation = { preset = "odometry", beams = 60 }',
             'localisation.beams is set, but must be left out where the preset is "odometry", '

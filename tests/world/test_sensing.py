@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid, outline
+from actors.floor.traversal import free_squares
 from actors.geometry import Pose
 from actors.messages import NO_ECHO_MM
 from actors.robot_model import RobotModel, scan_angles
@@ -87,7 +88,7 @@ def traversal(grid: OccupancyGrid, x: float, y: float, dx: float, dy: float, rea
 @given(st.integers(0, 10**6), st.floats(-3.2, 3.2), st.sampled_from([0.02, 0.1, 0.3]))
 def test_a_ray_ends_where_the_plain_traversal_ends(seed: int, angle: float, share: float) -> None:
     grid = clutter(seed % 50, share=share)
-    squares = rays.free_squares(grid.blocking)
+    squares = free_squares(grid.blocking)
     rng = np.random.default_rng(seed)
     x, y = rng.uniform(26, 34), rng.uniform(16, 24)
     dx, dy = math.cos(angle), math.sin(angle)
@@ -99,7 +100,7 @@ def test_a_ray_ends_where_the_plain_traversal_ends(seed: int, angle: float, shar
 def test_rays_along_the_grid_and_along_its_diagonals(angle: float) -> None:
     cells = np.full((21, 21), FREE, np.uint8)
     cells[10, [0, 20]] = cells[[0, 20], 10] = cells[[0, 0, 20, 20], [0, 20, 0, 20]] = OCCUPIED
-    squares = rays.free_squares(OccupancyGrid(cells, 1.0).blocking)
+    squares = free_squares(OccupancyGrid(cells, 1.0).blocking)
     dx, dy = round(math.cos(angle), 12), round(math.sin(angle), 12)
     length = math.hypot(dx, dy)
     far = 9.5 * math.hypot(round(dx), round(dy))
@@ -108,30 +109,9 @@ def test_rays_along_the_grid_and_along_its_diagonals(angle: float) -> None:
 
 
 def test_a_ray_that_starts_in_a_wall_or_outside_of_the_map_is_at_its_end() -> None:
-    squares = rays.free_squares(np.zeros((5, 5), np.bool_))
+    squares = free_squares(np.zeros((5, 5), np.bool_))
     for x, y in ((0.5, 3.0), (-4.0, 3.0), (3.0, 99.0)):
         assert rays.cast(squares, x, y, 1.0, 0.0, 50.0) == 0.0
-
-
-def square(
-    cells: NDArray[np.bool_], row: int, column: int, side: int, east: int, north: int
-) -> NDArray[np.bool_]:
-    """The square of cells that reaches from the given one to the east (or west) and north (or south)."""
-    bottom = row if north > 0 else row - side + 1
-    left = column if east > 0 else column - side + 1
-    return cells[bottom : bottom + side, left : left + side]
-
-
-def test_squares_are_the_largest_free_ones() -> None:
-    grid = clutter(3, share=0.05)
-    squares, ringed = rays.free_squares(grid.blocking), np.pad(grid.blocking, 1, constant_values=True)
-    rng = np.random.default_rng(0)
-    for row, column in zip(rng.integers(1, 41, 150), rng.integers(1, 61, 150), strict=True):
-        for quadrant, (east, north) in enumerate([(1, 1), (-1, 1), (1, -1), (-1, -1)]):
-            side = 0
-            while not square(ringed, row, column, side + 1, east, north).any():
-                side += 1
-            assert squares[quadrant, row, column] == side
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -7,6 +7,7 @@ from numba import njit
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from actors.floor.traversal import equal_squares
 from actors.portable import arrays
 from actors.radio.propagation import path_loss, shadowing, walls
 from actors.radio.propagation.path_loss import PathLossParameters
@@ -90,9 +91,7 @@ def _path_losses(senders: Floats, receivers: Floats, coefficients: Floats, loss_
 def fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
     kinds = (arrays.sin(np.square(np.arange(1200.0))).reshape(30, 40) > 0.8).astype(np.uint8)
-    floor = Walls(
-        walls.uniform_squares(kinds), kinds, 0.05, -0.2, 0.1, np.array([0.0, 1.0]), np.array([0.0, 22.7])
-    )
+    floor = Walls(equal_squares(kinds), kinds, 0.05, -0.2, 0.1, np.array([0.0, 1.0]), np.array([0.0, 22.7]))
     places = np.stack([arrays.cos(np.arange(7.0)), 0.85 + 0.8 * arrays.sin(np.arange(7.0))], axis=1)
     parameters = PropagationParameters(shadowing=ShadowingParameters(4.0))
     propagation = IndoorPropagation(parameters, floor, np.random.default_rng(1))

@@ -10,11 +10,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from actors.floor.grid import OCCUPIED, OccupancyGrid
+from actors.floor.traversal import cell_after, equal_squares, ray, square_at
 from actors.radio.propagation.materials import Material, material
 
 Floats = NDArray[np.float64]
 _AIR: Final = 0
-_MOST_SIDE: Final = 255
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Walls:
     """The floor plan as the wave sees it; made by `build`."""
 
     squares: NDArray[np.uint8]
-    """`uniform_squares` of `kinds`."""
+    """`equal_squares` of `kinds`."""
     kinds: NDArray[np.uint8]
     """(rows, columns): which material; 0 is air."""
     resolution: float
@@ -61,7 +61,7 @@ def build(grid: OccupancyGrid, everywhere: str, patches: Sequence[WallPatch] = (
     for patch in patches:
         kinds[inside(grid, patch) & (grid.cells == OCCUPIED)] = names.index(patch.material)
     return Walls(
-        uniform_squares(kinds),
+        equal_squares(kinds),
         kinds,
         grid.resolution,
         grid.origin.x,
@@ -76,43 +76,6 @@ def inside(grid: OccupancyGrid, patch: WallPatch) -> NDArray[np.bool_]:
     x, y = grid.centres()
     rows = (patch.y[0] <= y) & (y <= patch.y[1])
     return rows[:, None] & (patch.x[0] <= x) & (x <= patch.x[1])
-
-
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _uniform_squares(kinds: NDArray[np.uint8], squares: NDArray[np.uint8]) -> None:
-    rows, columns = kinds.shape
-    for quadrant in range(4):
-        east = 1 if quadrant & 1 == 0 else -1
-        north = 1 if quadrant & 2 == 0 else -1
-        for a in range(rows):
-            row = rows - 1 - a if north > 0 else a
-            for b in range(columns):
-                column = columns - 1 - b if east > 0 else b
-                side = 0
-                if a > 0 and b > 0:
-                    kind = kinds[row, column]
-                    if (
-                        kinds[row + north, column] == kind
-                        and kinds[row, column + east] == kind
-                        and kinds[row + north, column + east] == kind
-                    ):
-                        side = min(
-                            squares[quadrant, row + north, column],
-                            squares[quadrant, row, column + east],
-                            squares[quadrant, row + north, column + east],
-                        )
-                squares[quadrant, row, column] = min(side, _MOST_SIDE - 1) + 1
-
-
-def uniform_squares(kinds: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """How far a ray may leap: (4, rows, columns) for (rows, columns) of materials.
-
-    For each cell and each quadrant of directions (bit 0 set: westward, bit 1 set: southward) the side, in
-    cells, of the largest square of one material that has the cell in its near corner; 255 at most.
-    """
-    squares = np.empty((4, *kinds.shape), np.uint8)
-    _uniform_squares(kinds, squares)
-    return squares
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -144,42 +107,24 @@ def _along(
     dy: float,
     length: float,
 ) -> float:
-    """The loss, dB, from (x, y) along the unit vector (dx, dy), everything in cells.
-
-    The traversal of Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics
-    1987, but from border to border of squares of one material, not cells.
-    """
+    """The loss, dB, from (x, y) along the unit vector (dx, dy), everything in cells."""
     rows, columns = kinds.shape
     span = _clipped(x, y, dx, dy, length, columns, rows)
     at, last = span[0], span[1]
-    east, north = dx >= 0, dy >= 0
-    quadrant = (0 if east else 1) + (0 if north else 2)
-    per_x = 1 / dx if dx != 0 else 1e300
-    per_y = 1 / dy if dy != 0 else 1e300
+    line = ray(x, y, dx, dy)
     column = min(max(math.floor(x + at * dx), 0), columns - 1)
     row = min(max(math.floor(y + at * dy), 0), rows - 1)
     loss, before = 0.0, 0
     while at < last and 0 <= column < columns and 0 <= row < rows:
-        side = int(squares[quadrant, row, column])
+        square = square_at(line, column, row, int(squares[line.quadrant, row, column]))
         kind = int(kinds[row, column])
-        left = column if east else column - side + 1
-        bottom = row if north else row - side + 1
-        border_x = left + side if east else left
-        border_y = bottom + side if north else bottom
-        to_x, to_y = (border_x - x) * per_x, (border_y - y) * per_y
-        border = min(to_x, to_y, last)
+        border = min(square.to_x, square.to_y, last)
         if kind != before:
             loss += crossing_db[kind]
             before = kind
         loss += max(border - at, 0.0) * per_cell_db[kind]
         at = max(border, at)
-        # Rounding must not carry the ray out of the square anywhere but through the border that it meets.
-        if to_x < to_y:
-            column = border_x if east else border_x - 1
-            row = min(max(int(y + at * dy), bottom), bottom + side - 1)
-        else:
-            row = border_y if north else border_y - 1
-            column = min(max(int(x + at * dx), left), left + side - 1)
+        column, row = cell_after(line, square, at)
     return loss
 
 

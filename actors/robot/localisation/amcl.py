@@ -25,7 +25,7 @@ from actors.robot.localisation.histogram import Cluster, Histogram, heaviest_clu
 from actors.robot.localisation.likelihood_field import LikelihoodField
 from actors.robot.localisation.locating import Locating
 from actors.robot.localisation.lost import LostProbability
-from actors.robot.localisation.measurement import Measurement
+from actors.robot.localisation.measurement import Cloud, Measurement
 from actors.robot.localisation.motion import around, move, parts_of, spread, step
 from actors.robot.localisation.parameters import AmclParameters
 from actors.robot.localisation.recovery import Recovery
@@ -248,7 +248,9 @@ class Amcl:
         """Each particle by the beams that are believed; gives the fit."""
         known, tally = judged.known, self._tally
         fit, skipped = self._measurement.weigh(
-            known, self._poses, self._weights, self._directions, self._count, together=self._together()
+            known,
+            Cloud(self._poses, self._weights, self._directions, self._count),
+            together=self._together(),
         )
         tally.beams_skipped += skipped
         tally.beams_used += len(known) - skipped

@@ -11,6 +11,7 @@ from actors.geometry import Pose
 from actors.messages import NO_ECHO_MM
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin, hypot
+from actors.robot.localisation.line_of_sight import placed
 from actors.robot_model import RangeSensor, scan_angles
 
 _NO_ECHO: Final = NO_ECHO_MM
@@ -100,7 +101,7 @@ def _ends(
             continue
         forward = mount[0] + length * directions[beam, 0]
         left = mount[1] + length * directions[beam, 1]
-        if _near(peers, x + c * forward - s * left, y + s * forward + c * left, radius):
+        if _near(peers, *placed(x, y, c, s, forward, left), radius):
             masked += 1
         else:
             points[kept, 0], points[kept, 1] = forward, left

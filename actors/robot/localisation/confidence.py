@@ -16,7 +16,7 @@ from actors.geometry import Covariance, Pose
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin
 from actors.robot.localisation.evidence import AGREES
-from actors.robot.localisation.likelihood_field import LEVELS, LikelihoodField, specimen
+from actors.robot.localisation.likelihood_field import LevelGrid, LikelihoodField, specimen
 from actors.robot.localisation.line_of_sight import level_at
 from actors.robot_model import RangeSensor
 
@@ -71,9 +71,8 @@ def sharpened(
 
     The variance counts by the square of the share of such beams, as the others pull the estimate, too.
     """
-    step = field.max_distance / (LEVELS - 1)
     before = np.array(prior).reshape(3, 3)
-    after = _sharpened(field.levels, field.frame, step, points, *pose, before, variance, AGREES)
+    after = _sharpened(field.grid, points, *pose, before, variance, AGREES)
     xx, xy, xh, _, yy, yh, _, _, hh = after.ravel().tolist()
     return (xx, xy, xh, xy, yy, yh, xh, yh, hh)
 
@@ -89,9 +88,7 @@ def fingerprint() -> bytes:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _sharpened(
-    levels: NDArray[np.uint8],
-    frame: NDArray[np.float64],
-    step: float,
+    grid: LevelGrid,
     points: NDArray[np.float64],
     x: float,
     y: float,
@@ -100,6 +97,7 @@ def _sharpened(
     variance: float,
     agrees: float,
 ) -> NDArray[np.float64]:
+    levels, frame, step = grid
     after = prior.copy()
     slope, gain = np.empty(3), np.empty(3)
     c, s = cos_sin(heading)

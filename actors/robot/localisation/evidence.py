@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from actors.geometry import Pose
 from actors.portable import arrays
 from actors.portable.compiled import cos_sin
-from actors.robot.localisation.likelihood_field import LEVELS, LikelihoodField, specimen
-from actors.robot.localisation.line_of_sight import AGREEING, BEYOND, SHORT, level_at, sight
+from actors.robot.localisation.likelihood_field import LevelGrid, LikelihoodField, specimen
+from actors.robot.localisation.line_of_sight import AGREEING, BEYOND, SHORT, level_at, placed, sight
 
 AGREES: Final = 0.3
 """A beam agrees with the map if its end is so near a wall, m; own choice."""
@@ -57,10 +57,7 @@ def judge(
 
     Strangers are in sight, and farther than `stranger_distance`, m, from walls; inf: there are none.
     """
-    step = field.max_distance / (LEVELS - 1)
-    known, strangers, agreeing, beyond = _judge(
-        field.levels, field.frame, step, points, mount, *pose, stranger_distance, AGREES
-    )
+    known, strangers, agreeing, beyond = _judge(field.grid, points, mount, *pose, stranger_distance, AGREES)
     return Judgement(known, strangers, agreeing, beyond)
 
 
@@ -77,8 +74,7 @@ def explain(
     worth: NDArray[np.float64],
 ) -> Explanation:
     """The scan with these ends seen from each of `poses`, (3, n); at least one end. See `judge`."""
-    step = field.max_distance / (LEVELS - 1)
-    return Explanation(*_explain(field.levels, field.frame, step, points, mount, poses, worth, AGREES))
+    return Explanation(*_explain(field.grid, points, mount, poses, worth, AGREES))
 
 
 def fingerprint() -> bytes:
@@ -94,9 +90,7 @@ def fingerprint() -> bytes:
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _judge(
-    levels: NDArray[np.uint8],
-    frame: NDArray[np.float64],
-    step: float,
+    grid: LevelGrid,
     points: NDArray[np.float64],
     mount: NDArray[np.float64],
     x: float,
@@ -105,13 +99,13 @@ def _judge(
     stranger_distance: float,
     agrees: float,
 ) -> tuple[NDArray[np.float64], int, int, int]:
+    levels, frame, step = grid
     known = np.empty(points.shape)
     kept = strangers = agreeing = beyond = 0
     c, s = cos_sin(heading)
-    eye_x, eye_y = x + c * mount[0] - s * mount[1], y + s * mount[0] + c * mount[1]
+    eye_x, eye_y = placed(x, y, c, s, mount[0], mount[1])
     for i in range(points.shape[0]):
-        end_x = x + c * points[i, 0] - s * points[i, 1]
-        end_y = y + s * points[i, 0] + c * points[i, 1]
+        end_x, end_y = placed(x, y, c, s, points[i, 0], points[i, 1])
         apart = step * level_at(levels, frame, end_x, end_y)
         seen = sight(levels, frame, step, min(agrees, stranger_distance), eye_x, eye_y, end_x, end_y)
         if apart <= agrees:
@@ -128,26 +122,24 @@ def _judge(
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _explain(
-    levels: NDArray[np.uint8],
-    frame: NDArray[np.float64],
-    step: float,
+    grid: LevelGrid,
     points: NDArray[np.float64],
     mount: NDArray[np.float64],
     poses: NDArray[np.float64],
     worth: NDArray[np.float64],
     agrees: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    levels, frame, step = grid
     count, beams = poses.shape[1], points.shape[0]
     scores = np.empty(count)
     agreeing, beyond = np.zeros(count, np.int64), np.zeros(count, np.int64)
     for i in range(count):
         x, y = poses[0, i], poses[1, i]
         c, s = cos_sin(poses[2, i])
-        eye_x, eye_y = x + c * mount[0] - s * mount[1], y + s * mount[0] + c * mount[1]
+        eye_x, eye_y = placed(x, y, c, s, mount[0], mount[1])
         total = 0.0
         for k in range(beams):
-            end_x = x + c * points[k, 0] - s * points[k, 1]
-            end_y = y + s * points[k, 0] + c * points[k, 1]
+            end_x, end_y = placed(x, y, c, s, points[k, 0], points[k, 1])
             seen = sight(levels, frame, step, agrees, eye_x, eye_y, end_x, end_y)
             if seen == AGREEING:
                 agreeing[i] += 1

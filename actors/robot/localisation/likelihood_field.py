@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -18,6 +18,17 @@ LEVELS: Final = 256
 """Distances are kept in so many steps, one byte each, so that the whole map stays in a processor's cache."""
 _RING: Final = 1
 """Rings of cells around the map, which stand for everything beyond."""
+
+
+class LevelGrid(NamedTuple):
+    """What kernels need to know of a field; all of it read-only."""
+
+    levels: NDArray[np.uint8]
+    """(rows + 2, columns + 2): see `LikelihoodField`."""
+    frame: NDArray[np.float64]
+    """(3,): the same."""
+    step: float
+    """So many metres is a level."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +49,11 @@ class LikelihoodField:
     def distances(self) -> NDArray[np.float64]:
         """(256,): the distance that each level stands for, m."""
         return np.linspace(0.0, self.max_distance, LEVELS, dtype=np.float64)
+
+    @cached_property
+    def grid(self) -> LevelGrid:
+        """The field as kernels take it."""
+        return LevelGrid(self.levels, self.frame, self.max_distance / (LEVELS - 1))
 
     @cached_property
     def anywhere(self) -> Covariance:

@@ -1,12 +1,11 @@
 """Every number of the particle filter, and the sets of them that have a name."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, Literal, get_args
 
-from actors.robot.localisation.estimate import LocalisationError
+from actors.robot.bounds import ParameterError, check
 
 OdometryModel = Literal["diff", "diff-corrected"]
 Weighting = Literal["cubes", "product"]
@@ -17,7 +16,7 @@ class AmclParameters:
     """Augmented Monte Carlo localisation; defaults as d3scomp/ROSRemote, simulation/robot.launch, has them.
 
     Where nothing else stands, a field is amcl's of the same meaning (wiki.ros.org/amcl). Raises
-    LocalisationError for a value that makes no sense.
+    ParameterError for a value that makes no sense.
     """
 
     min_particles: int = 500
@@ -79,12 +78,14 @@ class AmclParameters:
     resample_interval: int = 1
     """Particles are drawn anew at every so many-th scan that counts."""
     recovery_slow: float = 0.0
-    """Decay of the slow average of the fit, per scan that counts; 0: none are ever put elsewhere."""
+    """Decay of the slow average of the fit, per scan that counts; 0: no new poses are tried among the
+    particles, though a search may gather all of them elsewhere."""
     recovery_fast: float = 0.0
     """Decay of the fast average; new poses are tried where it falls below the slow one."""
     search_poses: int = 0
     """So many poses all over the map are tried per scan that counts while the robot is lost, beside the
-    particles, until one of them explains the scans; 0: none. Own addition."""
+    particles, until one of them explains the scans; then the particles are gathered there. 0: it is not
+    searched. Own addition."""
     start_spread: float = 0.1
     """Standard deviation of the start's x and y, m; amcl's initial_cov_xx and _yy are its square. Own choice,
     as robots are put where they are said to be; amcl's default is 0.5 m."""
@@ -98,37 +99,20 @@ class AmclParameters:
         return self.recovery_slow > 0 and self.recovery_fast > 0
 
     def __post_init__(self) -> None:
-        for name, known in (("odometry_model", OdometryModel), ("weighting", Weighting)):
-            if getattr(self, name) not in get_args(known):
-                _refuse(name, getattr(self, name), f"be one of {', '.join(get_args(known))}")
-        for name, least in _LEAST.items():
-            if not least <= getattr(self, name) < math.inf:
-                _refuse(name, getattr(self, name), f"be at least {least:g}")
-        for name in _POSITIVE:
-            if not 0 < getattr(self, name) < math.inf:
-                _refuse(name, getattr(self, name), "be above 0")
-        for name in _SHARES:
-            if not 0 <= getattr(self, name) <= 1:
-                _refuse(name, getattr(self, name), "lie in 0 to 1")
-        self._check_pairs()
-
-    def _check_pairs(self) -> None:
+        known = {"odometry_model": get_args(OdometryModel), "weighting": get_args(Weighting)}
+        check("localisation", self, positive=_POSITIVE, least=_LEAST, most=_MOST, known=known)
         if self.recovers and self.recovery_slow >= self.recovery_fast:
-            _refuse("recovery_slow", self.recovery_slow, f"be below recovery_fast {self.recovery_fast!r}")
+            raise ParameterError(
+                f"localisation.recovery_slow is {self.recovery_slow:g}, but must be below recovery_fast"
+                f" {self.recovery_fast:g}"
+            )
         if self.max_particles < self.min_particles:
-            _refuse("max_particles", self.max_particles, f"be at least min_particles {self.min_particles}")
+            raise ParameterError(
+                f"localisation.max_particles is {self.max_particles}, but must be at least min_particles"
+                f" {self.min_particles}"
+            )
 
 
-_LEAST: Final = {
-    **dict.fromkeys(("min_particles", "beams", "resample_interval"), 1),
-    **dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "kld_quantile", "beam_skip_distance"), 0),
-    **dict.fromkeys(("stranger_distance", "search_poses"), 0),
-    **dict.fromkeys(
-        ("peer_radius", "update_distance", "update_angle", "start_spread", "start_turn_spread"), 0
-    ),
-}
-_POSITIVE: Final = ("kld_error", "sharpness", "sigma_hit", "max_distance", "z_rand")
-"""z_rand, as no beam may be impossible: the logarithm of its p would be infinite."""
 _SHARES: Final = (
     "z_hit",
     "z_rand",
@@ -137,10 +121,18 @@ _SHARES: Final = (
     "recovery_slow",
     "recovery_fast",
 )
-
-
-def _refuse(name: str, value: object, right: str) -> None:
-    raise LocalisationError(f"the localiser's {name} is {value!r}; it should {right}")
+_LEAST: Final = {
+    **dict.fromkeys(("min_particles", "beams", "resample_interval"), 1),
+    **dict.fromkeys(("alpha1", "alpha2", "alpha3", "alpha4", "kld_quantile", "beam_skip_distance"), 0),
+    **dict.fromkeys(("stranger_distance", "search_poses"), 0),
+    **dict.fromkeys(_SHARES, 0),
+    **dict.fromkeys(
+        ("peer_radius", "update_distance", "update_angle", "start_spread", "start_turn_spread"), 0
+    ),
+}
+_POSITIVE: Final = ("kld_error", "sharpness", "sigma_hit", "max_distance", "z_rand")
+"""z_rand, as no beam may be impossible: the logarithm of its p would be infinite."""
+_MOST: Final = dict.fromkeys(_SHARES, 1)
 
 
 _ROBUST: Final = AmclParameters(

@@ -1,7 +1,8 @@
 """Kernel: exact Euclidean distances on a small grid, up to a reach.
 
-As actors.floor.distance, first along columns, then along rows; but where no more than a few cells around
-matter, to look at all of them, many columns at a time, is quicker than the lower envelope of parabolas.
+As actors.floor.distance, first along columns, then along rows. There are two, since a local map is made anew
+with every scan, and where no more than a few cells around matter, to look at all of them, many columns at a
+time, is quicker than the lower envelope of parabolas: with 80 × 80 cells and a reach of 15 three times.
 """
 
 from typing import Final
@@ -9,6 +10,8 @@ from typing import Final
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from actors.robot.bounds import ParameterError
 
 MOST_REACH: Final = 126
 """Cells; 2 (reach + 1)² must fit into int16."""
@@ -22,6 +25,14 @@ def squared_within(marks: NDArray[np.uint8], reach: int) -> NDArray[np.int16]:
     assert 1 <= reach <= MOST_REACH
     squared: NDArray[np.int16] = _squared_within(marks, reach)
     return squared
+
+
+def check_reach(what: str, reach: float, cell: float) -> None:
+    """Raise ParameterError if `reach`, m, is more cells of side `cell`, m, than distances are known for."""
+    if reach > MOST_REACH * cell:
+        raise ParameterError(
+            f"{what} reaches {reach:g} m far, but must reach at most {MOST_REACH} cells of {cell:g} m"
+        )
 
 
 def fingerprint() -> bytes:

@@ -17,8 +17,8 @@ from actors.floor.grid import Cell
 from actors.geometry import Pose
 from actors.instant import Duration, Instant, in_seconds, seconds
 from actors.portable import arrays
-from actors.robot.navigation.bounds import ParameterError, check, check_reach
-from actors.robot.navigation.cell_distance import squared_within
+from actors.robot.bounds import ParameterError, check
+from actors.robot.navigation.cell_distance import check_reach, squared_within
 from actors.robot.navigation.inflation import Inflation
 from actors.robot.navigation.ray_tracing import stamp, take_in
 from actors.robot.sweep import Sweep

@@ -10,7 +10,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from actors.floor import flood
-from actors.floor.grid import Cell, OccupancyGrid
+from actors.floor.grid import Cell, nearest_cell
 from actors.floor.placement import Area, PlacementError
 from actors.geometry import Point
 from actors.robot.navigation.planning import Ground
@@ -78,10 +78,14 @@ class ReachableFloor:
 
     @property
     def _admitted(self) -> NDArray[np.bool_]:
-        """Cells that the robot gets to and of which every point is far enough from walls."""
+        """Cells that the robot gets to and of which every point is far enough from walls.
+
+        A robot may stand where planning, which keeps a margin, would not let it.
+        """
         ground, grid = self._ground, self._ground.grid
         half_diagonal = grid.resolution * math.sqrt(0.5)
-        region = flood.flood(grid.free, *_nearest_free(grid, self._start))
+        begin = nearest_cell(grid, grid.free, self._start) or Cell(0, 0)  # any, where nothing is free
+        region = flood.flood(grid.free, *begin)
         admitted: NDArray[np.bool_] = region & (ground.clearance >= self._radius + half_diagonal)
         return admitted
 
@@ -104,18 +108,3 @@ def _cuts(origin: float, resolution: float, count: int, edges: Sequence[float]) 
 def _cells(middles: NDArray[np.float64], origin: float, resolution: float, count: int) -> NDArray[np.intp]:
     """In which cell along one axis each tile lies."""
     return np.clip(((middles - origin) / resolution).astype(np.intp), 0, count - 1)
-
-
-def _nearest_free(grid: OccupancyGrid, point: Point) -> Cell:
-    """The free cell around `point`, or the one whose centre is nearest; (0, 0) where nothing is free.
-
-    A robot may stand where planning, which keeps a margin, would not let it.
-    """
-    if grid.is_free(point):
-        return grid.cell(point)
-    rows, columns = np.nonzero(grid.free)
-    if not rows.size:
-        return Cell(0, 0)
-    x, y = grid.centres()
-    best = int(np.argmin(np.square(x[columns] - point.x) + np.square(y[rows] - point.y)))
-    return Cell(int(rows[best]), int(columns[best]))

@@ -54,6 +54,16 @@ class Cycle(NamedTuple):
     steering: Steering
 
 
+class _Outlook(NamedTuple):
+    """What there is to choose by in one cycle."""
+
+    fields: Fields
+    goal: float
+    """How far the local goal is, cells."""
+    bearing: float
+    """Where the plan leads, rad, from the robot's heading."""
+
+
 class LocalPlanner:
     """Follows one plan at a time."""
 
@@ -75,7 +85,6 @@ class LocalPlanner:
             local.table, p.occdist_scale * self._cell, dtype=np.float64
         )
         self._table.setflags(write=False)  # as the fingerprint's: the kernel is compiled for that
-        self._table.setflags(write=False)
         inscribed = local.inflation.inscribed / self._cell
         self._limit = inscribed * inscribed
         self._oscillation = OscillationCritic(p.oscillation_distance, p.oscillation_angle, p.least_speed)
@@ -126,17 +135,19 @@ class LocalPlanner:
             return _NOWHERE
         cell, corner = self._cell, self._local.corner
         body = np.array([here.x / cell - corner.column, here.y / cell - corner.row, here.heading])
-        fields = self._fields(instant, body, here, estimate)
-        if fields is None:
+        side = self._untrusted.shape[0]
+        self._nearest, ended, cells = cut(
+            self._way, self._nearest, self._motion(here, estimate), body, side, side / 2
+        )
+        outlook = self._outlook(instant, body, cells, ended) if cells.size else None
+        if outlook is None:
             return _NOWHERE
-        most = max(0.0, velocity.vx - self._gain) if self._turning else self._max_speed
+        self._turning, fields = self._turns(outlook.bearing), outlook.fields
+        self._weigh(outlook.goal, ended)
         too_near = squared_at(fields.squared, body[0], body[1]) <= self._limit
-        least = self._min_speed if too_near else max(self._min_speed, 0.0)
-        speeds = _reachable(velocity.vx, self._gain, min(least, most), most)
-        turns = _reachable(velocity.omega, self._turn_gain, -self._max_turn, self._max_turn)
         choice = best(
             body,
-            np.array([speeds[0] / cell, speeds[1] / cell, *turns]),
+            self._window(velocity, too_near),
             (self._p.speed_samples, self._p.turn_samples),
             self._oscillation.barred,
             fields,
@@ -149,41 +160,50 @@ class LocalPlanner:
         self._oscillation.note(here, speed, choice.turn)
         return Steering(Twist(speed, 0.0, choice.turn), True)
 
-    def _fields(
-        self, instant: Instant, body: NDArray[np.float64], here: Pose, estimate: Pose
-    ) -> Fields | None:
-        """What the critics need; None if the plan is nowhere near."""
+    def _outlook(
+        self, instant: Instant, body: NDArray[np.float64], cells: NDArray[np.int32], ended: bool
+    ) -> _Outlook | None:
+        """What the plan's `cells` in the window lead to; None if that is out of reach.
+
+        `ended`: they end where the plan does.
+        """
         squared, side = self._local.squared, self._untrusted.shape[0]
-        self._nearest, ended, cells = cut(
-            self._way, self._nearest, self._motion(here, estimate), body, side, side / 2
-        )
-        if not cells.size:
-            return None
         goal = (int(cells[-1, 0]), int(cells[-1, 1]))
         if ended or self._p.goal_setback:
             goal = free_goal(squared, self._limit, cells, self._p.goal_slack / self._cell if ended else -1.0)
         to_goal = wavefront(squared, self._limit, np.array([goal], np.int32))
         if detour(to_goal, cells, body) > self._p.detour / self._cell:
             return None
-        self._turn_to(bearing(squared, self._limit, cells, body, self._p.forward_point / self._cell))
+        nose = self._p.forward_point / self._cell
         dx, dy = goal[1] + 0.5 - body[0], goal[0] + 0.5 - body[1]
-        apart, nose = hypot(dx, dy), self._p.forward_point / self._cell
-        # near the goal the nose is beyond it: to keep it on the plan would turn the robot round
-        self._weights["alignment"] = self._alignment if apart > nose else 0.0
-        self._weights["goal_distance"] = apart if ended and not self._p.overshoot else math.inf
         front = _ahead(goal, dx, dy, nose, side)
-        return Fields(
+        fields = Fields(
             squared,
             wavefront(squared, self._limit, cells),
             to_goal,
             wavefront(squared, self._limit, np.array([front], np.int32)),
             self._local.trusted(instant) if self._min_speed < 0.0 else self._untrusted,
         )
+        return _Outlook(fields, hypot(dx, dy), bearing(squared, self._limit, cells, body, nose))
 
-    def _turn_to(self, angle: float) -> None:
-        """Begin to turn on the spot if the plan leads away at too large an angle; end it at half of that."""
+    def _window(self, velocity: Twist, too_near: bool) -> NDArray[np.float64]:
+        """The velocities within reach: lowest and highest speed, cells/s, and turn rate, rad/s."""
+        most = max(0.0, velocity.vx - self._gain) if self._turning else self._max_speed
+        least = self._min_speed if too_near else max(self._min_speed, 0.0)
+        speeds = _reachable(velocity.vx, self._gain, min(least, most), most)
+        turns = _reachable(velocity.omega, self._turn_gain, -self._max_turn, self._max_turn)
+        return np.array([speeds[0] / self._cell, speeds[1] / self._cell, *turns])
+
+    def _weigh(self, apart: float, ended: bool) -> None:
+        """Set the weights that change with how far the local goal is, cells."""
+        # near the goal the nose is beyond it: to keep it on the plan would turn the robot round
+        self._weights["alignment"] = self._alignment if apart > self._p.forward_point / self._cell else 0.0
+        self._weights["goal_distance"] = apart if ended and not self._p.overshoot else math.inf
+
+    def _turns(self, angle: float) -> bool:
+        """True if it turns on the spot now: from too large an angle on until it is half of that."""
         least = self._p.spot_angle * (0.5 if self._turning else 1.0)
-        self._turning = abs(angle) > least
+        return abs(angle) > least
 
     def _motion(self, here: Pose, estimate: Pose) -> NDArray[np.float64]:
         """From the map frame to the window: see `cut`."""

@@ -10,7 +10,7 @@ from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Duration, Instant, seconds
 from actors.portable import cos_sin
 from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus
-from actors.robot.navigation.bounds import check
+from actors.robot.bounds import check
 from actors.robot.navigation.local_planner import Steering
 from actors.robot.navigation.navigation_counts import NavigationCounts
 from actors.robot.navigation.planning import Planner

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.floor import flood
-from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid
+from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, nearest_cell
 from actors.geometry import Point
-from actors.robot.navigation.bounds import check, check_reach
-from actors.robot.navigation.cell_distance import squared_within
+from actors.robot.bounds import check
+from actors.robot.navigation.cell_distance import check_reach, squared_within
 from actors.robot.navigation.inflation import INSCRIBED, Inflation
 from actors.robot.navigation.potential import UNREACHABLE, descent, potential
 
@@ -173,24 +173,7 @@ class Planner:
         return self._region
 
     def _nearest(self, admitted: NDArray[np.bool_], point: Point) -> Cell | None:
-        """The admitted cell around `point`, or the nearest one within the tolerance."""
-        grid = self._ground.grid
-        here = grid.cell(point)
-        if grid.contains(point) and admitted[here]:
-            return here
-        reach = self._parameters.tolerance
-        cells = math.ceil(reach / grid.resolution) + 1
-        bottom, left = max(here.row - cells, 0), max(here.column - cells, 0)
-        window = admitted[bottom : max(here.row + cells + 1, 0), left : max(here.column + cells + 1, 0)]
-        rows, columns = np.nonzero(window)
-        if not rows.size:
-            return None
-        x, y = grid.centres()
-        squared = np.square(x[columns + left] - point.x) + np.square(y[rows + bottom] - point.y)
-        best = int(np.argmin(squared))
-        if squared[best] > reach * reach:
-            return None
-        return Cell(int(rows[best]) + bottom, int(columns[best]) + left)
+        return nearest_cell(self._ground.grid, admitted, point, self._parameters.tolerance)
 
     def _field(self, goal: Cell) -> NDArray[np.int32]:
         """The potential of the goal, new or kept."""

@@ -12,52 +12,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from actors.floor.bearings import bearing_to, half_width, window
 from actors.messages import NO_ECHO_MM
 from actors.portable import arrays
-from actors.portable.compiled import asin, atan2, cos_sin, hypot
+from actors.portable.compiled import cos_sin, hypot
 
 Floats = NDArray[np.float64]
 Marks = NDArray[np.uint8]
 
 HALF_DIAGONAL: Final = math.sqrt(0.5)
-
-
-def take_in(
-    marks: Marks,
-    ranges_mm: NDArray[np.uint16],
-    rays: Floats,
-    fan: Floats,
-    eye: Floats,
-    body: Floats,
-    limits: Floats,
-) -> None:
-    """Clear the marked cells that a ray passes through, mark those that a ray ends in, clear the body's.
-
-    `marks`: (rows, columns), 0 or 1, changed. `ranges_mm`: (n,), NO_ECHO_MM where a ray met nothing. `rays`:
-    (n, 2), unit vectors in the sensor's frame. `fan`: angle of the first ray in that frame, and from one to
-    the next, rad. `eye`: x, y, cells, and heading of the sensor, rad. `body`: x, y and radius, cells; only
-    cells that lie wholly below it are its own. `limits`: cells per mm; up to what distance rays mark, and up
-    to what they clear, cells; from what distance on those without echo clear, cells, inf if they do not.
-    """
-    _take_in(marks, ranges_mm, rays, fan, eye, body, limits)
-
-
-def stamp(
-    stamps: NDArray[np.int64],
-    instant: int,
-    ranges_mm: NDArray[np.uint16],
-    rays: Floats,
-    eye: Floats,
-    body: Floats,
-    limits: Floats,
-) -> None:
-    """Write `instant` into every cell that a ray passes through or that is below the body.
-
-    `stamps`: (rows, columns), changed; the rest as above.
-
-    The traversal of Amanatides and Woo, "A Fast Voxel Traversal Algorithm", Eurographics 1987.
-    """
-    _stamp(stamps, instant, ranges_mm, rays, eye, body, limits)
 
 
 def fingerprint() -> bytes:
@@ -118,14 +81,10 @@ def _passed(
     apart = hypot(x, y)
     if apart - HALF_DIAGONAL >= limits[2]:
         return False
-    half = asin(HALF_DIAGONAL / apart) if apart > HALF_DIAGONAL else math.pi
-    bearing = atan2(y, x) - heading - fan[0]
-    bearing -= math.tau * math.floor(bearing / math.tau)
-    # the cell may lie at both ends of the scan; one ray more on both sides makes up for rounding
+    bearing, half = bearing_to(x, y, heading, fan[0]), half_width(apart, HALF_DIAGONAL)
     for turn in range(-1, 2):
-        low = (bearing + math.tau * turn - half) / fan[1]
-        high = (bearing + math.tau * turn + half) / fan[1]
-        for k in range(max(math.ceil(low) - 1, 0), min(math.floor(high) + 2, ranges_mm.size)):
+        first, last = window(bearing, half, turn, fan[1], ranges_mm.size)
+        for k in range(first, last):
             begin, end = _free_stretch(ranges_mm[k], limits)
             if end < apart - HALF_DIAGONAL:
                 continue
@@ -145,7 +104,7 @@ def _write_below(cells: NDArray[Any], value: int, body: Floats, radius: float) -
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _take_in(
+def take_in(
     marks: Marks,
     ranges_mm: NDArray[np.uint16],
     rays: Floats,
@@ -154,6 +113,14 @@ def _take_in(
     body: Floats,
     limits: Floats,
 ) -> None:
+    """Clear the marked cells that a ray passes through, mark those that a ray ends in, clear the body's.
+
+    `marks`: (rows, columns), 0 or 1, changed. `ranges_mm`: (n,), NO_ECHO_MM where a ray met nothing. `rays`:
+    (n, 2), unit vectors in the sensor's frame. `fan`: angle of the first ray in that frame, and from one to
+    the next, rad. `eye`: x, y, cells, and heading of the sensor, rad. `body`: x, y and radius, cells; only
+    cells that lie wholly below it are its own. `limits`: cells per mm; up to what distance rays mark, and up
+    to what they clear, cells; from what distance on those without echo clear, cells, inf if they do not.
+    """
     c, s = cos_sin(eye[2])
     for row in range(marks.shape[0]):
         for column in range(marks.shape[1]):
@@ -173,7 +140,7 @@ def _take_in(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _stamp(
+def stamp(
     stamps: NDArray[np.int64],
     instant: int,
     ranges_mm: NDArray[np.uint16],
@@ -182,6 +149,14 @@ def _stamp(
     body: Floats,
     limits: Floats,
 ) -> None:
+    """Write `instant` into every cell that a ray passes through or that is below the body.
+
+    `stamps`: (rows, columns), changed; the rest as above.
+
+    The traversal of Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics
+    1987, from cell to cell, as every one is written: there is nothing that `actors.floor.traversal`, which
+    leaps, could leave out.
+    """
     _write_below(stamps, instant, body, body[2])
     rows, columns = stamps.shape
     c, s = cos_sin(eye[2])

@@ -88,7 +88,9 @@ _NO_SUCH_CALL: Final = (
     "clone3", "futex_requeue", "futex_wait", "futex_waitv", "futex_wake",
     "io_setup", "io_uring_setup", "openat2",
 )  # fmt: skip
-"""They take their arguments from memory, where a filter cannot look, or are new; callers have another way."""
+"""They take their arguments from memory, where a filter cannot look (clone3, openat2, futex_requeue,
+futex_waitv), set up calls that do (io_setup, io_uring_setup), or are other names, a few years old, for what
+`futex` does (futex_wait, futex_wake). Whoever finds them missing falls back on the older call."""
 _MODE_AT: Final = {
     "chmod": 1,
     "creat": 1,

@@ -1,14 +1,13 @@
-"""What is wrong with a number among parameters, in a sentence."""
+"""What is wrong with a value among parameters, in a sentence."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
-from actors.robot.navigation.cell_distance import MOST_REACH
 from actors.runtime.errors import AcrcError
 
 
 class ParameterError(AcrcError):
-    """A number among parameters that makes no sense."""
+    """A value among parameters that makes no sense."""
 
 
 def check(
@@ -18,11 +17,18 @@ def check(
     positive: Iterable[str] = (),
     least: Mapping[str, float] | None = None,
     most: Mapping[str, float] | None = None,
+    known: Mapping[str, Sequence[str]] | None = None,
 ) -> None:
-    """Raise ParameterError for a field in `positive` that is not above 0, or one beyond `least` or `most`.
+    """Raise ParameterError for a field in `positive` that is not above 0, one beyond `least` or `most`, or
+    one that is none of its names in `known`.
 
     `table`: how the sentence names the parameters.
     """
+    for name, names in (known or {}).items():
+        if getattr(parameters, name) not in names:
+            raise ParameterError(
+                f"{table}.{name} is {getattr(parameters, name)!r}, but must be one of {', '.join(names)}"
+            )
     for name in positive:
         value = getattr(parameters, name)
         if not 0 < value < math.inf:
@@ -35,11 +41,3 @@ def check(
         value = getattr(parameters, name)
         if value > bound:
             raise ParameterError(f"{table}.{name} is {value:g}, but must be at most {bound:g}")
-
-
-def check_reach(what: str, reach: float, cell: float) -> None:
-    """Raise ParameterError if `reach`, m, is more cells of side `cell`, m, than distances are known for."""
-    if reach > MOST_REACH * cell:
-        raise ParameterError(
-            f"{what} reaches {reach:g} m far, but must reach at most {MOST_REACH} cells of {cell:g} m"
-        )
