@@ -7,17 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.messages import AccessFailure, Heard, Jam, Overflow, RadioEvent, Sent
-from actors.portable import exp10, log10
+from actors.portable import arrays, exp10
 from actors.radio.frame import octets
 from actors.radio.link_budget import needed_dbm
 from actors.radio.medium.medium import Medium, Request
 from actors.radio.medium.state import Kind
 from actors.radio.propagation.interferers import Jammer
 from actors.radio.radio_model import RadioModel
-from actors.radio.signal_codes import link_quality, rssi_code, rssi_dbm
+from actors.radio.signal_codes import link_qualities, rssi_codes, strengths_dbm
 from actors.radio.transceiver_truth import TransceiverTruth
 
-_FIELDS: Final = ["kind", "transceiver", "tag", "instant_ns", "other", "power_mw", "sinr"]
+_FIELDS: Final = ["kind", "transceiver", "tag", "instant_ns", "other"]
 _HEARD: Final = int(Kind.HEARD)
 
 
@@ -32,11 +32,8 @@ class Handed(NamedTuple):
     data: bytes
 
 
-class Notice(NamedTuple):
-    """What a transceiver has to say to its robot."""
-
-    transceiver: int
-    event: RadioEvent
+Notice = tuple[int, RadioEvent]
+"""A transceiver's number, and what it has to say to its robot."""
 
 
 class RobotMedium:
@@ -72,7 +69,7 @@ class RobotMedium:
         """
         restarted = self._restarted(truth.epochs)
         ended = self._notices(self.medium.finish_frames())
-        notices = [notice for notice in ended if notice.transceiver not in restarted]
+        notices = [notice for notice in ended if notice[0] not in restarted]
         self.discarded += len(ended) - len(notices)
         self._switch(truth.powered, restarted)
         self._move(truth)
@@ -113,27 +110,37 @@ class RobotMedium:
             self.medium.place(truth.places)
 
     def _notices(self, events: NDArray[np.void]) -> list[Notice]:
-        return [self._notice(*event) for event in events[_FIELDS].tolist()]
+        if not events.size:
+            return []
+        strengths, qualities = self._quality(events["power_mw"], events["sinr"])
+        notices: list[Notice] = []
+        rows = zip(events[_FIELDS].tolist(), strengths.tolist(), qualities.tolist(), strict=True)
+        addresses, frames = self._addresses, self._frames
+        for (kind, number, serial, at_ns, sender), strength, quality in rows:
+            if kind == _HEARD:
+                data = frames[sender][serial].data
+                heard = Heard(at_ns // 1000, addresses[sender], strength, quality, data)
+                notices.append((number, heard))
+            else:
+                notices.append((number, self._own(kind, number, serial, at_ns // 1000)))
+        return notices
 
-    def _notice(
-        self, kind: int, number: int, serial: int, at_ns: int, sender: int, power_mw: float, sinr: float
-    ) -> Notice:
-        instant = at_ns // 1000
-        if kind == _HEARD:
-            rssi, lqi = self._quality(power_mw, sinr)
-            data = self._frames[sender][serial].data
-            return Notice(number, Heard(instant, self._addresses[sender], rssi, lqi, data))
-        frame = self._frames[number].pop(serial)
+    def _own(self, kind: int, number: int, serial: int, instant: int) -> RadioEvent:
+        """What became of a transceiver's own frame."""
+        tag = self._frames[number].pop(serial).tag
         if kind == Kind.SENT:
-            return Notice(number, Sent(instant, frame.tag))
+            return Sent(instant, tag)
         says = AccessFailure if kind == Kind.ACCESS_FAILURE else Overflow
-        return Notice(number, says(instant, frame.tag))
+        return says(instant, tag)
 
-    def _quality(self, power_mw: float, sinr: float) -> tuple[float, int]:
-        """Signal strength, dBm, and link quality, as the chip's codes can say them.
+    def _quality(
+        self, power_mw: NDArray[np.float64], sinr: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        """Signal strengths, dBm, and link qualities, as the chip's codes can say them; (n,) each.
 
-        What lowers the ratio lowers the quality as if the frame had arrived that much weaker.
+        What lowers the ratio lowers the quality as if the frame had arrived that much weaker. Of events that
+        tell of no frame heard both mean nothing.
         """
-        strength = rssi_dbm(rssi_code(10.0 * log10(power_mw)))
-        as_strong_dbm = 10.0 * log10(min(power_mw, sinr * self._noise_mw))
-        return strength, link_quality(as_strong_dbm, self._weakest_dbm)
+        strengths = strengths_dbm(rssi_codes(10.0 * arrays.log10(power_mw)))
+        as_strong_dbm = 10.0 * arrays.log10(np.minimum(power_mw, sinr * self._noise_mw))
+        return strengths, link_qualities(as_strong_dbm, self._weakest_dbm)

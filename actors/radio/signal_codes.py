@@ -3,6 +3,9 @@
 from bisect import bisect_right
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 _STRONGEST_DBM: Final = -35
 _WEAKEST_DBM: Final = -90
 _RSSI_CODES: Final = (
@@ -13,6 +16,7 @@ _RSSI_CODES: Final = (
 """The code at -90, -89, … -35 dBm. Source: Linux, drivers/net/ieee802154/mrf24j40.c, the energy levels of
 the clear channel assessment, which the chip measures on the same scale; by its own account those of Microchip
 DS39776C, table 3-8. Averaged over 8 symbols, typical values: the data sheet promises ± 5 dB."""
+_CODES: Final = np.array(_RSSI_CODES, dtype=np.float64)
 _QUALITY_SPAN_DB: Final = 20.0
 
 
@@ -30,21 +34,29 @@ def _strength(code: int) -> float:
 
 
 _STRENGTHS: Final = tuple(_strength(code) for code in range(256))
+_STRENGTH_TABLE: Final = np.array(_STRENGTHS)
 
 
-def rssi_code(dbm: float) -> int:
-    """The code that the chip gives for a signal strength, dBm."""
-    steps = min(max(dbm, _WEAKEST_DBM), _STRONGEST_DBM) - _WEAKEST_DBM
-    lower = int(steps)
-    if lower == len(_RSSI_CODES) - 1:
-        return _RSSI_CODES[-1]
-    return round(_RSSI_CODES[lower] + (steps - lower) * (_RSSI_CODES[lower + 1] - _RSSI_CODES[lower]))
+def rssi_codes(dbm: NDArray[np.float64]) -> NDArray[np.intp]:
+    """The codes that the chip gives for signal strengths, (n,) dBm."""
+    steps = np.clip(dbm, _WEAKEST_DBM, _STRONGEST_DBM) - _WEAKEST_DBM
+    lower = steps.astype(np.intp)
+    upper = np.minimum(lower + 1, len(_RSSI_CODES) - 1)
+    codes = _CODES[lower] + (steps - lower) * (_CODES[upper] - _CODES[lower])
+    rounded: NDArray[np.intp] = np.rint(codes).astype(np.intp)
+    return rounded
 
 
-def link_quality(dbm: float, weakest_dbm: float) -> int:
-    """The LQI, 0 to 255, of a signal strength, where frames hardly arrive any more at `weakest_dbm`.
+def strengths_dbm(codes: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Signal strengths of codes, as `rssi_dbm` has them, (n,)."""
+    return _STRENGTH_TABLE[codes]
+
+
+def link_qualities(dbm: NDArray[np.float64], weakest_dbm: float) -> NDArray[np.intp]:
+    """The LQI, 0 to 255, of signal strengths, (n,), where frames hardly arrive any more at `weakest_dbm`.
 
     Own choice: linear, 255 from 20 dB above on. IEEE 802.15.4-2006, 6.9.8, asks only for an even spread, 255
     the best, and how the chip comes to its own is not documented.
     """
-    return round(min(max((dbm - weakest_dbm) / _QUALITY_SPAN_DB, 0.0), 1.0) * 255.0)
+    share = np.clip((dbm - weakest_dbm) / _QUALITY_SPAN_DB, 0.0, 1.0)
+    return np.rint(share * 255.0).astype(np.intp)

@@ -1,6 +1,7 @@
+import numpy as np
 import pytest
 
-from actors.radio.signal_codes import link_quality, rssi_code, rssi_dbm
+from actors.radio.signal_codes import link_qualities, rssi_codes, rssi_dbm, strengths_dbm
 from firmware_bridge.beeclick.signal import (
     power_setting,
     radiated,
@@ -13,7 +14,7 @@ from firmware_bridge.beeclick.signal import (
 )
 def test_a_signal_strength_code_is_so_many_dbm(code: int, dbm: float) -> None:
     assert rssi_dbm(code) == dbm
-    assert rssi_code(dbm) == code
+    assert rssi_codes(np.array([dbm])).tolist() == [code]
 
 
 def test_codes_between_those_of_the_table_lie_between() -> None:
@@ -24,12 +25,14 @@ def test_codes_between_those_of_the_table_lie_between() -> None:
 
 
 def test_beyond_its_range_the_chip_gives_the_ends() -> None:
-    assert (rssi_code(-120.0), rssi_code(10.0)) == (0, 255)
+    assert rssi_codes(np.array([-np.inf, -120.0, 10.0])).tolist() == [0, 0, 255]
 
 
 def test_code_and_dbm_agree_to_half_a_code() -> None:
-    for tenths in range(-900, -350):
-        assert abs(rssi_dbm(rssi_code(tenths / 10)) - tenths / 10) <= 0.51
+    dbm = np.arange(-900, -350) / 10
+    codes = rssi_codes(dbm)
+    assert np.abs(strengths_dbm(codes) - dbm).max() <= 0.51
+    assert strengths_dbm(codes).tolist() == [rssi_dbm(code) for code in codes.tolist()]
 
 
 @pytest.mark.parametrize(
@@ -50,4 +53,5 @@ def test_only_powers_that_the_firmware_gets_right_are_asked_for() -> None:
 
 
 def test_link_quality_grows_from_the_weakest_frame_over_twenty_decibels() -> None:
-    assert [link_quality(dbm, -96.0) for dbm in (-120.0, -96.0, -86.0, -76.0, -30.0)] == [0, 0, 128, 255, 255]
+    dbm = np.array([-120.0, -96.0, -86.0, -76.0, -30.0])
+    assert link_qualities(dbm, -96.0).tolist() == [0, 0, 128, 255, 255]

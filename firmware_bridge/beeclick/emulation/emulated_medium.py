@@ -18,7 +18,7 @@ from actors.instant import Instant
 from actors.radio.link_budget import needed_dbm
 from actors.radio.presets import PRESETS, RadioParameters
 from actors.radio.propagation.indoor import IndoorPropagation, PropagationParameters
-from actors.radio.signal_codes import link_quality, rssi_code
+from actors.radio.signal_codes import link_qualities, rssi_codes
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 
 Place = Callable[[Instant], tuple[float, float]]
@@ -170,14 +170,15 @@ class EmulatedMedium:
     def _land(self, now: Instant, sender: int, flight: _Flight) -> None:
         del self._flights[sender]
         self.counters["frames"] += 1
+        dbm = np.array(flight.dbm)
+        codes, qualities = rssi_codes(dbm).tolist(), link_qualities(dbm, self._weakest_dbm).tolist()
         for number, board in enumerate(self.boards):
             if number in flight.spoilt or board.channel != flight.channel:
                 continue
             if self._p.loss and self._rng.random() < self._p.loss:
                 continue
             self.counters["copies_heard"] += 1
-            dbm = flight.dbm[number]
-            board.heard(now, flight.psdu, rssi_code(dbm), link_quality(dbm, self._weakest_dbm))
+            board.heard(now, flight.psdu, codes[number], qualities[number])
         self.boards[sender].finished(now, True)
 
 
