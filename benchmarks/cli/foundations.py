@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.cli.options import Json
+from deploy.cli.options import Json
 from deploy.repository import REPOSITORY
 
 
@@ -29,11 +29,11 @@ def portable(
 
 
 def processors(
-    seconds: Annotated[
-        float, typer.Option(metavar="S", min=1, max=3600, help="Of the chapter's run.")
+    duration: Annotated[
+        float, typer.Option(metavar="S", min=1, max=3600, help="Simulated seconds of the chapter's run.")
     ] = 600.0,
     crowd: Annotated[
-        float, typer.Option(metavar="S", min=1, max=3600, help="Of the house test's run.")
+        float, typer.Option(metavar="S", min=1, max=3600, help="Simulated seconds of the house test's run.")
     ] = 50.0,
     install: Annotated[
         bool, typer.Option("--install", help="Let apt-get install qemu and debootstrap if they are missing.")
@@ -49,7 +49,7 @@ def processors(
     """Compare the digests of two runs over processors, their features and Pythons; aarch64 in an emulator."""
     from benchmarks.processors import table
 
-    raise typer.Exit(table.run(seconds, crowd, install, folder.absolute(), json, only or ()))
+    raise typer.Exit(table.run(duration, crowd, install, folder.absolute(), json, only or ()))
 
 
 def mutations(

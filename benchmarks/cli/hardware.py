@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.cli.options import Json
+from deploy.cli.options import Json
 
 
 def beeclick(

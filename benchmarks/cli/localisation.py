@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.cli.options import Json
+from deploy.cli.options import Json
 from deploy.repository import REPOSITORY
 
 _MAPS = REPOSITORY / "maps"
@@ -20,14 +20,14 @@ def localisation(
             "or cpu.",
         ),
     ] = None,
-    seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="Runs per cell.")] = 20,
-    runs: Annotated[
+    runs: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="Runs per cell.")] = 20,
+    long_runs: Annotated[
         int,
         typer.Option(
             metavar="N", min=1, max=10_000, help="Runs per cell of the sections alone and realistic."
         ),
     ] = 100,
-    seconds: Annotated[float, typer.Option(metavar="S", min=1, max=3600, help="Of a course.")] = 240.0,
+    duration: Annotated[float, typer.Option(metavar="S", min=1, max=3600, help="Of a course.")] = 240.0,
     workers: Annotated[
         int | None, typer.Option(metavar="N", min=1, max=256, help="Processes.  [default: one per processor]")
     ] = None,
@@ -35,7 +35,7 @@ def localisation(
         Path | None,
         typer.Option(metavar="FILE", help="Only write the course of the first such cell, from --seed."),
     ] = None,
-    seed: Annotated[int, typer.Option(metavar="N", min=1, help="Of the course for --log.")] = 1,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of the course for --log.")] = 1,
     source: Annotated[
         Path | None,
         typer.Option("--from", metavar="FILE", help="Only feed the filter with a log, or a folder of them."),
@@ -49,7 +49,7 @@ def localisation(
     """Measure how well the robot keeps track of where it is, beside the truth."""
     from benchmarks.localisation import cells, command, logs
 
-    extent = cells.Extent(seeds, runs, seconds)
+    extent = cells.Extent(runs, long_runs, duration)
     corridor, others = _MAPS / "corridor.yaml", [_MAPS / "apartment.yaml", _MAPS / "maze.yaml"]
     if log is not None and source is not None:
         raise typer.BadParameter("is another thing to do than --from", param_hint="--log")
@@ -58,6 +58,6 @@ def localisation(
     if log is not None:
         command.write_log(log, corridor, others, cell or (), seed, extent)
     elif source is not None:
-        logs.run(source, seeds, against, json)
+        logs.run(source, runs, against, json)
     else:
         command.run(corridor, others, cell or (), extent, workers, json)

@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.cli.options import Json, Localisation, Navigation
+from benchmarks.cli.options import Localisation, Navigation
+from deploy.cli import completion
+from deploy.cli.options import Json
 
 
 def navigation(
@@ -27,7 +29,7 @@ def navigation(
         Path | None,
         typer.Option(metavar="FILE", help="Only write what r1 decides on the first map, cycle by cycle."),
     ] = None,
-    seed: Annotated[int, typer.Option(metavar="N", min=1, help="Of the run for --log.")] = 1,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of the run for --log.")] = 1,
     json: Json = False,
 ) -> None:
     """Measure how many random goals robots reach, how fast, and how near to walls and each other."""
@@ -44,16 +46,25 @@ def navigation(
 
 def failures(
     scenario: Annotated[
-        Path | None, typer.Option(metavar="TOML", help="What to run.  [default: scenarios/chapter.toml]")
+        Path | None,
+        typer.Argument(
+            metavar="SCENARIO.toml",
+            help="What to run.  [default: scenarios/chapter.toml]",
+            autocompletion=completion.scenarios,
+        ),
     ] = None,
     robots: Annotated[
         list[int] | None, typer.Option(metavar="N", min=1, max=500, help="May be repeated.  [default: 4, 8]")
     ] = None,
     seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="Seeds 1 to N.")] = 20,
     duration: Annotated[
-        float | None, typer.Option(metavar="S", help="Of each run, s.  [default: the scenario's]")
+        float | None,
+        typer.Option(metavar="S", help="Simulated seconds of each run.  [default: the scenario's]"),
     ] = None,
-    strategy: Annotated[str, typer.Option(metavar="NAME", help="What robots do about it.")] = "none",
+    strategy: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="What robots do about it.", autocompletion=completion.strategies),
+    ] = "none",
     localisation: Localisation = None,
     preset: Navigation = None,
     json: Json = False,

@@ -1,11 +1,11 @@
 """Whole swarms on the command line: speed, seeds, crowded starts and violent ends."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from benchmarks.cli.options import Json
+from deploy.cli import completion
+from deploy.cli.options import Json, ScenarioFile
 
 
 def steps(
@@ -13,13 +13,13 @@ def steps(
         list[int] | None,
         typer.Option(metavar="N", min=1, max=1000, help="May be repeated.  [default: 1, 4, 10, 20, 50]"),
     ] = None,
-    seconds: Annotated[float, typer.Option(metavar="S", min=1, max=3600, help="Simulated time.")] = 60.0,
+    duration: Annotated[float, typer.Option(metavar="S", min=1, max=3600, help="Simulated seconds.")] = 60.0,
     json: Json = False,
 ) -> None:
     """Measure whole steps of a swarm, beside a bare ping-pong."""
     from benchmarks.swarm import steps as whole
 
-    whole.run(robots or whole.ROBOTS, seconds, json)
+    whole.run(robots or whole.ROBOTS, duration, json)
 
 
 def swarm(
@@ -27,7 +27,7 @@ def swarm(
         list[int] | None,
         typer.Option(metavar="N", min=1, max=500, help="May be repeated.  [default: 4, 10, 20, 50]"),
     ] = None,
-    seconds: Annotated[float, typer.Option(metavar="S", min=1, max=3600, help="Simulated time.")] = 60.0,
+    duration: Annotated[float, typer.Option(metavar="S", min=1, max=3600, help="Simulated seconds.")] = 60.0,
     repeat: Annotated[int, typer.Option(metavar="N", min=1, max=100, help="Runs whose median counts.")] = 3,
     json: Json = False,
 ) -> None:
@@ -35,14 +35,11 @@ def swarm(
     from benchmarks.swarm import full_swarm
     from benchmarks.swarm.task import SwarmTask
 
-    full_swarm.run(SwarmTask(tuple(robots or SwarmTask.robots), seconds, repeat), json)
+    full_swarm.run(SwarmTask(tuple(robots or SwarmTask.robots), duration, repeat), json)
 
 
 def seeds(
-    scenario: Annotated[
-        Path | None,
-        typer.Argument(metavar="SCENARIO.toml", help="What to run.  [default: scenarios/corridor.toml]"),
-    ] = None,
+    scenario: ScenarioFile = None,
     robots: Annotated[
         list[int] | None,
         typer.Option(
@@ -51,7 +48,10 @@ def seeds(
     ] = None,
     count: Annotated[int, typer.Option("--seeds", metavar="N", min=1, max=10_000, help="Seeds 1 to N.")] = 10,
     strategy: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="May be repeated.  [default: none]")
+        list[str] | None,
+        typer.Option(
+            metavar="NAME", help="May be repeated.  [default: none]", autocompletion=completion.strategies
+        ),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -62,7 +62,7 @@ def seeds(
 
 
 def crowded_start(
-    robots: Annotated[int, typer.Option(metavar="N", min=1, max=500)] = 100,
+    robots: Annotated[int, typer.Option(metavar="N", min=1, max=500, help="How many robots.")] = 100,
     hogs: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="Busy processes per core.")] = 4,
     json: Json = False,
 ) -> None:
@@ -74,7 +74,7 @@ def crowded_start(
 
 
 def endings(
-    count: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="Runs.")] = 200,
+    runs: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="How many.")] = 200,
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="From which all that is done follows.")] = 1,
     longest_stop: Annotated[
         float, typer.Option(metavar="S", min=5, max=3600, help="Processes are stopped for 5 s to so long.")
@@ -86,6 +86,6 @@ def endings(
     from benchmarks.swarm import endings as trials
     from benchmarks.swarm.endings_trial import EndingsTask
 
-    task = EndingsTask(count, seed, longest_stop=longest_stop)
+    task = EndingsTask(runs, seed, longest_stop=longest_stop)
     if not trials.run(task, workers, json):
         raise typer.Exit(1)

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.cli.options import CORRIDOR, Json, MapFile
+from benchmarks.cli.options import CORRIDOR, MapFile
+from deploy.cli.options import Json
 
 
 def compare_map(

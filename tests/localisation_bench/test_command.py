@@ -116,10 +116,10 @@ def test_the_cost_of_an_update_is_measured_with_exactly_500_particles_and_60_bea
 def test_the_command_line_writes_a_log_and_feeds_it(tmp_path: Path) -> None:
     shell, file = CliRunner(), tmp_path / "course.zip"
     written = shell.invoke(
-        app, ["localisation", "--log", str(file), "--cell", "alone", "--seconds", "4", "--seed", "3"]
+        app, ["localisation", "--log", str(file), "--cell", "alone", "--duration", "4", "--seed", "3"]
     )
     assert written.exit_code == 0 and file.exists(), written.output
-    fed = shell.invoke(app, ["localisation", "--from", str(file), "--seeds", "1", "--json"])
+    fed = shell.invoke(app, ["localisation", "--from", str(file), "--runs", "1", "--json"])
     assert fed.exit_code == 0 and set(json.loads(fed.stdout)) == {"chapter", "robust", "odometry"}
     file.write_text("damaged")
     refused = shell.invoke(app, ["localisation", "--from", str(file)])
