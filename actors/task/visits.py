@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 def fingerprint() -> bytes:
     """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
     places = np.array([[0.0, 0.0], [1.0, 0.5], [5.0, 5.0]])
-    positions = np.array([[1.1, 0.3], [0.1, 0.2], [1.0, 0.4]])
+    # a view, as the world's: so the very variant that it calls is compiled
+    positions = np.array([[1.1, 0.3, 0.0], [0.1, 0.2, 0.0], [1.0, 0.4, 0.0]])[:, :2]
     found: bytes = visitors(places, np.arange(3), positions, 0.5).tobytes()
     return found
 
