@@ -19,8 +19,7 @@ from actors.runtime.client_options import ArgumentParser, ClientOptions, add_cli
 from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined, fingerprints
-from actors.runtime.process import ActorProcess, RunNote
-from actors.runtime.processor import processor
+from actors.runtime.process import ActorProcess, run_note
 
 KERNELS = (foundations, arrays, portable_draws, indoor, medium)
 """Modules with numeric kernels that a radio computes with."""
@@ -83,16 +82,7 @@ def part(argv: Sequence[str]) -> ActorProcess:
     setup = load_setup(options.setup)
     prints = fingerprints(KERNELS)
     core = build(setup)
-    run = RunNote(
-        actor="radio",
-        argv=tuple(argv),
-        seed=setup.seed,
-        step_us=setup.step_us,
-        commit=options.client.commit,
-        scenario=msgspec.json.encode(setup).decode(),
-        kernels=prints,
-        processor=processor(),
-    )
+    run = run_note("radio", argv, setup, options.client.commit, seed=setup.seed, kernels=prints)
     return ActorProcess(
         core=core,
         listens=(at(TRUTH), at(TRANSMIT, "*")),

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import msgspec
-
 from actors.floor.map_file import load_map
 from actors.geometry import Pose, wrap
 from actors.messages import READY, Ready
@@ -30,8 +28,7 @@ from actors.runtime.client_options import (
 from actors.runtime.core import to
 from actors.runtime.fingerprint import combined
 from actors.runtime.isolation.resource_limits import ProcessLimits, limits
-from actors.runtime.process import ActorProcess, RunNote
-from actors.runtime.processor import processor
+from actors.runtime.process import ActorProcess, run_note
 
 _ID: Final = re.compile(r"[A-Za-z0-9_-]{1,32}")
 
@@ -73,15 +70,8 @@ def part_of(options: RobotOptions, argv: Sequence[str]) -> ActorProcess:
     look_in(options.path)
     core, setup = build(options), options.setup
     prints = kernels()
-    run = RunNote(
-        actor=options.client.record.stem,
-        argv=tuple(argv),
-        seed=setup.seed,
-        step_us=setup.step_us,
-        commit=options.client.commit,
-        scenario=msgspec.json.encode(setup).decode(),
-        kernels=prints,
-        processor=processor(),
+    run = run_note(
+        options.client.record.stem, argv, setup, options.client.commit, seed=setup.seed, kernels=prints
     )
     ready = to(READY, Ready(setup.first_step, setup.id, setup.epoch, combined(prints)), setup.id)
     return ActorProcess(core=core, listens=core.listens(), run=run, ready=ready, outcome=core.outcome)

@@ -7,10 +7,11 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Annotated, Any
+from types import MappingProxyType
+from typing import Annotated, Any, Protocol
 
 import msgspec
 import zenoh
@@ -24,7 +25,7 @@ from actors.runtime.lifecycle.leftovers import LeftoverError, fault
 from actors.runtime.lifecycle.parent import Ended
 from actors.runtime.lifecycle.process_table import has_strays
 from actors.runtime.message_counts import ActorDigest
-from actors.runtime.processor import Processor
+from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell, run_shell
 
@@ -45,6 +46,28 @@ class RunNote(msgspec.Struct, frozen=True):
     """Fingerprint of each numeric kernel on fixed inputs, by module or function."""
     processor: Processor = Processor("")
     """What it ran on."""
+
+
+class Setup(Protocol):
+    """What a process is started with; it can be written as JSON."""
+
+    @property
+    def step_us(self) -> int:
+        """Length of a step, µs."""
+
+
+def run_note(
+    actor: str,
+    argv: Sequence[str],
+    setup: Setup,
+    commit: str,
+    *,
+    seed: int = 0,
+    kernels: Mapping[str, str] = MappingProxyType({}),
+) -> RunNote:
+    """The first record of the file of a process with this set-up."""
+    told = msgspec.json.encode(setup).decode()
+    return RunNote(actor, tuple(argv), seed, setup.step_us, commit, told, dict(kernels), processor())
 
 
 class FinalNote(msgspec.Struct, frozen=True):

@@ -12,7 +12,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import answer_where, die_with_parent, leave_in_order
 from actors.runtime.process import play
 from actors.runtime.recording import Recorder
-from actors.world.program import Conductor, build, load_setup, parse, part, run_note
+from actors.world.program import Conductor, build, load_setup, parse, part, world_note
 
 
 def main(argv: Sequence[str]) -> int:
@@ -26,7 +26,7 @@ def main(argv: Sequence[str]) -> int:
         setup = load_setup(options.setup)
         core = build(setup)
         conductor = Conductor(core, options.speed)
-        note = run_note(setup, argv, options.commit)
+        note = world_note(setup, argv, options.commit)
         issued = router_file.read(options.router)
         world = part(core, note, conductor.drive)
         recorder = Recorder(options.record, setup.step_us)

@@ -18,8 +18,7 @@ from actors.runtime.core import to
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import fingerprints
 from actors.runtime.pace import Pace
-from actors.runtime.process import ActorProcess, RunNote
-from actors.runtime.processor import processor
+from actors.runtime.process import ActorProcess, RunNote, run_note
 from actors.runtime.shell import Shell, run_shell
 from actors.runtime.ticks import ticking
 from actors.task import visits
@@ -84,7 +83,7 @@ def part_of(argv: Sequence[str]) -> ActorProcess:
     """The world that `argv` describes, without a conductor's clock: for replays."""
     options = parse(argv)
     setup = load_setup(options.setup)
-    return part(build(setup), run_note(setup, argv, options.commit))
+    return part(build(setup), world_note(setup, argv, options.commit))
 
 
 def part(core: WorldCore, run: RunNote, hold: Callable[[Shell, Bus], None] = run_shell) -> ActorProcess:
@@ -106,18 +105,9 @@ def part(core: WorldCore, run: RunNote, hold: Callable[[Shell, Bus], None] = run
     )
 
 
-def run_note(setup: WorldSetup, argv: Sequence[str], commit: str) -> RunNote:
+def world_note(setup: WorldSetup, argv: Sequence[str], commit: str) -> RunNote:
     """The first record of the world's file."""
-    return RunNote(
-        actor="world",
-        argv=tuple(argv),
-        seed=setup.seed,
-        step_us=setup.step_us,
-        commit=commit,
-        scenario=msgspec.json.encode(setup).decode(),
-        kernels=fingerprints(KERNELS),
-        processor=processor(),
-    )
+    return run_note("world", argv, setup, commit, seed=setup.seed, kernels=fingerprints(KERNELS))
 
 
 class Conductor:

@@ -7,7 +7,8 @@ from actors.instant import Instant
 from deeco.replication.packet import unpack
 from deeco.replication.reassembly import Reassembly
 from deploy.field_trial.robot_log import RobotLog
-from deploy.results.deeco_result import DeecoOutcomeError, NodeOutcome, node_outcome
+from deploy.results.deeco_result import NodeOutcome, node_outcome
+from deploy.results.outcome import OutcomeError
 
 
 class NodeAccount(NamedTuple):
@@ -24,7 +25,7 @@ def node_account(log: RobotLog) -> NodeAccount:
     if log.final is not None:
         try:
             return NodeAccount(node_outcome(log.path, log.final.outcome), ())
-        except DeecoOutcomeError as error:
+        except OutcomeError as error:
             return NodeAccount(_told(log), (f"{error}; counted from its messages instead",))
     told = _told(log)
     if told is None:

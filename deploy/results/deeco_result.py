@@ -8,7 +8,7 @@ from typing import Annotated, Final
 
 import msgspec
 
-from actors.runtime.errors import AcrcError
+from deploy.results.outcome import told
 
 SUBJECT: Final = "deeco"
 """Under which a robot's last record holds what its node counted."""
@@ -16,10 +16,6 @@ _BIN_MS: Final = 50
 """Width of the bins that `deeco.statistics` counts the ages of replicas in."""
 _Count = Annotated[int, msgspec.Meta(ge=0)]
 _Bound = Annotated[int, msgspec.Meta(gt=0, multiple_of=_BIN_MS)]
-
-
-class DeecoOutcomeError(AcrcError):
-    """What a robot says about its node is not in the form that it should be."""
 
 
 class NodeOutcome(msgspec.Struct, frozen=True):
@@ -50,14 +46,7 @@ class DeecoResult(msgspec.Struct, frozen=True):
 
 def node_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NodeOutcome | None:
     """What a process's last record says about its node; None if it says nothing."""
-    if SUBJECT not in outcome:
-        return None
-    try:
-        return msgspec.json.decode(outcome[SUBJECT], type=NodeOutcome)
-    except (ValueError, RecursionError) as error:
-        raise DeecoOutcomeError(
-            f"{record}: the outcome {SUBJECT!r} of the behaviour is not that of a node: {error}"
-        ) from None
+    return told(record, outcome, SUBJECT, NodeOutcome, "a node")
 
 
 def deeco_result(nodes: Iterable[NodeOutcome]) -> DeecoResult:

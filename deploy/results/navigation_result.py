@@ -7,15 +7,11 @@ from typing import Annotated, Final
 
 import msgspec
 
-from actors.runtime.errors import AcrcError
+from deploy.results.outcome import told
 
 SUBJECT: Final = "navigation"
 """Under which a robot's last record holds what its navigation counted."""
 _Count = Annotated[int, msgspec.Meta(ge=0)]
-
-
-class NavigationOutcomeError(AcrcError):
-    """What a robot says about its navigation is not in the form that it should be."""
 
 
 class NavigationOutcome(msgspec.Struct, frozen=True):
@@ -57,14 +53,7 @@ class NavigationResult(msgspec.Struct, frozen=True):
 
 def navigation_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NavigationOutcome | None:
     """What a process's last record says about its navigation; None if it says nothing."""
-    if SUBJECT not in outcome:
-        return None
-    try:
-        return msgspec.json.decode(outcome[SUBJECT], type=NavigationOutcome)
-    except (ValueError, RecursionError) as error:
-        raise NavigationOutcomeError(
-            f"{record}: the outcome {SUBJECT!r} is not that of a robot's navigation: {error}"
-        ) from None
+    return told(record, outcome, SUBJECT, NavigationOutcome, "a robot's navigation")
 
 
 def navigation_result(outcomes: Iterable[NavigationOutcome]) -> NavigationResult:

@@ -82,7 +82,7 @@ class MemorySwarm:
         self._bus.listen(at(ROSTER), self._take_roster)
         world = world_as_program(plan)
         self._core = world_program.build(plan.world)
-        note = world_program.run_note(plan.world, world.argv, plan.commit)
+        note = world_program.world_note(plan.world, world.argv, plan.commit)
         self._add(world, world_program.part(self._core, note))
         radio = radio_program(plan)
         self._add(radio, radio_part(radio.argv))

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
-import msgspec
-
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.robot_model import load_model
@@ -25,8 +23,7 @@ from actors.runtime.bus.waking_bus import WakingBus
 from actors.runtime.client_options import ArgumentParser
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent
-from actors.runtime.process import ActorProcess, RunNote, play
-from actors.runtime.processor import processor
+from actors.runtime.process import ActorProcess, play, run_note
 from actors.runtime.shell import Shell
 from firmware_bridge.kobuki import port as kobuki_port
 from firmware_bridge.kobuki.driver import KobukiDriver
@@ -147,16 +144,7 @@ class Base:
 
 def part(base: Base, setup: BaseSetup, argv: Sequence[str], commit: str) -> ActorProcess:
     """The base and its connections."""
-    run = RunNote(
-        actor="base",
-        argv=tuple(argv),
-        seed=0,
-        step_us=setup.step_us,
-        commit=commit,
-        scenario=msgspec.json.encode(setup).decode(),
-        kernels={},
-        processor=processor(),
-    )
+    run = run_note("base", argv, setup, commit)
     return ActorProcess(
         core=base.core,
         listens=base.core.listens(),

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
 from actors.instant import Instant
 from actors.messages import RADIO_READY, Ready
 from actors.runtime.access.rules import client_config
@@ -18,8 +16,7 @@ from actors.runtime.client_options import ArgumentParser, ClientOptions, add_cli
 from actors.runtime.core import to
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent
-from actors.runtime.process import ActorProcess, RunNote, play
-from actors.runtime.processor import processor
+from actors.runtime.process import ActorProcess, play, run_note
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell
 from firmware_bridge.beeclick.link import Link
@@ -97,16 +94,7 @@ class Bridge:
 
 def part(bridge: Bridge, setup: BridgeSetup, argv: Sequence[str], commit: str) -> ActorProcess:
     """The bridge and its connections."""
-    run = RunNote(
-        actor="radio",
-        argv=tuple(argv),
-        seed=0,
-        step_us=setup.step_us,
-        commit=commit,
-        scenario=msgspec.json.encode(setup).decode(),
-        kernels={},
-        processor=processor(),
-    )
+    run = run_note("radio", argv, setup, commit)
     return ActorProcess(
         core=bridge.core,
         listens=bridge.core.listens(),

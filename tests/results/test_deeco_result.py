@@ -8,12 +8,12 @@ import pytest
 from deeco.instant import Instant, in_seconds, milliseconds
 from deeco.statistics import Statistics
 from deploy.results.deeco_result import (
-    DeecoOutcomeError,
     DeecoResult,
     NodeOutcome,
     deeco_result,
     node_outcome,
 )
+from deploy.results.outcome import OutcomeError
 
 RECORD = Path("/o/r1/r1.mcap")
 
@@ -98,8 +98,6 @@ def test_what_a_node_counts_is_what_is_read() -> None:
     ],
 )
 def test_what_is_no_outcome_of_a_node_is_named(values: dict[str, object], fault: str) -> None:
-    with pytest.raises(DeecoOutcomeError) as caught:
+    with pytest.raises(OutcomeError) as caught:
         node_outcome(RECORD, said(**values))
-    assert str(caught.value) == (
-        f"/o/r1/r1.mcap: the outcome 'deeco' of the behaviour is not that of a node: {fault}"
-    )
+    assert str(caught.value) == (f"/o/r1/r1.mcap: the outcome 'deeco' is not that of a node: {fault}")

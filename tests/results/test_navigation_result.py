@@ -7,10 +7,10 @@ import pytest
 
 from deploy.results.navigation_result import (
     NavigationOutcome,
-    NavigationOutcomeError,
     navigation_outcome,
     navigation_result,
 )
+from deploy.results.outcome import OutcomeError
 
 FIRST = NavigationOutcome(
     5, 2, 1, 3, 0, {"blocked": 2, "no plan": 0}, ((0, 500_000, "itself"), (10, 1_000_010, "abort")), 4
@@ -43,7 +43,7 @@ def test_an_outcome_survives_its_record() -> None:
 
 
 def test_another_form_is_refused() -> None:
-    with pytest.raises(NavigationOutcomeError) as raised:
+    with pytest.raises(OutcomeError) as raised:
         navigation_outcome(Path("r1.mcap"), {"navigation": msgspec.Raw(b'{"goals": -1}')})
     assert str(raised.value) == (
         "r1.mcap: the outcome 'navigation' is not that of a robot's navigation: "
