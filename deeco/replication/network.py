@@ -83,7 +83,7 @@ class Network:
         self._counters = statistics.counters
         self._publications = 0
         self._reassembly = Reassembly(parameters.link)
-        self._unpacker = Unpacker(parameters.link)
+        self._unpacker = Unpacker(parameters.link, known=book.fingerprints)
         self._fragmenter = Fragmenter(address & 0xFF, parameters.link, first=epoch * _EPOCH_STRIDE)
         self._outbox: list[tuple[Instant, bytes]] = []
         self.replicas = Replicas(parameters.most_replicas, parameters.forget_after, self._counters)

@@ -254,6 +254,15 @@ def maker(cls: type, names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], Any]
         raise Unsound(
             f"{cls.__name__} is made from {wanted}; it should be made from its fields {', '.join(names)}"
         )
+    if _is_plain(cls):
+        new = object.__new__
+
+        def fill(values: tuple[Any, ...]) -> Any:
+            made: Any = new(cls)
+            made.__dict__.update(zip(names, values, strict=True))
+            return made
+
+        return fill
     by_position = all(parameter.kind is not inspect.Parameter.KEYWORD_ONLY for parameter in taken)
 
     def make(values: tuple[Any, ...]) -> Any:
@@ -263,3 +272,17 @@ def maker(cls: type, names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], Any]
             raise Junk from error
 
     return make
+
+
+def _is_plain(cls: type) -> bool:
+    """True for a dataclass whose making does nothing but set its fields: then they can be set at once."""
+    return (
+        is_dataclass(cls)
+        and cls.__dataclass_params__.init  # type: ignore[attr-defined]
+        and getattr(vars(cls).get("__init__"), "__code__", None) is not None
+        and vars(cls)["__init__"].__code__.co_filename == "<string>"  # generated, not the user's own
+        and cls.__new__ is object.__new__
+        and not hasattr(cls, "__post_init__")
+        and not any("__slots__" in vars(base) for base in cls.__mro__[:-1])
+        and all(field.init for field in fields(cls))
+    )

@@ -4,6 +4,7 @@ On the air (L2) a packet is one byte, its type in the low four bits and how ofte
 high four, and a msgpack array: component's id, epoch, counter, and for each role fingerprint and fields.
 """
 
+from collections.abc import Container
 from typing import Any, Final, NamedTuple
 
 import msgpack
@@ -63,10 +64,13 @@ def _packed(body: list[object]) -> bytes:
     return data
 
 
-def unpack(data: bytes, limits: LinkParameters = DEFAULTS) -> KnowledgePacket | None:
+def unpack(
+    data: bytes, limits: LinkParameters = DEFAULTS, known: Container[int] = ()
+) -> KnowledgePacket | None:
     """The packet of bytes that may be anything; None if they are none. Never raises.
 
     The fields of its roles are bounded in number, size and nesting; a role book tells if they make sense.
+    Of roles whose fingerprint is `known` it tells the nesting, too, which is not looked at here.
     """
     if not 0 < len(data) <= limits.most_packet or data[0] & 0xF != _KNOWLEDGE:
         return None
@@ -79,8 +83,9 @@ def unpack(data: bytes, limits: LinkParameters = DEFAULTS) -> KnowledgePacket | 
     if type(epoch) is not int or type(counter) is not int or epoch < 0 or counter < 0:
         return None
     roles = tuple(zip(rest[::2], rest[1::2], strict=True))
-    if not all(_is_role(*role) for role in roles) or _is_deeper(roles, 3 + limits.most_depth):
-        return None
+    for role in roles:
+        if not _is_role(*role) or (role[0] not in known and _is_deeper((role,), 3 + limits.most_depth)):
+            return None
     return KnowledgePacket(component, Version(epoch, counter), data[0] >> 4, roles)
 
 
@@ -121,9 +126,15 @@ def _is_deeper(items: tuple[Any, ...], most: int) -> bool:
 class Unpacker:
     """Unpacks as `unpack` does, but what relays repeat, which differs in its hops only, just once."""
 
-    def __init__(self, limits: LinkParameters = DEFAULTS, most: int = 128) -> None:
-        """`most`: packets that are kept, the last ones; a repetition of an older one is unpacked anew."""
+    def __init__(
+        self, limits: LinkParameters = DEFAULTS, most: int = 128, known: Container[int] = ()
+    ) -> None:
+        """`most`: packets that are kept, the last ones; a repetition of an older one is unpacked anew.
+
+        `known`: as `unpack` has it.
+        """
         self._limits = limits
+        self._known = known
         self._most = most
         self._kept: dict[bytes, KnowledgePacket] = {}
 
@@ -133,7 +144,7 @@ class Unpacker:
         kept = self._kept.get(body)
         if kept is not None and data[0] & 0xF == _KNOWLEDGE:
             return KnowledgePacket(kept.component, kept.version, data[0] >> 4, kept.roles)
-        packet = unpack(data, self._limits)
+        packet = unpack(data, self._limits, self._known)
         if packet is not None:
             self._kept[body] = packet
             if len(self._kept) > self._most:

@@ -15,6 +15,7 @@ from deeco.replication.fragments import CHECKSUM, HEADER
 _Key = tuple[int, int, int]
 """Link address of the sender, srcNode, dataId."""
 _LEAST: Final = CHECKSUM.size + 1
+_SHORTEST: Final = HEADER.size + _LEAST
 
 
 @dataclass
@@ -59,6 +60,7 @@ class Reassembly:
 
     def __init__(self, limits: LinkParameters = DEFAULTS) -> None:
         self._limits = limits
+        self._most_whole = limits.most_packet + CHECKSUM.size
         self._open: dict[_Key, _Open] = {}
         self._counters = ReassemblyCounters()
 
@@ -81,10 +83,16 @@ class Reassembly:
 
         `sender` is the address of who sent the frame. `now` should not go back.
         """
+        end = len(frame)
         if self._open:
             self.give_up(now)
+        elif end >= _SHORTEST:  # most frames are one whole packet, and nothing else is open
+            total, size, start, _, _ = HEADER.unpack_from(frame)
+            if size == total == end - HEADER.size and not start and total <= self._most_whole:
+                packet = self._checked(frame[HEADER.size :])
+                return [packet] if packet else []
         packets = []
-        position, end = 0, len(frame)
+        position = 0
         while position + HEADER.size < end:
             total, size, start, number, source = HEADER.unpack_from(frame, position)
             position += HEADER.size
@@ -92,7 +100,7 @@ class Reassembly:
                 break
             payload = frame[position : position + size]
             position += size
-            if total > self._limits.most_packet + CHECKSUM.size:
+            if total > self._most_whole:
                 self._counters.oversized += 1
                 continue
             whole = self._put(now, (sender, source, number), total, start, payload)

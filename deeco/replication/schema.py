@@ -3,7 +3,7 @@
 Nodes that know a role by the same fingerprint agree on its form, as nodes of one program do.
 """
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from hashlib import blake2b
 from typing import Any, NamedTuple
 
@@ -98,6 +98,11 @@ class RoleBook:
                 f"{role.fingerprint:08x}; one of them should have another name"
             )
         self._by_class[role.cls] = role
+
+    @property
+    def fingerprints(self) -> Container[int]:
+        """Of the roles in the book."""
+        return self._by_fingerprint
 
     def pack(self, value: Knowledge) -> tuple[tuple[int, tuple[object, ...]], ...]:
         """For each role that a component plays, its fingerprint and its packed fields.
