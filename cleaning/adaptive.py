@@ -18,7 +18,7 @@ _PEER_AGE: Final[Duration] = seconds(3)
 """Peers that were not heard of for longer are forgotten: three publications."""
 
 
-class Peer(NamedTuple):
+class HeardPeer(NamedTuple):
     """Another robot as it was last heard of."""
 
     id: str
@@ -42,7 +42,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
     only if it may give up."""
     adopted_at: Instant | None = None
     """When it last took a place over."""
-    peers: tuple[Peer, ...] = ()
+    peers: tuple[HeardPeer, ...] = ()
     """Robots around, as far as it is to disregard what its sensor sees of them."""
 
     def set_destination(self, monitor: PlaceMonitor, now: Instant) -> Self:
@@ -84,7 +84,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
         positioning.disregard([peer.position for peer in peers])
         return replace(self, peers=peers)
 
-    def with_peer(self, peer: Peer) -> Self:
+    def with_peer(self, peer: HeardPeer) -> Self:
         """The robot that knows where a peer was just now."""
         return replace(self, peers=(*(other for other in self.peers if other.id != peer.id), peer))
 

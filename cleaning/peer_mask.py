@@ -1,6 +1,6 @@
 """An ensemble beyond the chapter's: who hears where another robot is does not take it for a wall."""
 
-from cleaning.adaptive import AdaptiveCleaningRobot, Peer
+from cleaning.adaptive import AdaptiveCleaningRobot, HeardPeer
 from cleaning.cleaner import Cleaner
 from deeco import Instant, ensemble, milliseconds, seconds
 
@@ -20,4 +20,4 @@ class PeerMask:
         self, coordinator: Cleaner, member: AdaptiveCleaningRobot, now: Instant
     ) -> AdaptiveCleaningRobot:
         """The member knows where the coordinator is."""
-        return member.with_peer(Peer(coordinator.id, coordinator.position, now))
+        return member.with_peer(HeardPeer(coordinator.id, coordinator.position, now))

@@ -18,7 +18,7 @@ from actors.runtime.errors import AcrcError
 from actors.world.odometry import Odometers
 from actors.world.physics import SUBSTEP, Arena
 from actors.world.sensing import RangeSensors
-from actors.world.uncertainty import Floor, drifting, floor
+from actors.world.uncertainty import RealFloor, drifting, floor
 from actors.world.world_setup import WorldSetup
 
 
@@ -132,7 +132,7 @@ class Bodies:
         self._velocities = self._arena.velocities.tolist()
 
 
-def real_floor(setup: WorldSetup, models: Sequence[RobotModel]) -> Floor:
+def real_floor(setup: WorldSetup, models: Sequence[RobotModel]) -> RealFloor:
     """The floor of a run, on which all robots can stand where they start. Raises MapError, PlacementError."""
     kept_off = [Point(*robot.start[:2]) for robot in setup.robots]
     kept_off += [Point(*place) for robot in setup.robots for place in robot.places]

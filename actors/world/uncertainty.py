@@ -42,7 +42,7 @@ class Uncertainty(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The odometry's errors are so many times as large."""
 
 
-class Floor(NamedTuple):
+class RealFloor(NamedTuple):
     """What is really there."""
 
     solid: OccupancyGrid
@@ -51,7 +51,9 @@ class Floor(NamedTuple):
     """What range sensors see: where there is glass nothing is, nor outside it; rays end at the map's edge."""
 
 
-def floor(plan: OccupancyGrid, dose: Uncertainty, generator: Generator, kept_off: Sequence[Point]) -> Floor:
+def floor(
+    plan: OccupancyGrid, dose: Uncertainty, generator: Generator, kept_off: Sequence[Point]
+) -> RealFloor:
     """The floor behind a robots' map `plan`; no furniture stands at `kept_off`.
 
     Raises PlacementError if there is no room for the furniture.
@@ -60,9 +62,9 @@ def floor(plan: OccupancyGrid, dose: Uncertainty, generator: Generator, kept_off
     seen = _without_glass(plan, cells, dose.glass, generator) if dose.glass else cells
     solid = replace(plan, cells=cells)
     if not dose.furniture:
-        return Floor(solid, solid if seen is cells else replace(plan, cells=seen))
+        return RealFloor(solid, solid if seen is cells else replace(plan, cells=seen))
     taken = _taken(plan, _things(solid, dose.furniture, generator, kept_off))
-    return Floor(*(replace(plan, cells=np.where(taken, OCCUPIED, part)) for part in (cells, seen)))
+    return RealFloor(*(replace(plan, cells=np.where(taken, OCCUPIED, part)) for part in (cells, seen)))
 
 
 def _things(

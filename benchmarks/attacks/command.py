@@ -26,7 +26,7 @@ class AttacksError(AcrcError):
 
 
 @dataclass(frozen=True)
-class Verdict:
+class AttackVerdict:
     """What came of one attack."""
 
     name: str
@@ -37,7 +37,7 @@ class Verdict:
     """Whether the documentation says that it gets through."""
 
 
-def run(json_output: bool = False) -> list[Verdict]:
+def run(json_output: bool = False) -> list[AttackVerdict]:
     """Carry out all attacks on isolated robots and print what came of them.
 
     Raises AttacksError where robots cannot be isolated, and for an attack that gets through unstated.
@@ -55,7 +55,7 @@ def run(json_output: bool = False) -> list[Verdict]:
     return verdicts
 
 
-def judge(verdicts: Sequence[Verdict]) -> None:
+def judge(verdicts: Sequence[AttackVerdict]) -> None:
     """Raise AttacksError where an attack got through that the documentation does not own up to."""
     unstated = [verdict.name for verdict in verdicts if verdict.outcome == "through" and not verdict.stated]
     if unstated:
@@ -67,7 +67,7 @@ def is_stated(attack: Attack, text: str) -> bool:
     return attack.layer == Layer.REMAINS and row(attack) in text
 
 
-def _verdicts(swarm: Swarm, document: Path) -> Iterator[Verdict]:
+def _verdicts(swarm: Swarm, document: Path) -> Iterator[AttackVerdict]:
     text = document.read_text("utf-8")
     for index, attack in enumerate(ATTACKS):
         why_not = missing_means(attack)
@@ -79,10 +79,10 @@ def _verdicts(swarm: Swarm, document: Path) -> Iterator[Verdict]:
                 )
             continue
         outcome = why_not or ("through" if reached else "held")
-        yield Verdict(attack.name, attack.closed_by, outcome, is_stated(attack, text))
+        yield AttackVerdict(attack.name, attack.closed_by, outcome, is_stated(attack, text))
 
 
-def _print(verdicts: Sequence[Verdict]) -> None:
+def _print(verdicts: Sequence[AttackVerdict]) -> None:
     table = Table("attack", "closed by", "outcome")
     for verdict in verdicts:
         stated = ", as stated" if verdict.stated else ""

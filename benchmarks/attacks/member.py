@@ -41,7 +41,7 @@ class Description(NamedTuple):
     """Descriptors that a careless starter has left open: the folder `out`, and the two ends of a pipe."""
 
 
-class Heard(NamedTuple):
+class Overheard(NamedTuple):
     """One sample that reached a member."""
 
     key: str
@@ -55,7 +55,7 @@ class SwarmMember:
     name: str
     swarm: Description
     session: zenoh.Session
-    heard: list[Heard] = field(default_factory=list)
+    heard: list[Overheard] = field(default_factory=list)
     ordinary: list[Any] = field(default_factory=list)
     ears: list[Any] = field(default_factory=list)
     kept: list[Any] = field(default_factory=list)
@@ -85,7 +85,7 @@ class SwarmMember:
         """Hear who is alive on `key` until the attack is over."""
         self.ears.append(self.session.liveliness().declare_subscriber(key))
 
-    def hear(self) -> list[Heard]:
+    def hear(self) -> list[Overheard]:
         """All that has arrived since the attack began.
 
         Read from channels and not told by callbacks: each callback has its own thread, and then what came
@@ -93,7 +93,7 @@ class SwarmMember:
         """
         for ear in (*self.ordinary, *self.ears):
             while (sample := ear.try_recv()) is not None:
-                self.heard.append(Heard(str(sample.key_expr), bytes(sample.payload).decode()))
+                self.heard.append(Overheard(str(sample.key_expr), bytes(sample.payload).decode()))
         return self.heard
 
     def has_heard(self, payload: str) -> bool:

@@ -37,7 +37,7 @@ class Function:
 
 
 @dataclass(frozen=True)
-class Row:
+class FunctionRow:
     """What was measured of a function."""
 
     name: str
@@ -203,13 +203,13 @@ def times(function: Function, count: int = 10_000, rounds: int = _ROUNDS) -> tup
     return best[0] / count * 1e9, best[1] / count * 1e9
 
 
-def measured(count: int) -> list[Row]:
+def measured(count: int) -> list[FunctionRow]:
     """All of them."""
     exact = importlib.util.find_spec("mpmath") is not None
     rows = []
     for function in FUNCTIONS:
         error = largest_error(function, count) if exact else None
-        rows.append(Row(function.name, function.bound, error, *times(function)))
+        rows.append(FunctionRow(function.name, function.bound, error, *times(function)))
     return rows
 
 
@@ -223,7 +223,7 @@ def run(count: int, json: bool) -> None:
     sys.stdout.write(table(rows))
 
 
-def table(rows: Sequence[Row]) -> str:
+def table(rows: Sequence[FunctionRow]) -> str:
     """The rows for people."""
     lines = ["function   stated, ulp   found, ulp   ours, ns   C library, ns   ratio"]
     for row in rows:

@@ -52,7 +52,7 @@ _LINES: Final = {
 
 
 @dataclass(frozen=True)
-class Soak:
+class BoardSoak:
     """What a link has borne."""
 
     bytes: int
@@ -173,7 +173,7 @@ class _Ordeal:
         self.most_kept = max(self.most_kept, self.link.kept)
 
 
-def soak(count: int, seed: int) -> Soak:
+def soak(count: int, seed: int) -> BoardSoak:
     """Send packets over a line that is noisy at times, until so many bytes have come to the link."""
     began = time.perf_counter()
     ordeal = _Ordeal(seed)
@@ -181,7 +181,7 @@ def soak(count: int, seed: int) -> Soak:
         ordeal.round()
     ordeal.end()
     showing, bytes_back = ordeal.most_back[Trouble.SHOWING]
-    return Soak(
+    return BoardSoak(
         bytes=ordeal.desk.come,
         packets=ordeal.packets,
         sent=ordeal.ends["Sent"],

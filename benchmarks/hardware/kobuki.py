@@ -13,7 +13,7 @@ from rich.table import Table
 from actors.instant import START, Instant
 from firmware_bridge.kobuki import frame
 from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.kobuki.frame import FrameReader, Reception
+from firmware_bridge.kobuki.frame import FrameReader, WireCounts
 from firmware_bridge.kobuki.packets import UDID, Basic, Feedback, Inertial
 from firmware_bridge.kobuki.wire import decode_feedback, encode_feedback
 
@@ -24,7 +24,7 @@ _PIECES: int = 200
 
 
 @dataclass(frozen=True)
-class Soak:
+class BaseSoak:
     """What came of one stream."""
 
     bytes: int
@@ -40,12 +40,12 @@ class Soak:
     """Frames heard in another way when the stream was cut into other pieces."""
     longest_pending: int
     """Bytes that the reader held at most."""
-    reception: Reception
+    reception: WireCounts
     bytes_per_s: float
     """Read by the frame reader, of CPU time; a Kobuki's line brings 11 520."""
 
 
-def run(bytes_: int = BYTES, json_output: bool = False, seed: int = SEED) -> Soak:
+def run(bytes_: int = BYTES, json_output: bool = False, seed: int = SEED) -> BaseSoak:
     """Soak the reader and the driver in so many bytes; print and give what came of it."""
     result = soak(bytes_, seed)
     if json_output:
@@ -66,7 +66,7 @@ def run(bytes_: int = BYTES, json_output: bool = False, seed: int = SEED) -> Soa
     return result
 
 
-def soak(bytes_: int, seed: int) -> Soak:
+def soak(bytes_: int, seed: int) -> BaseSoak:
     """Read a stream of at least so many bytes: intact and damaged frames and noise, at random.
 
     A driver reads it too; any exception is its failure.
@@ -101,7 +101,7 @@ def soak(bytes_: int, seed: int) -> Soak:
         intact += len(wanted)
         missed += len(wanted - numbers)
         believed += len(heard) - len(wanted & numbers)
-    return Soak(
+    return BaseSoak(
         bytes=size,
         seed=seed,
         intact=intact,

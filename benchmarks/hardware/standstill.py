@@ -57,7 +57,7 @@ class StandstillTask:
 
 
 @dataclass(frozen=True)
-class Standstill:
+class StandstillCase:
     """What one event came to."""
 
     told_s: float | None
@@ -78,7 +78,7 @@ def run(json_output: bool = False, task: StandstillTask | None = None) -> dict[s
     """Run, print and give what came of it."""
     task = task or StandstillTask()
     compile_kernels()  # or the first robot would take a minute to start
-    found: dict[Case, list[Standstill]] = defaultdict(list)
+    found: dict[Case, list[StandstillCase]] = defaultdict(list)
     for _ in range(task.trials):
         for case, event in events().items():
             found[case].append(trial(event))
@@ -107,7 +107,7 @@ def events() -> dict[Case, Callable[[Rig], None]]:
     return made
 
 
-def meets(case: Case, trials: list[Standstill], task: StandstillTask) -> bool:
+def meets(case: Case, trials: list[StandstillCase], task: StandstillTask) -> bool:
     """True if the wheels were told in time each time, or it may drive on."""
     if may_drive_on(case):
         return True
@@ -121,19 +121,19 @@ def may_drive_on(case: Case) -> bool:
     return case in HARMLESS
 
 
-def trial(event: Callable[[Rig], None]) -> Standstill:
+def trial(event: Callable[[Rig], None]) -> StandstillCase:
     """One robot that drives, and the event. Raises NotDrivingError."""
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder, Rig(Path(folder)) as rig:
         rig.until_driving()
         return measured(rig, event)
 
 
-def measured(rig: Rig, event: Callable[[Rig], None]) -> Standstill:
+def measured(rig: Rig, event: Callable[[Rig], None]) -> StandstillCase:
     """What an event comes to for a robot that drives."""
     before = rig.where()
     event(rig)
     told, stood = rig.standing(patience_s=2.0)
-    return Standstill(
+    return StandstillCase(
         None if told is None else told.time - before.time,
         (told or rig.where()).way - before.way,
         None if stood is None else stood.time - before.time,
@@ -142,7 +142,7 @@ def measured(rig: Rig, event: Callable[[Rig], None]) -> Standstill:
     )
 
 
-def _print(found: dict[Case, list[Standstill]], task: StandstillTask) -> None:
+def _print(found: dict[Case, list[StandstillCase]], task: StandstillTask) -> None:
     console = Console()
     table = Table(
         "what", "how", "told, median", "worst", "way", "stood, worst", "way", "", title="standstill"

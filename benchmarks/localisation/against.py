@@ -37,7 +37,7 @@ class Other(msgspec.Struct):
 
 
 @dataclass(frozen=True)
-class Row:
+class PairedRow:
     """One log, or all of them together."""
 
     log: str
@@ -75,7 +75,7 @@ def load(file: Path) -> dict[str, Other]:
     return {other.log: other for other in others}
 
 
-def rows(ours: Mapping[str, Mapping[str, Sequence[Run]]], others: Mapping[str, Other]) -> list[Row]:
+def rows(ours: Mapping[str, Mapping[str, Sequence[Run]]], others: Mapping[str, Other]) -> list[PairedRow]:
     """A row per preset and log, and one for all logs. `ours`: runs by log and preset, as others have them."""
     found = []
     for preset in dict.fromkeys(preset for by_preset in ours.values() for preset in by_preset):
@@ -86,7 +86,7 @@ def rows(ours: Mapping[str, Mapping[str, Sequence[Run]]], others: Mapping[str, O
     return found
 
 
-def table(found: Sequence[Row]) -> Table:
+def table(found: Sequence[PairedRow]) -> Table:
     """For people."""
     shown = Table(title="beside another localisation, on the same logs")
     for column in ("log", "preset", "error, m", "other's", "ratio", "lost", "NEES"):
@@ -97,14 +97,14 @@ def table(found: Sequence[Row]) -> Table:
     return shown
 
 
-def _row(log: str, preset: str, runs: Sequence[Run], other: Other) -> Row:
+def _row(log: str, preset: str, runs: Sequence[Run], other: Other) -> PairedRow:
     ours = np.array([run.rmse for run in runs])
     theirs = np.array([run.rmse for run in other.runs])
     drawn = resampled(ours) / resampled(theirs)
     low, high = np.percentile(drawn, (2.5, 97.5)).tolist()
     lost = f"{sum(run.lost for run in runs)}/{len(runs)}, {sum(run.lost for run in other.runs)}/{len(theirs)}"
     nees = (_median([float(np.median(run.nees)) for run in runs]), _median([r.nmed for r in other.runs]))
-    return Row(
+    return PairedRow(
         log, preset, float(ours.mean()), float(theirs.mean()), float(ours.mean() / theirs.mean()),
         low, high, lost, f"{nees[0]}, {nees[1]}",
     )  # fmt: skip
@@ -112,15 +112,15 @@ def _row(log: str, preset: str, runs: Sequence[Run], other: Other) -> Row:
 
 def _together(
     preset: str,
-    its: Sequence[Row],
+    its: Sequence[PairedRow],
     ours: Mapping[str, Mapping[str, Sequence[Run]]],
     others: Mapping[str, Other],
-) -> Row:
+) -> PairedRow:
     ratios = np.log([row.ratio for row in its])
     low, high = np.exp(np.percentile(resampled(ratios), (2.5, 97.5))).tolist()
     own = [run.lost for row in its for run in ours[row.log][preset]]
     their = [run.lost for row in its for run in others[row.log].runs]
-    return Row(
+    return PairedRow(
         f"all {len(its)}", preset, _geometric([row.ours for row in its]), _geometric([r.theirs for r in its]),
         float(np.exp(ratios.mean())), low, high, f"{sum(own)}/{len(own)}, {sum(their)}/{len(their)}", "",
     )  # fmt: skip

@@ -35,7 +35,7 @@ class CellGoal:
 
 
 @dataclass(frozen=True)
-class Cell:
+class CourseCell:
     """Courses that differ by their seed only, with one localisation."""
 
     section: str
@@ -87,7 +87,7 @@ class Extent:
     carried_at: float = CARRIED_AT
 
 
-def cells(corridor: str, others: Sequence[str], extent: Extent) -> list[Cell]:
+def cells(corridor: str, others: Sequence[str], extent: Extent) -> list[CourseCell]:
     """Every cell, on the corridor and, where it matters, on the other maps, which have no symmetry."""
     course = CourseSetup(corridor, 0, seconds=extent.seconds)
     found = [*_goals(course, extent), *_tracking(course, extent)]
@@ -98,7 +98,7 @@ def cells(corridor: str, others: Sequence[str], extent: Extent) -> list[Cell]:
     return found
 
 
-def chosen(everything: Iterable[Cell], patterns: Sequence[str]) -> list[Cell]:
+def chosen(everything: Iterable[CourseCell], patterns: Sequence[str]) -> list[CourseCell]:
     """The cells of which the name, or its beginning up to a slash, matches a pattern; all without patterns.
 
     Raises CellError for a pattern that none matches.
@@ -114,34 +114,34 @@ def chosen(everything: Iterable[Cell], patterns: Sequence[str]) -> list[Cell]:
     return [cell for cell in everything if not patterns or any(_matches(cell, p) for p in patterns)]
 
 
-def _matches(cell: Cell, pattern: str) -> bool:
+def _matches(cell: CourseCell, pattern: str) -> bool:
     return fnmatchcase(cell.name, pattern) or fnmatchcase(cell.name, f"{pattern}/*")
 
 
-def _goals(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
+def _goals(course: CourseSetup, extent: Extent) -> Iterator[CourseCell]:
     """The two cells with goals, and the chapter's preset beside the second, which has none."""
     for preset in PRESETS:
-        yield Cell("alone", course, Arm(preset), extent.runs, CellGoal(0.08))
+        yield CourseCell("alone", course, Arm(preset), extent.runs, CellGoal(0.08))
     among = replace(course, base="kobuki", robots=4, at_times=True)
-    yield Cell("realistic", among, Arm("robust"), extent.runs, CellGoal(0.15))
-    yield Cell("realistic", among, Arm("chapter"), extent.runs)
+    yield CourseCell("realistic", among, Arm("robust"), extent.runs, CellGoal(0.15))
+    yield CourseCell("realistic", among, Arm("chapter"), extent.runs)
 
 
-def _tracking(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
+def _tracking(course: CourseSetup, extent: Extent) -> Iterator[CourseCell]:
     for seen in ("chapter", "kinect"):
         for base in ("exact", "kobuki"):
             for robots in (0, 4, 10):
                 for preset in PRESETS:
                     setup = replace(course, view=seen, base=base, robots=robots)
-                    yield Cell("tracking", setup, Arm(preset), extent.seeds)
+                    yield CourseCell("tracking", setup, Arm(preset), extent.seeds)
 
 
-def _range(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
+def _range(course: CourseSetup, extent: Extent) -> Iterator[CourseCell]:
     for seen in ("chapter", "written"):
         for robots in (0, 4, 10):
             for preset in PRESETS:
                 setup = replace(course, view=seen, base="kobuki", robots=robots)
-                yield Cell("range", setup, Arm(preset), extent.seeds)
+                yield CourseCell("range", setup, Arm(preset), extent.seeds)
 
 
 _DOSES: Final = (
@@ -154,7 +154,7 @@ _DOSES: Final = (
 """Each alone, and one with a bit of everything."""
 
 
-def _causes(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
+def _causes(course: CourseSetup, extent: Extent) -> Iterator[CourseCell]:
     """One cause at a time, from what the chapter's simulation had: nobody near, a full circle, no drift."""
     kobuki = replace(course, base="kobuki")
     setups = [
@@ -168,31 +168,31 @@ def _causes(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
     for seen in ("chapter", "kinect"):
         for setup in setups:
             for preset in PRESETS:
-                yield Cell("causes", replace(setup, view=seen), Arm(preset), extent.seeds)
+                yield CourseCell("causes", replace(setup, view=seen), Arm(preset), extent.seeds)
 
 
-def _crowd(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
+def _crowd(course: CourseSetup, extent: Extent) -> Iterator[CourseCell]:
     for seen in ("chapter", "kinect"):
         for preset in PRESETS:
             goal = CellGoal(None, 0.05) if preset == "robust" else None
-            yield Cell("crowd", replace(course, view=seen, robots=10), Arm(preset), extent.seeds, goal)
+            yield CourseCell("crowd", replace(course, view=seen, robots=10), Arm(preset), extent.seeds, goal)
 
 
-def _mask(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
+def _mask(course: CourseSetup, extent: Extent) -> Iterator[CourseCell]:
     for seen in ("chapter", "kinect"):
         for robots, at_times in ((4, True), (2, False), (4, False), (10, False)):
             for preset in PRESETS:
                 for masked in (False, True):
                     setup = replace(course, view=seen, base="kobuki", robots=robots, at_times=at_times)
-                    yield Cell("mask", setup, Arm(preset, masked=masked), extent.seeds)
+                    yield CourseCell("mask", setup, Arm(preset, masked=masked), extent.seeds)
 
 
-def _from_nowhere(course: CourseSetup, extent: Extent) -> Iterator[Cell]:
+def _from_nowhere(course: CourseSetup, extent: Extent) -> Iterator[CourseCell]:
     longest = max(extent.after)
     everywhere = replace(course, seconds=longest)
     carried = replace(course, seconds=extent.carried_at + longest, carried_at=extent.carried_at)
     for preset in PRESETS:
         for recovery in (False, True):
             arm = Arm(preset, recovery=recovery)
-            yield Cell("global", everywhere, replace(arm, placed=False), extent.seeds)
-            yield Cell("kidnapped", carried, arm, extent.seeds)
+            yield CourseCell("global", everywhere, replace(arm, placed=False), extent.seeds)
+            yield CourseCell("kidnapped", carried, arm, extent.seeds)

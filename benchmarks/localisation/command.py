@@ -10,7 +10,7 @@ from typing import Any, Final
 from rich.console import Console
 
 from benchmarks.localisation import log, report
-from benchmarks.localisation.cells import COST, Cell, Extent, cells, chosen
+from benchmarks.localisation.cells import COST, CourseCell, Extent, cells, chosen
 from benchmarks.localisation.course import STEP_US, made
 from benchmarks.localisation.metrics import Run
 from benchmarks.localisation.pool import Key, processors, run_all, tasks
@@ -73,7 +73,7 @@ def write_log(
     )
 
 
-def _runs(todo: Sequence[Cell], workers: int) -> Any:
+def _runs(todo: Sequence[CourseCell], workers: int) -> Any:
     courses = tasks(todo)
     console = Console(stderr=True)
     every = max(1, len(courses) // 10)
@@ -85,12 +85,12 @@ def _runs(todo: Sequence[Cell], workers: int) -> Any:
     return run_all(courses, min(workers, max(len(courses), 1)), tell)
 
 
-def _of(cell: Cell, runs: dict[Key, Run]) -> list[Run]:
+def _of(cell: CourseCell, runs: dict[Key, Run]) -> list[Run]:
     return [runs[replace(cell.course, seed=seed), cell.arm] for seed in range(1, cell.runs + 1)]
 
 
 def _figures(
-    by_cell: Sequence[tuple[Cell, Sequence[Run]]], costs: Sequence[UpdateCost], extent: Extent
+    by_cell: Sequence[tuple[CourseCell, Sequence[Run]]], costs: Sequence[UpdateCost], extent: Extent
 ) -> dict[str, Any]:
     told = []
     for cell, runs in by_cell:
@@ -115,10 +115,10 @@ def _console() -> Console:
 
 
 def _print(
-    by_cell: Sequence[tuple[Cell, Sequence[Run]]], costs: Sequence[UpdateCost], extent: Extent
+    by_cell: Sequence[tuple[CourseCell, Sequence[Run]]], costs: Sequence[UpdateCost], extent: Extent
 ) -> None:
     console = _console()
-    summaries: list[tuple[Cell, Summary]] = [(cell, summary(runs)) for cell, runs in by_cell]
+    summaries: list[tuple[CourseCell, Summary]] = [(cell, summary(runs)) for cell, runs in by_cell]
     for section in dict.fromkeys(cell.section for cell, _ in by_cell):
         if section in report.FROM_NOWHERE:
             shares = [

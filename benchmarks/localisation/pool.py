@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from actors.randomness import generator
-from benchmarks.localisation.cells import Cell
+from benchmarks.localisation.cells import CourseCell
 from benchmarks.localisation.course import ROBOT, CourseSetup, made
 from benchmarks.localisation.filters import Arm
 from benchmarks.localisation.metrics import Run, beside_truth
@@ -17,23 +17,23 @@ Key = tuple[CourseSetup, Arm]
 
 
 @dataclass(frozen=True)
-class Task:
+class CourseTask:
     """One course and the localisations that are fed with it."""
 
     course: CourseSetup
     arms: tuple[Arm, ...]
 
 
-def tasks(cells: Iterable[Cell]) -> list[Task]:
+def tasks(cells: Iterable[CourseCell]) -> list[CourseTask]:
     """Every course that the cells need, once, with every arm that it is needed with, once."""
     needed: dict[CourseSetup, dict[Arm, None]] = {}
     for cell in cells:
         for seed in range(1, cell.runs + 1):
             needed.setdefault(replace(cell.course, seed=seed), {})[cell.arm] = None
-    return [Task(course, tuple(arms)) for course, arms in needed.items()]
+    return [CourseTask(course, tuple(arms)) for course, arms in needed.items()]
 
 
-def drive(task: Task) -> list[Run]:
+def drive(task: CourseTask) -> list[Run]:
     """The runs of a task, in the order of its arms. Depends on the task only, but for the CPU times."""
     course = made(task.course)
     seed = task.course.seed
@@ -51,7 +51,7 @@ def processors() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def run_all(todo: Sequence[Task], workers: int, tell: Callable[[int], None]) -> Mapping[Key, Run]:
+def run_all(todo: Sequence[CourseTask], workers: int, tell: Callable[[int], None]) -> Mapping[Key, Run]:
     """Every run by course and arm; `tell` is called with the number of courses done, after each."""
     runs: dict[Key, Run] = {}
     for done, (task, its) in enumerate(zip(todo, _results(todo, workers), strict=True), start=1):
@@ -60,7 +60,7 @@ def run_all(todo: Sequence[Task], workers: int, tell: Callable[[int], None]) -> 
     return runs
 
 
-def _results(todo: Sequence[Task], workers: int) -> Iterator[list[Run]]:
+def _results(todo: Sequence[CourseTask], workers: int) -> Iterator[list[Run]]:
     if workers == 1:
         yield from map(drive, todo)
         return

@@ -6,7 +6,7 @@ from typing import Any
 
 from rich.table import Table
 
-from benchmarks.localisation.cells import Cell, doses, view
+from benchmarks.localisation.cells import CourseCell, doses, view
 from benchmarks.localisation.metrics import BEYOND, FOUND, LOST, Run
 from benchmarks.localisation.summary import Share, Summary, share
 
@@ -31,7 +31,7 @@ TITLES = {
 }
 
 
-def tracking_table(section: str, rows: Iterable[tuple[Cell, Summary]]) -> Table:
+def tracking_table(section: str, rows: Iterable[tuple[CourseCell, Summary]]) -> Table:
     """A row per cell. Lengths in m, 95 % intervals in brackets."""
     mask = {"mask": ("mask",), "causes": ("dose",)}.get(section, ())
     table = _table(("map", "view", "odometry", "robots", "preset", *mask, *FIGURES), TITLES[section])
@@ -51,7 +51,7 @@ def log_table(title: str, rows: Iterable[tuple[str, Summary]]) -> Table:
 
 
 def finding_table(
-    section: str, rows: Iterable[tuple[Cell, Sequence[Share]]], after: Sequence[float]
+    section: str, rows: Iterable[tuple[CourseCell, Sequence[Share]]], after: Sequence[float]
 ) -> Table:
     """A row per cell: how many had found themselves so many seconds after."""
     columns = ("map", "view", "odometry", "robots", "preset", "recovery")
@@ -66,7 +66,7 @@ def finding_table(
     return table
 
 
-def found(cell: Cell, runs: Sequence[Run], after: Sequence[float], step: float) -> list[Share]:
+def found(cell: CourseCell, runs: Sequence[Run], after: Sequence[float], step: float) -> list[Share]:
     """How many of a cell's runs had found themselves so long after the start, or after being carried."""
     begin = cell.course.carried_at or 0.0
     steps = [round((begin + seconds) / step) for seconds in after]
@@ -86,7 +86,7 @@ def legend() -> str:
     )
 
 
-def verdict(cell: Cell, one: Summary) -> dict[str, Any] | None:
+def verdict(cell: CourseCell, one: Summary) -> dict[str, Any] | None:
     """A cell beside its goal, if it has one."""
     if cell.goal is None:
         return None
@@ -95,7 +95,7 @@ def verdict(cell: Cell, one: Summary) -> dict[str, Any] | None:
     return {"cell": cell.name, "rmse_goal": rmse, "lost_goal": lost, "runs": one.runs, "reached": reached}
 
 
-def sentence(cell: Cell, one: Summary) -> str:
+def sentence(cell: CourseCell, one: Summary) -> str:
     """The same as a line."""
     told = verdict(cell, one)
     assert told is not None and cell.goal is not None
@@ -129,7 +129,7 @@ def _figures(one: Summary) -> tuple[str, ...]:
     )
 
 
-def _course(cell: Cell) -> tuple[str, str, str, str]:
+def _course(cell: CourseCell) -> tuple[str, str, str, str]:
     course = cell.course
     robots = f"{course.robots} at times" if course.at_times else str(course.robots)
     degrees, _, rest = view(course).partition("-")

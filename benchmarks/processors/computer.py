@@ -29,7 +29,7 @@ class Computer:
 
 
 @dataclass(frozen=True)
-class Task:
+class RunTask:
     """A run to be made everywhere."""
 
     title: str
@@ -58,7 +58,7 @@ class RunOutcome:
     """False: there is no such computer here."""
 
 
-def make(task: Task, computer: Computer, folder: Path, patience_s: float) -> RunOutcome:
+def make(task: RunTask, computer: Computer, folder: Path, patience_s: float) -> RunOutcome:
     """Make the run; its files and the compiled kernels go to `folder`."""
     if not computer.command:
         return RunOutcome("", computer.missing, ran=False)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from benchmarks.processors import aarch64, here, pythons
-from benchmarks.processors.computer import Computer, RunOutcome, Task, make
+from benchmarks.processors.computer import Computer, RunOutcome, RunTask, make
 from deploy.repository import REPOSITORY
 
 _PATIENCE_S: Final = 3600.0
@@ -17,7 +17,7 @@ _SHOWN: Final = 12
 
 
 @dataclass(frozen=True)
-class Row:
+class ProcessorRow:
     """What became of all tasks on one computer."""
 
     computer: str
@@ -25,10 +25,10 @@ class Row:
     """By title of the task."""
 
 
-def tasks(seconds: float, crowd_seconds: float) -> list[Task]:
+def tasks(seconds: float, crowd_seconds: float) -> list[RunTask]:
     """The house test's crowd, with a contact every second, and the chapter's four robots."""
-    crowd = Task("crowd", REPOSITORY / "tests" / "swarm" / "crowd.toml", crowd_seconds)
-    chapter = Task("chapter", REPOSITORY / "scenarios" / "chapter.toml", seconds, robots=4)
+    crowd = RunTask("crowd", REPOSITORY / "tests" / "swarm" / "crowd.toml", crowd_seconds)
+    chapter = RunTask("chapter", REPOSITORY / "scenarios" / "chapter.toml", seconds, robots=4)
     return [crowd, chapter]
 
 
@@ -45,23 +45,26 @@ def computers(folder: Path, install: bool, only: Sequence[str] = ()) -> Iterable
 
 
 def measure(
-    wanted: Sequence[Task], candidates: Iterable[Computer], folder: Path, on_row: Callable[[Row], None]
-) -> list[Row]:
+    wanted: Sequence[RunTask],
+    candidates: Iterable[Computer],
+    folder: Path,
+    on_row: Callable[[ProcessorRow], None],
+) -> list[ProcessorRow]:
     """Make every run; each row is told as soon as it is known."""
     rows = []
     for computer in candidates:
         outcomes = {task.title: make(task, computer, folder / "runs", _PATIENCE_S) for task in wanted}
-        rows.append(Row(computer.name, outcomes))
+        rows.append(ProcessorRow(computer.name, outcomes))
         on_row(rows[-1])
     return rows
 
 
-def digests(rows: Iterable[Row], title: str) -> set[str]:
+def digests(rows: Iterable[ProcessorRow], title: str) -> set[str]:
     """The different ones of a task."""
     return {row.outcomes[title].digest for row in rows} - {""}
 
 
-def line(row: Row) -> str:
+def line(row: ProcessorRow) -> str:
     """A row for people."""
     faults = {outcome.fault for outcome in row.outcomes.values() if outcome.fault}
     cells = [outcome.digest[:_SHOWN] or "-" for outcome in row.outcomes.values()]
@@ -84,7 +87,7 @@ def run(
         heads = [f"{task.title}, {task.seconds:g} s" for task in wanted]
         sys.stdout.write(f"{'':44s} " + "  ".join(f"{head:{_SHOWN}s}" for head in heads) + "\n")
 
-    def tell(row: Row) -> None:
+    def tell(row: ProcessorRow) -> None:
         if not json:
             sys.stdout.write(line(row).rstrip() + "\n")
             sys.stdout.flush()
@@ -99,7 +102,7 @@ def run(
     return 0 if sound else 1
 
 
-def failed(row: Row) -> bool:
+def failed(row: ProcessorRow) -> bool:
     """True if a run on that computer gave no digest, although the computer is there."""
     return any(outcome.fault and outcome.ran for outcome in row.outcomes.values())
 

@@ -32,7 +32,7 @@ _SENSITIVITY_LEAD_DB: Final = 0.4066
 _BATCH: Final = 20_000
 
 
-class Table:
+class LossTable:
     """A propagation where transceiver i stands at (i, 0): the losses, dB, are given one by one."""
 
     def __init__(self, losses_db: NDArray[np.float64]) -> None:
@@ -152,16 +152,16 @@ def _load(medium: Medium, stage: TrialScene, seed: int) -> None:
             medium.offer(sender, Poisson(stage.octets, rate, to, stage.acknowledged))
 
 
-def _equal(senders: int) -> Table:
-    return Table(np.full((senders + 1, senders + 1), 60.0))
+def _equal(senders: int) -> LossTable:
+    return LossTable(np.full((senders + 1, senders + 1), 60.0))
 
 
-def _hidden(weaker_db: float) -> Table:
+def _hidden(weaker_db: float) -> LossTable:
     """Senders 0 and 1 hear 2 only; 1 arrives there so much weaker than 0."""
     losses = np.full((3, 3), 200.0)
     losses[0, 2] = losses[2, 0] = 70.0
     losses[1, 2] = losses[2, 1] = 70.0 + weaker_db
-    return Table(losses)
+    return LossTable(losses)
 
 
 def _scattered(senders: int, side: float) -> NDArray[np.float64]:
@@ -179,7 +179,7 @@ def _error_rate(settings: Mapping[str, str], frames: int) -> Mapping[str, Refere
     octets = int(settings["psdu"])
     stage = replace(
         scene("b_single_saturated", {"n": "1", "psdu": settings["psdu"], "load": "sat"}),
-        propagation=Table(np.full((2, 2), -float(settings["rx_dbm"]))),
+        propagation=LossTable(np.full((2, 2), -float(settings["rx_dbm"]))),
         phy=replace(NS3.phy, noise_dbm=float(settings["noise_dbm"])),
     )
     requests = _forced(lambda k: [Request(k, 0, octets)], frames, airtime_ns(octets))

@@ -40,7 +40,7 @@ class StepFigures:
 
 
 @dataclass(frozen=True)
-class Row:
+class StepRow:
     """Everything for one number of robots."""
 
     robots: int
@@ -58,7 +58,7 @@ class Row:
     """Mean proportional set size of the robots' processes, isolated, after 60 simulated seconds, MB."""
 
 
-def run(robots: Sequence[int] = ROBOTS, seconds: float = 60.0, json_output: bool = False) -> list[Row]:
+def run(robots: Sequence[int] = ROBOTS, seconds: float = 60.0, json_output: bool = False) -> list[StepRow]:
     """Measure, print and give the figures. `seconds` are simulated ones of each run."""
     console = Console(stderr=True)
     rows = []
@@ -72,9 +72,9 @@ def run(robots: Sequence[int] = ROBOTS, seconds: float = 60.0, json_output: bool
     return rows
 
 
-def _row(count: int, seconds: float) -> Row:
+def _row(count: int, seconds: float) -> StepRow:
     wall_us, cpu_us = ping_pong(count, round(seconds * 10))
-    return Row(
+    return StepRow(
         robots=count,
         ping_pong_us=cpu_us,
         ping_pong_wall_us=wall_us,
@@ -170,7 +170,7 @@ def _proportional_set_sizes(out: Path) -> list[float]:
     return sizes
 
 
-def _print(rows: Sequence[Row], seconds: float) -> None:
+def _print(rows: Sequence[StepRow], seconds: float) -> None:
     table = Table(title=f"CPU µs per robot and step (100 ms steps, {seconds:g} s simulated)")
     for name in (
         "robots",

@@ -57,7 +57,7 @@ def map_in(directory: Path) -> Path:
     return found[0]
 
 
-def compare(floor: "Floor", reference: "Floor") -> Likeness:
+def compare(floor: "PlanFigures", reference: "PlanFigures") -> Likeness:
     """The likeness of two floors, both sampled at the centres of the finer grid laid over both."""
     resolution = min(floor.grid.resolution, reference.grid.resolution)
     corners = [corner for f in (floor, reference) for corner in (f.grid.origin, f.grid.corner)]
@@ -69,7 +69,7 @@ def compare(floor: "Floor", reference: "Floor") -> Likeness:
 
 
 @dataclass(frozen=True)
-class Floor:
+class PlanFigures:
     """The part of a map that is reachable."""
 
     grid: OccupancyGrid
@@ -92,9 +92,9 @@ class Floor:
         return sampled
 
 
-def _floor(file: Path, start: Point) -> Floor:
+def _floor(file: Path, start: Point) -> PlanFigures:
     grid = load_map(file)
     region = reachable(grid, start)
     if not region.any():
         raise MapError(f"{file}: the point ({start.x:g}, {start.y:g}) is not free; start from one that is.")
-    return Floor(grid, region)
+    return PlanFigures(grid, region)

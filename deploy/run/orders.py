@@ -35,7 +35,7 @@ from actors.runtime.errors import AcrcError
 from deploy.usage import OptionError, wrong_value
 
 
-class OrderError(AcrcError):
+class OrderRefusedError(AcrcError):
     """A run that takes no order."""
 
 
@@ -106,7 +106,7 @@ def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:
     """
     file = out / "world" / router_file.NAME
     if not file.is_file():
-        raise OrderError(f"{out}: no run is going on here; name the folder of one that is, over Zenoh")
+        raise OrderRefusedError(f"{out}: no run is going on here; name the folder of one that is, over Zenoh")
     issued = router_file.read(file)
     config = rules.client_config(issued.files["operator"], issued.endpoint("operator"))
     ticket = secrets.token_hex(8)
@@ -114,7 +114,7 @@ def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:
         bus.publish(CONTROL.key(), encode(Control(0, (order,), ticket)))
         answer = _await_answer(bus, ticket, time.monotonic() + patience_s)
     if answer is None:
-        raise OrderError(
+        raise OrderRefusedError(
             f"{out}: the run has not said within {patience_s:g} s what becomes of the order; if it goes on, "
             "the order is carried out at the start of its next step; run.json will name it if it is refused"
         )

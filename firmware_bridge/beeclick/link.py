@@ -41,7 +41,7 @@ from firmware_bridge.beeclick.commands import (
 from firmware_bridge.beeclick.counters import LinkCounters
 from firmware_bridge.beeclick.events import Event, Unconfirmed
 from firmware_bridge.beeclick.news import news
-from firmware_bridge.beeclick.pace import Pace
+from firmware_bridge.beeclick.pace import SendingPace
 from firmware_bridge.beeclick.parameters import DEFAULTS, BeeClickParameters, BoardSettings
 from firmware_bridge.beeclick.reader import Reader
 from firmware_bridge.beeclick.standing import LinkStanding
@@ -98,7 +98,7 @@ class Link:
         self._events: list[Event] = []
         self._packets = 0
         """How many numbers have been used."""
-        self._pace = Pace(parameters)
+        self._pace = SendingPace(parameters)
         self._sync_began = self._heard_at = self._answered_at = 0
         self._given_up = False
         """No SYNC has been answered for so long that nothing of what the board has will be."""

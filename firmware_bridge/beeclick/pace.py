@@ -9,7 +9,7 @@ from actors.instant import Duration, Instant
 from firmware_bridge.beeclick.parameters import BeeClickParameters
 
 
-class Pace:
+class SendingPace:
     """What has gone to the board since it answered last, and what has come."""
 
     def __init__(self, parameters: BeeClickParameters) -> None:

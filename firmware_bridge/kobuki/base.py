@@ -143,7 +143,7 @@ class EmulatedKobuki:
         """The last commands and when they came."""
 
     @property
-    def reception(self) -> frame.Reception:
+    def reception(self) -> frame.WireCounts:
         """Frames and noise of the commands' bytes."""
         return self._reader.reception
 

@@ -26,7 +26,7 @@ from firmware_bridge.kobuki.events import (
     Sense,
     StopsChanged,
 )
-from firmware_bridge.kobuki.frame import FrameReader, Reception
+from firmware_bridge.kobuki.frame import FrameReader, WireCounts
 from firmware_bridge.kobuki.odometry import KobukiOdometry, OdometryParameters
 from firmware_bridge.kobuki.packets import (
     POWER_RAILS,
@@ -147,7 +147,7 @@ class KobukiDriver:
         return bits
 
     @property
-    def reception(self) -> Reception:
+    def reception(self) -> WireCounts:
         """Frames and noise so far."""
         return self._reader.reception
 

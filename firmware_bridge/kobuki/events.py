@@ -6,7 +6,7 @@ from enum import Enum
 from actors.instant import Instant
 from firmware_bridge.kobuki.battery import BatteryLevel
 from firmware_bridge.kobuki.packets import UDID, Feedback, FirmwareVersion
-from firmware_bridge.kobuki.safety import Stop
+from firmware_bridge.kobuki.safety import StopCause
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class StopsChanged:
     """Other causes hold the base back than before."""
 
     instant: Instant
-    stops: tuple[Stop, ...]
+    stops: tuple[StopCause, ...]
 
 
 Event = Found | Lost | Fed | Changed | BatteryChanged | Identified | StopsChanged

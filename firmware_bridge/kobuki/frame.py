@@ -22,7 +22,7 @@ P = TypeVar("P")
 
 
 @dataclass
-class Reception:
+class WireCounts:
     """What came over a wire: frames that were right, and bytes that were skipped, by cause."""
 
     frames: int = 0
@@ -59,7 +59,7 @@ class FrameReader(Generic[P]):
         """`decode`: gives the packets of a payload, or raises MalformedError."""
         self._decode = decode
         self._pending = bytearray()
-        self.reception = Reception()
+        self.reception = WireCounts()
 
     @property
     def pending(self) -> int:

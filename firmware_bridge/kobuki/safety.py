@@ -57,7 +57,7 @@ _BACKWARD_ONLY: Final = frozenset({Cause.BUMPER, Cause.CLIFF})
 
 
 @dataclass(frozen=True)
-class Stop:
+class StopCause:
     """One cause that holds now."""
 
     cause: Cause
@@ -72,7 +72,7 @@ class Allowed:
 
     v: float
     omega: float
-    stops: tuple[Stop, ...]
+    stops: tuple[StopCause, ...]
 
     @property
     def standing(self) -> bool:
@@ -192,11 +192,13 @@ class SafetyStop:
         self._ramp.set(now, v, omega)
         return Allowed(v, omega, stops)
 
-    def _stops(self, now: Instant) -> tuple[Stop, ...]:
+    def _stops(self, now: Instant) -> tuple[StopCause, ...]:
         """All causes that hold, in the order of Cause."""
         causes = self._causes(now)
         self._since = {cause: self._since.get(cause, now) for cause in causes}
-        return tuple(Stop(cause, self._since[cause], causes[cause]) for cause in Cause if cause in causes)
+        return tuple(
+            StopCause(cause, self._since[cause], causes[cause]) for cause in Cause if cause in causes
+        )
 
     def _causes(self, now: Instant) -> dict[Cause, int]:
         """Each cause with its sensor's bits."""

@@ -32,7 +32,7 @@ from firmware_bridge.laboratory.real_time import RealTime, Wishes
 _KERNELS: Final = (odometry_kernel, drive, rays, visits)
 
 
-class ResultError(AcrcError):
+class LaboratoryResultError(AcrcError):
     """A result that cannot be written."""
 
 
@@ -96,7 +96,9 @@ def _write(path: Path, result: bytes) -> None:
     try:
         path.write_bytes(msgspec.json.format(result))
     except OSError as error:
-        raise ResultError(f"{path}: cannot be written ({error.strerror}); give another file") from None
+        raise LaboratoryResultError(
+            f"{path}: cannot be written ({error.strerror}); give another file"
+        ) from None
 
 
 if __name__ == "__main__":

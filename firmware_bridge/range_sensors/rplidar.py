@@ -20,7 +20,7 @@ from firmware_bridge.range_sensors.rplidar_wire import (
     FULL_TURN_Q6,
     Descriptor,
     Health,
-    Info,
+    LidarInfo,
     LidarRequest,
     SampleReader,
 )
@@ -115,7 +115,7 @@ class Rplidar:
         self._entered = started
         self.counts = RplidarCounts()
         self.health: Health | None = None
-        self.info: Info | None = None
+        self.info: LidarInfo | None = None
 
     @property
     def samples(self) -> wire.SampleCounts:
@@ -207,7 +207,7 @@ class Rplidar:
         data = bytes(self._pending[wire.DESCRIPTOR_SIZE : wire.DESCRIPTOR_SIZE + wanted.length])
         self._alive = now
         if wanted is wire.INFO:
-            self.info = Info.decode(data)
+            self.info = LidarInfo.decode(data)
             self._enter(LidarPhase.STARTING, now)
             return
         self.health = Health.decode(data)

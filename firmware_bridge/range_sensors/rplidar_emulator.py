@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from actors.instant import START, Instant, in_seconds
 from firmware_bridge.range_sensors import rplidar_wire as wire
-from firmware_bridge.range_sensors.rplidar_wire import FULL_TURN_Q6, Health, Info, LidarRequest, Sample
+from firmware_bridge.range_sensors.rplidar_wire import FULL_TURN_Q6, Health, LidarInfo, LidarRequest, Sample
 
 Sight = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """(n,) directions, rad counter-clockwise from the lidar's zero, to (n,) ranges, m; inf = nothing."""
@@ -26,7 +26,7 @@ class EmulatedRplidarParameters:
     """m."""
     range_max: float = 12.0
     """m."""
-    info: Info = Info(0x18, (1, 29), 7, bytes(range(16)))  # noqa: RUF009 - frozen
+    info: LidarInfo = LidarInfo(0x18, (1, 29), 7, bytes(range(16)))  # noqa: RUF009 - frozen
 
 
 class EmulatedRplidar:

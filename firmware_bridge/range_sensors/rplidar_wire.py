@@ -50,7 +50,7 @@ FULL_TURN_Q6: Final = 360 * 64
 
 
 @dataclass(frozen=True)
-class Info:
+class LidarInfo:
     """Which lidar it is."""
 
     model: int
@@ -65,7 +65,7 @@ class Info:
         return bytes((self.model, self.firmware[1], self.firmware[0], self.hardware)) + self.serial
 
     @classmethod
-    def decode(cls, data: bytes) -> "Info":
+    def decode(cls, data: bytes) -> "LidarInfo":
         """Of 20 bytes."""
         return cls(data[0], (data[2], data[1]), data[3], bytes(data[4:20]))
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from actors.geometry import Point
 from actors.instant import Instant, seconds
-from cleaning.adaptive import AdaptiveCleaningRobot, Peer
+from cleaning.adaptive import AdaptiveCleaningRobot, HeardPeer
 from cleaning.parameters import AdaptationParameters
 from cleaning.peer_mask import PeerMask
 from tests.cleaning.equipment import NOW, Base, adaptive
@@ -24,8 +24,8 @@ def test_peers_within_the_distance_are_noted_the_newest_word_of_each() -> None:
     later = replace(NEAR, position=Point(2.5, 0.0))
     robot = mask.at_member(later, mask.at_member(FAR, robot, NOW), Instant(NOW + seconds(1)))
     assert robot.peers == (
-        Peer("r3", FAR.position, NOW),
-        Peer("r2", Point(2.5, 0.0), Instant(NOW + seconds(1))),
+        HeardPeer("r3", FAR.position, NOW),
+        HeardPeer("r2", Point(2.5, 0.0), Instant(NOW + seconds(1))),
     )
 
 

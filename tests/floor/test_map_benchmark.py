@@ -5,7 +5,7 @@ import pytest
 
 from actors.floor.map_file import MapError
 from actors.geometry import Point
-from benchmarks.world.map import Floor, compare, map_in, run
+from benchmarks.world.map import PlanFigures, compare, map_in, run
 from tests.floor.plans import plan
 
 MAPS = Path(__file__).parents[2] / "maps"
@@ -14,17 +14,17 @@ MAPS = Path(__file__).parents[2] / "maps"
 def test_a_map_is_exactly_like_itself_at_any_resolution() -> None:
     coarse = plan("#..", "...", resolution=0.5, origin=Point(-1.0, 0.0))
     fine = plan("##....", "##....", "......", "......", resolution=0.25, origin=Point(-1.0, 0.0))
-    likeness = compare(Floor(coarse, coarse.free), Floor(fine, fine.free))
+    likeness = compare(PlanFigures(coarse, coarse.free), PlanFigures(fine, fine.free))
     assert (likeness.area, likeness.reference_area, likeness.overlap) == (1.25, 1.25, 1.0)
 
 
 def test_the_overlap_of_two_maps_that_lie_apart() -> None:
     one = plan("..", "..")
     other = plan("..", "..", origin=Point(1.0, 0.0))
-    assert compare(Floor(one, one.free), Floor(other, other.free)).overlap == pytest.approx(1 / 3)
+    assert compare(PlanFigures(one, one.free), PlanFigures(other, other.free)).overlap == pytest.approx(1 / 3)
     for origin in (Point(-7.0, 0.0), Point(7.0, 0.0), Point(0.0, -9.0), Point(0.0, 9.0)):
         away = plan("..", "..", origin=origin)
-        assert compare(Floor(one, one.free), Floor(away, away.free)).overlap == 0.0
+        assert compare(PlanFigures(one, one.free), PlanFigures(away, away.free)).overlap == 0.0
 
 
 @pytest.fixture

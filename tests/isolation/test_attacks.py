@@ -98,7 +98,7 @@ def test_what_gets_through_unstated_fails_the_benchmark() -> None:
     assert all(command.is_stated(attack, text) for attack in remains)
     silent = text.replace(remains[0].name, "all is well")
     verdicts = [
-        command.Verdict(attack.name, attack.closed_by, "through", command.is_stated(attack, silent))
+        command.AttackVerdict(attack.name, attack.closed_by, "through", command.is_stated(attack, silent))
         for attack in remains
     ]
     with pytest.raises(command.AttacksError) as caught:

@@ -53,7 +53,7 @@ def test_a_folder_of_logs_is_compared_log_by_log(folder: Path, capsys: pytest.Ca
     assert capsys.readouterr().out.count("odometry") == 2
 
 
-def a_table(ours: Sequence[float], theirs: Sequence[float]) -> list[against.Row]:
+def a_table(ours: Sequence[float], theirs: Sequence[float]) -> list[against.PairedRow]:
     other = Other("x", [OtherRun(rmse, lost=rmse > 1) for rmse in theirs])
     return against.rows({"x": {"p": [a_run([value] * 3) for value in ours]}}, {"x": other})
 

@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 from actors.geometry import Point, Pose
 from actors.robot.localisation import Estimate
 from actors.robot.sweep import Sweep
-from benchmarks.localisation.cells import PRESETS, Cell
+from benchmarks.localisation.cells import PRESETS, CourseCell
 from benchmarks.localisation.course import CourseSetup
 from benchmarks.localisation.filters import Arm
 from benchmarks.localisation.metrics import beside_truth
 from benchmarks.localisation.peer_reports import ReportParameters, reports
-from benchmarks.localisation.pool import Task, drive, run_all, tasks
+from benchmarks.localisation.pool import CourseTask, drive, run_all, tasks
 from benchmarks.localisation.replay import replay
 from tests.localisation_bench.scenes import CORRIDOR, course
 
@@ -85,25 +85,27 @@ def test_reports_are_off_by_their_spread() -> None:
 
 def test_each_course_is_driven_once_with_all_that_it_is_needed_for() -> None:
     cells = [
-        Cell("tracking", replace(SHORT, seed=0), Arm("odometry"), 2),
-        Cell("mask", replace(SHORT, seed=0), Arm("odometry"), 2),
-        Cell("mask", replace(SHORT, seed=0), Arm("robust", masked=True), 1),
+        CourseCell("tracking", replace(SHORT, seed=0), Arm("odometry"), 2),
+        CourseCell("mask", replace(SHORT, seed=0), Arm("odometry"), 2),
+        CourseCell("mask", replace(SHORT, seed=0), Arm("robust", masked=True), 1),
     ]
     robust = Arm("robust", masked=True)
     assert tasks(cells) == [
-        Task(SHORT, (Arm("odometry"), robust)),
-        Task(replace(SHORT, seed=2), (Arm("odometry"),)),
+        CourseTask(SHORT, (Arm("odometry"), robust)),
+        CourseTask(replace(SHORT, seed=2), (Arm("odometry"),)),
     ]
 
 
 def test_a_mask_reaches_the_filter_and_the_odometry_alone_is_as_good_as_it_is() -> None:
-    told, plain, alone = drive(Task(SHORT, (Arm("robust", masked=True), Arm("robust"), Arm("odometry"))))
+    told, plain, alone = drive(
+        CourseTask(SHORT, (Arm("robust", masked=True), Arm("robust"), Arm("odometry")))
+    )
     assert told.outcome["beams_masked"] != 0 and plain.outcome["beams_masked"] == 0
     assert np.isinf(alone.nees).all() and alone.rmse < 0.05
 
 
 def test_the_number_of_workers_changes_nothing() -> None:
-    todo = [Task(replace(SHORT, seed=seed), (Arm("chapter"), Arm("robust"))) for seed in (1, 2, 3)]
+    todo = [CourseTask(replace(SHORT, seed=seed), (Arm("chapter"), Arm("robust"))) for seed in (1, 2, 3)]
     done: list[int] = []
     alone, shared = run_all(todo, 1, done.append), run_all(todo, 2, done.append)
     assert done == [1, 2, 3, 1, 2, 3] and list(alone) == list(shared)

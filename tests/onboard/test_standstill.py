@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.hardware.standstill import Standstill, StandstillTask, events, measured, meets
+from benchmarks.hardware.standstill import StandstillCase, StandstillTask, events, measured, meets
 from benchmarks.hardware.standstill_rig import GUARDIAN, Rig, killed, stopped
 from tests.onboard.test_live import senses
 from tests.swarm.command import processes_of
@@ -90,8 +90,8 @@ def command(rig: Rig) -> list[str]:
 def test_the_bench_has_a_case_for_each_process_and_judges_them() -> None:
     cases = events()
     assert {case[0] for case in cases} >= {"robot", "bridge", "base", "guardian", "supervisor", "lidar"}
-    task, late = StandstillTask(), Standstill(0.31, 0.1, 0.5, 0.2, 0.5)
-    assert meets(("base", "killed"), [Standstill(0.3, 0.15, 0.6, 0.3, 0.5)], task)
+    task, late = StandstillTask(), StandstillCase(0.31, 0.1, 0.5, 0.2, 0.5)
+    assert meets(("base", "killed"), [StandstillCase(0.3, 0.15, 0.6, 0.3, 0.5)], task)
     assert not meets(("base", "killed"), [late], task)
-    assert not meets(("base", "killed"), [Standstill(None, 0.9, None, 0.9, 0.5)], task)
-    assert meets(("bridge", "killed"), [Standstill(None, 0.9, None, 0.9, 0.5)], task)
+    assert not meets(("base", "killed"), [StandstillCase(None, 0.9, None, 0.9, 0.5)], task)
+    assert meets(("bridge", "killed"), [StandstillCase(None, 0.9, None, 0.9, 0.5)], task)

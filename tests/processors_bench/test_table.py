@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from benchmarks.processors import aarch64, here, pythons, table
-from benchmarks.processors.computer import Computer, RunOutcome, Task, last_words, make
-from benchmarks.processors.table import Row, digests, line, measure, tasks, verdict
+from benchmarks.processors.computer import Computer, RunOutcome, RunTask, last_words, make
+from benchmarks.processors.table import ProcessorRow, digests, line, measure, tasks, verdict
 from deploy.repository import REPOSITORY
 
 
-def row(name: str, **outcomes: RunOutcome) -> Row:
-    return Row(name, outcomes)
+def row(name: str, **outcomes: RunOutcome) -> ProcessorRow:
+    return ProcessorRow(name, outcomes)
 
 
 def test_both_tasks_are_those_of_the_house_test_and_the_chapter() -> None:
@@ -34,13 +34,13 @@ def test_this_processor_is_measured_with_each_part_of_its_arithmetic_as_an_older
 
 def test_what_is_missing_is_said_in_the_table(tmp_path: Path) -> None:
     absent = Computer("Python 3.99", missing="no such interpreter was found")
-    task = Task("crowd", tmp_path / "none.toml", 1.0)
+    task = RunTask("crowd", tmp_path / "none.toml", 1.0)
     (found,) = measure([task], [absent], tmp_path, lambda row: None)
     assert line(found) == f"{'Python 3.99':44s} {'-':12s}  no such interpreter was found"
 
 
 def test_a_run_that_fails_says_its_last_words(tmp_path: Path) -> None:
-    task = Task("crowd", tmp_path / "none.toml", 1.0)
+    task = RunTask("crowd", tmp_path / "none.toml", 1.0)
     outcome = make(task, Computer("here", (sys.executable,)), tmp_path, 60.0)
     assert not outcome.digest and outcome.fault.startswith("failed: ") and "none.toml" in outcome.fault
     assert last_words("one\ntwo\n") == "failed: two" and last_words("") == "failed: without a word"
@@ -67,8 +67,8 @@ def test_a_run_that_fails_on_a_computer_that_is_there_is_a_fault_and_a_missing_c
     monkeypatch.setattr(table, "make", lambda task, computer, *_: (
         RunOutcome("1") if computer.name == "well" else make(task, computer, tmp_path, 60.0)
     ))  # fmt: skip
-    (lost,) = measure([Task("t", tmp_path, 1.0)], [absent], tmp_path, lambda row: None)
-    (worse,) = measure([Task("t", tmp_path, 1.0)], [broken], tmp_path, lambda row: None)
+    (lost,) = measure([RunTask("t", tmp_path, 1.0)], [absent], tmp_path, lambda row: None)
+    (worse,) = measure([RunTask("t", tmp_path, 1.0)], [broken], tmp_path, lambda row: None)
     assert not table.failed(lost) and table.failed(worse)
     well = Computer("well", ("/bin/true",))
     for there, code in (([absent, well], 0), ([absent, broken, well], 1)):

@@ -20,7 +20,7 @@ from actors.radio.medium.state import Kind
 from actors.radio.medium.traffic import Poisson, Saturated
 from actors.radio.presets import preset
 from benchmarks.radio.reference import OperatingPoint
-from benchmarks.radio.trials import SECOND, Table, contend, measure, scene
+from benchmarks.radio.trials import SECOND, LossTable, contend, measure, scene
 from benchmarks.radio.truth import formula_kbps
 
 NS3 = preset("ns3")
@@ -48,7 +48,7 @@ def test_the_error_rate_is_that_of_annex_e() -> None:
 
 @pytest.mark.parametrize(("rx_dbm", "octets"), [(-97.0, 20), (-96.5, 60), (-96.0, 127), (-95.4066, 127)])
 def test_frames_over_a_weak_link_are_lost_by_the_formula(rx_dbm: float, octets: int) -> None:
-    table = Table(np.full((2, 2), -rx_dbm))
+    table = LossTable(np.full((2, 2), -rx_dbm))
     pair = [NS3.transceiver.numbered(k) for k in range(2)]
     medium = Medium(pair, table, NS3.phy, seed=1, watched=[1])
     medium.place(table.places)
@@ -59,7 +59,7 @@ def test_frames_over_a_weak_link_are_lost_by_the_formula(rx_dbm: float, octets: 
 
 
 def test_the_first_back_off_is_even_over_eight_periods() -> None:
-    table = Table(np.full((2, 2), 60.0))
+    table = LossTable(np.full((2, 2), 60.0))
     medium = Medium([NS3.transceiver.numbered(k) for k in range(2)], table, NS3.phy, seed=2, watched=[])
     medium.place(table.places)
     medium.submit(Request(k * SECOND // 20, 0, 20) for k in range(4000))
@@ -73,7 +73,7 @@ def test_the_first_back_off_is_even_over_eight_periods() -> None:
 
 
 def test_arrivals_are_a_poisson_process() -> None:
-    table = Table(np.full((2, 2), 60.0))
+    table = LossTable(np.full((2, 2), 60.0))
     medium = Medium([NS3.transceiver.numbered(k) for k in range(2)], table, NS3.phy, seed=4, watched=[])
     medium.place(table.places)
     medium.offer(0, Poisson(20, 10.0))
@@ -84,7 +84,7 @@ def test_arrivals_are_a_poisson_process() -> None:
 
 
 def test_a_backlogged_sender_never_rests() -> None:
-    table = Table(np.full((2, 2), 60.0))
+    table = LossTable(np.full((2, 2), 60.0))
     medium = Medium([NS3.transceiver.numbered(k) for k in range(2)], table, NS3.phy, seed=4, watched=[])
     medium.place(table.places)
     medium.offer(0, Saturated(20))

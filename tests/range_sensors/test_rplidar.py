@@ -27,7 +27,7 @@ from firmware_bridge.range_sensors.rplidar_wire import (
     INFO,
     SCANNING,
     Health,
-    Info,
+    LidarInfo,
     LidarRequest,
     Sample,
     SampleReader,
@@ -57,9 +57,9 @@ def test_bytes() -> None:
     assert Sample(True, 15, 5760, 4000).encode() == bytes.fromhex("3d 01 2d a0 0f")
     assert Sample(False, 15, 5760, 4000).encode() == bytes.fromhex("3e 01 2d a0 0f")
     assert Health(1, 0x1234).encode() == bytes.fromhex("01 34 12")
-    info = Info(0x18, (1, 29), 7, bytes(range(16)))
+    info = LidarInfo(0x18, (1, 29), 7, bytes(range(16)))
     assert info.encode() == bytes.fromhex("18 1d 01 07") + bytes(range(16))
-    assert Info.decode(info.encode()) == info
+    assert LidarInfo.decode(info.encode()) == info
     assert Health.decode(bytes.fromhex("01 34 12")) == Health(1, 0x1234)
 
 
@@ -131,7 +131,7 @@ def metres(scan: Scan) -> NDArray[np.float64]:
 def test_it_starts_and_sees_the_room_along_the_models_rays() -> None:
     rig = Rig()
     rig.run(3.0)
-    assert rig.lidar.info == Info(0x18, (1, 29), 7, bytes(range(16)))
+    assert rig.lidar.info == LidarInfo(0x18, (1, 29), 7, bytes(range(16)))
     assert rig.lidar.health == Health(0)
     assert rig.lidar.waiting(rig.now) is None
     assert 14 <= len(rig.scans) <= 16  # 5.5 turns a second, the first not whole

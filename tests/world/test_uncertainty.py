@@ -10,14 +10,14 @@ from actors.floor.placement import PlacementError
 from actors.geometry import Point
 from actors.randomness import generator
 from actors.world.odometry import KobukiErrors, StageErrors
-from actors.world.uncertainty import Floor, Uncertainty, drifting, floor
+from actors.world.uncertainty import RealFloor, Uncertainty, drifting, floor
 from deploy.repository import REPOSITORY
 
 CORRIDOR = load_map(REPOSITORY / "maps" / "corridor.yaml")
 BODY = 0.177
 
 
-def made(dose: Uncertainty, seed: int = 1, kept_off: tuple[Point, ...] = ()) -> Floor:
+def made(dose: Uncertainty, seed: int = 1, kept_off: tuple[Point, ...] = ()) -> RealFloor:
     return floor(CORRIDOR, dose, generator(seed, "uncertainty", "world"), kept_off)
 
 
