@@ -16,8 +16,7 @@ from actors.ieee802154 import airtime_ns
 from actors.radio.medium.medium import Medium
 from actors.radio.medium.traffic import Poisson
 from actors.radio.presets import preset
-from benchmarks.radio.trials import SECOND
-from benchmarks.radio.trials import Table as Losses
+from benchmarks.radio.trials import SECOND, LossTable
 
 NS3_PROGRAM: Final = Path(__file__).with_name("radio_speed_ns3.py")
 _PATIENCE_S: Final = 1800
@@ -82,7 +81,7 @@ def run(ns3_python: Path | None, json_output: bool = False, task: SpeedTask | No
 def medium_speed(senders: int, load: float, octets: int, frames: int, seed: int = 1) -> float:
     """Frames on the air per CPU second of the medium."""
     parameters = preset("ns3")
-    losses = Losses(np.full((senders + 1, senders + 1), 60.0))
+    losses = LossTable(np.full((senders + 1, senders + 1), 60.0))
     transceivers = [parameters.transceiver.numbered(address) for address in range(senders + 1)]
     medium = Medium(transceivers, losses, parameters.phy, seed=seed, watched=[senders])
     medium.place(losses.places)
