@@ -1,5 +1,6 @@
 """The floor plan as a grid of cells, each free, unknown or occupied, in the map frame."""
 
+import hashlib
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -79,6 +80,12 @@ class OccupancyGrid:
         clearance = distance.clearance(self.blocking, self.resolution)
         clearance.setflags(write=False)
         return clearance
+
+    @cached_property
+    def content(self) -> bytes:
+        """The same 32 bytes for grids with the same cells, resolution and origin, and for no others."""
+        frame = np.array([self.rows, self.columns, self.resolution, *self.origin], np.float64)
+        return hashlib.sha256(frame.tobytes() + self.cells.tobytes()).digest()
 
     def contains(self, point: Point) -> bool:
         """True where the map has a cell."""

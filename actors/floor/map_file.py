@@ -1,8 +1,10 @@
 """Floor plans from files: the YAML and image of ROS map_server (wiki.ros.org/map_server, "Map format")."""
 
+import hashlib
+import io
 import reprlib
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from actors.floor.sharing import Shared
 from actors.geometry import Point
 from actors.runtime.errors import AcrcError
 
@@ -34,6 +37,8 @@ class MapLimits:
     """Size of the YAML; real ones have under 300 bytes."""
     cells: int = 16_000_000
     """Pixels of the image: 200 m by 200 m at 5 cm, about 0.5 GB while distances are computed."""
+    image_bytes: int = 128_000_000
+    """Size of the image's file: 8 bytes for each of so many pixels, more than any format takes."""
 
 
 @dataclass(frozen=True)
@@ -48,20 +53,31 @@ class _Header:
     free: float
 
 
+_MAPS: Final = Shared[OccupancyGrid]()
+
+
 def load_map(path: Path | str, limits: MapLimits = MapLimits()) -> OccupancyGrid:
     """The floor plan in the YAML file `path` and the image it names, which lies beside it.
 
     A pixel of brightness g in 0..255 is (255 − g)/255 occupied, or g/255 with `negate`: above
     `occupied_thresh` the cell is occupied, below `free_thresh` free, else unknown (mode trinary). The image
-    is a PNG, PGM or BMP with 8 bits per channel. Raises MapError.
+    is a PNG, PGM or BMP with 8 bits per channel. Files with the same bytes give one grid, wherever they lie.
+    Raises MapError.
     """
     path = Path(path)
     header = _header(path, limits)
-    grey = _grey(header.image, limits).astype(np.float64)
+    image = _image(header.image, limits)
+    content = hashlib.sha256(image).digest(), replace(header, image=Path()), limits
+    return _MAPS.get(content, lambda: _grid(header, image, limits))
+
+
+def _grid(header: _Header, image: bytes, limits: MapLimits) -> OccupancyGrid:
+    grey = np.arange(256, dtype=np.float64)
     occupancy = (grey if header.negate else 255.0 - grey) / 255.0
-    cells = np.full(grey.shape, UNKNOWN, dtype=np.uint8)
-    cells[occupancy > header.occupied] = OCCUPIED
-    cells[occupancy < header.free] = FREE
+    states = np.full(grey.shape, UNKNOWN, dtype=np.uint8)
+    states[occupancy > header.occupied] = OCCUPIED
+    states[occupancy < header.free] = FREE
+    cells = states[_grey(header.image, image, limits)]
     return OccupancyGrid(np.flipud(cells), header.resolution, header.origin)
 
 
@@ -141,12 +157,28 @@ def _origin(path: Path, fields: dict[Any, Any]) -> Point:
     return Point(x, y)
 
 
-def _grey(path: Path, limits: MapLimits) -> NDArray[np.uint8]:
-    """(rows, columns) brightness of the image, row 0 its top."""
+def _image(path: Path, limits: MapLimits) -> bytes:
+    """The image's file."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(limits.image_bytes + 1)
+    except OSError as error:
+        raise MapError(f"{path}: the map's image cannot be read: {error.strerror}.") from error
+    except ValueError as error:  # a zero byte in its name
+        raise MapError(f"{path}: the map's image cannot be read: {error}.") from error
+    if len(content) > limits.image_bytes:
+        raise MapError(
+            f"{path}: a map's image may have at most {limits.image_bytes} bytes, but this is larger."
+        )
+    return content
+
+
+def _grey(path: Path, content: bytes, limits: MapLimits) -> NDArray[np.uint8]:
+    """(rows, columns) brightness of the image in the file `path`, row 0 its top."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # our own limit is the lower one
-            with Image.open(path, formats=("PNG", "PPM", "BMP")) as image:
+            with Image.open(io.BytesIO(content), formats=("PNG", "PPM", "BMP")) as image:
                 if image.width * image.height > limits.cells:
                     raise MapError(
                         f"{path}: the image has {image.width} x {image.height} pixels,"
@@ -159,8 +191,6 @@ def _grey(path: Path, limits: MapLimits) -> NDArray[np.uint8]:
         ) from error
     except Image.DecompressionBombError as error:
         raise MapError(f"{path}: the image has far more than the {limits.cells} pixels allowed.") from error
-    except FileNotFoundError as error:
-        raise MapError(f"{path}: the map's image cannot be read: {error.strerror}.") from error
     except (OSError, SyntaxError, ValueError) as error:  # what Pillow raises on damaged images
         raise MapError(f"{path}: the map's image cannot be read: {error}.") from error
 

@@ -14,7 +14,7 @@ from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.behaviour.entry import load_behaviour
 from actors.robot.behaviour.ports import Start
 from actors.robot.core import RobotCore, RobotParts
-from actors.robot.localisation import Amcl, DeadReckoning, Localisation, likelihood_field
+from actors.robot.localisation import Amcl, DeadReckoning, LikelihoodField, Localisation, likelihood_field
 from actors.robot.navigation import cell_distance, dwa, inflation, map_grid, potential, ray_tracing
 from actors.robot.navigation.cost_map import CostMap
 from actors.robot.navigation.floor_plan import ReachableFloor
@@ -65,6 +65,24 @@ class RobotSetup:
     """Standard deviation of `start`, m and rad: it stands until it has been located; None: it knows."""
 
 
+@dataclass(frozen=True, eq=False)
+class CommonGround:
+    """What follows from map, model and stack: the same for all robots that have the same of these."""
+
+    plan: OccupancyGrid
+    floor: Ground
+    field: LikelihoodField | None
+    """None without localisation."""
+
+
+def common_ground(plan: OccupancyGrid, model: RobotModel, stack: Stack) -> CommonGround:
+    """All that robots of this model and stack share: made once for as long as it is held, see `Shared`."""
+    field = None
+    if stack.localisation is not None:
+        field = likelihood_field(plan, stack.localisation.max_distance)
+    return CommonGround(plan, floor(plan, model, stack), field)
+
+
 def floor(plan: OccupancyGrid, model: RobotModel, stack: Stack) -> Ground:
     """The floor plan for the model's body; may be shared by all robots of a process."""
     return ground(plan, model.footprint.circumradius, stack.planner)
@@ -88,25 +106,25 @@ def start(setup: RobotSetup, model: RobotModel, floor: Ground) -> Start:
 
 def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCore:
     """The core of a robot that has this floor plan. Raises an AcrcError for what does not fit."""
-    stack, radius, ground = setup.stack, model.footprint.circumradius, floor(plan, model, setup.stack)
+    stack, radius = setup.stack, model.footprint.circumradius
+    common = common_ground(plan, model, stack)
     local = CostMap(model.sensor, radius, stack.local_map)
     driver = LocalPlanner(local, radius, model.drive, stack.dwa)
     parts = RobotParts(
         sweeps=Sweeps(model.sensor),
-        localisation=_localisation(setup, model, plan),
-        navigation=Navigator(Planner(ground, stack.planner), local, driver, stack.navigation),
-        behaviour=load_behaviour(setup.behaviour, start(setup, model, ground)),
+        localisation=_localisation(setup, model, common.field),
+        navigation=Navigator(Planner(common.floor, stack.planner), local, driver, stack.navigation),
+        behaviour=load_behaviour(setup.behaviour, start(setup, model, common.floor)),
     )
     return RobotCore(
         setup.id, parts, entry=setup.behaviour, first_step=setup.first_step, step_us=setup.step_us
     )
 
 
-def _localisation(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> Localisation:
+def _localisation(setup: RobotSetup, model: RobotModel, field: LikelihoodField | None) -> Localisation:
     parameters = setup.stack.localisation
-    if parameters is None:
+    if parameters is None or field is None:
         return DeadReckoning(setup.start, setup.doubt)
-    field = likelihood_field(plan, parameters.max_distance)
     own = generator(setup.seed, "localisation", setup.id, setup.epoch)
     return Amcl(field, model.sensor, setup.start, own, parameters, setup.doubt)
 

@@ -12,7 +12,7 @@ from typing import Final
 from actors.floor.map_file import load_map
 from actors.geometry import Pose, wrap
 from actors.messages import READY, Ready
-from actors.robot.assembly import RobotSetup, kernels, robot
+from actors.robot.assembly import CommonGround, RobotSetup, common_ground, kernels, robot
 from actors.robot.behaviour.adaptation import Adaptation, load_adaptation
 from actors.robot.behaviour.places import load_places
 from actors.robot.core import RobotCore
@@ -58,6 +58,20 @@ def build(options: RobotOptions) -> RobotCore:
     """The core that the options ask for. Raises an AcrcError for what does not fit."""
     model = load_model(options.model, options.sensor)
     return robot(options.setup, model, load_map(options.map))
+
+
+def share(map_file: str, model: str, sensor: str, navigation: str) -> CommonGround:
+    """What robots with this map, model, sensor ("": the model's own) and navigation.toml have in common.
+
+    Those that are made while it is held, in this process or one forked from it, make none of it anew. An
+    AcrcError for what does not fit.
+    """
+    common = common_ground(
+        load_map(map_file), load_model(model, sensor or None), load_stack(Path(navigation))
+    )
+    if common.field is not None:
+        _ = common.field.anywhere, common.field.grid
+    return common
 
 
 def part(argv: Sequence[str]) -> ActorProcess:

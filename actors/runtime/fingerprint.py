@@ -1,5 +1,6 @@
 """What the numeric kernels give on fixed inputs here: the alarm, should a processor compute otherwise."""
 
+import functools
 import hashlib
 import re
 from collections.abc import Iterable, Mapping
@@ -21,8 +22,11 @@ class KernelModule(Protocol):
 
 
 def fingerprints(modules: Iterable[KernelModule]) -> dict[str, str]:
-    """The sha256 of each module's fingerprint, by the name of the module or of the function in it."""
-    return {name: hashlib.sha256(given).hexdigest() for module in modules for name, given in _of(module)}
+    """The sha256 of each module's fingerprint, by the name of the module or of the function in it.
+
+    Computed once in a process and those forked from it: code and processor stay what they are.
+    """
+    return dict(pair for module in modules for pair in _hashed(module))
 
 
 def combined(prints: Mapping[str, str]) -> str:
@@ -61,8 +65,12 @@ def difference(there: Processor, here: Processor, names: list[str]) -> str:
     return ""
 
 
-def _of(module: KernelModule) -> Iterable[tuple[str, bytes]]:
+@functools.cache
+def _hashed(module: KernelModule) -> tuple[tuple[str, str], ...]:
     given = module.fingerprint()
     if isinstance(given, bytes):
-        return [(module.__name__, given)]
-    return [(f"{module.__name__}.{function}", result) for function, result in given.items()]
+        return ((module.__name__, hashlib.sha256(given).hexdigest()),)
+    return tuple(
+        (f"{module.__name__}.{function}", hashlib.sha256(result).hexdigest())
+        for function, result in given.items()
+    )

@@ -4,9 +4,11 @@
 argv, log]}` is answered by `{"started": pid}`, or by `{"refused": why}` where the log is no new file, and
 the end of a child is told as `{"ended": pid, "code": code, "strays": n}`: n processes that the child had
 started outlived it and have been ended (`reap`; `spare` leaves them alone). `fork`: it has imported and
-compiled everything once, and forks from there; `exec`: it is small, and every child begins anew. It ends,
-and its children, when the other end of the socket closes. The standard library's forkserver leaves a socket
-file and keeps running when its parent is killed, see docs/decisions.
+compiled everything once, and forks from there; `exec`: it is small, and every child begins anew. To
+`{"share": [module, words]}`, which nothing answers, a server that forks makes what `share(*words)` of the
+module gives and holds it, so that children find it in memory. It ends, and its children, when the other end
+of the socket closes. The standard library's forkserver leaves a socket file and keeps running when its parent
+is killed, see docs/decisions.
 """
 
 import contextlib
@@ -24,6 +26,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.linux import PR_SET_CHILD_SUBREAPER, PR_SET_PDEATHSIG, prctl, set_title
 from actors.runtime.lifecycle.log import create_log, write_to
@@ -34,14 +37,18 @@ _GRACE_S: Final = 3.0
 """How long an actor may take to end in order once whoever wanted it is gone."""
 Enter = Callable[[str, Sequence[str]], int]
 """Becomes an actor, in a process of its own: module, argv; its exit code, if it comes back."""
+Share = Callable[[str, Sequence[str]], object]
+"""What children are to share: module, words."""
 
 
 class Server:
     """Starts children on request and tells of their ends."""
 
-    def __init__(self, channel: socket.socket, enter: Enter, *, reap: bool) -> None:
+    def __init__(self, channel: socket.socket, enter: Enter, share: Share, *, reap: bool) -> None:
         self._channel = channel
         self._enter = enter
+        self._share = share
+        self._shared: list[object] = []
         self._reaps = reap
         self._actors: dict[int, str] = {}
         """The log of each child that runs, by process id."""
@@ -75,17 +82,24 @@ class Server:
             return False
         if not request:
             return False
-        module, argv, log = json.loads(request)["start"]
+        asked = json.loads(request)
+        if "share" in asked:
+            with contextlib.suppress(AcrcError):  # whoever needs it makes it, and says what is wrong
+                self._shared.append(self._share(*asked["share"]))
+            return True
+        self._start(*asked["start"])
+        return True
+
+    def _start(self, module: str, argv: Sequence[str], log: str) -> None:
         try:
             stream = create_log(Path(log))
         except OSError as error:
             self._tell({"refused": f"{log}: {error.strerror}"})
-            return True
+            return
         pid = self._fork(module, argv, stream, Path(log).stem)
         os.close(stream)
         self._actors[pid] = log
         self._tell({"started": pid})
-        return True
 
     def _fork(self, module: str, argv: Sequence[str], log: int, actor: str) -> int:
         server = os.getpid()
@@ -160,6 +174,15 @@ def enter(module: str, argv: Sequence[str]) -> int:
     return code
 
 
+def share(module: str, words: Sequence[str]) -> object:
+    """What `share(*words)` of the module gives, in memory that no collection will touch, which would copy it."""
+    from actors.runtime.process import settle  # noqa: PLC0415  # a server that executes stays small
+
+    shared: object = importlib.import_module(module).share(*words)
+    settle()
+    return shared
+
+
 def execute(module: str, argv: Sequence[str]) -> int:
     """Become `python -m MODULE ARGV…`."""
     os.execv(sys.executable, [sys.executable, "-m", module, *argv])
@@ -215,7 +238,8 @@ def main(argv: Sequence[str]) -> int:
     if how == "fork":
         _show("forkserver")
         importlib.import_module("deploy.processes.preload")
-    server = Server(channel, enter if how == "fork" else execute, reap=whose == "reap")
+    served: tuple[Enter, Share] = (enter, share) if how == "fork" else (execute, lambda module, words: None)
+    server = Server(channel, *served, reap=whose == "reap")
     if sys.platform == "linux":
         prctl(PR_SET_PDEATHSIG, 0)  # from here on the end of the socket tells, and there is time for order
     channel.send(json.dumps({"ready": os.getpid()}).encode())

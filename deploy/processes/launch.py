@@ -68,6 +68,9 @@ class Launcher(Protocol):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...
 
+    def share(self, module: str, words: Sequence[str]) -> None:
+        """Let programs that are started later find what `share(*words)` of the module gives."""
+
     def start(self, program: Program) -> Child:
         """Start one program."""
 
@@ -119,13 +122,13 @@ class ServedLauncher:
         if self._lost and self._reap:  # it has reaped nobody
             process_table.end_sessions(self._children)
 
+    def share(self, module: str, words: Sequence[str]) -> None:
+        """Let programs that are started later find what `share(*words)` of the module gives, if it forks."""
+        self._ask({"share": [module, list(words)]})
+
     def start(self, program: Program) -> Child:
         """Start one program."""
-        request = {"start": [program.module, program.argv, str(program.log)]}
-        try:
-            self._channel.send(json.dumps(request).encode())
-        except BrokenPipeError:
-            raise self._loss() from None
+        self._ask({"start": [program.module, program.argv, str(program.log)]})
         while not {"started", "refused"} & (answer := self._hear()).keys():
             pass
         if "refused" in answer:
@@ -148,6 +151,12 @@ class ServedLauncher:
         while select.select([self._channel], [], [], timeout_s)[0]:
             self._hear()
             timeout_s = 0.0
+
+    def _ask(self, request: dict[str, Any]) -> None:
+        try:
+            self._channel.send(json.dumps(request).encode())
+        except BrokenPipeError:
+            raise self._loss() from None
 
     def _hear(self) -> dict[str, Any]:
         """The server's next message; the end of a child is noted on the way."""

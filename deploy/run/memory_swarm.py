@@ -12,6 +12,7 @@ from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.messages import Roster as RosterMessage
 from actors.radio.program import part as radio_part
 from actors.robot.program import part as robot_part
+from actors.robot.program import share
 from actors.runtime.bus.memory_bus import MemoryBus, run_shells
 from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
@@ -27,7 +28,7 @@ from actors.world.core import WorldCore
 from deploy.processes.launch import Program
 from deploy.run.household import Leftovers, exits_caught, watched
 from deploy.run.kernels import kernel_modules
-from deploy.run.plan import Plan, radio_program, robot_program
+from deploy.run.plan import Plan, in_common, radio_program, robot_program
 from deploy.run.plan import world_program as world_as_program
 from deploy.run.supervisor import RunFailedError
 
@@ -44,6 +45,8 @@ class MemorySwarm:
         self._shells: list[Shell] = []
         self._core: WorldCore | None = None
         self._turn: Shell | None = None
+        self._shared: list[object] = []
+        """What the robots have in common, held for those to come."""
         self._pace = None if plan.speed == "max" else Pace(float(plan.speed))
         self.rosters = 0
         """Roster messages received."""
@@ -86,6 +89,7 @@ class MemorySwarm:
         self._add(world, world_program.part(self._core, note))
         radio = radio_program(plan)
         self._add(radio, radio_part(radio.argv))
+        self._shared = [share(*words) for words in in_common(plan)]
         for robot in plan.world.robots:
             program = robot_program(plan, robot, ProcessOrder(robot.id, 0), 0)
             self._add(program, robot_part(program.argv))

@@ -146,22 +146,39 @@ def robot_program(
     return Program(robot.id, "actors.robot", argv, folder / f"{name}.log", folder / f"{name}.mcap")
 
 
+def in_common(plan: Plan) -> list[tuple[str, ...]]:
+    """For each kind of robot, the words for `share` of its program, which may be said once all is laid out."""
+    kinds = {(robot.model, robot.sensor): robot for robot in plan.world.robots}
+    return [
+        (
+            *(str(plan.folder(robot.id) / "map.yaml"), _model(plan, robot)),
+            *(robot.sensor or "", str(plan.folder(robot.id) / "navigation.toml")),
+        )
+        for robot in kinds.values()
+    ]
+
+
 def robot_argv(plan: Plan, robot: BodySetup, epoch: int, first_step: int) -> tuple[str, ...]:
     """What a robot is, apart from its connections."""
     folder = plan.folder(robot.id)
-    model = folder / "model.toml"
     x, y, heading = robot.start
     return (
         *("--id", robot.id, "--epoch", str(epoch), "--first-step", str(first_step)),
         *("--seed", str(derived_seed(plan.world.seed, robot.id)), "--step-us", str(plan.world.step_us)),
         *("--address", str(plan.address(robot.id)), "--map", str(folder / "map.yaml")),
-        *("--model", str(model) if model.exists() else robot.model),
+        *("--model", _model(plan, robot)),
         *(("--sensor", robot.sensor) if robot.sensor else ()),
         *(f"--start={x!r},{y!r},{heading!r}", "--places", str(folder / "places.toml")),
         *("--adaptation", str(folder / "adaptation.toml"), "--navigation", str(folder / "navigation.toml")),
         *("--behaviour", plan.behaviour),
         *(word for path in plan.modules for word in ("--path", str(path))),
     )
+
+
+def _model(plan: Plan, robot: BodySetup) -> str:
+    """The robot's own copy of its model's file, or the name of a shipped one."""
+    own = plan.folder(robot.id) / "model.toml"
+    return str(own) if own.exists() else robot.model
 
 
 def issue_credentials(plan: Plan) -> Credentials:

@@ -27,6 +27,7 @@ from deploy.run.options import RunOptions
 from deploy.run.out_folder import check_new
 from deploy.run.plan import (
     Plan,
+    in_common,
     issue_credentials,
     lay_out,
     observer_program,
@@ -131,6 +132,8 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
     )
     try:
         supervisor.start([world_program(plan), radio_program(plan)])
+        for words in in_common(plan):
+            launched.share("actors.robot.program", words)
         supervisor.await_file(issued.sockets[OPERATOR], "world")
         config = rules.client_config(issued.files[OPERATOR], issued.endpoint(OPERATOR))
         with open_mesh(config, (at(PROGRESS), at(ROSTER)), between=supervisor.look) as bus:

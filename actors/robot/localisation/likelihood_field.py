@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from actors.floor import distance
 from actors.floor.grid import OCCUPIED, OccupancyGrid
+from actors.floor.sharing import Shared
 from actors.geometry import Covariance
 from actors.robot.localisation.estimate import LocalisationError
 
@@ -33,7 +34,7 @@ class LevelGrid(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodField:
-    """Made once per map; never changes, so that all robots of a process may share it."""
+    """Made once per map; never changes, so that all robots of a process share it."""
 
     levels: NDArray[np.uint8]
     """(rows + 2, columns + 2): distance from a cell's centre to that of the nearest wall's cell, in steps of
@@ -87,6 +88,9 @@ def _shared(x: NDArray[np.int64], y: NDArray[np.int64]) -> float:
     return (count * of_both - of_x * of_y) / (count * count)
 
 
+_FIELDS: Final = Shared[LikelihoodField]()
+
+
 def likelihood_field(plan: OccupancyGrid, max_distance: float) -> LikelihoodField:
     """The field of a floor plan, with distances up to `max_distance`, m.
 
@@ -100,6 +104,10 @@ def likelihood_field(plan: OccupancyGrid, max_distance: float) -> LikelihoodFiel
         raise LocalisationError(
             f"the likelihood field should end at max_distance {max_distance:g} m; it must be above 0 m"
         )
+    return _FIELDS.get((plan.content, max_distance), lambda: _field(plan, max_distance))
+
+
+def _field(plan: OccupancyGrid, max_distance: float) -> LikelihoodField:
     rows, columns = np.nonzero(plan.free)
     if not rows.size:
         raise LocalisationError(

@@ -3,12 +3,14 @@
 import math
 from collections import OrderedDict
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.floor import flood
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, nearest_cell
+from actors.floor.sharing import Shared
 from actors.geometry import Point
 from actors.robot.bounds import check
 from actors.robot.navigation.cell_distance import check_reach, squared_within
@@ -64,10 +66,18 @@ class Ground:
     """The clearance that the body's centre needs, m."""
 
 
+_GROUNDS: Final = Shared[Ground]()
+
+
 def ground(
     plan: OccupancyGrid, radius: float, parameters: PlanningParameters = PlanningParameters()
 ) -> Ground:
-    """The ground for a disc of `radius`, m: computed once per map and body, never changed."""
+    """The ground for a disc of `radius`, m: computed once per map and body, never changed, and shared."""
+    content = plan.content, radius, parameters
+    return _GROUNDS.get(content, lambda: _ground(plan, radius, parameters))
+
+
+def _ground(plan: OccupancyGrid, radius: float, parameters: PlanningParameters) -> Ground:
     factor = max(1, math.ceil(parameters.cell / plan.resolution - 1e-9))
     clearance = _coarse(plan.clearance, factor)
     reach = radius + parameters.margin
