@@ -1,22 +1,22 @@
 """Robot models: one TOML file each says what a robot's body, drive and sensors are, to world and robot."""
 
 import math
-import reprlib
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from actors import toml_file
+from actors import table_wording, toml_file, wording
 from actors.floor import convex
 from actors.geometry import Pose
 from actors.instant import Duration, seconds
 from actors.portable import hypot
 from actors.runtime.errors import AcrcError
+from actors.table import Right, Table, Text, as_tuples
 
 OdometryKind = Literal["exact", "stage", "kobuki"]
 
@@ -25,33 +25,25 @@ class RobotModelError(AcrcError):
     """A robot model that cannot be used."""
 
 
-def _as_tuples(value: object) -> object:
-    """TOML's arrays as tuples, so that the model can be frozen all through."""
-    return tuple(_as_tuples(item) for item in value) if isinstance(value, list) else value
+Vertices = Annotated[
+    tuple[Annotated[tuple[float, float], BeforeValidator(as_tuples)], ...], BeforeValidator(as_tuples)
+]
+_A_POLYGON = Right("3 to 32 points [x, y] in m", item="a point [x, y] in m")
 
 
-Vertices = Annotated[tuple[tuple[float, float], ...], BeforeValidator(_as_tuples)]
-
-
-class _Table(BaseModel):
-    """A table of the file: every key known, nothing converted, every number finite."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class Footprint(_Table):
+class Footprint(Table):
     """The body's outline on the floor: either a disc or a convex polygon round the body's origin."""
 
     radius: float | None = Field(None, gt=0, le=5)
     """Of a disc, m."""
-    vertices: Vertices | None = Field(None, min_length=3, max_length=32)
+    vertices: Annotated[Vertices | None, _A_POLYGON] = Field(None, min_length=3, max_length=32)
     """Of a polygon, m in the body's frame; counter-clockwise once read."""
 
     @model_validator(mode="after")
     def _one_shape(self) -> "Footprint":
         if (self.radius is None) == (self.vertices is None):
             raise ValueError(
-                f"hold either radius or vertices, and has {'none' if self.radius is None else 'both'}"
+                f"hold either radius or vertices, but has {'none' if self.radius is None else 'both'}"
             )
         if self.vertices is not None:
             if fault := convex.fault(self.vertices):
@@ -75,7 +67,7 @@ class Footprint(_Table):
         return convex.distance_to_border(self.vertices)
 
 
-class DriveParameters(_Table):
+class DriveParameters(Table):
     """How the body moves on its wheels."""
 
     kind: Literal["differential", "omnidirectional"]
@@ -94,7 +86,7 @@ class DriveParameters(_Table):
     """The base brakes once its last command is older than this, s."""
 
 
-class Bumper(_Table):
+class Bumper(Table):
     """A contact bumper round the front in three sectors: right, centre, left."""
 
     centre_deg: float = Field(gt=0, le=180)
@@ -111,7 +103,7 @@ class Bumper(_Table):
         return self
 
 
-class RangeSensor(_Table):
+class RangeSensor(Table):
     """A planar range sensor: a lidar, or a depth camera read as one."""
 
     x: float = Field(0.0, ge=-5, le=5)
@@ -174,8 +166,8 @@ class RangeSensor(_Table):
         return self.increment - half if self.full_circle else -half
 
 
-class _ModelFile(_Table):
-    name: str = Field(min_length=1)
+class _ModelFile(Table):
+    name: Text
     mass: float = Field(gt=0, le=10_000)
     friction: float = Field(ge=0, le=10)
     odometry: OdometryKind
@@ -218,24 +210,18 @@ def scan_angles(sensor: RangeSensor) -> NDArray[np.float64]:
     return wrapped
 
 
-_BRIEF: Final = reprlib.Repr()
-_BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother = 2, 80, 80
-
-
 def load_model(name_or_path: str, sensor: str | None = None) -> RobotModel:
     """The robot model of that name (`turtlebot2`) or in that .toml file, with that sensor mounted.
 
     Without `sensor` the file's default is taken. Anything wrong is a RobotModelError.
     """
     name, text = _read(name_or_path)
-    try:
-        file = _ModelFile.model_validate(toml_file.tables(text, Path(name), RobotModelError))
-    except ValidationError as error:
-        raise RobotModelError(_sentence(name, error)) from None
+    file = table_wording.parse(text, _ModelFile, RobotModelError, name)
     mounted = file.default_sensor if sensor is None else sensor
     if mounted not in file.sensors:
-        asked = f"default_sensor is {mounted!r}" if sensor is None else f"there is no sensor {mounted!r}"
-        raise RobotModelError(f"{name}: {asked}; it should be one of {', '.join(sorted(file.sensors))}")
+        asked = "default_sensor" if sensor is None else "the sensor"
+        right = wording.one_of(sorted(file.sensors))
+        raise RobotModelError(f"{name}: {asked} is {wording.shown(mounted)}, but must be {right}")
     return RobotModel(
         name=file.name,
         footprint=file.footprint,
@@ -256,34 +242,6 @@ def _read(name_or_path: str) -> tuple[str, str]:
     if name_or_path in known:
         return f"{name_or_path}.toml", shipped.joinpath(f"{name_or_path}.toml").read_text("utf-8")
     if not name_or_path.endswith(".toml"):
-        raise RobotModelError(
-            f"there is no robot model {name_or_path!r}; "
-            f"it should be one of {', '.join(known)}, or the path of a .toml file"
-        )
+        right = f"{', '.join(map(wording.shown, known))} or the path of a .toml file"
+        raise RobotModelError(f"the robot model is {wording.shown(name_or_path)}, but must be {right}")
     return name_or_path, toml_file.read(Path(name_or_path), "robot model", RobotModelError)
-
-
-def _sentence(name: str, error: ValidationError) -> str:
-    """The first thing wrong: file, key, value, and what would have been right."""
-    first = error.errors(include_url=False)[0]
-    key = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "missing":
-        return f"{name}: {key} is missing"
-    if first["type"] == "extra_forbidden":
-        return f"{name}: {key} is unknown; it should be one of {', '.join(_known(first['loc']))}"
-    right = first["msg"].removeprefix("Input should ").removeprefix("Value error, ")
-    if first["type"] == "value_error":
-        return f"{name}: {key or 'the model'} should {right}"
-    return f"{name}: {key} is {_BRIEF.repr(first['input'])}; it should {right}"
-
-
-def _known(location: tuple[Any, ...]) -> list[str]:
-    """The keys that stand where an unknown one was found."""
-    tables: dict[str, type[BaseModel]] = {
-        "footprint": Footprint,
-        "drive": DriveParameters,
-        "bumper": Bumper,
-        "sensors": RangeSensor,
-    }
-    table = tables[location[0]] if len(location) > 1 else _ModelFile
-    return list(table.model_fields)

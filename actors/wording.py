@@ -29,6 +29,28 @@ def shown(value: object) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
+def one_of(known: Collection[object]) -> str:
+    """The values that there are, of which one must be taken."""
+    *others, last = map(shown, known)
+    return f"{', '.join(others)} or {last}" if others else last
+
+
+def span(
+    *, gt: float | None = None, ge: float | None = None, lt: float | None = None, le: float | None = None
+) -> str:
+    """Bounds of a number as they go on after "must be"; names as pydantic has them. At least one is given."""
+    if ge is not None and le is not None:
+        return f"from {number(ge)} to {number(le)}"
+    low = [f"above {number(gt)}"] if gt is not None else [f"at least {number(ge)}"] if ge is not None else []
+    high = [f"below {number(lt)}"] if lt is not None else [f"at most {number(le)}"] if le is not None else []
+    return " and ".join(low + high)
+
+
+def number(value: float) -> str:
+    """A number without digits that say nothing."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
 def _short(value: object, depth: int = 0) -> object:
     """As much of a value as a sentence could show: it may refer to itself, or to one part a million times."""
     if isinstance(value, str):

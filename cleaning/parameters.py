@@ -4,10 +4,10 @@ Text: "Experimenting with Adaptation in Smart Cyber-Physical Systems: A Model Pr
 7.4.1. Code: d3scomp/deeco-adaptation-testbed, CleanerRobot and the two ensembles.
 """
 
-import math
 from dataclasses import dataclass, field, fields
 from enum import Enum
 
+from actors.bounds import ParameterError, check, check_range
 from deeco import Duration, seconds
 from deeco.parameters import LinkParameters
 
@@ -24,7 +24,7 @@ class Unblock(Enum):
 
 @dataclass(frozen=True)
 class CleaningParameters:
-    """The adapted layer. Raises ValueError for a number that makes no sense."""
+    """The adapted layer. Raises ParameterError, a ValueError, for a number that makes no sense."""
 
     reach: float = 0.5
     """A place nearer than this is visited, m. Default: the code, REACHED_POS_THRESH_M."""
@@ -36,14 +36,15 @@ class CleaningParameters:
     never does. Default: as in the original, which never gives up. From 2 on it needs `retry`."""
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if isinstance(value, float) and not 0 < value < math.inf:
-                raise ValueError("it should be above 0")
-            if isinstance(value, int) and value < 0:
-                raise ValueError("it should be at least 0")
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        check(
+            "strategy",
+            self,
+            positive=[name for name, value in values.items() if isinstance(value, float)],
+            least={name: 0 for name, value in values.items() if isinstance(value, int)},
+        )
         if self.no_plan_attempts > 1 and not self.retry:
-            raise ValueError("without retry there is one attempt, so it should be 0 or 1")
+            raise ParameterError("strategy.no_plan_attempts", self.no_plan_attempts, "0 or 1 without retry")
 
 
 @dataclass(frozen=True)
@@ -89,8 +90,7 @@ class AdaptationParameters(CleaningParameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0 < self.most_adopted <= LinkParameters().most_items:
-            raise ValueError(f"it should be 1 to {LinkParameters().most_items}")
+        check_range("strategy.most_adopted", self.most_adopted, 1, LinkParameters().most_items)
 
 
 @dataclass(frozen=True)

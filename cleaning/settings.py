@@ -6,6 +6,7 @@ from dataclasses import MISSING, fields
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Final, TypeVar, get_type_hints
 
+from actors.bounds import ParameterError
 from actors.instant import Duration, seconds
 from actors.robot.behaviour import Setting
 from actors.robot.behaviour.adaptation import LONGEST_S
@@ -103,6 +104,12 @@ def _made(
     """The parameters; what they refuse is said with the setting that is wrong alone, or with all of them."""
     try:
         return kind(**values)
+    except ParameterError as error:
+        name = error.key.rpartition(".")[2]
+        if name in settings:  # as it stands in the file, where durations are in s
+            sentence = f"{_TABLE}.{name} is {shown(settings[name])}, but must be {error.right}"
+            raise SettingsError(sentence) from error
+        refusal: Exception = error
     except _REFUSALS as error:
         refusal = error
     least = {name: values[name] for name in required}

@@ -57,7 +57,9 @@ class LinkParameters:
         for one in fields(self):
             value, (least, most) = getattr(self, one.name), _RANGES[one.name]
             if not least <= value <= most:
-                raise DeploymentError(f"LinkParameters.{one.name} is {value}; it should be {least} to {most}")
+                raise DeploymentError(
+                    f"LinkParameters.{one.name} is {value}, but must be from {least} to {most}"
+                )
 
 
 DEFAULTS: Final = LinkParameters()

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from functools import partial
 
+from actors.bounds import check_range
 from actors.floor.map_file import load_map
 from actors.radio.medium.channel import Interferer
 from actors.radio.presets import RadioParameters, preset
@@ -12,7 +13,6 @@ from actors.radio.propagation.materials import material
 from actors.radio.propagation.walls import build
 from actors.radio.radio_setup import RadioSetup
 from actors.randomness import generator
-from actors.runtime.errors import AcrcError
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,7 @@ def radio_model(setup: RadioSetup) -> RadioModel:
 def _amended(setup: RadioSetup) -> RadioParameters:
     named = preset(setup.preset)
     channel = named.channel if setup.channel is None else setup.channel
-    if not 11 <= channel <= 26:
-        raise AcrcError(f"The radio's channel is {channel}; it must be 11 to 26.")
+    check_range("radio.channel", channel, 11, 26)
     return replace(named, channel=channel, propagation=_propagation(setup, named.propagation))
 
 

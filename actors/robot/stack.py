@@ -10,13 +10,15 @@
 Beside the presets, any field of the parameters may be set; durations in s.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Final, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Final, Literal, TypeVar, cast, get_type_hints
 
-from actors import toml_file
+from pydantic import AfterValidator, Field, create_model
+
+from actors import table_wording
+from actors.bounds import ParameterError
 from actors.instant import Duration, seconds
 from actors.robot.localisation import PRESETS, AmclParameters
 from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMapParameters
@@ -24,7 +26,7 @@ from actors.robot.navigation.dwa_parameters import DWA_PRESETS, DwaParameters
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters
 from actors.robot.navigation.planning import PlanningParameters
 from actors.runtime.errors import AcrcError
-from actors.wording import shown, unknown_key
+from actors.table import Right, Table
 
 BYTES_LIMIT: Final = 100_000
 """Size of the file; a hundred times what it needs."""
@@ -32,7 +34,6 @@ LONGEST_S: Final = 1_000_000
 """Longest duration, s."""
 ODOMETRY: Final = "odometry"
 """The preset of [localisation] that trusts the odometry alone."""
-TABLES: Final = ("localisation", "navigation", "planner", "local_map", "dwa")
 _P = TypeVar("_P")
 
 
@@ -52,55 +53,79 @@ class Stack:
     dwa: DwaParameters = DWA_PRESETS["chapter"]
 
 
+_Seconds = Annotated[
+    float,
+    Field(ge=0, le=LONGEST_S),
+    AfterValidator(seconds),
+    Right(f"a number of seconds from 0 to {LONGEST_S}"),
+]
+
+_Whole = Annotated[int, Field(ge=-(2**63), lt=2**63), Right("a whole number of 64 bits")]
+_KINDS: Final[Mapping[Any, Any]] = {Duration: _Seconds, int: _Whole}
+"""How the file has a field of that type; others as they are."""
+
+
+def _table(kind: type[Any], presets: tuple[str, ...] = ()) -> type[Table]:
+    """The table of a kind of parameters: any of their fields, and a preset if there are some."""
+    hints = get_type_hints(kind)
+    keys: dict[str, Any] = {
+        one.name: (_KINDS.get(hints[one.name], hints[one.name]), None) for one in fields(kind)
+    }
+    if presets:
+        keys["preset"] = (Literal[presets], "chapter")
+    return create_model(f"{kind.__name__}Table", __base__=Table, **keys)
+
+
+_TABLES: Final[Mapping[str, type[Table]]] = {
+    "localisation": _table(AmclParameters, (*PRESETS, ODOMETRY)),
+    "navigation": _table(NavigationParameters, tuple(NAVIGATION_PRESETS)),
+    "planner": _table(PlanningParameters),
+    "local_map": _table(CostMapParameters),
+    "dwa": _table(DwaParameters),
+}
+TABLES: Final = tuple(_TABLES)
+_FILE_KEYS: Final[Mapping[str, Any]] = {name: (table, table()) for name, table in _TABLES.items()}
+_NavigationFile: Final = create_model("_NavigationFile", __base__=Table, **_FILE_KEYS)
+
+
 def load_stack(path: Path) -> Stack:
     """What stands in a robot's navigation.toml. Raises StackError."""
-    text = toml_file.read(path, "navigation", StackError, BYTES_LIMIT)
+    file = table_wording.load(path, _NavigationFile, "navigation", StackError, BYTES_LIMIT)
     try:
-        return parse(text)
+        return _stack(file)
     except StackError as error:
         raise StackError(f"{path}: {error}") from None
 
 
 def parse(text: str) -> Stack:
     """What the text of a navigation.toml says. Raises StackError."""
-    try:
-        content = toml_file.loads(text)
-    except ValueError as error:
-        raise StackError(f"this is no TOML: {error}") from None
-    for name, table in content.items():
-        if name not in TABLES:
-            raise StackError(unknown_key("", name, TABLES))
-        if not isinstance(table, dict):
-            raise _wrong(name, table, f"a table [{name}]")
-    return stack(content)
+    return _stack(table_wording.parse(text, _NavigationFile, StackError))
 
 
 def stack(tables: Mapping[str, Mapping[str, object]]) -> Stack:
     """What the tables say; those that are absent are as the preset `chapter` has them. Raises StackError."""
-    told = {name: dict(tables.get(name, {})) for name in TABLES}
-    localiser = _preset("localisation", told["localisation"], (*PRESETS, ODOMETRY))
-    preset = _preset("navigation", told["navigation"], tuple(NAVIGATION_PRESETS))
-    return Stack(
-        localisation=_localisation(localiser, told["localisation"]),
-        navigation=_with("navigation", NAVIGATION_PRESETS[preset], told["navigation"]),
-        planner=_with("planner", PlanningParameters(), told["planner"]),
-        local_map=_with("local_map", LOCAL_MAP_PRESETS[preset], told["local_map"]),
-        dwa=_with("dwa", DWA_PRESETS[preset], told["dwa"]),
-    )
+    return _stack(table_wording.checked(tables, _NavigationFile, StackError))
 
 
-def _preset(name: str, table: dict[str, object], known: tuple[str, ...]) -> str:
-    """The preset that a table names, taken out of it."""
-    preset = table.pop("preset", "chapter")
-    if not isinstance(preset, str) or preset not in known:
-        raise _wrong(f"{name}.preset", preset, _one_of(known))
-    return preset
+def _stack(file: Any) -> Stack:
+    """What a _NavigationFile says, of whose fields mypy does not know."""
+    preset = file.navigation.preset
+    try:
+        return Stack(
+            localisation=_localisation(file.localisation),
+            navigation=_with(NAVIGATION_PRESETS[preset], file.navigation),
+            planner=_with(PlanningParameters(), file.planner),
+            local_map=_with(LOCAL_MAP_PRESETS[preset], file.local_map),
+            dwa=_with(DWA_PRESETS[preset], file.dwa),
+        )
+    except ParameterError as error:
+        raise StackError(str(error)) from None
 
 
-def _localisation(preset: str, table: Mapping[str, object]) -> AmclParameters | None:
-    if preset != ODOMETRY:
-        return _with("localisation", PRESETS[preset], table)
-    for name in table:
+def _localisation(table: Any) -> AmclParameters | None:
+    if table.preset != ODOMETRY:
+        return _with(PRESETS[table.preset], table)
+    for name in table.model_dump(exclude_unset=True, exclude={"preset"}):
         raise StackError(
             f'localisation.{name} is set, but must be left out where the preset is "{ODOMETRY}", '
             "which has no parameters"
@@ -108,48 +133,6 @@ def _localisation(preset: str, table: Mapping[str, object]) -> AmclParameters | 
     return None
 
 
-def _with(table: str, preset: _P, values: Mapping[str, object]) -> _P:
-    """The parameters of a preset with other values for some fields."""
-    kinds = get_type_hints(type(preset))
-    names = [field.name for field in fields(cast(Any, preset))]
-    changes = {}
-    for name, value in values.items():
-        if name not in names:
-            raise StackError(unknown_key(table, name, (*names, "preset")))
-        changes[name] = _value(f"{table}.{name}", value, kinds[name])
-    try:
-        return cast(_P, replace(cast(Any, preset), **changes))
-    except AcrcError as error:
-        raise StackError(str(error)) from None
-
-
-def _value(key: str, value: object, kind: Any) -> object:
-    """The value as the field has it."""
-    if get_origin(kind) is Literal:
-        if value in get_args(kind):
-            return value
-        raise _wrong(key, value, _one_of(get_args(kind)))
-    if kind is bool:
-        if isinstance(value, bool):
-            return value
-        raise _wrong(key, value, "true or false")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise _wrong(key, value, "a whole number" if kind is int else "a finite number")
-    if kind is Duration:
-        if 0 <= value <= LONGEST_S:
-            return seconds(value)
-        raise _wrong(key, value, f"a number of seconds from 0 to {LONGEST_S}")
-    if kind is int:
-        if isinstance(value, int):
-            return value
-        raise _wrong(key, value, "a whole number")
-    return float(value)
-
-
-def _one_of(known: tuple[str, ...]) -> str:
-    *first, last = (f'"{name}"' for name in known)
-    return f"{', '.join(first)} or {last}" if first else last
-
-
-def _wrong(key: str, value: object, right: str) -> StackError:
-    return StackError(f"{key} is {shown(value)}, but must be {right}")
+def _with(preset: _P, table: Table) -> _P:
+    """The parameters of a preset with what the table sets. Raises ParameterError."""
+    return cast(_P, replace(cast(Any, preset), **table.model_dump(exclude_unset=True, exclude={"preset"})))

@@ -11,34 +11,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final
 
-from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, ValidationError
+from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
 
-from actors import toml_file
+from actors import table_wording, toml_file
+from actors.robot.behaviour.adaptation import AreaTable, DeecoTable, Settings
 from actors.robot.behaviour.ports import Setting
 from actors.runtime.errors import AcrcError
-from deploy.scenario import value_wording
-from deploy.scenario.kinds import (
-    A_POINT,
-    A_POSE,
-    MOST_PLACES,
-    Model,
-    Parameters,
-    Point,
-    Pose,
-    Right,
-    RobotId,
-    Sensor,
-    Settings,
-    Table,
-    Text,
-    as_tuples,
-)
+from actors.table import A_POINT, A_POSE, Point, Pose, Right, Table, Text, as_tuples
+from deploy.scenario.kinds import MOST_PLACES, Model, Parameters, RobotId, Sensor
 from deploy.scenario.scenario_text import adaptation, navigation
 from deploy.scenario.stack_tables import stack_fault
-from deploy.scenario.tables import AreaTable, DeecoTable
 from deploy.usage import OptionError
-from firmware_bridge.beeclick.signal import power_setting
-from firmware_bridge.beeclick.wire import MisuseError
+from firmware_bridge.beeclick.signal import POWERS, power_setting
 from firmware_bridge.onboard.onboard_setup import OPENNI
 
 _LISTEN: Final = re.compile(
@@ -51,10 +35,7 @@ class FleetError(AcrcError):
 
 
 def _power(power_dbm: float) -> float:
-    try:
-        power_setting(power_dbm)
-    except MisuseError:
-        raise ValueError from None
+    power_setting(power_dbm)
     return power_dbm
 
 
@@ -81,7 +62,7 @@ class AirTable(Table):
     power_db: Annotated[
         float,
         AfterValidator(_power),
-        Right("0, -0.5 or -6.3 dBm, or one of them less 10, 20 or 30, which is what the firmware can set"),
+        Right(POWERS),
     ] = 0.0
     """Transmit power, dBm. Default: the strongest."""
 
@@ -209,13 +190,7 @@ def load_fleet(path: Path) -> Fleet:
 
 def parse(text: str, path: Path) -> Fleet:
     """The fleet in the text of the file `path`, as load_fleet gives it."""
-    content = toml_file.tables(text, path, FleetError)
-    try:
-        file = _FleetFile.model_validate(content)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        sentence = value_wording.sentence(_FleetFile, first["type"], first["loc"], content)
-        raise FleetError(f"{path}: {sentence}") from None
+    file = table_wording.parse(text, _FleetFile, FleetError, str(path))
     if fault := _fault(file) or stack_fault(file):
         raise FleetError(f"{path}: {fault}")
     return _fleet(file, Path(os.path.realpath(path)))

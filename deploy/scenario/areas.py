@@ -5,9 +5,10 @@ from collections.abc import Sequence
 
 from actors.floor.grid import OccupancyGrid
 from actors.floor.placement import Area, areas_named, has_free_floor
+from actors.robot.behaviour.adaptation import AreaTable
 from actors.runtime.errors import AcrcError
 from actors.wording import shown
-from deploy.scenario.tables import AreaTable, Scenario
+from deploy.scenario.tables import Scenario
 
 
 class AreaError(AcrcError):
@@ -27,12 +28,12 @@ def fault(scenario: Scenario) -> str | None:
 def for_starts(scenario: Scenario) -> tuple[Area, ...] | None:
     """Where starts are drawn; None: on all free floor."""
     names = scenario.robots.areas
-    return None if names is None else areas_named(tuple(map(_area, scenario.area)), names)
+    return None if names is None else areas_named(tuple(table.area for table in scenario.area), names)
 
 
 def for_places(scenario: Scenario) -> tuple[Area, ...] | None:
     """Where places are drawn; None: on all free floor."""
-    return tuple(map(_area, of_places(scenario))) or None
+    return tuple(table.area for table in of_places(scenario)) or None
 
 
 def of_places(scenario: Scenario) -> tuple[AreaTable, ...]:
@@ -47,17 +48,12 @@ def of_places(scenario: Scenario) -> tuple[AreaTable, ...]:
 
 def check_areas(grid: OccupancyGrid, scenario: Scenario) -> None:
     """Raise AreaError if an area holds no free floor at all."""
-    for index, area in enumerate(map(_area, scenario.area)):
+    for index, area in enumerate(table.area for table in scenario.area):
         if not has_free_floor(grid, area):
             raise AreaError(
                 f"area[{index}] {shown(area.name)} spans x {area.x0:g} to {area.x1:g} and"
                 f" y {area.y0:g} to {area.y1:g} m, where nothing is free, but must hold free floor"
             )
-
-
-def _area(table: AreaTable) -> Area:
-    (x0, x1), (y0, y1) = table.x, table.y
-    return Area(table.name, x0, y0, x1, y1)
 
 
 def _preset(scenario: Scenario) -> str | None:

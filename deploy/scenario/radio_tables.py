@@ -5,7 +5,7 @@ from typing import Annotated, Final
 from pydantic import AfterValidator, Field
 
 from actors.radio.propagation.materials import MATERIALS
-from deploy.scenario.kinds import A_POINT, Point, Right, Span, Table, Text
+from actors.table import A_POINT, Point, Right, Span, Table, Text
 
 MOST_WIFI: Final = 20
 

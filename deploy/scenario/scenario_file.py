@@ -8,10 +8,10 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from actors import toml_file
+from actors import table_wording, toml_file
 from actors.runtime.errors import AcrcError
 from deploy.repository import REPOSITORY
-from deploy.scenario import areas, events, robot_tables, value_wording
+from deploy.scenario import areas, events, robot_tables
 from deploy.scenario.stack_tables import stack_fault
 from deploy.scenario.tables import Scenario
 from deploy.usage import wrong_value
@@ -114,9 +114,9 @@ def _first(
     first = error.errors(include_url=False)[0]
     option = options.get(tuple(str(part) for part in first["loc"]))
     if option is not None:
-        right = value_wording.right_at(Scenario, first["loc"])
+        right = table_wording.right_at(Scenario, first["loc"])
         return wrong_value(option, first["input"], right.words)
-    return ScenarioError(f"{path}: {value_wording.sentence(Scenario, first['type'], first['loc'], content)}")
+    return ScenarioError(f"{path}: {table_wording.first(error, Scenario, content)}")
 
 
 def _with_absolute_paths(scenario: Scenario, folder: Path) -> Scenario:

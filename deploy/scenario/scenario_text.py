@@ -1,7 +1,7 @@
 """A scenario as the text of a TOML file, and what of it goes onto a robot's disk."""
 
 from actors.robot.stack import TABLES
-from deploy.scenario.kinds import Table
+from actors.table import Table
 from deploy.scenario.tables import Scenario
 from deploy.scenario.toml_text import document
 

@@ -1,7 +1,7 @@
 """What the tables about localisation and navigation say, in a scenario or in a fleet file."""
 
 from actors.robot.stack import TABLES, StackError, stack
-from deploy.scenario.kinds import Table
+from actors.table import Table
 
 
 def stack_fault(file: Table) -> str | None:

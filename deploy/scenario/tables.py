@@ -4,28 +4,18 @@ from typing import Annotated, Final, Literal
 
 from pydantic import BeforeValidator, Field
 
-from actors.robot.behaviour.adaptation import LONGEST_S, MOST_HOPS
+from actors.robot.behaviour.adaptation import AreaTable, DeecoTable, Settings
+from actors.table import A_POINT, A_POSE, Point, Pose, Right, Table, Text, as_tuples
 from deploy.scenario.kinds import (
-    A_POINT,
-    A_POSE,
     MOST_PLACES,
-    Interval,
     Model,
     Names,
     OdometryName,
     Parameters,
-    Point,
-    Pose,
     Radius,
-    Right,
     RobotId,
     Seconds,
     Sensor,
-    Settings,
-    Span,
-    Table,
-    Text,
-    as_tuples,
 )
 from deploy.scenario.radio_tables import MOST_WIFI, RadioTable, WallTable, WifiTable
 
@@ -49,23 +39,6 @@ class RunTable(Table):
     """Name of the robots' adaptation strategy, or the entry "module:function" of one's own."""
     modules: Annotated[Text | None, Right("the path of a folder, relative to the scenario file")] = None
     """Where one's own strategy is looked for, before the working directory; absent: beside the file."""
-
-
-class DeecoTable(Table):
-    """[deeco]: how the nodes of the component model exchange knowledge by radio."""
-
-    publish: Interval = 1.0
-    """How often each robot publishes its knowledge, s (d3scomp/JDEECo, DefaultKnowledgePublisher)."""
-    relay: Annotated[bool, Right("true or false")] = False
-    """Robots pass on what they hear; off in the original testbed."""
-    hop_limit: Annotated[int, Field(ge=1, le=MOST_HOPS), Right(f"a whole number from 1 to {MOST_HOPS}")] = 3
-    """How often knowledge is passed on at most."""
-    relay_delay: Annotated[
-        float, Field(ge=0, le=LONGEST_S), Right(f"a number of seconds from 0 to {LONGEST_S}")
-    ] = 1.0
-    """The longest wait before knowledge is passed on, that for the strongest signal, s."""
-    forget: Interval = 30.0
-    """Replicas of robots that were not heard of for so long are dropped, s."""
 
 
 class RobotsTable(Table):
@@ -118,16 +91,6 @@ class UncertaintyTable(Table):
     """So many things on the floor, of 0.25 m radius, that the map does not have."""
     drift: Annotated[float, Field(ge=0, le=1000), Right("a number from 0 to 1000")] = 1.0
     """The odometry's errors are so many times as large as those of its kind."""
-
-
-class AreaTable(Table):
-    """[[area]]: a rectangle of the floor that has a name."""
-
-    name: Annotated[Text, Right('a name such as "hall"')]
-    x: Span
-    """From the west edge to the east edge, m."""
-    y: Span
-    """From the south edge to the north edge, m."""
 
 
 class RobotTable(Table):

@@ -4,9 +4,10 @@ import struct
 from dataclasses import astuple, dataclass
 from typing import Any, Final
 
+from actors.bounds import check_range
 from actors.messages import FRAME_DATA_LIMIT
 from firmware_bridge.beeclick.commands import GREATEST_CODE, LEAST_POWER
-from firmware_bridge.beeclick.wire import SYNC_PATTERN, MisuseError, NoiseError
+from firmware_bridge.beeclick.wire import SYNC_PATTERN, NoiseError
 
 _RECEIVED: Final = struct.Struct("<BBHHBBH")
 _SENT: Final = struct.Struct("<BIB")
@@ -115,17 +116,15 @@ _FIXED: Final[dict[type[Any], tuple[int, struct.Struct]]] = {
 
 
 def encode(answer: Answer) -> bytes:
-    """The bytes that the board sends. Raises MisuseError for a text or data that is too long."""
+    """The bytes that the board sends. Raises ParameterError for a text or data that is too long."""
     match answer:
         case Synchronised():
             return SYNC_PATTERN
         case ReceivedPacket(pan, address, rssi, lqi, fcs, data):
-            if len(data) > FRAME_DATA_LIMIT:
-                raise MisuseError(f"A received packet has {len(data)} bytes; at most {FRAME_DATA_LIMIT} fit.")
+            check_range("the length of ReceivedPacket.data", len(data), 0, FRAME_DATA_LIMIT)
             return _RECEIVED.pack(1, len(data), pan, address, rssi, lqi, fcs) + data
         case Sentence(text) | Notes(text):
-            if len(text) > 0xFF:
-                raise MisuseError(f"A text of the board has {len(text)} bytes; at most 255 fit.")
+            check_range(f"the length of {type(answer).__name__}.text", len(text), 0, 0xFF)
             return bytes((6 if isinstance(answer, Sentence) else 7, len(text))) + text
         case _:
             kind, body = _FIXED[type(answer)]

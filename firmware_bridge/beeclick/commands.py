@@ -4,8 +4,9 @@ import struct
 from dataclasses import dataclass
 from typing import Final
 
+from actors.bounds import check_range
 from actors.messages import FRAME_DATA_LIMIT
-from firmware_bridge.beeclick.wire import NUMBER_END, SYNC_PATTERN, MisuseError, NoiseError
+from firmware_bridge.beeclick.wire import NUMBER_END, SYNC_PATTERN, NoiseError
 
 LEAST_POWER: Final = -363
 """In tenths of a dB: -36.3 dB (Microchip DS39776C, register RFCON3)."""
@@ -59,23 +60,23 @@ Command = Synchronise | SendPacket | Setting
 
 
 def encode(command: Command) -> bytes:
-    """The bytes of a command. Raises MisuseError for a value that it cannot carry."""
+    """The bytes of a command. Raises ParameterError for a value that it cannot carry."""
     match command:
         case Synchronise():
             return SYNC_PATTERN
         case SendPacket(number, data):
-            _check("packet number", number, 0, NUMBER_END - 1)
-            _check("number of data bytes of a packet", len(data), 0, FRAME_DATA_LIMIT)
+            check_range("SendPacket.number", number, 0, NUMBER_END - 1)
+            check_range("the length of SendPacket.data", len(data), 0, FRAME_DATA_LIMIT)
             return _SEND.pack(SEND_PACKET, len(data), number) + data
         case SetChannel(code):
-            _check("channel code", code, 0, GREATEST_CODE)
+            check_range("SetChannel.code", code, 0, GREATEST_CODE)
             return _CHANNEL.pack(SET_CHANNEL, code)
         case SetPower(tenths_db):
-            _check("transmit power in tenths of a dB", tenths_db, LEAST_POWER, 0)
+            check_range("SetPower.tenths_db", tenths_db, LEAST_POWER, 0)
             return _POWER.pack(SET_POWER, tenths_db)
         case SetAddress(pan, address):
-            _check("PAN id", pan, 0, 0xFFFF)
-            _check("short address", address, 0, 0xFFFF)
+            check_range("SetAddress.pan", pan, 0, 0xFFFF)
+            check_range("SetAddress.address", address, 0, 0xFFFF)
             return _ADDRESS.pack(SET_ADDRESS, pan, address)
 
 
@@ -113,8 +114,3 @@ def decode(data: bytes) -> Command:
             return SetPower(_POWER.unpack(data)[1])
         case _:
             return SetAddress(*_ADDRESS.unpack(data)[1:])
-
-
-def _check(what: str, value: int, least: int, most: int) -> None:
-    if not least <= value <= most:
-        raise MisuseError(f"The {what} is {value}; the board takes {least} to {most}.")

@@ -3,10 +3,11 @@
 from dataclasses import dataclass, field
 from typing import Final
 
+from actors.bounds import check, check_range
 from actors.instant import Duration, milliseconds, seconds
 from firmware_bridge.beeclick.commands import SetAddress, SetChannel, SetPower, Setting
 from firmware_bridge.beeclick.signal import power_setting
-from firmware_bridge.beeclick.wire import LONGEST_COMMAND, MisuseError
+from firmware_bridge.beeclick.wire import LONGEST_COMMAND
 
 _FIRST_CHANNEL: Final = 11
 _LAST_CHANNEL: Final = 26
@@ -18,7 +19,7 @@ _DURATIONS: Final = (
 
 @dataclass(frozen=True)
 class BoardSettings:
-    """How a board is set up. Raises MisuseError for what it cannot be."""
+    """How a board is set up. Raises ParameterError for what it cannot be."""
 
     address: int
     """Short address of the robot's transceiver, 0 to 0xFFFD; each robot needs its own."""
@@ -31,9 +32,8 @@ class BoardSettings:
     """Transmit power, dBm. Default: what the firmware sets at its start (MRF24J40.cpp: RFCON3 = 0x40)."""
 
     def __post_init__(self) -> None:
-        _check("short address", self.address, 0, 0xFFFD)
-        _check("PAN id", self.pan, 0, 0xFFFE)
-        _check("channel", self.channel, _FIRST_CHANNEL, _LAST_CHANNEL)
+        channels = (_FIRST_CHANNEL, _LAST_CHANNEL)
+        check("board", self, ranges={"address": (0, 0xFFFD), "pan": (0, 0xFFFE), "channel": channels})
         power_setting(self.power_dbm)
 
     def commands(self) -> tuple[Setting, ...]:
@@ -95,18 +95,10 @@ class BeeClickParameters:
     source, not from a board; if `bad_fcs` counts every packet of a real one, this must be False."""
 
     def __post_init__(self) -> None:
-        _check("number of packets in flight", self.in_flight, 1, 6)
-        _check("number of commands in its ring", self.ring, self.in_flight + 1, 7)
-        _check("number of waiting packets", self.transmit_queue, 0, 10_000)
-        _check("number of quick SYNCs", self.quick_syncs, 1, 10_000)
-        _check("number of filler bytes", self.filler, 1, 10_000)
-        for name in _DURATIONS:
-            _check(f"duration {name} in µs", getattr(self, name), 1, 2**40)
-
-
-def _check(what: str, value: int, least: int, most: int) -> None:
-    if not least <= value <= most:
-        raise MisuseError(f"The board's {what} is {value}; it must be {least} to {most}.")
+        counts = {"transmit_queue": (0, 10_000), "quick_syncs": (1, 10_000), "filler": (1, 10_000)}
+        durations = dict.fromkeys(_DURATIONS, (1, 2**40))
+        check("beeclick", self, ranges={"in_flight": (1, 6), **counts, **durations})
+        check_range("beeclick.ring", self.ring, self.in_flight + 1, 7)
 
 
 DEFAULTS: Final = BeeClickParameters()

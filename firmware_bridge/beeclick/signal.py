@@ -2,8 +2,10 @@
 
 from typing import Final
 
-from firmware_bridge.beeclick.wire import MisuseError
+from actors.bounds import ParameterError
 
+POWERS: Final = "0, -0.5 or -6.3 dBm, or one of them less 10, 20 or 30, which is what the firmware can set"
+"""Which there are, in words that go on after "must be"."""
 _LARGE_STEP: Final = 100
 """Tenths of a dB (DS39776C, register RFCON3)."""
 
@@ -20,14 +22,11 @@ def radiated(asked: int) -> int:
 
 
 def power_setting(power_dbm: float) -> int:
-    """What to ask the board for, tenths of a dBm, so that it sends with `power_dbm`. Raises MisuseError.
+    """What to ask the board for, tenths of a dBm, so that it sends with `power_dbm`. Raises ParameterError.
 
     A power that the firmware would make another one of is refused.
     """
     asked = round(power_dbm * 10)
     if abs(asked - power_dbm * 10) < 1e-6 and -363 <= asked <= 0 and radiated(asked) == asked:
         return asked
-    raise MisuseError(
-        f"The board cannot send with {power_dbm:g} dBm; its firmware sets 0, -0.5 or -6.3 dBm, "
-        "or one of them less 10, 20 or 30 dB."
-    )
+    raise ParameterError("board.power_dbm", power_dbm, POWERS)

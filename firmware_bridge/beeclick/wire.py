@@ -6,8 +6,6 @@ no delimiter, no checksum and no escape. Source: d3scomp/beeclickarm, TODQueue.h
 
 from typing import Final
 
-from actors.runtime.errors import AcrcError
-
 BAUD: Final = 921_600
 """8 data bits, no parity, 1 stop bit, no flow control."""
 BITS_PER_BYTE: Final = 10
@@ -18,10 +16,6 @@ NUMBER_END: Final = 1 << 32
 """Packet numbers are below this."""
 LONGEST_COMMAND: Final = 6 + 255
 """Bytes that a board may believe to belong to one command: SEND_PACKET with the greatest length byte."""
-
-
-class MisuseError(AcrcError):
-    """A value of our own that the line or the board cannot take: our mistake, never noise."""
 
 
 class NoiseError(Exception):

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from actors.bounds import check
 from actors.instant import Duration, Instant, in_seconds, milliseconds
 
 
@@ -23,10 +24,8 @@ class RampParameters:
     slept makes no jump."""
 
     def __post_init__(self) -> None:
-        for name in ("speed_up", "slow_down", "turn_up", "turn_down"):
-            value = getattr(self, name)
-            if not 0 < value <= 10:
-                raise ValueError(f"{name} is {value}; it should be above 0 and at most 10")
+        rates = ("speed_up", "slow_down", "turn_up", "turn_down")
+        check("ramp", self, positive=rates, most=dict.fromkeys(rates, 10))
 
 
 class Ramp:

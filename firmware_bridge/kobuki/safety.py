@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
 
+from actors.bounds import check
 from actors.instant import Duration, Instant, milliseconds
 from firmware_bridge.kobuki.motion import TRACK
 from firmware_bridge.kobuki.packets import Basic, Inertial
@@ -105,19 +106,19 @@ class SafetyParameters:
     ramp: RampParameters = field(default_factory=RampParameters)
 
     def __post_init__(self) -> None:
-        for name, value, lowest, highest in (
-            ("feedback_silence", self.feedback_silence, 1, _FEEDBACK_SILENCE),
-            ("feedback_recovery", self.feedback_recovery, 0, math.inf),
-            ("command_age", self.command_age, 1, _COMMAND_AGE),
-            ("stillness", self.stillness, _STILLNESS, math.inf),
-            ("overcurrent_rest", self.overcurrent_rest, 0, math.inf),
-            ("still_ticks", self.still_ticks, 0, 10),
-            ("still_rate_cdeg", self.still_rate_cdeg, 0, 1000),
-            ("speed", self.speed, 0, _SPEED),
-            ("turn_rate", self.turn_rate, 0, _TURN_RATE),
-        ):
-            if not lowest <= value <= highest:
-                raise ValueError(f"{name} is {value}; it should be in {lowest}..{highest}")
+        check(
+            "safety",
+            self,
+            least={"feedback_recovery": 0, "stillness": _STILLNESS, "overcurrent_rest": 0},
+            ranges={
+                "feedback_silence": (1, _FEEDBACK_SILENCE),
+                "command_age": (1, _COMMAND_AGE),
+                "still_ticks": (0, 10),
+                "still_rate_cdeg": (0, 1000),
+                "speed": (0, _SPEED),
+                "turn_rate": (0, _TURN_RATE),
+            },
+        )
 
 
 @dataclass(frozen=True)

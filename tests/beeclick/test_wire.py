@@ -2,6 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from actors.bounds import ParameterError
 from firmware_bridge.beeclick import answers, commands
 from firmware_bridge.beeclick.answers import (
     AddressSet,
@@ -25,7 +26,7 @@ from firmware_bridge.beeclick.commands import (
     Synchronise,
 )
 from firmware_bridge.beeclick.parameters import BeeClickParameters, BoardSettings
-from firmware_bridge.beeclick.wire import MisuseError, NoiseError, byte_time, bytes_in
+from firmware_bridge.beeclick.wire import NoiseError, byte_time, bytes_in
 
 COMMANDS: list[tuple[str, Command]] = [
     ("00 48 65 6c 6c 6f 20 74 68 65 72 65 21", Synchronise()),
@@ -80,19 +81,19 @@ def test_an_answer_is_these_bytes(text: str, answer: Answer) -> None:
     [
         (
             SendPacket(0, bytes(119)),
-            "The number of data bytes of a packet is 119; the board takes 0 to 118.",
+            "the length of SendPacket.data is 119, but must be from 0 to 118",
         ),
-        (SendPacket(1 << 32, b""), "The packet number is 4294967296; the board takes 0 to 4294967295."),
-        (SendPacket(-1, b""), "The packet number is -1; the board takes 0 to 4294967295."),
-        (SetChannel(16), "The channel code is 16; the board takes 0 to 15."),
-        (SetPower(1), "The transmit power in tenths of a dB is 1; the board takes -363 to 0."),
-        (SetPower(-364), "The transmit power in tenths of a dB is -364; the board takes -363 to 0."),
-        (SetAddress(0x10000, 0), "The PAN id is 65536; the board takes 0 to 65535."),
-        (SetAddress(0, -1), "The short address is -1; the board takes 0 to 65535."),
+        (SendPacket(1 << 32, b""), "SendPacket.number is 4294967296, but must be from 0 to 4294967295"),
+        (SendPacket(-1, b""), "SendPacket.number is -1, but must be from 0 to 4294967295"),
+        (SetChannel(16), "SetChannel.code is 16, but must be from 0 to 15"),
+        (SetPower(1), "SetPower.tenths_db is 1, but must be from -363 to 0"),
+        (SetPower(-364), "SetPower.tenths_db is -364, but must be from -363 to 0"),
+        (SetAddress(0x10000, 0), "SetAddress.pan is 65536, but must be from 0 to 65535"),
+        (SetAddress(0, -1), "SetAddress.address is -1, but must be from 0 to 65535"),
     ],
 )
 def test_a_value_that_the_board_cannot_take_is_refused(command: Command, sentence: str) -> None:
-    with pytest.raises(MisuseError) as caught:
+    with pytest.raises(ParameterError) as caught:
         commands.encode(command)
     assert str(caught.value) == sentence
 
@@ -100,12 +101,15 @@ def test_a_value_that_the_board_cannot_take_is_refused(command: Command, sentenc
 @pytest.mark.parametrize(
     ("answer", "sentence"),
     [
-        (ReceivedPacket(0, 0, 0, 0, 0, bytes(119)), "A received packet has 119 bytes; at most 118 fit."),
-        (Notes(b"x" * 256), "A text of the board has 256 bytes; at most 255 fit."),
+        (
+            ReceivedPacket(0, 0, 0, 0, 0, bytes(119)),
+            "the length of ReceivedPacket.data is 119, but must be from 0 to 118",
+        ),
+        (Notes(b"x" * 256), "the length of Notes.text is 256, but must be from 0 to 255"),
     ],
 )
 def test_an_answer_that_does_not_fit_is_refused(answer: Answer, sentence: str) -> None:
-    with pytest.raises(MisuseError) as caught:
+    with pytest.raises(ParameterError) as caught:
         answers.encode(answer)
     assert str(caught.value) == sentence
 
@@ -163,30 +167,30 @@ def test_any_bytes_are_an_answer_or_noise_or_too_few(data: bytes) -> None:
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
-        ({"address": 0xFFFE}, "The board's short address is 65534; it must be 0 to 65533."),
-        ({"address": 1, "pan": 0xFFFF}, "The board's PAN id is 65535; it must be 0 to 65534."),
-        ({"address": 1, "channel": 10}, "The board's channel is 10; it must be 11 to 26."),
-        ({"address": 1, "channel": 27}, "The board's channel is 27; it must be 11 to 26."),
+        ({"address": 0xFFFE}, "board.address is 65534, but must be from 0 to 65533"),
+        ({"address": 1, "pan": 0xFFFF}, "board.pan is 65535, but must be from 0 to 65534"),
+        ({"address": 1, "channel": 10}, "board.channel is 10, but must be from 11 to 26"),
+        ({"address": 1, "channel": 27}, "board.channel is 27, but must be from 11 to 26"),
         (
             {"address": 1, "power_dbm": -12},
-            "The board cannot send with -12 dBm; its firmware sets 0, -0.5 or -6.3 dBm, "
-            "or one of them less 10, 20 or 30 dB.",
+            "board.power_dbm is -12, but must be 0, -0.5 or -6.3 dBm, or one of them less 10, 20 or 30, "
+            "which is what the firmware can set",
         ),
     ],
 )
 def test_a_board_is_not_set_up_with_nonsense(settings: dict[str, float], sentence: str) -> None:
-    with pytest.raises(MisuseError) as caught:
+    with pytest.raises(ParameterError) as caught:
         BoardSettings(**settings)  # type: ignore[arg-type]
     assert str(caught.value) == sentence
 
 
 def test_a_link_is_not_made_with_nonsense() -> None:
-    with pytest.raises(MisuseError) as caught:
+    with pytest.raises(ParameterError) as caught:
         BeeClickParameters(in_flight=8)
-    assert str(caught.value) == "The board's number of packets in flight is 8; it must be 1 to 6."
-    with pytest.raises(MisuseError) as caught:
+    assert str(caught.value) == "beeclick.in_flight is 8, but must be from 1 to 6"
+    with pytest.raises(ParameterError) as caught:
         BeeClickParameters(ring=8)
-    assert str(caught.value) == "The board's number of commands in its ring is 8; it must be 5 to 7."
+    assert str(caught.value) == "beeclick.ring is 8, but must be from 5 to 7"
 
 
 def test_the_set_up_is_address_channel_and_power() -> None:

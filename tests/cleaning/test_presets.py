@@ -56,19 +56,19 @@ def test_a_scenario_sets_them_by_name() -> None:
 @pytest.mark.parametrize(
     ("kind", "settings", "sentence"),
     [
-        (CleaningParameters, {"reach": 0}, "strategy.reach is 0: it should be above 0"),
-        (AdaptationParameters, {"attempts": -1}, "strategy.attempts is -1: it should be at least 0"),
+        (CleaningParameters, {"reach": 0}, "strategy.reach is 0, but must be above 0"),
+        (AdaptationParameters, {"attempts": -1}, "strategy.attempts is -1, but must be at least 0"),
         (
             AdaptationParameters,
             {"adoption_backoff": -1},
-            "strategy.adoption_backoff is -1: it should be at least 0",
+            "strategy.adoption_backoff is -1, but must be at least 0",
         ),
-        (AdaptationParameters, {"most_adopted": 65}, "strategy.most_adopted is 65: it should be 1 to 64"),
+        (AdaptationParameters, {"most_adopted": 65}, "strategy.most_adopted is 65, but must be from 1 to 64"),
         (AdaptationParameters, {"unblock": "x"}, 'strategy.unblock is "x", but must be "queue" or "floor"'),
         (
             ReleasedParameters,
             {"no_plan_attempts": 2},
-            "strategy.no_plan_attempts is 2: without retry there is one attempt, so it should be 0 or 1",
+            "strategy.no_plan_attempts is 2, but must be 0 or 1 without retry",
         ),
     ],
 )  # fmt: skip

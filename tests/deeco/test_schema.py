@@ -382,4 +382,4 @@ def test_a_resolution_is_a_whole_number(per_unit: Any) -> None:
 def test_a_limit_that_makes_no_sense_is_refused() -> None:
     with pytest.raises(DeploymentError) as error:
         LinkParameters(frame_data=9)
-    assert str(error.value) == "LinkParameters.frame_data is 9; it should be 10 to 65535"
+    assert str(error.value) == "LinkParameters.frame_data is 9, but must be from 10 to 65535"

@@ -227,11 +227,14 @@ def test_it_speeds_up_as_the_reference_driver_and_slows_down_in_time() -> None:
 @pytest.mark.parametrize(
     ("lax", "sentence"),
     [
-        ({"feedback_silence": milliseconds(101)}, "feedback_silence is 101000; it should be in 1..100000"),
-        ({"command_age": milliseconds(300)}, "command_age is 300000; it should be in 1..200000"),
-        ({"stillness": milliseconds(0)}, "stillness is 0; it should be in 500000..inf"),
-        ({"speed": 2.0}, "speed is 2.0; it should be in 0..0.7"),
-        ({"turn_rate": math.nan}, f"turn_rate is nan; it should be in 0..{math.pi}"),
+        (
+            {"feedback_silence": milliseconds(101)},
+            "safety.feedback_silence is 101000, but must be from 1 to 100000",
+        ),
+        ({"command_age": milliseconds(300)}, "safety.command_age is 300000, but must be from 1 to 200000"),
+        ({"stillness": milliseconds(0)}, "safety.stillness is 0, but must be at least 500000"),
+        ({"speed": 2.0}, "safety.speed is 2, but must be from 0 to 0.7"),
+        ({"turn_rate": math.nan}, "safety.turn_rate is nan, but must be from 0 to 3.14159"),
     ],
 )
 def test_no_setting_makes_it_laxer(lax: dict[str, float], sentence: str) -> None:
@@ -247,7 +250,7 @@ def test_a_ramp_makes_no_jump_after_a_pause() -> None:
 
 
 def test_a_ramp_is_finite() -> None:
-    with pytest.raises(ValueError, match=r"^speed_up is inf; it should be above 0 and at most 10$"):
+    with pytest.raises(ValueError, match=r"^ramp\.speed_up is inf, but must be at most 10$"):
         RampParameters(speed_up=math.inf)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from actors.robot.bounds import ParameterError
+from actors.bounds import ParameterError
 from actors.robot.localisation import PRESETS, AmclParameters
 from actors.robot.localisation.recovery import Recovery
 
@@ -22,15 +22,15 @@ from actors.robot.localisation.recovery import Recovery
         ("recovery_fast", 1.5, "be at most 1"),
         ("z_hit", -0.5, "be at least 0"),
         ("search_poses", -1, "be at least 0"),
-        ("weighting", "sum", "be one of cubes, product"),
-        ("odometry_model", "omni", "be one of diff, diff-corrected"),
+        ("weighting", "sum", 'be "cubes" or "product"'),
+        ("odometry_model", "omni", 'be "diff" or "diff-corrected"'),
         ("max_distance", float("nan"), "be above 0"),
     ],
 )
 def test_a_value_that_makes_no_sense_is_refused_with_a_sentence(field: str, value: Any, right: str) -> None:
     with pytest.raises(ParameterError) as raised:
         AmclParameters(**{field: value})
-    shown = repr(value) if isinstance(value, str) else f"{value:g}"
+    shown = json.dumps(value) if isinstance(value, str) else f"{value:g}"
     assert str(raised.value) == f"localisation.{field} is {shown}, but must {right}"
 
 

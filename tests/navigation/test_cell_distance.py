@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from actors.robot.bounds import ParameterError
+from actors.bounds import ParameterError
 from actors.robot.navigation.cell_distance import MOST_REACH, fingerprint, squared_within
 from actors.robot.navigation.cost_map import CostMap, CostMapParameters
 from actors.robot.navigation.planning import Planner, PlanningParameters, ground
@@ -49,12 +49,12 @@ def test_the_largest_reach_does_not_overflow() -> None:
     [
         (
             lambda: CostMap(load_model("turtlebot2").sensor, 0.177, CostMapParameters(padding=7.0)),
-            "local_map: the body with its padding reaches 7.177 m far, but must reach at most 126 cells of "
+            "local_map: the radius of the body with its padding is 7.177, but must be at most 126 cells of "
             "0.05 m",
         ),
         (
             lambda: Planner(ground(TWO_ROOMS, 0.177), PlanningParameters(inflation_radius=6.4)),
-            "planner: what is marked reaches 6.4 m far, but must reach at most 126 cells of 0.05 m",
+            "planner: the reach of what is marked is 6.4, but must be at most 126 cells of 0.05 m",
         ),
     ],
     ids=["local map", "planner"],

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from actors.bounds import ParameterError
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.messages import NO_ECHO_MM
-from actors.robot.bounds import ParameterError
 from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMap, CostMapParameters
 from actors.robot.navigation.inflation import INSCRIBED, LETHAL
 from actors.robot.navigation.navigator import NavigationParameters

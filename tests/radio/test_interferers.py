@@ -81,13 +81,10 @@ def test_a_jammer_drowns_its_surroundings_for_its_time() -> None:
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        ({"channel": 14}, "A Wi-Fi station has channel 14; it must be 1 to 13."),
-        ({"duty": 1.0}, "A Wi-Fi station has duty 1; it must be above 0 and below 1."),
-        (
-            {"shortest_burst_us": 3000},
-            "A Wi-Fi station has bursts of 3000 to 2000 µs; they must be longer than 0 and the first not "
-            "above the second.",
-        ),
+        ({"channel": 14}, "wifi.channel is 14, but must be from 1 to 13"),
+        ({"duty": 1.0}, "wifi.duty is 1, but must be above 0 and below 1"),
+        ({"shortest_burst_us": 0}, "wifi.shortest_burst_us is 0, but must be above 0"),
+        ({"shortest_burst_us": 3000}, "wifi.longest_burst_us is 2000, but must be at least 3000"),
     ],
 )
 def test_a_station_that_makes_no_sense_is_named(wrong: dict[str, int], sentence: str) -> None:

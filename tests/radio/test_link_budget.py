@@ -113,7 +113,7 @@ def test_walls_of_the_map_stand_between_the_offices() -> None:
     [
         ({"preset": "ether"}, f"Radio preset 'ether' is unknown; known are {', '.join(PRESETS)}."),
         ({"walls": "cheese"}, f"Wall material 'cheese' is unknown; known are {', '.join(MATERIALS)}."),
-        ({"channel": 27}, "The radio's channel is 27; it must be 11 to 26."),
+        ({"channel": 27}, "radio.channel is 27, but must be from 11 to 26"),
     ],
 )
 def test_a_set_up_that_makes_no_sense_is_named(wrong: dict[str, str], sentence: str) -> None:

@@ -1,17 +1,25 @@
 """What a robot reads about its adaptation, and every way in which the file can be wrong."""
 
+import tracemalloc
 from dataclasses import FrozenInstanceError
 from pathlib import Path
 
 import pytest
 
+from actors import table_wording, toml_file
 from actors.floor.map_file import load_map
 from actors.floor.placement import Area
 from actors.geometry import Point, Pose
 from actors.instant import milliseconds, seconds
 from actors.randomness import generator
 from actors.robot import assembly
-from actors.robot.behaviour.adaptation import Adaptation, AdaptationError, adaptation, load_adaptation
+from actors.robot.behaviour.adaptation import (
+    Adaptation,
+    AdaptationError,
+    AdaptationFile,
+    adaptation,
+    load_adaptation,
+)
 from actors.robot.behaviour.ports import ExchangeSettings, Start
 from actors.robot_model import load_model
 
@@ -34,6 +42,7 @@ name = "hall"
 x = [11.5, 13.5]
 y = [1, 7]
 """
+SETTING = "but must be true, false, a whole number of 64 bits, a finite number or a text"
 INTERVAL = "but must be a number of seconds from 0.001 to 1000000"
 SPAN = "but must be two numbers [from, to] in m, the first below the second"
 
@@ -54,12 +63,16 @@ def test_an_empty_file_says_nothing() -> None:
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
-        ("strategy = 3", "strategy is 3, but must be a table [strategy]"),
+        (
+            "strategy = 3",
+            "strategy is 3, but must be a table [strategy] with the strategy's settings;"
+            " its name stands in run.strategy",
+        ),
         ("deeco = 3", "deeco is 3, but must be a table [deeco]"),
-        ("area = 3", "area is 3, but must be a list of tables [[area]]"),
+        ("area = 3", "area is 3, but must be written as tables [[area]]"),
         ("areas = 3", "areas is not known; did you mean area?"),
-        ("[strategy]\na = nan", "strategy.a is NaN, but must be true, false, a finite number or a text"),
-        ("[strategy]\na = [1]", "strategy.a is [1], but must be true, false, a finite number or a text"),
+        ("[strategy]\na = nan", f"strategy.a is NaN, {SETTING}"),
+        ("[strategy]\na = [1]", f"strategy.a is [1], {SETTING}"),
         ("[deeco]\npublishing = 1", "deeco.publishing is not known; did you mean deeco.publish?"),
         (
             "[deeco]\nx = 1",
@@ -75,15 +88,19 @@ def test_an_empty_file_says_nothing() -> None:
         ("[deeco]\nrelay = 1", "deeco.relay is 1, but must be true or false"),
         ("[deeco]\nhop_limit = 0", "deeco.hop_limit is 0, but must be a whole number from 1 to 15"),
         ("[deeco]\nhop_limit = true", "deeco.hop_limit is true, but must be a whole number from 1 to 15"),
-        ("area = [3]", "area[0] is 3, but must be a table with name, x = [from, to] and y = [from, to]"),
+        ("area = [3]", "area[0] is 3, but must be a table [[area]]"),
         (
             "[[area]]\nname = 'a'\nx = [1, 2]",
-            'area[0] is {"name": "a", "x": [1, 2]}, but must be a table with name, x = [from, to] and'
-            " y = [from, to]",
+            f"area[0].y is missing, {SPAN}",
         ),
-        ("[[area]]\nname = 1\nx = [1, 2]\ny = [1, 2]", "area[0].name is 1, but must be a text"),
+        (
+            "[[area]]\nname = 1\nx = [1, 2]\ny = [1, 2]",
+            'area[0].name is 1, but must be a name such as "hall"',
+        ),
         ("[[area]]\nname = 'a'\nx = [2, 1]\ny = [1, 2]", f"area[0].x is [2, 1], {SPAN}"),
         ("[[area]]\nname = 'a'\nx = [1, 2]\ny = [1, true]", f"area[0].y is [1, true], {SPAN}"),
+        ("[strategy]\na = 9223372036854775808", f"strategy.a is 9223372036854775808, {SETTING}"),
+        ("[[area]]\nname = 'a'\nx = [1, 2]\ny = [1, 1e6]", f"area[0].y is [1, 1000000.0], {SPAN}"),
         ("[strategy", "this is no TOML: Expected ']' at the end of a table declaration (at end of document)"),
     ],
 )
@@ -110,6 +127,17 @@ def test_hostile_bytes_are_one_sentence(tmp_path: Path, data: bytes, fault: str)
     with pytest.raises(AdaptationError) as caught:
         load_adaptation(path)
     assert str(caught.value).startswith(f"{path}: {fault}")
+
+
+@pytest.mark.parametrize("table", ["", "[deeco]\n", "[strategy]\n", "[[area]]\n"])
+def test_of_many_faults_only_the_first_is_kept(table: str) -> None:
+    text = table + "".join(f"k{number} = []\n" for number in range(100_000))
+    content = toml_file.loads(text)
+    tracemalloc.start()
+    with pytest.raises(AdaptationError, match=r"k0|area"):
+        table_wording.checked(content, AdaptationFile, AdaptationError)
+    assert tracemalloc.get_traced_memory()[1] < 1_000_000
+    tracemalloc.stop()
 
 
 def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:

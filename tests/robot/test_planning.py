@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
+from actors.bounds import ParameterError
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import Point
-from actors.robot.bounds import ParameterError
 from actors.robot.navigation.planning import Ground, Planner, PlanningParameters, ground
 from tests.robot.base import TWO_ROOMS, plan
 

@@ -17,6 +17,7 @@ from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined
 
+POINT = "but must be a point [x, y] in m"
 MAPS = Path(__file__).parents[2] / "maps"
 
 
@@ -138,13 +139,13 @@ def test_wrong_values_are_one_sentence(argv: dict[str, str], option: str, value:
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
-        ("places = [[1, 2, 3]]", ": place 0 is [1, 2, 3]; it should be [x, y] in m"),
-        ("places = [[1, 2], [1, inf]]", ": place 1 is [1, inf]; it should be [x, y] in m"),
-        ("places = [[1, true]]", ": place 0 is [1, True]; it should be [x, y] in m"),
-        ("places = [3]", ": place 0 is 3; it should be [x, y] in m"),
-        ("places = 3", " should have one key, places = [[x, y], ...], and has ['places']"),
-        ("", " should have one key, places = [[x, y], ...], and has []"),
-        ("a = 1", " should have one key, places = [[x, y], ...], and has ['a']"),
+        ("places = [[1, 2, 3]]", f": places[0] is [1, 2, 3], {POINT}"),
+        ("places = [[1, 2], [1, inf]]", f": places[1] is [1, Infinity], {POINT}"),
+        ("places = [[1, true]]", f": places[0] is [1, true], {POINT}"),
+        ("places = [3]", f": places[0] is 3, {POINT}"),
+        ("places = 3", ": places is 3, but must be a list of points [x, y] in m"),
+        ("", ": places is missing, but must be a list of points [x, y] in m"),
+        ("a = 1", ": places is missing, but must be a list of points [x, y] in m"),
         ("places = [", ": this is no TOML: Invalid value (at end of document)"),
         ("#" * 1_000_001, ": the places file may have at most 1000000 bytes, but has more"),
     ],

@@ -191,6 +191,8 @@ def test_what_does_not_exist_is_refused() -> None:
         == "Radio preset 'ether' is unknown; known are chapter, beeclick, rosomnet, ns3, ideal."
     )
     assert refusal('[robots]\nmodel = "tank"').startswith(
-        "there is no robot model 'tank'; it should be one of "
+        'the robot model is "tank", but must be "omnibox", '
     )
-    assert refusal('[robots]\nsensor = "eye"').startswith("turtlebot2.toml: there is no sensor 'eye'; ")
+    assert refusal('[robots]\nsensor = "eye"').startswith(
+        'turtlebot2.toml: the sensor is "eye", but must be '
+    )

@@ -312,12 +312,12 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     ("text", "sentence"),
     [
         ("localisation = 3", "localisation is 3, but must be a table of a preset and of parameters"),
-        ("[localisation]\nbeams = []", f"localisation.beams is [], {SETTING}"),
+        ("[localisation]\nbeams = []", "localisation.beams is [], but must be a whole number of 64 bits"),
         ('[navigation]\npreset = "best"', 'navigation.preset is "best", but must be "chapter" or "robust"'),
         ("[dwa]\nsim_tim = 2", "dwa.sim_tim is not known; did you mean dwa.sim_time?"),
         ("[dwa]\nsim_time = 0", "dwa.sim_time is 0, but must be above 0"),
         ("[local_map]\nsize = 0.1", "local_map.size is 0.1, but must be 4 to 400 cells of 0.05 m"),
-        ("[planner]\ncached = 1.5", "planner.cached is 1.5, but must be a whole number"),
+        ("[planner]\ncached = 1.5", "planner.cached is 1.5, but must be a whole number of 64 bits"),
     ],
 )
 def test_wrong_localisation_and_navigation(text: str, sentence: str) -> None:

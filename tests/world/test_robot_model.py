@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from actors.floor import convex
 from actors.robot_model import RobotModelError, load_model, scan_angles
 
+MASS = "but must be a number above 0 and at most 10000"
 SHIPPED = Path(__file__).parents[2] / "actors" / "models"
 
 
@@ -65,70 +66,80 @@ def test_rays_point_within_the_half_open_circle_at_equal_angles(
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("mass = 22.0", "mass = -1.0", "mass is -1.0; it should be greater than 0"),
-        ("mass = 22.0", "mass = nan", "mass is nan; it should be a finite number"),
-        ("mass = 22.0", "mass = '22'", "mass is '22'; it should be a valid number"),
-        ("mass = 22.0", "", "mass is missing"),
+        ("mass = 22.0", "mass = -1.0", f"mass is -1.0, {MASS}"),
+        ("mass = 22.0", "mass = nan", f"mass is NaN, {MASS}"),
+        ("mass = 22.0", "mass = '22'", f'mass is "22", {MASS}'),
+        ("mass = 22.0", "", f"mass is missing, {MASS}"),
         (
             "mass = 22.0",
             "mass = 22.0\ncolour = 'red'",
-            "colour is unknown; it should be one of name, mass, friction, odometry, default_sensor, "
+            "colour is not known; known are name, mass, friction, odometry, default_sensor, "
             "footprint, drive, bumper, sensors",
         ),
         (
             '"omnidirectional"',
             '"legs"',
-            "drive.kind is 'legs'; it should be 'differential' or 'omnidirectional'",
+            'drive.kind is "legs", but must be "differential" or "omnidirectional"',
         ),
         (
             "watchdog",
             "watch_dog",
-            "drive.watch_dog is unknown; it should be one of kind, speed, acceleration, turn_rate, "
-            "turn_acceleration, grip, watchdog",
+            "drive.watch_dog is not known; did you mean drive.watchdog?",
         ),
-        ("rays = 360", "rays = 1", "sensors.lidar.rays is 1; it should be greater than or equal to 2"),
+        ("rays = 360", "rays = 1", "sensors.lidar.rays is 1, but must be a whole number from 2 to 10000"),
         (
             "range_max = 8.0",
             "range_max = 0.1",
-            "sensors.lidar should have a range_max above range_min, not 0.1 m and 0.15 m",
+            "sensors.lidar must have a range_max above range_min, not 0.1 m and 0.15 m",
         ),
         (
             "reach_deg = 100.0",
             "reach_deg = 30.0",
-            "bumper should have a reach_deg of at least centre_deg, not 30 and 40",
+            "bumper must have a reach_deg of at least centre_deg, not 30 and 40",
         ),
         (
             '"stage"',
             '"kobuki"',
-            "the model should have a differential drive where odometry is 'kobuki', which reads two wheels",
+            "the file must have a differential drive where odometry is 'kobuki', which reads two wheels",
         ),
         (
             '"stage"',
             '"gps"',
-            "odometry is 'gps'; it should be 'exact', 'stage' or 'kobuki'",
+            'odometry is "gps", but must be "exact", "stage" or "kobuki"',
         ),
         (
             'default_sensor = "kinect"',
             'default_sensor = "sonar"',
-            "default_sensor is 'sonar'; it should be one of kinect, lidar",
+            'default_sensor is "sonar", but must be "kinect" or "lidar"',
         ),
         (
             "vertices = [",
             "radius = 0.2\nvertices = [",
-            "footprint should hold either radius or vertices, and has both",
+            "footprint must hold either radius or vertices, but has both",
         ),
         (
             "[0.19, 0.19]",
             "[0.0, 0.15]",
-            "footprint should hold the vertices of a convex polygon round (0, 0), but it does not bend "
+            "footprint must hold the vertices of a convex polygon round (0, 0), but it does not bend "
             "outward at (0, 0.15)",
         ),
         (
             "    [-0.25, 0.13],\n    [-0.25, -0.13],\n    [-0.19, -0.19],\n",
             "    [0.1, 0.0],\n",
-            "footprint should hold the vertices of a convex polygon round (0, 0), but it does not bend "
+            "footprint must hold the vertices of a convex polygon round (0, 0), but it does not bend "
             "outward at (0.1, 0)",
         ),
+        (
+            "[0.19, 0.19]",
+            "[0.19, true]",
+            "footprint.vertices[2] is [0.19, true], but must be a point [x, y] in m",
+        ),
+        (
+            "[sensors.lidar]",
+            "[sensors]\nlidar = 3\n[sensors.other]",
+            "sensors.lidar is 3, but must be a table [sensors.lidar]",
+        ),
+        ("[bumper]", "[bumpers]", "bumpers is not known; did you mean bumper?"),
         (
             "[footprint]",
             "[footprint",
@@ -145,13 +156,12 @@ def test_unknown_names_are_refused_with_those_that_exist(tmp_path: Path) -> None
     with pytest.raises(RobotModelError) as caught:
         load_model("turtlebot9")
     assert str(caught.value) == (
-        "there is no robot model 'turtlebot9'; it should be one of omnibox, turtlebot2, or the path of a "
-        ".toml file"
+        'the robot model is "turtlebot9", but must be "omnibox", "turtlebot2" or the path of a .toml file'
     )
     with pytest.raises(RobotModelError) as caught:
         load_model("turtlebot2", "sonar")
     assert str(caught.value) == (
-        "turtlebot2.toml: there is no sensor 'sonar'; it should be one of chapter, kinect, written"
+        'turtlebot2.toml: the sensor is "sonar", but must be "chapter", "kinect" or "written"'
     )
     with pytest.raises(RobotModelError) as caught:
         load_model(str(tmp_path / "none.toml"))

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from actors.bounds import ParameterError, check, check_range
 from actors.portable import log10
 from actors.portable.draws import exponentials
 from actors.radio.medium.channel import Propagation
-from actors.runtime.errors import AcrcError
+from actors.wording import span
 
 Floats = NDArray[np.float64]
 Bursts = NDArray[np.int64]
@@ -43,15 +44,12 @@ class WifiParameters:
     acknowledgement, or an aggregate of faster ones."""
 
     def __post_init__(self) -> None:
-        if not 1 <= self.channel <= 13:
-            raise AcrcError(f"A Wi-Fi station has channel {self.channel}; it must be 1 to 13.")
+        check_range("wifi.channel", self.channel, 1, 13)
         if not 0.0 < self.duty < 1.0:
-            raise AcrcError(f"A Wi-Fi station has duty {self.duty:g}; it must be above 0 and below 1.")
-        if not 0 < self.shortest_burst_us <= self.longest_burst_us:
-            raise AcrcError(
-                f"A Wi-Fi station has bursts of {self.shortest_burst_us} to {self.longest_burst_us} µs; "
-                "they must be longer than 0 and the first not above the second."
-            )
+            raise ParameterError("wifi.duty", self.duty, span(gt=0, lt=1))
+        check(
+            "wifi", self, positive=("shortest_burst_us",), least={"longest_burst_us": self.shortest_burst_us}
+        )
 
 
 def in_band_db(wifi_channel: int, radio_channel: int) -> float:

@@ -1,17 +1,22 @@
-"""What a robot is told about its adaptation: the strategy's settings, the exchange of knowledge, areas."""
+"""What a robot is told about its adaptation: the strategy's settings, the exchange of knowledge, areas.
+
+Scenario and fleet files hold the same tables.
+"""
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, TypeGuard
+from typing import Annotated, Final
 
-from actors import toml_file
+from pydantic import BeforeValidator, FailFast, Field, PlainValidator
+
+from actors import table_wording
 from actors.floor.placement import Area
-from actors.instant import Duration, seconds
+from actors.instant import in_seconds, seconds
 from actors.robot.behaviour.ports import ExchangeSettings, Setting
 from actors.runtime.errors import AcrcError
-from actors.wording import shown, unknown_key
+from actors.table import Right, Span, Table, Text, as_tuples
 
 BYTES_LIMIT: Final = 4_000_000
 """Size of the file; what the largest scenario file leads to is smaller."""
@@ -21,6 +26,104 @@ LONGEST_S: Final = 1_000_000
 """Longest interval in [deeco], s."""
 MOST_HOPS: Final = 15
 """Largest hop_limit in [deeco]."""
+_AS_IT_IS: Final = ExchangeSettings()
+
+
+def _is_setting(value: object) -> bool:
+    """What TOML can hold and what has one value: no date, no array, no table, no infinity."""
+    match value:
+        case bool() | str():
+            return True
+        case int():
+            return -(2**63) <= value < 2**63
+        case float():
+            return math.isfinite(value)
+    return False
+
+
+def _setting(value: object) -> object:
+    if not _is_setting(value):
+        raise ValueError
+    return value
+
+
+def _first_wrong(settings: object) -> object:
+    """Of a million values that are wrong the first is enough."""
+    if isinstance(settings, dict):
+        for name, value in settings.items():
+            if not _is_setting(value):
+                return {name: value}
+    return settings
+
+
+Interval = Annotated[
+    float,
+    Field(ge=SHORTEST_S, le=LONGEST_S),
+    Right(f"a number of seconds from {SHORTEST_S} to {LONGEST_S}"),
+]
+Settings = Annotated[
+    Mapping[str, Annotated[Setting, PlainValidator(_setting)]],
+    BeforeValidator(_first_wrong),
+    Right(
+        "a table [strategy] with the strategy's settings; its name stands in run.strategy",
+        item="true, false, a whole number of 64 bits, a finite number or a text",
+    ),
+]
+
+
+class DeecoTable(Table):
+    """[deeco]: how the nodes of the component model exchange knowledge by radio.
+
+    What is absent is as `ExchangeSettings` has it.
+    """
+
+    publish: Interval = in_seconds(_AS_IT_IS.publish)
+    """How often each robot publishes its knowledge, s (d3scomp/JDEECo, DefaultKnowledgePublisher)."""
+    relay: bool = _AS_IT_IS.relay
+    """Robots pass on what they hear; off in the original testbed."""
+    hop_limit: Annotated[int, Field(ge=1, le=MOST_HOPS)] = _AS_IT_IS.hop_limit
+    """How often knowledge is passed on at most."""
+    relay_delay: Annotated[
+        float, Field(ge=0, le=LONGEST_S), Right(f"a number of seconds from 0 to {LONGEST_S}")
+    ] = in_seconds(_AS_IT_IS.relay_delay)
+    """The longest wait before knowledge is passed on, that for the strongest signal, s."""
+    forget: Interval = in_seconds(_AS_IT_IS.forget)
+    """Replicas of robots that were not heard of for so long are dropped, s."""
+
+    @property
+    def settings(self) -> ExchangeSettings:
+        """The same with its durations in µs."""
+        return ExchangeSettings(
+            publish=seconds(self.publish),
+            relay=self.relay,
+            hop_limit=self.hop_limit,
+            relay_delay=seconds(self.relay_delay),
+            forget=seconds(self.forget),
+        )
+
+
+class AreaTable(Table):
+    """[[area]]: a rectangle of the floor that has a name."""
+
+    name: Annotated[Text, Right('a name such as "hall"')]
+    x: Span
+    """From the west edge to the east edge, m."""
+    y: Span
+    """From the south edge to the north edge, m."""
+
+    @property
+    def area(self) -> Area:
+        """The rectangle."""
+        (x0, x1), (y0, y1) = self.x, self.y
+        return Area(self.name, x0, y0, x1, y1)
+
+
+class AdaptationFile(Table):
+    """adaptation.toml as it stands; each table may be absent."""
+
+    strategy: Settings = Field(default_factory=dict)
+    deeco: DeecoTable = DeecoTable()
+    area: Annotated[tuple[AreaTable, ...], FailFast(), BeforeValidator(as_tuples)] = ()
 
 
 class AdaptationError(AcrcError):
@@ -41,91 +144,14 @@ class Adaptation:
 
 def load_adaptation(path: Path) -> Adaptation:
     """What stands in a robot's adaptation.toml. Raises AdaptationError."""
-    text = toml_file.read(path, "adaptation", AdaptationError, BYTES_LIMIT)
-    try:
-        return adaptation(text)
-    except AdaptationError as error:
-        raise AdaptationError(f"{path}: {error}") from None
+    file = table_wording.load(path, AdaptationFile, "adaptation", AdaptationError, BYTES_LIMIT)
+    return _adaptation(file)
 
 
 def adaptation(text: str) -> Adaptation:
     """What the text of an adaptation.toml says. Raises AdaptationError."""
-    try:
-        content = toml_file.loads(text)
-    except ValueError as error:
-        raise AdaptationError(f"this is no TOML: {error}") from None
-    strategy, deeco, areas = content.pop("strategy", {}), content.pop("deeco", {}), content.pop("area", [])
-    if content:
-        raise AdaptationError(unknown_key("", next(iter(content)), ("strategy", "deeco", "area")))
-    if not isinstance(strategy, dict):
-        raise _wrong("strategy", strategy, "a table [strategy]")
-    if not isinstance(deeco, dict):
-        raise _wrong("deeco", deeco, "a table [deeco]")
-    if not isinstance(areas, list):
-        raise _wrong("area", areas, "a list of tables [[area]]")
-    return Adaptation(
-        settings={name: _setting(name, value) for name, value in strategy.items()},
-        exchange=_exchange(deeco),
-        areas=tuple(_area(f"area[{index}]", area) for index, area in enumerate(areas)),
-    )
+    return _adaptation(table_wording.parse(text, AdaptationFile, AdaptationError))
 
 
-def _setting(name: str, value: object) -> Setting:
-    if isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value)):
-        return value
-    raise _wrong(f"strategy.{name}", value, "true, false, a finite number or a text")
-
-
-def _exchange(table: Mapping[str, object]) -> ExchangeSettings:
-    """[deeco]; what is absent is as ExchangeSettings has it."""
-    settings = ExchangeSettings()
-    for name, value in table.items():
-        match name, value:
-            case ("publish", _):
-                settings = replace(settings, publish=_interval(name, value, SHORTEST_S))
-            case ("relay", bool()):
-                settings = replace(settings, relay=value)
-            case ("relay", _):
-                raise _wrong("deeco.relay", value, "true or false")
-            case ("hop_limit", int()) if value is not True and 1 <= value <= MOST_HOPS:
-                settings = replace(settings, hop_limit=value)
-            case ("hop_limit", _):
-                raise _wrong("deeco.hop_limit", value, f"a whole number from 1 to {MOST_HOPS}")
-            case ("relay_delay", _):
-                settings = replace(settings, relay_delay=_interval(name, value, 0))
-            case ("forget", _):
-                settings = replace(settings, forget=_interval(name, value, SHORTEST_S))
-            case _:
-                known = [field.name for field in fields(ExchangeSettings)]
-                raise AdaptationError(unknown_key("deeco", name, known))
-    return settings
-
-
-def _interval(name: str, value: object, least: float) -> Duration:
-    if _is_number(value) and least <= value <= LONGEST_S:
-        return seconds(value)
-    raise _wrong(f"deeco.{name}", value, f"a number of seconds from {least} to {LONGEST_S}")
-
-
-def _area(key: str, table: object) -> Area:
-    if not (isinstance(table, dict) and sorted(table) == ["name", "x", "y"]):
-        raise _wrong(key, table, "a table with name, x = [from, to] and y = [from, to]")
-    if not isinstance(table["name"], str):
-        raise _wrong(f"{key}.name", table["name"], "a text")
-    (x0, x1), (y0, y1) = _span(f"{key}.x", table["x"]), _span(f"{key}.y", table["y"])
-    return Area(table["name"], x0, y0, x1, y1)
-
-
-def _span(key: str, value: object) -> tuple[float, float]:
-    match value:
-        case [begin, end] if _is_number(begin) and _is_number(end) and begin < end:
-            return float(begin), float(end)
-    raise _wrong(key, value, "two numbers [from, to] in m, the first below the second")
-
-
-def _is_number(value: object) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _wrong(key: str, value: object, right: str) -> AdaptationError:
-    return AdaptationError(f"{key} is {shown(value)}, but must be {right}")
+def _adaptation(file: AdaptationFile) -> Adaptation:
+    return Adaptation(file.strategy, file.deeco.settings, tuple(table.area for table in file.area))

@@ -1,12 +1,13 @@
 """A robot's list of places to be cleaned, from its file."""
 
-import math
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
-from actors import toml_file
-from actors.geometry import Point
+from pydantic import BeforeValidator, FailFast
+
+from actors import geometry, table_wording
 from actors.runtime.errors import AcrcError
+from actors.table import A_POINT, Point, Right, Table, as_tuples
 
 BYTES_LIMIT: Final = 1_000_000
 """Size of the file; 10 000 places have a third of that."""
@@ -16,20 +17,16 @@ class PlacesError(AcrcError):
     """A file of places that cannot be used."""
 
 
-def load_places(path: Path) -> tuple[Point, ...]:
+class _PlacesFile(Table):
+    places: Annotated[
+        tuple[Point, ...],
+        FailFast(),
+        BeforeValidator(as_tuples),
+        Right("a list of points [x, y] in m", item=A_POINT),
+    ]
+
+
+def load_places(path: Path) -> tuple[geometry.Point, ...]:
     """The places in a TOML file with one key, `places = [[x, y], ...]`, m in the map frame."""
-    content = toml_file.tables(toml_file.read(path, "places", PlacesError, BYTES_LIMIT), path, PlacesError)
-    places = content.get("places")
-    if list(content) != ["places"] or not isinstance(places, list):
-        raise PlacesError(f"{path} should have one key, places = [[x, y], ...], and has {list(content)}")
-    return tuple(_place(path, index, place) for index, place in enumerate(places))
-
-
-def _place(path: Path, index: int, place: object) -> Point:
-    if not (isinstance(place, list) and len(place) == 2 and all(map(_is_coordinate, place))):
-        raise PlacesError(f"{path}: place {index} is {place!r}; it should be [x, y] in m")
-    return Point(float(place[0]), float(place[1]))
-
-
-def _is_coordinate(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    file = table_wording.load(path, _PlacesFile, "places", PlacesError, BYTES_LIMIT)
+    return tuple(geometry.Point(x, y) for x, y in file.places)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, Literal, get_args
 
-from actors.robot.bounds import ParameterError, check
+from actors.bounds import ParameterError, check
 
 OdometryModel = Literal["diff", "diff-corrected"]
 Weighting = Literal["cubes", "product"]
@@ -102,15 +102,11 @@ class AmclParameters:
         known = {"odometry_model": get_args(OdometryModel), "weighting": get_args(Weighting)}
         check("localisation", self, positive=_POSITIVE, least=_LEAST, most=_MOST, known=known)
         if self.recovers and self.recovery_slow >= self.recovery_fast:
-            raise ParameterError(
-                f"localisation.recovery_slow is {self.recovery_slow:g}, but must be below recovery_fast"
-                f" {self.recovery_fast:g}"
-            )
+            right = f"below recovery_fast {self.recovery_fast:g}"
+            raise ParameterError("localisation.recovery_slow", self.recovery_slow, right)
         if self.max_particles < self.min_particles:
-            raise ParameterError(
-                f"localisation.max_particles is {self.max_particles}, but must be at least min_particles"
-                f" {self.min_particles}"
-            )
+            right = f"at least min_particles {self.min_particles}"
+            raise ParameterError("localisation.max_particles", self.max_particles, right)
 
 
 _SHARES: Final = (

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from actors.robot.bounds import ParameterError
+from actors.bounds import ParameterError
 
 MOST_REACH: Final = 126
 """Cells; 2 (reach + 1)² must fit into int16."""
@@ -30,9 +30,7 @@ def squared_within(marks: NDArray[np.uint8], reach: int) -> NDArray[np.int16]:
 def check_reach(what: str, reach: float, cell: float) -> None:
     """Raise ParameterError if `reach`, m, is more cells of side `cell`, m, than distances are known for."""
     if reach > MOST_REACH * cell:
-        raise ParameterError(
-            f"{what} reaches {reach:g} m far, but must reach at most {MOST_REACH} cells of {cell:g} m"
-        )
+        raise ParameterError(what, reach, f"at most {MOST_REACH} cells of {cell:g} m")
 
 
 def fingerprint() -> bytes:

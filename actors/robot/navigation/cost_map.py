@@ -13,11 +13,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.bounds import ParameterError, check
 from actors.floor.grid import Cell
 from actors.geometry import Pose
 from actors.instant import Duration, Instant, in_seconds, seconds
 from actors.portable import arrays
-from actors.robot.bounds import ParameterError, check
 from actors.robot.navigation.cell_distance import check_reach, squared_within
 from actors.robot.navigation.inflation import Inflation
 from actors.robot.navigation.ray_tracing import stamp, take_in
@@ -60,14 +60,10 @@ class CostMapParameters:
         ranges = ("obstacle_range", "raytrace_range", "inflation_radius", "scaling", "padding", "free_range")
         check("local_map", self, positive=("cell", "size"), least=dict.fromkeys(ranges, 0.0))
         if not 4 <= self.size / self.cell <= 400:
-            raise ParameterError(
-                f"local_map.size is {self.size:g}, but must be 4 to 400 cells of {self.cell:g} m"
-            )
+            raise ParameterError("local_map.size", self.size, f"4 to 400 cells of {self.cell:g} m")
         if self.inflation_radius > 100 * self.cell:
-            raise ParameterError(
-                f"local_map.inflation_radius is {self.inflation_radius:g}, but must be at most 100 cells of"
-                f" {self.cell:g} m"
-            )
+            right = f"at most 100 cells of {self.cell:g} m"
+            raise ParameterError("local_map.inflation_radius", self.inflation_radius, right)
 
 
 LOCAL_MAP_PRESETS: Final[Mapping[str, CostMapParameters]] = MappingProxyType(
@@ -108,7 +104,7 @@ class CostMap:
         """`radius`: of the body, m."""
         p = self.parameters = parameters
         self.inflation: Final = Inflation(radius + p.padding, p.inflation_radius, p.scaling)
-        check_reach("local_map: the body with its padding", self.inflation.inscribed, p.cell)
+        check_reach("local_map: the radius of the body with its padding", self.inflation.inscribed, p.cell)
         self.table: Final = self.inflation.table(p.cell)
         """Cost by squared distance in cells."""
         self._radius = radius

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Final
 
+from actors.bounds import check
 from actors.instant import Duration, seconds
-from actors.robot.bounds import check
 
 _LIMITS: Final = ("max_speed", "max_turn", "acceleration", "turn_acceleration", "scaling_speed")
 _NOT_NEGATIVE: Final = ("least_speed", "least_turn", "stop_buffer", "path_bias", "goal_bias", "occdist_scale")

@@ -6,11 +6,11 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.bounds import check
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Duration, Instant, seconds
 from actors.portable import cos_sin
 from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus
-from actors.robot.bounds import check
 from actors.robot.navigation.local_planner import Steering
 from actors.robot.navigation.navigation_counts import NavigationCounts
 from actors.robot.navigation.planning import Planner

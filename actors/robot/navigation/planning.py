@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.bounds import check
 from actors.floor import flood
 from actors.floor.grid import FREE, OCCUPIED, Cell, OccupancyGrid, nearest_cell
 from actors.floor.sharing import Shared
 from actors.geometry import Point
-from actors.robot.bounds import check
 from actors.robot.navigation.cell_distance import check_reach, squared_within
 from actors.robot.navigation.inflation import INSCRIBED, Inflation
 from actors.robot.navigation.potential import UNREACHABLE, descent, potential
@@ -140,7 +140,7 @@ class Planner:
 
     def __init__(self, ground: Ground, parameters: PlanningParameters = PlanningParameters()) -> None:
         farthest = max(parameters.inflation_radius, ground.reach)
-        check_reach("planner: what is marked", farthest, ground.grid.resolution)
+        check_reach("planner: the reach of what is marked", farthest, ground.grid.resolution)
         self._ground = ground
         self._parameters = parameters
         self._region = np.zeros(ground.costs.shape, dtype=np.bool_)
