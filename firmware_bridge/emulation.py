@@ -3,6 +3,7 @@
 import signal
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 from typing import Final, Protocol
@@ -27,6 +28,23 @@ class EmulatedDevice(Protocol):
 
 def serve(device: EmulatedDevice, link: Path, what: str) -> None:
     """Be that device at the path `link` until SIGTERM or SIGINT. Raises LinkError."""
+    with PseudoTerminal(link) as line:
+
+        def exchange(now: Callable[[], Instant]) -> None:
+            data = line.read(_ROUND_S)
+            instant = now()
+            if data:
+                device.take(instant, data)
+            line.write(device.run(instant))
+
+        run_until_stopped(f"{what} at {link}", exchange)
+
+
+def run_until_stopped(what: str, exchange: Callable[[Callable[[], Instant]], None]) -> None:
+    """Say that `what` is there, and call `exchange` again and again until SIGTERM or SIGINT.
+
+    It is given the clock, which begins with the first call, and waits as long as a round may take.
+    """
     stopped = False
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
@@ -35,16 +53,11 @@ def serve(device: EmulatedDevice, link: Path, what: str) -> None:
 
     before = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
-        with PseudoTerminal(link) as line:
-            sys.stdout.write(f"{what} at {link}; stop with Ctrl+C\n")
-            sys.stdout.flush()
-            begun = time.monotonic_ns()
-            while not stopped:
-                data = line.read(_ROUND_S)
-                now = Instant((time.monotonic_ns() - begun) // 1000)
-                if data:
-                    device.take(now, data)
-                line.write(device.run(now))
+        sys.stdout.write(f"{what}; stop with Ctrl+C\n")
+        sys.stdout.flush()
+        begun = time.monotonic_ns()
+        while not stopped:
+            exchange(lambda: Instant((time.monotonic_ns() - begun) // 1000))
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -1,16 +1,14 @@
 """Runs emulated boards on pseudo-terminals, in real time, until the process is told to stop."""
 
-import signal
-import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from types import FrameType
 from typing import Final
 
 from actors.instant import Instant
 from firmware_bridge.beeclick.emulation.emulated_medium import EmulatedMedium, advance
+from firmware_bridge.emulation import run_until_stopped
 from firmware_bridge.pseudo_terminal import PseudoTerminal
 
 _ROUND_S: Final = 0.001
@@ -19,25 +17,14 @@ _ROUND_S: Final = 0.001
 
 def serve(medium: EmulatedMedium, links: Sequence[Path]) -> None:
     """Be the medium's boards at those paths until SIGTERM or SIGINT. Raises LinkError."""
-    stopped = False
+    with ExitStack() as stack:
+        lines = [stack.enter_context(PseudoTerminal(link)) for link in links]
 
-    def stop(_signal: int, _frame: FrameType | None) -> None:
-        nonlocal stopped
-        stopped = True
+        def wait_and_exchange(now: Callable[[], Instant]) -> None:
+            time.sleep(_ROUND_S)
+            exchange(medium, lines, now())
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGINT)}
-    try:
-        with ExitStack() as stack:
-            lines = [stack.enter_context(PseudoTerminal(link)) for link in links]
-            sys.stdout.write(f"boards at {', '.join(map(str, links))}; stop with Ctrl+C\n")
-            sys.stdout.flush()
-            begun = time.monotonic_ns()
-            while not stopped:
-                time.sleep(_ROUND_S)
-                exchange(medium, lines, Instant((time.monotonic_ns() - begun) // 1000))
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        run_until_stopped(f"boards at {', '.join(map(str, links))}", wait_and_exchange)
 
 
 def exchange(medium: EmulatedMedium, lines: Sequence[PseudoTerminal], now: Instant) -> None:
