@@ -47,6 +47,10 @@ def seeds(
         ),
     ] = None,
     count: Annotated[int, typer.Option("--seeds", metavar="N", min=1, max=10_000, help="Seeds 1 to N.")] = 10,
+    duration: Annotated[
+        float | None,
+        typer.Option(metavar="S", min=1, max=3600, help="Simulated seconds.  [default: the scenario's]"),
+    ] = None,
     strategy: Annotated[
         list[str] | None,
         typer.Option(
@@ -58,7 +62,7 @@ def seeds(
     """Run a scenario from many seeds, with each strategy, and count places and contacts."""
     from benchmarks.swarm import seeds as by_seed
 
-    by_seed.run(robots or (), count, json, strategies=strategy or by_seed.STRATEGIES, scenario=scenario)
+    by_seed.run(robots or (), count, json, duration, strategy or by_seed.STRATEGIES, scenario)
 
 
 def crowded_start(

@@ -1,4 +1,7 @@
-"""The test suite in two halves: what leaves the clock alone runs a worker per core, the rest one by one."""
+"""The test suite in two halves: what leaves the clock alone runs a worker per core, the rest one by one.
+
+A few tests repeat, for more seeds, what others of the suite have shown: those are left to the night.
+"""
 
 import os
 import subprocess
@@ -9,6 +12,8 @@ from typing import Final
 
 ALONE: Final = "alone"
 """The marker of tests that measure wall time or want every core."""
+NIGHTLY: Final = "nightly"
+"""The marker of tests that show for more seeds what others of the suite show for some."""
 NO_TESTS: Final = 5
 """pytest's exit code where nothing was left to run; of one half of the suite it is no fault."""
 
@@ -17,17 +22,25 @@ def run_suite(root: Path, words: Sequence[str]) -> int:
     """Run pytest in the folder `root`; its exit code, or the first one that is not 0.
 
     `words` go to pytest as they are, in one process, since whoever names tests also wants `--pdb` or `-s`;
-    without any the whole suite runs, in two halves.
+    without any the suite runs, in two halves, and with `--nightly` alone all there is of it.
     """
-    if words:
+    whole = list(words) == [f"--{NIGHTLY}"]
+    if words and not whole:
         return _pytest(root, words)
+    now = "" if whole else f" and not {NIGHTLY}"
     workers = str(os.cpu_count() or 1)
-    beside = _pytest(root, ("-m", f"not {ALONE}", "-n", workers, "--dist", "worksteal"))
-    alone = _pytest(root, ("-m", ALONE))
+    beside = _pytest(root, ("-m", f"not {ALONE}{now}", "-n", workers, "--dist", "worksteal"))
+    alone = _pytest(root, ("-m", f"{ALONE}{now}"))
     if beside == alone == NO_TESTS:
         return NO_TESTS
     return next((code for code in (beside, alone) if code not in (0, NO_TESTS)), 0)
 
 
 def _pytest(root: Path, words: Sequence[str]) -> int:
-    return subprocess.run([sys.executable, "-m", "pytest", *words], cwd=root, check=False).returncode
+    """With modules compiled once and kept: the tests start some hundred interpreters, each of which needs a
+    thousand modules; compiling them anew takes as long as all else that `acrc` does before a run.
+    """
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return subprocess.run(
+        [sys.executable, "-m", "pytest", *words], cwd=root, env=kept, check=False
+    ).returncode

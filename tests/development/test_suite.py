@@ -12,14 +12,20 @@ from deploy.development.suite import run_suite
 PASSES = "def test_passes(): pass\n"
 FAILS = "def test_fails(): assert 0\n"
 MARKED = "import pytest\npytestmark = pytest.mark.alone\n"
-SETTINGS = "[pytest]\nmarkers = alone: nothing runs beside it\naddopts = --strict-markers\n"
+MORE = "import pytest\npytestmark = pytest.mark.nightly\n"
+SETTINGS = """[pytest]
+markers =
+    alone: nothing runs beside it
+    nightly: more seeds
+addopts = --strict-markers -p xdist
+"""
 
 
 @pytest.fixture
 def suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[int, list[list[str]]]]:
     """Runs a suite of these files with two workers: the exit code, and what pytest was told."""
 
-    def suite_of(**files: str) -> tuple[int, list[list[str]]]:
+    def suite_of(*words: str, **files: str) -> tuple[int, list[list[str]]]:
         (tmp_path / "pytest.ini").write_text(SETTINGS)
         for name, text in files.items():
             (tmp_path / f"{name}.py").write_text(text)
@@ -30,9 +36,10 @@ def suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tupl
             return run(command, stdout=subprocess.DEVNULL, **settings)  # type: ignore[call-overload,no-any-return]
 
         run = subprocess.run
+        monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # each of a run's processes would load all
         monkeypatch.setattr("deploy.development.suite.os.cpu_count", lambda: 2)
         monkeypatch.setattr("deploy.development.suite.subprocess.run", noted)
-        return run_suite(tmp_path, ()), calls
+        return run_suite(tmp_path, words), calls
 
     return suite_of
 
@@ -53,8 +60,31 @@ def test_both_halves_decide(
 ) -> None:
     assert suite(**files) == (
         code,
-        [["-m", "not alone", "-n", "2", "--dist", "worksteal"], ["-m", "alone"]],
+        [
+            ["-m", "not alone and not nightly", "-n", "2", "--dist", "worksteal"],
+            ["-m", "alone and not nightly"],
+        ],
     )
+
+
+@pytest.mark.parametrize(("words", "code"), [((), 0), (("--nightly",), 1)])
+@pytest.mark.parametrize(
+    "failing", [MORE + FAILS, MARKED + "pytestmark = [pytestmark, pytest.mark.nightly]\n" + FAILS]
+)
+def test_what_is_left_to_the_night_runs_when_asked_for(
+    suite: Callable[..., tuple[int, list[list[str]]]], failing: str, words: tuple[str, ...], code: int
+) -> None:
+    assert suite(*words, test_a=PASSES, test_b=MARKED + PASSES, test_c=failing)[0] == code
+
+
+def test_modules_are_compiled_once_for_all_that_the_tests_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "helping.py").write_text("")
+    (tmp_path / "test_own.py").write_text("def test_it(): import helping\n")
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    assert run_suite(tmp_path, ("-q", "test_own.py")) == 0
+    assert list(tmp_path.glob("__pycache__/helping.*.pyc")) != []
 
 
 def test_whoever_names_tests_gets_one_process(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from actors.messages import Progress
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
 from actors.runtime.recording import Entry, read_notes, read_recording
+from deploy.replay.record_replay import replay_actor
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.run.silence import Timeout
@@ -253,8 +254,7 @@ def test_a_run_that_was_cut_can_be_replayed_up_to_the_cut(tmp_path: Path) -> Non
     os.kill(process_of(out, "r3"), signal.SIGKILL)
     process.communicate(timeout=20)
     for actor in ("r1", "r3", "world", "radio"):
-        done = acrc("record", "replay", out, actor)
-        assert done.returncode == 0, done.stderr
+        assert replay_actor(out, actor).outputs > 0
 
 
 def test_isolation_is_on_where_the_platform_allows(tmp_path: Path) -> None:

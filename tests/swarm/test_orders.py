@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from actors.messages import Freeze, Move, Obstacle, Order, Pause, StartJam
+from deploy.replay.record_replay import replay_actor
 from deploy.run import orders
 from deploy.usage import OptionError
 from tests.swarm.command import acrc, leftovers, processes_of, start
@@ -89,8 +90,7 @@ def test_a_run_is_paused_changed_resumed_stopped_and_replayed(tmp_path: Path) ->
     assert result["undelivered"] == result["unread"] == 0
     assert processes_of(out) == [] and leftovers(out) == []
     for actor in ("world", "r1", "r2", "r2.1", "radio"):
-        done = acrc("record", "replay", out, actor)
-        assert done.returncode == 0, done.stderr
+        assert replay_actor(out, actor).outputs > 0
     assert acrc("record", "check", out).returncode == 0
 
 
