@@ -1,4 +1,4 @@
-"""What follows from content alone is computed once, and shared by all who ask for it while it lives."""
+"""What follows from content alone is made once, and shared by whoever asks for the same while it lives."""
 
 from collections.abc import Callable, Hashable
 from typing import Generic, TypeVar

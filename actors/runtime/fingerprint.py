@@ -17,8 +17,7 @@ class KernelModule(Protocol):
 
     __name__: str
 
-    def __hash__(self) -> int:
-        """By identity, as of any module."""
+    def __hash__(self) -> int: ...
 
     def fingerprint(self) -> bytes | dict[str, bytes]:
         """The bytes that its kernels give on fixed inputs, together or by function."""

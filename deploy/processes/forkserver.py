@@ -175,7 +175,7 @@ def enter(module: str, argv: Sequence[str]) -> int:
 
 
 def share(module: str, words: Sequence[str]) -> object:
-    """What `share(*words)` of the module gives, in memory that no collection will touch and so copy."""
+    """What `share(*words)` of the module gives, where no collection will touch it, which would copy it."""
     from actors.runtime.process import settle  # noqa: PLC0415  # a server that executes stays small
 
     shared: object = importlib.import_module(module).share(*words)

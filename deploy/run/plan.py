@@ -147,7 +147,7 @@ def robot_program(
 
 
 def in_common(plan: Plan) -> list[tuple[str, ...]]:
-    """For each kind of robot, the words for `share` of its program; they hold once all is laid out."""
+    """For each kind of robot the words for `share` of its program, once the run is laid out."""
     kinds = {(robot.model, robot.sensor): robot for robot in plan.world.robots}
     return [
         (

@@ -197,6 +197,9 @@ def test_an_image_too_large_is_refused_before_it_is_unpacked(tmp_path: Path) -> 
     assert refusal(path, limits=MapLimits(cells=5)) == (
         "plan.png: the image has 3 x 2 pixels, but at most 5 are allowed."
     )
+    assert refusal(path, limits=MapLimits(image_bytes=20)) == (
+        "plan.png: a map's image may have at most 20 bytes, but this is larger."
+    )
     (tmp_path / "huge.pgm").write_bytes(b"P5 12000 12000 255\n")
     assert refusal(written(tmp_path, image="huge.pgm")) == (
         "huge.pgm: the image has 12000 x 12000 pixels, but at most 16000000 are allowed."

@@ -94,6 +94,6 @@ def test_what_is_no_outcome_of_a_node_is_one_sentence(tmp_path: Path) -> None:
     done = acrc("run", *words, "--out", out)
     assert done.returncode == 1
     assert done.stderr.strip().splitlines()[-1] == (
-        f"acrc: {out}/r1/r1.mcap: the outcome 'deeco' of the behaviour is not that of a node: "
+        f"acrc: {out}/r1/r1.mcap: the outcome 'deeco' is not that of a node: "
         "Expected `int`, got `float` - at `$.counters[...]`"
     )

@@ -114,16 +114,17 @@ def _wavefront(squared: Squares, limit: float, starts: Cells) -> Steps:
             known[cell] = 0
             queue[end] = cell
             end += 1
-    done = 0
-    while done < end:
-        cell = queue[done]
-        done += 1
+    # unsigned, so that no index is asked whether it counts from the end
+    done, queued, one, above = np.uintp(0), np.uintp(end), np.uintp(1), np.uintp(width)
+    while done < queued:
+        cell = np.uintp(queue[done])
+        done += one
         further = np.int32(known[cell] + 1)
-        for near in (cell - width, cell - 1, cell + 1, cell + width):
+        for near in (cell - above, cell - one, cell + one, cell + above):
             if known[near] == far:
                 known[near] = further
-                queue[end] = near
-                end += 1
+                queue[queued] = near
+                queued += one
     distances = np.empty((rows, columns), np.int32)
     for row in range(rows):
         inside = known[(row + 1) * width + 1 : (row + 1) * width + 1 + columns]

@@ -21,6 +21,8 @@ Floats = NDArray[np.float64]
 Marks = NDArray[np.uint8]
 
 HALF_DIAGONAL: Final = math.sqrt(0.5)
+_ENDED: Final = 2
+"""What a cell holds in which a ray of the present scan ends, until the scan is taken in."""
 
 
 def fingerprint() -> bytes:
@@ -122,12 +124,6 @@ def take_in(
     to what they clear, cells; from what distance on those without echo clear, cells, inf if they do not.
     """
     c, s = cos_sin(eye[2])
-    for row in range(marks.shape[0]):
-        for column in range(marks.shape[1]):
-            if marks[row, column]:
-                x, y = column + 0.5 - eye[0], row + 0.5 - eye[1]
-                if _passed(x, y, ranges_mm, rays, fan, limits, c, s, eye[2]):
-                    marks[row, column] = 0
     for k in range(ranges_mm.size):
         apart = ranges_mm[k] * limits[0]
         if ranges_mm[k] == NO_ECHO_MM or apart >= limits[1]:
@@ -135,7 +131,15 @@ def take_in(
         column = math.floor(eye[0] + apart * (c * rays[k, 0] - s * rays[k, 1]))
         row = math.floor(eye[1] + apart * (s * rays[k, 0] + c * rays[k, 1]))
         if 0 <= row < marks.shape[0] and 0 <= column < marks.shape[1]:
-            marks[row, column] = 1
+            marks[row, column] = _ENDED
+    for row in range(marks.shape[0]):
+        for column in range(marks.shape[1]):
+            if marks[row, column] == _ENDED:  # most of what is marked: whether rays pass it does not matter
+                marks[row, column] = 1
+            elif marks[row, column]:
+                x, y = column + 0.5 - eye[0], row + 0.5 - eye[1]
+                if _passed(x, y, ranges_mm, rays, fan, limits, c, s, eye[2]):
+                    marks[row, column] = 0
     _write_below(marks, 0, body, body[2] - HALF_DIAGONAL)
 
 
