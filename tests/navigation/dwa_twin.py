@@ -20,6 +20,8 @@ class Trajectory:
     points: list[tuple[float, float]]
     """cells; up to where it was given up."""
     score: float
+    room: float = 0.0
+    """cells; by how much it keeps farther off than it must, where it comes nearest."""
 
 
 def squared_at(marks: NDArray[np.bool_], x: float, y: float, most: float) -> float:
@@ -105,7 +107,8 @@ class Twin:
                 return Trajectory(speed, turn, points, INVALID)
             least = min(least, here)
             heading = pose[2] + turn * t
-        return Trajectory(speed, turn, points, self._score(least, x, y, heading))
+        room = math.sqrt(least) - self.limit(speed)
+        return Trajectory(speed, turn, points, self._score(least, x, y, heading), room)
 
     def _score(self, least: float, x: float, y: float, heading: float) -> float:
         w, side = self.w, self.marks.shape[0]

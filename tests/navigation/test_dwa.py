@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -63,6 +63,7 @@ class Scene:
 
 
 @settings(max_examples=40, deadline=None)
+@example(seed=1437, goal_distance=math.inf, nose_barred=False, slowest=0.0)
 @given(
     seed=st.integers(0, 10**6),
     goal_distance=st.sampled_from([math.inf, 6.3]),
@@ -79,13 +80,17 @@ def test_the_choice_is_the_twins(seed: int, goal_distance: float, nose_barred: b
     if not valid:
         assert choice == (0.0, 0.0, INVALID)
         return
-    scores = sorted(t.score for t in valid)
-    # the kernel's distances are never greater than the twin's, but may be less between two marked cells
+    # the kernel's distances are never greater than the twin's, but may be less between two marked cells, so
+    # that it may refuse what the twin only just lets pass
+    clear = [t.score for t in valid if t.room > 0.5]
+    if choice == (0.0, 0.0, INVALID):
+        assert not clear
+        return
     same = [t for t in valid if math.isclose(t.speed, choice.speed, abs_tol=1e-9) and
             math.isclose(t.turn, choice.turn, abs_tol=1e-9)]  # fmt: skip
     assert len(same) == 1
     assert choice.score == pytest.approx(same[0].score, abs=0.5)
-    assert choice.score <= scores[0] + 0.5
+    assert choice.score <= min(clear, default=math.inf) + 0.5
 
 
 @settings(max_examples=40, deadline=None)
