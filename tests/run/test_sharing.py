@@ -37,8 +37,13 @@ def test_a_forked_process_finds_what_its_server_was_told_to_share(tmp_path: Path
 def test_robots_in_memory_compute_the_walls_distances_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    overrides = Overrides(robots=3, duration=0.2, seed=1)
-    planned = plan(load_scenario(CHAPTER, overrides), RunOptions(tmp_path / "out", bus="memory"))
+    maps = tmp_path / "maps"
+    shutil.copytree(MAPS, maps)
+    with (maps / "corridor.png").open("ab") as image:
+        image.write(b"\0")  # other content, whose distances no other test can have asked for
+    scenario = load_scenario(CHAPTER, Overrides(robots=3, duration=0.2, seed=1))
+    own = scenario.model_copy(update={"map": str(maps / "corridor.yaml")})
+    planned = plan(own, RunOptions(tmp_path / "out", bus="memory"))
     shapes: list[tuple[int, ...]] = []
     compute = distance.squared_distance
 

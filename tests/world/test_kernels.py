@@ -16,7 +16,7 @@ from actors.messages import Drive
 from actors.runtime.fingerprint import fingerprints
 from actors.world.body import Bodies
 from actors.world.program import KERNELS
-from actors.world.referee import Referee
+from actors.task.referee import Referee
 from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import BodySetup, WorldSetup
 
