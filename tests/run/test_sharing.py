@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 
 from actors.floor import distance
 from actors.floor.map_file import load_map
@@ -39,8 +40,14 @@ def test_robots_in_memory_compute_the_walls_distances_once(
 ) -> None:
     maps = tmp_path / "maps"
     shutil.copytree(MAPS, maps)
-    with (maps / "corridor.png").open("ab") as image:
-        image.write(b"\0")  # other content, whose distances no other test can have asked for
+    with Image.open(maps / "corridor.png") as image:
+        image.load()
+    before = load_map(maps / "corridor.yaml").cells.copy()
+    image.putpixel((0, 0), 0 if image.getpixel((0, 0)) else 255)
+    image.save(maps / "corridor.png")
+    assert (
+        load_map(maps / "corridor.yaml").cells != before
+    ).any()  # distances that no other test has asked for
     scenario = load_scenario(CHAPTER, Overrides(robots=3, duration=0.2, seed=1))
     own = scenario.model_copy(update={"map": str(maps / "corridor.yaml")})
     planned = plan(own, RunOptions(tmp_path / "out", bus="memory"))
@@ -54,4 +61,4 @@ def test_robots_in_memory_compute_the_walls_distances_once(
     monkeypatch.setattr(distance, "squared_distance", counted)
     run_in_memory(planned, lambda progress: None)
     assert len(in_common(planned)) == 1
-    assert shapes.count(load_map(MAPS / "corridor.yaml").cells.shape) == 1  # the others are the fingerprint's
+    assert shapes.count(before.shape) == 1  # the others are the fingerprint's
