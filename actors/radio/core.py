@@ -111,9 +111,8 @@ class RadioCore:
         if self._reach.due(truth.instant):
             self._reach.see(truth.instant, transceivers.places[list(transceivers.powered)])
         until = truth.instant + self._step_us
-        events: dict[str, list[RadioEvent]] = {}
-        for number, event in self._medium.advance(transceivers, truth.jams, requests, until):
-            events.setdefault(self._ids[number], []).append(event)
+        notices = self._medium.advance(transceivers, truth.jams, requests, until)
+        events = {robot: said for robot, said in zip(self._ids, notices, strict=True) if said}
         for robot_id, refused in refusals:
             events.setdefault(robot_id, []).append(refused)
         for robot_id in dict.fromkeys(robot_id for robot_id, _ in refusals):

@@ -9,6 +9,7 @@ import msgspec
 from actors.messages import RADIO_READY, TRANSMIT, TRUTH, Ready
 from actors.portable import arrays, foundations
 from actors.portable import draws as portable_draws
+from actors.radio import transceiver_truth
 from actors.radio.core import RadioCore
 from actors.radio.medium import medium
 from actors.radio.propagation import indoor
@@ -21,7 +22,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined, fingerprints
 from actors.runtime.process import ActorProcess, run_note
 
-KERNELS = (foundations, arrays, portable_draws, indoor, medium)
+KERNELS = (foundations, arrays, portable_draws, indoor, medium, transceiver_truth)
 """Modules with numeric kernels that a radio computes with."""
 GREATEST_ADDRESS = 0xFFFD
 """0xFFFE and 0xFFFF mean "no address" and "everyone" (IEEE 802.15.4-2006, 7.2.1)."""

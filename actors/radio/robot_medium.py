@@ -17,7 +17,6 @@ from actors.radio.radio_model import RadioModel
 from actors.radio.signal_codes import link_qualities, rssi_codes, strengths_dbm
 from actors.radio.transceiver_truth import TransceiverTruth
 
-_FIELDS: Final = ["kind", "transceiver", "tag", "instant_ns", "other"]
 _HEARD: Final = int(Kind.HEARD)
 
 
@@ -32,8 +31,8 @@ class Handed(NamedTuple):
     data: bytes
 
 
-Notice = tuple[int, RadioEvent]
-"""A transceiver's number, and what it has to say to its robot."""
+Notices = list[list[RadioEvent]]
+"""By a transceiver's number: what it has to say to its robot, in order of time."""
 
 
 class RobotMedium:
@@ -62,22 +61,25 @@ class RobotMedium:
 
     def advance(
         self, truth: TransceiverTruth, jams: Sequence[Jam], handed: Iterable[Handed], until: int
-    ) -> list[Notice]:
-        """What the transceivers say from the step's start up to, and without, `until`, µs, in order of time.
+    ) -> Notices:
+        """What the transceivers say from the step's start up to, and without, `until`, µs.
 
         The transceivers of `handed` must be on. One in a new epoch says nothing of the one before.
         """
         restarted = self._restarted(truth.epochs)
-        ended = self._notices(self.medium.finish_frames())
-        notices = [notice for notice in ended if notice[0] not in restarted]
-        self.discarded += len(ended) - len(notices)
+        notices: Notices = [[] for _ in self._addresses]
+        self._note(self.medium.finish_frames(), notices)
+        for number in restarted:
+            self.discarded += len(notices[number])
+            notices[number].clear()
         self._switch(truth.powered, restarted)
         self._move(truth)
         now_ns = self.medium.now_ns
         for jam in jams:
             self.medium.add(Jammer(jam.x, jam.y, jam.radius, now_ns, jam.until * 1000))
         self.medium.submit([self._request(frame) for frame in handed])
-        return notices + self._notices(self.medium.run(until * 1000))
+        self._note(self.medium.run(until * 1000), notices)
+        return notices
 
     def _request(self, frame: Handed) -> Request:
         self._serial += 1
@@ -109,21 +111,22 @@ class RobotMedium:
             self._placed = truth.places
             self.medium.place(truth.places)
 
-    def _notices(self, events: NDArray[np.void]) -> list[Notice]:
+    def _note(self, events: NDArray[np.void], notices: Notices) -> None:
         if not events.size:
-            return []
-        strengths, qualities = self._quality(events["power_mw"], events["sinr"])
-        notices: list[Notice] = []
-        rows = zip(events[_FIELDS].tolist(), strengths.tolist(), qualities.tolist(), strict=True)
+            return
+        columns = (
+            *(events[name] for name in ("kind", "transceiver", "tag", "other")),
+            events["instant_ns"] // 1000,
+            *self._quality(events["power_mw"], events["sinr"]),
+        )
+        rows = zip(*(column.tolist() for column in columns), strict=True)  # whole columns, for there are many
         addresses, frames = self._addresses, self._frames
-        for (kind, number, serial, at_ns, sender), strength, quality in rows:
+        for kind, number, serial, sender, instant, strength, quality in rows:
             if kind == _HEARD:
                 data = frames[sender][serial].data
-                heard = Heard(at_ns // 1000, addresses[sender], strength, quality, data)
-                notices.append((number, heard))
+                notices[number].append(Heard(instant, addresses[sender], strength, quality, data))
             else:
-                notices.append((number, self._own(kind, number, serial, at_ns // 1000)))
-        return notices
+                notices[number].append(self._own(kind, number, serial, instant))
 
     def _own(self, kind: int, number: int, serial: int, instant: int) -> RadioEvent:
         """What became of a transceiver's own frame."""

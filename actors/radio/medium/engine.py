@@ -2,8 +2,11 @@
 
 from typing import Final
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from actors.portable.compiled import exp10
 from actors.radio.medium import csma
 from actors.radio.medium.agenda import pop
 from actors.radio.medium.reception import change_outside, leave, let_go
@@ -43,6 +46,14 @@ def run(st: MediumState, outside: Outside, until: int, ends_too: bool) -> int:
             medium.next_request += 1
             csma.hand_over(st, request.transceiver, request.octets, request.to, request.ack, request.tag)
     return FULL
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def take_row(st: MediumState, sender: int, tx_dbm: float, loss_db: NDArray[np.float64]) -> None:
+    """How strong the sender's frames arrive everywhere: loss_db, (n,) dB, less than tx_dbm."""
+    for other in range(loss_db.size):
+        st.gains_mw[sender, other] = exp10((tx_dbm - loss_db[other]) / 10.0)
+    st.transceivers[sender].known = True
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

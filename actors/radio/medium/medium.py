@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from actors.ieee802154 import PSDU_LIMIT
 from actors.radio.medium import engine
 from actors.radio.medium.channel import Interferer, Propagation, Trajectory
-from actors.radio.medium.initial_state import initial_state, milliwatts
+from actors.radio.medium.initial_state import initial_state
 from actors.radio.medium.interference import Interference
 from actors.radio.medium.state import BROADCAST, EVENT, REQUEST, SWITCH, Offer, Outside
 from actors.radio.medium.traffic import Poisson, Saturated, Traffic
@@ -165,12 +165,10 @@ class Medium:
 
     def _find_row(self) -> None:
         """How strong the frame that begins now arrives everywhere."""
-        state = self._state
-        sender = int(state.agenda["order"][0] & 0xFFFFFFFF)
+        sender = int(self._state.agenda["order"][0] & 0xFFFFFFFF)
         positions = self._where(self.now_ns)
         loss_db = self._propagation.loss_db(positions[sender : sender + 1], positions)[0]
-        state.gains_mw[sender] = milliwatts(self._tx_dbm[sender] - loss_db)
-        state.transceivers["known"][sender] = True
+        engine.take_row(self._state, sender, self._tx_dbm[sender], loss_db)
 
 
 class _Line:

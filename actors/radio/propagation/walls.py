@@ -79,20 +79,17 @@ def inside(grid: OccupancyGrid, patch: WallPatch) -> NDArray[np.bool_]:
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _clipped(x: float, y: float, dx: float, dy: float, length: float, columns: int, rows: int) -> Floats:
-    """Where the ray enters and leaves the map, distances from its start; entry ≥ exit: never in it.
+def _clipped(start: float, slope: float, end: int, entry: float, leave: float) -> tuple[float, float]:
+    """Where a ray is between 0 and `end` along one axis, and between `entry` and `leave`: distances from its
+    start; entry ≥ leave: nowhere.
 
     Liang and Barsky, "A New Concept and Method for Line Clipping", ACM Transactions on Graphics 3, 1984.
     """
-    span = np.array([0.0, length])
-    for start, slope, end in ((x, dx, columns), (y, dy, rows)):
-        if slope > 0:
-            span[0], span[1] = max(span[0], -start / slope), min(span[1], (end - start) / slope)
-        elif slope < 0:
-            span[0], span[1] = max(span[0], (end - start) / slope), min(span[1], -start / slope)
-        elif not 0.0 <= start < end:
-            span[1] = -1.0
-    return span
+    if slope > 0:
+        return max(entry, -start / slope), min(leave, (end - start) / slope)
+    if slope < 0:
+        return max(entry, (end - start) / slope), min(leave, -start / slope)
+    return entry, leave if 0.0 <= start < end else -1.0
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -109,8 +106,8 @@ def _along(
 ) -> float:
     """The loss, dB, from (x, y) along the unit vector (dx, dy), everything in cells."""
     rows, columns = kinds.shape
-    span = _clipped(x, y, dx, dy, length, columns, rows)
-    at, last = span[0], span[1]
+    at, last = _clipped(x, dx, columns, 0.0, length)
+    at, last = _clipped(y, dy, rows, at, last)
     line = ray(x, y, dx, dy)
     column = min(max(math.floor(x + at * dx), 0), columns - 1)
     row = min(max(math.floor(y + at * dy), 0), rows - 1)
