@@ -17,7 +17,7 @@ Parameters beyond these are bound by type as those of processes are, `Contact` t
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, Protocol, TypeVar, dataclass_transform
+from typing import Any, Final, NamedTuple, Protocol, TypeVar, dataclass_transform
 
 from deeco.errors import DefinitionError
 from deeco.immutability import describe
@@ -41,8 +41,7 @@ COORDINATOR: Final = "coordinator"
 MEMBER: Final = "member"
 
 
-@dataclass(frozen=True)
-class Contact:
+class Contact(NamedTuple):
     """How a peer's knowledge came here."""
 
     heard: Instant

@@ -6,7 +6,7 @@ Bytes from the link are untrusted: whatever comes in, the worst that happens is 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import Final
+from typing import Final, NamedTuple
 
 from deeco.agenda import Task
 from deeco.ensemble import Contact
@@ -54,8 +54,7 @@ class NodeSurroundings:
     """May the knowledge of this sender be relayed?"""
 
 
-@dataclass(frozen=True)
-class News:
+class News(NamedTuple):
     """A replica that is new or has changed."""
 
     before: Replica | None

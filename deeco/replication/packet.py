@@ -82,7 +82,7 @@ def unpack(
         return None
     if type(epoch) is not int or type(counter) is not int or epoch < 0 or counter < 0:
         return None
-    roles = tuple(zip(rest[::2], rest[1::2], strict=True))
+    roles = (tuple(rest),) if len(rest) == 2 else tuple(zip(rest[::2], rest[1::2], strict=True))
     for role in roles:
         if not _is_role(*role) or (role[0] not in known and _is_deeper((role,), 3 + limits.most_depth)):
             return None
