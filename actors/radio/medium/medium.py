@@ -102,7 +102,10 @@ class Medium:
 
     def submit(self, requests: Iterable[Request]) -> None:
         """Frames to be handed over at instants to come; at one instant by transceiver, then as given."""
-        new = np.array([tuple(request) for request in requests], REQUEST)
+        rows = [tuple(request) for request in requests]
+        if not rows:
+            return
+        new = np.array(rows, REQUEST)
         done = int(self._state.medium["next_request"])
         both = np.concatenate([self._outside.requests[done:], new])
         order = np.lexsort((both["transceiver"], both["instant_ns"]))
