@@ -1,5 +1,6 @@
 """Whole swarms on the command line: speed, seeds, crowded starts and violent ends."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -27,15 +28,27 @@ def swarm(
         list[int] | None,
         typer.Option(metavar="N", min=1, max=500, help="May be repeated.  [default: 4, 10, 20, 50]"),
     ] = None,
-    duration: Annotated[float, typer.Option(metavar="S", min=1, max=3600, help="Simulated seconds.")] = 60.0,
+    duration: Annotated[
+        float | None, typer.Option(metavar="S", min=1, max=3600, help="Simulated seconds.  [default: 60]")
+    ] = None,
     repeat: Annotated[int, typer.Option(metavar="N", min=1, max=100, help="Runs whose median counts.")] = 3,
+    timeline: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Only draw some steps of one swarm, for a viewer of Chrome traces."
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Measure the whole stack with many robots: speed, CPU by part and how it grows, memory."""
     from benchmarks.swarm import full_swarm
     from benchmarks.swarm.task import SwarmTask
+    from benchmarks.swarm.timeline import command as drawn
 
-    full_swarm.run(SwarmTask(tuple(robots or SwarmTask.robots), duration, repeat), json)
+    if timeline is not None:
+        drawn.run(drawn.one(robots), duration or drawn.SECONDS, timeline, json)
+        return
+    full_swarm.run(SwarmTask(tuple(robots or SwarmTask.robots), duration or 60.0, repeat), json)
 
 
 def seeds(

@@ -1,10 +1,12 @@
 """Which full swarms are measured, and how each run is laid out."""
 
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from resource import RUSAGE_CHILDREN, getrusage
 from statistics import median
 
 from deploy.repository import REPOSITORY
@@ -47,3 +49,9 @@ def planned(count: int, task: SwarmTask, bus: str) -> Iterator[Plan]:
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         options = RunOptions(Path(folder) / "out", bus="memory" if bus == "memory" else "zenoh", json=True)
         yield swarm.plan(load_scenario(task.scenario, overrides), options)
+
+
+def all_cpu_s() -> float:
+    """CPU of this process and of all that it has started and that have ended, s."""
+    children = getrusage(RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
