@@ -1,5 +1,6 @@
 """Whole swarms on the command line: speed, seeds, crowded starts and violent ends."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -26,10 +27,16 @@ def steps(
 def swarm(
     robots: Annotated[
         list[int] | None,
-        typer.Option(metavar="N", min=1, max=500, help="May be repeated.  [default: 4, 10, 20, 50]"),
+        typer.Option(metavar="N", min=1, max=500, help="May be repeated.  [default: 4, 20, 50, 100]"),
     ] = None,
     duration: Annotated[
-        float | None, typer.Option(metavar="S", min=1, max=3600, help="Simulated seconds.  [default: 60]")
+        float | None,
+        typer.Option(
+            metavar="S",
+            min=1,
+            max=3600,
+            help="Simulated seconds of each run.  [default: 60, and at most 800 robot-seconds]",
+        ),
     ] = None,
     repeat: Annotated[int, typer.Option(metavar="N", min=1, max=100, help="Runs whose median counts.")] = 3,
     timeline: Annotated[
@@ -48,7 +55,10 @@ def swarm(
     if timeline is not None:
         drawn.run(drawn.one(robots), duration or drawn.SECONDS, timeline, json)
         return
-    full_swarm.run(SwarmTask(tuple(robots or SwarmTask.robots), duration or 60.0, repeat), json)
+    task = SwarmTask(tuple(robots or SwarmTask.robots), repeat=repeat)
+    if duration is not None:
+        task = replace(task, seconds=duration, robot_seconds=None)
+    full_swarm.run(task, json)
 
 
 def seeds(

@@ -116,7 +116,7 @@ def _weigh(
     memory: dict[str, Memory] = {}
 
     def look(progress: Progress) -> None:
-        late = in_seconds(progress.instant) >= task.seconds
+        late = in_seconds(progress.instant) >= task.simulated_s(count)
         if seen and not late:
             return
         pids = process_figures.actors_of(plan.out) | {PARENT: [os.getpid()]}
@@ -126,6 +126,7 @@ def _weigh(
             memory.update({kind: process_figures.memory(them) for kind, them in pids.items()})
             raise _Weighed
 
-    with planned(count, replace(task, seconds=_ENDLESS_S), "zenoh") as plan, contextlib.suppress(_Weighed):
+    endless = replace(task, seconds=_ENDLESS_S, robot_seconds=None)
+    with planned(count, endless, "zenoh") as plan, contextlib.suppress(_Weighed):
         swarm.run_processes(plan, "forkserver", look)
     return memory, (seen[0], seen[1])

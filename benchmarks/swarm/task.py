@@ -20,12 +20,21 @@ from deploy.scenario.scenario_file import Overrides, load_scenario
 class SwarmTask:
     """What is measured."""
 
-    robots: tuple[int, ...] = (4, 10, 20, 50)
+    robots: tuple[int, ...] = (4, 20, 50, 100)
     seconds: float = 60.0
-    """Simulated time of each run."""
+    """Simulated time of each run, at most."""
+    robot_seconds: float | None = 800.0
+    """Robots times simulated seconds of each run, at most, so that many robots end, too; None: no limit.
+    Own choice: with it the default swarms take less than five minutes on two cores."""
     repeat: int = 3
     """Runs over Zenoh whose median counts, after one that weighs the processes and warms up the machine."""
     scenario: Path = REPOSITORY / "scenarios" / "chapter.toml"
+
+    def simulated_s(self, robots: int) -> float:
+        """Simulated time of a run of so many robots; at least two seconds, whatever the budget."""
+        if self.robot_seconds is None:
+            return self.seconds
+        return min(self.seconds, max(2.0, float(self.robot_seconds // robots)))
 
 
 @dataclass(frozen=True)
@@ -45,7 +54,7 @@ class Range:
 @contextmanager
 def planned(count: int, task: SwarmTask, bus: str) -> Iterator[Plan]:
     """The run, in a folder that is gone afterwards."""
-    overrides = Overrides(robots=count, duration=task.seconds)
+    overrides = Overrides(robots=count, duration=task.simulated_s(count))
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         options = RunOptions(Path(folder) / "out", bus="memory" if bus == "memory" else "zenoh", json=True)
         yield swarm.plan(load_scenario(task.scenario, overrides), options)

@@ -35,7 +35,7 @@ def run(
 ) -> dict[str, Any]:
     """Watch, write the file, print and give the figures. OptionError for a file that cannot be made."""
     trace_file.check(path)
-    seen = watch(robots, SwarmTask(seconds=seconds), steps)
+    seen = watch(robots, SwarmTask(seconds=seconds, robot_seconds=None), steps)
     trace_file.write(seen, path)
     found = shares(seen)
     figures = asdict(found) | {"digest": seen.digest, "first_step": seen.window.first, "file": str(path)}
