@@ -61,6 +61,22 @@ def swarm(
     full_swarm.run(task, json)
 
 
+def growth(
+    robots: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=1, max=1000, help="May be repeated.  [default: 1, 2, 5, 10 … 200]"),
+    ] = None,
+    duration: Annotated[
+        float, typer.Option(metavar="S", min=2, max=3600, help="Simulated seconds of each run.")
+    ] = 10.0,
+    json: Json = False,
+) -> None:
+    """Measure what a robot costs among how many: CPU by part, traffic, memory."""
+    from benchmarks.swarm.growth import command
+
+    command.run(robots or command.SIZES, duration, json)
+
+
 def seeds(
     scenario: ScenarioFile = None,
     robots: Annotated[

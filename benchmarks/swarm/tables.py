@@ -15,7 +15,7 @@ def show(
     task: SwarmTask, figures: Sequence[SwarmFigures], goals: Sequence[SpeedGoal], profiles: Mapping[int, str]
 ) -> None:
     """Print everything."""
-    console = Console(width=120)
+    console = Console(width=150)
     console.print(_speeds(figures, task))
     console.print(_budget(figures))
     console.print(_processes(figures))
