@@ -91,4 +91,5 @@ def part(argv: Sequence[str]) -> ActorProcess:
         bus=QuotaBus,
         ready=to(RADIO_READY, Ready(0, "radio", 0, combined(prints))),
         outcome=lambda: {"frames": core.counters(), "frames_by_robot": core.counters_by_robot()},
+        spans=options.client.spans,
     )

@@ -88,7 +88,14 @@ def part_of(options: RobotOptions, argv: Sequence[str]) -> ActorProcess:
         options.client.record.stem, argv, setup, options.client.commit, seed=setup.seed, kernels=prints
     )
     ready = to(READY, Ready(setup.first_step, setup.id, setup.epoch, combined(prints)), setup.id)
-    return ActorProcess(core=core, listens=core.listens(), run=run, ready=ready, outcome=core.outcome)
+    return ActorProcess(
+        core=core,
+        listens=core.listens(),
+        run=run,
+        ready=ready,
+        outcome=core.outcome,
+        spans=options.client.spans,
+    )
 
 
 def parse(argv: Sequence[str]) -> RobotOptions:

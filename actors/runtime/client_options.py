@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from actors.runtime.errors import AcrcError
+from actors.runtime.spans import Window, add_span_option
 
 
 class ArgumentError(AcrcError):
@@ -35,6 +36,8 @@ class ClientOptions:
     """Version of the software, for the first record."""
     with_parent: bool
     """End as soon as the process that started this one has ended."""
+    spans: Window | None = None
+    """Steps in which what it does is noted, span by span."""
 
     @property
     def patience_s(self) -> float:
@@ -57,10 +60,16 @@ def add_client_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--record", required=True, type=Path, help="MCAP file to write")
     parser.add_argument("--commit", default="", help="version of the software, for the first record")
     parser.add_argument("--with-parent", action="store_true", help="end when the starting process ends")
+    add_span_option(parser)
 
 
 def client_options(options: argparse.Namespace) -> ClientOptions:
     """The shared options out of a parsed command line."""
     return ClientOptions(
-        options.router, options.credentials, options.record, options.commit, options.with_parent
+        options.router,
+        options.credentials,
+        options.record,
+        options.commit,
+        options.with_parent,
+        options.spans,
     )

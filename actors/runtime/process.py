@@ -28,6 +28,7 @@ from actors.runtime.message_counts import ActorDigest
 from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell, run_shell
+from actors.runtime.spans import NOTE, WatchedShell, Window
 
 Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 
@@ -107,6 +108,8 @@ class ActorProcess:
     """Which kind of bus `drive` waits on."""
     drive: Callable[[Shell, Any], None] = run_shell
     outcome: Callable[[], dict[str, object]] = dict
+    spans: Window | None = None
+    """Steps in which what the process does is noted, span by span; None: nothing is."""
 
 
 def play(
@@ -131,13 +134,15 @@ def play(
             session = stack.enter_context(open_session(config, patience_s))
             bus = part.bus(session, part.listens)
             on_listening()
-            shell = Shell(part.core, bus, recorder, actor=part.run.actor, open_to=part.open_to)
+            shell, driven = _shell(part, bus, recorder)
             if part.ready is not None:
                 shell.send(part.ready)
             settle()
-            part.drive(shell, bus)
+            part.drive(shell, driven)
             if threads is not None and (wrong := fault(has_strays(), threads)):
                 raise LeftoverError(wrong)
+            if isinstance(shell, WatchedShell):
+                recorder.note(NOTE, shell.spans())
             recorder.note("final", final_note(shell, part, cpu_s()))
         except Ended:
             raise
@@ -147,6 +152,15 @@ def play(
                 traceback.print_exc()  # a bug: the whole story, into the process's log
             return 1
     return 0
+
+
+def _shell(part: ActorProcess, bus: Any, recorder: Recorder) -> tuple[Shell, Any]:
+    """The shell around the part's core, and the bus that it is driven on."""
+    actor, open_to = part.run.actor, part.open_to
+    if part.spans is None:
+        return Shell(part.core, bus, recorder, actor=actor, open_to=open_to), bus
+    shell = WatchedShell(part.spans, part.core, bus, recorder, actor=actor, open_to=open_to)
+    return shell, shell.beside(bus)
 
 
 def settle() -> None:

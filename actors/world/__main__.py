@@ -28,7 +28,7 @@ def main(argv: Sequence[str]) -> int:
         conductor = Conductor(core, options.speed)
         note = world_note(setup, argv, options.commit)
         issued = router_file.read(options.router)
-        world = part(core, note, conductor.drive)
+        world = part(core, note, conductor.drive, options.spans)
         recorder = Recorder(options.record, setup.step_us)
         try:
             return play(world, recorder, router_config(issued), lambda: reveal(issued))

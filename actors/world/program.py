@@ -20,6 +20,7 @@ from actors.runtime.fingerprint import fingerprints
 from actors.runtime.pace import Pace
 from actors.runtime.process import ActorProcess, RunNote, run_note
 from actors.runtime.shell import Shell, run_shell
+from actors.runtime.spans import Window, add_span_option
 from actors.runtime.ticks import ticking
 from actors.task import visits
 from actors.task.referee import Referee
@@ -50,6 +51,8 @@ class WorldOptions:
     """Simulated seconds per second; None = as fast as possible."""
     with_parent: bool
     """End as soon as the process that started this one has ended."""
+    spans: Window | None
+    """Steps in which what it does is noted, span by span."""
 
 
 def parse(argv: Sequence[str]) -> WorldOptions:
@@ -61,9 +64,12 @@ def parse(argv: Sequence[str]) -> WorldOptions:
     parser.add_argument("--commit", default="", help="version of the software, for the first record")
     parser.add_argument("--speed", default="max", help='"max", or simulated seconds per second')
     parser.add_argument("--with-parent", action="store_true", help="end when the starting process ends")
+    add_span_option(parser)
     given = parser.parse_args(argv)
     speed = None if given.speed == "max" else float(given.speed)
-    return WorldOptions(given.setup, given.router, given.record, given.commit, speed, given.with_parent)
+    return WorldOptions(
+        given.setup, given.router, given.record, given.commit, speed, given.with_parent, given.spans
+    )
 
 
 def load_setup(path: Path) -> WorldSetup:
@@ -86,7 +92,12 @@ def part_of(argv: Sequence[str]) -> ActorProcess:
     return part(build(setup), world_note(setup, argv, options.commit))
 
 
-def part(core: WorldCore, run: RunNote, hold: Callable[[Shell, Bus], None] = run_shell) -> ActorProcess:
+def part(
+    core: WorldCore,
+    run: RunNote,
+    hold: Callable[[Shell, Bus], None] = run_shell,
+    spans: Window | None = None,
+) -> ActorProcess:
     """The core and its connections."""
     return ActorProcess(
         core=core,
@@ -102,6 +113,7 @@ def part(core: WorldCore, run: RunNote, hold: Callable[[Shell, Bus], None] = run
             "steps": core.step,
             "refused_orders": core.refused_orders,
         },
+        spans=spans,
     )
 
 

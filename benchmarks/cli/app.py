@@ -19,6 +19,7 @@ for _command in (
     world.world,
     swarm.steps,
     swarm.swarm,
+    swarm.growth,
     swarm.seeds,
     swarm.crowded_start,
     swarm.endings,

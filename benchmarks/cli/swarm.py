@@ -1,5 +1,7 @@
 """Whole swarms on the command line: speed, seeds, crowded starts and violent ends."""
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -25,17 +27,54 @@ def steps(
 def swarm(
     robots: Annotated[
         list[int] | None,
-        typer.Option(metavar="N", min=1, max=500, help="May be repeated.  [default: 4, 10, 20, 50]"),
+        typer.Option(metavar="N", min=1, max=500, help="May be repeated.  [default: 4, 20, 50, 100]"),
     ] = None,
-    duration: Annotated[float, typer.Option(metavar="S", min=1, max=3600, help="Simulated seconds.")] = 60.0,
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            min=1,
+            max=3600,
+            help="Simulated seconds of each run.  [default: 60, and at most 800 robot-seconds]",
+        ),
+    ] = None,
     repeat: Annotated[int, typer.Option(metavar="N", min=1, max=100, help="Runs whose median counts.")] = 3,
+    timeline: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Only draw some steps of one swarm, for a viewer of Chrome traces."
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Measure the whole stack with many robots: speed, CPU by part and how it grows, memory."""
     from benchmarks.swarm import full_swarm
     from benchmarks.swarm.task import SwarmTask
+    from benchmarks.swarm.timeline import command as drawn
 
-    full_swarm.run(SwarmTask(tuple(robots or SwarmTask.robots), duration, repeat), json)
+    if timeline is not None:
+        drawn.run(drawn.one(robots), duration or drawn.SECONDS, timeline, json)
+        return
+    task = SwarmTask(tuple(robots or SwarmTask.robots), repeat=repeat)
+    if duration is not None:
+        task = replace(task, seconds=duration, robot_seconds=None)
+    full_swarm.run(task, json)
+
+
+def growth(
+    robots: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=1, max=1000, help="May be repeated.  [default: 1, 2, 5, 10 … 200]"),
+    ] = None,
+    duration: Annotated[
+        float, typer.Option(metavar="S", min=2, max=3600, help="Simulated seconds of each run.")
+    ] = 10.0,
+    json: Json = False,
+) -> None:
+    """Measure what a robot costs among how many: CPU by part, traffic, memory."""
+    from benchmarks.swarm.growth import command
+
+    command.run(robots or command.SIZES, duration, json)
 
 
 def seeds(

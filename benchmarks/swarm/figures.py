@@ -1,10 +1,15 @@
 """What is measured of the whole stack with one number of robots."""
 
 from dataclasses import dataclass
+from typing import Final
 
 from benchmarks.swarm.budget import Line
 from benchmarks.swarm.in_memory import MemoryFigures
 from benchmarks.swarm.over_mesh import MeshFigures
+from benchmarks.swarm.process_figures import KINDS
+
+STEPS_PER_SECOND: Final = 10
+"""Of simulated time, in the scenario that is measured."""
 
 
 @dataclass(frozen=True)
@@ -12,6 +17,8 @@ class SwarmFigures:
     """Everything for one number of robots."""
 
     robots: int
+    simulated_s: float
+    """Of each run."""
     mesh: MeshFigures
     memory: MemoryFigures
     ping_pong_ms: float
@@ -32,3 +39,24 @@ class SwarmFigures:
     def cost_ms(self) -> float:
         """CPU per robot and simulated second over Zenoh, ms."""
         return self.mesh.ms.median
+
+    @property
+    def memory_rate(self) -> float:
+        """Robot-steps per CPU second in memory, which is one core's."""
+        return STEPS_PER_SECOND / self.memory.ms * 1e3
+
+    @property
+    def mesh_rate(self) -> float:
+        """Robot-steps per second over Zenoh, on all cores."""
+        return STEPS_PER_SECOND * self.robots * self.speed
+
+    @property
+    def start_s(self) -> float:
+        """Until the first step over Zenoh."""
+        return self.mesh.startup_s.median
+
+    @property
+    def robot_pss_mb(self) -> float:
+        """Of a robot's process, on average."""
+        them = self.mesh.memory[KINDS[-1]]
+        return them.pss_mb / them.processes

@@ -34,6 +34,11 @@ class MemoryFigures:
     """What the clock is held to have cost in that run."""
     clocked_ms: float
     """That run as a whole."""
+    simulated_s: float
+    frames: dict[str, int]
+    """What became of the radio's frames, as in `RunResult.frames`."""
+    node: dict[str, int]
+    """What the robots' nodes counted, all together."""
 
 
 Turn = Callable[[Sequence[Shell], Callable[[Shell], None]], None]
@@ -56,7 +61,14 @@ def in_memory(count: int, task: SwarmTask, clock_cost: part_clock.Overhead) -> M
     robot_s = count * result.simulated_s
     lines, clock_ms = budget(clock.accounts, clock.total_ns, clock_cost, robot_s)
     return MemoryFigures(
-        result.real_time_factor, spent_ns / robot_s / 1e6, lines, clock_ms, clock.total_ns / robot_s / 1e6
+        result.real_time_factor,
+        spent_ns / robot_s / 1e6,
+        lines,
+        clock_ms,
+        clock.total_ns / robot_s / 1e6,
+        result.simulated_s,
+        result.frames,
+        result.deeco.counters,
     )
 
 

@@ -6,7 +6,6 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from resource import RUSAGE_CHILDREN, getrusage
 from statistics import median
 from typing import Final
 
@@ -18,7 +17,7 @@ from actors.runtime.process import FinalNote
 from actors.runtime.recording import read_notes
 from benchmarks.swarm import process_figures
 from benchmarks.swarm.process_figures import Activity, Memory
-from benchmarks.swarm.task import Range, SwarmTask, planned
+from benchmarks.swarm.task import Range, SwarmTask, all_cpu_s, planned
 from deploy.results.result import RunResult
 from deploy.run import swarm
 
@@ -86,9 +85,9 @@ def _mesh_run(count: int, task: SwarmTask) -> _MeshRun:
         parent.append(time.process_time())
 
     with planned(count, task, "zenoh") as plan:
-        load, own = process_figures.Load(), _all_cpu_s()
+        load, own = process_figures.Load(), all_cpu_s()
         result = swarm.run_processes(plan, "forkserver", note)
-        others = load.others(_all_cpu_s() - own)
+        others = load.others(all_cpu_s() - own)
         finals = {path.stem: _final(path) for path in plan.out.glob("*/*.mcap")}
     by_actor = dict.fromkeys(process_figures.KINDS, 0.0)
     for actor, final in finals.items():
@@ -96,12 +95,6 @@ def _mesh_run(count: int, task: SwarmTask) -> _MeshRun:
     by_actor[PARENT] = parent[-1] - parent[0]
     startup_cpu_s = sum(final.startup_cpu_s for final in finals.values())
     return _MeshRun(result, by_actor, startup_cpu_s, others)
-
-
-def _all_cpu_s() -> float:
-    """CPU of this process and of all that it has started and that have ended, s."""
-    children = getrusage(RUSAGE_CHILDREN)
-    return time.process_time() + children.ru_utime + children.ru_stime
 
 
 def _final(recording: Path) -> FinalNote:
@@ -123,7 +116,7 @@ def _weigh(
     memory: dict[str, Memory] = {}
 
     def look(progress: Progress) -> None:
-        late = in_seconds(progress.instant) >= task.seconds
+        late = in_seconds(progress.instant) >= task.simulated_s(count)
         if seen and not late:
             return
         pids = process_figures.actors_of(plan.out) | {PARENT: [os.getpid()]}
@@ -133,6 +126,7 @@ def _weigh(
             memory.update({kind: process_figures.memory(them) for kind, them in pids.items()})
             raise _Weighed
 
-    with planned(count, replace(task, seconds=_ENDLESS_S), "zenoh") as plan, contextlib.suppress(_Weighed):
+    endless = replace(task, seconds=_ENDLESS_S, robot_seconds=None)
+    with planned(count, endless, "zenoh") as plan, contextlib.suppress(_Weighed):
         swarm.run_processes(plan, "forkserver", look)
     return memory, (seen[0], seen[1])

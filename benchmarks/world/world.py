@@ -14,7 +14,7 @@ from actors.floor.map_file import load_map
 from actors.world.physics import Arena
 from actors.world.sensing import RangeSensors
 from benchmarks.statistics.cpu_time import best
-from benchmarks.world import navground_peer
+from benchmarks.world import navground_peer, stage_peer
 from benchmarks.world.plain_swarm import strewn, turtlebot, wishes
 
 STAGE: Final = {
@@ -27,7 +27,10 @@ STAGE: Final = {
     (60, 50): 24.0,
     (60, 100): 9.6,
 }
-"""Simulated seconds per CPU second by rays and robots; Stage 4.3, one core of such a machine."""
+"""Simulated seconds per CPU second by rays and robots, given: Stage 4.3, one core of such a machine.
+
+Used where Stage is not installed.
+"""
 
 
 @dataclass(frozen=True)
@@ -41,8 +44,8 @@ class WorldTask:
     repeats: int = 3
     """The fastest counts."""
     seed: int = 1
-    stage_goal: float = 5.0
-    """How many times as fast as Stage with 640 rays from 20 robots on; nowhere slower than Stage."""
+    stage_goal: float = 20.0
+    """How many times as fast as Stage with 640 rays and 20 robots; nowhere slower than Stage or navground."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,7 @@ class WorldSpeed:
     rays: int
     speed: float
     stage: float
+    """Measured here where Stage is installed, else the given figure."""
     ratio: float
     navground: float | None
     """None if navground is not installed."""
@@ -68,31 +72,66 @@ def run(map_file: Path, json_output: bool = False, task: WorldTask | None = None
     task = task or WorldTask()
     grid = load_map(map_file)
     speeds = [_measure(grid, robots, rays, task) for rays in task.rays for robots in task.robots]
-    met = all(
-        speed.ratio >= (task.stage_goal if speed.rays == 640 and speed.robots >= 20 else 1.0)
-        for speed in speeds
-    )
-    peer = navground_peer.version()
+    goals = _judged(speeds, task)
     figures = {
         "task": asdict(task),
-        "stage": "Stage 4.3, one core of such a machine",
-        "navground": peer,
+        "stage": _stage_words(),
+        "stage_measured": stage_peer.binary() is not None,
+        "navground": navground_peer.version(),
         "speeds": [asdict(speed) for speed in speeds],
-        "goal_met": met,
+        "goals": goals,
     }
     console = Console()
     if json_output:
         console.print_json(json.dumps(figures))
-        return figures
+    else:
+        _show(console, speeds, goals, map_file)
+    return figures
+
+
+def _show(
+    console: Console, speeds: list[WorldSpeed], goals: list[tuple[str, str, str]], map_file: Path
+) -> None:
     console.print(_table(speeds, f"physics and scans on {map_file.name}: simulated seconds per CPU second"))
-    console.print("Stage: given figures of Stage 4.3, one core of such a machine.")
+    console.print(f"Stage: {_stage_words()}.")
+    if stage_peer.binary() is None:
+        console.print("[bold]Stage is not installed: it was NOT measured.[/bold]")
+    peer = navground_peer.version()
     if peer is None:
         console.print("[bold]navground is not installed: it was NOT measured.[/bold]")
     else:
         console.print(f"navground {peer}: steps of 0.1 s, no masses and no pushing, the same scans.")
-    goal = f"{task.stage_goal:g} times Stage with 640 rays from 20 robots on, never below Stage"
-    console.print(f"goal, {goal}: {'met' if met else 'MISSED'}")
-    return figures
+    for words, reached, verdict in goals:
+        console.print(f"goal, {words}: {reached}, {verdict}", highlight=False)
+
+
+def _stage_words() -> str:
+    if stage_peer.binary() is None:
+        return "given figures of Stage 4.3, one core of such a machine"
+    return "measured here, its controller wander at the wheel"
+
+
+def _judged(speeds: list[WorldSpeed], task: WorldTask) -> list[tuple[str, str, str]]:
+    """Each goal, what was reached, and whether that is met; only what was measured is judged."""
+    told = []
+    dense = [speed.ratio for speed in speeds if (speed.rays, speed.robots) == (640, 20)]
+    if dense:
+        words = f"{task.stage_goal:g} times Stage with 640 rays and 20 robots"
+        told.append((words, f"{dense[0]:.1f}", _verdict(dense[0] >= task.stage_goal)))
+    least = min(speed.ratio for speed in speeds)
+    told.append(("never below Stage", f"{least:.1f} times at least", _verdict(least >= 1)))
+    beside = [speed.speed / speed.navground for speed in speeds if speed.navground is not None]
+    if beside:
+        told.append(
+            ("never below navground", f"{min(beside):.1f} times at least", _verdict(min(beside) >= 1))
+        )
+    else:
+        told.append(("never below navground", "not measured", "not known"))
+    return told
+
+
+def _verdict(met: bool) -> str:
+    return "met" if met else "MISSED"
 
 
 def _table(speeds: list[WorldSpeed], title: str) -> Table:
@@ -120,7 +159,8 @@ def _measure(grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> Wo
     contacts: list[int] = []
     whole = best(swarm, lambda it: contacts.append(it.wander(scanning=True)), task.repeats)
     physics = best(swarm, lambda it: it.wander(scanning=False), task.repeats)
-    speed, stage = task.seconds_long / whole, STAGE[rays, robots]
+    measured = stage_peer.speed(grid, robots, rays, task.seconds_long, task.repeats, task.seed)
+    speed, stage = task.seconds_long / whole, STAGE[rays, robots] if measured is None else measured[1]
     return WorldSpeed(
         robots,
         rays,

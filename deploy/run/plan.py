@@ -14,6 +14,7 @@ from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials, unix_endpoint
 from actors.runtime.client_options import own_folder
 from actors.runtime.isolation.resource_limits import ProcessLimits, as_words
+from actors.runtime.spans import Window, span_words
 from actors.world.world_setup import BodySetup, WorldSetup
 from deploy.processes.launch import Program
 from deploy.run import scenario_copy
@@ -53,6 +54,8 @@ class Plan:
     """What each robot's process may have."""
     timeout: Timeout = field(default=Timeout())
     """How long the run may take no step."""
+    spans: Window | None = None
+    """Steps in which every process notes what it does, span by span."""
 
     def folder(self, actor: str) -> Path:
         """The actor's own folder."""
@@ -111,7 +114,7 @@ def world_program(plan: Plan) -> Program:
     argv = (
         *("--setup", str(folder / "setup.json"), "--router", str(folder / router_file.NAME)),
         *("--record", str(folder / "world.mcap"), "--commit", plan.commit),
-        *("--speed", plan.speed, "--with-parent"),
+        *("--speed", plan.speed, "--with-parent", *span_words(plan.spans)),
     )
     return Program("world", "actors.world", argv, folder / "world.log", folder / "world.mcap")
 
@@ -213,6 +216,7 @@ def client_argv(plan: Plan, folder: str, user: str, record: Path) -> tuple[str, 
     return (
         *("--router", unix_endpoint(place / "router.sock"), "--credentials", str(secret)),
         *("--record", str(record), "--commit", plan.commit, "--with-parent"),
+        *span_words(plan.spans),
     )
 
 

@@ -38,6 +38,7 @@ STARTS = {
     "bench processors": ("deploy.run.swarm", *ACTORS),
     "bench steps": ("benchmarks.swarm.ping_pong", *ACTORS),
     "bench swarm": ACTORS,
+    "bench growth": ACTORS,
     "bench portable": ("mpmath",),
     "fleet keys": ("deploy.fleet.certificates",),
 }

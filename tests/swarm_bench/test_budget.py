@@ -1,6 +1,7 @@
 """The arithmetic of a budget: it adds up to the whole, and names what grows."""
 
 import math
+from dataclasses import dataclass
 
 import pytest
 from hypothesis import given
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 from benchmarks.swarm import speed_goals
 from benchmarks.swarm.budget import REST, Growth, Key, Line, budget, growth, whole, with_processes
 from benchmarks.swarm.part_clock import Account, Overhead
+from benchmarks.swarm.task import SwarmTask
 
 COUNTS = st.integers(0, 10**6)
 ACCOUNTS = st.dictionaries(
@@ -64,21 +66,40 @@ def test_growth_names_the_line_that_grows_most_first_and_shares_add_up() -> None
     assert growth(few, few)[0] == Growth("world", "scans", 1.0, 1.0, 0.0)
 
 
+@dataclass(frozen=True)
 class Swarm:
     """Figures that somebody might have measured."""
 
-    def __init__(self, robots: int, speed: float, cost_ms: float) -> None:
-        self.robots, self.speed, self.cost_ms = robots, speed, cost_ms
+    robots: int
+    speed: float
+    cost_ms: float = 5.0
+    memory_rate: float = 3000.0
+    mesh_rate: float = 3000.0
+    start_s: float = 6.0
+    robot_pss_mb: float = 25.0
 
 
 def test_goals_are_judged_where_their_swarms_were_measured() -> None:
-    goals = speed_goals.judged([Swarm(4, 40.0, 2.0), Swarm(20, 7.9, 6.1), Swarm(50, 3.0, 3.2)])
-    assert [(goal.figure, goal.goal, goal.met) for goal in goals] == [
-        (40.0, 40.0, True),
-        (7.9, 8.0, False),
-        (3.0, 3.0, True),
-        (6.1, 6.0, False),
-        (1.6, 1.6, True),
+    goals = speed_goals.judged(
+        [Swarm(4, 100.0, memory_rate=2999.0), Swarm(20, 15.9), Swarm(100, 2.0, 6.6, start_s=6.1)]
+    )
+    assert [(goal.robots[0], goal.figure, goal.goal, goal.met) for goal in goals] == [
+        (4, 100.0, 100.0, True),
+        (20, 15.9, 16.0, False),
+        (100, 2.0, 2.0, True),
+        (100, pytest.approx(1.32), 1.3, False),
+        (4, 2999.0, 3000.0, False),
+        (20, 3000.0, 3000.0, True),
+        (100, 3000.0, 3000.0, True),
+        (100, 6.1, 6.0, False),
+        (100, 25.0, 25.0, True),
     ]
-    assert speed_goals.judged([Swarm(10, 1.0, 9.0)]) == []
-    assert [goal.robots for goal in speed_goals.judged([Swarm(50, 1.0, 1.0)])] == [(50,)]
+    assert "in memory" in speed_goals.judged([Swarm(10, 1.0)])[0].words
+    assert [goal.robots for goal in speed_goals.judged([Swarm(50, 1.0)])] == [(50,), (50,)]
+
+
+def test_many_robots_run_for_less_time_and_never_for_none() -> None:
+    task = SwarmTask()
+    assert [task.simulated_s(robots) for robots in (1, 4, 20, 50, 100, 500)] == [60, 60, 40, 16, 8, 2]
+    assert SwarmTask(seconds=90.0, robot_seconds=None).simulated_s(500) == 90.0
+    assert SwarmTask(seconds=1.0).simulated_s(500) == 1.0
