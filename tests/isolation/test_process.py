@@ -16,8 +16,6 @@ from benchmarks.attacks.breakouts import NEST, UNDO
 from benchmarks.attacks.process_attacks import PTRACE_ATTACH
 from tests.isolation.test_attacks import need_isolation
 
-pytestmark = pytest.mark.alone
-
 REPOSITORY = Path(__file__).resolve().parents[2]
 PRELUDE = """
 import ctypes, os, sys

@@ -4,16 +4,12 @@ import csv
 import json
 from pathlib import Path
 
-import pytest
-
 from tests.swarm.command import ROOT, acrc, leftovers, processes_of
-
-pytestmark = pytest.mark.alone
 
 SCENARIO = f"""
 map = "{ROOT}/maps/corridor.yaml"
 [run]
-duration = 60.0
+duration = 80.0
 strategy = "chapter"
 [robots]
 count = 2
