@@ -18,6 +18,8 @@ from actors.runtime.codec import decode
 from actors.runtime.recording import Note, read_notes, read_recording
 from tests.swarm.command import ACRC, ROOT, acrc, leftovers, processes_of
 
+pytestmark = pytest.mark.timeout(300)  # all in real time, beside whatever else there is to do
+
 FLEET = """
 map = "{root}/maps/corridor.yaml"
 [run]
@@ -67,7 +69,7 @@ def onboard(folder: Path, out: Path) -> subprocess.Popen[str]:
     )
 
 
-def until(path: Path, steps: int, speed: float = 0.0, patience_s: float = 60.0) -> None:
+def until(path: Path, steps: int, speed: float = 0.0, patience_s: float = 100.0) -> None:
     """Wait until a robot has recorded so many steps, and has been so fast, m/s."""
     deadline = time.monotonic() + patience_s
     while len(heard := senses(path)) < steps or max(abs(one.odometry.vx) for one in heard) < speed:

@@ -28,6 +28,7 @@ places = [[17.9, 12.5]]
 """
 
 
+@pytest.mark.timeout(240)
 def test_three_robots_talk_by_serial_bytes_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scenario = tmp_path / "three.toml"
     scenario.write_text(SCENARIO)
