@@ -139,7 +139,7 @@ def test_a_hang_is_named_after_the_timeout_with_step_actor_message_and_line(tmp_
     )
 
 
-@pytest.mark.parametrize("bus", ["zenoh", "memory"])
+@pytest.mark.parametrize("bus", ["zenoh", pytest.param("memory", marks=pytest.mark.alone)])
 def test_an_endless_loop_is_named_by_its_line(tmp_path: Path, bus: str) -> None:
     said = failure(tmp_path / "out", "spins", bus, step_s=1.0)
     where = rf"({place('while True:', after='def _spin')}|{place('count += 1')}) \(_spin\)"
