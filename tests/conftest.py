@@ -1,11 +1,44 @@
-"""What holds for all tests: under CI a skipped test is a failure, because there nobody would see it."""
+"""What holds for all tests: the longest begin first; a skip under CI, where nobody sees it, is a failure."""
 
 import os
 import signal
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 import pytest
 
+LONGEST: Final = (
+    "swarm/test_house.py",
+    "swarm/test_failures.py",
+    "onboard/test_live.py",
+    "localisation/test_search.py",
+    "strategies/test_strategies.py",
+    "cli/test_tutorial.py",
+    "localisation/test_carried.py",
+    "swarm/test_direct_reach.py",
+    "replay/test_hostile_files.py",
+    "onboard/test_hardware_in_the_loop.py",
+    "onboard/test_without_network.py",
+    "swarm_bench/test_full_swarm.py",
+    "swarm/test_processors.py",
+    "swarm_bench/test_endings.py",
+    "development/test_suite.py",
+    "swarm/test_result.py",
+    "swarm/test_out_of_reach.py",
+    "strategies/test_own_strategy.py",
+    "swarm/test_orders.py",
+    "swarm/test_head_on.py",
+    "swarm/test_limits.py",
+    "cli/test_bare.py",
+    "swarm/test_alone.py",
+    "swarm/test_titles.py",
+    "run/test_out_folder.py",
+    "run/test_scenario_copy.py",
+    "cli/test_acrc.py",
+    "navigation_bench/test_commands.py",
+)
+"""What takes some seconds of processor time, the longest first: begun last, one worker would end late."""
+_RANK: Final = {Path(__file__).parent / name: number for number, name in enumerate(LONGEST)}
 _SKIPPED: list[str] = []
 
 
@@ -13,6 +46,10 @@ def pytest_configure() -> None:
     """What a shell starts in the background ignores Ctrl-C, and what the tests start would inherit that."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: _RANK.get(item.path, len(_RANK)))
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:

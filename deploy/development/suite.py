@@ -1,4 +1,4 @@
-"""The test suite in two halves: what leaves the clock alone runs a worker per core, the rest one by one.
+"""The test suite in two halves: what leaves the clock alone runs in several workers, the rest one by one.
 
 A few tests repeat, for more seeds, what others of the suite have shown: those are left to the night.
 """
@@ -14,6 +14,8 @@ ALONE: Final = "alone"
 """The marker of tests that measure wall time or want every core."""
 NIGHTLY: Final = "nightly"
 """The marker of tests that show for more seeds what others of the suite show for some."""
+BY_FILE: Final = ("--dist", "loadfile", "--no-loadscope-reorder")
+"""A file goes to one worker, where its fixtures are made once; tests/conftest.py says which begin."""
 NO_TESTS: Final = 5
 """pytest's exit code where nothing was left to run; of one half of the suite it is no fault."""
 
@@ -28,8 +30,8 @@ def run_suite(root: Path, words: Sequence[str]) -> int:
     if words and not whole:
         return _pytest(root, words)
     now = "" if whole else f" and not {NIGHTLY}"
-    workers = str(os.cpu_count() or 1)
-    beside = _pytest(root, ("-m", f"not {ALONE}{now}", "-n", workers, "--dist", "worksteal"))
+    workers = str((os.cpu_count() or 1) + 1)  # in each some tests wait while others compute
+    beside = _pytest(root, ("-m", f"not {ALONE}{now}", "-n", workers, *BY_FILE))
     alone = _pytest(root, ("-m", f"{ALONE}{now}"))
     if beside == alone == NO_TESTS:
         return NO_TESTS

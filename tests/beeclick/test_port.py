@@ -18,8 +18,6 @@ from firmware_bridge.beeclick.link import Link, LinkPhase
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.port import BoardPort, PortError
 
-pytestmark = pytest.mark.alone
-
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 20.0
 

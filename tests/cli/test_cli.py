@@ -17,19 +17,14 @@ from deploy.results.deeco_result import DeecoResult
 from deploy.results.navigation_result import NavigationResult
 from deploy.results.result import RobotResult, RunResult
 from deploy.version import release
+from tests import warm
 
 ROOT = Path(__file__).parents[2]
 
 
 def acrc(*arguments: str, cwd: Path = ROOT) -> tuple[int, str, str]:
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "deploy", *arguments],
-        cwd=cwd,
-        env={"PYTHONPATH": str(ROOT), "PATH": "", "COLUMNS": "100"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    env = {"PYTHONPATH": str(ROOT), "PATH": "", "COLUMNS": "100"}
+    done = warm.run(arguments, cwd, env, 100.0, finds_cwd=False)
     return done.returncode, done.stdout, done.stderr
 
 

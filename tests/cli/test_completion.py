@@ -8,17 +8,15 @@ from pathlib import Path
 import pytest
 
 from deploy.run.orders import VERBS
+from tests import warm
 from tests.cli.test_cli import ROOT
 
 
 def told(words: str, cwd: Path = ROOT) -> list[str]:
     """What is offered for the last of the words, which may be empty."""
     asked = {"_ACRC_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "deploy"],
-        cwd=cwd, env={"PYTHONPATH": str(ROOT), "PATH": "", **asked},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    env = {"PYTHONPATH": str(ROOT), "PATH": "", **asked}
+    done = warm.run((), cwd, env, 60.0, finds_cwd=False)
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout.split()
 

@@ -3,11 +3,11 @@
 import os
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests import warm
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "tutorial.md").read_text()
@@ -35,14 +35,8 @@ def typed(folder: Path, command: str) -> str:
     """What a command prints on standard output; it must succeed."""
     program, *words = shlex.split(command)
     assert program == "./acrc"
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "deploy", *words],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "200"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    env = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "200"}
+    done = warm.run(words, folder, env, 200.0, finds_cwd=False)
     assert done.returncode == 0, f"{command}: {done.stdout}{done.stderr}"
     return done.stdout
 

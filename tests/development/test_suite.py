@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from deploy.development.suite import run_suite
+from deploy.development.suite import BY_FILE, run_suite
+from tests.conftest import LONGEST
 
 PASSES = "def test_passes(): pass\n"
 FAILS = "def test_fails(): assert 0\n"
@@ -23,7 +24,7 @@ addopts = --strict-markers -p xdist
 
 @pytest.fixture
 def suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[int, list[list[str]]]]:
-    """Runs a suite of these files with two workers: the exit code, and what pytest was told."""
+    """Runs a suite of these files as on two cores: the exit code, and what pytest was told."""
 
     def suite_of(*words: str, **files: str) -> tuple[int, list[list[str]]]:
         (tmp_path / "pytest.ini").write_text(SETTINGS)
@@ -61,7 +62,7 @@ def test_both_halves_decide(
     assert suite(**files) == (
         code,
         [
-            ["-m", "not alone and not nightly", "-n", "2", "--dist", "worksteal"],
+            ["-m", "not alone and not nightly", "-n", "3", *BY_FILE],
             ["-m", "alone and not nightly"],
         ],
     )
@@ -85,6 +86,11 @@ def test_modules_are_compiled_once_for_all_that_the_tests_start(
     monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
     assert run_suite(tmp_path, ("-q", "test_own.py")) == 0
     assert list(tmp_path.glob("__pycache__/helping.*.pyc")) != []
+
+
+def test_what_is_to_begin_first_is_there() -> None:
+    tests = Path(__file__).parents[1]
+    assert [name for name in LONGEST if not (tests / name).is_file()] == []
 
 
 def test_whoever_names_tests_gets_one_process(tmp_path: Path) -> None:

@@ -20,8 +20,6 @@ from firmware_bridge.pseudo_terminal import PseudoTerminal
 from tests.fleet.patient import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2, Patient
 from tests.fleet.texts import OFFICE, ROOT, fleet, robot
 
-pytestmark = pytest.mark.alone
-
 PINS = """\
 # Some words.
 

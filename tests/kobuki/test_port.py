@@ -19,8 +19,6 @@ from firmware_bridge.kobuki.port import open_port
 from firmware_bridge.pseudo_terminal import LinkError, PseudoTerminal
 from firmware_bridge.serial_port import PortError, SerialPort
 
-pytestmark = pytest.mark.alone
-
 
 def refusal(path: Path | str) -> str:
     with pytest.raises(PortError) as failure:

@@ -27,6 +27,7 @@ from tests.localisation.scenes import (
     scan,
     twins,
 )
+from tests.seeds import sampled
 
 CHAPTER, ROBUST = PRESETS["chapter"], PRESETS["robust"]
 BOTH = pytest.mark.parametrize("parameters", [CHAPTER, ROBUST], ids=["chapter", "robust"])
@@ -126,12 +127,11 @@ TWINS = twins()
 CORRIDOR, OFFICE = load_map(REPOSITORY / "maps" / "corridor.yaml"), Pose(12.5, 4.0, 0.0)
 
 
+@pytest.mark.parametrize("seed", sampled(range(4), every_day=(0,)))
 @pytest.mark.parametrize(("plan", "here"), [(TWINS, WEST), (CORRIDOR, OFFICE)], ids=["twins", "corridor"])
-def test_in_one_of_two_rooms_that_are_alike_it_stays_lost(plan: OccupancyGrid, here: Pose) -> None:
+def test_in_one_of_two_rooms_that_are_alike_it_stays_lost(plan: OccupancyGrid, here: Pose, seed: int) -> None:
     """No scan says in which: who is sure of one is wrong as often as right."""
-    field, track = likelihood_field(plan, 2.0), list(turning(plan, here))
-    for seed in range(4):
-        localiser = amcl(ROBUST, None, field, seed)
-        for _, sweep in track:
-            told = localiser.update(sweep.pose, sweep)
-            assert told.lost >= 0.5
+    localiser = amcl(ROBUST, None, likelihood_field(plan, 2.0), seed)
+    for _, sweep in turning(plan, here):
+        told = localiser.update(sweep.pose, sweep)
+        assert told.lost >= 0.5

@@ -27,12 +27,15 @@ from tests.localisation.scenes import (
     twin_of,
     twins,
 )
+from tests.seeds import sampled
 
 START = Pose(1.0, 4.5, 0.0)
 ELSEWHERE = Pose(6.5, 1.0, 2.0)
 TWINS = twins()
 TWIN_FIELD = likelihood_field(TWINS, 2.0)
 WEST = Pose(3.0, 1.0, 0.5)
+SAMPLE = (0, 1)
+"""The seeds of every day, of searches that each come to the same."""
 Scans = list[tuple[Pose, NDArray[np.float64], Pose]]
 
 
@@ -84,7 +87,7 @@ def searched(
     return found
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", sampled(range(6), SAMPLE))
 @pytest.mark.parametrize("others", [0, 6])
 def test_in_a_room_it_finds_the_robot_within_20_scans(seed: int, others: int) -> None:
     rng = np.random.default_rng(seed)
@@ -93,7 +96,7 @@ def test_in_a_room_it_finds_the_robot_within_20_scans(seed: int, others: int) ->
     assert found.right[0] and found.scans[0] <= 20
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", sampled(range(6), SAMPLE))
 def test_in_an_apartment_it_finds_the_robot_within_40_scans(seed: int) -> None:
     found = searched(apartment(), scans(APARTMENT, anywhere(seed), seed), anywhere(seed, 1), seed)
     assert found.right[0] and found.scans[0] <= 40
@@ -104,7 +107,7 @@ def test_an_estimate_off_the_map_is_no_obstacle() -> None:
     assert found.right[0]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", sampled(range(4), SAMPLE))
 def test_it_leaves_a_right_estimate_alone(seed: int) -> None:
     assert searched(FIELD, scans(ROOM, START, seed), START, seed, moves=True).scans == []
 
@@ -122,14 +125,14 @@ def test_the_twin_rooms_are_alike() -> None:
     assert not np.array_equal((other := twins(1.0)).cells, other.cells[::-1, ::-1])
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", sampled(range(4), SAMPLE))
 def test_of_two_rooms_that_are_alike_it_takes_neither(seed: int) -> None:
     made = scans(TWINS, WEST, seed)
     assert len(made) > 40
     assert searched(TWIN_FIELD, made, ELSEWHERE, seed).scans == []
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", sampled(range(4), SAMPLE))
 def test_a_place_that_walls_contradict_is_never_given(seed: int) -> None:
     """The robot sees farther than the other room, which is else like its own, is long."""
     plan = twins(shorter=1.0)
@@ -137,7 +140,7 @@ def test_a_place_that_walls_contradict_is_never_given(seed: int) -> None:
     assert found.right and all(found.right)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", sampled(range(3), SAMPLE))
 def test_off_its_map_it_gives_hardly_anything_and_nothing_that_walls_contradict(
     seed: int,
 ) -> None:

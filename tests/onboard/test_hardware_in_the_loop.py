@@ -8,12 +8,10 @@ import pytest
 
 from tests.swarm.command import ROOT, acrc, leftovers, processes_of
 
-pytestmark = pytest.mark.alone
-
 SCENARIO = f"""
 map = "{ROOT}/maps/corridor.yaml"
 [run]
-duration = 60.0
+duration = 80.0
 strategy = "chapter"
 [robots]
 count = 2
@@ -28,10 +26,11 @@ places = [[13.2, 12.6], [11.8, 12.2]]
 """
 
 
+@pytest.mark.timeout(240)
 def test_two_robots_clean_their_places_by_serial_bytes(tmp_path: Path) -> None:
     scenario, out = tmp_path / "near.toml", tmp_path / "out"
     scenario.write_text(SCENARIO)
-    done = acrc("run", scenario, "--hardware-in-the-loop", "--out", out, "--json")
+    done = acrc("run", scenario, "--hardware-in-the-loop", "--out", out, "--json", timeout_s=200.0)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert (result["places_claimed"], result["places_done"], result["places_total"]) == (3, 3, 3)

@@ -1,7 +1,7 @@
 """A robot in the loop stands whatever becomes of its processes, and drives again once it knows where it is.
 
-Wall time on a busy computer: what takes 0.2 s at most on one of its own is given more. The figures come from
-`acrc bench standstill`, which does the same for all processes.
+How soon is a matter of wall time, so nothing runs beside these; what takes 0.2 s at most is given more.
+The figures come from `acrc bench standstill`, which does the same for all processes.
 """
 
 import os
@@ -17,6 +17,7 @@ from benchmarks.hardware.standstill_rig import GUARDIAN, Rig, killed, stopped
 from tests.onboard.test_live import senses
 from tests.swarm.command import processes_of
 
+pytestmark = pytest.mark.alone
 SOON_S, NEAR_M = 0.8, 0.4
 ROBOT, BASE = "actors.robot", "firmware_bridge.onboard.base"
 

@@ -7,8 +7,6 @@ import pytest
 from benchmarks.hardware import onboard
 from tests.swarm.command import ROOT
 
-pytestmark = pytest.mark.alone
-
 SCENARIO = f"""
 map = "{ROOT}/maps/corridor.yaml"
 [run]
@@ -30,10 +28,11 @@ places = [[17.9, 12.5]]
 """
 
 
+@pytest.mark.timeout(240)
 def test_three_robots_talk_by_serial_bytes_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scenario = tmp_path / "three.toml"
     scenario.write_text(SCENARIO)
-    figures = onboard.run(task=onboard.OnboardTask(scenario=scenario, robots=3, duration=60.0))
+    figures = onboard.run(task=onboard.OnboardTask(scenario=scenario, robots=3, duration=100.0))
     assert (figures["places_done"], figures["places_total"], figures["contacts"]) == (3, 3, 0)
     heard = figures["copies_heard"]
     assert isinstance(heard, dict) and sorted(heard) == ["r1", "r2", "r3"] and min(heard.values()) > 0

@@ -36,8 +36,6 @@ from firmware_bridge.range_sensors.sensor import Rays
 from firmware_bridge.room import Room
 from firmware_bridge.serial_port import PortError
 
-pytestmark = pytest.mark.alone
-
 CHAPTER = load_model("turtlebot2", "chapter").sensor
 ROOM = Room(6.0, 4.0)
 HERE = Pose(2.0, 1.2, 0.4)

@@ -8,6 +8,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from tests import warm
+
 ROOT = Path(__file__).resolve().parents[2]
 ACRC = (sys.executable, "-m", "deploy")
 
@@ -16,6 +18,8 @@ def acrc(
     *words: object, before: Sequence[str] = (), timeout_s: float = 100.0
 ) -> subprocess.CompletedProcess[str]:
     """`acrc WORDS…` to its end, whatever that is."""
+    if not before:
+        return warm.run([*map(str, words)], ROOT, os.environ, timeout_s, finds_cwd=True)
     return subprocess.run(
         [*before, *ACRC, *map(str, words)],
         capture_output=True,

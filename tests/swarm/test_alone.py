@@ -7,14 +7,13 @@ import pytest
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
+from tests.seeds import sampled
 
 SAMPLE = (3, 4, 10)
 """The seeds of every day, of which 3 and 4 take the longest; the others are left to the night."""
 
 
-@pytest.mark.parametrize(
-    "seed", [pytest.param(seed, marks=() if seed in SAMPLE else pytest.mark.nightly) for seed in range(1, 11)]
-)
+@pytest.mark.parametrize("seed", sampled(range(1, 11), SAMPLE))
 def test_a_robot_alone_cleans_all_its_places(seed: int, tmp_path: Path) -> None:
     scenario = load_scenario(None, Overrides(robots=1, seed=seed, duration=600.0))
     plan = swarm.plan(scenario, RunOptions(tmp_path / "out", bus="memory"))

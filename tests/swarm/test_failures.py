@@ -73,7 +73,7 @@ def gone(out: Path) -> bool:
 
 def started(out: Path, *words: object) -> subprocess.Popen[str]:
     """A long run that has begun to step."""
-    process = start("run", "--robots", 3, "--duration", 100_000, "--out", out, *words)
+    process = start("run", "--robots", 2, "--duration", 100_000, "--out", out, *words)
     until(lambda: stepping(out), timeout_s=120.0)  # nothing may be compiled yet
     return process
 
@@ -92,7 +92,7 @@ def test_a_killed_process_ends_the_run_at_once(tmp_path: Path, spawn: str, actor
     assert gone(out)
     steps = {path.stem: last_step(path) for path in out.glob("*/*.mcap")}
     # its own last step may be sent and not yet in its file, while the world is in the one after
-    assert len(steps) == 5 and abs(max(steps.values()) - steps.pop(actor)) <= 2
+    assert len(steps) == 4 and abs(max(steps.values()) - steps.pop(actor)) <= 2
     assert max(steps.values()) - min(steps.values()) <= 1
 
 
@@ -139,7 +139,7 @@ def test_a_hang_is_named_after_the_timeout_with_step_actor_message_and_line(tmp_
     )
 
 
-@pytest.mark.parametrize("bus", ["zenoh", "memory"])
+@pytest.mark.parametrize("bus", ["zenoh", pytest.param("memory", marks=pytest.mark.alone)])
 def test_an_endless_loop_is_named_by_its_line(tmp_path: Path, bus: str) -> None:
     said = failure(tmp_path / "out", "spins", bus, step_s=1.0)
     where = rf"({place('while True:', after='def _spin')}|{place('count += 1')}) \(_spin\)"
@@ -251,9 +251,9 @@ def test_a_folder_that_is_not_empty_is_left_alone(tmp_path: Path) -> None:
 def test_a_run_that_was_cut_can_be_replayed_up_to_the_cut(tmp_path: Path) -> None:
     out = tmp_path / "out"
     process = started(out)
-    os.kill(process_of(out, "r3"), signal.SIGKILL)
+    os.kill(process_of(out, "r2"), signal.SIGKILL)
     process.communicate(timeout=20)
-    for actor in ("r1", "r3", "world", "radio"):
+    for actor in ("r1", "r2", "world", "radio"):
         assert replay_actor(out, actor).outputs > 0
 
 

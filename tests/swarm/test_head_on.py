@@ -10,6 +10,7 @@ from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import EventTable, Scenario
+from tests.seeds import sampled
 
 IN_THE_WAY = 8
 """The seed from which a robot that is done stands in the way of the other one for good."""
@@ -26,14 +27,7 @@ def outcome(scenario: Scenario, out: Path) -> RunResult:
     return swarm.run_in_memory(swarm.plan(scenario, RunOptions(out, bus="memory")), lambda progress: None)
 
 
-@pytest.mark.parametrize(
-    "seed",
-    [
-        pytest.param(seed, marks=() if seed in SAMPLE else pytest.mark.nightly)
-        for seed in range(1, 21)
-        if seed != IN_THE_WAY
-    ],
-)
+@pytest.mark.parametrize("seed", sampled((seed for seed in range(1, 21) if seed != IN_THE_WAY), SAMPLE))
 def test_the_chapters_example_gets_both_robots_to_all_their_places(seed: int, tmp_path: Path) -> None:
     result = outcome(head_on("chapter", seed, 600.0), tmp_path / "out")
     assert (result.places_done, result.places_total, result.places_lost) == (6, 6, 0)

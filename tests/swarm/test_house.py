@@ -25,7 +25,7 @@ map = "{ROOT}/maps/corridor.yaml"
 duration = 30.0
 strategy = "chapter"
 [robots]
-count = 3
+count = 2
 [[event]]
 at = 5.0
 kill = "r2"

@@ -13,7 +13,7 @@ def test_every_process_is_called_by_what_it_is(tmp_path: Path, isolation: str) -
     out = tmp_path / "out"
     process = start("run", "--robots", 2, "--duration", 100_000, isolation, "--out", out)
     try:
-        until(lambda: stepping(out))
+        until(lambda: stepping(out), timeout_s=90.0)
         about = [Path(f"/proc/{pid}") for pid in processes_of(out) if pid != process.pid]
         names = {(folder / "comm").read_text().strip() for folder in about}
         lines = {(folder / "cmdline").read_bytes().rstrip(b"\0").decode() for folder in about}

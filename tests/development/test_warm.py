@@ -1,0 +1,65 @@
+"""A forked command does what a command in a new interpreter does."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests import warm
+
+
+def new(words: tuple[str, ...], cwd: Path, env: dict[str, str]) -> tuple[int, str, str]:
+    done = subprocess.run(
+        [sys.executable, "-m", "deploy", *words],
+        cwd=cwd, env=env, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    return done.returncode, done.stdout, done.stderr
+
+
+def forked(words: tuple[str, ...], cwd: Path, env: dict[str, str]) -> tuple[int, str, str]:
+    done = warm.run(words, cwd, env, 60.0, finds_cwd=True)
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("list", "strategies"),
+        ("rum",),
+        ("run", "--strategy", "beside:behaviour", "--out", "out"),
+    ],
+    ids=" ".join,
+)
+def test_it_has_exit_code_folder_environment_and_streams_of_its_own(
+    words: tuple[str, ...], tmp_path: Path
+) -> None:
+    (tmp_path / "beside.py").write_text("import further\n")
+    (tmp_path / "path").mkdir()
+    (tmp_path / "path" / "further.py").write_text("raise RuntimeError('found on the path')\n")
+    path = os.pathsep.join((str(warm.ROOT), str(tmp_path / "path")))
+    env = {**os.environ, "PYTHONPATH": path, "COLUMNS": "60"}
+    assert forked(words, tmp_path, env) == new(words, tmp_path, env)
+
+
+def test_what_is_set_for_one_command_is_not_there_for_the_next(tmp_path: Path) -> None:
+    (tmp_path / "path").mkdir()
+    (tmp_path / "path" / "further.py").write_text("raise RuntimeError('found on the path')\n")
+    words = ("run", "--strategy", "further:behaviour", "--out", str(tmp_path / "out"))
+    there = forked(words, tmp_path, {**os.environ, "PYTHONPATH": str(tmp_path / "path")})
+    gone = forked(words, tmp_path, dict(os.environ))
+    assert "found on the path" in there[2] and "there is no module 'further'" in gone[2]
+
+
+def test_what_an_interpreter_reads_at_its_beginning_needs_a_new_one() -> None:
+    assert warm.heeds(dict(os.environ)) and warm.heeds({"COLUMNS": "60", "PYTHONPATH": "/nowhere"})
+    for name in ("NPY_DISABLE_CPU_FEATURES", "GLIBC_TUNABLES", "NUMBA_DISABLE_JIT", "PYTHONHASHSEED"):
+        assert not warm.heeds({**os.environ, name: "7"})
+
+
+def test_a_command_that_takes_too_long_is_killed(tmp_path: Path) -> None:
+    words = ("run", "--bus", "memory", "--duration", "100000", "--out", str(tmp_path / "out"))
+    with pytest.raises(subprocess.TimeoutExpired):
+        warm.run(words, tmp_path, os.environ, 0.5, finds_cwd=True)
+    assert forked(("--version",), tmp_path, dict(os.environ))[0] == 0
