@@ -20,6 +20,7 @@ for _command in (
     swarm.steps,
     swarm.swarm,
     swarm.seeds,
+    swarm.relays,
     swarm.crowded_start,
     swarm.endings,
     navigation.navigation,
