@@ -85,7 +85,7 @@ def relays(
     ] = None,
     seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="So many, each rule.")] = 2,
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="The first of them.")] = 1,
-    duration: Annotated[float, typer.Option(metavar="S", min=15, max=3600, help="Simulated seconds.")] = 30.0,
+    duration: Annotated[float, typer.Option(metavar="S", min=15, max=3600, help="Simulated seconds.")] = 20.0,
     json: Json = False,
 ) -> None:
     """Compare rules of relaying: what robots send and hear, and how old what they know is."""

@@ -32,7 +32,7 @@ class RelaysTask:
     below_dbm: tuple[float, ...] = BELOW_DBM
     seeds: int = 2
     first_seed: int = 1
-    duration: float = 30.0
+    duration: float = 20.0
     """Simulated s of each run."""
 
 
@@ -72,7 +72,7 @@ def _print(found: Sequence[RelayFigures], own_dbm: float) -> None:
 def _figures(runs: Sequence[RelayFigures], own_dbm: float) -> Table:
     """One number of robots, a row per rule; means over the seeds."""
     title = f"{runs[0].robots} robots, means over {len(_of_each(runs)[EVERYBODY_DBM])} seeds"
-    table = Table("relay", *(name for name, *_ in _COLUMNS), title=title)
+    table = Table("relay", *(name for name, *_ in _COLUMNS), title=title, pad_edge=False)
     for below_dbm, of_rule in _of_each(runs).items():
         values = (f"{mean(map(value, of_rule)):.{digits}f}" for _, value, digits in _COLUMNS)
         table.add_row(_name(below_dbm) + " *" * (below_dbm == own_dbm), *values)
@@ -114,7 +114,7 @@ _COLUMNS: Final[Sequence[tuple[str, Callable[[RelayFigures], float], int]]] = (
     ("age", lambda one: one.age_s, 3),
     ("95 %", lambda one: one.age_95_s, 2),
     ("all", lambda one: one.capped_age_s, 3),
-    (f"> {OLD_S:g} s", lambda one: one.old, 4),
+    (f"> {OLD_S:g} s", lambda one: one.old, 3),
 )
 _LEGEND: Final = (
     "relays per publication; frames sent, packets heard and old ones among them per robot and second; age of"

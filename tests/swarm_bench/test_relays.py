@@ -44,6 +44,7 @@ def test_the_table_says_which_rule_is_the_scenarios(capsys: pytest.CaptureFixtur
 
 def test_robots_that_never_talk_are_one_sentence(tmp_path: Path) -> None:
     path = tmp_path / "mute.toml"
-    path.write_text(f'map = "{SCENARIO.parents[1] / "maps" / "corridor.yaml"}"\n')
+    floor = SCENARIO.parents[1] / "maps" / "corridor.yaml"
+    path.write_text(f'map = "{floor}"\n[run]\nstrategy = "tests.robot.behaviours:idle"\n')
     with pytest.raises(OptionError, match="they should talk"):
         examine(RelayTask(path, 2, 1, 15.0, -80.0))

@@ -38,8 +38,8 @@ class ExchangeSettings:
     """The longest wait before passing knowledge on, that for the strongest signal (d3scomp/JDEECo 2,
     DefaultKnowledgeDataManager)."""
     relay_below_dbm: float = EVERYBODY_DBM
-    """What is heard more strongly than this is not passed on, dBm; own choice, decision 22. JDEECo has a
-    distance in its place."""
+    """What is heard more strongly than this is not passed on, dBm. Default: everybody passes on; own choice,
+    decision 22. JDEECo has a distance in its place (RebroadcastStrategy)."""
     forget: Duration = field(default=seconds(30))
     """Replicas not heard of for so long are dropped; own choice. JDEECo keeps them for ever."""
 
