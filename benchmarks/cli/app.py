@@ -21,6 +21,7 @@ for _command in (
     swarm.swarm,
     swarm.growth,
     swarm.seeds,
+    swarm.relays,
     swarm.crowded_start,
     swarm.endings,
     navigation.navigation,

@@ -1,4 +1,4 @@
-"""Whole swarms on the command line: speed, seeds, crowded starts and violent ends."""
+"""Whole swarms on the command line: speed, seeds, relays, crowded starts and violent ends."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -102,6 +102,42 @@ def seeds(
     from benchmarks.swarm import seeds as by_seed
 
     by_seed.run(robots or (), count, json, duration, strategy or by_seed.STRATEGIES, scenario)
+
+
+def relays(
+    scenario: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="SCENARIO.toml",
+            help="What to run.  [default: scenarios/chapter.toml]",
+            autocompletion=completion.scenarios,
+        ),
+    ] = None,
+    robots: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=2, max=500, help="May be repeated.  [default: 4, 10, 20, 50, 100]"),
+    ] = None,
+    below: Annotated[
+        list[float] | None,
+        typer.Option(metavar="DBM", min=-90, max=0, help="May be repeated.  [default: -75, -80, -82, -85]"),
+    ] = None,
+    seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="So many, each rule.")] = 2,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="The first of them.")] = 1,
+    duration: Annotated[float, typer.Option(metavar="S", min=15, max=3600, help="Simulated seconds.")] = 20.0,
+    json: Json = False,
+) -> None:
+    """Compare rules of relaying: what robots send and hear, and how old what they know is."""
+    from benchmarks.swarm import relays as rules
+
+    task = rules.RelaysTask(
+        scenario or rules.SCENARIO,
+        tuple(robots or rules.ROBOTS),
+        tuple(below or rules.BELOW_DBM),
+        seeds,
+        seed,
+        duration,
+    )
+    rules.run(task, json)
 
 
 def crowded_start(

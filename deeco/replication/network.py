@@ -155,6 +155,7 @@ class Network:
             self.replicas.get(packet.component), Replica(packet.component, packet.version, roles, contact)
         )
         self.replicas.put(news.after)
-        if self._relay is not None and self._node.passes(news.after):
-            self._relay.take(packet, data, reception.instant, reception.rssi_dbm)
+        relay, rssi_dbm = self._relay, reception.rssi_dbm
+        if relay is not None and relay.wants(packet, rssi_dbm) and self._node.passes(news.after):
+            relay.take(packet, data, reception.instant, rssi_dbm)
         return news

@@ -2,7 +2,7 @@
 
 Whoever hears a packet for the first time waits, the longer the stronger it came in, for the far ones carry it
 farther; who hears it again meanwhile leaves it at that. (JDEECo's L2 RebroadcastStrategy does so; there only
-nodes farther than some 10 m relay at all.)
+nodes farther than some 10 m relay at all, as here only those that hear it weakly enough, if so asked.)
 """
 
 import zlib
@@ -33,6 +33,11 @@ class RelayParameters:
     strongest_dbm: float = -45.0
     """At this strength and above the wait is the longest, dBm. Default: about what arrives over 1 m at the
     original testbed's transmit power in dBm less the path loss of 40 dB, rounded up for stronger senders."""
+    relay_below_dbm: float | None = None
+    """Who hears a packet more strongly than this, dBm, is too near to its sender to reach many others, and
+    does not relay it; of unknown strength it is relayed. This is distance-based suppression: Ni, Tseng, Chen,
+    Sheu, The broadcast storm problem in a mobile ad hoc network, MobiCom 1999. Default: None, everybody
+    relays; what is near depends on the link."""
     waiting: int = 64
     """Packets that may wait at once, with those that were cancelled while they waited."""
 
@@ -76,10 +81,14 @@ class Relay:
             del self._waiting[packet.component]
             self._counters.relays_cancelled += 1
 
+    def wants(self, packet: KnowledgePacket, rssi_dbm: float | None) -> bool:
+        """False of news that has come far enough, or from too near."""
+        below = self._p.relay_below_dbm
+        near = below is not None and rssi_dbm is not None and rssi_dbm > below
+        return not near and packet.hops < self._p.hop_limit
+
     def take(self, packet: KnowledgePacket, data: bytes, heard: Instant, rssi_dbm: float | None) -> None:
-        """Relay news, unless it has come far enough."""
-        if packet.hops >= self._p.hop_limit:
-            return
+        """Relay news that is wanted."""
         if self._planned >= self._p.waiting:
             self._counters.relays_refused += 1
             return

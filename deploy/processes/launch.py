@@ -20,9 +20,6 @@ from actors.runtime.lifecycle.environment import passed_on
 from deploy.processes.forkserver import MESSAGE_LIMIT
 from deploy.repository import REPOSITORY
 
-"""Where the packages are, so that `python -m` finds them from any working directory."""
-
-
 class LaunchError(AcrcError):
     """A process that could not be started."""
 

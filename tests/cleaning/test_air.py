@@ -3,11 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from actors.geometry import Point, Pose
 from actors.instant import Instant
-from actors.messages import FRAME_DATA_LIMIT
-from actors.robot.behaviour import Start, View
+from actors.messages import FRAME_DATA_LIMIT, Heard
+from actors.robot.behaviour import Behaviour, ExchangeSettings, Start, View
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.chapter import behaviour
 from cleaning.cleaner import Cleaner, State
@@ -96,3 +97,22 @@ def _first_frame(epoch: int) -> bytes:
     start = Start("r1", 1, epoch, Pose(1.0, 2.0, 0.0), (LONGEST.point,), np.random.default_rng(1))
     view = View(Instant(0), start.pose, False, None, ())
     return behaviour(start).advance(view, Instant(2_000_000)).frames[0].data
+
+
+@pytest.mark.parametrize(("rssi_dbm", "relays"), [(-79.0, 0), (-81.0, 1)])
+def test_what_the_scenario_says_of_relaying_reaches_the_node(rssi_dbm: float, relays: int) -> None:
+    exchange = ExchangeSettings(relay=True, relay_below_dbm=-80.0)
+
+    def hosted(robot: str, address: int) -> Behaviour:
+        pose, places = Pose(1.0, 2.0, 0.0), (LONGEST.point,)
+        generator = np.random.default_rng(address)
+        return behaviour(Start(robot, address, 0, pose, places, generator, exchange=exchange))
+
+    still, second = Pose(1.0, 2.0, 0.0), Instant(1_000_000)
+    sent = hosted("r1", 1).advance(View(Instant(0), still, False, None, ()), second).frames
+    heard = tuple(Heard(second, 1, rssi_dbm, 200, frame.data) for frame in sent)
+    listener = hosted("r2", 2)
+    listener.advance(View(Instant(0), still, False, None, ()), second)
+    listener.advance(View(second, still, False, None, heard), Instant(3_000_000))
+    model = listener.outcome()["deeco"]  # type: ignore[attr-defined]
+    assert (model["counters"]["packets"], model["counters"]["relayed"]) == (1, relays)

@@ -116,6 +116,49 @@ def test_delay_grows_with_strength() -> None:
     assert relay.delay(-95.0, 0.5) == 250_000
 
 
+def test_who_hears_it_too_strongly_leaves_it_to_those_farther_off() -> None:
+    positions = (0.0, 1.0, 9.0, 17.0)  # c0 comes in at -45 dBm at c1, at -85 dBm at c2
+    nodes = cars(positions, RelayParameters(relay_below_dbm=-80.0))
+    air = Air(nodes, within(10.0, positions))
+    air.run(seconds(1.5))  # c0 has published at 10 ms, and c1 at 710 ms
+    relays = [sender for sender, frame in air.sent if b"c0" in frame.data][1:]
+    assert relays == ["c2", "c3"]
+    assert "c0" in known(nodes["c1"]) and "c0" in known(nodes["c3"])
+    assert nodes["c1"].outcome()["counters"]["relays_cancelled"] == 0, "it has not even waited"
+
+
+@pytest.mark.parametrize(
+    ("below", "rssi", "wanted"),
+    [
+        (-80.0, -79.9, False),
+        (-80.0, -80.0, True),
+        (-80.0, None, True),
+        (None, -30.0, True),
+    ],
+)
+def test_what_is_heard_at_the_threshold_or_at_unknown_strength_is_relayed(
+    below: float | None, rssi: float | None, wanted: bool
+) -> None:
+    relay = Relay(RelayParameters(relay_below_dbm=below), 1, lambda task, at: None, _unsent, NodeCounters())
+    assert relay.wants(KnowledgePacket("c0", Version(0, 1), 0, ()), rssi) is wanted
+    assert not relay.wants(KnowledgePacket("c0", Version(0, 1), 3, ()), rssi), "it has come far enough"
+
+
+def test_no_boundary_is_asked_about_what_is_not_relayed() -> None:
+    @ensemble(every=seconds(100), offset=seconds(50))
+    class Asked:
+        def membership(self, coordinator: Vehicle, member: Vehicle) -> bool:
+            return False
+
+        def boundary(self, sender: Vehicle, here: Vehicle) -> bool:
+            raise AssertionError
+
+    positions = (0.0, 1.0)
+    nodes = cars(positions, RelayParameters(relay_below_dbm=-80.0), (Asked(),))
+    run(positions, nodes)
+    assert known(nodes["c1"]) == {"c0": 0}
+
+
 def test_the_boundary_of_an_ensemble_ends_relaying() -> None:
     nodes = cars(LINE, RelayParameters(hop_limit=15), (Near(),))
     run(LINE, nodes)

@@ -35,6 +35,7 @@ publish = 0.5
 relay = true
 hop_limit = 15
 relay_delay = 0
+relay_below = -81.5
 forget = 10
 
 [[area]]
@@ -44,20 +45,21 @@ y = [1, 7]
 """
 SETTING = "but must be true, false, a whole number of 64 bits, a finite number or a text"
 INTERVAL = "but must be a number of seconds from 0.001 to 1000000"
+STRENGTH = "but must be a number of dBm from -90 to 0"
 SPAN = "but must be two numbers [from, to] in m, the first below the second"
 
 
 def test_everything_that_a_file_may_hold() -> None:
     assert adaptation(WHOLE) == Adaptation(
         settings={"lease": 2.5, "tries": 3, "fair": True, "the mode": "bold"},
-        exchange=ExchangeSettings(milliseconds(500), True, 15, seconds(0), seconds(10)),
+        exchange=ExchangeSettings(milliseconds(500), True, 15, seconds(0), -81.5, seconds(10)),
         areas=(Area("hall", 11.5, 1.0, 13.5, 7.0),),
     )
 
 
 def test_an_empty_file_says_nothing() -> None:
     assert adaptation("") == Adaptation()
-    assert ExchangeSettings() == ExchangeSettings(seconds(1), False, 3, seconds(1), seconds(30))
+    assert ExchangeSettings() == ExchangeSettings(seconds(1), False, 3, seconds(1), 0.0, seconds(30))
 
 
 @pytest.mark.parametrize(
@@ -76,7 +78,8 @@ def test_an_empty_file_says_nothing() -> None:
         ("[deeco]\npublishing = 1", "deeco.publishing is not known; did you mean deeco.publish?"),
         (
             "[deeco]\nx = 1",
-            "deeco.x is not known; deeco may hold publish, relay, hop_limit, relay_delay, forget",
+            "deeco.x is not known; deeco may hold publish, relay, hop_limit, relay_delay, relay_below,"
+            " forget",
         ),
         ("[deeco]\npublish = 0", f"deeco.publish is 0, {INTERVAL}"),
         ("[deeco]\npublish = true", f"deeco.publish is true, {INTERVAL}"),
@@ -85,6 +88,10 @@ def test_an_empty_file_says_nothing() -> None:
             "[deeco]\nrelay_delay = -0.1",
             "deeco.relay_delay is -0.1, but must be a number of seconds from 0 to 1000000",
         ),
+        ("[deeco]\nrelay_below = 0.1", f"deeco.relay_below is 0.1, {STRENGTH}"),
+        ("[deeco]\nrelay_below = -90.5", f"deeco.relay_below is -90.5, {STRENGTH}"),
+        ("[deeco]\nrelay_below = -inf", f"deeco.relay_below is -Infinity, {STRENGTH}"),
+        ("[deeco]\nrelay_below = '-80'", f'deeco.relay_below is "-80", {STRENGTH}'),
         ("[deeco]\nrelay = 1", "deeco.relay is 1, but must be true or false"),
         ("[deeco]\nhop_limit = 0", "deeco.hop_limit is 0, but must be a whole number from 1 to 15"),
         ("[deeco]\nhop_limit = true", "deeco.hop_limit is true, but must be a whole number from 1 to 15"),

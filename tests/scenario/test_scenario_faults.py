@@ -130,6 +130,10 @@ ACTIONS = "kill, freeze, thaw, restart, move, jam, obstacle"
             "[deeco]\nrelay_delay = -1",
             "deeco.relay_delay is -1, but must be a number of seconds from 0 to 1000000",
         ),
+        (
+            "[deeco]\nrelay_below = -91",
+            "deeco.relay_below is -91, but must be a number of dBm from -90 to 0",
+        ),
     ],
 )
 def test_a_wrong_value(text: str, sentence: str) -> None:

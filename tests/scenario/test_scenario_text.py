@@ -54,7 +54,10 @@ scenarios = some.fixed_dictionaries(
             max_size=4,
         ),
         "deeco": tables(
-            publish=some.floats(0.001, 1e6), relay=some.booleans(), hop_limit=some.integers(1, 15)
+            publish=some.floats(0.001, 1e6),
+            relay=some.booleans(),
+            hop_limit=some.integers(1, 15),
+            relay_below=some.floats(-90, 0),
         ),
         "robots": tables(
             count=some.just(3),
@@ -116,7 +119,8 @@ def test_the_text_of_a_robots_adaptation() -> None:
         "\n"
         "[strategy]\nlease = 3\n"
         "\n"
-        "[deeco]\npublish = 1.0\nrelay = false\nhop_limit = 3\nrelay_delay = 1.0\nforget = 30.0\n"
+        "[deeco]\npublish = 1.0\nrelay = false\nhop_limit = 3\nrelay_delay = 1.0\n"
+        "relay_below = 0.0\nforget = 30.0\n"
         "\n"
         '[[area]]\nname = "hall"\nx = [8.0, 12.0]\ny = [10.5, 13.8]\n'
     )
@@ -155,7 +159,8 @@ def test_the_text_of_a_small_scenario() -> None:
         "\n"
         '[strategy]\nlease = 3\n"wie lang?" = "ja"\n'
         "\n"
-        "[deeco]\npublish = 1.0\nrelay = true\nhop_limit = 3\nrelay_delay = 1.0\nforget = 5.0\n"
+        "[deeco]\npublish = 1.0\nrelay = true\nhop_limit = 3\nrelay_delay = 1.0\n"
+        "relay_below = 0.0\nforget = 5.0\n"
         "\n"
         '[robots]\ncount = 1\nmodel = "turtlebot2"\nstart = [\n    [12.0, 5.0, 0.0],\n]\n'
         "\n"

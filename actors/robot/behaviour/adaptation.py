@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, FailFast, Field, PlainValidator
 from actors import table_wording
 from actors.floor.placement import Area
 from actors.instant import in_seconds, seconds
-from actors.robot.behaviour.ports import ExchangeSettings, Setting
+from actors.robot.behaviour.ports import EVERYBODY_DBM, ExchangeSettings, Setting
 from actors.runtime.errors import AcrcError
 from actors.table import Right, Span, Table, Text, as_tuples
 
@@ -26,6 +26,8 @@ LONGEST_S: Final = 1_000_000
 """Longest interval in [deeco], s."""
 MOST_HOPS: Final = 15
 """Largest hop_limit in [deeco]."""
+WEAKEST_DBM: Final = -90
+"""Least relay_below in [deeco]: transceivers tell nothing weaker apart (`actors.radio.signal_codes`)."""
 _AS_IT_IS: Final = ExchangeSettings()
 
 
@@ -87,6 +89,12 @@ class DeecoTable(Table):
         float, Field(ge=0, le=LONGEST_S), Right(f"a number of seconds from 0 to {LONGEST_S}")
     ] = in_seconds(_AS_IT_IS.relay_delay)
     """The longest wait before knowledge is passed on, that for the strongest signal, s."""
+    relay_below: Annotated[
+        float,
+        Field(ge=WEAKEST_DBM, le=EVERYBODY_DBM),
+        Right(f"a number of dBm from {WEAKEST_DBM} to {EVERYBODY_DBM:g}"),
+    ] = _AS_IT_IS.relay_below_dbm
+    """Who hears knowledge more strongly does not pass it on, dBm; at 0 everybody does."""
     forget: Interval = in_seconds(_AS_IT_IS.forget)
     """Replicas of robots that were not heard of for so long are dropped, s."""
 
@@ -98,6 +106,7 @@ class DeecoTable(Table):
             relay=self.relay,
             hop_limit=self.hop_limit,
             relay_delay=seconds(self.relay_delay),
+            relay_below_dbm=self.relay_below,
             forget=seconds(self.forget),
         )
 

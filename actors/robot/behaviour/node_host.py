@@ -142,5 +142,9 @@ def _network(start: Start) -> NetworkParameters:
     exchange = start.exchange
     relay = None
     if exchange.relay:
-        relay = RelayParameters(hop_limit=exchange.hop_limit, longest=exchange.relay_delay)
+        relay = RelayParameters(
+            hop_limit=exchange.hop_limit,
+            longest=exchange.relay_delay,
+            relay_below_dbm=exchange.relay_below_dbm,
+        )
     return NetworkParameters(publish_every=exchange.publish, forget_after=exchange.forget, relay=relay)

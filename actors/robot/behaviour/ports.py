@@ -7,7 +7,7 @@ such as `cleaning.baseline:behaviour`. What robots share travels in frames of th
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import Final, NamedTuple, Protocol, TypeAlias
 
 from numpy.random import Generator
 
@@ -20,6 +20,8 @@ from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 
 Setting: TypeAlias = bool | int | float | str
 """A value in a scenario's table [strategy]."""
+EVERYBODY_DBM: Final = 0.0
+"""No transceiver reports more (`actors.radio.signal_codes` ends at -35 dBm)."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,9 @@ class ExchangeSettings:
     relay_delay: Duration = field(default=seconds(1))
     """The longest wait before passing knowledge on, that for the strongest signal (d3scomp/JDEECo 2,
     DefaultKnowledgeDataManager)."""
+    relay_below_dbm: float = EVERYBODY_DBM
+    """What is heard more strongly than this is not passed on, dBm. Default: everybody passes on; own choice,
+    decision 22. JDEECo has a distance in its place (RebroadcastStrategy)."""
     forget: Duration = field(default=seconds(30))
     """Replicas not heard of for so long are dropped; own choice. JDEECo keeps them for ever."""
 
