@@ -20,6 +20,7 @@ from actors.runtime.lifecycle.environment import passed_on
 from deploy.processes.forkserver import MESSAGE_LIMIT
 from deploy.repository import REPOSITORY
 
+
 class LaunchError(AcrcError):
     """A process that could not be started."""
 
