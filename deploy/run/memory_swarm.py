@@ -1,11 +1,12 @@
 """A run in one process: the same cores, shells, bytes and recordings, but no processes and no mesh."""
 
+import gc
 import os
 import signal
 import sys
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from typing import NoReturn
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
@@ -77,7 +78,8 @@ class MemorySwarm:
         fingerprints(kernel_modules())  # before any timeout runs: the very first time takes a minute
         with exits_caught(), watched(self._shells, self._plan.timeout, self._whose_turn, self._give_up):
             self._build()
-            run_shells(self._shells, self._hold)
+            with _settled():
+                run_shells(self._shells, self._hold)
 
     def _build(self) -> None:
         plan = self._plan
@@ -154,3 +156,18 @@ class MemorySwarm:
                     self._bus.leave(shell.deliver)
             program = robot_program(self._plan, robots[order.robot], order, roster.step)
             self._add(program, robot_part(program.argv))
+
+
+@contextmanager
+def _settled() -> Iterator[None]:
+    """No collection looks at what is made for the whole run, which are the objects of all robots; and few do at
+    all: a hundred robots make thousands of small objects a step, and hardly ever a cycle of them."""
+    before = gc.get_threshold()
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
+        gc.unfreeze()
