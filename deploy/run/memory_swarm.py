@@ -160,8 +160,8 @@ class MemorySwarm:
 
 @contextmanager
 def _settled() -> Iterator[None]:
-    """No collection looks at what is made for the whole run, which are the objects of all robots; and few do at
-    all: a hundred robots make thousands of small objects a step, and hardly ever a cycle of them."""
+    """No collection looks at what is made for the whole run, and few begin at all: a hundred
+    robots make thousands of small objects a step, and hardly ever a cycle."""
     before = gc.get_threshold()
     gc.collect()
     gc.freeze()
