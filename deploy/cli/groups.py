@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final
 
-from deploy.cli.lazy import WithLazyGroups
+from deploy.cli.lazy import WithLazyCommands
 from deploy.usage import OptionError
 
 FOR_DEVELOPERS: Final = "Commands for those who change the testbed"
@@ -27,7 +27,7 @@ MOVED: Final[Mapping[tuple[str, ...], str]] = MappingProxyType(
 """What was called otherwise, by its first words in any order; the first one that fits counts."""
 
 
-class Root(WithLazyGroups):
+class Root(WithLazyCommands):
     """Commands under headings (`rich_help_panel`); one that is called otherwise now is named as it is."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:

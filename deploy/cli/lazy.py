@@ -1,4 +1,4 @@
-"""Groups of commands from packages above this one, found by name: nothing imports them before it is asked."""
+"""Commands from packages above this one, found by name: nothing imports them before they are asked for."""
 
 from importlib import import_module
 from typing import Any, Final
@@ -6,19 +6,30 @@ from typing import Any, Final
 import typer
 from typer.core import TyperGroup
 
-GROUPS: Final = {"bench": "benchmarks.cli.app"}
-"""The module behind each group; its `app` is a `typer.Typer`."""
+COMMANDS: Final = {
+    "campaign": ("experiments.cli.app", "campaign"),
+    "compare": ("experiments.cli.app", "compare"),
+    "plan-study": ("experiments.cli.app", "plan_study"),
+    "bench": ("benchmarks.cli.app", "app"),
+}
+"""The module behind each, and what it has there: a function, or a `typer.Typer` for a group."""
 
 
-class WithLazyGroups(TyperGroup):
-    """The commands of this package, and those of `GROUPS`."""
+class WithLazyCommands(TyperGroup):
+    """The commands of this package, and those of `COMMANDS`."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Their names, those of groups from elsewhere last."""
-        return [*super().list_commands(ctx), *GROUPS]
+        """Their names, those from elsewhere last."""
+        return [*super().list_commands(ctx), *COMMANDS]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """The command of this name; None if there is none."""
-        if cmd_name in GROUPS:
-            return typer.main.get_command(import_module(GROUPS[cmd_name]).app)
-        return super().get_command(ctx, cmd_name)
+        if cmd_name not in COMMANDS:
+            return super().get_command(ctx, cmd_name)
+        module, name = COMMANDS[cmd_name]
+        found = getattr(import_module(module), name)
+        if isinstance(found, typer.Typer):
+            return typer.main.get_command(found)
+        alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+        alone.command(cmd_name)(found)
+        return typer.main.get_command(alone)

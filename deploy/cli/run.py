@@ -30,6 +30,12 @@ def run(
             autocompletion=completion.strategies,
         ),
     ] = None,
+    setting: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="A key of the scenario: deeco.publish=0.5. Repeatable."
+        ),
+    ] = None,
     speed: Annotated[str, typer.Option(metavar="X", help="Simulated seconds per second, or max.")] = "max",
     bus: Annotated[
         str,
@@ -98,9 +104,9 @@ def run(
 ) -> None:
     """Run a swarm and say what came of it. Options replace what the scenario says."""
     from deploy.run.options import folder_name, run_options
-    from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario
+    from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, settings
 
-    overrides = Overrides(robots, seed, duration, step, strategy)
+    overrides = Overrides(robots, seed, duration, step, strategy, settings(setting or ()))
     name = folder_name(scenario or DEFAULT_SCENARIO)
     options = run_options(
         out or Path("runs", name),

@@ -1,8 +1,8 @@
 """Reads a scenario file, lays the command line's wishes over it, and says what is wrong in one sentence."""
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +14,7 @@ from deploy.repository import REPOSITORY
 from deploy.scenario import areas, events, robot_tables
 from deploy.scenario.stack_tables import stack_fault
 from deploy.scenario.tables import Scenario
-from deploy.usage import wrong_value
+from deploy.usage import OptionError, wrong_value
 
 DEFAULT_SCENARIO: Final = REPOSITORY / "scenarios" / "corridor.toml"
 
@@ -37,6 +37,8 @@ class Overrides:
     """Replaces run.step_ms, ms."""
     strategy: str | None = None
     """Replaces run.strategy; if the file names another one, its table [strategy] is left out, too."""
+    settings: tuple[tuple[str, Any], ...] = ()
+    """Replace other keys, such as ("deeco.publish", 0.5): dotted keys, and values as the file would have."""
 
 
 _KEYS: Final = {
@@ -77,14 +79,45 @@ def _lay_over(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[st
     """Set what `overrides` sets in `content`, and give the option that each such key comes from."""
     options: dict[tuple[str, ...], str] = {}
     _leave_settings_out(content, overrides.strategy)
-    for field in fields(overrides):
-        value = getattr(overrides, field.name)
-        table_name, key = _KEYS[field.name]
+    for dotted, value in overrides.settings:
+        place = tuple(dotted.split("."))
+        _set(content, place, value, dotted)
+        options[place] = f"--set {dotted}"
+    for name, (table_name, key) in _KEYS.items():
+        value = getattr(overrides, name)
         table = content.setdefault(table_name, {})
         if value is not None and isinstance(table, dict):
-            table[key] = value if field.name == "strategy" else _number(value)
-            options[table_name, key] = f"--{field.name}"
+            table[key] = value if name == "strategy" else _number(value)
+            options[table_name, key] = f"--{name}"
     return options
+
+
+def _set(content: dict[str, Any], place: Sequence[str], value: object, dotted: str) -> None:
+    """Set a key in its table, which may be missing. OptionError where there is something else."""
+    table: Any = content
+    for name in place[:-1]:
+        table = table.setdefault(name, {}) if isinstance(table, dict) else None
+    if not isinstance(table, dict) or not all(place):
+        raise wrong_value("--set", dotted, "a key of a table, such as deeco.publish")
+    table[place[-1]] = value
+
+
+def settings(words: Sequence[str]) -> tuple[tuple[str, Any], ...]:
+    """The settings that a command line gives, each KEY=VALUE with a value of TOML, or else a bare text.
+
+    OptionError for what has no key.
+    """
+    given: list[tuple[str, Any]] = []
+    for word in words:
+        key, equals, text = word.partition("=")
+        if not key.strip() or not equals:
+            raise wrong_value("--set", word, "a key and a value, such as deeco.publish=0.5")
+        try:
+            value = toml_file.loads(f"value = {text}")["value"]
+        except (ValueError, KeyError):
+            value = text.strip()
+        given.append((key.strip(), value))
+    return tuple(given)
 
 
 def _leave_settings_out(content: dict[str, Any], strategy: str | None) -> None:
@@ -113,6 +146,8 @@ def _first(
     """The first thing wrong, in the words of the option or of the file that it comes from."""
     first = error.errors(include_url=False)[0]
     option = options.get(tuple(str(part) for part in first["loc"]))
+    if option is not None and first["type"] == "extra_forbidden":
+        return OptionError(f"{option}: {table_wording.first(error, Scenario, content)}")
     if option is not None:
         right = table_wording.right_at(Scenario, first["loc"])
         return wrong_value(option, first["input"], right.words)

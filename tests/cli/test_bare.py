@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -13,12 +14,13 @@ import typer
 
 from benchmarks.cli.app import app as bench
 from deploy.cli.app import app
+from deploy.cli.lazy import COMMANDS
 
 ROOT = Path(__file__).parents[2]
 MODULES = {
     "cryptography": "hardware", "serial": "hardware", "pymunk": "sim",
     "rerun": "observe", "pyarrow": "observe",
-    "mpmath": "dev", "scipy": "dev", "hypothesis": "dev", "pytest": "dev", "mypy": "dev",
+    "mpmath": "dev", "scipy": "experiments", "hypothesis": "dev", "pytest": "dev", "mypy": "dev",
     "psutil": "observe dev",
 }  # fmt: skip
 """Modules beyond the base, by the extras that bring them."""
@@ -41,6 +43,7 @@ STARTS = {
     "bench growth": ACTORS,
     "bench portable": ("mpmath",),
     "fleet keys": ("deploy.fleet.certificates",),
+    "campaign": ("experiments.campaign.trial_program", "deploy.processes.forkserver", *ACTORS),
 }
 """What a command starts or imports beside what its function imports itself."""
 PROGRAM = """
@@ -74,12 +77,17 @@ def functions() -> dict[str, ast.FunctionDef]:
             callback = command.callback
             assert callback is not None
             name = command.name or callback.__name__.replace("_", "-")
-            source = Path(str(sys.modules[callback.__module__].__file__)).read_text()
-            found[prefix + name] = next(
-                node for node in ast.parse(source).body
-                if isinstance(node, ast.FunctionDef) and node.name == callback.__name__
-            )  # fmt: skip
+            source = Path(str(sys.modules[callback.__module__].__file__))
+            found[prefix + name] = _definition(source, callback.__name__)
+    for name, (module, function) in COMMANDS.items():
+        if not isinstance(getattr(import_module(module), function), typer.Typer):
+            found[name] = _definition(Path(str(sys.modules[module].__file__)), function)
     return found
+
+
+def _definition(source: Path, function: str) -> ast.FunctionDef:
+    body = ast.parse(source.read_text()).body
+    return next(node for node in body if isinstance(node, ast.FunctionDef) and node.name == function)
 
 
 def imported(function: ast.FunctionDef) -> list[str]:

@@ -1,0 +1,131 @@
+"""The folder of a campaign: its study, and a file for each trial that has ended."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, NamedTuple, TypeVar
+
+import msgspec
+
+from actors.runtime.errors import AcrcError
+from deploy.version import software
+from experiments.campaign.trial_record import TrialRecord
+from experiments.study.study import Study, Trial
+
+T = TypeVar("T")
+_STUDY: Final = "study.json"
+_ABOUT: Final = "campaign.json"
+_TRIALS: Final = "trials"
+_LOGS: Final = "logs"
+_OWN: Final = frozenset({_ABOUT, _TRIALS, _LOGS, "campaign.new", "study.new"})
+"""What lies in a folder whose campaign was ended before it had begun."""
+
+
+class CampaignError(AcrcError):
+    """A campaign that cannot go on, or a folder that holds none."""
+
+
+class About(msgspec.Struct, frozen=True):
+    """What all trials of a campaign have in common beside the study."""
+
+    commit: str
+
+
+class Pending(NamedTuple):
+    """A trial that is to be run."""
+
+    number: int
+    """Its place in the study's order."""
+    trial: Trial
+
+
+class Store:
+    """A campaign's folder."""
+
+    def __init__(self, folder: Path, study: Study) -> None:
+        self.folder = folder
+        self.study = study
+        self.study_file = folder / _STUDY
+
+    def pending(self) -> list[Pending]:
+        """The trials that have no record yet, in the study's order."""
+        trials = enumerate(self.study.trials())
+        return [Pending(number, trial) for number, trial in trials if not self.path(trial).exists()]
+
+    def path(self, trial: Trial) -> Path:
+        """Where a trial's record is, or will be."""
+        return self.folder / _TRIALS / f"{trial.name}.json"
+
+    def log(self, trial: Trial) -> Path:
+        """What its process says."""
+        return self.folder / _LOGS / f"{trial.name}.log"
+
+    def records(self) -> Iterator[TrialRecord]:
+        """Of all trials that have ended, in the study's order. Raises CampaignError for a damaged one."""
+        for trial in self.study.trials():
+            if self.path(trial).exists():
+                yield self.record(trial)
+
+    def record(self, trial: Trial) -> TrialRecord:
+        """Of a trial that has ended. Raises CampaignError for a damaged one."""
+        return _decoded(self.path(trial), TrialRecord)
+
+
+def create(folder: Path, study: Study) -> Store:
+    """The store in a new folder, or the one that this study, or the same with fewer seeds, has begun there.
+
+    Raises CampaignError if the folder holds something else, or what other software has begun.
+    """
+    store, about = Store(folder, study), About(software())
+    if store.study_file.exists():
+        before = _decoded(store.study_file, Study)
+        if study.seeds < before.seeds:
+            raise CampaignError(
+                f"{folder}: has {before.seeds} seeds, more than {study.seeds}; must be as many, or more"
+            )
+        if before != msgspec.structs.replace(study, seeds=before.seeds):
+            raise CampaignError(
+                f"{folder}: holds the campaign of another study ({_differs(before, study)} differs); "
+                "must be new, or that of this one"
+            )
+        commit = _decoded(folder / _ABOUT, About).commit
+        if commit != about.commit:
+            raise CampaignError(
+                f"{folder}: was begun with {commit}, this is {about.commit}; their results do not compare"
+            )
+        _write(store.study_file, msgspec.json.encode(study))  # with more seeds it goes on
+        return store
+    if folder.exists() and {path.name for path in folder.iterdir()} - _OWN:
+        raise CampaignError(f"{folder}: holds something that is no campaign; must be new or empty")
+    for part in (_TRIALS, _LOGS):
+        (folder / part).mkdir(parents=True, exist_ok=True)
+    _write(folder / _ABOUT, msgspec.json.encode(about))
+    _write(store.study_file, msgspec.json.encode(study))
+    return store
+
+
+def load(folder: Path) -> Store:
+    """The store in a folder. Raises CampaignError if there is none."""
+    if not (folder / _STUDY).exists():
+        raise CampaignError(f"{folder}: holds no campaign; must be a folder that acrc campaign has made")
+    return Store(folder, _decoded(folder / _STUDY, Study))
+
+
+def _differs(one: Study, other: Study) -> str:
+    names = (field.name for field in msgspec.structs.fields(Study) if field.name != "seeds")
+    return next(name for name in names if getattr(one, name) != getattr(other, name))
+
+
+def _write(path: Path, content: bytes) -> None:
+    new = path.with_suffix(".new")
+    with new.open("wb") as file:
+        file.write(content)
+        os.fsync(file.fileno())
+    new.replace(path)
+
+
+def _decoded(path: Path, kind: type[T]) -> T:
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=kind)
+    except (OSError, msgspec.DecodeError, msgspec.ValidationError) as error:
+        raise CampaignError(f"{path}: cannot be read: {error}") from None

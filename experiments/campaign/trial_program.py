@@ -1,0 +1,80 @@
+"""One trial in a process of its own: `python -m … STUDY.json NUMBER OUT BUS`.
+
+The record is written at the end and at once; a process that dies leaves none.
+"""
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a run has its own idea of processes
+
+import sys
+import tempfile
+import traceback
+from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
+from typing import cast
+
+import msgspec
+
+from actors.runtime.errors import AcrcError, printable
+from actors.runtime.lifecycle.parent import die_with_parent
+from deploy.processes.signals import Interrupted
+from deploy.results.result import RunResult
+from deploy.run import swarm
+from deploy.run.options import Bus, RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from experiments.campaign.trial_record import TrialRecord
+from experiments.study.study import Study, Trial
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run the trial, and write down what came of it; the exit code."""
+    die_with_parent(os.getppid())
+    study_file, number, out, bus = argv
+    study = msgspec.json.decode(Path(study_file).read_bytes(), type=Study)
+    trial = next(islice(study.trials(), int(number), None))
+    write(Path(out), record(study, trial, cast(Bus, bus)))
+    return 0
+
+
+def record(study: Study, trial: Trial, bus: Bus) -> TrialRecord:
+    """The trial, run here; whatever goes wrong in it is what the record says."""
+    result, failure = None, None
+    try:
+        result = _run(study, trial, bus)
+    except (Interrupted, KeyboardInterrupt):
+        raise
+    except AcrcError as error:
+        failure = str(error)
+    except BaseException as error:  # a strategy's own error, which in memory is raised here
+        traceback.print_exc()
+        notes = "; ".join(getattr(error, "__notes__", ()))
+        failure = f"{type(error).__name__}: {error}" + (f" ({notes})" if notes else "")
+    told = None if failure is None else printable(failure)
+    return TrialRecord(trial.strategy, trial.seed, dict(trial.variant), result, told)
+
+
+def _run(study: Study, trial: Trial, bus: Bus) -> RunResult:
+    overrides = Overrides(
+        seed=trial.seed, strategy=trial.strategy, settings=(*study.settings, *trial.variant)
+    )
+    path = Path(study.scenario)
+    with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
+        options = RunOptions(Path(folder) / "out", bus=bus, json=True, scenario=path.name)
+        result = swarm.run(load_scenario(path, overrides), options)
+    return msgspec.structs.replace(result, out="")
+
+
+def write(path: Path, kept: TrialRecord) -> None:
+    """The record in its file, whole or not at all, also if the power fails."""
+    new = path.with_suffix(f".{os.getpid()}")
+    with new.open("wb") as file:
+        file.write(msgspec.json.encode(kept))
+        file.flush()
+        os.fsync(file.fileno())
+    new.replace(path)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,1 @@
+"""The commands of experiments; what each needs is imported once it is called."""

@@ -1,0 +1,96 @@
+"""The commands of experiments, each by itself."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from deploy.cli import completion
+from deploy.cli.options import Json
+
+
+def campaign(
+    study: Annotated[
+        Path | None,
+        typer.Argument(metavar="STUDY.toml", show_default=False, help="What is to be found out."),
+    ] = None,
+    scenario: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Without a study: the scenario.  [default: scenarios/chapter.toml]"
+        ),
+    ] = None,
+    strategies: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAMES",
+            help="Without a study: as in none,chapter.  [default: none,chapter]",
+            autocompletion=completion.strategies,
+        ),
+    ] = None,
+    seeds: Annotated[
+        int | None, typer.Option(metavar="N", min=1, max=100_000, help="Seeds 1 to N.  [default: 10]")
+    ] = None,
+    robots: Annotated[str | None, typer.Option(metavar="N", help="How many robots.")] = None,
+    duration: Annotated[str | None, typer.Option(metavar="S", help="Simulated seconds of each run.")] = None,
+    setting: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Any key of the scenario. Repeatable."),
+    ] = None,
+    tuning: Annotated[
+        bool, typer.Option("--tuning", help="Seeds for choosing settings, which no test ever has.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Where the results go; one that was begun goes on.  [default: in campaigns/]"
+        ),
+    ] = None,
+    jobs: Annotated[
+        int, typer.Option(metavar="N", min=0, max=1024, help="Runs at once; 0: one per core.")
+    ] = 0,
+    json: Json = False,
+) -> None:
+    """Run every strategy in every variant of a scenario with the same seeds; what is interrupted goes on."""
+    from experiments.cli import campaign_command
+
+    wishes = campaign_command.Wishes(
+        scenario, strategies, seeds, robots, duration, tuple(setting or ()), tuning
+    )
+    campaign_command.run(study, wishes, out, jobs, json_output=json)
+
+
+def compare(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False, help="Of a campaign.")],
+    metric: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Only this one: places, completion, settled, lexicographic, contacts, radio."
+        ),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Say which strategies differ, by how much, and how sure that is."""
+    from experiments.cli import compare_command
+
+    compare_command.run(folder, metric, json_output=json)
+
+
+def plan_study(
+    a12: Annotated[
+        float, typer.Option(metavar="A", min=0.0, max=1.0, help="How large an effect is to be seen.")
+    ] = 0.71,
+    power: Annotated[
+        float, typer.Option(metavar="P", min=0.5, max=0.999, help="With which probability.")
+    ] = 0.9,
+    correlation: Annotated[
+        float, typer.Option(metavar="R", min=-0.99, max=0.99, help="Of two runs with the same seed.")
+    ] = 0.0,
+    comparisons: Annotated[
+        int, typer.Option(metavar="N", min=1, max=1000, help="So many tests share the 5 %.")
+    ] = 1,
+) -> None:
+    """Say how many pairs of runs an effect needs to be seen."""
+    from experiments.cli import plan_study_command
+
+    plan_study_command.run(a12, power, correlation, comparisons)

@@ -1,0 +1,183 @@
+"""Every pair of strategies by every metric, over the seeds that both have ended, in one variant."""
+
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import rankdata
+
+from deploy.results.result import RunResult
+from experiments.campaign.trial_record import TrialRecord
+from experiments.comparison import metrics
+from experiments.comparison.metrics import Metric, TimeMetric
+from experiments.statistics.effect_size import Interval, a12, difference_of, interval
+from experiments.statistics.hypothesis_tests import Significance, holm, rank_sum, signed_rank
+from experiments.statistics.survival import Completion, log_rank, restricted_mean
+
+Floats = NDArray[np.float64]
+FEWEST: Final = 6
+"""Pairs below which no signed-rank test can reach 5 %, two-sided: 2 / 2^5 is more."""
+_LEXICOGRAPHIC_SAYS: Final = "more places done, and of as many the earlier completion (rank)"
+_SUMMARIES: Final = {
+    "mean": lambda values: np.mean(values, axis=-1),
+    "median": lambda values: np.median(values, axis=-1),
+    "90 % quantile": lambda values: np.quantile(values, 0.9, axis=-1),
+}
+
+
+class Sample(NamedTuple):
+    """Two strategies in one variant, seed by seed."""
+
+    one: str
+    other: str
+    variant: tuple[tuple[str, Any], ...]
+    pairs: tuple[tuple[RunResult, RunResult], ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One metric of one pair of strategies."""
+
+    one: str
+    other: str
+    variant: tuple[tuple[str, Any], ...]
+    metric: str
+    says: str
+    pairs: int
+    ones: float
+    """Median of `one`; for times the restricted mean over the run's length."""
+    others: float
+    effect: Interval
+    """A12: the probability that `one` is better than `other`, ties counted half, with its 95 % interval."""
+    differences: Mapping[str, Interval]
+    """Of `one` less `other`, by what summarizes them."""
+    tests: tuple[Significance, ...]
+    """The first is the one that counts."""
+    adjusted: tuple[float, ...] = ()
+    """The tests' p-values after Holm, over all tests of the same report."""
+
+    @property
+    def differ(self) -> bool:
+        """True if the test that counts says so, all others considered."""
+        return bool(self.adjusted) and self.adjusted[0] < 0.05
+
+
+def samples(records: Iterable[TrialRecord]) -> list[Sample]:
+    """Every pair of strategies in every variant, with the seeds that both have a result for."""
+    runs: dict[tuple[tuple[str, Any], ...], dict[str, dict[int, RunResult]]] = {}
+    for record in records:
+        if record.result is not None:
+            variant = tuple((key, _frozen(value)) for key, value in record.variant.items())
+            runs.setdefault(variant, {}).setdefault(record.strategy, {})[record.seed] = record.result
+    return [
+        Sample(one, other, variant, tuple((mine[seed], theirs[seed]) for seed in mine if seed in theirs))
+        for variant, strategies in runs.items()
+        for (one, mine), (other, theirs) in itertools.combinations(strategies.items(), 2)
+    ]
+
+
+def compare(found: Sequence[Sample], only: str | None = None) -> list[Comparison]:
+    """All comparisons of samples with enough pairs, adjusted for there being so many.
+
+    `only`: the metric of that name alone.
+    """
+    made = [
+        comparison
+        for sample in found
+        if len(sample.pairs) >= FEWEST
+        for comparison in _comparisons(sample, only)
+    ]
+    adjusted = iter(holm([test.p for comparison in made for test in comparison.tests]))
+    return [replace(one, adjusted=tuple(itertools.islice(adjusted, len(one.tests)))) for one in made]
+
+
+def _comparisons(sample: Sample, only: str | None) -> Iterator[Comparison]:
+    """By every metric, or by that name only; the chapter's first, then ours, then what it costs."""
+    ways: dict[str, Callable[[], Comparison]] = {
+        metrics.PLACES.name: lambda: _of_values(sample, metrics.PLACES),
+        **{time.name: partial(_of_times, sample, time) for time in metrics.TIMES},
+        metrics.LEXICOGRAPHIC: lambda: _lexicographic(sample),
+    }
+    for metric in metrics.METRICS:
+        ways.setdefault(metric.name, partial(_of_values, sample, metric))
+    for name, way in ways.items():
+        if only is None or name == only:
+            yield way()
+
+
+def _of_values(sample: Sample, metric: Metric) -> Comparison:
+    ones, others = ([metric.value(pair[side]) for pair in sample.pairs] for side in (0, 1))
+    sign = 1.0 if metric.more_is_better else -1.0
+    good, bad = ([sign * value for value in values] for values in (ones, others))
+    return Comparison(
+        *_who(sample), metric.name, metric.says, len(ones),
+        float(np.median(ones)), float(np.median(others)),
+        interval(good, bad, a12, paired=True),
+        {
+            name: interval(ones, others, difference_of(summary), paired=True)
+            for name, summary in _SUMMARIES.items()
+        },
+        (signed_rank(ones, others), rank_sum(ones, others)),
+    )  # fmt: skip
+
+
+def _of_times(sample: Sample, metric: TimeMetric) -> Comparison:
+    """Runs that were not done by their end count as done later than all that were."""
+    horizon = max(run.simulated_s for pair in sample.pairs for run in pair)
+    ones, others = ([_completion(pair[side], metric) for pair in sample.pairs] for side in (0, 1))
+    early, late = ([-run.at if run.done else -np.inf for run in runs] for runs in (ones, others))
+    early, late = _ranked(early, late)
+
+    def mean(places: Floats, runs: Sequence[Completion]) -> Floats:
+        """Restricted means of samples of `runs`, given by their places along the last axis."""
+        return np.apply_along_axis(
+            lambda row: restricted_mean([runs[int(place)] for place in row], horizon), -1, places
+        )
+
+    places = np.arange(len(ones), dtype=np.float64)
+    return Comparison(
+        *_who(sample), metric.name, metric.says, len(ones),
+        restricted_mean(ones, horizon), restricted_mean(others, horizon),
+        interval(early, late, a12, paired=True),
+        {
+            "restricted mean": interval(
+                places, places, lambda a, b: mean(a, ones) - mean(b, others), paired=True, resamples=500
+            )
+        },
+        (log_rank(ones, others), signed_rank(early, late)),
+    )  # fmt: skip
+
+
+def _lexicographic(sample: Sample) -> Comparison:
+    keys = [[metrics.lexicographic_key(pair[side]) for pair in sample.pairs] for side in (0, 1)]
+    order = {key: place for place, key in enumerate(sorted({*keys[0], *keys[1]}))}
+    ones, others = ([float(order[key]) for key in side] for side in keys)
+    return Comparison(
+        *_who(sample), metrics.LEXICOGRAPHIC, _LEXICOGRAPHIC_SAYS, len(ones),
+        float(np.median(ones)), float(np.median(others)),
+        interval(ones, others, a12, paired=True), {},
+        (signed_rank(ones, others), rank_sum(ones, others)),
+    )  # fmt: skip
+
+
+def _who(sample: Sample) -> tuple[str, str, tuple[tuple[str, Any], ...]]:
+    return sample.one, sample.other, sample.variant
+
+
+def _completion(run: RunResult, metric: TimeMetric) -> Completion:
+    at = metric.at(run)
+    return Completion(run.simulated_s, False) if at is None else Completion(at, True)
+
+
+def _ranked(one: Sequence[float], other: Sequence[float]) -> tuple[list[float], list[float]]:
+    """The values' ranks among all of them, which are finite."""
+    ranks = rankdata([*one, *other]).tolist()
+    return ranks[: len(one)], ranks[len(one) :]
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value

@@ -1,0 +1,61 @@
+"""How many pairs of runs an effect needs to be seen."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm, wilcoxon
+
+Floats = NDArray[np.float64]
+_DRAWS: Final = 4000
+_MOST: Final = 10_000
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What is to be seen, in a model of two normal distributions of which one is shifted."""
+
+    a12: float = 0.71
+    """Default: a large effect by Vargha and Delaney's thresholds, 2000."""
+    correlation: float = 0.0
+    """Of the two runs of a pair, which have the seed in common."""
+    power: float = 0.9
+    """Probability that it is seen, if it is there."""
+    alpha: float = 0.05
+    comparisons: int = 1
+    """So many tests share `alpha` (Holm's first threshold: alpha / comparisons)."""
+
+    @property
+    def shift(self) -> float:
+        """In standard deviations of one distribution: P(X > Y) = Φ(shift / √2)."""
+        return math.sqrt(2.0) * float(norm.ppf(self.a12))
+
+
+def pairs_needed(effect: Effect, seed: int = 1) -> int:
+    """The least number of pairs at which the signed-rank test has the power, by simulation.
+
+    ValueError for an effect that is none.
+    """
+    if not 0.0 < effect.a12 < 1.0 or effect.a12 == 0.5 or not -1.0 < effect.correlation < 1.0:
+        raise ValueError(
+            f"{effect}: a12 should lie between 0 and 1 and not be 0.5, the correlation within ±1"
+        )
+    low, high = 4, 8
+    while power(effect, high, seed) < effect.power:
+        low, high = high, 2 * high
+        if high > _MOST:
+            raise ValueError(f"{effect}: needs more than {_MOST} pairs")
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if power(effect, middle, seed) >= effect.power else (middle, high)
+    return high
+
+
+def power(effect: Effect, pairs: int, seed: int = 1) -> float:
+    """How often the signed-rank test of so many pairs sees the effect, of 4000 drawn experiments."""
+    spread = math.sqrt(2.0 * (1.0 - effect.correlation))
+    drawn = np.random.default_rng(seed).normal(effect.shift, spread, (_DRAWS, pairs))
+    p: Floats = wilcoxon(drawn, axis=1, method="approx", correction=True).pvalue
+    return float(np.mean(p <= effect.alpha / effect.comparisons))

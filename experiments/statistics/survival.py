@@ -1,0 +1,88 @@
+"""Times until something is done, of which some are only known to be longer than the run."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from experiments.statistics.hypothesis_tests import Significance
+
+Floats = NDArray[np.float64]
+
+
+class Completion(NamedTuple):
+    """When a run was done, or until when it was watched without being done."""
+
+    at: float
+    done: bool
+
+
+@dataclass(frozen=True)
+class SurvivalCurve:
+    """The share of runs that are not done yet, as a step function of time."""
+
+    times: Floats
+    """(n,): at which it falls, ascending."""
+    shares: Floats
+    """(n,): from that time on."""
+    low: Floats
+    high: Floats
+    """(n,): 95 % interval, by Greenwood's formula on the log-log scale."""
+
+    def share_at(self, time: float) -> float:
+        """The share that is not done at a time."""
+        place = int(np.searchsorted(self.times, time, side="right"))
+        return 1.0 if place == 0 else float(self.shares[place - 1])
+
+
+def kaplan_meier(runs: Sequence[Completion]) -> SurvivalCurve:
+    """The product-limit estimate of at least one run.
+
+    Kaplan and Meier, "Nonparametric estimation from incomplete observations", JASA 53, 1958.
+    """
+    found = stats.ecdf(_censored(runs)).sf
+    if not any(run.done for run in runs):
+        none = np.zeros(0)
+        return SurvivalCurve(none, none, none, none)
+    with warnings.catch_warnings():  # at a share of 0 there is no such interval, and scipy says so
+        warnings.simplefilter("ignore", RuntimeWarning)
+        bounds = found.confidence_interval(method="log-log")
+    falls = np.flatnonzero(np.diff(np.concatenate([[1.0], found.probabilities])) < 0)
+    shares = found.probabilities[falls]
+    low, high = (one.probabilities[falls] for one in (bounds.low, bounds.high))
+    low, high = (np.where(np.isnan(one), shares, one) for one in (low, high))
+    return SurvivalCurve(found.quantiles[falls], shares, low, high)
+
+
+def restricted_mean(runs: Sequence[Completion], horizon: float) -> float:
+    """The mean time until done, or the horizon, whichever comes first: the area under the curve.
+
+    Royston and Parmar, "Restricted mean survival time: an alternative to the hazard ratio for the design and
+    analysis of randomized trials with a time-to-event outcome", BMC Medical Research Methodology 13, 2013.
+    """
+    curve = kaplan_meier(runs)
+    inside = curve.times < horizon
+    edges = np.concatenate([[0.0], curve.times[inside], [horizon]])
+    heights = np.concatenate([[1.0], curve.shares[inside]])
+    return float((np.diff(edges) * heights).sum())
+
+
+def log_rank(one: Sequence[Completion], other: Sequence[Completion]) -> Significance:
+    """The log-rank test of two sets of runs; two-sided; p = 1 if nothing was ever done.
+
+    Mantel, "Evaluation of survival data and two new rank order statistics arising in its consideration",
+    Cancer Chemotherapy Reports 50, 1966.
+    """
+    if not any(run.done for run in (*one, *other)):
+        return Significance("log-rank", 1.0)
+    p = float(stats.logrank(_censored(one), _censored(other)).pvalue)
+    return Significance("log-rank", 1.0 if np.isnan(p) else p)
+
+
+def _censored(runs: Sequence[Completion]) -> "stats.CensoredData":
+    done = [run.at for run in runs if run.done]
+    return stats.CensoredData(uncensored=done, right=[run.at for run in runs if not run.done])

@@ -1,0 +1,1 @@
+"""What is to be found out: strategies, scenarios and seeds, and all trials that follow from them."""

@@ -1,0 +1,63 @@
+"""A study and its trials: every strategy in every variant of a scenario, with the same seeds for all."""
+
+import hashlib
+import itertools
+from collections.abc import Iterator
+from typing import Any, Final
+
+import msgspec
+
+FIRST_TUNING_SEED: Final = 1_000_001
+"""Seeds below are for tests, from here on for tuning: nothing is judged by what it was tuned on."""
+_NAME_BYTES: Final = 6
+
+
+class Factor(msgspec.Struct, frozen=True):
+    """A key of the scenario, and the values that it takes one after the other."""
+
+    key: str
+    values: tuple[Any, ...]
+
+
+class Trial(msgspec.Struct, frozen=True):
+    """One run of a study."""
+
+    strategy: str
+    seed: int
+    variant: tuple[tuple[str, Any], ...] = ()
+    """Each factor's key and its value here."""
+
+    @property
+    def name(self) -> str:
+        """Names the trial's file; tells it from all others of a study."""
+        told = msgspec.json.encode((self.strategy, self.seed, self.variant))
+        return f"{self.seed:06d}-{hashlib.blake2b(told, digest_size=_NAME_BYTES).hexdigest()}"
+
+
+class Study(msgspec.Struct, frozen=True):
+    """What is run and why; paths are absolute."""
+
+    name: str
+    scenario: str
+    strategies: tuple[str, ...]
+    seeds: int
+    tuning: bool = False
+    """True: for choosing settings; no test will have its seeds."""
+    settings: tuple[tuple[str, Any], ...] = ()
+    """Keys of the scenario that are other than in its file."""
+    factors: tuple[Factor, ...] = ()
+    primary: tuple[tuple[str, str], ...] = ()
+    """Pairs of strategies: the comparisons that the study is for."""
+
+    def variants(self) -> list[tuple[tuple[str, Any], ...]]:
+        """Every combination of the factors' values; one without any factor."""
+        choices = [[(factor.key, value) for value in factor.values] for factor in self.factors]
+        return list(itertools.product(*choices))
+
+    def trials(self) -> Iterator[Trial]:
+        """All of them, seed by seed, so that whatever is there at any moment can be compared."""
+        first = FIRST_TUNING_SEED if self.tuning else 1
+        for seed in range(first, first + self.seeds):
+            for variant in self.variants():
+                for strategy in self.strategies:
+                    yield Trial(strategy, seed, variant)
