@@ -11,8 +11,7 @@ from deploy.processes.launch import Child, Launcher, Program, launcher
 from deploy.processes.signals import signals_as_interrupts
 from deploy.run.kernels import compile_kernels
 from experiments.campaign.store import Pending, Store
-from experiments.campaign.trial_program import write
-from experiments.campaign.trial_record import TrialRecord
+from experiments.campaign.trial_record import TrialRecord, keep
 
 _PROGRAM: Final = "experiments.campaign.trial_program"
 _LOOK_S: Final = 1.0
@@ -111,7 +110,7 @@ class _Campaign:
             cause = f"took longer than {self._options.patience_s:g} s"
         else:
             cause = f"its process ended with exit code {child.exit_code} without a result"
-        write(path, TrialRecord(trial.strategy, trial.seed, dict(trial.variant), failure=cause))
+        keep(path, TrialRecord(trial.strategy, trial.seed, dict(trial.variant), failure=cause))
 
     def _progress(self) -> Progress:
         left = len(self._waiting) + len(self._running)

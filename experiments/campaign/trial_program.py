@@ -24,7 +24,7 @@ from deploy.results.result import RunResult
 from deploy.run import swarm
 from deploy.run.options import Bus, RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from experiments.campaign.trial_record import TrialRecord
+from experiments.campaign.trial_record import TrialRecord, keep
 from experiments.study.study import Study, Trial
 
 
@@ -34,7 +34,7 @@ def main(argv: Sequence[str]) -> int:
     study_file, number, out, bus = argv
     study = msgspec.json.decode(Path(study_file).read_bytes(), type=Study)
     trial = next(islice(study.trials(), int(number), None))
-    write(Path(out), record(study, trial, cast(Bus, bus)))
+    keep(Path(out), record(study, trial, cast(Bus, bus)))
     return 0
 
 
@@ -64,16 +64,6 @@ def _run(study: Study, trial: Trial, bus: Bus) -> RunResult:
         options = RunOptions(Path(folder) / "out", bus=bus, json=True, scenario=path.name)
         result = swarm.run(load_scenario(path, overrides), options)
     return msgspec.structs.replace(result, out="")
-
-
-def write(path: Path, kept: TrialRecord) -> None:
-    """The record in its file, whole or not at all, also if the power fails."""
-    new = path.with_suffix(f".{os.getpid()}")
-    with new.open("wb") as file:
-        file.write(msgspec.json.encode(kept))
-        file.flush()
-        os.fsync(file.fileno())
-    new.replace(path)
 
 
 if __name__ == "__main__":

@@ -86,7 +86,9 @@ def test_each_python_has_pins_of_its_own() -> None:
 def test_the_pins_of_this_project_are_all_read() -> None:
     text = (ROOT / "constraints.txt").read_text()
     sections = {finding.subject: finding.text for finding in computer.packages(ThisMachine(), text, ())}
-    assert list(sections) == [f"packages {name}" for name in ("base", "sim", "observe", "hardware", "dev")]
+    assert list(sections) == [
+        f"packages {name}" for name in ("base", "sim", "observe", "hardware", "experiments", "dev")
+    ]
     assert sections["packages hardware"] == "all 4 are those that were tested"
 
 
@@ -341,12 +343,12 @@ def test_what_was_found_is_printed_and_the_answer_is_whether_all_is_well(
     assert consultation.consult(None, None, json=False, machine=well_off)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "ok     packages base      all 21 are those that were tested"
-    assert lines[-1] == "all 9 are well"
+    assert lines[-1] == "all 10 are well"
     assert not consultation.consult(OFFICE, "r2", json=False, machine=well_off.but(free=0))
     lines = capsys.readouterr().out.splitlines()
-    assert "wrong  disk               0.0 GB are free at /home/robot, but 2.0 should be" in lines[6]
-    assert lines[-1] == "2 of 18 are wrong"  # the disk, and keys that were never made
+    assert "wrong  disk               0.0 GB are free at /home/robot, but 2.0 should be" in lines[7]
+    assert lines[-1] == "2 of 19 are wrong"  # the disk, and keys that were never made
     assert not consultation.consult(OFFICE, "r2", json=True, machine=well_off)
     report = msgspec.json.decode(capsys.readouterr().out, type=consultation.Report)
-    assert (report.robot, report.ok, len(report.findings)) == ("r2", False, 18)
+    assert (report.robot, report.ok, len(report.findings)) == ("r2", False, 19)
     assert [finding.subject for finding in report.findings if not finding.ok] == ["keys"]
