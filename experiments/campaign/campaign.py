@@ -81,7 +81,7 @@ class _Campaign:
 
     def _start(self, pending: Pending) -> None:
         store = self._store
-        argv = (str(store.study_file), str(pending.number), str(store.path(pending.trial)), "memory")
+        argv = (str(store.study_file), str(pending.number), str(store.path(pending.trial)))
         store.log(pending.trial).unlink(missing_ok=True)  # of a process that was ended with the campaign
         program = Program(f"trial {pending.number}", _PROGRAM, argv, store.log(pending.trial), None)
         child = self._launched.start(program)

@@ -1,6 +1,5 @@
 """The folder of a campaign: its study, and a file for each trial that has ended."""
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple, TypeVar
@@ -9,7 +8,7 @@ import msgspec
 
 from actors.runtime.errors import AcrcError
 from deploy.version import software
-from experiments.campaign.trial_record import TrialRecord
+from experiments.campaign.trial_record import TrialRecord, keep
 from experiments.study.study import Study, Trial
 
 T = TypeVar("T")
@@ -93,14 +92,14 @@ def create(folder: Path, study: Study) -> Store:
             raise CampaignError(
                 f"{folder}: was begun with {commit}, this is {about.commit}; their results do not compare"
             )
-        _write(store.study_file, msgspec.json.encode(study))  # with more seeds it goes on
+        keep(store.study_file, study)  # with more seeds it goes on
         return store
     if folder.exists() and {path.name for path in folder.iterdir()} - _OWN:
         raise CampaignError(f"{folder}: holds something that is no campaign; must be new or empty")
     for part in (_TRIALS, _LOGS):
         (folder / part).mkdir(parents=True, exist_ok=True)
-    _write(folder / _ABOUT, msgspec.json.encode(about))
-    _write(store.study_file, msgspec.json.encode(study))
+    keep(folder / _ABOUT, about)
+    keep(store.study_file, study)
     return store
 
 
@@ -114,14 +113,6 @@ def load(folder: Path) -> Store:
 def _differs(one: Study, other: Study) -> str:
     names = (field.name for field in msgspec.structs.fields(Study) if field.name != "seeds")
     return next(name for name in names if getattr(one, name) != getattr(other, name))
-
-
-def _write(path: Path, content: bytes) -> None:
-    new = path.with_suffix(".new")
-    with new.open("wb") as file:
-        file.write(content)
-        os.fsync(file.fileno())
-    new.replace(path)
 
 
 def _decoded(path: Path, kind: type[T]) -> T:

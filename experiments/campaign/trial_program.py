@@ -1,4 +1,4 @@
-"""One trial in a process of its own: `python -m … STUDY.json NUMBER OUT BUS`.
+"""One trial in a process of its own: `python -m … STUDY.json NUMBER OUT`.
 
 The record is written at the end and at once; a process that dies leaves none.
 """
@@ -13,7 +13,6 @@ import traceback
 from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
-from typing import cast
 
 import msgspec
 
@@ -22,7 +21,7 @@ from actors.runtime.lifecycle.parent import die_with_parent
 from deploy.processes.signals import Interrupted
 from deploy.results.result import RunResult
 from deploy.run import swarm
-from deploy.run.options import Bus, RunOptions
+from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from experiments.campaign.trial_record import TrialRecord, keep
 from experiments.study.study import Study, Trial
@@ -31,18 +30,18 @@ from experiments.study.study import Study, Trial
 def main(argv: Sequence[str]) -> int:
     """Run the trial, and write down what came of it; the exit code."""
     die_with_parent(os.getppid())
-    study_file, number, out, bus = argv
+    study_file, number, out = argv
     study = msgspec.json.decode(Path(study_file).read_bytes(), type=Study)
     trial = next(islice(study.trials(), int(number), None))
-    keep(Path(out), record(study, trial, cast(Bus, bus)))
+    keep(Path(out), record(study, trial))
     return 0
 
 
-def record(study: Study, trial: Trial, bus: Bus) -> TrialRecord:
+def record(study: Study, trial: Trial) -> TrialRecord:
     """The trial, run here; whatever goes wrong in it is what the record says."""
     result, failure = None, None
     try:
-        result = _run(study, trial, bus)
+        result = _run(study, trial)
     except (Interrupted, KeyboardInterrupt):
         raise
     except AcrcError as error:
@@ -55,13 +54,13 @@ def record(study: Study, trial: Trial, bus: Bus) -> TrialRecord:
     return TrialRecord(trial.strategy, trial.seed, dict(trial.variant), result, told)
 
 
-def _run(study: Study, trial: Trial, bus: Bus) -> RunResult:
+def _run(study: Study, trial: Trial) -> RunResult:
     overrides = Overrides(
         seed=trial.seed, strategy=trial.strategy, settings=(*study.settings, *trial.variant)
     )
     path = Path(study.scenario)
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
-        options = RunOptions(Path(folder) / "out", bus=bus, json=True, scenario=path.name)
+        options = RunOptions(Path(folder) / "out", bus="memory", json=True, scenario=path.name)
         result = swarm.run(load_scenario(path, overrides), options)
     return msgspec.structs.replace(result, out="")
 

@@ -18,15 +18,13 @@ class TrialRecord(msgspec.Struct, frozen=True):
     result: RunResult | None = None
     failure: str | None = None
     """One sentence."""
-    verified: bool | None = None
-    """Whether real processes over Zenoh gave the same digest; None: they were not asked."""
 
 
-def keep(path: Path, record: TrialRecord) -> None:
-    """The record in its file, whole or not at all, also if the power fails."""
-    new = path.with_suffix(f".{os.getpid()}")
+def keep(path: Path, told: msgspec.Struct) -> None:
+    """Write it as JSON into its file, which is there whole or not at all, also if the power fails."""
+    new = path.with_suffix(".new")  # one process writes it, and a later one what that has left
     with new.open("wb") as file:
-        file.write(msgspec.json.encode(record))
+        file.write(msgspec.json.encode(told))
         file.flush()
         os.fsync(file.fileno())
     new.replace(path)

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 from collections import namedtuple
-from dataclasses import FrozenInstanceError, dataclass, field, make_dataclass, replace
+from dataclasses import dataclass, field, make_dataclass
 from enum import Enum, Flag, IntEnum
 from typing import Annotated, Any, Literal, NamedTuple, NewType, Optional, Union
 
@@ -46,28 +46,6 @@ class Window:
 @dataclass(frozen=True)
 class Tree:
     children: tuple["Tree", ...]
-
-
-@dataclass(frozen=True)
-class Plain:
-    low: int
-    high: int
-
-
-@dataclass(frozen=True)
-class InOrder:
-    low: int
-    high: int
-
-    def __init__(self, low: int, high: int) -> None:
-        object.__setattr__(self, "low", min(low, high))
-        object.__setattr__(self, "high", max(low, high))
-
-
-@dataclass(frozen=True, slots=True)
-class Slotted:
-    low: int
-    high: int
 
 
 class Pair(NamedTuple):
@@ -405,14 +383,3 @@ def test_a_limit_that_makes_no_sense_is_refused() -> None:
     with pytest.raises(DeploymentError) as error:
         LinkParameters(frame_data=9)
     assert str(error.value) == "LinkParameters.frame_data is 9, but must be from 10 to 65535"
-
-
-@pytest.mark.parametrize("kind", [Plain, Slotted, InOrder])
-def test_what_comes_in_is_made_as_its_class_makes_it(kind: Any) -> None:
-    """Where a class only sets its fields they are set at once; an `__init__` of the user's own is called."""
-    made = unpacked(kind, (5, 3))
-    assert made == kind(5, 3) and hash(made) == hash(kind(5, 3))
-    assert (made.low, made.high) == ((3, 5) if kind is InOrder else (5, 3))
-    assert replace(made, low=1) == kind(1, made.high)
-    with pytest.raises(FrozenInstanceError):
-        made.low = 2

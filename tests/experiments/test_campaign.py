@@ -93,6 +93,17 @@ def test_a_process_that_dies_is_a_failure_and_not_a_hole(tmp_path: Path) -> None
     assert record.failure == "its process ended with exit code 7 without a result"
 
 
+def test_a_run_that_takes_too_long_is_ended_and_a_failure(tmp_path: Path) -> None:
+    (tmp_path / "slow.py").write_text("import time\n\ndef behaviour(start):\n    time.sleep(600)\n")
+    (tmp_path / "s.toml").write_text(CORRIDOR.read_text().replace("../maps", str(ROOT / "maps")))
+    folder = store.create(tmp_path / "out", Study("d", str(tmp_path / "s.toml"), ("slow:behaviour",), 1))
+    began = time.monotonic()
+    carry_out(folder, CampaignOptions(jobs=1, patience_s=2.0))
+    (record,) = folder.records()
+    assert record.failure == "took longer than 2 s"
+    assert time.monotonic() - began < 60
+
+
 def test_a_study_of_its_own_has_a_folder_of_its_own(tmp_path: Path) -> None:
     store.create(tmp_path / "out", STUDY)
     with pytest.raises(
