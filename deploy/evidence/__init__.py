@@ -1,0 +1,1 @@
+"""What the recordings of a run show, as arrays: where everybody was, what was said, heard and done."""

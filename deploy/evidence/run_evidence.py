@@ -1,0 +1,246 @@
+"""A run as its recordings have it: ground truth, what robots said of themselves, and what became of places.
+
+Nothing is executed again, so whoever's code it was, nothing of it runs.
+"""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple, cast
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.floor.grid import OccupancyGrid
+from actors.floor.map_file import load_map
+from actors.instant import in_seconds
+from actors.messages import DRIVE, RECEIVED, TRUTH, Drive, Heard
+from actors.runtime.codec import decode
+from actors.runtime.errors import AcrcError
+from actors.runtime.process import FinalNote, RunNote
+from actors.runtime.recording import Note, RecordingError, decoded, read_notes, read_recording
+from actors.task.referee import PlaceOutcome
+from actors.task.words import PlaceKey
+from actors.topic import M, Message, Topic
+from actors.world.world_setup import WorldSetup
+from deploy.replay.run_recordings import recordings
+from deploy.results.result import RunResult
+
+Floats = NDArray[np.float64]
+_MOST_BYTES: Final = 64 * 1024 * 1024
+"""Of a result; one of 1000 robots has less than 1 MB."""
+
+
+class EvidenceError(AcrcError):
+    """A folder from which nobody can tell what happened."""
+
+
+class Deed(NamedTuple):
+    """Something that a robot said of a place."""
+
+    robot: str
+    second: float
+    place: PlaceKey
+
+
+@dataclass(frozen=True, eq=False)
+class RunEvidence:
+    """One simulated run. The first axis of all arrays is the step, the second the robot."""
+
+    out: Path
+    setup: WorldSetup
+    grid: OccupancyGrid
+    """The robots' map."""
+    robots: tuple[str, ...]
+    seconds: Floats
+    """(steps,): when each step began, simulated s."""
+    true: Floats
+    """(steps, robots, 3): x, y, m, and heading, rad, in the map frame."""
+    held: Floats
+    """(steps, robots, 3): where the robot held itself to be; NaN where it did not say."""
+    powered: NDArray[np.bool_]
+    """(steps, robots): whether its process lived."""
+    left: NDArray[np.int64]
+    """(steps, robots): how many places it still meant to visit."""
+    sent: NDArray[np.int64]
+    """(steps, robots): frames it gave to its radio."""
+    heard: NDArray[np.int64]
+    """(steps, robots): frames it heard."""
+    places: tuple[PlaceOutcome, ...]
+    reported: tuple[Deed, ...]
+    """Places that robots said to have cleaned, in the order of the instants."""
+    taken_over: tuple[Deed, ...]
+    """Places of somebody else's that a robot put into its route."""
+    given_up: tuple[Deed, ...]
+    result: RunResult | None
+    """None where the run did not end as planned."""
+
+    @property
+    def end(self) -> float:
+        """Simulated s."""
+        return float(self.seconds[-1]) + in_seconds(self.setup.step_us)
+
+
+def read_run(out: Path) -> RunEvidence:
+    """What a run's folder shows.
+
+    Raises RecordingError for damaged files, EvidenceError where there is no run in the simulated world.
+    """
+    files = recordings(out)
+    for actor in ("world", "radio"):
+        if actor not in files:
+            raise EvidenceError(
+                f"{out}: there is no recording of the {actor}; it should be the folder of a simulated run"
+            )
+    setup = _setup(files["world"])
+    truths = [truth for _, truth in _taken(files["radio"], TRUTH) if not truth.halt and truth.robots]
+    if not truths:
+        raise EvidenceError(f"{out}: the run ended before its first step")
+    robots = tuple(robot.id for robot in truths[0].robots)
+    said = _Said(robots, len(truths), setup)
+    for robot, drive in _taken(files["world"], DRIVE):
+        said.take(robot, drive)
+    heard = np.zeros((len(truths), len(robots)), np.int64)
+    for actor, path in files.items():
+        robot = path.parent.name
+        if actor not in ("world", "radio") and robot in robots:
+            _count_heard(path, heard[:, robots.index(robot)])
+    true = np.array([[(r.x, r.y, r.heading) for r in truth.robots] for truth in truths], np.float64)
+    return RunEvidence(
+        out=out,
+        setup=setup,
+        grid=load_map(_map(out, setup)),
+        robots=robots,
+        seconds=np.array([in_seconds(truth.instant) for truth in truths]),
+        true=true,
+        held=said.held,
+        powered=np.array([[robot.powered for robot in truth.robots] for truth in truths]),
+        left=said.left,
+        sent=said.sent,
+        heard=heard,
+        places=_places(files["world"], setup, said.reported),
+        reported=tuple(said.reported),
+        taken_over=tuple(said.taken_over),
+        given_up=tuple(said.given_up),
+        result=_result(out / "run.json"),
+    )
+
+
+class _Said:
+    """What robots said, step by step; silence means: as before."""
+
+    def __init__(self, robots: tuple[str, ...], steps: int, setup: WorldSetup) -> None:
+        shape = (steps, len(robots))
+        self._index = {robot: index for index, robot in enumerate(robots)}
+        self._routes = {
+            body.id: {PlaceKey(body.id, n) for n in range(len(body.places))} for body in setup.robots
+        }
+        self._step_us = setup.step_us
+        self.held = np.full((*shape, 3), np.nan)
+        self.sent = np.zeros(shape, np.int64)
+        self.left = np.zeros(shape, np.int64)
+        for robot, index in self._index.items():
+            self.left[:, index] = len(self._routes.get(robot, ()))
+        self.reported: list[Deed] = []
+        self.taken_over: list[Deed] = []
+        self.given_up: list[Deed] = []
+
+    def take(self, robot: str, drive: Drive) -> None:
+        """The robot's word of one step."""
+        index = self._index.get(robot)
+        if index is None or not 0 <= drive.step < len(self.left):
+            return
+        if drive.pose is not None:
+            self.held[drive.step, index] = drive.pose
+        self.sent[drive.step, index] = drive.transmits
+        for report in drive.reports:
+            key = PlaceKey(report.owner, report.place)
+            self.reported.append(Deed(robot, in_seconds(report.instant), key))
+        for gone in drive.given_up:
+            key = PlaceKey(gone.owner, gone.place)
+            self.given_up.append(Deed(robot, in_seconds(gone.instant), key))
+        if drive.route is not None:
+            route, before = set(drive.route), self._routes.get(robot, set())
+            now = in_seconds(drive.step * self._step_us)
+            for key in drive.route:
+                if key not in before and key.owner != robot:
+                    self.taken_over.append(Deed(robot, now, key))
+            self._routes[robot] = route
+            self.left[drive.step :, index] = len(route)
+
+
+def _setup(path: Path) -> WorldSetup:
+    """What the world was told."""
+    notes = read_notes(path)
+    if "run" not in notes:
+        raise RecordingError(f"{path}: ends before its first record")
+    run = decoded(path, "run", notes["run"], RunNote)
+    try:
+        return msgspec.json.decode(run.scenario, type=WorldSetup)
+    except (msgspec.DecodeError, TypeError, ValueError) as error:
+        raise EvidenceError(f"{path}: its first record holds no world's set-up: {error}") from error
+
+
+def _map(out: Path, setup: WorldSetup) -> str:
+    """The map's file; that which lies in the folder, wherever the folder was taken."""
+    beside = out / "map" / Path(setup.map).name
+    return str(beside if beside.is_file() else setup.map)
+
+
+def _taken(path: Path, topic: Topic[M]) -> Iterator[tuple[str, M]]:
+    """The messages of a topic that a process took in, each with the robot in its key, if there is one."""
+    prefix, hole, suffix = topic.pattern.partition("{id}")
+    for item in read_recording(path):
+        if isinstance(item, Note) or item.direction != "in" or item.payload is None:
+            continue
+        if item.key.startswith(prefix) and item.key.endswith(suffix):
+            message = decode(cast(Topic[Message], topic), item.key, item.payload)
+            assert isinstance(message, topic.kind)
+            yield item.key[len(prefix) : len(item.key) - len(suffix)] if hole else "", message
+
+
+def _count_heard(path: Path, counts: NDArray[np.int64]) -> None:
+    """Add what a robot heard to its column, (steps,)."""
+    for _, received in _taken(path, RECEIVED):
+        if 0 <= received.step < len(counts):
+            counts[received.step] += sum(isinstance(event, Heard) for event in received.events)
+
+
+def _places(path: Path, setup: WorldSetup, reported: Sequence[Deed]) -> tuple[PlaceOutcome, ...]:
+    """As the referee has them; of a run that was cut, as far as robots said."""
+    notes = read_notes(path)
+    if "final" in notes:
+        final = decoded(path, "final", notes["final"], FinalNote)
+        if "places" in final.outcome:
+            return msgspec.json.decode(final.outcome["places"], type=tuple[PlaceOutcome, ...])
+    first: dict[PlaceKey, Deed] = {}
+    for deed in reported:
+        first.setdefault(deed.place, deed)
+    return tuple(
+        _unjudged(body.id, index, point, first.get(PlaceKey(body.id, index)))
+        for body in setup.robots
+        for index, point in enumerate(body.places)
+    )
+
+
+def _unjudged(owner: str, index: int, point: tuple[float, float], deed: Deed | None) -> PlaceOutcome:
+    """A place of a run whose referee has said nothing."""
+    at = None if deed is None else round(deed.second * 1e6)
+    by = None if deed is None else deed.robot
+    return PlaceOutcome(
+        owner, index, *point, at, by, at, by, None, None, None, (owner,) if at is None else ()
+    )
+
+
+def _result(path: Path) -> RunResult | None:
+    """The run's result; None where there is none."""
+    if not path.is_file():
+        return None
+    if path.stat().st_size > _MOST_BYTES:
+        raise EvidenceError(f"{path}: has more than {_MOST_BYTES} bytes; it should be a run's result")
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=RunResult)
+    except (msgspec.DecodeError, json.JSONDecodeError) as error:
+        raise EvidenceError(f"{path}: is no run's result: {error}") from error

@@ -1,0 +1,103 @@
+"""What the recordings show agrees with the run's own result, and with what must be so."""
+
+import shutil
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actors.runtime.recording import RecordingError
+from actors.task.words import PlaceKey
+from deploy.evidence.run_evidence import EvidenceError, RunEvidence, read_run
+from deploy.evidence.spells import Doing, SpellParameters, spells
+from deploy.picture.floor_picture import meetings
+
+
+def test_it_says_what_the_result_says(evidence: RunEvidence) -> None:
+    result = evidence.result
+    assert result is not None
+    assert evidence.end == pytest.approx(result.simulated_s)
+    assert len({deed.place for deed in evidence.reported}) == result.places_claimed == 6
+    assert max(deed.second for deed in evidence.reported) == result.completion_s
+    assert evidence.sent.sum() == result.frames["frames_sent"]
+    assert evidence.heard.sum() == result.frames["copies_heard"]
+    error = np.hypot(*np.moveaxis(evidence.held[..., :2] - evidence.true[..., :2], -1, 0))
+    assert np.nanmax(error) < 0.01, "its odometry is exact"
+
+
+def test_places_change_hands_in_the_doorway(evidence: RunEvidence) -> None:
+    assert {deed.robot for deed in evidence.taken_over} == {"r1", "r2"}
+    assert all(deed.robot != deed.place.owner for deed in evidence.taken_over)
+    first = evidence.taken_over[0]
+    at = int(first.second * 10)
+    apart = np.hypot(*(evidence.true[at, 0, :2] - evidence.true[at, 1, :2]))
+    assert apart < 1.5, "the chapter's distance for an adoption"
+
+
+def test_spells_are_without_gaps_and_overlap(evidence: RunEvidence) -> None:
+    for robot in evidence.robots:
+        own = [one for one in spells(evidence) if one.robot == robot]
+        assert own[0].begin == 0.0 and own[-1].end == pytest.approx(evidence.end)
+        assert all(a.end == b.begin and a.doing != b.doing for a, b in pairwise(own))
+
+
+def test_who_has_nothing_left_and_who_has_gone_is_told(evidence: RunEvidence) -> None:
+    powered = evidence.powered.copy()
+    powered[500:, 0] = False
+    dead = replace(evidence, powered=powered)
+    last = [one for one in spells(dead) if one.robot == evidence.robots[0]][-1]
+    assert last.doing is Doing.GONE and last.begin == pytest.approx(50.0)
+    idle = replace(evidence, left=np.zeros_like(evidence.left))
+    assert {one.doing for one in spells(idle)} == {Doing.DONE}
+
+
+def test_who_stands_alone_meets_nobody(evidence: RunEvidence) -> None:
+    alone = replace(
+        evidence,
+        robots=("r1",),
+        **{
+            name: getattr(evidence, name)[:, :1]
+            for name in ("true", "held", "powered", "left", "sent", "heard")
+        },
+    )
+    assert Doing.MEETING not in {one.doing for one in spells(alone)}
+    far = spells(evidence, SpellParameters(near=0.1))
+    assert Doing.MEETING not in {one.doing for one in far}
+
+
+def test_a_meeting_is_where_and_as_long_as_somebody_stood(evidence: RunEvidence) -> None:
+    found = meetings(spells(evidence))
+    assert found, "they block each other"
+    for x, y, lasted in found:
+        assert 5.0 <= lasted <= evidence.end
+        assert 11.5 < x < 13.5 and 8.0 < y < 11.5, "in the passage, or before it"
+
+
+def test_a_run_that_was_cut_shows_what_there_is(folder: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut"
+    shutil.copytree(folder, cut)
+    (cut / "run.json").unlink()
+    shown = read_run(cut)
+    assert shown.result is None
+    assert {(one.owner, one.place) for one in shown.places} == {
+        (r, n) for r in ("r1", "r2") for n in range(3)
+    }
+    assert PlaceKey("r1", 0) in {deed.place for deed in shown.reported}
+
+
+def test_what_is_no_run_is_said_in_a_sentence(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"no run's folder: there is no \*/\*\.mcap in it"):
+        read_run(tmp_path)
+    part = tmp_path / "part"
+    shutil.copytree(folder / "r1", part / "r1")
+    with pytest.raises(
+        EvidenceError, match=r"no recording of the world; it should be the folder of a simulated"
+    ):
+        read_run(part)
+    wrong = tmp_path / "wrong"
+    shutil.copytree(folder, wrong)
+    (wrong / "run.json").write_text("{}")
+    with pytest.raises(EvidenceError, match=r"run\.json: is no run's result"):
+        read_run(wrong)
