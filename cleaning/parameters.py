@@ -34,6 +34,8 @@ class CleaningParameters:
     no_plan_attempts: int = 0
     """So often in a row navigation may find no way to a place before the robot gives the place up; 0: it
     never does. Default: as in the original, which never gives up. From 2 on it needs `retry`."""
+    aborted_attempts: int = 0
+    """The same for whatever reason navigation may have to give the place up."""
 
     def __post_init__(self) -> None:
         values = {one.name: getattr(self, one.name) for one in fields(self)}
@@ -43,8 +45,9 @@ class CleaningParameters:
             positive=[name for name, value in values.items() if isinstance(value, float)],
             least={name: 0 for name, value in values.items() if isinstance(value, int)},
         )
-        if self.no_plan_attempts > 1 and not self.retry:
-            raise ParameterError("strategy.no_plan_attempts", self.no_plan_attempts, "0 or 1 without retry")
+        for name in ("no_plan_attempts", "aborted_attempts"):
+            if values[name] > 1 and not self.retry:
+                raise ParameterError(f"strategy.{name}", values[name], "0 or 1 without retry")
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,8 @@ class CleaningRobot(Cleaner):
     """What navigation has been told last."""
     no_plans: int = 0
     """How often in a row navigation has found no way to the destination."""
+    aborted: int = 0
+    """How often in a row navigation has given the destination up."""
 
     @property
     def target(self) -> Point | None:
@@ -84,7 +86,7 @@ class CleaningRobot(Cleaner):
             navigation.go_to(ordered.point)
         else:
             return self._after_abort(ordered, navigation, monitor, now)
-        return replace(self, ordered=ordered, no_plans=0)
+        return replace(self, ordered=ordered, no_plans=0, aborted=0)
 
     @periodic(every=seconds(1), order=5)
     def report_status(self, monitor: PlaceMonitor) -> Self:
@@ -100,12 +102,16 @@ class CleaningRobot(Cleaner):
         if goal is None or goal.status is not GoalStatus.ABORTED:
             return self
         no_plans = self.no_plans + 1 if goal.reason is AbortReason.NO_PLAN else 0
-        if self.destination is not None and 0 < p.no_plan_attempts <= no_plans:
+        aborted, reason = self.aborted + 1, ""
+        if 0 < p.no_plan_attempts <= no_plans:
             reason = f"navigation found no way to it, {no_plans} times in a row"
+        elif 0 < p.aborted_attempts <= aborted:
+            reason = f"navigation gave it up, {aborted} times in a row"
+        if reason and self.destination is not None:
             return self.given_up(self.destination, reason, monitor, now)
         if p.retry:
             navigation.go_to(ordered.point)
-        return replace(self, no_plans=no_plans)
+        return replace(self, no_plans=no_plans, aborted=aborted)
 
     def holds(self, key: PlaceKey) -> bool:
         """True if the place is in its route."""

@@ -18,6 +18,12 @@ def largest_region(passable: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return region
 
 
+def regions(passable: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """(rows, columns): every passable cell's 4-connected region, counted from 1 in row order; 0 elsewhere."""
+    labels: NDArray[np.int32] = _regions(np.ascontiguousarray(passable))[0]
+    return labels
+
+
 def fingerprint() -> bytes:
     """What the kernels give for fixed inputs: differs where a processor or compiler computes differently."""
     row, column = np.indices((23, 31))

@@ -16,7 +16,7 @@ from actors.messages import Heard
 from actors.robot.behaviour import Behaviour, Goal, GoalStatus, Start, View
 from benchmarks.statistics.cpu_time import best
 from cleaning.adoption import DestinationAdoption
-from cleaning.chapter import behaviour
+from cleaning.strategies.chapter import behaviour
 from cleaning.cleaner import Cleaner, State
 from cleaning.place import Assignment
 from deeco import component, ensemble, periodic

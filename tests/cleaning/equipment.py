@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from actors.geometry import CERTAIN, Covariance, Point, Pose
 from actors.instant import Instant, seconds
-from actors.robot.behaviour import AbortReason, Goal, GoalStatus
+from actors.robot.behaviour import AbortReason, Door, Goal, GoalStatus
 from actors.task.words import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.place import Assignment
@@ -77,10 +77,40 @@ class Notes:
 
 
 class Floor:
-    """A floor plan of one point."""
+    """A floor without walls; its doors stand on the x axis, where random places are one point."""
+
+    def __init__(self, *doors: float) -> None:
+        """A door from wall to wall, 1 m long, with its middle at each x."""
+        self.doors = tuple(
+            Door(index, Point(x, 0.0), (index + 1, index + 2)) for index, x in enumerate(sorted(doors))
+        )
 
     def random_place(self) -> Point:
         return SOMEWHERE
+
+    def is_free(self, point: Point) -> bool:
+        return True
+
+    def length(self, start: Point, goal: Point) -> float | None:
+        return start.distance_to(goal)
+
+    def path(self, start: Point, goal: Point) -> tuple[Point, ...] | None:
+        steps = max(1, round(start.distance_to(goal) / 0.1))
+        dx, dy = (goal.x - start.x) / steps, (goal.y - start.y) / steps
+        return tuple(Point(start.x + n * dx, start.y + n * dy) for n in range(steps + 1))
+
+    def doors_between(self, start: Point, goal: Point) -> tuple[int, ...] | None:
+        west, east = sorted((start.x, goal.x))
+        met = [door.index for door in self.doors if west < door.middle.x + 0.5 and door.middle.x - 0.5 < east]
+        return tuple(met if start.x <= goal.x else reversed(met))
+
+    def door(self, point: Point) -> int | None:
+        return next((door.index for door in self.doors if abs(point.x - door.middle.x) <= 0.5), None)
+
+    def region(self, point: Point) -> int | None:
+        if self.door(point) is not None:
+            return None
+        return 1 + sum(door.middle.x < point.x for door in self.doors)
 
 
 def assignment(x: float, index: int = 0, owner: str = "r1", term: int = 0) -> Assignment:

@@ -10,7 +10,7 @@ from actors.instant import Instant
 from actors.messages import FRAME_DATA_LIMIT, Heard
 from actors.robot.behaviour import Behaviour, ExchangeSettings, Start, View
 from cleaning.adaptive import AdaptiveCleaningRobot
-from cleaning.chapter import behaviour
+from cleaning.strategies.chapter import behaviour
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import RESTART_TERM, Assignment, Takeover

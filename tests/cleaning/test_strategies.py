@@ -6,7 +6,7 @@ from cleaning.strategies import STRATEGIES, StrategyError, entry
 
 
 def test_a_strategy_is_known_by_its_name_or_by_its_own_entry() -> None:
-    assert entry("none") == "cleaning.baseline:behaviour"
+    assert entry("none") == "cleaning.strategies.none:behaviour"
     assert entry("my_study.adoption:behaviour") == "my_study.adoption:behaviour"
 
 

@@ -22,9 +22,9 @@ def test_the_function_is_called_with_the_start() -> None:
 @pytest.mark.parametrize(
     ("entry", "sentence"),
     [
-        ("cleaning.baseline", "is no entry; it should look like 'package.module:function'"),
+        ("cleaning.strategies.none", "is no entry; it should look like 'package.module:function'"),
         (":behaviour", "is no entry; it should look like 'package.module:function'"),
-        ("cleaning.baseline:", "is no entry; it should look like 'package.module:function'"),
+        ("cleaning.strategies.none:", "is no entry; it should look like 'package.module:function'"),
         (".baseline:behaviour", "is no entry; it should look like 'package.module:function'"),
     ],
 )

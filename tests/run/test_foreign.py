@@ -44,7 +44,7 @@ def test_ours_what_is_installed_and_what_lies_where_one_stands_is_not_foreign(
     study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for entry in (
-        "cleaning.baseline:behaviour",
+        "cleaning.strategies.none:behaviour",
         "numpy:array",
         "json:loads",
         "no_such_module:behaviour",
@@ -64,11 +64,11 @@ def test_a_module_that_takes_the_place_of_ours_is_foreign(study: Path) -> None:
     (study / "cleaning").mkdir()
     (study / "cleaning" / "__init__.py").write_text("")
     with pytest.raises(ForeignCodeError):
-        foreign.refuse_foreign(Path("x.toml"), "cleaning.baseline:behaviour", [study])
+        foreign.refuse_foreign(Path("x.toml"), "cleaning.strategies.none:behaviour", [study])
 
 
 def test_nothing_beside_a_scenario_can_take_a_librarys_place(study: Path) -> None:
     (study / "statistics.py").write_text("raise AssertionError('nothing is imported')")
     chosen = scenario(f'[run]\nmodules = "{study}"\n')
-    assert swarm.module_folders("cleaning.baseline:behaviour", chosen) == ()
+    assert swarm.module_folders("cleaning.strategies.none:behaviour", chosen) == ()
     assert swarm.module_folders("strategy:behaviour", chosen) == (study, Path.cwd())

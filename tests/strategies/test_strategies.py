@@ -76,7 +76,7 @@ def test_installed_strategies_are_listed_beside_the_shipped_ones(site: Path) -> 
     install(site, "sad_study", lost="no_such_module:behaviour", broken="broken:behaviour")
     (site / "broken.py").write_text("print('loud')\nimport no_such_library\n")
     everyone = listed()
-    assert everyone["none", "shipped"]["entry"] == "cleaning.baseline:behaviour"
+    assert everyone["none", "shipped"]["entry"] == "cleaning.strategies.none:behaviour"
     assert all(one["summary"] and not one["error"] for one in everyone.values() if one["source"] == "shipped")
     assert everyone["wander", "my_study 1.2"] == {
         "name": "wander", "entry": "wanderer:behaviour", "source": "my_study 1.2",

@@ -9,7 +9,7 @@ from actors.instant import Instant, seconds
 from actors.robot.behaviour import Behaviour, Decision, Start, View
 from actors.runtime import process
 from actors.runtime.shell import Shell
-from cleaning.baseline import behaviour as baseline
+from cleaning.strategies.none import behaviour as baseline
 
 
 class Intruder:

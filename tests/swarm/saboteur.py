@@ -9,7 +9,7 @@ from pathlib import Path
 
 from actors.instant import Instant, seconds
 from actors.robot.behaviour import Behaviour, Decision, Start, View
-from cleaning.baseline import behaviour as baseline
+from cleaning.strategies.none import behaviour as baseline
 
 WHEN = seconds(2)
 

@@ -8,7 +8,7 @@ from benchmarks.swarm import seeds
 
 
 def test_each_number_of_robots_runs_from_each_seed(capsys: pytest.CaptureFixture[str]) -> None:
-    twin = "cleaning.baseline:behaviour"
+    twin = "cleaning.strategies.none:behaviour"
     outcomes = seeds.run((1, 2), 2, json_output=True, duration=3.0, strategies=("none", twin))
     assert [(one.strategy, one.robots, one.seed, one.places_total) for one in outcomes] == [
         (strategy, robots, seed, 10 * robots)

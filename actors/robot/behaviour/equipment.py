@@ -6,6 +6,7 @@ Beside these, a node on a robot provides `Instant` (now) and the behaviour's own
 from collections.abc import Sequence
 from typing import Protocol
 
+from actors.floor.regions import Door
 from actors.geometry import Covariance, Point, Pose
 from actors.instant import Instant
 from actors.robot.behaviour.goal import Goal
@@ -83,3 +84,30 @@ class FloorPlan(Protocol):
 
         Without areas: on all floor that the robot can reach. Drawn from the behaviour's own stream.
         """
+
+    def is_free(self, point: Point) -> bool:
+        """True if the robot's centre can be at `point`, m, by the map and with the margin that planning keeps."""
+
+    def length(self, start: Point, goal: Point) -> float | None:
+        """How far the shortest way between two points of the map is, m; None where no way leads.
+
+        A point where the robot cannot be stands for the nearest within 0.5 m where it can. The first question
+        about a goal takes about a millisecond, every other one microseconds: have what is asked about from
+        many sides as the goal.
+        """
+
+    def path(self, start: Point, goal: Point) -> tuple[Point, ...] | None:
+        """That way: points 0.1 to 0.2 m apart, m; None without one. Navigation's own keep off walls."""
+
+    @property
+    def doors(self) -> tuple[Door, ...]:
+        """The map's narrow places, in which robots that meet do not get by; each by its index."""
+
+    def doors_between(self, start: Point, goal: Point) -> tuple[int, ...] | None:
+        """Which doors that way goes through, begins in or ends in, in order; None without a way."""
+
+    def door(self, point: Point) -> int | None:
+        """The index of the door that `point` is in; None in none."""
+
+    def region(self, point: Point) -> int | None:
+        """The number of the region between doors that `point` is in; None in a door and off the floor."""

@@ -1,7 +1,7 @@
 """What a behaviour may know and do: everything between the robot and the user's code, typed, without I/O.
 
 A behaviour is made by a function `Start -> Behaviour` in a module of the user's, named by an entry string
-such as `cleaning.baseline:behaviour`. What robots share travels in frames of the radio, and in no other way.
+such as `cleaning.strategies.none:behaviour`. What robots share travels in frames of the radio, and in no other way.
 """
 
 from collections.abc import Mapping
@@ -11,6 +11,7 @@ from typing import Final, NamedTuple, Protocol, TypeAlias
 
 from numpy.random import Generator
 
+from actors.floor.regions import Door
 from actors.geometry import CERTAIN, Covariance, Point, Pose
 from actors.instant import Duration, Instant, seconds
 from actors.messages import Outgoing, RadioEvent
@@ -22,6 +23,7 @@ Setting: TypeAlias = bool | int | float | str
 """A value in a scenario's table [strategy]."""
 EVERYBODY_DBM: Final = 0.0
 """No transceiver reports more (`actors.radio.signal_codes` ends at -35 dBm)."""
+_NO_MAP: Final = LookupError("this Start was made without a floor plan")
 
 
 @dataclass(frozen=True)
@@ -45,11 +47,37 @@ class ExchangeSettings:
 
 
 class _NoFloorPlan:
-    """Stands where nobody has given a robot its map."""
+    """Stands where nobody has given a robot its map: whatever is asked, there is none."""
+
+    doors: tuple[Door, ...] = ()
 
     def random_place(self) -> Point:
         """There is none."""
-        raise LookupError("this Start was made without a floor plan")
+        raise _NO_MAP
+
+    def is_free(self, point: Point) -> bool:
+        """Nobody knows."""
+        raise _NO_MAP
+
+    def length(self, start: Point, goal: Point) -> float | None:
+        """Nobody knows."""
+        raise _NO_MAP
+
+    def path(self, start: Point, goal: Point) -> tuple[Point, ...] | None:
+        """Nobody knows."""
+        raise _NO_MAP
+
+    def doors_between(self, start: Point, goal: Point) -> tuple[int, ...] | None:
+        """Nobody knows."""
+        raise _NO_MAP
+
+    def door(self, point: Point) -> int | None:
+        """Nobody knows."""
+        raise _NO_MAP
+
+    def region(self, point: Point) -> int | None:
+        """Nobody knows."""
+        raise _NO_MAP
 
 
 @dataclass(frozen=True)

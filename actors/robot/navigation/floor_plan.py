@@ -1,4 +1,4 @@
-"""The map as a behaviour may ask about it: draws points that the robot can get to, in the given areas."""
+"""The map as a behaviour may ask about it: ways and doors, and points drawn in the given areas."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,9 @@ from actors.floor import flood
 from actors.floor.grid import Cell, nearest_cell
 from actors.floor.placement import Area, PlacementError
 from actors.geometry import Point
+from actors.floor.regions import Door
 from actors.robot.navigation.planning import Ground
+from actors.robot.navigation.routes import Routes, routes
 
 
 class _Tiles(NamedTuple):
@@ -54,6 +56,39 @@ class ReachableFloor:
         i, j = int(column[rung]), int(row[rung])
         x0, x1, y0, y1 = float(x[i]), float(x[i + 1]), float(y[j]), float(y[j + 1])
         return Point(x0 + east * (x1 - x0), y0 + north * (y1 - y0))
+
+    def is_free(self, point: Point) -> bool:
+        """True if planning lets the body's centre be there."""
+        return self._ground.grid.is_free(point)
+
+    def length(self, start: Point, goal: Point) -> float | None:
+        """Of the shortest way, m; None without one."""
+        return self._routes.length(start, goal)
+
+    def path(self, start: Point, goal: Point) -> tuple[Point, ...] | None:
+        """The shortest way; None without one."""
+        return self._routes.path(start, goal)
+
+    @property
+    def doors(self) -> tuple[Door, ...]:
+        """The map's narrow places."""
+        return self._routes.regions.doors
+
+    def doors_between(self, start: Point, goal: Point) -> tuple[int, ...] | None:
+        """Which doors the shortest way goes through; None without one."""
+        return self._routes.doors_between(start, goal)
+
+    def door(self, point: Point) -> int | None:
+        """The door around a point; None in none."""
+        return self._routes.door(point)
+
+    def region(self, point: Point) -> int | None:
+        """The region around a point; None in none."""
+        return self._routes.region(point)
+
+    @cached_property
+    def _routes(self) -> Routes:
+        return routes(self._ground)
 
     @cached_property
     def _tiles(self) -> _Tiles:

@@ -10,9 +10,15 @@ from actors.runtime.errors import AcrcError
 
 STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(
     {
-        "none": "cleaning.baseline:behaviour",
-        "chapter": "cleaning.chapter:behaviour",
-        "released": "cleaning.chapter:released",
+        "none": "cleaning.strategies.none:behaviour",
+        "none-original": "cleaning.strategies.none:original",
+        "none-giving-up": "cleaning.strategies.none:giving_up",
+        "random": "cleaning.strategies.random_order:behaviour",
+        "chapter": "cleaning.strategies.chapter:behaviour",
+        "chapter-mute": "cleaning.strategies.chapter:mute",
+        "chapter-giving-up": "cleaning.strategies.chapter:giving_up",
+        "released": "cleaning.strategies.chapter:released",
+        "make-way": "cleaning.strategies.chapter:make_way",
     }
 )
 """Entry string of each strategy's behaviour, by the strategy's name; "none" is the naive solution."""

@@ -1,0 +1,5 @@
+"""What robots do about being stuck, a file each: idea, source, limits, settings; and the names that all go by."""
+
+from cleaning.strategies.registry import GROUP, SHIPPED, STRATEGIES, Strategy, StrategyError, entry, strategies
+
+__all__ = ["GROUP", "SHIPPED", "STRATEGIES", "Strategy", "StrategyError", "entry", "strategies"]
