@@ -1,4 +1,4 @@
-"""`acrc demo` and `acrc view`: what happened, as pictures."""
+"""`acrc demo`, `acrc view` and `acrc scenario`: what happened, and what a scenario means, as pictures."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,7 +7,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from deploy.usage import OptionError
+from deploy.cli import completion
+from deploy.cli.options import Robots, Seed, Setting
+from deploy.usage import OptionError, wrong_value
 
 
 def demo(
@@ -63,3 +65,35 @@ def view(
             with out_folder.writing(out):
                 run_page.write(run, out / name)
             console.print(str(out / name), markup=False)
+
+
+def scenario(
+    file: Annotated[Path, typer.Argument(metavar="SCENARIO.toml", autocompletion=completion.scenarios)],
+    robots: Robots = None,
+    seed: Seed = None,
+    setting: Setting = None,
+    png: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Draw it: floor, doors, starts, places, reach of radio."),
+    ] = None,
+) -> None:
+    """Check a scenario, and say what it means on its floor; options replace what it says."""
+    from deploy.run import out_folder
+    from deploy.scenario import survey
+    from deploy.scenario.resolve import resolve
+    from deploy.scenario.scenario_file import Overrides, load_scenario, settings
+
+    if png is not None and (png.suffix not in {".png", ".svg"} or not png.absolute().parent.is_dir()):
+        raise wrong_value("--png", png, "a file in a folder that exists, its name ending in .png or .svg")
+    overrides = Overrides(robots, seed, settings=settings(setting or ()))
+    found = survey.survey(resolve(load_scenario(file, overrides)))
+    console = Console(soft_wrap=True, highlight=False)
+    for sentence in survey.sentences(found):
+        console.print(sentence, markup=False)
+    if png is None:
+        return
+    from deploy.picture import scenario_picture
+
+    with out_folder.writing(png.parent):
+        scenario_picture.write(found, png)
+    console.print(str(png), markup=False)

@@ -22,3 +22,9 @@ Endpoints = Annotated[
     list[str],
     typer.Argument(metavar="ENDPOINT…", help="Where robots listen, such as tls/192.168.1.12:7447."),
 ]
+Robots = Annotated[str | None, typer.Option(metavar="N", help="How many robots.")]
+Seed = Annotated[str | None, typer.Option(metavar="N", help="From which all that is random follows.")]
+Setting = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="A key of the scenario: deeco.publish=0.5. Repeatable."),
+]

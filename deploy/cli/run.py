@@ -9,16 +9,14 @@ from rich.console import Console
 
 from actors.runtime.errors import AcrcError
 from deploy.cli import completion
-from deploy.cli.options import Json, ScenarioFile
+from deploy.cli.options import Json, Robots, ScenarioFile, Seed, Setting
 from deploy.usage import OptionError
 
 
 def run(
     scenario: ScenarioFile = None,
-    robots: Annotated[str | None, typer.Option(metavar="N", help="How many robots.")] = None,
-    seed: Annotated[
-        str | None, typer.Option(metavar="N", help="From which all that is random follows.")
-    ] = None,
+    robots: Robots = None,
+    seed: Seed = None,
     duration: Annotated[str | None, typer.Option(metavar="S", help="Simulated seconds.")] = None,
     step: Annotated[str | None, typer.Option(metavar="MS", help="Length of a step, 10 to 100 ms.")] = None,
     strategy: Annotated[
@@ -30,12 +28,7 @@ def run(
             autocompletion=completion.strategies,
         ),
     ] = None,
-    setting: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="A key of the scenario: deeco.publish=0.5. Repeatable."
-        ),
-    ] = None,
+    setting: Setting = None,
     speed: Annotated[str, typer.Option(metavar="X", help="Simulated seconds per second, or max.")] = "max",
     bus: Annotated[
         str,

@@ -7,8 +7,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a fork of a 
 import actors.radio.__main__
 import actors.robot.__main__
 import actors.world.__main__  # noqa: F401
-import cleaning.strategies.none
-import cleaning.strategies.chapter  # noqa: F401  # the shipped strategies; one of the user's own is its robots' alone
 from actors.radio.program import KERNELS as RADIO_KERNELS
 from actors.robot import assembly as robot_setup
 from actors.runtime.fingerprint import fingerprints

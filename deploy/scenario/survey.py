@@ -1,0 +1,150 @@
+"""What a scenario means on its floor, before anything runs: who gets where, how far radio gets."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.floor.grid import OccupancyGrid, passable, reachable
+from actors.floor.map_file import load_map
+from actors.floor.regions import Regions, regions
+from actors.geometry import Point
+from actors.radio.link_budget import needed_dbm, reach
+from actors.radio.radio_model import RadioModel, radio_model
+from actors.robot_model import load_model
+from actors.task.words import PlaceKey
+from cleaning.parameters import CleaningParameters
+from deploy.scenario.resolve import ResolvedScenario
+
+_LATTICE: Final = 0.25
+"""Between the points at which radio is looked at, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScenarioSurvey:
+    """What there is to know."""
+
+    resolved: ResolvedScenario
+    grid: OccupancyGrid
+    radius: float
+    """Of the largest robot, m."""
+    reached: NDArray[np.bool_]
+    """(rows, columns): where the centre of such a robot gets from some start."""
+    parts: Regions
+    """The floor in regions, with the doors between them."""
+    out_of_reach: tuple[PlaceKey, ...]
+    """Places to which their owner cannot come near enough."""
+    close: tuple[tuple[PlaceKey, PlaceKey, float], ...]
+    """Pairs of one robot's places so near to each other, m, that the first visit may tick both off."""
+    radio_reach: float
+    """In line of sight, over which half of the longest frames arrive, m."""
+
+    @property
+    def surface(self) -> float:
+        """That robots get to, m²."""
+        return float(self.reached.sum()) * self.grid.resolution**2
+
+
+def survey(resolved: ResolvedScenario) -> ScenarioSurvey:
+    """Look at everything. Raises an AcrcError where a file that the scenario names cannot be read."""
+    world, reach_m = resolved.world, CleaningParameters().reach
+    grid = load_map(world.map)
+    radii = {body.id: load_model(body.model, body.sensor).footprint.circumradius for body in world.robots}
+    floors = {body.id: reachable(grid, Point(*body.start[:2]), radii[body.id]) for body in world.robots}
+    far = tuple(
+        PlaceKey(body.id, index)
+        for body in world.robots
+        for index, place in enumerate(body.places)
+        if not _comes_near(grid, floors[body.id], Point(*place), reach_m)
+    )
+    radius = max(radii.values())
+    standing = passable(grid, radius)
+    return ScenarioSurvey(
+        resolved,
+        grid,
+        radius,
+        np.logical_or.reduce(list(floors.values())),
+        regions(grid, standing, grid.clearance),
+        far,
+        tuple(_close(resolved, reach_m)),
+        reach(radio_model(resolved.radio).parameters),
+    )
+
+
+def covered(resolved: ResolvedScenario, grid: OccupancyGrid) -> list[NDArray[np.float64]]:
+    """For each robot, (rows, columns) of a lattice: how many dB a frame from its start has left.
+
+    At 0 half of the longest frames arrive; the lattice covers the map, its points `_LATTICE` apart.
+    """
+    model: RadioModel = radio_model(resolved.radio)
+    x, y = lattice(grid)
+    points = np.column_stack([axis.ravel() for axis in np.meshgrid(x, y)])
+    budget = model.parameters.transceiver.tx_power_dbm - needed_dbm(model.parameters)
+    starts = np.array([body.start[:2] for body in resolved.world.robots], np.float64)
+    loss = model.propagation.loss_db(starts, points)
+    return [(budget - row).reshape(len(y), len(x)) for row in loss]
+
+
+def lattice(grid: OccupancyGrid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The x and the y of the points at which radio is looked at, m."""
+    west, south, (east, north) = grid.origin.x, grid.origin.y, grid.corner
+    return _every(west, east), _every(south, north)
+
+
+def _every(begin: float, end: float) -> NDArray[np.float64]:
+    return np.asarray(np.arange(begin + _LATTICE / 2, end, _LATTICE), np.float64)
+
+
+def _comes_near(grid: OccupancyGrid, floor: NDArray[np.bool_], place: Point, near: float) -> bool:
+    """True if the floor has a point less than `near` from the place."""
+    cells, middle = math.ceil(near / grid.resolution), grid.cell(place)
+    south, west = max(middle.row - cells, 0), max(middle.column - cells, 0)
+    rows, columns = np.nonzero(floor[south : middle.row + cells + 1, west : middle.column + cells + 1])
+    x = grid.origin.x + (columns + west + 0.5) * grid.resolution - place.x
+    y = grid.origin.y + (rows + south + 0.5) * grid.resolution - place.y
+    return bool((np.hypot(x, y) < near).any())
+
+
+def _close(resolved: ResolvedScenario, near: float) -> list[tuple[PlaceKey, PlaceKey, float]]:
+    found = []
+    for body in resolved.world.robots:
+        for index, one in enumerate(body.places):
+            for other in range(index + 1, len(body.places)):
+                apart = math.dist(one, body.places[other])
+                if apart < near:
+                    found.append((PlaceKey(body.id, index), PlaceKey(body.id, other), apart))
+    return found
+
+
+def sentences(found: ScenarioSurvey) -> Sequence[str]:
+    """What a person wants to know first."""
+    world, grid = found.resolved.world, found.grid
+    places = sum(len(body.places) for body in world.robots)
+    doors = found.parts.doors
+    width, depth = grid.corner.x - grid.origin.x, grid.corner.y - grid.origin.y
+    said = [
+        f"{len(world.robots)} robots, {places} places, {world.duration_us / 1e6:g} s at most, strategy "
+        f"{found.resolved.scenario.run.strategy}, seed {world.seed}",
+        f"floor: {width:.1f} m by {depth:.1f} m, of which a robot's centre gets to {found.surface:.0f} m²; "
+        f"{found.parts.count} regions, {_doors(len(doors))}",
+        f"radio: half of the longest frames arrive over {found.radio_reach:.1f} m in line of sight",
+    ]
+    said += [f"nobody can reach place {_name(key)}: no floor within its reach" for key in found.out_of_reach]
+    said += [
+        f"places {_name(one)} and {_name(other)} are {apart:.2f} m apart: who cleans one cleans the other"
+        for one, other, apart in found.close
+    ]
+    return said
+
+
+def _doors(count: int) -> str:
+    return (
+        "no door between them" if not count else "1 narrow place" if count == 1 else f"{count} narrow places"
+    )
+
+
+def _name(key: PlaceKey) -> str:
+    return f"{key.owner}/{key.place}"

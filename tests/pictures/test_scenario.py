@@ -1,0 +1,94 @@
+"""`acrc scenario` says what a scenario means on its floor, and draws it."""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from actors.task.words import PlaceKey
+from deploy.picture import scenario_picture
+from deploy.scenario import survey
+from deploy.scenario.resolve import resolve
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from tests.swarm.command import ROOT, acrc
+
+CHAPTER = ROOT / "scenarios" / "chapter.toml"
+SHUT_IN = """
+map = "room.yaml"
+[robots]
+count = 1
+model = "turtlebot2"
+[[robot]]
+id = "r1"
+start = [1.0, 1.0, 0.0]
+places = [[2.0, 1.0], [4.6, 1.0]]
+"""
+
+
+def two_rooms(folder: Path) -> Path:
+    """Two rooms of 3 by 2 m with a wall between, and a scenario with a place in each."""
+    picture = np.full((40, 120), 254, np.uint8)
+    picture[[0, -1]], picture[:, [0, 60, -1]] = 0, 0
+    Image.fromarray(picture).save(folder / "room.png")
+    (folder / "room.yaml").write_text(
+        "image: room.png\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    (folder / "room.toml").write_text(SHUT_IN)
+    return folder / "room.toml"
+
+
+def test_the_chapters_scenario_in_words_and_as_a_picture(tmp_path: Path) -> None:
+    picture = tmp_path / "chapter.png"
+    done = acrc("scenario", CHAPTER, "--png", picture)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [
+        "4 robots, 40 places, 600 s at most, strategy chapter, seed 42",
+        "floor: 29.4 m by 14.8 m, of which a robot's centre gets to 120 m²; 7 regions, 5 narrow places",
+        "radio: half of the longest frames arrive over 10.0 m in line of sight",
+        "places r2/1 and r2/9 are 0.16 m apart: who cleans one cleans the other",
+        str(picture),
+    ]
+    with Image.open(picture) as image:
+        assert len(set(np.asarray(image.convert("RGB")).reshape(-1, 3)[:, 0].tolist())) > 50
+
+
+def test_a_place_behind_a_wall_is_out_of_reach(tmp_path: Path) -> None:
+    file = two_rooms(tmp_path)
+    found = survey.survey(resolve(load_scenario(file)))
+    assert found.out_of_reach == (PlaceKey("r1", 1),)
+    assert found.parts.doors == ()
+    done = acrc("scenario", file)
+    assert "nobody can reach place r1/1: no floor within its reach" in done.stdout
+    labels = [
+        handle.get_label() for handle in scenario_picture.draw(found).legends[0].legend_handles if handle
+    ]
+    assert {"out of reach", "room for a robot, but no way there"} <= set(labels)
+
+
+def test_radio_has_nothing_left_at_its_reach_and_behind_walls() -> None:
+    resolved = resolve(load_scenario(CHAPTER))
+    found = survey.survey(resolved)
+    x, y = survey.lattice(found.grid)
+    (sx, sy, _), left = resolved.world.robots[2].start, survey.covered(resolved, found.grid)[2]
+    away = np.hypot(x - sx, y[:, None] - sy)
+    assert (left[away > found.radio_reach + 0.01] < 0).all(), "walls only take"
+    assert (left[away < 0.5] > 0).all()
+    assert (left[away < found.radio_reach - 0.5] < 0).any(), "behind a wall"
+
+
+def test_options_replace_what_the_file_says_and_wrong_ones_are_told(tmp_path: Path) -> None:
+    more = survey.sentences(survey.survey(resolve(load_scenario(CHAPTER, Overrides(robots=6, seed=3)))))
+    assert more[0] == "6 robots, 60 places, 600 s at most, strategy chapter, seed 3"
+    for words, told in (
+        (
+            (CHAPTER, "--png", tmp_path / "a.gif"),
+            "must be a file in a folder that exists, its name ending in",
+        ),
+        ((CHAPTER, "--png", tmp_path / "no" / "a.png"), "must be a file in a folder that exists"),
+        ((CHAPTER, "--robots", "none"), "--robots: none; must be a whole number from 1 to 500"),
+        ((tmp_path / "no.toml",), "the scenario file cannot be read"),
+    ):
+        done = acrc("scenario", *words)
+        assert done.returncode in (1, 2) and done.stderr.count("\n") == 1
+        assert told in done.stderr
