@@ -10,7 +10,7 @@ from actors.runtime.errors import AcrcError
 from deploy.cli import development, look, run, streams, usage_errors
 from deploy.cli.fleet import app as fleet
 from deploy.cli.groups import FOR_DEVELOPERS, Root
-from deploy.cli.listing import app as listing
+from deploy.cli.lists.commands import app as listing
 from deploy.cli.record import app as record
 from deploy.usage import OptionError
 

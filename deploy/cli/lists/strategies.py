@@ -9,7 +9,7 @@ import msgspec
 from actors.robot.behaviour.entry import entry_function
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import Strategy, strategies
-from deploy.cli.rows import print_rows
+from deploy.cli.lists.rows import print_rows
 
 
 class ListedStrategy(msgspec.Struct, frozen=True):

@@ -10,7 +10,7 @@ app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 @app.command()
 def strategies(json: Json = False) -> None:
     """What --strategy knows by name: shipped strategies, and those of installed packages."""
-    from deploy.cli.list_strategies import print_strategies
+    from deploy.cli.lists.strategies import print_strategies
 
     print_strategies(json=json)
 
@@ -18,7 +18,7 @@ def strategies(json: Json = False) -> None:
 @app.command()
 def presets(json: Json = False) -> None:
     """What [radio], [localisation] and [navigation] of a scenario know as their preset."""
-    from deploy.cli.list_presets import print_presets
+    from deploy.cli.lists.presets import print_presets
 
     print_presets(json=json)
 
@@ -26,7 +26,7 @@ def presets(json: Json = False) -> None:
 @app.command()
 def models(json: Json = False) -> None:
     """The shipped robot models, with the range sensors that each can carry."""
-    from deploy.cli.list_files import print_models
+    from deploy.cli.lists.files import print_models
 
     print_models(json=json)
 
@@ -34,7 +34,7 @@ def models(json: Json = False) -> None:
 @app.command()
 def scenarios(json: Json = False) -> None:
     """The shipped scenarios."""
-    from deploy.cli.list_files import print_scenarios
+    from deploy.cli.lists.files import print_scenarios
 
     print_scenarios(json=json)
 
@@ -42,6 +42,6 @@ def scenarios(json: Json = False) -> None:
 @app.command()
 def maps(json: Json = False) -> None:
     """The shipped floor plans, and how large each is."""
-    from deploy.cli.list_files import print_maps
+    from deploy.cli.lists.files import print_maps
 
     print_maps(json=json)

@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from deploy.cli.rows import head_comment, print_rows
+from deploy.cli.lists.rows import head_comment, print_rows
 from deploy.repository import REPOSITORY
 
 

@@ -5,7 +5,7 @@ from types import ModuleType
 
 import msgspec
 
-from deploy.cli.rows import constant_doc, print_rows, said_of
+from deploy.cli.lists.rows import constant_doc, print_rows, said_of
 
 
 class ListedPreset(msgspec.Struct, frozen=True):
