@@ -26,7 +26,7 @@ from actors.runtime.core import Core, at
 from actors.runtime.recording import Entry, read_recording
 from benchmarks.localisation.log import map_members, pack
 from benchmarks.navigation.course import NavigationCourse, body, scenario
-from deploy.replay.record_replay import replay_actor
+from deploy.replay.record_replay import Onlook, replay_actor
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 
@@ -65,11 +65,11 @@ def write(file: Path, course: NavigationCourse, robot: str = "r1") -> Written:
 def _cycles(out: Path, robot: str) -> list[Cycle]:
     cycles: list[Cycle] = []
 
-    def look_on(core: Core) -> None:
+    def look_on(core: Core, _step_us: int) -> None:
         assert isinstance(core, RobotCore) and isinstance(core.navigation.driver, LocalPlanner)
         core.navigation.driver.witness = cycles.append
 
-    replay_actor(out, robot, look_on)
+    replay_actor(out, robot, Onlook(look_on))
     return cycles
 
 

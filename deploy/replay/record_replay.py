@@ -14,6 +14,7 @@ from actors.runtime.process import ActorProcess, RunNote
 from actors.runtime.recording import Entry, RecordingError, Unrecorded, decoded, read_notes, read_recording
 from actors.runtime.shell import Shell
 from actors.world import program as world_program
+from deploy.replay.debugging import EnoughError
 from deploy.replay.run_recordings import recordings
 
 
@@ -24,13 +25,25 @@ class ReplayReport:
     actor: str
     outputs: int
     """How many messages it sent again, all equal to the recorded ones."""
+    whole: bool = True
+    """False: only up to where somebody wanted to look."""
 
 
-def replay_actor(out: Path, actor: str, prepare: Callable[[Core], None] | None = None) -> ReplayReport:
-    """Execute one actor again from what it received; ReplayError at the first output that differs.
+@dataclass(frozen=True)
+class Onlook:
+    """What somebody wants of an actor that is executed again."""
 
-    `prepare`: is given the actor's core before its first step, to look on.
-    """
+    prepare: Callable[[Core, int], None] | None = None
+    """Is given the actor's core before its first step, and the length of a step, µs; EnoughError, raised by
+    the core, ends the replay."""
+    behaviour: str | None = None
+    """Entry string of a behaviour that is to decide in place of the recorded one ..."""
+    adaptation: Path | None = None
+    """... and the file with its settings."""
+
+
+def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayReport:
+    """Execute one actor again from what it received; ReplayError at the first output that differs."""
     files = recordings(out)
     if actor not in files:
         raise RecordingError(f"{out}: no recording of {actor!r}; there are {', '.join(files)}")
@@ -39,19 +52,30 @@ def replay_actor(out: Path, actor: str, prepare: Callable[[Core], None] | None =
     if "run" not in notes:
         raise RecordingError(f"{path}: ends before its first record")
     run = decoded(path, "run", notes["run"], RunNote)
-    part = _builders().get(actor, robot_part)(run.argv)
-    if prepare is not None:
-        prepare(part.core)
+    part = _builders().get(actor, robot_part)(_argv(run, onlook))
+    if onlook.prepare is not None:
+        onlook.prepare(part.core, run.step_us)
     bus = ReplayBus(path, lambda sha256: _recall(files.values(), sha256))
     shell = Shell(part.core, bus, Unrecorded(), actor=run.actor, open_to=part.open_to)
     if part.ready is not None:
         shell.send(part.ready)
     try:
         replay(shell, bus)
+    except EnoughError:
+        return ReplayReport(actor, bus.compared, whole=False)
     except ReplayError as error:
         why = difference(run.processor, part.run.processor, otherwise(run.kernels, part.run.kernels))
         raise ReplayError(f"{error}; {why}" if why else str(error)) from None
     return ReplayReport(actor, bus.compared)
+
+
+def _argv(run: RunNote, onlook: Onlook) -> tuple[str, ...]:
+    """What the process was started with, but for what is to decide instead."""
+    argv = list(run.argv)
+    for option, value in (("--behaviour", onlook.behaviour), ("--adaptation", onlook.adaptation)):
+        if value is not None and option in argv:
+            argv[argv.index(option) + 1] = str(value)
+    return tuple(argv)
 
 
 def _builders() -> dict[str, Callable[[tuple[str, ...]], ActorProcess]]:

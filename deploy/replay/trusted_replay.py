@@ -32,17 +32,10 @@ def replay(out: Path, actor: str, *, trust: bool, isolate: bool | None) -> Repla
     World and radio run no code but this project's. Raises ForeignCodeError for a robot whose recording names
     somebody's code, without `trust`; ReplayError at the first output that differs.
     """
-    files = recordings(out)
-    if actor in files and _ON_DEVICES.search(actor):
-        raise ReplayError(f"{actor}: is a process with devices on board; must be a robot, world or radio")
-    if actor not in files or actor in {"world", "radio"}:
+    named = check_trust(out, actor, trust=trust)
+    if named is None:
         return replay_actor(out, actor)
-    notes = read_notes(files[actor])
-    if "run" not in notes:
-        raise RecordingError(f"{files[actor]}: ends before its first record")
-    entry, folders = code_of(decoded(files[actor], "run", notes["run"], RunNote).argv)
-    if not trust:
-        refuse_foreign(files[actor], entry, folders)
+    entry, folders = named
     choice = choose(isolate)
     warn(choice.warning)
     if isolate is False:
@@ -58,6 +51,25 @@ def replay(out: Path, actor: str, *, trust: bool, isolate: bool | None) -> Repla
             *(("--isolate",) if choice.isolate else ()),
         )
         return _answer(Program(actor, "deploy.replay.replay_program", argv, home / "replay.log", None), home)
+
+
+def check_trust(out: Path, actor: str, *, trust: bool) -> tuple[str, tuple[Path, ...]] | None:
+    """The entry of a robot's recorded code and the folders it is looked for in; None for world and radio.
+
+    They run no code but this project's. Raises ForeignCodeError for somebody's code, without `trust`.
+    """
+    files = recordings(out)
+    if actor in files and _ON_DEVICES.search(actor):
+        raise ReplayError(f"{actor}: is a process with devices on board; must be a robot, world or radio")
+    if actor not in files or actor in {"world", "radio"}:
+        return None
+    notes = read_notes(files[actor])
+    if "run" not in notes:
+        raise RecordingError(f"{files[actor]}: ends before its first record")
+    entry, folders = code_of(decoded(files[actor], "run", notes["run"], RunNote).argv)
+    if not trust:
+        refuse_foreign(files[actor], entry, folders)
+    return entry, folders
 
 
 def _answer(program: Program, home: Path) -> ReplayReport:

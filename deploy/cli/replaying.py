@@ -1,0 +1,112 @@
+"""`acrc replay`: a run made again, or one robot of it executed again, in a debugger if one likes."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from deploy.cli import completion
+from deploy.usage import OptionError
+
+if TYPE_CHECKING:
+    from deploy.replay.record_replay import ReplayReport
+
+
+def replay(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")],
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Only this robot, from what it sensed and heard: r1, or r1.1 once restarted."
+        ),
+    ] = None,
+    begin: Annotated[
+        float | None, typer.Option("--from", metavar="S", help="Stop there, with a debugger.", min=0.0)
+    ] = None,
+    end: Annotated[
+        float | None, typer.Option("--to", metavar="S", help="Do not go on behind it.", min=0.0)
+    ] = None,
+    pdb: Annotated[
+        bool, typer.Option("--pdb", help="Stop in the strategy's own code, in Python's debugger.")
+    ] = False,
+    debugpy: Annotated[
+        int | None,
+        typer.Option(
+            metavar="PORT", help="The same for an editor that attaches to 127.0.0.1:PORT.", min=1, max=65535
+        ),
+    ] = None,
+    strategy: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Let another strategy decide, and say where it would have decided otherwise.",
+            autocompletion=completion.strategies,
+        ),
+    ] = None,
+    trust: Annotated[
+        bool, typer.Option("--trust", help="Run the code that the recording names, whoever wrote it.")
+    ] = False,
+) -> None:
+    """Make a simulated run again, and compare every message; with --robot, execute that one alone again."""
+    options = {
+        "--from": begin,
+        "--to": end,
+        "--pdb": pdb or None,
+        "--debugpy": debugpy,
+        "--strategy": strategy,
+    }
+    console = Console(soft_wrap=True, highlight=False)
+    if robot is None:
+        alone = [name for name, value in options.items() if value is not None]
+        if alone:
+            raise OptionError(f"{alone[0]}: is about one robot; must stand with --robot")
+        from deploy.replay.swarm_replay import replay_swarm
+
+        again = replay_swarm(out, trust=trust)
+        orders = "" if not again.orders else f", with {again.orders} orders from outside"
+        whole = "" if again.complete else ", as far as it was recorded"
+        console.print(f"identical: {again.messages} messages{orders}{whole}; digest {again.digest}")
+        return
+    if pdb and debugpy is not None:
+        raise OptionError("--pdb: must stand without --debugpy")
+    if begin is not None and not pdb and debugpy is None:
+        raise OptionError("--from: is where a debugger stops; must stand with --pdb or --debugpy")
+    if begin is not None and end is not None and begin > end:
+        raise OptionError(f"--from: is {begin:g}; must be at most {end:g}, which is --to")
+    report = _one(out, robot, begin or 0.0, end, _debugger(pdb, debugpy), strategy, trust=trust)
+    until = "" if report.whole or end is None else f" up to {end:g} s"
+    console.print(f"{report.actor}: identical: {report.outputs} outputs{until}")
+
+
+def _debugger(pdb: bool, port: int | None) -> Callable[[], None] | None:
+    from deploy.replay import debugging
+
+    if pdb:
+        return debugging.terminal()
+    return None if port is None else debugging.debugpy_at(port)
+
+
+def _one(
+    out: Path,
+    robot: str,
+    begin: float,
+    end: float | None,
+    stop: Callable[[], None] | None,
+    strategy: str | None,
+    *,
+    trust: bool,
+) -> "ReplayReport":
+    from cleaning.strategies import entry
+    from deploy.replay import debugging, other_strategy, trusted_replay
+    from deploy.replay.record_replay import Onlook, replay_actor
+
+    if stop is None and end is None and strategy is None:
+        return trusted_replay.replay(out, robot, trust=trust, isolate=None)
+    trusted_replay.check_trust(out, robot, trust=trust)
+    stretch = debugging.Stretch(begin, end)
+    onlook = Onlook(lambda core, step_us: debugging.watch(core, step_us, stretch, stop))
+    if strategy is None:
+        return replay_actor(out, robot, onlook)
+    return other_strategy.replay_otherwise(out, robot, entry(strategy), onlook)

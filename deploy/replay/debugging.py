@@ -1,0 +1,92 @@
+"""Stops a robot that is executed again in the user's own code."""
+
+import importlib.util
+import pdb
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, cast
+
+from actors.instant import Instant, seconds
+from actors.runtime.core import Core, Inputs, Output
+from actors.runtime.errors import AcrcError
+from deploy.repository import REPOSITORY
+
+_OURS: Final = tuple(str(REPOSITORY / name) for name in ("actors", "deeco", "deploy", "firmware_bridge"))
+"""What a strategy runs on. The shipped strategies are somebody's own code like any other."""
+
+
+class DebuggerError(AcrcError):
+    """A debugger that is not there."""
+
+
+class EnoughError(Exception):
+    """The instant has come after which nothing more was asked for."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """The part of a run that somebody wants to look at."""
+
+    begin_s: float = 0.0
+    end_s: float | None = None
+    """None: to the end."""
+
+
+def watch(core: Core, step_us: int, stretch: Stretch, stop: Callable[[], None] | None) -> None:
+    """Call `stop` before the first step of the stretch, and end with EnoughError behind the last one."""
+    advance = core.advance
+    begin, stopped = seconds(stretch.begin_s), stop is None
+    end = None if stretch.end_s is None else seconds(stretch.end_s)
+
+    def watched(inputs: Inputs) -> Sequence[Output]:
+        nonlocal stopped
+        instant = Instant(core.step * step_us)
+        if end is not None and instant > end:
+            raise EnoughError
+        if not stopped and instant >= begin:
+            stopped = True
+            assert stop is not None
+            stop()
+        return advance(inputs)
+
+    cast(Any, core).advance = watched
+
+
+def terminal() -> Callable[[], None]:
+    """Python's own debugger, at the next line of the user's code."""
+    return _Debugger().set_trace
+
+
+def debugpy_at(port: int) -> Callable[[], None]:
+    """A debugger that attaches to a port of this machine, and stops in the user's code by its breakpoints.
+
+    Waits for it at once. Raises DebuggerError where the package is missing.
+    """
+    if importlib.util.find_spec("debugpy") is None:
+        raise DebuggerError(
+            f"--debugpy {port}: needs the Python package debugpy, which is not installed; "
+            "`./acrc add debugpy` brings it"
+        )
+    debugpy: Any = importlib.import_module("debugpy")
+    debugpy.listen(("127.0.0.1", port))
+    debugpy.wait_for_client()
+    return cast(Callable[[], None], debugpy.breakpoint)
+
+
+class _Debugger(pdb.Pdb):
+    """Steps over everything that a strategy runs on."""
+
+    def __init__(self) -> None:
+        super().__init__(skip=["*"])  # so that is_skipped_module is asked
+
+    def is_skipped_module(self, module_name: Any) -> bool:
+        """True for all but the user's code."""
+        module = sys.modules.get(module_name or "")
+        file = getattr(module, "__file__", None)
+        if file is None:
+            return True
+        place = str(Path(file).resolve())
+        homes = (*_OURS, sys.prefix, sys.base_prefix)
+        return place.startswith(homes)
