@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from actors.messages import CONTROL, RADIO_READY, TRUTH, Truth
+from actors.messages import AIRED, CONTROL, RADIO_READY, TRUTH, Truth
 from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.replay_bus import ReplayError, topic_of
 from actors.runtime.bus_interface import Delivery
@@ -74,11 +74,7 @@ class _RecordedOrders(MemoryBus):
     def __init__(self, world: Path) -> None:
         super().__init__()
         self.given = 0
-        self._left = deque(
-            (item.step, item.payload)
-            for item in read_recording(world)
-            if not isinstance(item, Note) and item.direction == "in" and item.key == CONTROL.pattern
-        )
+        self._left = deque(_orders(world))
         self.listen(at(RADIO_READY), lambda _: self._give(0))
         self.listen(at(TRUTH), self._after)
 
@@ -90,10 +86,21 @@ class _RecordedOrders(MemoryBus):
 
     def _give(self, step: int) -> None:
         while self._left and self._left[0][0] <= step:
-            payload = self._left.popleft()[1]
-            assert payload is not None, "the receiver of a message keeps it in full"
-            self.publish(CONTROL.pattern, payload)
+            self.publish(CONTROL.pattern, self._left.popleft()[1])
             self.given += 1
+
+
+def _orders(world: Path) -> Iterator[tuple[int, bytes]]:
+    """Every order from outside with the step at whose boundary it was taken: after what was aired last."""
+    boundary = 0
+    for item in read_recording(world):
+        if isinstance(item, Note) or item.direction != "in":
+            continue
+        if item.key == AIRED.pattern:
+            boundary = item.step + 1
+        elif item.key == CONTROL.pattern:
+            assert item.payload is not None, "the receiver of a message keeps it in full"
+            yield boundary, item.payload
 
 
 def _compare(recorded: Mapping[str, Path], again: Mapping[str, Path], good_until: int) -> None:

@@ -19,6 +19,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
 from actors.runtime.recording import Entry, read_notes, read_recording
 from deploy.replay.record_replay import replay_actor
+from deploy.replay.swarm_replay import replay_swarm
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.run.silence import Timeout
@@ -255,6 +256,8 @@ def test_a_run_that_was_cut_can_be_replayed_up_to_the_cut(tmp_path: Path) -> Non
     process.communicate(timeout=20)
     for actor in ("r1", "r2", "world", "radio"):
         assert replay_actor(out, actor).outputs > 0
+    again = replay_swarm(out, trust=False)
+    assert again.messages > 0 and not again.complete
 
 
 def test_isolation_is_on_where_the_platform_allows(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from actors.messages import Freeze, Move, Obstacle, Order, Pause, StartJam
 from deploy.replay.record_replay import replay_actor
+from deploy.replay.swarm_replay import replay_swarm
 from deploy.run import orders
 from deploy.usage import OptionError
 from tests.swarm.command import acrc, leftovers, processes_of, start
@@ -92,6 +93,8 @@ def test_a_run_is_paused_changed_resumed_stopped_and_replayed(tmp_path: Path) ->
     for actor in ("world", "r1", "r2", "r2.1", "radio"):
         assert replay_actor(out, actor).outputs > 0
     assert acrc("record", "check", out).returncode == 0
+    again = replay_swarm(out, trust=False)
+    assert (again.digest, again.orders, again.complete) == (result["digest"], 6, True)
 
 
 def test_a_run_that_is_over_takes_no_orders(tmp_path: Path) -> None:

@@ -1,0 +1,92 @@
+"""`acrc replay`: a run made again, one robot executed again, stopped in, or given another strategy."""
+
+import io
+import re
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from actors.runtime.bus.replay_bus import ReplayError
+from deploy.replay import debugging
+from deploy.replay.other_strategy import replay_otherwise
+from deploy.replay.record_replay import Onlook, replay_actor
+from deploy.replay.swarm_replay import replay_swarm
+from tests.swarm.command import acrc
+
+
+def test_a_run_made_again_is_the_same(recorded: Path) -> None:
+    done = acrc("replay", recorded)
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r"identical: \d{3} messages; digest [0-9a-f]{64}\n", done.stdout)
+
+
+def test_another_start_is_found_and_named(copy: Path) -> None:
+    file = copy / "scenario.toml"
+    text = file.read_text()
+    assert "start = [12.44, 4.4, 1.57]" in text
+    file.write_text(text.replace("start = [12.44, 4.4, 1.57]", "start = [12.44, 4.5, 1.57]"))
+    with pytest.raises(ReplayError, match=r"^step 0: swarm/(up|down|infra)/.* is .*; recorded was "):
+        replay_swarm(copy, trust=False)
+
+
+def test_what_is_no_simulated_run_is_told(tmp_path: Path, recorded: Path) -> None:
+    for words, code, sentence in (
+        ((tmp_path,), 1, f"{tmp_path}: has no scenario.toml; it should be the folder of a simulated run"),
+        ((recorded, "--to", 1), 2, "--to: is about one robot; must stand with --robot"),
+        (
+            (recorded, "--robot", "r1", "--from", 1), 2,
+            "--from: is where a debugger stops; must stand with --pdb or --debugpy",
+        ),
+        ((recorded, "--robot", "r9"), 1, f"{recorded}: no recording of 'r9'; there are r1, r2, radio, world"),
+        ((recorded, "--robot", "world", "--strategy", "none"), 1, "world: has no strategy; must be a robot"),
+    ):  # fmt: skip
+        done = acrc("replay", *words)
+        assert (done.returncode, done.stderr) == (code, f"acrc: {sentence}\n")
+
+
+def test_one_robot_is_the_same_again_and_can_be_left_early(recorded: Path) -> None:
+    whole, part = (acrc("replay", recorded, "--robot", "r1", *to) for to in ((), ("--to", 1)))
+    assert re.fullmatch(r"r1: identical: \d+ outputs\n", whole.stdout)
+    assert re.fullmatch(r"r1: identical: \d+ outputs up to 1 s\n", part.stdout)
+    assert int(part.stdout.split()[2]) < int(whole.stdout.split()[2])
+
+
+def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
+    recorded: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(
+        sys, "stdin", io.StringIO("step\nstep\nstep\nstep\nstep\nstep\nprint(self.id)\ncontinue\n")
+    )
+    stretch = debugging.Stretch(begin_s=1.0, end_s=None)
+    report = replay_actor(
+        recorded,
+        "r2",
+        Onlook(lambda core, step_us: debugging.watch(core, step_us, stretch, debugging.terminal())),
+    )
+    assert report.whole and report.outputs > 30, "a look changes nothing"
+    said = capsys.readouterr().out
+    stops = re.findall(r"^(?:\(Pdb\) )*> (\S+)\(\d+\)", said, re.MULTILINE)
+    assert len(stops) >= 6
+    # what a dataclass generates stands in no file, but belongs to its module
+    assert all("/cleaning/" in file or file == "<string>" for file in stops)
+    assert "r2" in said
+
+
+def test_without_the_editors_debugger_it_says_how_to_get_it(recorded: Path) -> None:
+    if find_spec("debugpy") is not None:
+        pytest.fail("the suite's own environment should not have debugpy")
+    done = acrc("replay", recorded, "--robot", "r1", "--debugpy", 5678)
+    assert done.returncode == 1
+    assert done.stderr == (
+        "acrc: --debugpy 5678: needs the Python package debugpy, which is not installed; "
+        "`./acrc add debugpy` brings it\n"
+    )
+
+
+def test_another_strategy_decides_as_recorded_until_it_does_not(recorded: Path) -> None:
+    same = replay_otherwise(recorded, "r1", "cleaning.strategies.chapter:behaviour", Onlook())
+    assert same.whole, "the same strategy, and the scenario sets none of its numbers"
+    with pytest.raises(ReplayError, match=r"r1\.mcap: step \d+: swarm/up/r1/"):
+        replay_otherwise(recorded, "r1", "examples.courteous:behaviour", Onlook())
