@@ -49,7 +49,8 @@ class Node:
 
         `ports` gives, by type, what processes and ensembles may ask for. `address` is the node's on the link;
         `epoch` grows with each restart of the machine; `publish_phase` is when, after `start`, it publishes
-        first; `witness` is told of every change of knowledge. Raises DeploymentError if a port is missing or a component cannot be run.
+        first; `witness` is told of every change of knowledge. Raises DeploymentError if a port is missing or
+        a component cannot be run.
         """
         parameters = parameters or NetworkParameters()
         self._statistics = Statistics()
