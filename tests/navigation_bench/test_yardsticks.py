@@ -14,13 +14,13 @@ from actors.floor.placement import draw_points
 from actors.geometry import Point, Pose
 from actors.world.physics import Arena
 from actors.world.world_setup import BodySetup, WorldSetup
-from benchmarks.failures.passage import Passages
 from benchmarks.navigation.approach import closest, robot_gaps, touches, wall_gaps
 from benchmarks.navigation.retracing import RetracingError, retrace
 from benchmarks.navigation.shortest_way import ShortestWays
-from benchmarks.navigation.tracks import Tracks
 from benchmarks.statistics.confidence import average, proportion
 from benchmarks.world.plain_swarm import strewn, turtlebot, wishes
+from experiments.accounting.passage import Passages
+from experiments.accounting.tracks import Tracks
 
 MAPS = Path(__file__).parents[2] / "maps"
 RADIUS = 0.177

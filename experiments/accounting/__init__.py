@@ -1,0 +1,1 @@
+"""Where a run's time went: robots' seconds by cause, blockings, diagnoses, decisions, by ground truth."""
