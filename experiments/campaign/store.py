@@ -46,6 +46,10 @@ class Store:
         self.study = study
         self.study_file = folder / _STUDY
 
+    def about(self) -> About:
+        """What all trials have in common beside the study. Raises CampaignError for a damaged file."""
+        return _decoded(self.folder / _ABOUT, About)
+
     def pending(self) -> list[Pending]:
         """The trials that have no record yet, in the study's order."""
         trials = enumerate(self.study.trials())
@@ -103,9 +107,14 @@ def create(folder: Path, study: Study) -> Store:
     return store
 
 
+def holds(folder: Path) -> bool:
+    """True if a campaign has been begun in the folder."""
+    return (folder / _STUDY).exists()
+
+
 def load(folder: Path) -> Store:
     """The store in a folder. Raises CampaignError if there is none."""
-    if not (folder / _STUDY).exists():
+    if not holds(folder):
         raise CampaignError(f"{folder}: holds no campaign; must be a folder that acrc campaign has made")
     return Store(folder, _decoded(folder / _STUDY, Study))
 

@@ -20,8 +20,8 @@ ROOT = Path(__file__).parents[2]
 MODULES = {
     "cryptography": "hardware", "serial": "hardware", "pymunk": "sim",
     "rerun": "observe", "pyarrow": "observe",
-    "mpmath": "dev", "scipy": "experiments", "hypothesis": "dev", "pytest": "dev", "mypy": "dev",
-    "psutil": "observe dev",
+    "matplotlib": "experiments", "scipy": "experiments",
+    "mpmath": "dev", "hypothesis": "dev", "pytest": "dev", "mypy": "dev", "psutil": "observe dev",
 }  # fmt: skip
 """Modules beyond the base, by the extras that bring them."""
 ACTORS = ("actors.world.__main__", "actors.radio.__main__", "actors.robot.__main__")

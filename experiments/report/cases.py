@@ -1,0 +1,116 @@
+"""The runs that a report is about, from folders of campaigns and of single runs, real robots' too."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import msgspec
+
+from actors.runtime.errors import AcrcError
+from deploy.field_trial.trial_result import TrialResult
+from deploy.results.result import RunResult
+from experiments.accounting.time_spent import TimeSpent
+from experiments.campaign import store
+from experiments.campaign.trial_record import TrialRecord
+from experiments.study.study import Study
+
+Outcome = RunResult | TrialResult
+"""Of a simulated run, or of a field trial, whose truth nobody knows."""
+REAL: Final = "real robots"
+"""Condition of field trials."""
+_RESULTS: Final = ("run.json", "result/run.json")
+"""Where a run's result lies in its folder; the second is that of emulated devices."""
+
+
+class ReportError(AcrcError):
+    """A folder of which nothing can be told."""
+
+
+class Case(NamedTuple):
+    """One run, or an attempt at one."""
+
+    condition: str
+    """What it shares with the runs beside which it may be set."""
+    strategy: str
+    seed: int | None
+    outcome: Outcome | None
+    failure: str | None = None
+    """Why there is no outcome, one sentence."""
+    time: TimeSpent | None = None
+
+
+@dataclass(frozen=True)
+class Source:
+    """One folder."""
+
+    name: str
+    study: Study | None
+    """None: of a single run."""
+    commit: str
+    """Empty: unknown."""
+    records: tuple[TrialRecord, ...]
+    """Of a campaign."""
+    pending: int
+    """Trials of the campaign that have not ended."""
+    cases: tuple[Case, ...]
+
+
+def read(folders: Sequence[Path]) -> tuple[Source, ...]:
+    """What lies in the folders, in their order. Raises ReportError, CampaignError."""
+    several = sum(map(store.holds, folders)) > 1
+    named = zip(folders, _names(folders), strict=True)
+    return tuple(
+        _campaign(store.load(folder), name, several=several) if store.holds(folder) else _single(folder, name)
+        for folder, name in named
+    )
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """Each folder's own name, with a number where it is that of an earlier one, too."""
+    found: list[str] = []
+    for folder in folders:
+        name = folder.resolve().name
+        tries = (name if number == 1 else f"{name}-{number}" for number in itertools.count(1))
+        found.append(next(one for one in tries if one not in found))
+    return found
+
+
+def _campaign(kept: store.Store, name: str, *, several: bool) -> Source:
+    records = tuple(kept.records())
+    cases = []
+    for record in records:
+        variant = ", ".join(f"{key} = {value}" for key, value in record.variant.items())
+        condition = ": ".join(part for part in (name if several else "", variant) if part) or kept.study.name
+        cases.append(
+            Case(condition, record.strategy, record.seed, record.result, record.failure, record.time)
+        )
+    return Source(name, kept.study, kept.about().commit, records, len(kept.pending()), tuple(cases))
+
+
+def _single(folder: Path, name: str) -> Source:
+    path = next((folder / one for one in _RESULTS if (folder / one).is_file()), None)
+    if path is None:
+        raise ReportError(
+            f"{folder}: holds neither a campaign nor the result of a run; must be a folder that "
+            "acrc campaign, acrc run or acrc fleet collect has made"
+        )
+    outcome = _outcome(path)
+    if isinstance(outcome, TrialResult):
+        return Source(name, None, "", (), 0, (Case(REAL, name, None, outcome),))
+    origin = outcome.origin
+    condition = f"{origin.scenario or 'one scenario'}, {outcome.robots} robots, {outcome.simulated_s:g} s"
+    case = Case(condition, origin.strategy or name, outcome.seed, outcome)
+    return Source(name, None, origin.commit, (), 0, (case,))
+
+
+def _outcome(path: Path) -> Outcome:
+    try:
+        content = path.read_bytes()
+        try:
+            return msgspec.json.decode(content, type=RunResult)
+        except msgspec.ValidationError:
+            return msgspec.json.decode(content, type=TrialResult)
+    except (OSError, msgspec.DecodeError) as error:
+        raise ReportError(f"{path}: cannot be read as the result of a run: {error}") from None

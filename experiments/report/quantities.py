@@ -1,0 +1,84 @@
+"""What pictures show of one run: one number each, alike for simulated runs and for real robots."""
+
+from actors.ieee802154 import airtime_ns
+from deploy.field_trial.trial_result import RobotTrial, TrialResult
+from deploy.results.result import RobotResult, RunResult
+from experiments.report.cases import Outcome
+from experiments.statistics.survival import Completion
+
+
+def length_s(outcome: Outcome) -> float:
+    """How long it was watched, s."""
+    return outcome.simulated_s if isinstance(outcome, RunResult) else outcome.duration_s
+
+
+def is_watched(outcome: Outcome) -> bool:
+    """True if ground truth says which places were done."""
+    return outcome.places_done is not None
+
+
+def places(part: Outcome | RobotResult | RobotTrial) -> float:
+    """Places done; where nobody watched, those that were reported."""
+    return float(part.places_claimed if part.places_done is None else part.places_done)
+
+
+def completion(outcome: Outcome) -> Completion:
+    """When all places were done."""
+    return _completion(outcome.completion_s, outcome)
+
+
+def running(outcome: Outcome) -> Completion:
+    """When all places were done or given up."""
+    return _completion(outcome.settled_s, outcome)
+
+
+def robot_completion(outcome: Outcome, robot: str) -> Completion:
+    """When all places were done that this robot was given."""
+    return _completion(outcome.per_robot[robot].completion_s, outcome)
+
+
+def octets(outcome: Outcome) -> float:
+    """On the air, per robot and s."""
+    return outcome.radio_bytes_per_robot_s
+
+
+def airtime_percent(outcome: Outcome) -> float:
+    """The share of its time that a robot sends, on the mean of all of them, %."""
+    frames = outcome.frames["frames_sent"]
+    if not frames:
+        return 0.0
+    mean_ns = airtime_ns(0) + (airtime_ns(1) - airtime_ns(0)) * outcome.frames["bytes_sent"] / frames
+    return 100.0 * frames * mean_ns / 1e9 / _robot_seconds(outcome)
+
+
+def adoptions(outcome: Outcome) -> float:
+    """Exchanges of knowledge that changed what a robot knows, in the whole run."""
+    return float(sum(outcome.deeco.exchanges.values()))
+
+
+def cpu_ms(outcome: Outcome) -> float | None:
+    """Of all processes of the simulation, CPU ms per robot and simulated s; None for real robots."""
+    return 1000.0 * outcome.cpu_s / _robot_seconds(outcome) if isinstance(outcome, RunResult) else None
+
+
+def age_s(outcome: Outcome) -> float | None:
+    """Mean age of what robots know of one another, s."""
+    return outcome.deeco.replica_age_mean_s
+
+
+def contacts(outcome: Outcome) -> float | None:
+    """Contacts that began; None where nobody watched."""
+    return None if outcome.contacts is None else float(outcome.contacts)
+
+
+def commit(outcome: Outcome) -> str:
+    """Of the software; empty: unknown."""
+    return "" if isinstance(outcome, TrialResult) else outcome.origin.commit
+
+
+def _robot_seconds(outcome: Outcome) -> float:
+    return max(outcome.robots * length_s(outcome), 1e-9)
+
+
+def _completion(at: float | None, outcome: Outcome) -> Completion:
+    return Completion(length_s(outcome), False) if at is None else Completion(at, True)
