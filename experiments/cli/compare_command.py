@@ -16,15 +16,11 @@ from experiments.comparison import metrics
 from experiments.comparison.comparison import Comparison, compare, samples
 from experiments.comparison.sentences import chapter_order, sentence, too_few
 
-_NAMES = (
-    *(one.name for one in metrics.METRICS), *(one.name for one in metrics.TIMES), metrics.LEXICOGRAPHIC,
-)  # fmt: skip
-
 
 def run(folder: Path, metric: str | None, *, json_output: bool) -> None:
     """Compare every pair of strategies of a campaign, and print what comes of it."""
-    if metric is not None and metric not in _NAMES:
-        raise wrong_value("--metric", metric, f"one of {', '.join(_NAMES)}")
+    if metric is not None and metric not in metrics.NAMES:
+        raise wrong_value("--metric", metric, f"one of {', '.join(metrics.NAMES)}")
     kept = store.load(folder)
     found = samples(kept.records())
     made = compare(found, metric)
