@@ -2,14 +2,17 @@
 
 import csv
 import io
+import shlex
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
 
+from deploy.scenario.toml_text import inline
 from experiments.campaign.store import Store
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep_bytes
+from experiments.study.study import Study
 
 Row = dict[str, bool | int | float | str | None]
 _NO_METRICS: Final = frozenset({"digest", "seed", "out", "bus", "isolation"})
@@ -54,6 +57,7 @@ def rows(store: Store) -> Iterator[Row]:
             "tuning": tuning,
             **{f"vary.{key}": _cell(value) for key, value in record.variant.items()},
             "drawn": _json(record.drawn),
+            "command": command(store.study, record),
             "failure": record.failure,
             "commit": commit,
             "versions": _json(origin.versions) if origin is not None else None,
@@ -61,6 +65,14 @@ def rows(store: Store) -> Iterator[Row]:
             **(_metrics(msgspec.to_builtins(result)) if result is not None else {}),
         }
         yield row | _checked(checks.get(_key(record)))
+
+
+def command(study: Study, record: TrialRecord) -> str:
+    """What one types to repeat the run alone."""
+    words = ["./acrc", "run", study.scenario, "--seed", str(record.seed), "--strategy", record.strategy]
+    for key, value in (*study.settings, *record.variant.items(), *record.drawn.items()):
+        words += ["--set", f"{key}={inline(value)}"]
+    return shlex.join(words)
 
 
 def _metrics(result: Mapping[str, Any], prefix: str = "") -> Row:
@@ -94,7 +106,7 @@ def _column(values: Iterable[object]) -> list[object]:
     column = list(values)
     kinds = {type(value) for value in column if value is not None}
     if kinds == {int, float}:
-        return [None if value is None else float(str(value)) for value in column]
+        return [float(value) if isinstance(value, int) else value for value in column]
     if len(kinds) > 1:
         return [
             None if value is None else value if isinstance(value, str) else _json(value) for value in column

@@ -113,8 +113,20 @@ def plan_study(
     comparisons: Annotated[
         int, typer.Option(metavar="N", min=1, max=1000, help="So many tests share the 5 %.")
     ] = 1,
+    pilot: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="A campaign whose runs say effect and correlation, in place of the options."
+        ),
+    ] = None,
+    metric: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of the pilot; as for compare.  [default: the study's]")
+    ] = None,
 ) -> None:
     """Say how many pairs of runs an effect needs to be seen."""
     from experiments.cli import plan_study_command
 
-    plan_study_command.run(a12, power, correlation, comparisons)
+    if pilot is not None:
+        plan_study_command.run_pilot(pilot, metric, power, comparisons)
+    else:
+        plan_study_command.run(a12, power, correlation, comparisons)

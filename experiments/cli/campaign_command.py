@@ -14,17 +14,21 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from deploy.processes.signals import Interrupted
 from experiments.campaign import campaign, results_table, store
 from experiments.campaign.campaign import CampaignOptions
+from experiments.campaign.cluster_address import tcp
 from experiments.cli.campaign_lines import causes, checked, differing
 from experiments.cli.study_wishes import Wishes, check, study_of
 from experiments.comparison import decision
 from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
+from experiments.comparison.summary import summaries
 
 
 def run(
     wishes: Wishes, out: Path | None, options: CampaignOptions, *, until_decided: bool, json_output: bool
 ) -> None:
     """Carry the study out, and say how it stands. Exit code 1 if a repeated run gave another digest."""
+    if options.on is not None:
+        tcp(options.on)  # what is no address is said before anything is written
     study = study_of(wishes)
     hints = check(study)
     folder = out or Path("campaigns", study.name + ("-tuning" if study.tuning else ""))
@@ -60,6 +64,7 @@ def _lines(
 ) -> Iterator[str]:
     """What is said at the end."""
     yield from causes(kept)
+    yield from summaries(kept.records())
     yield from checked(kept)
     yield from coincidences_told(coincidences(kept.records()))
     if watch is not None:

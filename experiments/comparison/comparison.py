@@ -66,18 +66,36 @@ class Comparison:
         return bool(self.adjusted) and self.adjusted[0] < 0.05
 
 
-def samples(records: Iterable[TrialRecord]) -> list[Sample]:
-    """Every pair of strategies in every variant, with the seeds that both have a result for."""
+def samples(records: Iterable[TrialRecord], primary: Sequence[tuple[str, str]] = ()) -> list[Sample]:
+    """Every pair of strategies in every variant, with the seeds that both have a result for.
+
+    The `primary` pairs come first, in their own order and each the way round that it was declared.
+    """
     runs: dict[tuple[tuple[str, Any], ...], dict[str, dict[int, RunResult]]] = {}
     for record in records:
         if record.result is not None:
             variant = tuple((key, _frozen(value)) for key, value in record.variant.items())
             runs.setdefault(variant, {}).setdefault(record.strategy, {})[record.seed] = record.result
+    names = dict.fromkeys(name for strategies in runs.values() for name in strategies)
+    declared = {frozenset(pair) for pair in primary}
+    others = [pair for pair in itertools.combinations(names, 2) if frozenset(pair) not in declared]
     return [
-        Sample(one, other, variant, tuple((mine[seed], theirs[seed]) for seed in mine if seed in theirs))
+        _sample(one, other, variant, strategies[one], strategies[other])
+        for pairs in (primary, others)
         for variant, strategies in runs.items()
-        for (one, mine), (other, theirs) in itertools.combinations(strategies.items(), 2)
+        for one, other in pairs
+        if one in strategies and other in strategies
     ]
+
+
+def _sample(
+    one: str,
+    other: str,
+    variant: tuple[tuple[str, Any], ...],
+    mine: Mapping[int, RunResult],
+    theirs: Mapping[int, RunResult],
+) -> Sample:
+    return Sample(one, other, variant, tuple((mine[seed], theirs[seed]) for seed in mine if seed in theirs))
 
 
 def compare(found: Sequence[Sample], only: str | None = None) -> list[Comparison]:
