@@ -44,7 +44,9 @@ class Bodies:
         self._names = names = [robot.id for robot in setup.robots]
         self._arena = Arena(outline(grid), names, self._models, poses)
         noise = [generator(setup.seed, "range noise", name) for name in names]
-        self._sensors = RangeSensors(visible, self._models, noise)
+        dropout = setup.uncertainty.dropout
+        dropouts = [generator(setup.seed, "range dropout", name) for name in names]
+        self._sensors = RangeSensors(visible, self._models, noise, dropout, dropouts)
         self._odometers = Odometers(
             [robot.odometry for robot in setup.robots],
             self._models,

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from actors.floor.grid import OccupancyGrid
 from actors.floor.traversal import free_squares
+from actors.messages import NO_ECHO_MM
 from actors.portable import arrays
 from actors.portable.draws import normals
 from actors.robot_model import RangeSensor, RobotModel, scan_angles
@@ -18,12 +19,20 @@ class RangeSensors:
     """The range sensors of all robots on one floor plan. A sensor does not see the body that carries it."""
 
     def __init__(
-        self, grid: OccupancyGrid, models: Sequence[RobotModel], generators: Sequence[Generator]
+        self,
+        grid: OccupancyGrid,
+        models: Sequence[RobotModel],
+        generators: Sequence[Generator],
+        dropout: float = 0.0,
+        dropouts: Sequence[Generator] = (),
     ) -> None:
-        """`generators`: one per robot, for the noise of its ranges."""
+        """`generators`: one per robot, for the noise of its ranges; `dropouts`: the same for the share
+        `dropout` of its rays that give no echo, needed if that is not 0."""
         assert len(models) == len(generators)
         self._grid = grid
         self._generators = tuple(generators)
+        self._dropout = dropout
+        self._dropouts = tuple(dropouts)
         self._models = tuple(model.sensor for model in models)
         self._squares = free_squares(grid.blocking)
         self._sensors, self._table = _sensors(self._models)
@@ -89,6 +98,8 @@ class RangeSensors:
             sensor.range_max,
             report,
         )
+        if self._dropout:
+            report[self._dropouts[robot].random(sensor.rays) < self._dropout] = NO_ECHO_MM
         return report
 
 

@@ -1,4 +1,4 @@
-"""How the floor differs from the robots' map, and how far odometry drifts: what makes robots lose their way.
+"""What makes robots lose their way: floor and map that differ, rays without echo, odometry that drifts.
 
 All of it is drawn once, from the run's seed; robots have the map as it is in its file.
 """
@@ -40,6 +40,8 @@ class Uncertainty(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """So many things on the floor that the map does not have."""
     drift: float = 1.0
     """The odometry's errors are so many times as large."""
+    dropout: float = 0.0
+    """Share of the rays of every scan that give no echo, whatever they hit."""
 
 
 class RealFloor(NamedTuple):

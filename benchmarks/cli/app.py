@@ -20,7 +20,7 @@ for _command in (
     swarm.steps,
     swarm.swarm,
     swarm.growth,
-    swarm.seeds,
+    swarm.resume,
     swarm.relays,
     swarm.crowded_start,
     swarm.endings,

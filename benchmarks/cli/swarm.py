@@ -1,4 +1,4 @@
-"""Whole swarms on the command line: speed, seeds, relays, crowded starts and violent ends."""
+"""Whole swarms on the command line: speed, relays, crowded starts and violent ends."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from deploy.cli import completion
-from deploy.cli.options import Json, ScenarioFile
+from deploy.cli.options import Json
 
 
 def steps(
@@ -77,31 +77,19 @@ def growth(
     command.run(robots or command.SIZES, duration, json)
 
 
-def seeds(
-    scenario: ScenarioFile = None,
-    robots: Annotated[
-        list[int] | None,
-        typer.Option(
-            metavar="N", min=1, max=500, help="May be repeated.  [default: the scenario's; shipped: 1, 4]"
-        ),
-    ] = None,
-    count: Annotated[int, typer.Option("--seeds", metavar="N", min=1, max=10_000, help="Seeds 1 to N.")] = 10,
+def resume(
+    kills: Annotated[int, typer.Option(metavar="N", min=1, max=1000, help="At random moments.")] = 10,
+    seeds: Annotated[int, typer.Option(metavar="N", min=1, max=1000, help="Of two strategies.")] = 10,
     duration: Annotated[
-        float | None,
-        typer.Option(metavar="S", min=1, max=3600, help="Simulated seconds.  [default: the scenario's]"),
-    ] = None,
-    strategy: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME", help="May be repeated.  [default: none]", autocompletion=completion.strategies
-        ),
-    ] = None,
+        float, typer.Option(metavar="S", min=1, max=3600, help="Simulated seconds of each run.")
+    ] = 20.0,
     json: Json = False,
 ) -> None:
-    """Run a scenario from many seeds, with each strategy, and count places and contacts."""
-    from benchmarks.swarm import seeds as by_seed
+    """Kill a campaign again and again, and compare what is resumed with one that never was."""
+    from benchmarks.swarm import resume as killed
 
-    by_seed.run(robots or (), count, json, duration, strategy or by_seed.STRATEGIES, scenario)
+    if not killed.run(killed.ResumeTask(kills, seeds, duration), json):
+        raise typer.Exit(1)
 
 
 def relays(

@@ -81,7 +81,7 @@ class PlacesTable(Table):
 
 
 class UncertaintyTable(Table):
-    """[uncertainty]: how the floor differs from the robots' map, and how far their odometry drifts."""
+    """[uncertainty]: how the floor differs from the robots' map, what sensors miss, how odometry drifts."""
 
     map_error: Annotated[float, Field(ge=0, le=0.5), Right("a number of metres from 0 to 0.5")] = 0.0
     """Standard deviation of how far walls are from where the map has them, m."""
@@ -91,6 +91,8 @@ class UncertaintyTable(Table):
     """So many things on the floor, of 0.25 m radius, that the map does not have."""
     drift: Annotated[float, Field(ge=0, le=1000), Right("a number from 0 to 1000")] = 1.0
     """The odometry's errors are so many times as large as those of its kind."""
+    dropout: Annotated[float, Field(ge=0, le=1), Right("a share from 0 to 1")] = 0.0
+    """Share of the rays of every scan that give no echo, whatever they hit."""
 
 
 class RobotTable(Table):

@@ -26,6 +26,17 @@ def document(content: Mapping[str, object]) -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
+def inline(value: object) -> str:
+    """A value on one line, as it may stand after an equals sign; tables in it as inline tables."""
+    match value:
+        case Mapping():
+            return "{" + ", ".join(f"{_key(name)} = {inline(part)}" for name, part in value.items()) + "}"
+        case list() | tuple():
+            return f"[{', '.join(map(inline, value))}]"
+        case _:
+            return _value(value)
+
+
 def _holds_tables(value: object) -> bool:
     """True for a table or a list of tables; an empty list is one of tables, too."""
     if isinstance(value, list | tuple):

@@ -1,19 +1,19 @@
 """Carries a study out: as many trials at once as there are cores, whatever is missing of them."""
 
-import os
-import signal
-import time
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final
 
-from deploy.processes.launch import Child, Launcher, Program, launcher
+from deploy.processes.launch import launcher
 from deploy.processes.signals import signals_as_interrupts
 from deploy.run.kernels import compile_kernels
+from experiments.campaign.pool import Ended, LocalPool, Pool
 from experiments.campaign.store import Pending, Store
-from experiments.campaign.trial_record import TrialRecord, keep
+from experiments.campaign.time_to_go import TimeToGo
+from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
 
-_PROGRAM: Final = "experiments.campaign.trial_program"
 _LOOK_S: Final = 1.0
 
 
@@ -25,6 +25,10 @@ class CampaignOptions:
     """Trials at once; 0: one per core."""
     patience_s: float = 3600.0
     """A trial that takes longer has failed."""
+    check_every: int = 0
+    """Every so many trials, from the first on, one is repeated as real processes over Zenoh; 0: none."""
+    on: str | None = None
+    """Address of a cluster that runs the trials, `dask://host:port`; None: this computer."""
 
 
 @dataclass(frozen=True)
@@ -37,84 +41,113 @@ class Progress:
     total: int
     left_s: float | None
     """What the rest will take, from what the trials of this call took; None before the first has ended."""
+    enough: bool = False
+    """True if it has stopped because no more trials are needed."""
 
 
 OnProgress = Callable[[Progress], None]
 
 
-def carry_out(store: Store, options: CampaignOptions, follow: OnProgress = lambda progress: None) -> Progress:
+def carry_out(
+    store: Store,
+    options: CampaignOptions,
+    follow: OnProgress = lambda progress: None,
+    enough: Callable[[], bool] = lambda: False,
+) -> Progress:
     """Run every trial that has no record, and give how it stands then.
 
     Whatever ends it, from outside too, no record is lost, and the next call goes on. A trial whose process
-    dies, or takes too long, is kept as a failure.
+    dies, or takes too long, is kept as a failure. `enough`: asked at the beginning and after each trial; once
+    it says so no further trial begins.
     """
+    with signals_as_interrupts(), _pool(store, options) as pool:
+        return _Campaign(store, options, pool, follow, enough).run()
+
+
+@contextmanager
+def _pool(store: Store, options: CampaignOptions) -> Iterator[Pool]:
+    if options.on is not None:
+        from experiments.campaign.dask_pool import DaskPool  # noqa: PLC0415 - the extra `cluster`
+
+        with DaskPool(store, options.on, options.jobs, options.patience_s) as cluster:
+            yield cluster
+        return
     compile_kernels(quiet=True)
-    with signals_as_interrupts(), launcher("forkserver") as launched:
-        return _Campaign(store, options, launched, follow).run()
+    with launcher("forkserver") as launched:
+        yield LocalPool(store, launched, options.jobs, options.patience_s)
 
 
 class _Campaign:
     def __init__(
-        self, store: Store, options: CampaignOptions, launched: Launcher, follow: OnProgress
+        self,
+        store: Store,
+        options: CampaignOptions,
+        pool: Pool,
+        follow: OnProgress,
+        enough: Callable[[], bool],
     ) -> None:
         self._store = store
-        self._options = options
-        self._launched = launched
+        self._every = options.check_every
+        self._pool = pool
         self._follow = follow
-        self._waiting = store.pending()[::-1]
+        self._asked_enough = enough
+        self._trials = deque(store.pending())
+        self._checks = deque(store.unchecked(self._every))
         self._total = sum(1 for _ in store.study.trials())
-        self._before = self._total - len(self._waiting)
+        self._before = self._total - len(self._trials)
         self._failed = sum(record.failure is not None for record in store.records())
         self._ended = 0
-        self._running: dict[int, tuple[Child, Pending, float]] = {}
-        self._began = time.monotonic()
+        self._time = TimeToGo()
+        self._enough = False
 
     def run(self) -> Progress:
-        jobs = self._options.jobs or os.cpu_count() or 1
+        self._ask()
         self._follow(self._progress())
-        while self._waiting or self._running:
-            while self._waiting and len(self._running) < jobs:
-                self._start(self._waiting.pop())
-            self._launched.wait(_LOOK_S)
-            self._look()
+        while self._trials or self._checks or self._pool.running:
+            while (self._trials or self._checks) and len(self._pool.running) < self._pool.slots:
+                self._pool.start((self._checks or self._trials).popleft())
+            ended = self._pool.wait(_LOOK_S)
+            for one in ended:
+                self._time.learn(one.pending, one.took_s)
+                self._note_check(one) if one.pending.check else self._note(one)
+            if ended:
+                self._ask()
+            self._follow(self._progress())
         return self._progress()
 
-    def _start(self, pending: Pending) -> None:
-        store = self._store
-        argv = (str(store.study_file), str(pending.number), str(store.path(pending.trial)))
-        store.log(pending.trial).unlink(missing_ok=True)  # of a process that was ended with the campaign
-        program = Program(f"trial {pending.number}", _PROGRAM, argv, store.log(pending.trial), None)
-        child = self._launched.start(program)
-        self._running[child.pid] = (child, pending, time.monotonic())
+    def _ask(self) -> None:
+        if not self._enough and self._asked_enough():
+            self._enough = True
+            self._trials.clear()
 
-    def _look(self) -> None:
-        for pid, (child, pending, began) in list(self._running.items()):
-            late = time.monotonic() - began > self._options.patience_s
-            if child.exit_code is None and not late:
-                continue
-            if child.exit_code is None:
-                child.send(signal.SIGKILL)
-            del self._running[pid]
-            self._note(child, pending)
-            self._follow(self._progress())
-
-    def _note(self, child: Child, pending: Pending) -> None:
+    def _note(self, ended: Ended) -> None:
         """Count a trial that has ended; one without a record has failed."""
         self._ended += 1
-        trial, path = pending.trial, self._store.path(pending.trial)
-        if path.exists():
-            self._failed += self._store.record(trial).failure is not None
+        number, trial, _ = ended.pending
+        path = self._store.path(trial)
+        if not path.exists():
+            self._failed += 1
+            keep(path, TrialRecord(trial.strategy, trial.seed, dict(trial.variant), failure=ended.cause))
             return
-        self._failed += 1
-        if child.exit_code is None:
-            cause = f"took longer than {self._options.patience_s:g} s"
-        else:
-            cause = f"its process ended with exit code {child.exit_code} without a result"
-        keep(path, TrialRecord(trial.strategy, trial.seed, dict(trial.variant), failure=cause))
+        failed = self._store.record(trial).failure is not None
+        self._failed += failed
+        if self._every and number % self._every == 0 and not failed:
+            self._checks.append(Pending(number, trial, check=True))
+
+    def _note_check(self, ended: Ended) -> None:
+        trial = ended.pending.trial
+        path = self._store.check_path(trial)
+        if path.exists():
+            return
+        result = self._store.record(trial).result
+        assert result is not None
+        failed = CheckRecord(
+            trial.strategy, trial.seed, dict(trial.variant), result.digest, result.real_time_factor,
+            failure=ended.cause,
+        )  # fmt: skip
+        keep(path, failed)
 
     def _progress(self) -> Progress:
-        left = len(self._waiting) + len(self._running)
-        each = (time.monotonic() - self._began) / self._ended if self._ended else None
-        return Progress(
-            self._before + self._ended, self._failed, self._total, None if each is None else each * left
-        )
+        waiting = (*self._trials, *self._checks)
+        left_s = self._time.left_s(waiting, self._pool.running, self._pool.slots)
+        return Progress(self._before + self._ended, self._failed, self._total, left_s, self._enough)

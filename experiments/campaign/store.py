@@ -8,15 +8,17 @@ import msgspec
 
 from actors.runtime.errors import AcrcError
 from deploy.version import software
-from experiments.campaign.trial_record import TrialRecord, keep
+from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
 from experiments.study.study import Study, Trial
 
 T = TypeVar("T")
 _STUDY: Final = "study.json"
 _ABOUT: Final = "campaign.json"
 _TRIALS: Final = "trials"
+_CHECKS: Final = "checks"
 _LOGS: Final = "logs"
-_OWN: Final = frozenset({_ABOUT, _TRIALS, _LOGS, "campaign.new", "study.new"})
+_LOOKS: Final = "looks.json"
+_OWN: Final = frozenset({_ABOUT, _TRIALS, _CHECKS, _LOGS, "campaign.new", "study.new"})
 """What lies in a folder whose campaign was ended before it had begun."""
 
 
@@ -30,12 +32,22 @@ class About(msgspec.Struct, frozen=True):
     commit: str
 
 
+class Looks(msgspec.Struct, frozen=True):
+    """That a campaign was looked at while it went on, which holds from the first time on."""
+
+    cap: int
+    """Pairs at most."""
+    metric: str
+
+
 class Pending(NamedTuple):
-    """A trial that is to be run."""
+    """A trial that is to be run, or to be repeated over Zenoh."""
 
     number: int
     """Its place in the study's order."""
     trial: Trial
+    check: bool = False
+    """True: to be repeated."""
 
 
 class Store:
@@ -55,13 +67,67 @@ class Store:
         trials = enumerate(self.study.trials())
         return [Pending(number, trial) for number, trial in trials if not self.path(trial).exists()]
 
+    def unchecked(self, every: int) -> list[Pending]:
+        """Every so many trials, from the first on, those that have a result and were not repeated yet.
+
+        None if `every` is 0.
+        """
+        trials = enumerate(self.study.trials())
+        return [
+            Pending(number, trial, check=True)
+            for number, trial in trials
+            if every
+            and number % every == 0
+            and not self.check_path(trial).exists()
+            and self._has_result(trial)
+        ]
+
+    def _has_result(self, trial: Trial) -> bool:
+        return self.path(trial).exists() and self.record(trial).result is not None
+
+    def check_path(self, trial: Trial) -> Path:
+        """Where the record of a trial's repetition over Zenoh is, or will be."""
+        return self.folder / _CHECKS / f"{trial.name}.json"
+
+    def checks(self) -> Iterator[CheckRecord]:
+        """Of all trials that were repeated, in the study's order. Raises CampaignError for a damaged one."""
+        for trial in self.study.trials():
+            if self.check_path(trial).exists():
+                yield self.check(trial)
+
+    def check(self, trial: Trial) -> CheckRecord:
+        """Of a trial that was repeated. Raises CampaignError for a damaged one."""
+        return _decoded(self.check_path(trial), CheckRecord)
+
+    def declare_looks(self) -> None:
+        """Keep that this campaign stops early by its rule. Raises CampaignError if it began with another."""
+        here = Looks(self.study.seeds, self.study.primary_metric)
+        before = self.looks
+        if before is not None and before != here:
+            raise CampaignError(
+                f"{self.folder}: was looked at on the way to {before.cap} pairs; with {here.cap} the error"
+                " rate would not hold, so it must stay as it is, or be another campaign"
+            )
+        keep(self.folder / _LOOKS, here)
+
+    @property
+    def looks(self) -> Looks | None:
+        """None if nobody looks before the end."""
+        path = self.folder / _LOOKS
+        return _decoded(path, Looks) if path.exists() else None
+
+    @property
+    def commit(self) -> str:
+        """What all its trials were made with."""
+        return _decoded(self.folder / _ABOUT, About).commit
+
     def path(self, trial: Trial) -> Path:
         """Where a trial's record is, or will be."""
         return self.folder / _TRIALS / f"{trial.name}.json"
 
-    def log(self, trial: Trial) -> Path:
-        """What its process says."""
-        return self.folder / _LOGS / f"{trial.name}.log"
+    def log(self, trial: Trial, *, check: bool = False) -> Path:
+        """What its process says, or that of its repetition."""
+        return self.folder / _LOGS / f"{trial.name}{'-check' if check else ''}.log"
 
     def records(self) -> Iterator[TrialRecord]:
         """Of all trials that have ended, in the study's order. Raises CampaignError for a damaged one."""
@@ -91,7 +157,7 @@ def create(folder: Path, study: Study) -> Store:
                 f"{folder}: holds the campaign of another study ({_differs(before, study)} differs); "
                 "must be new, or that of this one"
             )
-        commit = _decoded(folder / _ABOUT, About).commit
+        commit = store.commit
         if commit != about.commit:
             raise CampaignError(
                 f"{folder}: was begun with {commit}, this is {about.commit}; their results do not compare"
@@ -100,7 +166,7 @@ def create(folder: Path, study: Study) -> Store:
         return store
     if folder.exists() and {path.name for path in folder.iterdir()} - _OWN:
         raise CampaignError(f"{folder}: holds something that is no campaign; must be new or empty")
-    for part in (_TRIALS, _LOGS):
+    for part in (_TRIALS, _CHECKS, _LOGS):
         (folder / part).mkdir(parents=True, exist_ok=True)
     keep(folder / _ABOUT, about)
     keep(store.study_file, study)

@@ -10,12 +10,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a run has it
 import sys
 import tempfile
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import islice
 from pathlib import Path
+from typing import Any, TypeVar
 
 import msgspec
 
+from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.lifecycle.parent import die_with_parent
 from deploy.processes.signals import Interrupted
@@ -25,47 +27,74 @@ from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from experiments.accounting.account import account
 from experiments.accounting.time_spent import TimeSpent
+from experiments.campaign.trace import Trace
 from experiments.campaign.trial_record import TrialRecord, keep
+from experiments.study.draws import drawn
 from experiments.study.study import Study, Trial
+
+T = TypeVar("T")
 
 
 def main(argv: Sequence[str]) -> int:
     """Run the trial, and write down what came of it; the exit code."""
     die_with_parent(os.getppid())
     study_file, number, out = argv
-    study = msgspec.json.decode(Path(study_file).read_bytes(), type=Study)
-    trial = next(islice(study.trials(), int(number), None))
+    study, trial = trial_of(Path(study_file), int(number))
     keep(Path(out), record(study, trial))
     return 0
 
 
+def trial_of(study_file: Path, number: int) -> tuple[Study, Trial]:
+    """The study in the file, and its trial of this number."""
+    study = msgspec.json.decode(study_file.read_bytes(), type=Study)
+    return study, next(islice(study.trials(), number, None))
+
+
 def record(study: Study, trial: Trial) -> TrialRecord:
     """The trial, run here; whatever goes wrong in it is what the record says."""
-    result, time, failure = None, None, None
+    settings, fault = attempted(lambda: drawn(study, trial))
+    done: tuple[RunResult, TimeSpent, str] | None = None
+    if settings is not None:
+        of_all = settings
+        done, fault = attempted(lambda: _run(study, trial, of_all))
+    result, time, trace = done or (None, None, "")
+    variant = dict(trial.variant)
+    return TrialRecord(trial.strategy, trial.seed, variant, result, fault, time, settings or {}, trace)
+
+
+def attempted(work: Callable[[], T]) -> tuple[T | None, str | None]:
+    """What `work` gives, or else why it came to no end, in a sentence."""
     try:
-        result, time = _run(study, trial)
+        return work(), None
     except (Interrupted, KeyboardInterrupt):
         raise
     except AcrcError as error:
-        failure = str(error)
+        return None, printable(str(error))
     except BaseException as error:  # a strategy's own error, which in memory is raised here
         traceback.print_exc()
         notes = "; ".join(getattr(error, "__notes__", ()))
-        failure = f"{type(error).__name__}: {error}" + (f" ({notes})" if notes else "")
-    told = None if failure is None else printable(failure)
-    return TrialRecord(trial.strategy, trial.seed, dict(trial.variant), result, told, time)
+        return None, printable(f"{type(error).__name__}: {error}" + (f" ({notes})" if notes else ""))
 
 
-def _run(study: Study, trial: Trial) -> tuple[RunResult, TimeSpent]:
-    overrides = Overrides(
-        seed=trial.seed, strategy=trial.strategy, settings=(*study.settings, *trial.variant)
+def overrides_of(study: Study, trial: Trial, settings: dict[str, Any]) -> Overrides:
+    """What of the scenario is other than in its file, `settings` being what was drawn."""
+    return Overrides(
+        seed=trial.seed,
+        strategy=trial.strategy,
+        settings=(*study.settings, *trial.variant, *settings.items()),
     )
+
+
+def _run(study: Study, trial: Trial, settings: dict[str, Any]) -> tuple[RunResult, TimeSpent, str]:
     path = Path(study.scenario)
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         options = RunOptions(Path(folder) / "out", bus="memory", json=True, scenario=path.name)
-        result = swarm.run(load_scenario(path, overrides), options)
+        plan = swarm.plan(load_scenario(path, overrides_of(study, trial, settings)), options)
+        bus = MemoryBus()
+        trace = Trace(bus)
+        result = swarm.run_in_memory(plan, lambda progress: None, bus)
         time = account(options.out)
-    return msgspec.structs.replace(result, out=""), time
+    return msgspec.structs.replace(result, out=""), time, trace.text
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What is kept of a trial, whether it ran to its end or failed."""
+"""What is kept of a trial, whether it ran to its end or failed, and of its repetition over the mesh."""
 
 import os
 from pathlib import Path
@@ -21,13 +21,45 @@ class TrialRecord(msgspec.Struct, frozen=True):
     """One sentence."""
     time: TimeSpent | None = None
     """Where the time went; None of a trial that failed."""
+    drawn: dict[str, Any] = {}
+    """What the study's distributions came to for this seed and variant: keys of the scenario, as for
+    `acrc run --set KEY=VALUE`."""
+    trace: str = ""
+    """Eight hexadecimal digits for each whole simulated second, from 0 on: where all robots truly were."""
+
+
+class CheckRecord(msgspec.Struct, frozen=True):
+    """One trial repeated as real processes over Zenoh."""
+
+    strategy: str
+    seed: int
+    variant: dict[str, Any]
+    in_memory: str
+    """Digest."""
+    in_memory_speed: float
+    """Simulated seconds per second, beside what else the machine did."""
+    over_zenoh: str = ""
+    """Digest; empty if the repetition failed."""
+    over_zenoh_speed: float | None = None
+    failure: str | None = None
+    """Why the repetition came to no end, one sentence."""
+
+    @property
+    def agrees(self) -> bool:
+        """True if the repetition gave the same digest."""
+        return self.in_memory == self.over_zenoh
 
 
 def keep(path: Path, told: msgspec.Struct) -> None:
     """Write it as JSON into its file, which is there whole or not at all, also if the power fails."""
+    keep_bytes(path, msgspec.json.encode(told))
+
+
+def keep_bytes(path: Path, content: bytes) -> None:
+    """The same of what is encoded already."""
     new = path.with_suffix(".new")  # one process writes it, and a later one what that has left
     with new.open("wb") as file:
-        file.write(msgspec.json.encode(told))
+        file.write(content)
         file.flush()
         os.fsync(file.fileno())
     new.replace(path)

@@ -46,18 +46,42 @@ def campaign(
             metavar="DIR", help="Where the results go; one that was begun goes on.  [default: in campaigns/]"
         ),
     ] = None,
+    preset: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="A study that is shipped: chapter, the chapter's experiment."),
+    ] = None,
+    until_decided: Annotated[
+        bool,
+        typer.Option(
+            "--until-decided",
+            help="Stop as soon as the primary comparisons are decided, by looks planned ahead.",
+        ),
+    ] = False,
+    check_every: Annotated[
+        int,
+        typer.Option(
+            metavar="N", min=0, help="Repeat every so many runs as real processes over Zenoh; 0: none."
+        ),
+    ] = 20,
+    on: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Run them on a cluster: dask://HOST:PORT.  [default: here]"),
+    ] = None,
     jobs: Annotated[
         int, typer.Option(metavar="N", min=0, max=1024, help="Runs at once; 0: one per core.")
     ] = 0,
     json: Json = False,
 ) -> None:
     """Run every strategy in every variant of a scenario with the same seeds; what is interrupted goes on."""
+    from experiments.campaign.campaign import CampaignOptions
     from experiments.cli import campaign_command
+    from experiments.cli.study_wishes import Wishes
 
-    wishes = campaign_command.Wishes(
-        scenario, strategies, seeds, robots, duration, tuple(setting or ()), tuning
+    wishes = Wishes(
+        study, preset, scenario, strategies, seeds, robots, duration, tuple(setting or ()), tuning
     )
-    campaign_command.run(study, wishes, out, jobs, json_output=json)
+    options = CampaignOptions(jobs, check_every=check_every, on=on)
+    campaign_command.run(wishes, out, options, until_decided=until_decided, json_output=json)
 
 
 def compare(
@@ -89,11 +113,23 @@ def plan_study(
     comparisons: Annotated[
         int, typer.Option(metavar="N", min=1, max=1000, help="So many tests share the 5 %.")
     ] = 1,
+    pilot: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="A campaign whose runs say effect and correlation, in place of the options."
+        ),
+    ] = None,
+    metric: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of the pilot; as for compare.  [default: the study's]")
+    ] = None,
 ) -> None:
     """Say how many pairs of runs an effect needs to be seen."""
     from experiments.cli import plan_study_command
 
-    plan_study_command.run(a12, power, correlation, comparisons)
+    if pilot is not None:
+        plan_study_command.run_pilot(pilot, metric, power, comparisons)
+    else:
+        plan_study_command.run(a12, power, correlation, comparisons)
 
 
 def report(

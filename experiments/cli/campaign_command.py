@@ -2,9 +2,9 @@
 
 import json
 import sys
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
 
 import msgspec
 import typer
@@ -12,94 +12,90 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from deploy.processes.signals import Interrupted
-from deploy.repository import REPOSITORY
-from deploy.scenario.scenario_file import Overrides, load_scenario, settings
-from deploy.usage import OptionError
-from experiments.campaign import campaign, store
+from experiments.campaign import campaign, results_table, store
 from experiments.campaign.campaign import CampaignOptions
-from experiments.study.study import Study
-from experiments.study.study_file import load_study
-
-_SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
-_STRATEGIES: Final = ("none", "chapter")
-
-
-@dataclass(frozen=True)
-class Wishes:
-    """The command line's own words about the study."""
-
-    scenario: Path | None = None
-    strategies: str | None = None
-    seeds: int | None = None
-    robots: str | None = None
-    duration: str | None = None
-    settings: tuple[str, ...] = ()
-    tuning: bool = False
+from experiments.campaign.cluster_address import tcp
+from experiments.cli.campaign_lines import causes, checked, differing
+from experiments.cli.study_wishes import Wishes, check, study_of
+from experiments.comparison import decision
+from experiments.comparison.coincidence import coincidences
+from experiments.comparison.coincidence import told as coincidences_told
+from experiments.comparison.summary import summaries
 
 
-def run(path: Path | None, wishes: Wishes, out: Path | None, jobs: int, *, json_output: bool) -> None:
-    """Carry the study out, and say how it stands."""
-    study = study_of(path, wishes)
-    check(study)
+def run(
+    wishes: Wishes, out: Path | None, options: CampaignOptions, *, until_decided: bool, json_output: bool
+) -> None:
+    """Carry the study out, and say how it stands. Exit code 1 if a repeated run gave another digest."""
+    if options.on is not None:
+        tcp(options.on)  # what is no address is said before anything is written
+    study = study_of(wishes)
+    hints = check(study)
     folder = out or Path("campaigns", study.name + ("-tuning" if study.tuning else ""))
     kept = store.create(folder.absolute(), study)
+    watch = decision.Watch(kept) if until_decided else None
+    if watch is not None:
+        kept.declare_looks()
+    say = Console(stderr=True, soft_wrap=True, highlight=False)
+    for line in [] if json_output else hints:
+        say.print(line)
     try:
-        progress = _carried_out(kept, CampaignOptions(jobs), quiet=json_output)
+        progress = _carried_out(kept, options, watch, quiet=json_output)
     except Interrupted as interrupt:
-        told = f"acrc: ended from outside; the same command goes on from what is in {folder}"
-        Console(stderr=True, soft_wrap=True, highlight=False).print(told)
+        say.print(f"acrc: ended from outside; the same command goes on from what is in {folder}")
         raise typer.Exit(interrupt.exit_code) from None
+    finally:
+        results_table.write(kept)
+    different = differing(kept)
     if json_output:
-        sys.stdout.write(json.dumps({"out": str(folder), **msgspec.to_builtins(progress)}) + "\n")
-        return
-    console = Console(soft_wrap=True, highlight=False)
-    for line in _causes(kept):
-        console.print(line)
-    console.print(
-        f"{progress.done} of {progress.total} runs, {progress.failed} failed, in {folder}; "
-        f"acrc compare {folder} says what they show"
+        _print_json(kept, folder, progress)
+    else:
+        console = Console(soft_wrap=True, highlight=False)
+        for line in _lines(kept, folder, progress, watch):
+            console.print(line, markup=False)
+    for line in different:
+        say.print(f"acrc: {line}", style="bold red", markup=False)
+    if different:
+        raise typer.Exit(1)
+
+
+def _lines(
+    kept: store.Store, folder: Path, progress: campaign.Progress, watch: decision.Watch | None
+) -> Iterator[str]:
+    """What is said at the end."""
+    yield from causes(kept)
+    yield from summaries(kept.records())
+    yield from checked(kept)
+    yield from coincidences_told(coincidences(kept.records()))
+    if watch is not None:
+        yield from decision.told(watch.verdicts(), watch.rule, kept.study.primary_metric)
+    yield (
+        f"{progress.done} of {progress.total} runs, {progress.failed} failed, in {folder}, as tables in"
+        f" results.csv and results.parquet; acrc compare {folder} says what they show"
     )
 
 
-def study_of(path: Path | None, wishes: Wishes) -> Study:
-    """The study in the file, or the one that the command line describes, with its wishes laid over."""
-    own: list[tuple[str, Any]] = list(settings(wishes.settings))
-    for key, text in (("robots.count", wishes.robots), ("run.duration", wishes.duration)):
-        if text is not None:
-            own += settings((f"{key}={text}",))
-    if path is not None:
-        if wishes.scenario is not None or wishes.strategies is not None:
-            raise OptionError(
-                "--scenario and --strategies: the study says so; must stand without a STUDY.toml"
-            )
-        study = load_study(path, tuning=wishes.tuning)
-        return msgspec.structs.replace(
-            study, settings=(*study.settings, *own), seeds=wishes.seeds or study.seeds
-        )
-    scenario = wishes.scenario or _SCENARIO
-    named = tuple(name for name in (wishes.strategies or ",".join(_STRATEGIES)).split(",") if name)
-    return Study(
-        name=scenario.stem,
-        scenario=str(scenario.resolve()),
-        strategies=tuple(dict.fromkeys(named)),
-        seeds=wishes.seeds or 10,
-        tuning=wishes.tuning,
-        settings=tuple(own),
-    )
+def _print_json(kept: store.Store, folder: Path, progress: campaign.Progress) -> None:
+    told = {
+        "out": str(folder),
+        **msgspec.to_builtins(progress),
+        "checks": [msgspec.to_builtins(one) | {"agrees": one.agrees} for one in kept.checks()],
+        "coincide": [msgspec.to_builtins(one) for one in coincidences(kept.records())],
+    }
+    sys.stdout.write(json.dumps(told) + "\n")
 
 
-def check(study: Study) -> None:
-    """Whatever every trial would stumble over is said before the first: scenario, keys, strategies."""
-    from cleaning.strategies import entry
-
-    for variant in study.variants():
-        for strategy in study.strategies:
-            overrides = Overrides(strategy=strategy, settings=(*study.settings, *variant))
-            load_scenario(Path(study.scenario), overrides)
-            entry(strategy)
+def _carried_out(
+    kept: store.Store, options: CampaignOptions, watch: decision.Watch | None, *, quiet: bool
+) -> campaign.Progress:
+    with _bar(quiet=quiet) as follow:
+        if watch is None:
+            return campaign.carry_out(kept, options, follow)
+        return campaign.carry_out(kept, options, follow, watch.enough)
 
 
-def _carried_out(kept: store.Store, options: CampaignOptions, *, quiet: bool) -> campaign.Progress:
+@contextmanager
+def _bar(*, quiet: bool) -> Iterator[campaign.OnProgress]:
     bar = Progress(
         TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[left]}"),
         console=Console(stderr=True), disable=quiet,
@@ -110,19 +106,11 @@ def _carried_out(kept: store.Store, options: CampaignOptions, *, quiet: bool) ->
         def follow(progress: campaign.Progress) -> None:
             left = "" if progress.left_s is None else f"about {_span(progress.left_s)} to go"
             failed = f", {progress.failed} failed" if progress.failed else ""
-            bar.update(task, total=progress.total, completed=progress.done, left=left + failed)
+            enough = ", decided" if progress.enough else ""
+            bar.update(task, total=progress.total, completed=progress.done, left=left + failed + enough)
 
-        return campaign.carry_out(kept, options, follow)
+        yield follow
 
 
 def _span(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
-
-
-def _causes(kept: store.Store) -> list[str]:
-    """Why runs failed, a line for each cause."""
-    causes: dict[str, list[str]] = {}
-    for record in kept.records():
-        if record.failure is not None:
-            causes.setdefault(record.failure, []).append(f"{record.strategy} with seed {record.seed}")
-    return [f"failed: {cause} ({len(who)} runs, first {who[0]})" for cause, who in causes.items()]

@@ -12,38 +12,53 @@ from rich.table import Table
 
 from deploy.usage import wrong_value
 from experiments.campaign import store
-from experiments.comparison import metrics
+from experiments.cli.campaign_lines import differing
+from experiments.comparison import decision, metrics
+from experiments.comparison.coincidence import coincidences
+from experiments.comparison.coincidence import told as coincidences_told
 from experiments.comparison.comparison import Comparison, compare, samples
 from experiments.comparison.sentences import chapter_order, sentence, too_few
-
-_NAMES = (
-    *(one.name for one in metrics.METRICS), *(one.name for one in metrics.TIMES), metrics.LEXICOGRAPHIC,
-)  # fmt: skip
 
 
 def run(folder: Path, metric: str | None, *, json_output: bool) -> None:
     """Compare every pair of strategies of a campaign, and print what comes of it."""
-    if metric is not None and metric not in _NAMES:
-        raise wrong_value("--metric", metric, f"one of {', '.join(_NAMES)}")
+    if metric is not None and metric not in metrics.NAMES:
+        raise wrong_value("--metric", metric, f"one of {', '.join(metrics.NAMES)}")
     kept = store.load(folder)
-    found = samples(kept.records())
+    found = samples(kept.records(), kept.study.primary_pairs)
     made = compare(found, metric)
     if json_output:
         sys.stdout.write(json.dumps([dataclasses.asdict(one) for one in made]) + "\n")
         return
     console = Console(soft_wrap=True, highlight=False)
     for line in too_few(found):
-        console.print(line)
-    for table in _tables(made):
-        console.print(table)
-    primary = {frozenset(pair) for pair in kept.study.primary}
-    said = chapter_order(made) if metric is None else [sentence(one) for one in made]
-    if primary:
-        console.print(f"declared beforehand: {', '.join(' and '.join(sorted(pair)) for pair in primary)}")
-    for line in said:
-        console.print(line)
+        console.print(line, markup=False)
+    declared = set(kept.study.primary_pairs)
+    primary = [one for one in made if (one.one, one.other) in declared]
+    others = [one for one in made if (one.one, one.other) not in declared]
+    if kept.study.primary and primary:
+        console.print("Declared beforehand:")
+    for part in (primary, others):
+        if part is others and primary and others:
+            console.print("All other pairs:")
+        for table in _tables(part):
+            console.print(table)
+        for line in chapter_order(part) if metric is None else map(sentence, part):
+            console.print(line, markup=False)
+    for line in _about(kept):
+        console.print(line, markup=False)
+
+
+def _about(kept: store.Store) -> Iterator[str]:
+    """What is to be known beside the tests."""
+    if kept.looks is not None:
+        watch = decision.Watch(kept)
+        yield from decision.told(watch.verdicts(), watch.rule, kept.study.primary_metric)
+        yield "The p-values above are of all runs there are; for the primary comparisons the looks decide."
+    yield from coincidences_told(coincidences(kept.records()))
+    yield from differing(kept)
     if kept.study.tuning:
-        console.print("These are seeds for tuning: what was chosen with them is to be judged by others.")
+        yield "These are seeds for tuning: what was chosen with them is to be judged by others."
 
 
 def _tables(made: list[Comparison]) -> Iterator[Table]:

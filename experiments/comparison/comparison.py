@@ -66,18 +66,36 @@ class Comparison:
         return bool(self.adjusted) and self.adjusted[0] < 0.05
 
 
-def samples(records: Iterable[TrialRecord]) -> list[Sample]:
-    """Every pair of strategies in every variant, with the seeds that both have a result for."""
+def samples(records: Iterable[TrialRecord], primary: Sequence[tuple[str, str]] = ()) -> list[Sample]:
+    """Every pair of strategies in every variant, with the seeds that both have a result for.
+
+    The `primary` pairs come first, in their own order and each the way round that it was declared.
+    """
     runs: dict[tuple[tuple[str, Any], ...], dict[str, dict[int, RunResult]]] = {}
     for record in records:
         if record.result is not None:
             variant = tuple((key, _frozen(value)) for key, value in record.variant.items())
             runs.setdefault(variant, {}).setdefault(record.strategy, {})[record.seed] = record.result
+    names = dict.fromkeys(name for strategies in runs.values() for name in strategies)
+    declared = {frozenset(pair) for pair in primary}
+    others = [pair for pair in itertools.combinations(names, 2) if frozenset(pair) not in declared]
     return [
-        Sample(one, other, variant, tuple((mine[seed], theirs[seed]) for seed in mine if seed in theirs))
+        _sample(one, other, variant, strategies[one], strategies[other])
+        for pairs in (primary, others)
         for variant, strategies in runs.items()
-        for (one, mine), (other, theirs) in itertools.combinations(strategies.items(), 2)
+        for one, other in pairs
+        if one in strategies and other in strategies
     ]
+
+
+def _sample(
+    one: str,
+    other: str,
+    variant: tuple[tuple[str, Any], ...],
+    mine: Mapping[int, RunResult],
+    theirs: Mapping[int, RunResult],
+) -> Sample:
+    return Sample(one, other, variant, tuple((mine[seed], theirs[seed]) for seed in mine if seed in theirs))
 
 
 def compare(found: Sequence[Sample], only: str | None = None) -> list[Comparison]:
@@ -111,8 +129,7 @@ def _comparisons(sample: Sample, only: str | None) -> Iterator[Comparison]:
 
 def _of_values(sample: Sample, metric: Metric) -> Comparison:
     ones, others = ([metric.value(pair[side]) for pair in sample.pairs] for side in (0, 1))
-    sign = 1.0 if metric.more_is_better else -1.0
-    good, bad = ([sign * value for value in values] for values in (ones, others))
+    good, bad = scores(metric.name, sample.pairs)
     return Comparison(
         *_who(sample), metric.name, metric.says, len(ones),
         float(np.median(ones)), float(np.median(others)),
@@ -129,8 +146,7 @@ def _of_times(sample: Sample, metric: TimeMetric) -> Comparison:
     """Runs that were not done by their end count as done later than all that were."""
     horizon = max(run.simulated_s for pair in sample.pairs for run in pair)
     ones, others = ([_completion(pair[side], metric) for pair in sample.pairs] for side in (0, 1))
-    early, late = ([-run.at if run.done else -np.inf for run in runs] for runs in (ones, others))
-    early, late = _ranked(early, late)
+    early, late = scores(metric.name, sample.pairs)
 
     def mean(places: Floats, runs: Sequence[Completion]) -> Floats:
         """Restricted means of samples of `runs`, given by their places along the last axis."""
@@ -150,10 +166,31 @@ def _of_times(sample: Sample, metric: TimeMetric) -> Comparison:
     )  # fmt: skip
 
 
+def scores(metric: str, pairs: Sequence[tuple[RunResult, RunResult]]) -> tuple[list[float], list[float]]:
+    """A number for each run of the pairs, greater for a better one, by the metric of this name.
+
+    For times and the lexicographic order these are ranks. ValueError for a metric that there is not.
+    """
+    for one in metrics.METRICS:
+        if one.name == metric:
+            sign = 1.0 if one.more_is_better else -1.0
+            ones, others = ([sign * one.value(pair[side]) for pair in pairs] for side in (0, 1))
+            return ones, others
+    for time in metrics.TIMES:
+        if time.name == metric:
+            done = [[_completion(pair[side], time) for pair in pairs] for side in (0, 1)]
+            early, late = ([-run.at if run.done else -np.inf for run in runs] for runs in done)
+            return _ranked(early, late)
+    if metric == metrics.LEXICOGRAPHIC:
+        keys = [[metrics.lexicographic_key(pair[side]) for pair in pairs] for side in (0, 1)]
+        order = {key: place for place, key in enumerate(sorted({*keys[0], *keys[1]}))}
+        ones, others = ([float(order[key]) for key in side] for side in keys)
+        return ones, others
+    raise ValueError(f"there is no metric {metric!r}")
+
+
 def _lexicographic(sample: Sample) -> Comparison:
-    keys = [[metrics.lexicographic_key(pair[side]) for pair in sample.pairs] for side in (0, 1)]
-    order = {key: place for place, key in enumerate(sorted({*keys[0], *keys[1]}))}
-    ones, others = ([float(order[key]) for key in side] for side in keys)
+    ones, others = scores(metrics.LEXICOGRAPHIC, sample.pairs)
     return Comparison(
         *_who(sample), metrics.LEXICOGRAPHIC, _LEXICOGRAPHIC_SAYS, len(ones),
         float(np.median(ones)), float(np.median(others)),

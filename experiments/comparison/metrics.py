@@ -48,6 +48,9 @@ LEXICOGRAPHIC: Final = "lexicographic"
 """Our own order of runs: more places done, and of as many the earlier completion."""
 
 
+NAMES: Final = (*(one.name for one in METRICS), *(one.name for one in TIMES), LEXICOGRAPHIC)
+
+
 def lexicographic_key(run: RunResult) -> tuple[int, float]:
     """Greater is better."""
     return run.places_done, -run.completion_s if run.completion_s is not None else -run.simulated_s

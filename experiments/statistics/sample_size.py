@@ -33,10 +33,10 @@ class Effect:
         return math.sqrt(2.0) * float(norm.ppf(self.a12))
 
 
-def pairs_needed(effect: Effect, seed: int = 1) -> int:
+def pairs_needed(effect: Effect, seed: int = 1, most: int = _MOST) -> int:
     """The least number of pairs at which the signed-rank test has the power, by simulation.
 
-    ValueError for an effect that is none.
+    ValueError for an effect that is none, or that needs more than `most` pairs or so.
     """
     if not 0.0 < effect.a12 < 1.0 or effect.a12 == 0.5 or not -1.0 < effect.correlation < 1.0:
         raise ValueError(
@@ -45,8 +45,8 @@ def pairs_needed(effect: Effect, seed: int = 1) -> int:
     low, high = 4, 8
     while power(effect, high, seed) < effect.power:
         low, high = high, 2 * high
-        if high > _MOST:
-            raise ValueError(f"{effect}: needs more than {_MOST} pairs")
+        if high > most:
+            raise ValueError(f"{effect}: needs more than {most} pairs")
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if power(effect, middle, seed) >= effect.power else (middle, high)

@@ -1,16 +1,14 @@
 """Looking at results while they come in, and stopping early, without claiming more than at the end."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
-
-from experiments.statistics.hypothesis_tests import signed_rank
 
 Floats = NDArray[np.float64]
 _GRID: Final = np.linspace(-8.0, 8.0, 3201)
@@ -73,16 +71,29 @@ def _bound(density: Floats, probability: float, step: float) -> float:
     return float(_GRID[::-1][place - 1] - (share + 0.5) * step)
 
 
-def decided(
-    one: Sequence[float] | Floats, other: Sequence[float] | Floats, rule: SequentialPlan
-) -> int | None:
-    """The number of pairs at the first look that decides, by the signed-rank test; None if none does.
+class Look(NamedTuple):
+    """One look at the pairs there were."""
 
-    The samples are paired and in the order in which they came.
+    pairs: int
+    p: float
+    threshold: float
+
+    @property
+    def decides(self) -> bool:
+        """True if nothing more need be looked at."""
+        return self.p <= self.threshold
+
+
+def last_look(p_at: Callable[[int], float], pairs: int, rule: SequentialPlan) -> Look | None:
+    """The first look that decides, or else the last for which there are pairs enough; None if there is none.
+
+    `p_at`: the two-sided p-value of so many first pairs, in the order in which they came.
     """
-    for look, threshold in zip(rule.looks, rule.thresholds, strict=True):
-        if look > len(one):
-            return None
-        if signed_rank(one[:look], other[:look]).p <= threshold:
-            return look
-    return None
+    look = None
+    for due, threshold in zip(rule.looks, rule.thresholds, strict=True):
+        if due > pairs:
+            break
+        look = Look(due, p_at(due), threshold)
+        if look.decides:
+            break
+    return look

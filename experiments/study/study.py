@@ -19,6 +19,14 @@ class Factor(msgspec.Struct, frozen=True):
     values: tuple[Any, ...]
 
 
+class Distribution(msgspec.Struct, frozen=True):
+    """An uncertainty that is drawn for each seed, the same for every strategy; see `study.draws`."""
+
+    kind: str
+    parameters: tuple[tuple[str, Any], ...]
+    """Each a number, or (from, to) between which it is drawn; for doors their points."""
+
+
 class Trial(msgspec.Struct, frozen=True):
     """One run of a study."""
 
@@ -48,6 +56,21 @@ class Study(msgspec.Struct, frozen=True):
     factors: tuple[Factor, ...] = ()
     primary: tuple[tuple[str, str], ...] = ()
     """Pairs of strategies: the comparisons that the study is for."""
+    distributions: tuple[Distribution, ...] = ()
+    primary_metric: str = "lexicographic"
+    """By which the primary comparisons are decided where a campaign stops early."""
+
+    @property
+    def primary_pairs(self) -> tuple[tuple[str, str], ...]:
+        """The comparisons declared beforehand; of two strategies there is but one."""
+        if len(self.strategies) == 2 and not self.primary:
+            return ((self.strategies[1], self.strategies[0]),)
+        return self.primary
+
+    @property
+    def first_seed(self) -> int:
+        """The others follow it."""
+        return FIRST_TUNING_SEED if self.tuning else 1
 
     def variants(self) -> list[tuple[tuple[str, Any], ...]]:
         """Every combination of the factors' values; one without any factor."""
@@ -56,8 +79,11 @@ class Study(msgspec.Struct, frozen=True):
 
     def trials(self) -> Iterator[Trial]:
         """All of them, seed by seed, so that whatever is there at any moment can be compared."""
-        first = FIRST_TUNING_SEED if self.tuning else 1
-        for seed in range(first, first + self.seeds):
-            for variant in self.variants():
-                for strategy in self.strategies:
-                    yield Trial(strategy, seed, variant)
+        for seed in range(self.first_seed, self.first_seed + self.seeds):
+            yield from self.trials_of(seed)
+
+    def trials_of(self, seed: int) -> Iterator[Trial]:
+        """Those with one seed: every strategy in every variant."""
+        for variant in self.variants():
+            for strategy in self.strategies:
+                yield Trial(strategy, seed, variant)

@@ -1,14 +1,15 @@
 """The file of a study, checked, and the study that it means."""
 
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from actors import table_wording
 from actors.runtime.errors import AcrcError
-from actors.table import Right, Table, as_tuples
-from experiments.study.study import Factor, Study
+from actors.table import A_POINT, Point, Right, Table, as_tuples
+from experiments.study.draws import PARAMETERS
+from experiments.study.study import Distribution, Factor, Study
 
 MOST_SEEDS: Final = 100_000
 _LARGEST: Final = 1 << 20
@@ -18,16 +19,77 @@ class StudyError(AcrcError):
     """A study that cannot be carried out."""
 
 
-class VaryTable(Table):
-    """[[vary]]: a key of the scenario, and the values that it takes one after the other."""
+def _as_pair(value: object) -> object:
+    """A number alone is the range from it to itself."""
+    return (value, value) if isinstance(value, int | float) else as_tuples(value)
 
-    key: Annotated[str, Field(min_length=1), Right('a key of the scenario, such as "robots.count"')]
+
+def _in_order(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] > pair[1]:
+        raise ValueError
+    return pair
+
+
+_RANGE: Final = "a number from 0 on, or a range [from, to] of them"
+Range = Annotated[
+    tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(ge=0, le=1e6)]],
+    BeforeValidator(_as_pair),
+    AfterValidator(_in_order),
+    Right(_RANGE),
+]
+
+
+class VaryTable(Table):
+    """[[vary]]: a key of the scenario and its values one after the other, or what is drawn for each seed."""
+
+    key: Annotated[
+        str | None, Field(min_length=1), Right('a key of the scenario, such as "robots.count"')
+    ] = None
     values: Annotated[
-        tuple[Any, ...],
+        tuple[Any, ...] | None,
         BeforeValidator(as_tuples),
         Field(min_length=1),
         Right("a list of at least one value"),
-    ]
+    ] = None
+    distribution: Annotated[
+        Literal["kills", "jams", "dropout", "odometry", "doors"] | None,
+        Right('"kills", "jams", "dropout", "odometry" or "doors"'),
+    ] = None
+    """What is drawn; its parameters are those of `study.draws.PARAMETERS`."""
+    count: Range | None = None
+    """How many."""
+    at: Range | None = None
+    """When, s."""
+    radius: Range | None = None
+    """Of a jammer's reach, or of what stands in a door, m."""
+    duration: Range | None = None
+    """s."""
+    share: Range | None = None
+    drift: Range | None = None
+    points: Annotated[
+        tuple[Point, ...] | None,
+        BeforeValidator(as_tuples),
+        Field(min_length=1),
+        Right("a list of points [x, y] in m", item=A_POINT),
+    ] = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> "VaryTable":
+        given = {name for name in _PARAMETERS if getattr(self, name) is not None}
+        if self.distribution is None:
+            if self.key is None or self.values is None or given:
+                raise ValueError("have a key and its values, or a distribution and its parameters")
+            return self
+        needed = set(PARAMETERS[self.distribution])
+        if self.key is not None or self.values is not None or given != needed:
+            needs = ", ".join(PARAMETERS[self.distribution])
+            raise ValueError(f"have {needs} beside the distribution {self.distribution}, and nothing else")
+        return self
+
+
+_PARAMETERS: Final = tuple(
+    name for name in VaryTable.model_fields if name not in {"key", "values", "distribution"}
+)
 
 
 class StudyTable(Table):
@@ -57,6 +119,8 @@ class StudyTable(Table):
         Right('a list of pairs of strategies, such as [["chapter", "none"]]'),
     ] = ()
     """The comparisons that the study is for, declared before it is carried out."""
+    primary_metric: Annotated[str, Field(min_length=1), Right('a metric, such as "places"')] = "lexicographic"
+    """By which these are decided where the campaign stops early."""
 
 
 def load_study(path: Path, *, tuning: bool = False) -> Study:
@@ -77,6 +141,14 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
         seeds=table.tuning_seeds if tuning else table.seeds,
         tuning=tuning,
         settings=tuple(table.set.items()),
-        factors=tuple(Factor(one.key, one.values) for one in table.vary),
+        factors=tuple(Factor(one.key, one.values) for one in table.vary if one.key and one.values),
         primary=table.primary,
+        distributions=tuple(_distribution(one) for one in table.vary if one.distribution),
+        primary_metric=table.primary_metric,
     )
+
+
+def _distribution(table: VaryTable) -> Distribution:
+    assert table.distribution is not None
+    names = PARAMETERS[table.distribution]
+    return Distribution(table.distribution, tuple((name, getattr(table, name)) for name in names))

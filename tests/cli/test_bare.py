@@ -19,9 +19,9 @@ from deploy.cli.lazy import COMMANDS
 ROOT = Path(__file__).parents[2]
 MODULES = {
     "cryptography": "hardware", "serial": "hardware", "pymunk": "sim",
-    "rerun": "observe", "pyarrow": "observe",
-    "matplotlib": "experiments", "scipy": "experiments",
-    "mpmath": "dev", "hypothesis": "dev", "pytest": "dev", "mypy": "dev", "psutil": "observe dev",
+    "rerun": "observe", "pyarrow": "observe experiments", "distributed": "cluster",
+    "matplotlib": "pictures", "scipy": "experiments",
+    "mpmath": "dev", "hypothesis": "dev", "pytest": "dev", "mypy": "dev", "psutil": "observe cluster dev",
 }  # fmt: skip
 """Modules beyond the base, by the extras that bring them."""
 ACTORS = ("actors.world.__main__", "actors.radio.__main__", "actors.robot.__main__")
@@ -43,7 +43,13 @@ STARTS = {
     "bench growth": ACTORS,
     "bench portable": ("mpmath",),
     "fleet keys": ("deploy.fleet.certificates",),
-    "campaign": ("experiments.campaign.trial_program", "deploy.processes.forkserver", *ACTORS),
+    "campaign --on x": ("experiments.campaign.dask_pool", "experiments.campaign.remote"),
+    "campaign": (
+        "experiments.campaign.check_program",
+        "experiments.campaign.results_table",
+        "deploy.processes.forkserver",
+        *ACTORS,
+    ),
 }
 """What a command starts or imports beside what its function imports itself."""
 PROGRAM = """

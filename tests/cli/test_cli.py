@@ -85,7 +85,7 @@ def test_what_a_command_is_called_now_is_a_command(was: tuple[str, ...]) -> None
         ("run --timeout soon", "--timeout: soon; must be a number from 1 to 86400"),
         ("run --timeout nan", "--timeout: nan; must be a number from 1 to 86400"),
         ("fleet keys f.toml --days x", "--days: x; must be a whole number"),
-        ("bench seeds --robots 0", "--robots: 0; must be a whole number from 1 to 500"),
+        ("bench failures --robots 0", "--robots: 0; must be a whole number from 1 to 500"),
         ("bench relays --robots 1", "--robots: 1; must be a whole number from 2 to 500"),
         ("bench relays --below -91", "--below: -91; must be a number from -90 to 0"),
         ("bench relays --duration 14", "--duration: 14; must be a number from 15 to 3600"),

@@ -8,23 +8,12 @@ import numpy as np
 import pytest
 
 from deploy.results.result import RunResult
-from deploy.run import swarm
-from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import Overrides, load_scenario
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.comparison import compare, samples
 from experiments.comparison.sentences import chapter_order, sentence, too_few
 
 Outcome = tuple[int, float | None]
 """Places done, and when all were."""
-
-
-@pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
-    """Of a real run, to be varied."""
-    out = tmp_path_factory.mktemp("runs") / "out"
-    plan = swarm.plan(load_scenario(None, Overrides(robots=1, duration=1)), RunOptions(out, bus="memory"))
-    return swarm.run_in_memory(plan, lambda progress: None)
 
 
 def trials(

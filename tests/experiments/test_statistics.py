@@ -1,15 +1,19 @@
 """Statistics against published values, and against what they promise about error and power."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.stats import norm
 
 from experiments.statistics.effect_size import a12, difference_of, interval
 from experiments.statistics.hypothesis_tests import holm, rank_sum, signed_rank
 from experiments.statistics.sample_size import Effect, pairs_needed
-from experiments.statistics.sequential import decided, plan
+from experiments.statistics.sequential import last_look, plan
 from experiments.statistics.survival import Completion, kaplan_meier, log_rank, restricted_mean
 
+Floats = NDArray[np.float64]
 # Hamilton depression scale factors before and after tranquilizer: Hollander & Wolfe, "Nonparametric
 # Statistical Methods", 1973, p. 29; in R: wilcox.test(before, after, paired = TRUE)
 BEFORE = (1.83, 0.50, 1.62, 2.48, 1.68, 1.88, 1.55, 3.06, 1.30)
@@ -100,19 +104,35 @@ def test_no_effect_needs_no_plan() -> None:
         pairs_needed(Effect(a12=0.5))
 
 
+def p_of(one: Floats, other: Floats) -> Callable[[int], float]:
+    return lambda pairs: signed_rank(one[:pairs], other[:pairs]).p
+
+
 def test_looking_again_and_again_claims_too_much_in_no_more_than_five_of_a_hundred() -> None:
     """1000 comparisons of a strategy with itself: 5 % and three standard errors at most."""
     rng, rule = np.random.default_rng(1), plan(list(range(10, 61, 10)))
-    claims = [decided(rng.normal(size=60), rng.normal(size=60), rule) for _ in range(1000)]
-    assert sum(claim is not None for claim in claims) <= 68
+    claims = 0
+    for _ in range(1000):
+        found = last_look(p_of(rng.normal(size=60), rng.normal(size=60)), 60, rule)
+        claims += found is not None and found.decides
+    assert claims <= 68
 
 
 def test_a_large_effect_is_seen_early() -> None:
     """Power 90 % at A12 = 0.71 with fewer than 50 pairs on average."""
     rng, rule, shift = np.random.default_rng(2), plan(list(range(10, 61, 10))), Effect().shift
-    looks = [decided(rng.normal(shift, 1, 60), rng.normal(size=60), rule) for _ in range(500)]
-    assert sum(look is not None for look in looks) >= 450
-    assert np.mean([look or 60 for look in looks]) < 50
+    looks = [last_look(p_of(rng.normal(shift, 1, 60), rng.normal(size=60)), 60, rule) for _ in range(500)]
+    assert sum(look is not None and look.decides for look in looks) >= 450
+    assert np.mean([look.pairs for look in looks if look is not None]) < 50
+
+
+def test_the_looks_end_at_the_first_that_decides_or_where_the_pairs_do() -> None:
+    rule = plan([10, 20, 30])
+    assert last_look(lambda pairs: 0.0, 9, rule) is None
+    first = last_look(lambda pairs: 0.0, 30, rule)
+    assert first is not None and (first.pairs, first.decides) == (10, True)
+    never = last_look(lambda pairs: 1.0, 25, rule)
+    assert never is not None and (never.pairs, never.decides) == (20, False)
 
 
 def test_bootstrap_intervals_hold_the_truth_as_often_as_they_say() -> None:

@@ -10,7 +10,10 @@ from benchmarks.failures import failures
 from benchmarks.navigation import navigation
 from benchmarks.navigation.course import NavigationCourse, scenario
 from benchmarks.navigation.run import measure
-from benchmarks.swarm import seeds
+from deploy.results.result import RunResult
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.usage import OptionError
 
 MAPS = Path(__file__).parents[2] / "maps"
@@ -49,14 +52,22 @@ def test_navigation_is_the_same_in_one_process_and_in_two(capsys: pytest.Capture
     assert "goal, no contact with a wall: met" in capsys.readouterr().out
 
 
-def test_failures_are_counted_in_the_runs_that_acrc_would_make(capsys: pytest.CaptureFixture[str]) -> None:
+def plain_run(seed: int, out: Path) -> RunResult:
+    overrides = Overrides(robots=4, seed=seed, duration=5.0, strategy="none")
+    plan = swarm.plan(load_scenario(failures.SCENARIO, overrides), RunOptions(out, bus="memory"))
+    return swarm.run_in_memory(plan, lambda progress: None)
+
+
+def test_failures_are_counted_in_the_runs_that_acrc_would_make(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     found = failures.run(robots=(4,), seeds=2, duration=5.0, json_output=True, workers=1)
     assert len(json.loads(capsys.readouterr().out)) == 2
     assert [(one.robots, one.seed, one.simulated_s, one.places) for one in found] == [
         (4, 1, 5.0, 40),
         (4, 2, 5.0, 40),
     ]
-    plain = seeds.run((4,), 2, duration=5.0, scenario=failures.SCENARIO)
+    plain = [plain_run(seed, tmp_path / str(seed)) for seed in (1, 2)]
     assert [one.digest for one in found] == [one.digest for one in plain], "to look on changes nothing"
     for one, same in zip(found, plain, strict=True):
         assert one.left == same.places_total - same.places_done and one.goals >= 4

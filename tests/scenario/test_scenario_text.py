@@ -168,7 +168,7 @@ def test_the_text_of_a_small_scenario() -> None:
         "\n"
         '[radio]\npreset = "chapter"\n'
         "\n"
-        "[uncertainty]\nmap_error = 0.0\nglass = 0.0\nfurniture = 0\ndrift = 1.0\n"
+        "[uncertainty]\nmap_error = 0.0\nglass = 0.0\nfurniture = 0\ndrift = 1.0\ndropout = 0.0\n"
         "\n"
         '[[area]]\nname = "hall"\nx = [1.0, 2.5]\ny = [-3.0, 4.0]\n'
         "\n"

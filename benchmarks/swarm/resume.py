@@ -1,0 +1,90 @@
+"""Campaigns that are killed at random moments: whether what was resumed is what was never interrupted."""
+
+import json
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from actors.runtime.errors import AcrcError
+from benchmarks.statistics.rows import print_rows
+from deploy.repository import REPOSITORY
+
+_ACRC: Final = (sys.executable, "-P", "-m", "deploy", "campaign")
+
+
+@dataclass(frozen=True)
+class ResumeTask:
+    """What is tried."""
+
+    kills: int = 10
+    seeds: int = 10
+    """Of the strategies none and chapter, with two robots."""
+    duration: float = 20.0
+    """Simulated s of each run."""
+    seed: int = 1
+    """From which the moments are drawn."""
+
+
+def run(task: ResumeTask, json_output: bool = False) -> bool:
+    """Kill and resume, print, and say whether every record is as without, and none was made twice."""
+    words = (
+        *("--strategies", "none,chapter", "--seeds", str(task.seeds), "--robots", "2"),
+        *("--duration", f"{task.duration:g}", "--check-every", "0", "--json"),
+    )
+    rng, rows, kept = random.Random(task.seed), [], dict[str, int]()
+    with tempfile.TemporaryDirectory(prefix="acrc-") as name:
+        whole, cut = Path(name) / "whole", Path(name) / "cut"
+        began_s = time.monotonic()
+        _finish((*words, "--out", str(whole)))
+        each_s = (time.monotonic() - began_s) / task.kills
+        stayed = True
+        for number in range(1, task.kills + 1):
+            after_s = rng.uniform(0.0, 2 * each_s)
+            over = _kill((*words, "--out", str(cut)), after_s)
+            there = _times(cut)
+            same = kept.items() <= there.items()
+            rows.append({"kill": number, "after s": f"{after_s:.1f}", "runs kept": len(there), "over": over})
+            stayed, kept = stayed and same, there
+        _finish((*words, "--out", str(cut)))
+        stayed = stayed and kept.items() <= _times(cut).items()
+        equal = _digests(whole) == _digests(cut)
+    title = f"records as without any kill: {equal}; none made twice or changed: {stayed}"
+    print_rows(rows, title, json_output=json_output)
+    return equal and stayed
+
+
+def _finish(words: tuple[str, ...]) -> None:
+    done = subprocess.run([*_ACRC, *words], cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise AcrcError(f"a campaign does not come to its end: {done.stderr.strip()[-300:]}")
+
+
+def _kill(words: tuple[str, ...], after_s: float) -> bool:
+    """Begin, and kill after a while; True if it was over by then."""
+    with subprocess.Popen(
+        [*_ACRC, *words], cwd=REPOSITORY, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as process:
+        try:
+            process.wait(after_s)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGKILL)
+            return False
+    return True
+
+
+def _times(folder: Path) -> dict[str, int]:
+    """When each record was written, ns."""
+    return {path.name: path.stat().st_mtime_ns for path in folder.glob("trials/*.json")}
+
+
+def _digests(folder: Path) -> Mapping[str, str]:
+    """By the record's file."""
+    records = {path.name: json.loads(path.read_bytes()) for path in folder.glob("trials/*.json")}
+    return {name: record["result"]["digest"] for name, record in records.items()}

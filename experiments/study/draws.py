@@ -1,0 +1,127 @@
+"""Uncertainties that a study draws for each seed: concrete settings of a scenario, for one run to repeat.
+
+What is drawn depends on the seed, the factor and the variant, and not on the strategy: it has random streams
+of its own, so the run's other draws are what they are without it.
+"""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from numpy.random import Generator
+
+from actors.floor.map_file import load_map
+from actors.floor.placement import draw_points
+from actors.randomness import generator
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from deploy.scenario.tables import Scenario
+from experiments.study.study import Distribution, Study, Trial
+
+PARAMETERS: Final[Mapping[str, tuple[str, ...]]] = {
+    "kills": ("count", "at"),
+    "jams": ("count", "at", "radius", "duration"),
+    "dropout": ("share",),
+    "odometry": ("drift",),
+    "doors": ("count", "points", "radius"),
+}
+"""By kind: what the study says of it. Kills: `count` robots end, each at an instant of its own. Jams: jammers
+somewhere on the floor. Dropout: this share of all rays gives no echo. Odometry: its errors are so many times
+as large; exact odometry becomes that of a Kobuki. Doors: at `count` of the `points` something round stands
+from the beginning on."""
+_STEP_S: Final = 0.1
+_Range = tuple[float, float]
+
+
+def drawn(study: Study, trial: Trial) -> dict[str, Any]:
+    """The trial's own settings, as `acrc run --set` takes them; none without distributions.
+
+    Raises AcrcError where the scenario has no room for something.
+    """
+    if not study.distributions:
+        return {}
+    overrides = Overrides(seed=trial.seed, settings=(*study.settings, *trial.variant))
+    scenario = load_scenario(Path(study.scenario), overrides)
+    settings: dict[str, Any] = {}
+    events: list[dict[str, Any]] = []
+    for number, one in enumerate(study.distributions):
+        rng = generator(trial.seed, f"vary {one.kind}", str(number))
+        if one.kind in _EVENTS:
+            events += _EVENTS[one.kind](rng, one, scenario)
+        else:
+            settings |= _SETTINGS[one.kind](rng, one, scenario)
+    if events:
+        before = [event.model_dump(exclude_none=True) for event in scenario.event]
+        settings["event"] = before + events
+    return settings
+
+
+def _kills(rng: Generator, one: Distribution, scenario: Scenario) -> list[dict[str, Any]]:
+    """Robots that the scenario's own events do not mention."""
+    named = {getattr(event, verb) for event in scenario.event for verb in ("kill", "freeze", "restart")}
+    robots = [robot for robot in scenario.ids if robot not in named]
+    given = dict(one.parameters)
+    chosen = rng.choice(len(robots), size=min(_whole(rng, given["count"]), len(robots)), replace=False)
+    return [{"at": _instant(rng, given["at"]), "kill": robots[int(index)]} for index in chosen]
+
+
+def _jams(rng: Generator, one: Distribution, scenario: Scenario) -> list[dict[str, Any]]:
+    given = dict(one.parameters)
+    points = draw_points(load_map(scenario.map), _whole(rng, given["count"]), rng=rng)
+    return [
+        {
+            "at": _instant(rng, given["at"]),
+            "jam": [round(point.x, 2), round(point.y, 2)],
+            "radius": round(_number(rng, given["radius"]), 2),
+            "duration": round(_number(rng, given["duration"]), 1),
+        }
+        for point in points
+    ]
+
+
+def _doors(rng: Generator, one: Distribution, scenario: Scenario) -> list[dict[str, Any]]:
+    given = dict(one.parameters)
+    points = given["points"]
+    chosen = rng.choice(len(points), size=min(_whole(rng, given["count"]), len(points)), replace=False)
+    return [
+        {
+            "at": 0.0,
+            "obstacle": [float(value) for value in points[int(index)]],
+            "radius": round(_number(rng, given["radius"]), 2),
+        }
+        for index in sorted(chosen)
+    ]
+
+
+def _dropout(rng: Generator, one: Distribution, scenario: Scenario) -> dict[str, Any]:
+    return {"uncertainty.dropout": round(_number(rng, dict(one.parameters)["share"]), 4)}
+
+
+def _odometry(rng: Generator, one: Distribution, scenario: Scenario) -> dict[str, Any]:
+    drift = {"uncertainty.drift": round(_number(rng, dict(one.parameters)["drift"]), 3)}
+    return drift | ({"robots.odometry": "kobuki"} if scenario.robots.odometry == "exact" else {})
+
+
+def _number(rng: Generator, span: _Range) -> float:
+    """Uniform in the range."""
+    return float(span[0] + (span[1] - span[0]) * rng.random())
+
+
+def _whole(rng: Generator, span: _Range) -> int:
+    """Uniform in the range, both ends included."""
+    return int(rng.integers(int(span[0]), int(span[1]), endpoint=True))
+
+
+def _instant(rng: Generator, span: _Range) -> float:
+    """At the boundary of a step, s."""
+    return round(round(_number(rng, span) / _STEP_S) * _STEP_S, 1)
+
+
+_EVENTS: Final[Mapping[str, Callable[[Generator, Distribution, Scenario], list[dict[str, Any]]]]] = {
+    "kills": _kills,
+    "jams": _jams,
+    "doors": _doors,
+}
+_SETTINGS: Final[Mapping[str, Callable[[Generator, Distribution, Scenario], dict[str, Any]]]] = {
+    "dropout": _dropout,
+    "odometry": _odometry,
+}
