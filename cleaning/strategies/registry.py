@@ -19,6 +19,7 @@ STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(
         "chapter-giving-up": "cleaning.strategies.chapter:giving_up",
         "released": "cleaning.strategies.chapter:released",
         "make-way": "cleaning.strategies.chapter:make_way",
+        "auction": "cleaning.strategies.auction:behaviour",
     }
 )
 """Entry string of each strategy's behaviour, by the strategy's name; "none" is the naive solution."""
