@@ -89,7 +89,7 @@ class AdaptiveCleaningRobot(CleaningRobot):
         return replace(self, peers=(*(other for other in self.peers if other.id != peer.id), peer))
 
     def adopting(self, assignment: Assignment, now: Instant) -> Self:
-        """The robot with a place of somebody else's in its route, heading for it at once; itself as `taking`."""
+        """The robot with a place of somebody else's in its route, heading for it at once; or as `taking`."""
         robot = self.taking(assignment, len(self.route))
         if robot is self:
             return self

@@ -1,20 +1,20 @@
 """An auction of places that robots hold: what is said of them, and who may take one over.
 
 After the consensus-based bundle algorithm (Choi, Brunet, How, "Consensus-Based Decentralized Auctions for
-Robust Task Allocation", IEEE T-RO 25(4), 2009) in its asynchronous form (Johnson et al., ACBBA, 2011): a table
-of (task, winner, bid, stamp) that is merged in any order. Here nobody keeps a table of all places. Each holder
-says what it holds, with the term of its own taking for a stamp, and what it would save without. Who can do it
-for so much less that the swarm gains takes the place over; terms settle who has it, as in `cleaning.adoption`.
+Robust Task Allocation", IEEE T-RO 25(4), 2009) in its asynchronous form (Johnson et al., ACBBA, 2011): a
+table of (task, winner, bid, stamp) that is merged in any order. Here nobody keeps a table of all places.
+Each holder says what it holds, with the term of its own taking for a stamp, and what it would save without.
+Who can do it for so much less that the swarm gains takes the place over; terms settle who has it, as in
+`cleaning.adoption`.
 
-No place is lost: what a `Bid` says is an entry of the bidder's own route, hence a real taking, in the words of
-`cleaning.adoption` as good as a `Takeover` in `adopted`. A place leaves a route only for a heavier taking, or
-once it is visited or given up.
+No place is lost: what a `Bid` says is an entry of the bidder's own route, hence a real taking, in the words
+of `cleaning.adoption` as good as a `Takeover` in `adopted`. A place leaves a route only for a heavier
+taking, or once it is visited or given up.
 """
 
 from dataclasses import dataclass, replace
 from typing import Annotated, Self
 
-from actors.geometry import Point
 from actors.robot.behaviour import FloorPlan
 from actors.task.words import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot

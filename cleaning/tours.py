@@ -59,9 +59,7 @@ class Ways:
             before = after
         return max(0.0, best), where
 
-    def shortened(
-        self, start: Point, route: Sequence[Assignment], fixed: int = 0
-    ) -> tuple[Assignment, ...]:
+    def shortened(self, start: Point, route: Sequence[Assignment], fixed: int = 0) -> tuple[Assignment, ...]:
         """The places in an order that no reversal of a part makes shorter (2-opt, Croes 1958).
 
         An open tour from `start`; its first `fixed` places stay where they are. Begins from the better of the

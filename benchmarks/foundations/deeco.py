@@ -16,9 +16,9 @@ from actors.messages import Heard
 from actors.robot.behaviour import Behaviour, Goal, GoalStatus, Start, View
 from benchmarks.statistics.cpu_time import best
 from cleaning.adoption import DestinationAdoption
-from cleaning.strategies.chapter import behaviour
 from cleaning.cleaner import Cleaner, State
 from cleaning.place import Assignment
+from cleaning.strategies.chapter import behaviour
 from deeco import component, ensemble, periodic
 from deeco.link import Reception
 from deeco.node import Node

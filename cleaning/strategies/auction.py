@@ -1,9 +1,9 @@
 """Places go to whom they cost least: a decentralised auction by the length of ways, with a charge for doors.
 
 Idea: prevent instead of cure; when each office and each stretch of the corridor is one robot's, few meet.
-Source: Choi, Brunet, How 2009 (CBBA) and Johnson et al. 2011 (ACBBA); how, `cleaning.bidding` says. Limits: it
-knows of others only what arrives by radio, balances loads and does not see who will meet whom; a robot that is
-killed keeps its places. Settings: `BiddingParameters`.
+Source: Choi, Brunet, How 2009 (CBBA) and Johnson et al. 2011 (ACBBA); how, `cleaning.bidding` says. Limits:
+it knows of others only what arrives by radio, balances loads and does not see who will meet whom; a robot
+that is killed keeps its places. Settings: `BiddingParameters`.
 """
 
 from actors.robot.behaviour import Behaviour, Start, host

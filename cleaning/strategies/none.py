@@ -34,7 +34,7 @@ class GivingUpParameters(CleaningParameters):
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Visit the own places in their order, whatever the others do: the chapter's baseline, and try for ever."""
+    """Visit the own places in their order, whatever the others do, for ever: the chapter's baseline."""
     return _plain(start, from_settings(CleaningParameters, start.settings))
 
 

@@ -10,10 +10,10 @@ from actors.instant import Instant
 from actors.messages import FRAME_DATA_LIMIT, Heard
 from actors.robot.behaviour import Behaviour, ExchangeSettings, Start, View
 from cleaning.adaptive import AdaptiveCleaningRobot
-from cleaning.strategies.chapter import behaviour
 from cleaning.cleaner import Cleaner, State
 from cleaning.parameters import AdaptationParameters
 from cleaning.place import RESTART_TERM, Assignment, Takeover
+from cleaning.strategies.chapter import behaviour
 from deeco.replication.fragments import CHECKSUM, HEADER, Fragmenter
 from deeco.replication.packet import KnowledgePacket, Version, pack
 from deeco.replication.schema import RoleBook

@@ -86,7 +86,7 @@ class FloorPlan(Protocol):
         """
 
     def is_free(self, point: Point) -> bool:
-        """True if the robot's centre can be at `point`, m, by the map and with the margin that planning keeps."""
+        """True if the robot's centre can be at `point`, m, by the map and the margin that planning keeps."""
 
     def length(self, start: Point, goal: Point) -> float | None:
         """How far the shortest way between two points of the map is, m; None where no way leads.

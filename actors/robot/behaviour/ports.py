@@ -1,7 +1,8 @@
 """What a behaviour may know and do: everything between the robot and the user's code, typed, without I/O.
 
 A behaviour is made by a function `Start -> Behaviour` in a module of the user's, named by an entry string
-such as `cleaning.strategies.none:behaviour`. What robots share travels in frames of the radio, and in no other way.
+such as `cleaning.strategies.none:behaviour`. What robots share travels in frames of the radio, and in no
+other way.
 """
 
 from collections.abc import Mapping
