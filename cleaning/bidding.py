@@ -15,22 +15,21 @@ taking, or once it is visited or given up.
 from dataclasses import dataclass, replace
 from typing import Annotated, Self
 
-from actors.robot.behaviour import FloorPlan
+from actors.robot.behaviour import FloorPlan, PlaceMonitor
 from actors.task.words import PlaceKey
-from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.cleaner import Cleaner
-from cleaning.parameters import AdaptationParameters
 from cleaning.place import Assignment
 from cleaning.tours import Ways
+from cleaning.yielding import YieldingParameters, YieldingRobot
 from deeco import Instant, Resolution, adaptation, component, ensemble, periodic, role, seconds
 
 
 @dataclass(frozen=True)
-class BiddingParameters(AdaptationParameters):
+class BiddingParameters(YieldingParameters):
     """The chapter's numbers, and those of the auction."""
 
     make_way: bool = True
-    """Own choice: nothing else moves a robot that is done."""
+    """Own choice: who is done goes aside; here not to anywhere, but not far."""
     most_adopted: int = 2
     """Bids say the same of what a robot still holds; these are for what it has visited since."""
     door_charge: float = 4.0
@@ -40,7 +39,8 @@ class BiddingParameters(AdaptationParameters):
     commitment: float = 2.0
     """So much shorter another order must be before a robot turns on its way to a place, m."""
     stuck_charge: float = 0.5
-    """What each second adds to the load of a robot that is blocked, m: what it could have driven."""
+    """What each second in which a robot is blocked adds to its load, and to what each of its places costs it,
+    m: what it could have driven meanwhile."""
     most_bids: int = 3
     """So many places a robot tells of at a time, one after the other: with three, knowledge fits a frame."""
 
@@ -65,7 +65,7 @@ class Bidder(Cleaner):
 
 
 @component
-class BiddingRobot(AdaptiveCleaningRobot, Bidder):
+class BiddingRobot(YieldingRobot, Bidder):
     """Visits its places in a short order, tells of them, and takes over what it can do for less."""
 
     parameters: BiddingParameters = BiddingParameters()
@@ -73,6 +73,11 @@ class BiddingRobot(AdaptiveCleaningRobot, Bidder):
     """Index in its route of what it tells of next."""
     stuck_for: int = 0
     """Seconds that it has been blocked since it last visited a place."""
+
+    def set_destination(self, monitor: PlaceMonitor, now: Instant) -> Self:
+        """As ever; who visits a place is no longer stuck."""
+        robot = super().set_destination(monitor, now)
+        return robot if len(robot.settled) == len(self.settled) else replace(robot, stuck_for=0)
 
     @adaptation
     @periodic(every=seconds(1), order=1)
@@ -132,10 +137,11 @@ class BiddingRobot(AdaptiveCleaningRobot, Bidder):
     def _with_bids(self, ways: Ways) -> Self:
         """The robot with what it tells next."""
         p, count = self.parameters, len(self.route)
-        load = ways.tour(self.position, self.route) + p.stuck_charge * self.stuck_for
+        stuck = p.stuck_charge * self.stuck_for
+        load = ways.tour(self.position, self.route) + stuck
         indices = [(self.next_bid + step) % count for step in range(min(p.most_bids, count))]
         bids = tuple(
-            Bid(self.route[index], ways.saving(self.position, self.route, index)) for index in indices
+            Bid(self.route[index], ways.saving(self.position, self.route, index) + stuck) for index in indices
         )
         return replace(self, load=load, bids=bids, next_bid=(self.next_bid + p.most_bids) % max(1, count))
 

@@ -8,9 +8,9 @@ that is killed keeps its places. Settings: `BiddingParameters`.
 
 from actors.robot.behaviour import Behaviour, Start, host
 from cleaning.bidding import Auction, BiddingParameters, BiddingRobot, Outbid
-from cleaning.making_way import MakingWay
 from cleaning.place import assignments
 from cleaning.settings import from_settings
+from cleaning.yielding import SteppingAside, Yielding
 
 
 def behaviour(start: Start) -> Behaviour:
@@ -19,5 +19,7 @@ def behaviour(start: Start) -> Behaviour:
     robot = BiddingRobot(
         id=start.robot, position=start.pose.point, route=assignments(start), parameters=parameters
     )
-    further: list[object] = [MakingWay(parameters.adoption_distance)] if parameters.make_way else []
-    return host(start, robot, Auction(), Outbid(), *further)
+    p = parameters
+    yielding = Yielding(p.yield_distance, p.yield_checks, p.insist_checks)
+    further: list[object] = [SteppingAside(p.yield_distance)] if p.make_way else []
+    return host(start, robot, Auction(), Outbid(), yielding, *further)
