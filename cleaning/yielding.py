@@ -1,8 +1,8 @@
 """Of two robots that stand in each other's way one backs out along its own trail, and waits for the other.
 
 After priority inheritance with backtracking (PIBT, Okumura 2019, arXiv 1901.11282), for pairs: a robot that
-has somewhere to go comes before one that has not, else the greater id. Robots less than 0.45 m apart have no
-valid trajectory, and without backing out stand to the end of the run.
+has somewhere to go comes before one that has not, else the greater id. Robots less than 0.45 m apart have
+no valid trajectory, and without backing out stand to the end of the run.
 """
 
 from dataclasses import dataclass, field, replace
@@ -25,7 +25,7 @@ class YieldingParameters(AdaptationParameters):
     """The chapter's numbers, and those of giving way."""
 
     yield_distance: float = 1.5
-    """Of two blocked robots nearer to each other than this one gives way, m: head-on they stop 1.4 m apart."""
+    """Of two blocked robots nearer to each other than this one gives way, m: head-on they stop at 1.4 m."""
     yield_checks: int = 2
     """It does so once it has been blocked for so many seconds, ..."""
     insist_checks: int = 5

@@ -21,8 +21,9 @@ from actors.robot.behaviour.goal import Goal, GoalOrder
 from actors.robot.behaviour.plan import Plan
 from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 
-Setting: TypeAlias = bool | int | float | str
-"""A value in a scenario's table [strategy]."""
+Scalar: TypeAlias = bool | int | float | str
+Setting: TypeAlias = Scalar | tuple[Scalar, ...]
+"""A value in a scenario's table [strategy], or a list of values, as a tuple."""
 EVERYBODY_DBM: Final = 0.0
 """No transceiver reports more (`actors.radio.signal_codes` ends at -35 dBm)."""
 FARTHEST_BACK: Final = 3.0
