@@ -89,7 +89,15 @@ class AdaptiveCleaningRobot(CleaningRobot):
         return replace(self, peers=(*(other for other in self.peers if other.id != peer.id), peer))
 
     def adopting(self, assignment: Assignment, now: Instant) -> Self:
-        """The robot with a place of somebody else's in its route, heading for it at once.
+        """The robot with a place of somebody else's in its route, heading for it at once; or as `taking`."""
+        robot = self.taking(assignment, len(self.route))
+        if robot is self:
+            return self
+        robot = replace(robot.heading_for(robot.route[-1]), former=self.destination, adopted_at=now)
+        return robot._afresh()
+
+    def taking(self, assignment: Assignment, index: int) -> Self:
+        """The robot with a place of somebody else's in its route, at that index, and heading where it did.
 
         Itself if it holds the place already, has settled it, or has heard of a term that nobody can come to.
         """
@@ -97,14 +105,11 @@ class AdaptiveCleaningRobot(CleaningRobot):
             return self
         taken = replace(assignment, term=assignment.term + 1)
         others = tuple(takeover for takeover in self.adopted if takeover.key != assignment.key)
-        robot = replace(
-            self.heading_for(taken),
-            route=(*self.route, taken),
-            former=self.destination,
+        return replace(
+            self,
+            route=(*self.route[:index], taken, *self.route[index:]),
             adopted=(*others, taken.takeover)[-self.parameters.most_adopted :],
-            adopted_at=now,
         )
-        return robot._afresh()
 
     def taken_by(self, peer: Cleaner) -> frozenset[PlaceKey]:
         """The places of its route that the peer has taken over, with a later word than this robot's own."""

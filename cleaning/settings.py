@@ -4,7 +4,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Final, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, Final, TypeVar, get_args, get_origin, get_type_hints
 
 from actors.bounds import ParameterError
 from actors.instant import Duration, seconds
@@ -31,8 +31,9 @@ class SettingsError(AcrcError):
 def from_settings(kind: type[P], settings: Mapping[str, Setting]) -> P:
     """The frozen dataclass `kind` with the fields that `settings` names, the others as it has them.
 
-    Fields may be bool, int, float, str, an Enum, which is given by its value, or a Duration, which is given
-    in seconds; fields of other types cannot be set. A whole number is a float, too, but a bool is no number.
+    Fields may be bool, int, float, str, an Enum, which is given by its value, a Duration, which is given in
+    seconds, or tuple[X, ...] of one of these; fields of other types cannot be set. A whole number is a float,
+    too, but a bool is no number.
     A ValueError, AcrcError or DeecoError of its __post_init__ is passed on with the setting that is to blame.
     Raises SettingsError.
     """
@@ -57,11 +58,23 @@ def _settable(kind: type[Any]) -> dict[str, Any]:
 
 
 def _is_settable(kind: Any) -> bool:
+    if _item(kind) is not None:
+        return _is_settable(_item(kind))
     return kind in {bool, int, float, str, Duration} or (isinstance(kind, type) and issubclass(kind, Enum))
+
+
+def _item(kind: Any) -> Any:
+    """What a list of any length holds, by its type; None of another type."""
+    arguments = get_args(kind)
+    return arguments[0] if get_origin(kind) is tuple and arguments[1:] == (Ellipsis,) else None
 
 
 def _converted(name: str, value: Setting, kind: Any) -> object:
     """The value as the field wants it."""
+    if _item(kind) is not None:
+        if isinstance(value, tuple | list):
+            return tuple(_converted(name, item, _item(kind)) for item in value)
+        raise SettingsError(f"{_TABLE}.{name} is {shown(value)}, but must be {_right(kind)}")
     if isinstance(kind, type) and issubclass(kind, Enum):
         # compared with its type, for True would be 1
         member = next((m for m in kind if type(m.value) is type(value) and m.value == value), None)
@@ -86,6 +99,8 @@ def _right(kind: Any) -> str:
     }
     if kind in words:
         return words[kind]
+    if _item(kind) is not None:
+        return f"a list, each item {_right(_item(kind))}"
     if isinstance(kind, type) and issubclass(kind, Enum):
         *others, last = [shown(member.value) for member in kind]
         return f"{', '.join(others)} or {last}" if others else last

@@ -20,8 +20,8 @@ _ADVICE: Final = {
 def fault(annotation: Any) -> str | None:
     """Why values of the type `annotation` may not stand in knowledge, with the remedy; None if they may.
 
-    Allowed are numbers, bool, str, bytes, None, Enum, Literal, tuple, NamedTuple, frozen dataclasses, and
-    unions of them, with NewType and Annotated looked through.
+    Allowed are numbers, bool, str, bytes, None, Enum, Literal, tuple, NamedTuple, frozen dataclasses, frozen
+    structs (msgspec), and unions of them, with NewType and Annotated looked through.
     """
     return _fault(annotation, frozenset())
 
@@ -46,7 +46,7 @@ def _class_fault(cls: type, inside: frozenset[type]) -> str | None:
     if issubclass(cls, Enum) or cls in inside:
         return None
     inner = inside | {cls}
-    if issubclass(cls, tuple) and hasattr(cls, "_fields"):
+    if (issubclass(cls, tuple) and hasattr(cls, "_fields")) or is_frozen_struct(cls):
         return _first(tuple(get_type_hints(cls, include_extras=True).values()), inner)
     if is_dataclass(cls):
         if not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]  # typeshed has no such field
@@ -56,6 +56,17 @@ def _class_fault(cls: type, inside: frozenset[type]) -> str | None:
     if cls is tuple:
         return "tuple does not say what is in it; write for example tuple[float, ...]"
     return _refusal(cls, cls, ())
+
+
+def struct_fields(cls: type) -> tuple[str, ...]:
+    """The fields of a struct (msgspec), in their order, told by its looks; none of any other class."""
+    return getattr(cls, "__struct_fields__", ())
+
+
+def is_frozen_struct(cls: type) -> bool:
+    """True for a msgspec.Struct whose values cannot change."""
+    config = getattr(cls, "__struct_config__", None)
+    return config is not None and bool(config.frozen) and bool(struct_fields(cls))
 
 
 def _first(annotations: tuple[Any, ...], inside: frozenset[type]) -> str | None:

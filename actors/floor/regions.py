@@ -5,7 +5,7 @@ left and touches two regions or more is a door, however long.
 """
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,8 @@ ROOM: Final = 0.8
 robots of 0.35 m that meet head-on stop for good, for the chapter's driver keeps to the middle."""
 
 
-class Door(NamedTuple):
+@dataclass(frozen=True)
+class Door:
     """A narrow place between regions."""
 
     index: int
@@ -52,7 +53,7 @@ def regions(
     Passable floor without any wide place, if it is on its own, is a region, too.
     """
     wide = passable & (clearance >= room)
-    opened = passable & (squared_distance(wide) * grid.resolution**2 <= room * room)
+    opened = passable & (squared_distance(wide) <= (room / grid.resolution) * (room / grid.resolution))
     labels = flood.regions(opened)
     count = int(labels.max())
     narrow = flood.regions(passable & ~opened)

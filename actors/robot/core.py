@@ -164,9 +164,12 @@ class RobotCore:
             twist = parts.navigation.advance(instant, here, pose, velocity, senses.bumper != 0)
         moving = parts.moving.exceeded_by(velocity)
         trust = estimate.covariance, estimate.lost
-        view = View(instant, pose, moving, parts.navigation.goal, events, *trust)
+        driven = parts.navigation
+        view = View(instant, pose, moving, driven.goal, events, *trust, driven.plan, driven.backing_out)
         decision = self._decide(view, Instant(instant + self._step_us))
-        parts.navigation.take(decision.goal, decision.paused)
+        driven.take(decision.goal, decision.paused, decision.back_out)
+        if decision.relocalise:
+            parts.localisation.relocalise()
         if decision.peers is not None:
             parts.localisation.mask(decision.peers)
         return decision, twist, pose if estimate.located else None

@@ -1,5 +1,13 @@
-"""What robots do about being stuck, a file each: idea, source, limits, settings; and the names that all go by."""
+"""What robots do about being stuck, a file each: idea, source, limits, settings; and all their names."""
 
-from cleaning.strategies.registry import GROUP, SHIPPED, STRATEGIES, Strategy, StrategyError, entry, strategies
+from cleaning.strategies.registry import (
+    GROUP,
+    SHIPPED,
+    STRATEGIES,
+    Strategy,
+    StrategyError,
+    entry,
+    strategies,
+)
 
 __all__ = ["GROUP", "SHIPPED", "STRATEGIES", "Strategy", "StrategyError", "entry", "strategies"]

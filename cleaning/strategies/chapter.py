@@ -1,9 +1,10 @@
 """The example adaptation of the chapter, as its text has it and as the released code has it.
 
-Idea: a robot finds out that it is stuck, turns to another place of its queue, and exchanges destinations with
-whom it is stuck. Source: the chapter, 7.4.1 and Fig. 7.12; d3scomp/deeco-adaptation-testbed. Limits: it cures
-and does not prevent, ignores the map, and never lowers the number of ways through a door. Settings:
-`AdaptationParameters`; for `released`, `make-way` and `chapter-giving-up` the classes named after them.
+Idea: a robot finds out that it is stuck, turns to another place of its queue, and exchanges destinations
+with whom it is stuck. Source: the chapter, 7.4.1 and Fig. 7.12; d3scomp/deeco-adaptation-testbed. Limits:
+it cures and does not prevent, ignores the map, and never lowers the number of ways through a door.
+Settings: `AdaptationParameters`; for `released`, `make-way` and `chapter-giving-up` the classes named after
+them.
 """
 
 from dataclasses import dataclass, replace

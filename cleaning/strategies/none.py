@@ -2,8 +2,8 @@
 
 Idea: what comes of it without any adaptation. Source: the chapter's Fig. 7.2, and CleanerRobot of
 d3scomp/deeco-adaptation-testbed. Limits: two robots that meet where only one has room stand for good.
-Settings: `CleaningParameters`. Three kinds, which differ in what follows once navigation has given a goal up:
-`none` asks for it again, `none-original` never does, `none-giving-up` asks for it ten times.
+Settings: `CleaningParameters`. Three kinds, which differ in what follows once navigation has given a goal
+up: `none` asks for it again, `none-original` never does, `none-giving-up` asks for it ten times.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class GivingUpParameters(CleaningParameters):
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Visit the own places in their order, whatever the others do: the chapter's baseline, and try for ever."""
+    """Visit the own places in their order, whatever the others do, for ever: the chapter's baseline."""
     return _plain(start, from_settings(CleaningParameters, start.settings))
 
 

@@ -1,8 +1,8 @@
 """Places in random order: what chance alone is worth.
 
-Idea: who is stuck and picks anything else is often no longer stuck; a strategy that beats `none` should beat
-this, too. Source: own, after the pseudo-goals of arXiv 2407.17766. Limits: takes no notice of others, drives
-farther than in the order given. Settings: `CleaningParameters`.
+Idea: who is stuck and picks anything else is often no longer stuck; a strategy that beats `none` should
+beat this, too. Source: own, after the pseudo-goals of arXiv 2407.17766. Limits: takes no notice of others,
+drives farther than in the order given. Settings: `CleaningParameters`.
 """
 
 from typing import Self

@@ -19,6 +19,10 @@ STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(
         "chapter-giving-up": "cleaning.strategies.chapter:giving_up",
         "released": "cleaning.strategies.chapter:released",
         "make-way": "cleaning.strategies.chapter:make_way",
+        "tour": "cleaning.strategies.tour:behaviour",
+        "swap": "cleaning.strategies.swap:behaviour",
+        "lease": "cleaning.strategies.lease:behaviour",
+        "auction": "cleaning.strategies.auction:behaviour",
     }
 )
 """Entry string of each strategy's behaviour, by the strategy's name; "none" is the naive solution."""

@@ -9,7 +9,7 @@ from enum import Enum
 from operator import attrgetter
 from typing import Annotated, Any, Final, Literal, NewType, Union, get_args, get_origin, get_type_hints
 
-from deeco.immutability import describe
+from deeco.immutability import describe, is_frozen_struct, struct_fields
 from deeco.parameters import LinkParameters
 from deeco.replication.scalars import (
     BOOL,
@@ -106,6 +106,8 @@ class Compiler:
             names = tuple(field.name for field in fields(cls) if field.init)
         elif issubclass(cls, tuple) and hasattr(cls, "_fields"):
             names = cls._fields
+        elif is_frozen_struct(cls):
+            names = struct_fields(cls)
         else:
             raise Unsound(f"{describe(cls)} has no form on the air")
         return _record(cls, names, inner.fields(cls, names))

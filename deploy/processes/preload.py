@@ -4,6 +4,8 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a fork of a process with threads is unsafe
 
+import importlib
+
 import actors.radio.__main__
 import actors.robot.__main__
 import actors.world.__main__  # noqa: F401
@@ -12,7 +14,12 @@ from actors.robot import assembly as robot_setup
 from actors.runtime.fingerprint import fingerprints
 from actors.runtime.process import settle
 from actors.world.program import KERNELS
+from cleaning.strategies.registry import (
+    STRATEGIES,  # the shipped ones; one of the user's own is its robots' alone
+)
 
+for strategy in STRATEGIES.values():
+    importlib.import_module(strategy.partition(":")[0])
 fingerprints(KERNELS)
 fingerprints(RADIO_KERNELS)
 robot_setup.kernels()

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from actors.geometry import CERTAIN, Covariance, Point, Pose
 from actors.instant import Instant, seconds
-from actors.robot.behaviour import AbortReason, Door, Goal, GoalStatus
+from actors.robot.behaviour import AbortReason, Door, Goal, GoalStatus, Plan
 from actors.task.words import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.place import Assignment
@@ -26,8 +26,13 @@ class Base:
     is_lost: float = 0.0
     peers: list[Point] | None = None
 
+    relocalised: int = 0
+
     def disregard(self, peers: Sequence[Point]) -> None:
         self.peers = list(peers)
+
+    def relocalise(self) -> None:
+        self.relocalised += 1
 
 
 @dataclass
@@ -36,6 +41,13 @@ class Ways:
 
     goal: Goal | None = None
     orders: list[Point | None] = field(default_factory=list)
+    plan: Plan | None = None
+    backing_out: bool = False
+    backed: list[float] = field(default_factory=list)
+
+    def back_out(self, distance: float) -> None:
+        self.backed.append(distance)
+        self.backing_out = True
 
     def go_to(self, point: Point) -> None:
         self.goal = Goal(point, GoalStatus.ACTIVE)

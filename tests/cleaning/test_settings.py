@@ -54,7 +54,7 @@ class Needy:
 
 @dataclass(frozen=True)
 class Fixed:
-    points: tuple[float, ...] = ()
+    points: tuple[tuple[float, float], ...] = ()
 
 
 def refusal(kind: type[Parameters | Needy | Fixed], settings: Mapping[str, Setting]) -> str:
@@ -85,15 +85,13 @@ def test_what_is_absent_stays() -> None:
         ({"leese": 1}, "strategy.leese is not known; did you mean strategy.lease?"),
         (
             {"xyz": 1},
-            "strategy.xyz is not known; strategy may hold reach, tries, fair, title, mode, lease",
+            "strategy.xyz is not known; strategy may hold reach, tries, fair, title, mode, lease, points",
         ),
-        (
-            {"points": "1, 2"},
-            "strategy.points is not known; strategy may hold reach, tries, fair, title, mode, lease",
-        ),
+        ({"points": "1, 2"}, 'strategy.points is "1, 2", but must be a list, each item a finite number'),
+        ({"points": (1, "2")}, 'strategy.points is "2", but must be a finite number'),
         (
             {"fixed": 8},
-            "strategy.fixed is not known; strategy may hold reach, tries, fair, title, mode, lease",
+            "strategy.fixed is not known; strategy may hold reach, tries, fair, title, mode, lease, points",
         ),
         ({"reach": "far"}, 'strategy.reach is "far", but must be a finite number'),
         ({"reach": True}, "strategy.reach is true, but must be a finite number"),

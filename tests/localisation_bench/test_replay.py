@@ -34,6 +34,9 @@ class Witness:
     def mask(self, peers: Sequence[Point]) -> None:
         self.masks.append((len(self.heard), tuple(peers)))
 
+    def relocalise(self) -> None:
+        raise AssertionError("nobody asked for it")
+
     def outcome(self) -> dict[str, object]:
         return {"heard": len(self.heard)}
 

@@ -43,7 +43,10 @@ name = "hall"
 x = [11.5, 13.5]
 y = [1, 7]
 """
-SETTING = "but must be true, false, a whole number of 64 bits, a finite number or a text"
+SETTING = (
+    "but must be true, false, a whole number of 64 bits, a finite number, a text, or a list of at most"
+    " 1000 of these"
+)
 INTERVAL = "but must be a number of seconds from 0.001 to 1000000"
 STRENGTH = "but must be a number of dBm from -90 to 0"
 SPAN = "but must be two numbers [from, to] in m, the first below the second"
@@ -74,7 +77,7 @@ def test_an_empty_file_says_nothing() -> None:
         ("area = 3", "area is 3, but must be written as tables [[area]]"),
         ("areas = 3", "areas is not known; did you mean area?"),
         ("[strategy]\na = nan", f"strategy.a is NaN, {SETTING}"),
-        ("[strategy]\na = [1]", f"strategy.a is [1], {SETTING}"),
+        ("[strategy]\na = [[1]]", f"strategy.a is [[1]], {SETTING}"),
         ("[deeco]\npublishing = 1", "deeco.publishing is not known; did you mean deeco.publish?"),
         (
             "[deeco]\nx = 1",
@@ -138,7 +141,7 @@ def test_hostile_bytes_are_one_sentence(tmp_path: Path, data: bytes, fault: str)
 
 @pytest.mark.parametrize("table", ["", "[deeco]\n", "[strategy]\n", "[[area]]\n"])
 def test_of_many_faults_only_the_first_is_kept(table: str) -> None:
-    text = table + "".join(f"k{number} = []\n" for number in range(100_000))
+    text = table + "".join(f"k{number} = [[]]\n" for number in range(100_000))
     content = toml_file.loads(text)
     tracemalloc.start()
     with pytest.raises(AdaptationError, match=r"k0|area"):

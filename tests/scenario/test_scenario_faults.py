@@ -13,7 +13,10 @@ METRES = "but must be a number of metres from 0 to 0.5"
 POSES = "[x, y, heading] in m, m and rad"
 DURATION = "but must be a number of seconds above 0, at most 1000000"
 INSTANT = "but must be a number of seconds from 0 to below the duration"
-SETTING = "but must be true, false, a whole number of 64 bits, a finite number or a text"
+SETTING = (
+    "but must be true, false, a whole number of 64 bits, a finite number, a text, or a list of at most"
+    " 1000 of these"
+)
 INTERVAL = "but must be a number of seconds from 0.001 to 1000000"
 CHANNEL = "but must be an IEEE 802.15.4 channel, a whole number from 11 to 26"
 MATERIAL = "but must be a material: " + ", ".join(f'"{name}"' for name in MATERIALS)
@@ -110,7 +113,7 @@ ACTIONS = "kill, freeze, thaw, restart, move, jam, obstacle"
             "[run]\nmodules = 3",
             "run.modules is 3, but must be the path of a folder, relative to the scenario file",
         ),
-        ("[strategy]\nlease = [1]", f"strategy.lease is [1], {SETTING}"),
+        ("[strategy]\nlease = [[1]]", f"strategy.lease is [[1]], {SETTING}"),
         ("[strategy]\nlease = inf", f"strategy.lease is Infinity, {SETTING}"),
         ("[strategy]\nlease = 1979-05-27", f"strategy.lease is 1979-05-27, {SETTING}"),
         ("[strategy.lease]\nlong = 1", f'strategy.lease is {{"long": 1}}, {SETTING}'),

@@ -7,9 +7,19 @@ from actors.floor.regions import Door
 from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning
 from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus
 from actors.robot.behaviour.node_host import host
-from actors.robot.behaviour.ports import Behaviour, Decision, ExchangeSettings, Setting, Start, View
+from actors.robot.behaviour.plan import Plan
+from actors.robot.behaviour.ports import (
+    FARTHEST_BACK,
+    Behaviour,
+    Decision,
+    ExchangeSettings,
+    Setting,
+    Start,
+    View,
+)
 
 __all__ = [
+    "FARTHEST_BACK",
     "AbortReason",
     "Behaviour",
     "Decision",
@@ -22,6 +32,7 @@ __all__ = [
     "GoalStatus",
     "Navigation",
     "PlaceMonitor",
+    "Plan",
     "Positioning",
     "Setting",
     "Start",

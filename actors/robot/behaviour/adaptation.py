@@ -28,11 +28,13 @@ MOST_HOPS: Final = 15
 """Largest hop_limit in [deeco]."""
 WEAKEST_DBM: Final = -90
 """Least relay_below in [deeco]: transceivers tell nothing weaker apart (`actors.radio.signal_codes`)."""
+MOST_ITEMS: Final = 1000
+"""Of a list in [strategy]."""
 _AS_IT_IS: Final = ExchangeSettings()
 
 
-def _is_setting(value: object) -> bool:
-    """What TOML can hold and what has one value: no date, no array, no table, no infinity."""
+def _is_scalar(value: object) -> bool:
+    """What TOML can hold and what has one value: no date, no table, no infinity."""
     match value:
         case bool() | str():
             return True
@@ -43,10 +45,16 @@ def _is_setting(value: object) -> bool:
     return False
 
 
+def _is_setting(value: object) -> bool:
+    if isinstance(value, list | tuple):
+        return len(value) <= MOST_ITEMS and all(_is_scalar(item) for item in value)
+    return _is_scalar(value)
+
+
 def _setting(value: object) -> object:
     if not _is_setting(value):
         raise ValueError
-    return value
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _first_wrong(settings: object) -> object:
@@ -68,7 +76,8 @@ Settings = Annotated[
     BeforeValidator(_first_wrong),
     Right(
         "a table [strategy] with the strategy's settings; its name stands in run.strategy",
-        item="true, false, a whole number of 64 bits, a finite number or a text",
+        item=f"true, false, a whole number of 64 bits, a finite number, a text, or a list of at most"
+        f" {MOST_ITEMS} of these",
     ),
 ]
 

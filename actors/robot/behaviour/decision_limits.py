@@ -10,7 +10,7 @@ from actors.geometry import Point
 from actors.instant import Instant
 from actors.message_limits import MessageLimits, frames_fault
 from actors.robot.behaviour.goal import GoalOrder
-from actors.robot.behaviour.ports import Decision
+from actors.robot.behaviour.ports import FARTHEST_BACK, Decision
 from actors.task.word_limits import words_fault
 
 
@@ -30,6 +30,12 @@ def fault(decision: object, begin: Instant, end: Instant, limits: RobotLimits) -
         return f"gives {decision.goal!r} for a goal; it should be a Point of finite numbers or a GoalOrder"
     if decision.paused not in (None, True, False):
         return f"gives {decision.paused!r} for paused; it should be True, False or None"
+    if decision.back_out is not None and not _is_distance(decision.back_out):
+        return (
+            f"gives {decision.back_out!r} for back_out; it should be above 0 and at most {FARTHEST_BACK:g} m"
+        )
+    if decision.relocalise not in (True, False):
+        return f"gives {decision.relocalise!r} for relocalise; it should be True or False"
     wrong = words_fault(decision, begin, end, limits)
     if wrong is None and decision.peers:
         wrong = _peers_fault(decision.peers, limits)
@@ -57,6 +63,10 @@ def outcome_fault(outcome: object, taken: Container[str]) -> str | None:
 
 def _is_point(goal: object) -> bool:
     return isinstance(goal, Point) and math.isfinite(goal.x) and math.isfinite(goal.y)
+
+
+def _is_distance(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= FARTHEST_BACK
 
 
 def _peers_fault(peers: object, limits: RobotLimits) -> str | None:

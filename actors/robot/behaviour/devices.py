@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from actors.geometry import CERTAIN, Point, Pose
 from actors.instant import Instant
 from actors.robot.behaviour.goal import Goal, GoalOrder, GoalStatus
+from actors.robot.behaviour.plan import Plan
 from actors.robot.behaviour.ports import View
 from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 
@@ -18,6 +19,7 @@ class RobotPositioning:
         self.is_lost = 0.0
         self.moving = False
         self._peers: tuple[Point, ...] | None = None
+        self._relocalise = False
 
     def take(self, view: View) -> None:
         """Take in the view of a new step."""
@@ -28,10 +30,15 @@ class RobotPositioning:
         """Do not believe range readings that end at other robots."""
         self._peers = tuple(peers)
 
-    def give(self) -> tuple[Point, ...] | None:
-        """What was said in the step of where others are; None if nothing was."""
+    def relocalise(self) -> None:
+        """Look for the robot all over the map."""
+        self._relocalise = True
+
+    def give(self) -> tuple[tuple[Point, ...] | None, bool]:
+        """What was said in the step of where others are, None if nothing was; and whether to look anew."""
         peers, self._peers = self._peers, None
-        return peers
+        relocalise, self._relocalise = self._relocalise, False
+        return peers, relocalise
 
 
 class RobotNavigation:
@@ -41,20 +48,30 @@ class RobotNavigation:
         self.goal: Goal | None = None
         self._order: Point | GoalOrder = GoalOrder.KEEP
         self._paused: bool | None = None
+        self.plan: Plan | None = None
+        self.backing_out = False
+        self._back_out: float | None = None
 
     def take(self, view: View) -> None:
         """Take in the view of a new step."""
-        self.goal = view.goal
+        self.goal, self.plan, self.backing_out = view.goal, view.plan, view.backing_out
+
+    def back_out(self, distance: float) -> None:
+        """Drive backward along the own trail."""
+        self._back_out = distance
+        self.backing_out = True
 
     def go_to(self, point: Point) -> None:
         """Make `point` the goal."""
         self._order = point
+        self.plan = None
         self.goal = Goal(point, GoalStatus.ACTIVE)
 
     def stop(self) -> None:
         """Have no goal, and stand."""
         self._order = GoalOrder.CANCEL
-        self.goal = None
+        self.goal = self.plan = self._back_out = None
+        self.backing_out = False
 
     def pause(self) -> None:
         """Stand, and keep the goal."""
@@ -64,11 +81,12 @@ class RobotNavigation:
         """Go on to the goal."""
         self._paused = False
 
-    def give(self) -> tuple[Point | GoalOrder, bool | None]:
-        """The step's order, and whether to stand; None if nothing was said of that."""
+    def give(self) -> tuple[Point | GoalOrder, bool | None, float | None]:
+        """The step's order, whether to stand, how far to back out; None if nothing was said of that."""
         order, self._order = self._order, GoalOrder.KEEP
         paused, self._paused = self._paused, None
-        return order, paused
+        back_out, self._back_out = self._back_out, None
+        return order, paused, back_out
 
 
 class RobotPlaceMonitor:

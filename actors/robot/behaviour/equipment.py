@@ -10,6 +10,7 @@ from actors.floor.regions import Door
 from actors.geometry import Covariance, Point, Pose
 from actors.instant import Instant
 from actors.robot.behaviour.goal import Goal
+from actors.robot.behaviour.plan import Plan
 from actors.task.words import PlaceKey
 
 
@@ -42,6 +43,12 @@ class Positioning(Protocol):
         m, map frame. They replace those given before; none at all: believe every reading.
         """
 
+    def relocalise(self) -> None:
+        """Forget the pose, and look for it all over the map: for a robot that knows that it is lost.
+
+        Until it has seen enough, `is_lost` is high and the pose anything. Without effect on odometry alone.
+        """
+
 
 class Navigation(Protocol):
     """Drives the robot to one goal at a time; an order takes effect with the next step."""
@@ -49,6 +56,20 @@ class Navigation(Protocol):
     @property
     def goal(self) -> Goal | None:
         """The last goal, how it stands and why; None before the first one and after `stop`."""
+
+    @property
+    def plan(self) -> Plan | None:
+        """The way that navigation follows, with distance and time to go; None while there is none."""
+
+    @property
+    def backing_out(self) -> bool:
+        """True while it backs out because it was told to."""
+
+    def back_out(self, distance: float) -> None:
+        """Drive backward along the own trail by `distance`, m, above 0 and at most FARTHEST_BACK.
+
+        It ends early where the trail does, and where something stands behind. A goal waits for that.
+        """
 
     def go_to(self, point: Point) -> None:
         """Make `point`, m in the map frame, the goal, also if it is the goal already: a new attempt."""
@@ -86,7 +107,7 @@ class FloorPlan(Protocol):
         """
 
     def is_free(self, point: Point) -> bool:
-        """True if the robot's centre can be at `point`, m, by the map and with the margin that planning keeps."""
+        """True if the robot's centre can be at `point`, m, by the map and the margin that planning keeps."""
 
     def length(self, start: Point, goal: Point) -> float | None:
         """How far the shortest way between two points of the map is, m; None where no way leads.

@@ -36,7 +36,7 @@ class GoalPhase(Enum):
     OBSTRUCTED = "obstructed"
     """It has a way, but the driver no valid trajectory, so the robot stands."""
     RETREATING = "retreating"
-    """It backs away from what its bumper has touched."""
+    """It backs away from what its bumper has touched, or because its behaviour said so."""
     PAUSED = "paused"
     """The behaviour lets it stand."""
 

@@ -77,8 +77,9 @@ class _Hosted:
             raise BehaviourError(str(error)) from error
         frames = self._frames(sent, view.instant)
         reports, given_up, route = self._monitor.give()
-        goal, paused = self._navigation.give()
-        return Decision(goal, frames, reports, given_up, route, paused, self._positioning.give())
+        goal, paused, back_out = self._navigation.give()
+        peers, relocalise = self._positioning.give()
+        return Decision(goal, frames, reports, given_up, route, paused, peers, back_out, relocalise)
 
     def outcome(self) -> dict[str, object]:
         """What node and link have counted, and what the adaptation has decided."""

@@ -1,7 +1,8 @@
 """What a behaviour may know and do: everything between the robot and the user's code, typed, without I/O.
 
 A behaviour is made by a function `Start -> Behaviour` in a module of the user's, named by an entry string
-such as `cleaning.strategies.none:behaviour`. What robots share travels in frames of the radio, and in no other way.
+such as `cleaning.strategies.none:behaviour`. What robots share travels in frames of the radio, and in no
+other way.
 """
 
 from collections.abc import Mapping
@@ -17,12 +18,16 @@ from actors.instant import Duration, Instant, seconds
 from actors.messages import Outgoing, RadioEvent
 from actors.robot.behaviour.equipment import FloorPlan
 from actors.robot.behaviour.goal import Goal, GoalOrder
+from actors.robot.behaviour.plan import Plan
 from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 
-Setting: TypeAlias = bool | int | float | str
-"""A value in a scenario's table [strategy]."""
+Scalar: TypeAlias = bool | int | float | str
+Setting: TypeAlias = Scalar | tuple[Scalar, ...]
+"""A value in a scenario's table [strategy], or a list of values, as a tuple."""
 EVERYBODY_DBM: Final = 0.0
 """No transceiver reports more (`actors.radio.signal_codes` ends at -35 dBm)."""
+FARTHEST_BACK: Final = 3.0
+"""Farther than this nobody backs out, m: so long is the trail that a robot remembers."""
 _NO_MAP: Final = LookupError("this Start was made without a floor plan")
 
 
@@ -120,6 +125,10 @@ class View(NamedTuple):
     """How far the pose is to be trusted."""
     lost: float = 0.0
     """Probability that the robot is somewhere else altogether."""
+    plan: Plan | None = None
+    """The way that navigation follows to the goal; None while there is none."""
+    backing_out: bool = False
+    """True while the robot backs out because a decision said so."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +152,11 @@ class Decision:
     peers: tuple[Point, ...] | None = None
     """Where other robots are held to be, m, map frame: the localiser disregards range readings that end
     there. They replace the ones given before; None: as before, and at first none."""
+    back_out: float | None = None
+    """Back out along the own trail by so much, m, above 0 and at most FARTHEST_BACK; None: as before. A goal,
+    also one of the same decision, waits until that is over, CANCEL ends it."""
+    relocalise: bool = False
+    """True: forget the pose, and look for it all over the map."""
 
 
 class Behaviour(Protocol):

@@ -106,6 +106,14 @@ class Amcl:
         """From now on, believe no beam that ends at one of these points of the map frame, m."""
         self._peers = np.array(peers, np.float64).reshape(-1, 2)
 
+    def relocalise(self) -> None:
+        """Particles everywhere on free floor, as many as may be; the next scan that counts begins to tell."""
+        self._count = self._parameters.max_particles
+        self._poses = self._scatter(None)
+        self._weights = np.full(self._count, 1 / self._count)
+        self._directions = np.stack((arrays.cos(self._poses[2]), arrays.sin(self._poses[2])))
+        self._lost, self._search = LostProbability(1.0), None
+
     def outcome(self) -> dict[str, object]:
         """The run's `FilterCounts`."""
         return self._tally.outcome()

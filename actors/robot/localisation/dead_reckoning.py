@@ -23,6 +23,9 @@ class DeadReckoning:
     def mask(self, peers: Sequence[Point]) -> None:
         """Without effect, as no beam is believed."""
 
+    def relocalise(self) -> None:
+        """Without effect: nothing here could find out where the robot is."""
+
     def outcome(self) -> dict[str, object]:
         """Nothing to say."""
         return {}

@@ -35,5 +35,8 @@ class Localisation(Protocol):
         They replace the former ones; without any, all beams are believed.
         """
 
+    def relocalise(self) -> None:
+        """Forget where the robot is, and look for it all over the map."""
+
     def outcome(self) -> dict[str, object]:
         """What can be said about the whole run, JSON-able, by subject."""

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from actors.floor import flood
 from actors.floor.grid import Cell, nearest_cell
 from actors.floor.placement import Area, PlacementError
-from actors.geometry import Point
 from actors.floor.regions import Door
+from actors.geometry import Point
 from actors.robot.navigation.planning import Ground
 from actors.robot.navigation.routes import Routes, routes
 

@@ -11,9 +11,11 @@ from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Duration, Instant, seconds
 from actors.portable import cos_sin
 from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus
+from actors.robot.behaviour.plan import Plan
 from actors.robot.navigation.local_planner import Steering
 from actors.robot.navigation.navigation_counts import NavigationCounts
 from actors.robot.navigation.planning import Planner
+from actors.robot.navigation.trail import Trail, Withdrawal, backward
 from actors.robot.sweep import Sweep
 
 
@@ -147,6 +149,10 @@ class Navigator:
         self._pursuit: _Pursuit | None = None
         self._retreat: _Retreat | None = None
         self._paused = False
+        self._trail = Trail()
+        self._withdrawal: Withdrawal | None = None
+        self._plan_now: Plan | None = None
+        self._here, self._now = Point(0.0, 0.0), Instant(0)
         self._journal = NavigationCounts()
 
     @property
@@ -159,15 +165,32 @@ class Navigator:
         """The last goal, how it stands and why; None before the first and after it was cancelled."""
         return self._goal
 
+    @property
+    def plan(self) -> Plan | None:
+        """The way that it follows; None while there is none."""
+        return self._plan_now
+
+    @property
+    def backing_out(self) -> bool:
+        """True while it backs out along the robot's trail."""
+        return self._withdrawal is not None
+
     def outcome(self) -> dict[str, object]:
         """What became of all goals so far, for the result."""
         return self._journal.outcome()
 
-    def take(self, order: Point | GoalOrder, paused: bool | None = None) -> None:
-        """Go to a new point, or have no goal, or go on as before; stand, or do not."""
+    def take(
+        self, order: Point | GoalOrder, paused: bool | None = None, back_out: float | None = None
+    ) -> None:
+        """Go to a new point, or have no goal, or go on; stand, or do not; back out by so much, m."""
         if paused is not None and paused is not self._paused:
             self._paused = paused
             self._begin_anew()
+        if order is GoalOrder.CANCEL:
+            self._withdrawal = None
+        if back_out is not None:
+            self._withdrawal = Withdrawal.of(back_out, self._here, self._now)
+            self._journal.retreats()
         if order is GoalOrder.KEEP:
             return
         self._begin_anew()
@@ -177,6 +200,9 @@ class Navigator:
     def sense(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
         """Take in where the odometry holds the robot to be, and what it sees."""
         self._local.take(instant, here, sweep)
+        self._here, self._now = here.point, instant
+        if self._withdrawal is None:
+            self._trail.take(here.point)
 
     def advance(
         self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist, bumped: bool = False
@@ -187,6 +213,12 @@ class Navigator:
         `bumped`: its bumper touches something.
         """
         self._journal.now = instant
+        if self._withdrawal is not None and not self._paused:
+            twist = self._back_out(self._withdrawal, instant, here)
+            if twist is not None:
+                return twist
+            self._withdrawal = None
+            self._begin_anew()
         if self._goal is None or self._goal.status is not GoalStatus.ACTIVE:
             self._retreat = None
             return STILL
@@ -196,6 +228,19 @@ class Navigator:
             self._in_phase(GoalPhase.RETREATING, instant)
             return Twist(-self._p.retreat_speed, 0.0, 0.0)
         return self._pursue(self._goal.point, instant, here, estimate, velocity)
+
+    def _back_out(self, withdrawal: Withdrawal, instant: Instant, here: Pose) -> Twist | None:
+        """The velocity that leads back along the trail; None once that is over."""
+        withdrawal.gone_to(here.point)
+        target = self._trail.behind(here.point)
+        if withdrawal.left <= 0 or instant >= withdrawal.ends or target is None:
+            return None
+        twist = backward(here, target)
+        if twist.vx < 0 and not self._local.free_behind(here, min(withdrawal.left, self._p.retreat)):
+            return None
+        if self._goal is not None and self._goal.status is GoalStatus.ACTIVE:
+            self._in_phase(GoalPhase.RETREATING, instant)
+        return twist
 
     def _pursue(self, goal: Point, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Twist:
         if self._pursuit is None:
@@ -238,9 +283,10 @@ class Navigator:
         way = self._planner.path(estimate.point, goal, self._strangers(here, estimate))
         self._journal.plans(way is not None)
         if way is None:
-            pursuit.end = None
+            pursuit.end = self._plan_now = None
             return None
         self._driver.follow(way)
+        self._plan_now = Plan(way)
         pursuit.had_plan = instant
         pursuit.end = Point(float(way[-1, 0]), float(way[-1, 1]))
         _settle(pursuit, AbortReason.NO_PLAN)
@@ -301,7 +347,7 @@ class Navigator:
     def _begin_anew(self) -> None:
         """Forget how the present goal was pursued."""
         self._journal.interrupted()
-        self._pursuit = None
+        self._pursuit = self._plan_now = None
         self._retreat = None
 
     def _close(self, status: GoalStatus, reason: AbortReason | None = None) -> Twist:
@@ -309,7 +355,7 @@ class Navigator:
         assert self._goal is not None
         self._goal = Goal(self._goal.point, status, reason)
         self._journal.closes(status, reason)
-        self._pursuit = None
+        self._pursuit = self._plan_now = None
         return STILL
 
 

@@ -20,7 +20,7 @@ from actors.robot.navigation.planning import Ground
 from actors.robot.navigation.potential import STRAIGHT, UNREACHABLE, descent, potential
 
 _TOLERANCE: Final = 0.5
-"""A point where the robot cannot be stands for the nearest one where it can, within so many m, as in planning."""
+"""A point where the robot cannot be stands for the nearest one where it can, within so many m."""
 _FIELDS: Final = 256
 """So many goals are kept; 0.11 MB each on the corridor map."""
 _PAIRS: Final = 1 << 16

@@ -1,0 +1,168 @@
+"""Doors are leased: one robot, or several in one direction, go through; the others wait aside.
+
+Each robot says which door it is about to go through, into which region, and since when it has asked. Nobody
+grants anything: whoever comes first by what all say of themselves goes, and of two that do not hear each
+other both do. They meet inside, where they hear each other; then whoever comes second backs out.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, Self
+
+from actors.robot.behaviour import FloorPlan, Navigation
+from cleaning.cleaner import Cleaner, State
+from cleaning.yielding import YieldingParameters, YieldingRobot
+from deeco import Duration, Instant, adaptation, component, ensemble, milliseconds, periodic, role, seconds
+
+
+@dataclass(frozen=True)
+class LeasingParameters(YieldingParameters):
+    """The chapter's numbers, those of giving way, and those of leases."""
+
+    ask_distance: float = 3.0
+    """From nearer than this to a door's middle, along the way, a robot asks for it, m."""
+    stand_off: float = 2.0
+    """Who may not go through waits where the door's middle is nearer than this, m: clear of who comes out."""
+    lease: Duration = field(default=seconds(20))
+    """So long a request counts, then it is made anew, behind all others: who holds a door and stands in vain
+    does not hold it for good."""
+    rival_age: Duration = field(default=seconds(4))
+    """What others said of a door longer ago counts no more: four publications."""
+
+
+class Claim(NamedTuple):
+    """That a robot is about to go through a door."""
+
+    door: int
+    """Its index on the map."""
+    into: int
+    """The region that it goes to; the direction."""
+    since: Instant
+    """When it asked."""
+    inside: bool
+    """True once it is in the door, or next to it and going."""
+
+
+class Rival(NamedTuple):
+    """Another robot's claim, as it was last heard."""
+
+    id: str
+    claim: Claim
+    heard: Instant
+
+
+@role
+class Lessee(Cleaner):
+    """A cleaner that says which door it is about to go through."""
+
+    claim: Claim | None = None
+
+
+@component
+class LeasingRobot(YieldingRobot, Lessee):
+    """Asks for doors, and waits for its turn."""
+
+    parameters: LeasingParameters = LeasingParameters()
+    rivals: tuple[Rival, ...] = ()
+    """Claims to doors that it has heard of lately."""
+    held_up: bool = False
+    """True while it waits for a door."""
+
+    @adaptation
+    @periodic(every=milliseconds(500), order=5)
+    def lease(self, floor: FloorPlan, navigation: Navigation, now: Instant) -> Self:
+        """Ask for the next door; wait if somebody comes before, and go on once nobody does."""
+        p = self.parameters
+        rivals = tuple(rival for rival in self.rivals if now - rival.heard <= p.rival_age)
+        robot = replace(self, rivals=rivals, claim=self._claim(floor, now))
+        waits = robot.claim is not None and not robot.claim.inside and not robot.comes_first()
+        if waits and robot.claim is not None:
+            middle = floor.doors[robot.claim.door].middle
+            near = floor.length(robot.position, middle)
+            waits = near is None or near < p.stand_off
+        if waits:
+            navigation.pause()
+            return replace(robot, held_up=True, state=State.FREE, still_for=0, blocked_for=0)
+        if self.held_up:
+            navigation.resume()
+        return replace(robot, held_up=False)
+
+    def comes_first(self) -> bool:
+        """True if no other robot that it has heard of has the door in another direction."""
+        return all(self.precedes(rival.id, rival.claim) for rival in self.rivals)
+
+    def precedes(self, peer: str, theirs: Claim) -> bool:
+        """True if the peer's claim does not keep this robot from its door."""
+        mine = self.claim
+        if mine is None or mine.door != theirs.door or mine.into == theirs.into:
+            return True
+        return (not mine.inside, mine.since, self.id) < (not theirs.inside, theirs.since, peer)
+
+    def hearing(self, peer: Lessee, now: Instant) -> Self:
+        """The robot that knows of the peer's claim, or that it has none."""
+        others = tuple(rival for rival in self.rivals if rival.id != peer.id)
+        new = () if peer.claim is None else (Rival(peer.id, peer.claim, now),)
+        return replace(self, rivals=others + new)
+
+    def _claim(self, floor: FloorPlan, now: Instant) -> Claim | None:
+        """The claim to the door that is next on its way; the one that it has, if it is that."""
+        target, p = self.target, self.parameters
+        if target is None or self.waits_until is not None:
+            return None
+        doors = floor.doors_between(self.position, target)
+        if not doors:
+            return None
+        door, far = doors[0], floor.length(self.position, floor.doors[doors[0]].middle)
+        if far is None or far > p.ask_distance:
+            return None
+        into = self._beyond(floor, door)
+        inside, old = floor.door(self.position) == door, self.claim
+        if old is None or (old.door, old.into) != (door, into) or now - old.since > p.lease:
+            return Claim(door, into, now, inside)
+        return old._replace(inside=inside)
+
+    def _beyond(self, floor: FloorPlan, door: int) -> int:
+        """The region behind the door on the way to the target; in it, the target's side counts."""
+        assert self.target is not None
+        way = floor.path(self.position, self.target) or ()
+        passed = False
+        for point in way:
+            passed = passed or floor.door(point) == door
+            region = floor.region(point)
+            if passed and region is not None:
+                return region
+        return 0
+
+
+@ensemble(every=milliseconds(500), max_age=seconds(4))
+class DoorRivals:
+    """Each robot notes who else is about to go through which door."""
+
+    def membership(self, coordinator: Lessee, member: LeasingRobot) -> bool:
+        """There is something to note."""
+        return coordinator.claim is not None or any(rival.id == coordinator.id for rival in member.rivals)
+
+    def at_member(self, coordinator: Lessee, member: LeasingRobot, now: Instant) -> LeasingRobot:
+        """The member knows."""
+        return member.hearing(coordinator, now)
+
+
+@ensemble(every=seconds(1), max_age=seconds(4))
+class DoorsCleared:
+    """Of two robots that met in a door in spite of it all, who comes second backs out at once."""
+
+    max_distance: float
+    """Nearer to one another than this they have met, m."""
+
+    def membership(self, coordinator: Lessee, member: LeasingRobot) -> bool:
+        """Both are inside, in other directions, and the member comes second."""
+        mine, theirs = member.claim, coordinator.claim
+        if mine is None or theirs is None or not (mine.inside and theirs.inside):
+            return False
+        met = coordinator.position.distance_to(member.position) < self.max_distance
+        return met and not member.precedes(coordinator.id, theirs)
+
+    def at_member(
+        self, coordinator: Lessee, member: LeasingRobot, floor: FloorPlan, now: Instant
+    ) -> LeasingRobot:
+        """The member gives way."""
+        return member.yielding(floor, now)
