@@ -115,12 +115,14 @@ def _others(
     there = tracks.true[steps, :, :2]
     gaps = np.hypot(there[..., 0] - here[:, None, 0], there[..., 1] - here[:, None, 1])
     gaps[:, robot] = np.inf
-    near = np.nonzero(gaps <= p.near)
+    limit = np.where(robots.long_still[steps, robot], p.seen, p.near)
+    gaps[gaps > limit[:, None]] = np.inf
+    near = np.nonzero(np.isfinite(gaps))
     gaps[near] = np.where(passages.sees(here[near[0]], there[near]), gaps[near], np.inf)
     wedged = (gaps < p.wedge) & robots.waits[steps]
     nearest = np.where(wedged.any(axis=1), wedged.argmax(axis=1), gaps.argmin(axis=1))
     rows = np.arange(len(steps))
-    close = np.flatnonzero(gaps[rows, nearest] <= p.near)
+    close = np.flatnonzero(np.isfinite(gaps[rows, nearest]))
     if not close.size:
         return
     steps, nearest, rows = steps[close], nearest[close], rows[close]  # type: ignore[assignment]

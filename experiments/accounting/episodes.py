@@ -33,8 +33,11 @@ class EpisodeParameters:
     """A robot with another one in its way that stays within `still` for so many s does not get on; to stand
     for less is part of driving: strategies ask every 2 s for the next goal."""
     turn_s: float = 10.0
-    """The same of a robot alone: move_base's oscillation_timeout. Measured: a turn on the spot takes a robot
-    alone up to 7.9 s."""
+    """The same of a robot with nobody within `near`: move_base's oscillation_timeout. Measured: a turn on the
+    spot takes a robot alone up to 7.9 s."""
+    seen: float = 2.5
+    """Before a robot so near, m, stands who does so for `turn_s`: what is farther away is not in the local
+    map (obstacle_range). Before a door that is closed robots stop 1.6 to 2.5 m from what closes it."""
     wedge: float = 0.45
     """Two robots that do not get on, nearer than this, centre to centre, are wedged, m: nearer than their two
     inscribed circles and two cells of the local map, so that the driver finds no way out."""
