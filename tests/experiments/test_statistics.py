@@ -103,15 +103,16 @@ def test_no_effect_needs_no_plan() -> None:
         pairs_needed(Effect(a12=0.5))
 
 
-def looked(differences: Floats, rule: SequentialPlan) -> tuple[Floats, Floats]:
+def looked(differences: Floats, rule: SequentialPlan) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Which campaigns, (runs, pairs), a look decided, and at how many pairs each ended."""
     p = [
         stats.wilcoxon(differences[:, :look], axis=1, method="exact" if look <= 50 else "approx").pvalue
         for look in rule.looks
     ]
-    decided = rule.thresholds >= np.array(p).T
-    ended = np.where(decided.any(axis=1), np.array(rule.looks)[decided.argmax(axis=1)], rule.looks[-1])
-    return decided.any(axis=1), ended
+    decides = np.less_equal(np.array(p).T, np.array(rule.thresholds))
+    decided = np.asarray(decides.any(axis=1), np.bool_)
+    first = np.array(rule.looks, np.int64)[decides.argmax(axis=1)]
+    return decided, np.where(decided, first, rule.looks[-1])
 
 
 def test_looking_again_and_again_claims_too_much_in_no_more_than_five_of_a_hundred() -> None:
