@@ -8,6 +8,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -16,6 +17,7 @@ from actors.runtime.errors import AcrcError
 from benchmarks.statistics.rows import print_rows
 from deploy.repository import REPOSITORY
 
+_LOOK_S: Final = 0.02
 _ACRC: Final = (sys.executable, "-P", "-m", "deploy", "campaign")
 
 
@@ -41,13 +43,12 @@ def run(task: ResumeTask, json_output: bool = False) -> bool:
     rng, rows, kept = random.Random(task.seed), [], dict[str, int]()
     with tempfile.TemporaryDirectory(prefix="acrc-") as name:
         whole, cut = Path(name) / "whole", Path(name) / "cut"
-        began_s = time.monotonic()
         _finish((*words, "--out", str(whole)))
-        each_s = (time.monotonic() - began_s) / task.kills
+        each_s = _lasted_s(whole) / task.kills
         stayed = True
         for number in range(1, task.kills + 1):
             after_s = rng.uniform(0.0, 2 * each_s)
-            over = _kill((*words, "--out", str(cut)), after_s)
+            over = _kill((*words, "--out", str(cut)), cut, after_s)
             there = _times(cut)
             same = kept.items() <= there.items()
             rows.append({"kill": number, "after s": f"{after_s:.1f}", "runs kept": len(there), "over": over})
@@ -66,11 +67,16 @@ def _finish(words: tuple[str, ...]) -> None:
         raise AcrcError(f"a campaign does not come to its end: {done.stderr.strip()[-300:]}")
 
 
-def _kill(words: tuple[str, ...], after_s: float) -> bool:
-    """Begin, and kill after a while; True if it was over by then."""
+def _kill(words: tuple[str, ...], folder: Path, after_s: float) -> bool:
+    """Begin, and kill so long after a run has begun; True if all was over by then."""
+    began_ns = time.time_ns()
     with subprocess.Popen(
         [*_ACRC, *words], cwd=REPOSITORY, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     ) as process:
+        while process.poll() is None and not any(
+            at > began_ns for at in _times(folder, "logs/*.log").values()
+        ):
+            time.sleep(_LOOK_S)
         try:
             process.wait(after_s)
         except subprocess.TimeoutExpired:
@@ -79,9 +85,19 @@ def _kill(words: tuple[str, ...], after_s: float) -> bool:
     return True
 
 
-def _times(folder: Path) -> dict[str, int]:
-    """When each record was written, ns."""
-    return {path.name: path.stat().st_mtime_ns for path in folder.glob("trials/*.json")}
+def _times(folder: Path, files: str = "trials/*.json") -> dict[str, int]:
+    """When each of these files, the records if nothing else is said, was written, ns."""
+    found = {}
+    for path in folder.glob(files):
+        with suppress(FileNotFoundError):
+            found[path.name] = path.stat().st_mtime_ns
+    return found
+
+
+def _lasted_s(folder: Path) -> float:
+    """From the beginning of a campaign's first run to the end of its last."""
+    begun = (folder / "study.json").stat().st_mtime_ns
+    return (max(_times(folder).values()) - begun) / 1e9
 
 
 def _digests(folder: Path) -> Mapping[str, str]:

@@ -27,7 +27,7 @@ class DaskPool:
         self._address = address
         self._jobs = jobs
         self._patience_s = patience_s
-        self._running: dict[Future, tuple[Pending, float]] = {}
+        self._running: dict[Future[Any], tuple[Pending, float]] = {}
         self._slots = 1
 
     def __enter__(self) -> Self:
@@ -94,7 +94,7 @@ class DaskPool:
         except Exception as error:
             raise self._gone(error) from None
 
-    def _ended(self, future: Future) -> Ended:
+    def _ended(self, future: Future[Any]) -> Ended:
         pending, began = self._running.pop(future)
         trial, check = pending.trial, pending.check
         answer = self._answer(future)
@@ -104,7 +104,7 @@ class DaskPool:
             keep_bytes(path, answer.record)
         return Ended(pending, time.monotonic() - began, answer.cause)
 
-    def _answer(self, future: Future) -> remote.Answer:
+    def _answer(self, future: Future[Any]) -> remote.Answer:
         if future.status == "finished":
             found: remote.Answer = future.result()
             return found

@@ -74,9 +74,13 @@ def carry_out(order: Order) -> Answer:
 
 
 def _moved(study: bytes, repository: str) -> bytes:
-    """The study, its scenario looked for in this clone if it lies in the clone of the one who asks."""
+    """The study, its files looked for in this clone if they lie in the clone of the one who asks."""
     known = msgspec.json.decode(study, type=Study)
-    scenario = Path(known.scenario)
-    if scenario.is_relative_to(repository):
-        scenario = REPOSITORY / scenario.relative_to(repository)
-    return msgspec.json.encode(msgspec.structs.replace(known, scenario=str(scenario)))
+    scenario, where = (_here(path, repository) for path in (known.scenario, known.where))
+    return msgspec.json.encode(msgspec.structs.replace(known, scenario=scenario, where=where))
+
+
+def _here(path: str, repository: str) -> str:
+    if path and Path(path).is_relative_to(repository):
+        return str(REPOSITORY / Path(path).relative_to(repository))
+    return path

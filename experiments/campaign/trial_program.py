@@ -45,8 +45,10 @@ def main(argv: Sequence[str]) -> int:
 
 
 def trial_of(study_file: Path, number: int) -> tuple[Study, Trial]:
-    """The study in the file, and its trial of this number."""
+    """The study in the file, and its trial of this number; from now on this process is where it began."""
     study = msgspec.json.decode(study_file.read_bytes(), type=Study)
+    if study.where:
+        os.chdir(study.where)
     return study, next(islice(study.trials(), number, None))
 
 

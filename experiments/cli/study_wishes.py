@@ -37,6 +37,12 @@ class Wishes:
 
 def study_of(wishes: Wishes) -> Study:
     """The study in the file, or the one that the command line describes, with its wishes laid over."""
+    study = _plain(wishes)
+    own = any(":" in strategy for strategy in study.strategies)
+    return msgspec.structs.replace(study, where=str(Path.cwd())) if own else study
+
+
+def _plain(wishes: Wishes) -> Study:
     own: list[tuple[str, Any]] = list(settings(wishes.settings))
     for key, text in (("robots.count", wishes.robots), ("run.duration", wishes.duration)):
         if text is not None:

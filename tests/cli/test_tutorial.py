@@ -47,12 +47,14 @@ def test_the_page_shows_what_it_says(said: dict[str, str]) -> None:
     assert "0 of 6" in without
     assert "2 passed" in tested
     assert "6 of 6" in mine
-    summary = {line.partition(",")[0]: line for line in measured.splitlines() if "all places in" in line}
+    lines = [line for line in measured.splitlines() if "all places in" in line]
+    summary = {line.partition(": all places in")[0]: line for line in lines}
     assert list(summary) == ["none", "chapter", "my_study.yielding:behaviour"]
-    assert "all places in 0 of 3 seeds" in summary["none"]
+    assert "all places in 0 of 3 runs" in summary["none"]
     settled = [float(re.findall(r"settled by ([\d.]+) s", line)[0]) for line in list(summary.values())[1:]]
-    assert "all places in 3 of 3 seeds" in summary["chapter"]
-    assert "all places in 3 of 3 seeds" in summary["my_study.yielding:behaviour"]
+    assert "all places in 3 of 3 runs" in summary["chapter"]
+    assert "all places in 3 of 3 runs" in summary["my_study.yielding:behaviour"]
+    assert "1 of 1 runs repeated as processes over Zenoh gave the same digest" in measured
     assert settled[1] < min(90.0, settled[0]), "in a minute and a half, sooner than the chapter's exchange"
 
 

@@ -35,8 +35,10 @@ def test_a_pilot_finds_effect_correlation_and_pairs_again(plain: RunResult) -> N
 
 
 def test_a_pilot_that_does_not_tell_says_so(plain: RunResult) -> None:
-    (sample,) = samples(records(plain, 0.1, 0.0, pairs=10))
+    (sample,) = samples(records(plain, 0.4, 0.0, pairs=10))
     assert "the pilot does not tell whether it is" in told(estimate(sample, "places", 0.9, 1))
+    (same,) = samples(records(plain, 0.0, 0.0))
+    assert told(estimate(same, "places", 0.9, 1)).endswith("needed to show an effect so small.")
     (few,) = samples(records(plain, 1.0, 0.0, pairs=4))
     assert told(estimate(few, "places", 0.9, 1)).startswith("new and old by places: 4 pairs; at least 6 are")
 
