@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
+import msgspec
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from actors import table_wording
@@ -124,7 +125,9 @@ class StudyTable(Table):
 
 
 def load_study(path: Path, *, tuning: bool = False) -> Study:
-    """The study in a file. Raises StudyError."""
+    """The study in a file, also in one that a campaign has written (`study.json`). Raises StudyError."""
+    if path.suffix == ".json":
+        return _written(path)
     table = table_wording.load(path, StudyTable, "study", StudyError, _LARGEST)
     strategies = tuple(dict.fromkeys(table.strategies))
     for pair in table.primary:
@@ -152,3 +155,12 @@ def _distribution(table: VaryTable) -> Distribution:
     assert table.distribution is not None
     names = PARAMETERS[table.distribution]
     return Distribution(table.distribution, tuple((name, getattr(table, name)) for name in names))
+
+
+def _written(path: Path) -> Study:
+    """A path in it is relative to the file, as in any study's."""
+    try:
+        study = msgspec.json.decode(path.read_bytes(), type=Study)
+    except (OSError, msgspec.DecodeError) as error:
+        raise StudyError(f"{path}: cannot be read as the study of a campaign: {error}") from None
+    return msgspec.structs.replace(study, scenario=str((path.parent / study.scenario).resolve()))
