@@ -10,6 +10,7 @@ COMMANDS: Final = {
     "campaign": ("experiments.cli.app", "campaign"),
     "compare": ("experiments.cli.app", "compare"),
     "plan-study": ("experiments.cli.app", "plan_study"),
+    "docs": ("documentation.cli.app", "docs"),
     "bench": ("benchmarks.cli.app", "app"),
 }
 """The module behind each, and what it has there: a function, or a `typer.Typer` for a group."""

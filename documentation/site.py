@@ -1,0 +1,83 @@
+"""The site: docs/ with a navigation, a reference of the code and of the command line, and the files it names."""
+
+import io
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any, Final
+
+from sphinx.application import Sphinx
+from sphinx.errors import SphinxError
+from sphinx.util.console import strip_escape_sequences
+
+from actors.runtime.errors import AcrcError
+from deploy import version
+from deploy.repository import REPOSITORY
+from documentation import commands, contents
+from documentation.markdown import Page
+
+DOCS: Final = REPOSITORY / "docs"
+HOME: Final = "index"
+COMMANDS: Final = "reference/commands"
+_PLACE: Final = "```{commands}\n```"
+"""Where that page has the commands."""
+_SETTINGS: Final[dict[str, Any]] = {
+    "project": "ACRC testbed",
+    "extensions": ["myst_parser", "sphinx.ext.autodoc", "documentation.sources", "documentation.site"],
+    "root_doc": HOME,
+    "html_theme": "furo",
+    "html_title": "ACRC testbed",
+    "html_show_sphinx": False,
+    "html_show_copyright": False,
+    "html_show_sourcelink": False,
+    "html_copy_source": False,
+    "html_static_path": [str(Path(__file__).parent / "static")],
+    "html_css_files": ["site.css"],
+    "myst_heading_anchors": 4,
+    "default_role": "code",
+    "autodoc_member_order": "bysource",
+    "autodoc_typehints_format": "short",
+    "python_use_unqualified_type_names": True,
+    "autodoc_default_options": {"members": True, "undoc-members": True},
+    "smartquotes": False,
+    "nitpicky": False,
+}
+
+
+class DocumentationError(AcrcError):
+    """A page is wrong."""
+
+
+def build(out: Path) -> Path:
+    """Write the site into the folder `out` and return its home page. Raises DocumentationError with every warning."""
+    said = io.StringIO()
+    with tempfile.TemporaryDirectory() as scratch:
+        fresh = Path(scratch) / "site"
+        overrides = {**_SETTINGS, "release": version.release()}
+        try:
+            app = Sphinx(
+                DOCS, None, fresh, Path(scratch) / "trees", "html", overrides,
+                status=None, warning=said, freshenv=True,
+            )  # fmt: skip
+            app.build()
+        except SphinxError as error:
+            raise DocumentationError(f"docs: {error}") from None
+        if said.getvalue():
+            raise DocumentationError(f"docs: {strip_escape_sequences(said.getvalue()).strip()}")
+        shutil.rmtree(out, ignore_errors=True)
+        shutil.copytree(fresh, out)
+    return (out / "index.html").resolve()
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Called by Sphinx, which reads this module as an extension."""
+    app.connect("source-read", _complete)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def _complete(_: Sphinx, name: str, source: list[str]) -> None:
+    """Add to two pages what is made from elsewhere."""
+    if name == HOME:
+        source[0] += contents.as_toctrees(Page(DOCS / f"{HOME}.md"))
+    elif name == COMMANDS:
+        source[0] = source[0].replace(_PLACE, commands.as_markdown())
