@@ -13,7 +13,8 @@ from sphinx.util.console import strip_escape_sequences
 from actors.runtime.errors import AcrcError
 from deploy import version
 from deploy.repository import REPOSITORY
-from documentation import commands, contents
+from deploy.usage import OptionError
+from documentation import commands, contents, trials
 from documentation.markdown import Page
 
 DOCS: Final = REPOSITORY / "docs"
@@ -34,13 +35,14 @@ _SETTINGS: Final[dict[str, Any]] = {
     "html_static_path": [str(Path(__file__).parent / "static")],
     "html_css_files": ["site.css"],
     "myst_heading_anchors": 4,
+    "myst_enable_extensions": ["attrs_block"],
     "default_role": "code",
     "autodoc_member_order": "bysource",
+    "autodoc_preserve_defaults": True,
     "autodoc_typehints_format": "short",
     "python_use_unqualified_type_names": True,
     "autodoc_default_options": {"members": True, "undoc-members": True},
     "smartquotes": False,
-    "nitpicky": False,
 }
 
 
@@ -49,7 +51,11 @@ class DocumentationError(AcrcError):
 
 
 def build(out: Path) -> Path:
-    """Write the site into the folder `out` and return its home page. Raises DocumentationError with every warning."""
+    """Write the site into the folder `out` and return its home page.
+
+    Raises DocumentationError with every warning, OptionError where `out` holds something else.
+    """
+    _check_out(out)
     said = io.StringIO()
     with tempfile.TemporaryDirectory() as scratch:
         fresh = Path(scratch) / "site"
@@ -64,9 +70,16 @@ def build(out: Path) -> Path:
             raise DocumentationError(f"docs: {error}") from None
         if said.getvalue():
             raise DocumentationError(f"docs: {strip_escape_sequences(said.getvalue()).strip()}")
-        shutil.rmtree(out, ignore_errors=True)
+        if out.exists():
+            shutil.rmtree(out)
         shutil.copytree(fresh, out)
     return (out / "index.html").resolve()
+
+
+def _check_out(out: Path) -> None:
+    """Raise OptionError unless there is nothing in the folder but a site."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir()) and not (out / "objects.inv").is_file()):
+        raise OptionError(f"--out: {out} is there and no site; must be a new folder, or an earlier site")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
@@ -75,9 +88,22 @@ def setup(app: Sphinx) -> dict[str, bool]:
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
-def _complete(_: Sphinx, name: str, source: list[str]) -> None:
-    """Add to two pages what is made from elsewhere."""
+def _complete(app: Sphinx, name: str, source: list[str]) -> None:
+    """Add to the pages what is made from elsewhere."""
+    page = Page(Path(app.env.doc2path(name)))
+    text = _marked(page)
     if name == HOME:
-        source[0] += contents.as_toctrees(Page(DOCS / f"{HOME}.md"))
+        text += contents.as_toctrees(page)
     elif name == COMMANDS:
-        source[0] = source[0].replace(_PLACE, commands.as_markdown())
+        text = text.replace(_PLACE, commands.as_markdown())
+    source[0] = text
+
+
+def _marked(page: Page) -> str:
+    """The page with a line below each block of commands that are not tested as they stand."""
+    lines = page.text.splitlines()
+    for block in reversed(page.blocks()):
+        if block.language == "sh" and (said := trials.mark(block)):
+            end = block.line + block.text.count("\n")
+            lines[end:end] = ["", "{.tested}", said, ""]
+    return "\n".join(lines) + "\n"
