@@ -17,7 +17,7 @@ def tree() -> dict[str, Any]:
         words, command = todo.pop(0)
         found[words] = command
         below = []
-        for name in getattr(command, "commands", None) and command.list_commands(None) or ():
+        for name in (getattr(command, "commands", None) and command.list_commands(None)) or ():
             one = command.get_command(None, name)
             if not one.hidden:
                 below.append((f"{words} {name}", one))
@@ -49,10 +49,11 @@ def _rows(command: Any, context: Any) -> Iterator[str]:
         record = parameter.get_help_record(context)
         if record is not None and "--help" not in parameter.opts:
             yield f"| `{record[0].replace('|', chr(92) + '|')}` | {_escaped(record[1])} |"
-    for name in getattr(command, "commands", None) and command.list_commands(None) or ():
+    for name in (getattr(command, "commands", None) and command.list_commands(None)) or ():
         one = command.get_command(None, name)
         if not one.hidden:
-            yield f"| [`{name}`](#{f'{context.info_name} {name}'.replace(' ', '-')}) | {_escaped(one.get_short_help_str(200))} |"
+            anchor = f"{context.info_name} {name}".replace(" ", "-")
+            yield f"| [`{name}`](#{anchor}) | {_escaped(one.get_short_help_str(200))} |"
 
 
 def _escaped(text: str) -> str:

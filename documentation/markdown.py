@@ -1,4 +1,4 @@
-"""What the pages hold: headings, links, code in the text, and blocks of code. All of it as CommonMark has it."""
+"""What the pages hold, as CommonMark has it: headings, links, code in the text, and blocks of code."""
 
 import re
 from collections.abc import Iterator

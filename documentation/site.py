@@ -1,4 +1,4 @@
-"""The site: docs/ with a navigation, a reference of the code and of the command line, and the files it names."""
+"""The site: docs/ with a navigation, a reference of code and command line, and the files that it names."""
 
 import io
 import shutil
@@ -78,7 +78,7 @@ def build(out: Path) -> Path:
 
 def _check_out(out: Path) -> None:
     """Raise OptionError unless there is nothing in the folder but a site."""
-    if out.exists() and (not out.is_dir() or any(out.iterdir()) and not (out / "objects.inv").is_file()):
+    if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / "objects.inv").is_file())):
         raise OptionError(f"--out: {out} is there and no site; must be a new folder, or an earlier site")
 
 

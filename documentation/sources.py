@@ -27,7 +27,9 @@ def setup(app: Sphinx) -> dict[str, bool]:
 def _mark(app: Sphinx, tree: nodes.document) -> None:
     """Links to files and folders outside of docs/ become references that `_resolve` knows."""
     folder = Path(app.env.doc2path(app.env.docname)).parent
-    for node in list(tree.findall(lambda one: isinstance(one, addnodes.download_reference | addnodes.pending_xref))):
+    for node in list(
+        tree.findall(lambda one: isinstance(one, addnodes.download_reference | addnodes.pending_xref))
+    ):
         if node.get("reftype") != "myst" or node.get("refdomain"):
             continue
         path = (folder / node["reftarget"]).resolve()
@@ -66,7 +68,11 @@ def _pages(app: Sphinx) -> Iterator[tuple[str, dict[str, Any], str]]:
     for path in sorted(linked | inside):
         name = path.relative_to(REPOSITORY).as_posix()
         body = _folder(path) if path.is_dir() else _file(app, path)
-        yield _page(name), {"title": name, "body": f"<h1>{html.escape(name)}</h1>{body}", "parents": []}, "page.html"
+        yield (
+            _page(name),
+            {"title": name, "body": f"<h1>{html.escape(name)}</h1>{body}", "parents": []},
+            "page.html",
+        )
 
 
 def _file(app: Sphinx, path: Path) -> str:
@@ -78,7 +84,8 @@ def _file(app: Sphinx, path: Path) -> str:
 
 def _folder(path: Path) -> str:
     rows = "".join(
-        f'<li><a href="{path.name}/{file.name}.html"><code>{file.name}</code></a>: {html.escape(_first_line(file))}</li>'
+        f'<li><a href="{path.name}/{file.name}.html"><code>{file.name}</code></a>: '
+        f"{html.escape(_first_line(file))}</li>"
         for file in sorted(path.glob("*.py"))
     )
     return f"<ul>{rows}</ul>"

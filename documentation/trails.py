@@ -46,21 +46,29 @@ class Picture:
 
     def text(self, parts: Sequence[str]) -> str:
         """An SVG file."""
-        head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width} {self.height}" width="{self.width}">'
+        size = f'viewBox="0 0 {self.width} {self.height}" width="{self.width}"'
+        head = f'<svg xmlns="http://www.w3.org/2000/svg" {size}>'
         return "\n".join([head, '<rect width="100%" height="100%" fill="#ffffff"/>', *parts, "</svg>\n"])
 
 
 def draw(out: Path) -> str:
-    """The run in the folder `out` as SVG: walls, places (filled once visited), starts, and each robot's way."""
+    """The run in the folder `out` as SVG: walls, places (filled once visited), each robot's start and way."""
     setup = msgspec.json.decode((out / "world" / "setup.json").read_bytes(), type=WorldSetup)
     trails = _trails(out / "radio" / "radio.mcap")
     places = [(one.id, Point(*place)) for one in setup.robots for place in one.places]
-    picture = Picture([*(place for _, place in places), *(point for trail in trails.values() for point in trail)])
-    colours = {name: "#%02x%02x%02x" % PALETTE[at % len(PALETTE)] for at, name in enumerate(trails)}
+    picture = Picture(
+        [*(place for _, place in places), *(point for trail in trails.values() for point in trail)]
+    )
+    colours = {
+        name: "#{:02x}{:02x}{:02x}".format(*PALETTE[at % len(PALETTE)]) for at, name in enumerate(trails)
+    }
     with (out / "places.csv").open(encoding="ascii", newline="") as file:
         done = [row["verdict"] == "done" for row in csv.DictReader(file)]
     parts = [_walls(picture, load_map(setup.map))]
-    parts += [_square(picture, place, colours[owner], full) for (owner, place), full in zip(places, done, strict=True)]
+    parts += [
+        _square(picture, place, colours[owner], full)
+        for (owner, place), full in zip(places, done, strict=True)
+    ]
     parts += [line for name, trail in trails.items() for line in _way(picture, name, trail, colours[name])]
     return picture.text(parts)
 

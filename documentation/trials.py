@@ -1,7 +1,7 @@
 """How the commands on the pages are tried, where not simply as they stand: each with its reason, for review.
 
-A command that is not named here is run by the tests as it stands, in a folder with `scenarios`, `maps`, `examples` and
-`fleets`, after those above it on its page.
+A command that is not named here is run by the tests as it stands, in a folder with what a clone has, after
+those above it on its page.
 """
 
 import shlex
@@ -49,7 +49,8 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
     "./acrc order runs/mine freeze r2": Elsewhere("tests/swarm/test_orders.py"),
     "./acrc order runs/mine thaw r2": Elsewhere("tests/swarm/test_orders.py"),
     "./acrc order runs/mine stop": Elsewhere("tests/swarm/test_orders.py"),
-    "./acrc run scenarios/head_on.toml --strategy examples.courteous:behaviour --check": Reduced("--duration 20"),
+    "./acrc run scenarios/head_on.toml --strategy examples.courteous:behaviour --check":
+        Reduced("--duration 20"),
     "./acrc run --hardware-in-the-loop": Elsewhere("tests/onboard/test_hardware_in_the_loop.py"),
     "./acrc run scenarios/head_on.toml --hardware-in-the-loop":
         Elsewhere("tests/onboard/test_hardware_in_the_loop.py"),
@@ -58,7 +59,8 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
     "./acrc add pandas": NotRun("wants a network, and changes the environment"),
     "./acrc bench failures": Reduced("--seeds 1 --robots 2 --duration 10"),
     "./acrc bench steps": Reduced("--robots 2 --duration 5"),
-    "./acrc bench seeds scenarios/head_on.toml --strategy none --strategy chapter": Reduced("--seeds 1 --duration 5"),
+    "./acrc bench seeds scenarios/head_on.toml --strategy none --strategy chapter":
+        Reduced("--seeds 1 --duration 5"),
     "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter":
         Reduced("--seeds 2 --duration 5"),
     "./acrc bench localisation --log course.zip --cell 'tracking/*/360/kobuki/4/*' --seed 7":

@@ -21,7 +21,7 @@ MODULES = {
     "cryptography": "hardware", "serial": "hardware", "pymunk": "sim",
     "rerun": "observe", "pyarrow": "observe",
     "mpmath": "dev", "scipy": "experiments", "hypothesis": "dev", "pytest": "dev", "mypy": "dev",
-    "psutil": "observe dev",
+    "psutil": "observe dev", "sphinx": "docs", "docutils": "docs", "furo": "docs", "myst_parser": "docs",
 }  # fmt: skip
 """Modules beyond the base, by the extras that bring them."""
 ACTORS = ("actors.world.__main__", "actors.radio.__main__", "actors.robot.__main__")
@@ -43,6 +43,7 @@ STARTS = {
     "bench growth": ACTORS,
     "bench portable": ("mpmath",),
     "fleet keys": ("deploy.fleet.certificates",),
+    "docs": ("documentation.site", "documentation.sources", "furo", "myst_parser"),
     "campaign": ("experiments.campaign.trial_program", "deploy.processes.forkserver", *ACTORS),
 }
 """What a command starts or imports beside what its function imports itself."""
