@@ -5,6 +5,7 @@ After DestinationAdoptionEnsemble and AdoptedDestinationRemoveEnsemble of d3scom
 
 Call a *taking* every entry of a place into a robot's route, and let it weigh (term, id of the robot), terms
 first. Of all takings so far, let the heaviest be that of robot R.
+
 1. A robot has a place no longer in its route for three reasons only: it has visited it; it has given it up;
    or a peer's published `adopted` shows a taking heavier than the robot's own.
 2. What is published has happened: each `Claim` stands for a taking by who publishes it. Messages that are
@@ -12,6 +13,7 @@ first. Of all takings so far, let the heaviest be that of robot R.
 3. So nobody ever shows R a taking heavier than its own, and R holds the place until it has visited it or
    given it up. It does not take it again while it holds it, nor after that.
 4. At the start the owner's taking is the only one; whenever a heavier one comes, the same holds of who took.
+
 Others may hold the place beside R, because of old messages. They drop it when they hear R, or visit it again.
 
 A robot that is restarted forgets what it had adopted; its own places it takes anew (`place.assignments`).

@@ -12,6 +12,7 @@ COMMANDS: Final = {
     "bundle": ("experiments.cli.app", "bundle"),
     "report": ("experiments.cli.app", "report"),
     "plan-study": ("experiments.cli.app", "plan_study"),
+    "docs": ("documentation.cli.app", "docs"),
     "bench": ("benchmarks.cli.app", "app"),
 }
 """The module behind each, and what it has there: a function, or a `typer.Typer` for a group."""

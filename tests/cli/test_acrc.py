@@ -141,7 +141,7 @@ def test_extras_come_when_a_command_needs_them_and_stay(clone: Clone) -> None:
     clone.call("run", "--seed", "3", "--view")
     assert clone.extras() == ["observe", "sim"]
     clone.call("check")
-    assert clone.extras() == ["cluster", "dev", "experiments", "hardware", "observe", "sim"]
+    assert clone.extras() == ["cluster", "dev", "docs", "experiments", "hardware", "observe", "pictures", "sim"]
     assert {"numba", "pymunk", "rerun-sdk", "pytest"} <= clone.installed()
     calls = clone.pip_calls()
     for command in (["run"], ["run", "--view"], ["check"], ["record", "check", "out"], []):
@@ -151,8 +151,8 @@ def test_extras_come_when_a_command_needs_them_and_stay(clone: Clone) -> None:
 
 def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Clone) -> None:
     _, _, err = clone.call("test")
-    assert clone.extras() == ["cluster", "dev", "experiments", "hardware", "pictures", "sim"]
-    assert err.splitlines()[0] == "acrc: .venv will take 745 MB"
+    assert clone.extras() == ["cluster", "dev", "docs", "experiments", "hardware", "pictures", "sim"]
+    assert err.splitlines()[0] == "acrc: .venv will take 801 MB"
     assert "rerun-sdk" not in clone.installed()
 
 
@@ -169,6 +169,7 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
         (("fleet", "collect", "out"), []),
         (("fleet", "units", "fleet.toml"), ["hardware"]),
         (("list", "maps"), []),
+        (("docs",), ["docs"]),
         (("deploy", "keys", "fleet.toml"), []),
         (("onboard", "fleet.toml"), []),
         (("order", "out", "stop"), []),

@@ -22,6 +22,7 @@ MODULES = {
     "rerun": "observe", "pyarrow": "observe experiments", "distributed": "cluster",
     "matplotlib": "pictures", "scipy": "experiments",
     "mpmath": "dev", "hypothesis": "dev", "pytest": "dev", "mypy": "dev", "psutil": "observe cluster dev",
+    "sphinx": "docs", "docutils": "docs", "furo": "docs", "myst_parser": "docs",
 }  # fmt: skip
 """Modules beyond the base, by the extras that bring them."""
 ACTORS = ("actors.world.__main__", "actors.radio.__main__", "actors.robot.__main__")
@@ -50,6 +51,7 @@ STARTS = {
         "deploy.processes.forkserver",
         *ACTORS,
     ),
+    "docs": ("documentation.site", "documentation.sources", "furo", "myst_parser"),
 }
 """What a command starts or imports beside what its function imports itself."""
 PROGRAM = """

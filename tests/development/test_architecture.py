@@ -18,7 +18,9 @@ from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 
 PAGE = (REPOSITORY / "docs" / "architecture.md").read_text()
-PACKAGES = ("actors", "benchmarks", "cleaning", "deeco", "deploy", "experiments", "firmware_bridge")
+PACKAGES = (
+    "actors", "benchmarks", "cleaning", "deeco", "deploy", "documentation", "experiments", "firmware_bridge",
+)  # fmt: skip
 ROOM_LIMIT = 20
 WAYS = ("The way of one scan", "The way of one packet of knowledge")
 

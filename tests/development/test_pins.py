@@ -118,7 +118,9 @@ def test_no_file_names_a_place_to_download_from() -> None:
     assert not re.search(r"https?://|--(extra-)?index-url|--find-links", text)
 
 
-@pytest.mark.parametrize("extra", ["base", "sim", "observe", "hardware", "experiments", "cluster", "dev"])
+@pytest.mark.parametrize(
+    "extra", ["base", "sim", "observe", "hardware", "pictures", "experiments", "cluster", "docs", "dev"]
+)
 def test_the_script_says_how_much_an_extra_takes(extra: str) -> None:
     """Within a quarter, for wheels differ between machines, or 5 MB."""
     script = (ROOT / "acrc").read_text()

@@ -87,7 +87,8 @@ def test_the_pins_of_this_project_are_all_read() -> None:
     text = (ROOT / "constraints.txt").read_text()
     sections = {finding.subject: finding.text for finding in computer.packages(ThisMachine(), text, ())}
     assert list(sections) == [
-        f"packages {name}" for name in ("base", "sim", "observe", "hardware", "experiments", "cluster", "dev")
+        f"packages {name}"
+        for name in ("base", "sim", "observe", "hardware", "pictures", "experiments", "cluster", "docs", "dev")
     ]
     assert sections["packages hardware"] == "all 4 are those that were tested"
 

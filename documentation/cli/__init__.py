@@ -1,0 +1,1 @@
+"""`acrc docs`; what it needs is imported once it is called."""

@@ -1,0 +1,109 @@
+"""The site: docs/ with a navigation, a reference of code and command line, and the files that it names."""
+
+import io
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any, Final
+
+from sphinx.application import Sphinx
+from sphinx.errors import SphinxError
+from sphinx.util.console import strip_escape_sequences
+
+from actors.runtime.errors import AcrcError
+from deploy import version
+from deploy.repository import REPOSITORY
+from deploy.usage import OptionError
+from documentation import commands, contents, trials
+from documentation.markdown import Page
+
+DOCS: Final = REPOSITORY / "docs"
+HOME: Final = "index"
+COMMANDS: Final = "reference/commands"
+_PLACE: Final = "```{commands}\n```"
+"""Where that page has the commands."""
+_SETTINGS: Final[dict[str, Any]] = {
+    "project": "ACRC testbed",
+    "extensions": ["myst_parser", "sphinx.ext.autodoc", "documentation.sources", "documentation.site"],
+    "root_doc": HOME,
+    "html_theme": "furo",
+    "html_title": "ACRC testbed",
+    "html_show_sphinx": False,
+    "html_show_copyright": False,
+    "html_show_sourcelink": False,
+    "html_copy_source": False,
+    "html_static_path": [str(Path(__file__).parent / "static")],
+    "html_css_files": ["site.css"],
+    "myst_heading_anchors": 4,
+    "myst_enable_extensions": ["attrs_block"],
+    "default_role": "code",
+    "autodoc_member_order": "bysource",
+    "autodoc_preserve_defaults": True,
+    "autodoc_typehints_format": "short",
+    "python_use_unqualified_type_names": True,
+    "autodoc_default_options": {"members": True, "undoc-members": True},
+    "smartquotes": False,
+}
+
+
+class DocumentationError(AcrcError):
+    """A page is wrong."""
+
+
+def build(out: Path) -> Path:
+    """Write the site into the folder `out` and return its home page.
+
+    Raises DocumentationError with every warning, OptionError where `out` holds something else.
+    """
+    _check_out(out)
+    said = io.StringIO()
+    with tempfile.TemporaryDirectory() as scratch:
+        fresh = Path(scratch) / "site"
+        overrides = {**_SETTINGS, "release": version.release()}
+        try:
+            app = Sphinx(
+                DOCS, None, fresh, Path(scratch) / "trees", "html", overrides,
+                status=None, warning=said, freshenv=True,
+            )  # fmt: skip
+            app.build()
+        except SphinxError as error:
+            raise DocumentationError(f"docs: {error}") from None
+        if said.getvalue():
+            raise DocumentationError(f"docs: {strip_escape_sequences(said.getvalue()).strip()}")
+        if out.exists():
+            shutil.rmtree(out)
+        shutil.copytree(fresh, out)
+    return (out / "index.html").resolve()
+
+
+def _check_out(out: Path) -> None:
+    """Raise OptionError unless there is nothing in the folder but a site."""
+    if out.exists() and (not out.is_dir() or (any(out.iterdir()) and not (out / "objects.inv").is_file())):
+        raise OptionError(f"--out: {out} is there and no site; must be a new folder, or an earlier site")
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Called by Sphinx, which reads this module as an extension."""
+    app.connect("source-read", _complete)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def _complete(app: Sphinx, name: str, source: list[str]) -> None:
+    """Add to the pages what is made from elsewhere."""
+    page = Page(Path(app.env.doc2path(name)))
+    text = _marked(page)
+    if name == HOME:
+        text += contents.as_toctrees(page)
+    elif name == COMMANDS:
+        text = text.replace(_PLACE, commands.as_markdown())
+    source[0] = text
+
+
+def _marked(page: Page) -> str:
+    """The page with a line below each block of commands that are not tested as they stand."""
+    lines = page.text.splitlines()
+    for block in reversed(page.blocks()):
+        if block.language == "sh" and (said := trials.mark(block)):
+            end = block.line + block.text.count("\n")
+            lines[end:end] = ["", "{.tested}", said, ""]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,105 @@
+"""How the commands on the pages are tried, where not simply as they stand: each with its reason, for review.
+
+A command that is not named here is run by the tests as it stands, in a folder with what a clone has, after
+those above it on its page.
+"""
+
+import shlex
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+from documentation.markdown import Block
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Takes longer than 20 s: the suite runs it with `words` behind it, the night as it stands."""
+
+    words: str
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """Another test runs the same."""
+
+    test: str
+    """Its file, seen from the root of the repository."""
+
+
+@dataclass(frozen=True)
+class NotRun:
+    """Cannot be run by a test; that its words are understood is tested all the same."""
+
+    reason: str
+
+
+Trial = Reduced | Elsewhere | NotRun
+
+TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
+    "./acrc run": Reduced("--duration 5"),
+    "./acrc run --seed 3": Reduced("--duration 5"),
+    "./acrc run --robots 8 --seed 3 --duration 300": Reduced("--duration 5"),
+    "./acrc run --bus memory --json": Reduced("--duration 5"),
+    "./acrc run --strategy my_study.lease:behaviour": Reduced("--duration 5"),
+    "./acrc run my_scenario.toml --speed 4 --view": Elsewhere("tests/observer/test_view.py"),
+    "./acrc run scenarios/head_on.toml --speed 4 --view": Elsewhere("tests/observer/test_view.py"),
+    "./acrc run scenarios/head_on.toml --speed 1 --out runs/mine": Elsewhere("tests/swarm/test_orders.py"),
+    "./acrc order runs/NAME freeze r2": Elsewhere("tests/swarm/test_orders.py"),
+    "./acrc order runs/mine freeze r2": Elsewhere("tests/swarm/test_orders.py"),
+    "./acrc order runs/mine thaw r2": Elsewhere("tests/swarm/test_orders.py"),
+    "./acrc order runs/mine stop": Elsewhere("tests/swarm/test_orders.py"),
+    "./acrc run scenarios/head_on.toml --strategy examples.courteous:behaviour --check":
+        Reduced("--duration 20"),
+    "./acrc run --hardware-in-the-loop": Elsewhere("tests/onboard/test_hardware_in_the_loop.py"),
+    "./acrc run scenarios/head_on.toml --hardware-in-the-loop":
+        Elsewhere("tests/onboard/test_hardware_in_the_loop.py"),
+    "./acrc fleet onboard fleet.toml --robot r2": NotRun("wants a TurtleBot, and goes on until Ctrl-C"),
+    "./acrc test": NotRun("is what runs this"),
+    "./acrc add pandas": NotRun("wants a network, and changes the environment"),
+    "./acrc bench failures": Reduced("--seeds 1 --robots 2 --duration 10"),
+    "./acrc bench steps": Reduced("--robots 2 --duration 5"),
+    "./acrc bench seeds scenarios/head_on.toml --strategy none --strategy chapter":
+        Reduced("--seeds 1 --duration 5"),
+    "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter":
+        Reduced("--seeds 2 --duration 5"),
+    "./acrc bench localisation --log course.zip --cell 'tracking/*/360/kobuki/4/*' --seed 7":
+        Reduced("--duration 20"),
+    "./acrc bench localisation --from course.zip --runs 20": Reduced("--runs 1"),
+    "./acrc bench localisation --from logs/ --against theirs.json --runs 10": Reduced("--runs 1"),
+})  # fmt: skip
+"""By the command as it stands on a page, without what is said behind `#`."""
+
+PAGES: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyType({
+    ("docs/tutorial.md", "sh"): "tests/cli/test_tutorial.py",
+    ("docs/tutorial.md", "python"): "tests/cli/test_tutorial.py",
+    ("docs/deeco.md", "python"): "tests/deeco/test_docs.py",
+    ("docs/localisation-log.md", "python"): "tests/localisation_bench/test_log.py",
+    ("docs/navigation-log.md", "python"): "tests/navigation_bench/test_navigation_log.py",
+})  # fmt: skip
+"""Pages whose blocks of a language have a test of their own, which shows that they do what the page says."""
+
+
+def commands(block: Block) -> list[str]:
+    """The commands of a block in `sh`, one a line, without what is said behind `#`."""
+    text = block.text.replace("\\\n", " ")
+    lines = (line.partition(" #")[0].strip() for line in text.splitlines())
+    return [line for line in lines if shlex.split(line, comments=True)]
+
+
+def reduced(command: str) -> str:
+    """The command as the suite runs it."""
+    trial = TRIALS.get(command)
+    return f"{command} {trial.words}" if isinstance(trial, Reduced) else command
+
+
+def mark(block: Block) -> str:
+    """What stands below a block on the site: which of its commands are not tested as they stand; or ""."""
+    said = []
+    for command in commands(block):
+        trial = TRIALS.get(command)
+        if isinstance(trial, Reduced):
+            said.append(f"Tested at reduced size: `{command} {trial.words}`.")
+        elif isinstance(trial, NotRun):
+            said.append(f"Not run by the tests: it {trial.reason}.")
+    return " ".join(said)

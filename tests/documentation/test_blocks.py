@@ -1,0 +1,154 @@
+"""Every block of code on a page does what it says: commands run, settings are understood, Python runs.
+
+Each page has a folder of its own with what a clone has. `documentation.trials` says what is run otherwise than
+it stands, and why; what takes too long for every day has its full size by night.
+"""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from deploy.repository import REPOSITORY
+from deploy.scenario.scenario_file import parse
+from documentation.markdown import Block, pages
+from documentation.trials import PAGES as PAGES_OF_THEIR_OWN
+from documentation.trials import TRIALS, Elsewhere, NotRun, Reduced, commands, reduced
+from experiments.study.study_file import load_study
+from tests import warm
+
+PAGES = {page.name: page for page in pages() if page.blocks()}
+LANGUAGES = {"sh", "python", "toml", "text", "mermaid", "{commands}", "{eval-rst}", "{toctree}"}
+IN_A_CLONE = ("scenarios", "maps", "examples", "fleets")
+LEASE = (
+    "from actors.robot.behaviour import Behaviour, Start\nfrom cleaning.chapter import chapter as behaviour\n"
+)
+LEAST = {
+    "map": "maps/corridor.yaml",
+    "run": {"duration": 60.0, "strategy": "none"},
+    "robots": {"count": 1},
+    "places": {"preset": "golden"},
+}
+"""What every scenario has."""
+
+
+@pytest.fixture
+def clone(tmp_path: Path) -> Path:
+    """A folder with what a clone has, and with the files that the pages take for given."""
+    for name in IN_A_CLONE:
+        (tmp_path / name).symlink_to(REPOSITORY / name)
+    (tmp_path / "my_study").mkdir()
+    (tmp_path / "my_study" / "lease.py").write_text(LEASE)
+    return tmp_path
+
+
+def type_in(clone: Path, command: str, timeout_s: float) -> str:
+    """What a command prints; it must succeed."""
+    newest = max((clone / "runs").glob("*"), key=lambda path: path.stat().st_mtime, default=None)
+    program, *words = shlex.split(command.replace("runs/NAME", str(newest)))
+    env = os.environ | {"PYTHONPATH": str(REPOSITORY), "COLUMNS": "200"}
+    if program == "./acrc":
+        done = warm.run(words, clone, env, timeout_s, finds_cwd=False)
+    else:
+        assert program == ".venv/bin/python", command
+        done = subprocess.run(
+            [sys.executable, *words], cwd=clone, env=env, capture_output=True, text=True,
+            timeout=timeout_s, check=False,
+        )  # fmt: skip
+    assert done.returncode == 0, f"{command}: {done.stdout}{done.stderr}"
+    return done.stdout
+
+
+def typed(name: str) -> list[str]:
+    """The commands of a page that are not left to another test."""
+    blocks = [block for block in PAGES[name].blocks() if block.language == "sh"]
+    if (name, "sh") in PAGES_OF_THEIR_OWN:
+        return []
+    every = [command for block in blocks for command in commands(block)]
+    return [one for one in every if not isinstance(TRIALS.get(one), Elsewhere | NotRun)]
+
+
+def test_every_block_has_a_language_that_is_looked_at() -> None:
+    others = {
+        (name, b.language)
+        for name, page in PAGES.items()
+        for b in page.blocks()
+        if b.language not in LANGUAGES
+    }
+    assert others == set()
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("name", [name for name in PAGES if typed(name)])
+def test_the_commands_of_a_page_run(name: str, clone: Path) -> None:
+    give(clone, name)
+    for command in typed(name):
+        type_in(clone, reduced(command), 200.0)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize(
+    "name", [n for n in PAGES if any(isinstance(TRIALS.get(c), Reduced) for c in typed(n))]
+)
+def test_the_commands_of_a_page_run_at_full_size(name: str, clone: Path) -> None:
+    give(clone, name)
+    for command in typed(name):
+        type_in(clone, command, 7000.0)
+
+
+def give(clone: Path, name: str) -> None:
+    """What the commands of one page want beside that: logs, and what another program made of them."""
+    if name == "docs/localisation-log.md":
+        (clone / "logs").mkdir()
+        type_in(clone, "./acrc bench localisation --log logs/course.zip --cell alone --duration 20", 200.0)
+        theirs = [{"log": "course", "runs": [{"rmse": 0.05, "lost": False}, {"rmse": 0.04, "lost": False}]}]
+        (clone / "theirs.json").write_bytes(msgspec.json.encode(theirs))
+
+
+def of(language: str) -> list[tuple[str, int]]:
+    """Page and line of each block in a language that has no test of its own."""
+    found = [(name, block) for name, page in PAGES.items() for block in page.blocks()]
+    return [
+        (name, block.line)
+        for name, block in found
+        if block.language == language and (name, language) not in PAGES_OF_THEIR_OWN
+    ]
+
+
+def block_at(name: str, line: int) -> Block:
+    return next(block for block in PAGES[name].blocks() if block.line == line)
+
+
+@pytest.mark.parametrize(("name", "line"), of("toml"))
+def test_settings_are_understood(name: str, line: int, clone: Path) -> None:
+    text = block_at(name, line).text
+    found = tomllib.loads(text)
+    if "strategies" in found:
+        (clone / "study.toml").write_text(text)
+        assert load_study(clone / "study.toml").trials()
+        return
+    merged = LEAST | found
+    missing = {key: value for key, value in LEAST.items() if key not in found}
+    tops = {key: value for key, value in missing.items() if not isinstance(value, dict)}
+    tables = {key: value for key, value in missing.items() if isinstance(value, dict)}
+    whole = f"{msgspec.toml.encode(tops).decode()}\n{text}\n{msgspec.toml.encode(tables).decode()}"
+    assert tomllib.loads(whole) == merged
+    parse(whole, clone / "scenario.toml")
+
+
+@pytest.mark.parametrize(("name", "line"), of("python"))
+def test_python_runs(name: str, line: int, clone: Path) -> None:
+    (clone / "block.py").write_text(block_at(name, line).text)
+    type_in(clone, ".venv/bin/python block.py", 60.0)
+
+
+def test_a_command_that_fails_is_found(clone: Path) -> None:
+    with pytest.raises(AssertionError, match=re.escape("./acrc run nowhere.toml: ")):
+        type_in(clone, "./acrc run nowhere.toml", 60.0)
