@@ -1,7 +1,7 @@
 """Every block of code on a page does what it says: commands run, settings are understood, Python runs.
 
-Each page has a folder of its own with what a clone has. `documentation.trials` says what is run otherwise than
-it stands, and why; what takes too long for every day has its full size by night.
+Each page has a folder of its own with what a clone has. `documentation.trials` says what is run otherwise
+than it stands, and why; what takes too long for every day has its full size by night.
 """
 
 import os
