@@ -88,7 +88,17 @@ def test_the_pins_of_this_project_are_all_read() -> None:
     sections = {finding.subject: finding.text for finding in computer.packages(ThisMachine(), text, ())}
     assert list(sections) == [
         f"packages {name}"
-        for name in "base sim observe hardware pictures experiments cluster docs dev".split()
+        for name in [
+            "base",
+            "sim",
+            "observe",
+            "hardware",
+            "pictures",
+            "experiments",
+            "cluster",
+            "docs",
+            "dev",
+        ]
     ]
     assert sections["packages hardware"] == "all 4 are those that were tested"
 
