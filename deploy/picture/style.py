@@ -31,6 +31,7 @@ _FEW: Final = 12
 _LOOK: Final[Any] = {
     "font.size": 8.5,
     "font.family": "DejaVu Sans",
+    "text.parse_math": False,  # names of strategies may hold anything
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.edgecolor": INK,
