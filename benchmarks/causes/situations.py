@@ -117,7 +117,8 @@ def quiet(seed: int) -> Situation:
     return Situation("quiet", seed, robots, 30.0, strategy)
 
 
-PLANTED: Final[Sequence[Callable[[int], Situation]]] = (parked, done, wedged, carried, jammed)
+Plant = Callable[[int], Situation]
+PLANTED: Final[Sequence[Plant]] = (parked, done, wedged, carried, jammed)
 
 
 def _neck(draw: Generator) -> float:

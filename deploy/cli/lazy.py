@@ -8,6 +8,7 @@ from typer.core import TyperGroup
 
 COMMANDS: Final = {
     "campaign": ("experiments.cli.app", "campaign"),
+    "causes": ("experiments.cli.app", "causes"),
     "compare": ("experiments.cli.app", "compare"),
     "plan-study": ("experiments.cli.app", "plan_study"),
     "bench": ("benchmarks.cli.app", "app"),
