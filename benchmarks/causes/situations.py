@@ -12,7 +12,7 @@ from actors.randomness import generator
 from deploy.repository import REPOSITORY
 
 _MAP: Final = REPOSITORY / "maps" / "corridor.yaml"
-_NECKS: Final = (12.44, 17.25)
+NECKS: Final = (12.44, 17.25)
 """x of the middle of the two passages between office and corridor, m; 0.88 m wide for y from 8.2 to 10.4."""
 _EVERYWHERE: Final = ((12.5, 4.5), (17.3, 4.5), (3.5, 12.4), (9.0, 12.4), (21.0, 12.4), (27.0, 12.4))
 """Points of six rooms or parts of the corridor that are so far apart that nobody meets, m."""
@@ -40,10 +40,12 @@ class Situation:
     strategy: str = "none"
     events: Sequence[str] = ()
     """Tables of the scenario, as TOML."""
+    step_us: int = 100_000
 
     def write(self, file: Path) -> None:
         """As a scenario file."""
-        tables = [f'map = "{_MAP}"', "[run]", f"duration = {self.duration}", f"seed = {self.seed}"]
+        tables = [f'map = "{_MAP}"', "[run]", f"step_ms = {self.step_us // 1000}"]
+        tables += [f"duration = {self.duration}", f"seed = {self.seed}"]
         tables += [f'strategy = "{self.strategy}"', "[localisation]", 'preset = "chapter"']
         tables += ["[robots]", f"count = {len(self.robots)}"]
         for number, robot in enumerate(self.robots, start=1):
@@ -117,11 +119,12 @@ def quiet(seed: int) -> Situation:
     return Situation("quiet", seed, robots, 30.0, strategy)
 
 
-PLANTED: Final[Sequence[Callable[[int], Situation]]] = (parked, done, wedged, carried, jammed)
+Plant = Callable[[int], Situation]
+PLANTED: Final[Sequence[Plant]] = (parked, done, wedged, carried, jammed)
 
 
 def _neck(draw: Generator) -> float:
-    return _NECKS[int(draw.integers(2))]
+    return NECKS[int(draw.integers(2))]
 
 
 def _stander(draw: Generator, x: float) -> Robot:

@@ -27,6 +27,7 @@ for _command in (
     navigation.navigation,
     navigation.failures,
     navigation.causes,
+    navigation.wedge,
     localisation.localisation,
     hardware.beeclick,
     hardware.kobuki,

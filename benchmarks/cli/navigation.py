@@ -94,3 +94,12 @@ def causes(
     from benchmarks.causes import causes as planted
 
     planted.run(count, json_output=json)
+
+
+def wedge(
+    seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="Of each kind of pair.")] = 5,
+) -> None:
+    """Put pairs head-on and too near, and count how many come apart, with and without backing off."""
+    from benchmarks.causes import wedge as pairs
+
+    pairs.run(seeds)

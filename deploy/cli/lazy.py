@@ -8,6 +8,7 @@ from typer.core import TyperGroup
 
 COMMANDS: Final = {
     "campaign": ("experiments.cli.app", "campaign"),
+    "causes": ("experiments.cli.app", "causes"),
     "compare": ("experiments.cli.app", "compare"),
     "bundle": ("experiments.cli.app", "bundle"),
     "report": ("experiments.cli.app", "report"),

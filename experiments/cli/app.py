@@ -84,6 +84,18 @@ def campaign(
     campaign_command.run(wishes, out, options, until_decided=until_decided, json_output=json)
 
 
+def causes(
+    folder: Annotated[
+        Path, typer.Argument(metavar="RUN_DIR", show_default=False, help="Of a simulated run.")
+    ],
+    json: Json = False,
+) -> None:
+    """Say where a run's time went: waiting at doors, wedged, lost; who blocked whom, what decisions did."""
+    from experiments.cli import causes_command
+
+    causes_command.run(folder, json_output=json)
+
+
 def compare(
     folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False, help="Of a campaign.")],
     metric: Annotated[

@@ -1,5 +1,8 @@
 """Stories of goals: reached, given up for each reason, replaced, paused; with a driver that obeys a test."""
 
+from dataclasses import replace
+from typing import cast
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -58,7 +61,7 @@ class Memory:
     def marks(self) -> NDArray[np.float64]:
         return self.marked
 
-    def free_behind(self, here: Pose, distance: float) -> bool:
+    def free_behind(self, here: Pose, distance: float, *, touching: bool = False) -> bool:
         return self.behind
 
 
@@ -291,3 +294,39 @@ def test_a_robot_without_a_goal_does_not_retreat() -> None:
 
 def test_the_chapters_preset_is_what_is_assumed() -> None:
     assert NavigationParameters() == CHAPTER and CHAPTER.controller_patience == seconds(1)
+
+
+def test_every_goal_is_listed_with_what_became_of_it() -> None:
+    trip = Trip().goes_to(FAR)
+    trip.steps(3)
+    trip.goes_to(WEST).steps(2)
+    trip.navigation.take(GoalOrder.CANCEL)
+    given = trip.count("given")
+    assert isinstance(given, list)
+    assert [(goal["x"], goal["y"], goal["how"]) for goal in given] == [
+        (*FAR, "replaced"),
+        (*WEST, "succeeded"),
+    ]
+
+
+def test_without_a_way_the_spell_lasts_through_further_attempts() -> None:
+    trip = Trip().goes_to(NOWHERE)
+    trip.steps(30)
+    trip.goes_to(NOWHERE).steps(30)
+    (spell,) = cast(list[tuple[int, int]], trip.count("without_plan"))
+    assert spell[1] - spell[0] > seconds(5)
+    trip.goes_to(FAR).steps(2)
+    (spell,) = cast(list[tuple[int, int]], trip.count("without_plan"))
+    assert spell[1] <= at_step(61)
+
+
+@pytest.mark.parametrize("back_off", [False, True])
+def test_who_backs_off_does_so_once_nothing_is_behind(back_off: bool) -> None:
+    trip = Trip(replace(CHAPTER, back_off=back_off)).goes_to(FAR)
+    trip.driver.valid, trip.map.behind = False, False
+    backward = Twist(-CHAPTER.retreat_speed, 0.0, 0.0)
+    while not trip.count("recoveries"):
+        assert trip.take_step() == STILL
+    trip.map.behind = True
+    assert (backward in trip.steps(3)) is back_off
+    assert trip.count("retreats") == int(back_off)

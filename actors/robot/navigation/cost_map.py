@@ -165,10 +165,11 @@ class CostMap:
             ((columns + (self.corner.column + 0.5)) * cell, (rows + (self.corner.row + 0.5)) * cell)
         )
 
-    def free_behind(self, here: Pose, distance: float) -> bool:
+    def free_behind(self, here: Pose, distance: float, *, touching: bool = False) -> bool:
         """True if the body at `here` can back off straight by `distance`, m, and the map shows so far.
 
-        Where it is too near to something already, that must not come nearer.
+        Where it is too near to something already, that must not come nearer. `touching`: that may be nearer
+        than the body's radius, as where its bumper touches nothing, but marks are within its outline.
         """
         cell, apart = self.parameters.cell, math.inf
         for step in range(math.ceil(distance / cell) + 1):
@@ -177,6 +178,8 @@ class CostMap:
             if not (0 <= x < len(self.squared) and 0 <= y < len(self.squared)):
                 return False
             near = cell * math.sqrt(self.squared[math.floor(y), math.floor(x)])
+            if touching and step == 0:
+                apart = near
             if near < min(self._radius, apart):
                 return False
             apart = near

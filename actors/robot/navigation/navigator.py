@@ -44,6 +44,10 @@ class NavigationParameters:
     mark_robots: bool = False
     """Let the global map hold what the local one shows and the floor plan does not. The files switch the
     marking off, so that other robots are never in the global plan."""
+    back_off: bool = False
+    """A robot whose driver does not get it away, for want of a valid trajectory or of progress, backs off
+    straight by `retreat` once it is free behind it. Off, as in move_base: its driver has nothing valid while
+    the body's outline meets a marked cell, and never drives backward (min_vel_x 0)."""
     retreat: float = 0.15
     """So far the robot backs away from what its bumper has touched, m: room to turn beside it. Own choice;
     move_base knows no bumper, and a Kobuki that touches something lets no wheel turn forward."""
@@ -85,8 +89,11 @@ class LocalObstacles(Protocol):
     def marks(self) -> NDArray[np.float64]:
         """(k, 2): the centres of marked cells, m, odometry frame."""
 
-    def free_behind(self, here: Pose, distance: float) -> bool:
-        """True if the robot can back off straight by `distance`, m, as far as is known."""
+    def free_behind(self, here: Pose, distance: float, *, touching: bool = False) -> bool:
+        """True if the robot can back off straight by `distance`, m, as far as is known.
+
+        `touching`: also from what is nearer than its radius already, if that does not come nearer.
+        """
 
 
 class PathFollower(Protocol):
@@ -148,6 +155,8 @@ class Navigator:
         self._goal: Goal | None = None
         self._pursuit: _Pursuit | None = None
         self._retreat: _Retreat | None = None
+        self._stuck = False
+        """The driver did not get the robot away, and it has not backed off yet."""
         self._paused = False
         self._trail = Trail()
         self._withdrawal: Withdrawal | None = None
@@ -265,6 +274,7 @@ class Navigator:
         steering = self._driver.steer(instant, here, estimate, velocity)
         if steering.valid:
             pursuit.had_trajectory = instant
+            self._stuck &= steering.twist.vx == 0.0
             _settle(pursuit, AbortReason.BLOCKED)
             self._in_phase(GoalPhase.CONTROLLING, instant)
             return steering.twist
@@ -304,6 +314,7 @@ class Navigator:
 
     def _recover(self, pursuit: _Pursuit, reason: AbortReason, instant: Instant) -> Twist:
         """Forget what is marked farther away and plan anew, or give the goal up."""
+        self._stuck = self._p.back_off and reason is not AbortReason.NO_PLAN
         if pursuit.recoveries >= self._p.recoveries:
             return self._close(GoalStatus.ABORTED, reason)
         self._local.clear(self._p.reset_distance)
@@ -324,16 +335,18 @@ class Navigator:
 
     def _retreats(self, instant: Instant, here: Pose, bumped: bool) -> bool:
         """True while the robot has to back away."""
+        stuck = self._stuck
         if self._retreat is None:
-            if not (bumped and self._local.free_behind(here, self._p.retreat)):
+            if not (bumped or stuck) or not self._local.free_behind(here, self._p.retreat, touching=stuck):
                 return False
             self._retreat = _Retreat(instant, here.point)
             self._journal.retreats()
         gone = self._retreat.touched.distance_to(here.point)
         in_time = instant - self._retreat.begun < self._p.retreat_patience
-        if gone < self._p.retreat and in_time and self._local.free_behind(here, self._p.retreat - gone):
+        left = self._p.retreat - gone
+        if left > 0.0 and in_time and self._local.free_behind(here, left, touching=stuck):
             return True
-        self._retreat = None
+        self._retreat, self._stuck = None, False
         return False
 
     def _in_phase(self, phase: GoalPhase, instant: Instant) -> Twist:

@@ -1,0 +1,97 @@
+"""Pairs put head-on and too near: how many come apart, with robots that back off and without."""
+
+import math
+import tempfile
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from actors.randomness import generator
+from benchmarks.causes.situations import NECKS, Robot, Situation
+from benchmarks.statistics.pool import in_order
+from deploy.replay.run_recordings import recordings
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from experiments.accounting.account import account
+from experiments.accounting.time_spent import Cause
+from experiments.accounting.tracks import recorded
+
+_APART: Final = 1.0
+"""Who has been so far apart, m, came free."""
+_DURATION_S: Final = 60.0
+_GAPS: Final = ((0.36, 0.40), (0.40, 0.45))
+
+
+@dataclass(frozen=True)
+class WedgeTask:
+    """One pair."""
+
+    passage: bool
+    """In a passage; else on open floor."""
+    gap: tuple[float, float]
+    """Between their centres, from and to, m."""
+    strategy: str
+    back_off: bool
+    seed: int
+
+
+@dataclass(frozen=True)
+class Parted:
+    """What became of a pair."""
+
+    free: bool
+    places: int
+    """Done, of two."""
+    wedged_s: float
+    """Of a robot, on average."""
+
+
+def run(seeds: int = 5, workers: int | None = None) -> None:
+    """Run `seeds` pairs of each kind, and print what became of them."""
+    table = Table("where", "apart, m", "strategy", "back_off", "came free", "places", "wedged, s per robot")
+    kinds = list(product((True, False), _GAPS, ("none", "chapter"), (False, True)))
+    tasks = [WedgeTask(*kind, seed) for kind in kinds for seed in range(1, seeds + 1)]
+    parted = list(in_order(part, tasks, workers))
+    for number, (passage, gap, strategy, back_off) in enumerate(kinds):
+        group = parted[number * seeds : (number + 1) * seeds]
+        where = "passage" if passage else "open floor"
+        free, places = sum(one.free for one in group), sum(one.places for one in group)
+        wedged = sum(one.wedged_s for one in group) / seeds
+        row = (where, f"{gap[0]:.2f} to {gap[1]:.2f}", strategy, str(back_off).lower(), f"{free} of {seeds}")
+        table.add_row(*row, f"{places} of {2 * seeds}", f"{wedged:.1f}")
+    Console(width=110).print(table)
+
+
+def part(task: WedgeTask) -> Parted:
+    """Run one pair for a minute."""
+    situation = Situation("wedge", task.seed, _pair(task), _DURATION_S, task.strategy)
+    with tempfile.TemporaryDirectory(prefix="acrc-") as name:
+        file = Path(name) / "pair.toml"
+        situation.write(file)
+        options = RunOptions(Path(name) / "out", bus="memory", json=True)
+        overrides = Overrides(settings=(("navigation.back_off", task.back_off),))
+        result = swarm.run(load_scenario(file, overrides), options)
+        spent = account(options.out)
+        true = recorded(recordings(options.out), situation.step_us).true
+    apart = np.hypot(*(true[:, 0, :2] - true[:, 1, :2]).T)
+    wedged = [each[Cause.WEDGED.value] for each in spent.robots.values()]
+    return Parted(bool((apart > _APART).any()), result.places_done, sum(wedged) / len(wedged))
+
+
+def _pair(task: WedgeTask) -> tuple[Robot, Robot]:
+    """Head-on, each with its place behind the other one."""
+    draw = generator(task.seed, "causes", "w1" if task.passage else "w2")
+    if task.passage:
+        x, y = NECKS[int(draw.integers(2))], draw.uniform(8.6, 10.0)
+        gap = draw.uniform(*task.gap)
+        return Robot((x, y, math.pi / 2), [(x, 12.3)]), Robot((x, y + gap, -math.pi / 2), [(x, 4.0)])
+    x, y = draw.uniform(8, 11), draw.uniform(12, 13)
+    gap = draw.uniform(*task.gap)
+    west, east = (max(x - 3, 6.8), 12.4), (x + 8, 12.4)
+    return Robot((x, y, 0.0), [east]), Robot((x + gap, y, math.pi), [west])

@@ -1,0 +1,234 @@
+"""Where the time went: on tracks made by hand, in planted situations, and from a run over the mesh."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from typer.testing import CliRunner
+
+from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
+from actors.instant import seconds
+from actors.messages import Jam
+from benchmarks.causes import situations
+from benchmarks.causes.causes import judge
+from deploy.cli.app import app
+from deploy.results.navigation_result import GivenGoal
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from experiments.accounting import blockings, decisions, diagnosis
+from experiments.accounting.account import account
+from experiments.accounting.classify import CAUSES, Classified, classify
+from experiments.accounting.episodes import STANDARD
+from experiments.accounting.findings import findings
+from experiments.accounting.passage import Passages
+from experiments.accounting.said import Said, SaidDecision
+from experiments.accounting.time_spent import Cause, WedgeCount
+from experiments.accounting.tracks import TimedJam, Tracks, TracksError
+
+STEP = 100_000
+STEPS = 300
+GOAL = (GivenGoal(0, 9.0, 3.0),)
+WANTS = Said(goals=GOAL)
+IDLE = Said()
+
+
+def passages() -> Passages:
+    """10 m by 6 m; a wall at x = 5 with a door of 0.8 m around y = 3."""
+    cells = np.full((120, 200), FREE, np.uint8)
+    cells[[0, -1]] = OCCUPIED
+    cells[:, [0, -1]] = OCCUPIED
+    cells[:52, 100:102] = OCCUPIED
+    cells[68:, 100:102] = OCCUPIED
+    return Passages(OccupancyGrid(cells, 0.05), 0.177)
+
+
+def at(x: float, y: float) -> NDArray[np.float64]:
+    return np.tile([x, y, 0.0], (STEPS, 1))
+
+
+def driving(x: float, y: float) -> NDArray[np.float64]:
+    return np.column_stack([x + 0.008 * np.arange(STEPS), np.full(STEPS, y), np.zeros(STEPS)])
+
+
+def tracks(*true: NDArray[np.float64], held: NDArray[np.float64] | None = None) -> Tracks:
+    together = np.stack(true, axis=1)
+    always = np.ones(together.shape[:2], np.bool_)
+    names = tuple(f"r{number}" for number in range(1, len(true) + 1))
+    said = together if held is None else held
+    return Tracks(names, STEP, together, said, together, always, always.copy())
+
+
+def classified(of: Tracks, *said: Said) -> Classified:
+    return classify(of, dict(zip(of.robots, said, strict=True)), passages())
+
+
+def causes(of: Tracks, *said: Said) -> list[set[Cause]]:
+    found = classified(of, *said).causes
+    return [{CAUSES[cause] for cause in np.unique(found[:, robot])} for robot in range(found.shape[1])]
+
+
+@pytest.mark.parametrize(
+    ("there", "who", "cause"),
+    [
+        ((2.43, 1.0), WANTS, Cause.WEDGED),
+        ((2.43, 1.0), IDLE, Cause.DONE_IN_WAY),
+        ((3.3, 1.0), WANTS, Cause.OPEN_FLOOR),
+        ((3.3, 1.0), IDLE, Cause.DONE_IN_WAY),
+        ((4.4, 1.0), WANTS, Cause.OPEN_FLOOR),
+        ((4.6, 1.0), WANTS, Cause.NO_PROGRESS),
+    ],
+)
+def test_who_stands_before_another_one(there: tuple[float, float], who: Said, cause: Cause) -> None:
+    assert causes(tracks(at(2.0, 1.0), at(*there)), WANTS, who)[0] == {cause}
+
+
+def test_head_on_in_a_door_both_wait_there_and_so_does_who_queues_behind() -> None:
+    three = tracks(at(4.4, 3.0), at(5.7, 3.0), at(3.0, 2.4))
+    assert causes(three, WANTS, WANTS, WANTS) == [{Cause.DOOR}] * 3
+
+
+def test_a_wall_between_two_robots_is_none_of_their_business() -> None:
+    assert causes(tracks(at(4.6, 1.0), at(5.5, 1.0)), WANTS, WANTS) == [{Cause.NO_PROGRESS}] * 2
+
+
+def test_what_comes_first_decides() -> None:
+    away = at(2.0, 2.5)
+    lost = tracks(at(2.0, 1.0), at(2.4, 1.0), held=np.stack([away, at(2.4, 1.0)], axis=1))
+    assert causes(lost, WANTS, WANTS)[0] == {Cause.LOST}
+    assert causes(lost, IDLE, WANTS)[0] == {Cause.IDLE}
+    off = tracks(at(2.0, 1.0), at(2.4, 1.0))
+    off.stepping[100:, 0] = False
+    assert causes(off, WANTS, WANTS)[0] == {Cause.WEDGED, Cause.OFF}
+    in_wall = tracks(at(2.0, 1.0), held=np.stack([at(2.0, 0.01)], axis=1))
+    assert causes(in_wall, WANTS) == [{Cause.NO_PLAN}]
+    planless = Said(goals=GOAL, planless=((0, STEPS * STEP),))
+    assert causes(tracks(at(2.0, 1.0)), planless) == [{Cause.NO_PLAN}]
+    assert causes(tracks(driving(2.0, 1.0)), WANTS) == [{Cause.DRIVING}]
+    settled = tracks(at(2.0, 1.0))
+    settled.busy[:] = False
+    assert causes(settled, WANTS) == [{Cause.IDLE}]
+
+
+def test_a_turn_on_the_spot_is_driving_and_so_is_a_short_pause() -> None:
+    alone = driving(2.0, 1.0)
+    alone[50:129] = alone[50]
+    assert causes(tracks(alone), WANTS) == [{Cause.DRIVING}]
+    beside = tracks(alone, at(alone[50, 0] + 1.0, 1.0))
+    assert causes(beside, WANTS, WANTS)[0] == {Cause.DRIVING, Cause.OPEN_FLOOR}
+
+
+def test_a_blocking_has_instants_robots_place_and_cause() -> None:
+    one = driving(1.0, 3.0)
+    one[100:200] = one[100]
+    other = at(0.0, 3.0)
+    other[:, 0] = 2 * one[100, 0] + 1.3 - one[:, 0]
+    other[200:, 1] += 0.02 * np.arange(100)
+    pair = tracks(one, other)
+    (event,) = blockings.events(pair, classified(pair, WANTS, WANTS), STANDARD)
+    assert (event.robots, event.place, event.cause) == (("r1", "r2"), "open floor", Cause.OPEN_FLOOR.value)
+    assert event.begin_s == pytest.approx(9.0, abs=0.5) and event.end_s == pytest.approx(20.6, abs=0.7)
+    assert not event.at_end
+
+
+def test_wedged_pairs_are_counted_and_whether_they_come_free() -> None:
+    one, other = at(2.0, 1.0), at(2.4, 1.0)
+    other[200:, 0] += 0.02 * np.arange(100)
+    for pair, free in ((tracks(one, at(2.4, 1.0)), 0), (tracks(one, other), 1)):
+        assert blockings.wedges(pair, classified(pair, WANTS, WANTS), STANDARD) == WedgeCount(1, free)
+
+
+def test_the_diagnosis_is_scored_by_time() -> None:
+    one = driving(1.0, 1.0)
+    one[100:200] = one[100]
+    pair = tracks(one, at(4.0, 1.0))
+    spells = ((seconds(1), seconds(2)), (seconds(15), seconds(20)))
+    said = {"r1": Said(goals=GOAL, blocked=spells), "r2": IDLE}
+    found = classify(pair, said, passages())
+    score = diagnosis.score(pair, said, found)
+    assert score is not None and (score.spells, score.noticed, score.false_alarms) == (1, 1, 1)
+    assert score.precision == pytest.approx(5 / 6, abs=0.01)
+    assert score.recall == pytest.approx(0.45, abs=0.01) and score.delay_s == pytest.approx(6.2, abs=0.2)
+    assert diagnosis.score(pair, {"r1": WANTS, "r2": IDLE}, found) is None
+
+
+def decision(at_s: float, new: tuple[float, float] | None) -> SaidDecision:
+    return SaidDecision(seconds(at_s), "A.unblock", "turns elsewhere", "r1", 0, (9.0, 3.0), new)
+
+
+@pytest.mark.parametrize(
+    ("moves_from", "again_from", "new", "outcome", "free"),
+    [
+        (220, STEPS, (9.0, 3.0), "free", 2.0),
+        (220, 250, (9.0, 3.0), "blocked again", 2.0),
+        (STEPS, STEPS, (9.0, 3.0), "end", None),
+        (220, STEPS, (2.0, 2.0), "visited", 2.0),
+    ],
+)
+def test_what_came_of_a_decision(
+    moves_from: int, again_from: int, new: tuple[float, float], outcome: str, free: float | None
+) -> None:
+    one = at(2.0, 1.0)
+    one[moves_from:again_from, 1] += 0.02 * np.arange(again_from - moves_from)
+    one[again_from:] = one[again_from - 1]
+    pair = tracks(one, at(2.0, 2.5))
+    said = {"r1": Said(goals=GOAL, decisions=(decision(20.0, new),)), "r2": IDLE}
+    (event,) = decisions.events(pair, said, classify(pair, said, passages()), STANDARD)
+    assert event.outcome == outcome and event.blocked_s == pytest.approx(20.1)
+    assert event.free_after_s == (None if free is None else pytest.approx(free, abs=0.6))
+
+
+def test_a_decision_is_overtaken_by_the_next_one() -> None:
+    still = tracks(at(2.0, 1.0), at(3.0, 1.0))
+    both = (decision(10.0, (9.0, 3.0)), decision(15.0, None))
+    said = {"r1": Said(goals=GOAL, decisions=both), "r2": IDLE}
+    found = decisions.events(still, said, classify(still, said, passages()), STANDARD)
+    assert [one.outcome for one in found] == ["overtaken", "end"]
+
+
+def test_a_jammer_that_spoils_nothing_is_no_finding() -> None:
+    alone = tracks(at(2.0, 1.0))
+    jammed = Tracks(
+        alone.robots, STEP, alone.true, alone.held, alone.wished, alone.stepping, alone.busy,
+        (TimedJam(0, Jam(2.5, 1.0, 1.0, seconds(4))),),
+    )  # fmt: skip
+    counts: Sequence[Mapping[str, Mapping[str, int]]] = ({"r1": {"copies_lost_disturbed": 2}}, {})
+    assert [len(findings(jammed, each, STANDARD)) for each in counts] == [1, 0]
+    assert not findings(alone, counts[0], STANDARD)
+
+
+@pytest.mark.parametrize("plant", situations.PLANTED)
+def test_what_was_planted_is_named(plant: situations.Plant) -> None:
+    verdict = judge(plant(2))
+    assert verdict.named, verdict.says
+
+
+def test_nothing_is_invented() -> None:
+    verdict = judge(situations.quiet(2))
+    assert not verdict.named, verdict.says
+
+
+def test_over_the_mesh_it_is_the_same_and_adds_up_to_the_microsecond(tmp_path: Path) -> None:
+    file = tmp_path / "wedged.toml"
+    situations.wedged(1).write(file)
+    scenario = load_scenario(file, Overrides(settings=(("run.duration", 4.1),)))
+    spent = []
+    for bus in ("memory", "zenoh"):
+        options = RunOptions(tmp_path / bus, bus=bus, json=True)
+        swarm.run(scenario, options)
+        spent.append(account(options.out))
+    assert spent[0] == spent[1]
+    for each in spent[0].robots.values():
+        assert list(each) == [cause.value for cause in Cause]
+        assert sum(round(lasted * 1e6) for lasted in each.values()) == 4_100_000
+    told = CliRunner().invoke(app, ["causes", str(tmp_path / "zenoh"), "--json"])
+    assert json.loads(told.output)["robots"]["r1"]["wedged"] == 4.1
+    assert "wedged" in CliRunner().invoke(app, ["causes", str(tmp_path / "zenoh")]).output
+
+
+def test_a_folder_without_a_run_is_said_to_be_none(tmp_path: Path) -> None:
+    with pytest.raises(TracksError, match="must be a simulated run's folder"):
+        account(tmp_path)
