@@ -40,7 +40,7 @@ class Progress:
     failed: int
     total: int
     left_s: float | None
-    """What the rest will take, from what the trials of this call took; None before the first has ended."""
+    """What the rest will take, from what the trials took so far; None before the first has ended."""
     enough: bool = False
     """True if it has stopped because no more trials are needed."""
 
@@ -95,10 +95,22 @@ class _Campaign:
         self._checks = deque(store.unchecked(self._every))
         self._total = sum(1 for _ in store.study.trials())
         self._before = self._total - len(self._trials)
-        self._failed = sum(record.failure is not None for record in store.records())
+        self._failed = 0
         self._ended = 0
         self._time = TimeToGo()
+        self._take_in_what_is_there()
         self._enough = False
+
+    def _take_in_what_is_there(self) -> None:
+        """Count the failures of earlier calls, and learn from them how long a trial takes."""
+        for number, trial in enumerate(self._store.study.trials()):
+            if not self._store.path(trial).exists():
+                continue
+            result = self._store.record(trial).result
+            if result is None:
+                self._failed += 1
+            else:
+                self._time.learn(Pending(number, trial), result.startup_s + result.wall_s)
 
     def run(self) -> Progress:
         self._ask()

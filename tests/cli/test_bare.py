@@ -37,6 +37,7 @@ STARTS = {
     "bench standstill": ("firmware_bridge.laboratory.__main__", ACTORS[2], *ON_BOARD),
     "bench endings": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
     "bench crowded-start": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
+    "bench resume": ("experiments.cli.campaign_command", "experiments.campaign.trial_program", *ACTORS),
     "bench attacks": ("deploy.run.swarm", *ACTORS),
     "bench processors": ("deploy.run.swarm", *ACTORS),
     "bench steps": ("benchmarks.swarm.ping_pong", *ACTORS),

@@ -1,16 +1,12 @@
 """Campaigns: every trial once, whatever ends them; failures kept; another's folder refused."""
 
-import os
-import random
-import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import msgspec
 import pytest
 
+from benchmarks.swarm import resume
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
@@ -48,25 +44,9 @@ def test_every_strategy_runs_with_every_seed_as_it_would_alone(tmp_path: Path) -
 
 
 @pytest.mark.alone
-def test_killed_at_any_moment_it_goes_on_without_losing_or_repeating_a_run(tmp_path: Path) -> None:
-    whole, cut = tmp_path / "whole", tmp_path / "cut"
-    carry_out(store.create(whole, STUDY), CampaignOptions(jobs=2))
-    words = ["campaign", "--scenario", str(CORRIDOR), "--strategies", "none,chapter", "--seeds", "2"]
-    words += ["--robots", "2", "--duration", "3.0", "--out", str(cut), "--check-every", "0", "--json"]
-    rng, kept = random.Random(4), dict[Path, float]()
-    for _ in range(3):
-        command = [sys.executable, "-m", "deploy", *words]
-        with subprocess.Popen(
-            command, cwd=ROOT, stdout=subprocess.DEVNULL, start_new_session=True
-        ) as process:
-            time.sleep(rng.uniform(1.0, 5.0))
-            os.kill(process.pid, signal.SIGKILL)
-        there = {path: path.stat().st_mtime for path in cut.glob("trials/*.json")}
-        assert kept.items() <= there.items()  # what had ended is as it was
-        kept = there
-    subprocess.run([sys.executable, "-m", "deploy", *words], cwd=ROOT, check=True, capture_output=True)
-    assert kept.items() <= {path: path.stat().st_mtime for path in cut.glob("trials/*.json")}.items()
-    assert digests(cut) == digests(whole)
+def test_killed_at_any_moment_it_goes_on_without_losing_or_repeating_a_run() -> None:
+    """`acrc bench resume` does the same with more kills."""
+    assert resume.run(resume.ResumeTask(kills=3, seeds=2, duration=3.0, seed=4))
 
 
 def test_a_run_that_fails_is_kept_with_its_cause(tmp_path: Path) -> None:

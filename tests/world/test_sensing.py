@@ -25,6 +25,19 @@ def sensors(grid: OccupancyGrid, *models: RobotModel, seed: int = 0) -> RangeSen
     return RangeSensors(grid, models, [np.random.default_rng([seed, k]) for k in range(len(models))])
 
 
+def test_a_share_of_the_rays_gives_no_echo_and_the_others_are_as_they_were() -> None:
+    grid, poses = hall(4.0), np.zeros((1, 3))
+    model = TURTLEBOT
+    (whole,) = sensors(grid, model).scan([0], poses, NOBODY)
+    missing = RangeSensors(grid, [model], [np.random.default_rng([0, 0])], 0.3, [np.random.default_rng(1)])
+    (scan,) = missing.scan([0], poses, NOBODY)
+    lost = scan != whole
+    assert (scan[lost] == NO_ECHO_MM).all()
+    assert lost.mean() == pytest.approx(0.3, abs=0.1)
+    (again,) = missing.scan([0], poses, NOBODY)
+    assert ((again == NO_ECHO_MM) != (scan == NO_ECHO_MM)).any()
+
+
 def hall(side: float = 16.0) -> OccupancyGrid:
     """A large empty hall with its middle at the origin."""
     cells = np.full((round(side / 0.05),) * 2, FREE, np.uint8)
