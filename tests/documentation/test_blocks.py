@@ -9,7 +9,9 @@ import re
 import shlex
 import subprocess
 import sys
+import tempfile
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
@@ -26,9 +28,7 @@ from tests import warm
 PAGES = {page.name: page for page in pages() if page.blocks()}
 LANGUAGES = {"sh", "python", "toml", "text", "mermaid", "{commands}", "{eval-rst}", "{toctree}"}
 IN_A_CLONE = ("scenarios", "maps", "examples", "fleets")
-LEASE = (
-    "from actors.robot.behaviour import Behaviour, Start\nfrom cleaning.chapter import chapter as behaviour\n"
-)
+LEASE = "from cleaning.chapter import behaviour as behaviour\n"
 LEAST = {
     "map": "maps/corridor.yaml",
     "run": {"duration": 60.0, "strategy": "none"},
@@ -39,13 +39,15 @@ LEAST = {
 
 
 @pytest.fixture
-def clone(tmp_path: Path) -> Path:
+def clone() -> Iterator[Path]:
     """A folder with what a clone has, and with the files that the pages take for given."""
-    for name in IN_A_CLONE:
-        (tmp_path / name).symlink_to(REPOSITORY / name)
-    (tmp_path / "my_study").mkdir()
-    (tmp_path / "my_study" / "lease.py").write_text(LEASE)
-    return tmp_path
+    with tempfile.TemporaryDirectory(prefix="acrc-") as name:  # shorter than pytest's: sockets will lie in it
+        folder = Path(name)
+        for given in IN_A_CLONE:
+            (folder / given).symlink_to(REPOSITORY / given)
+        (folder / "my_study").mkdir()
+        (folder / "my_study" / "lease.py").write_text(LEASE)
+        yield folder
 
 
 def type_in(clone: Path, command: str, timeout_s: float) -> str:
