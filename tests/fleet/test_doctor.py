@@ -87,8 +87,7 @@ def test_the_pins_of_this_project_are_all_read() -> None:
     text = (ROOT / "constraints.txt").read_text()
     sections = {finding.subject: finding.text for finding in computer.packages(ThisMachine(), text, ())}
     assert list(sections) == [
-        f"packages {name}"
-        for name in ("base", "sim", "observe", "hardware", "experiments", "docs", "dev")
+        f"packages {name}" for name in ("base", "sim", "observe", "hardware", "experiments", "docs", "dev")
     ]
     assert sections["packages hardware"] == "all 4 are those that were tested"
 
@@ -344,11 +343,11 @@ def test_what_was_found_is_printed_and_the_answer_is_whether_all_is_well(
     assert consultation.consult(None, None, json=False, machine=well_off)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "ok     packages base      all 21 are those that were tested"
-    assert lines[-1] == "all 10 are well"
+    assert lines[-1] == "all 11 are well"
     assert not consultation.consult(OFFICE, "r2", json=False, machine=well_off.but(free=0))
     lines = capsys.readouterr().out.splitlines()
-    assert "wrong  disk               0.0 GB are free at /home/robot, but 2.0 should be" in lines[7]
-    assert lines[-1] == "2 of 19 are wrong"  # the disk, and keys that were never made
+    assert "wrong  disk               0.0 GB are free at /home/robot, but 2.0 should be" in lines[8]
+    assert lines[-1] == "2 of 20 are wrong"  # the disk, and keys that were never made
     assert not consultation.consult(OFFICE, "r2", json=True, machine=well_off)
     report = msgspec.json.decode(capsys.readouterr().out, type=consultation.Report)
     assert (report.robot, report.ok, len(report.findings)) == ("r2", False, 19)
