@@ -12,17 +12,20 @@ from deploy.cli.app import app
 def tree() -> dict[str, Any]:
     """Every command and group that `--help` shows, by the words that call it, the root by "acrc"."""
     found: dict[str, Any] = {}
-    todo = [("acrc", typer.main.get_command(app))]
+    todo: list[tuple[str, Any]] = [("acrc", typer.main.get_command(app))]
     while todo:
         words, command = todo.pop(0)
         found[words] = command
-        below = []
-        for name in (getattr(command, "commands", None) and command.list_commands(None)) or ():
-            one = command.get_command(None, name)
-            if not one.hidden:
-                below.append((f"{words} {name}", one))
-        todo[:0] = below
+        todo[:0] = [(f"{words} {name}", one) for name, one in _below(command)]
     return found
+
+
+def _below(command: Any) -> list[tuple[str, Any]]:
+    """The commands of a group, by name, in its order."""
+    if not hasattr(command, "list_commands"):
+        return []
+    named = [(name, command.get_command(None, name)) for name in command.list_commands(None)]
+    return [(name, one) for name, one in named if not one.hidden]
 
 
 def as_markdown() -> str:
@@ -49,11 +52,9 @@ def _rows(command: Any, context: Any) -> Iterator[str]:
         record = parameter.get_help_record(context)
         if record is not None and "--help" not in parameter.opts:
             yield f"| `{record[0].replace('|', chr(92) + '|')}` | {_escaped(record[1])} |"
-    for name in (getattr(command, "commands", None) and command.list_commands(None)) or ():
-        one = command.get_command(None, name)
-        if not one.hidden:
-            anchor = f"{context.info_name} {name}".replace(" ", "-")
-            yield f"| [`{name}`](#{anchor}) | {_escaped(one.get_short_help_str(200))} |"
+    for name, one in _below(command):
+        anchor = f"{context.info_name} {name}".replace(" ", "-")
+        yield f"| [`{name}`](#{anchor}) | {_escaped(one.get_short_help_str(200))} |"
 
 
 def _escaped(text: str) -> str:

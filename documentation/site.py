@@ -1,6 +1,7 @@
 """The site: docs/ with a navigation, a reference of code and command line, and the files that it names."""
 
 import io
+import re
 import shutil
 import tempfile
 from pathlib import Path
@@ -8,7 +9,6 @@ from typing import Any, Final
 
 from sphinx.application import Sphinx
 from sphinx.errors import SphinxError
-from sphinx.util.console import strip_escape_sequences
 
 from actors.runtime.errors import AcrcError
 from deploy import version
@@ -22,6 +22,7 @@ HOME: Final = "index"
 COMMANDS: Final = "reference/commands"
 _PLACE: Final = "```{commands}\n```"
 """Where that page has the commands."""
+_COLOURS: Final = re.compile(r"\x1b\[[0-9;]*m")
 _SETTINGS: Final[dict[str, Any]] = {
     "project": "ACRC testbed",
     "extensions": ["myst_parser", "sphinx.ext.autodoc", "documentation.sources", "documentation.site"],
@@ -69,7 +70,7 @@ def build(out: Path) -> Path:
         except SphinxError as error:
             raise DocumentationError(f"docs: {error}") from None
         if said.getvalue():
-            raise DocumentationError(f"docs: {strip_escape_sequences(said.getvalue()).strip()}")
+            raise DocumentationError(f"docs: {_COLOURS.sub('', said.getvalue()).strip()}")
         if out.exists():
             shutil.rmtree(out)
         shutil.copytree(fresh, out)

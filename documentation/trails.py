@@ -4,7 +4,7 @@ import csv
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 import msgspec
 import numpy as np
@@ -16,7 +16,8 @@ from actors.geometry import Point
 from actors.messages import TRUTH, Truth
 from actors.observer.appearance import PALETTE, Appearance
 from actors.runtime.codec import decode
-from actors.runtime.recording import read_recording
+from actors.runtime.recording import Entry, read_recording
+from actors.topic import Message, Topic
 from actors.world.world_setup import WorldSetup
 
 _SCALE: Final = 40
@@ -78,9 +79,9 @@ def _trails(recording: Path) -> dict[str, list[Point]]:
     spacing = Appearance().trail_spacing
     found: dict[str, list[Point]] = {}
     for entry in read_recording(recording):
-        if getattr(entry, "key", None) != TRUTH.pattern:
+        if not isinstance(entry, Entry) or entry.key != TRUTH.pattern or entry.payload is None:
             continue
-        truth = decode(TRUTH, entry.key, entry.payload)
+        truth = decode(cast(Topic[Message], TRUTH), entry.key, entry.payload)
         assert isinstance(truth, Truth)
         for robot in truth.robots:
             trail, here = found.setdefault(robot.id, []), Point(robot.x, robot.y)

@@ -8,6 +8,7 @@ from typing import Any, Final
 import pytest
 
 LONGEST: Final = (
+    "documentation/test_blocks.py",
     "swarm/test_house.py",
     "swarm/test_failures.py",
     "onboard/test_live.py",
@@ -27,6 +28,7 @@ LONGEST: Final = (
     "swarm/test_out_of_reach.py",
     "strategies/test_own_strategy.py",
     "swarm/test_orders.py",
+    "documentation/test_site.py",
     "swarm/test_head_on.py",
     "swarm/test_limits.py",
     "cli/test_bare.py",

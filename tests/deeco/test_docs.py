@@ -65,9 +65,3 @@ def test_the_numbers_of_the_page_are_those_of_the_code() -> None:
     ):
         assert sentence in " ".join(PAGE.split())
     assert network.relay is None
-
-
-def test_the_links_of_the_page_lead_somewhere() -> None:
-    links = re.findall(r"\]\((?!https?:)([^)#]+)", PAGE)
-    assert links
-    assert [link for link in links if not (ROOT / "docs" / link).exists()] == []

@@ -11,6 +11,7 @@ from deploy.usage import OptionError
 from documentation import commands, site
 from documentation.markdown import pages
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*MystReferenceResolver.app")
 OUTSIDE = re.compile(
     r"""<(?:script|img|iframe|source|audio|video)\b[^>]*?\bsrc=["'](?:https?:)?//"""
     r"""|<link\b[^>]*?\bhref=["'](?:https?:)?//|@import|url\(\s*["']?(?:https?:)?//"""
