@@ -1,8 +1,8 @@
 """Doors and regions of a floor: where only one robot has room, and what lies between such places.
 
-A region is wide floor, with `room` to the walls, and its rim up to them, niches included. The rim is as wide
-as the body's centre can go beyond the wide floor and no wider, so that regions do not meet through a door in a
-thin wall. What is left and touches two regions or more is a door, however long.
+A region is wide floor, with `room` to the walls, and its rim up to them, niches included. The rim is as
+wide as the body's centre can go beyond the wide floor and no wider, so that regions do not meet through a
+door in a thin wall. What is left and touches two regions or more is a door, however long.
 """
 
 from dataclasses import dataclass

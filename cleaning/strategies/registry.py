@@ -17,6 +17,7 @@ STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(
         "chapter": "cleaning.strategies.chapter:behaviour",
         "chapter-mute": "cleaning.strategies.chapter:mute",
         "chapter-giving-up": "cleaning.strategies.chapter:giving_up",
+        "chapter-careful": "cleaning.strategies.careful:behaviour",
         "released": "cleaning.strategies.chapter:released",
         "make-way": "cleaning.strategies.chapter:make_way",
         "tour": "cleaning.strategies.tour:behaviour",
