@@ -24,6 +24,7 @@ STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(
         "swap": "cleaning.strategies.swap:behaviour",
         "lease": "cleaning.strategies.lease:behaviour",
         "auction": "cleaning.strategies.auction:behaviour",
+        "oracle": "cleaning.strategies.oracle:behaviour",
     }
 )
 """Entry string of each strategy's behaviour, by the strategy's name; "none" is the naive solution."""
