@@ -10,6 +10,7 @@ from typing import NamedTuple, Self
 
 from actors.robot.behaviour import FloorPlan, Navigation
 from cleaning.cleaner import Cleaner, State
+from cleaning.place import Assignment
 from cleaning.yielding import YieldingParameters, YieldingRobot
 from deeco import Duration, Instant, adaptation, component, ensemble, milliseconds, periodic, role, seconds
 
@@ -25,6 +26,9 @@ class LeasingParameters(YieldingParameters):
     lease: Duration = field(default=seconds(20))
     """So long a request counts, then it is made anew, behind all others: who holds a door and stands in vain
     does not hold it for good."""
+    turn_away: Duration = field(default=seconds(8))
+    """Who has waited for so long heads for a place with fewer doors before it, if there is one, and else goes
+    in: it may itself stand where somebody wants to come out."""
     rival_age: Duration = field(default=seconds(4))
     """What others said of a door longer ago counts no more: four publications."""
 
@@ -64,8 +68,10 @@ class LeasingRobot(YieldingRobot, Lessee):
     parameters: LeasingParameters = LeasingParameters()
     rivals: tuple[Rival, ...] = ()
     """Claims to doors that it has heard of lately."""
-    held_up: bool = False
-    """True while it waits for a door."""
+    held_since: Instant | None = None
+    """Since when it has waited for a door; None while it does not."""
+    goes_in: Claim | None = None
+    """What it has waited for long enough."""
 
     @adaptation
     @periodic(every=milliseconds(500), order=5)
@@ -74,17 +80,25 @@ class LeasingRobot(YieldingRobot, Lessee):
         p = self.parameters
         rivals = tuple(rival for rival in self.rivals if now - rival.heard <= p.rival_age)
         robot = replace(self, rivals=rivals, claim=self._claim(floor, now))
-        waits = robot.claim is not None and not robot.claim.inside and not robot.comes_first()
-        if waits and robot.claim is not None:
-            middle = floor.doors[robot.claim.door].middle
-            near = floor.length(robot.position, middle)
-            waits = near is None or near < p.stand_off
-        if waits:
-            navigation.pause()
-            return replace(robot, held_up=True, state=State.FREE, still_for=0, blocked_for=0)
-        if self.held_up:
+        if not robot.is_held_up(floor):
+            if self.held_since is not None:
+                navigation.resume()
+            return replace(robot, held_since=None)
+        since = self.held_since or now
+        if now - since > p.turn_away:
             navigation.resume()
-        return replace(robot, held_up=False)
+            return robot._elsewhere(floor)
+        navigation.pause()
+        return replace(robot, held_since=since, state=State.FREE, still_for=0, blocked_for=0)
+
+    def is_held_up(self, floor: FloorPlan) -> bool:
+        """True near a door that somebody else has, unless it stands in another one itself."""
+        if self.claim is None or self.claim.inside or self.comes_first():
+            return False
+        if floor.door(self.position) is not None or self.goes_in == self.claim._replace(inside=False):
+            return False
+        near = floor.length(self.position, floor.doors[self.claim.door].middle)
+        return near is not None and near < self.parameters.stand_off
 
     def comes_first(self) -> bool:
         """True if no other robot that it has heard of has the door in another direction."""
@@ -102,6 +116,19 @@ class LeasingRobot(YieldingRobot, Lessee):
         others = tuple(rival for rival in self.rivals if rival.id != peer.id)
         new = () if peer.claim is None else (Rival(peer.id, peer.claim, now),)
         return replace(self, rivals=others + new)
+
+    def _elsewhere(self, floor: FloorPlan) -> Self:
+        """The robot on its way to where fewer doors are before it; else through the door all the same."""
+        mine = self.destination
+        others = [place for place in self.route if place != mine]
+
+        def doors(place: Assignment) -> int:
+            return len(floor.doors_between(self.position, place.point) or ())
+
+        best = min(others, key=doors, default=None)
+        if mine is None or best is None or doors(best) >= doors(mine):
+            return replace(self, held_since=None, goes_in=self.claim)
+        return replace(self.heading_for(best), held_since=None, claim=None)
 
     def _claim(self, floor: FloorPlan, now: Instant) -> Claim | None:
         """The claim to the door that is next on its way; the one that it has, if it is that."""
@@ -157,6 +184,8 @@ class DoorsCleared:
         """Both are inside, in other directions, and the member comes second."""
         mine, theirs = member.claim, coordinator.claim
         if mine is None or theirs is None or not (mine.inside and theirs.inside):
+            return False
+        if member.waits_until is not None:  # it has given way already
             return False
         met = coordinator.position.distance_to(member.position) < self.max_distance
         return met and not member.precedes(coordinator.id, theirs)

@@ -1,7 +1,8 @@
 """Doors and regions of a floor: where only one robot has room, and what lies between such places.
 
-A region is floor on which a disc of `room` fits (a morphological opening), with the niches around it; what is
-left and touches two regions or more is a door, however long.
+A region is wide floor, with `room` to the walls, and its rim up to them, niches included. The rim is as
+wide as the body's centre can go beyond the wide floor and no wider, so that regions do not meet through a
+door in a thin wall. What is left and touches two regions or more is a door, however long.
 """
 
 from dataclasses import dataclass
@@ -53,7 +54,8 @@ def regions(
     Passable floor without any wide place, if it is on its own, is a region, too.
     """
     wide = passable & (clearance >= room)
-    opened = passable & (squared_distance(wide) <= (room / grid.resolution) * (room / grid.resolution))
+    rim = room - float(clearance[passable].min(initial=room)) + grid.resolution
+    opened = passable & (squared_distance(wide) <= (rim / grid.resolution) * (rim / grid.resolution))
     labels = flood.regions(opened)
     count = int(labels.max())
     narrow = flood.regions(passable & ~opened)

@@ -64,7 +64,7 @@ def giving_up(start: Start) -> Behaviour:
 
 def mute(start: Start) -> Behaviour:
     """As the chapter's without any radio, to see what that is worth: nothing is sent, and nothing heard."""
-    return _Mute(behaviour(start))
+    return Mute(behaviour(start))
 
 
 def _adaptive(start: Start, parameters: AdaptationParameters) -> Behaviour:
@@ -79,7 +79,7 @@ def _adaptive(start: Start, parameters: AdaptationParameters) -> Behaviour:
     return host(start, robot, adoption, AdoptedDestinationRemove(p.exchange), *further)
 
 
-class _Mute:
+class Mute:
     """A behaviour whose transceiver is switched off."""
 
     def __init__(self, hosted: Behaviour) -> None:

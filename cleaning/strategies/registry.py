@@ -17,12 +17,14 @@ STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(
         "chapter": "cleaning.strategies.chapter:behaviour",
         "chapter-mute": "cleaning.strategies.chapter:mute",
         "chapter-giving-up": "cleaning.strategies.chapter:giving_up",
+        "chapter-careful": "cleaning.strategies.careful:behaviour",
         "released": "cleaning.strategies.chapter:released",
         "make-way": "cleaning.strategies.chapter:make_way",
         "tour": "cleaning.strategies.tour:behaviour",
         "swap": "cleaning.strategies.swap:behaviour",
         "lease": "cleaning.strategies.lease:behaviour",
         "auction": "cleaning.strategies.auction:behaviour",
+        "oracle": "cleaning.strategies.oracle:behaviour",
     }
 )
 """Entry string of each strategy's behaviour, by the strategy's name; "none" is the naive solution."""

@@ -32,8 +32,7 @@ class SwapParameters(AdaptationParameters):
     """So long an offer stands: it is answered within two publications, or not at all."""
 
 
-@dataclass(frozen=True)
-class Offer:
+class Offer(NamedTuple):
     """What a robot would swap, and with whom."""
 
     number: int
@@ -83,6 +82,8 @@ class SwappingRobot(AdaptiveCleaningRobot, Swapper):
             return self
         if not self.worth(give, want, peer, floor):
             return replace(self, offer=None)
+        if self.offer is not None and self.offer[1:] == (peer.id, give, want):  # an answer may be under way
+            return replace(self, offered_at=now)
         offer = Offer(self.offers + 1, peer.id, give, want)
         return replace(self, offer=offer, offered_at=now, offers=self.offers + 1)
 

@@ -22,8 +22,8 @@ from deeco import adaptation, component, periodic, seconds
 class TourParameters(AdaptationParameters):
     """The chapter's numbers, and what a door counts for."""
 
-    door_charge: float = 0.0
-    """What going through a door counts for beside its length, m."""
+    door_charge: float = 4.0
+    """What going through a door counts for beside its length, m; as in `auction`."""
 
 
 @component

@@ -5,9 +5,10 @@ from dataclasses import fields, replace
 import pytest
 
 from actors.geometry import Point, Pose
-from actors.instant import seconds
+from actors.instant import Instant, seconds
+from actors.messages import Heard
 from actors.randomness import generator
-from actors.robot.behaviour import Setting, Start
+from actors.robot.behaviour import AbortReason, Goal, GoalStatus, Setting, Start, View
 from actors.robot.behaviour.entry import load_behaviour
 from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, Unblock
 from cleaning.place import RESTART_TERM, Assignment, assignments
@@ -92,3 +93,37 @@ def test_no_number_of_exchanges_between_two_restarts_outweighs_a_restart() -> No
     """A day of exchanges every 3 s, the adoption's period: the restarted robot's own word is later."""
     of_yesterday = assignments(replace(START, epoch=1))[0].term + 24 * 3600 // 3
     assert assignments(replace(START, epoch=2))[0].term > of_yesterday
+
+
+@pytest.mark.parametrize("name", ["none", "none-original", "none-giving-up", "random"])
+def test_the_baselines_differ_in_what_follows_once_navigation_has_given_up(name: str) -> None:
+    """Ten times in a row, and every two seconds they see it."""
+    hosted, start = load_behaviour(entry(name), START), Pose(1.0, 2.0, 0.0)
+    orders, given_up = 0, 0
+    goal: Goal | None = None
+    for step in range(500):
+        view = View(Instant(step * 100_000), start, False, goal, ())
+        decision = hosted.advance(view, Instant((step + 1) * 100_000))
+        if isinstance(decision.goal, Point):
+            orders += 1
+            goal = Goal(decision.goal, GoalStatus.ABORTED, AbortReason.BLOCKED)
+        given_up += len(decision.given_up)
+    expected = {"none": (25, 0), "none-original": (1, 0), "none-giving-up": (20, 2), "random": (25, 0)}
+    assert (orders, given_up) == expected[name]
+
+
+def test_a_mute_robot_sends_nothing_and_hears_nothing() -> None:
+    loud, mute = (load_behaviour(entry(name), START) for name in ("chapter", "chapter-mute"))
+    view, until = View(Instant(0), Pose(1.0, 2.0, 0.0), False, None, ()), Instant(2_000_000)
+    frames = loud.advance(view, until).frames
+    assert frames and not mute.advance(view, until).frames
+    heard = tuple(Heard(1_000_000, 7, -60.0, 200, frame.data) for frame in frames)
+    later = view._replace(instant=until, radio=heard)
+    assert mute.advance(later, Instant(3_000_000)).frames == ()
+
+
+def test_who_gives_up_in_the_chapters_way_does_so_after_some_attempts() -> None:
+    chosen = load_behaviour(entry("chapter-giving-up"), START)
+    assert chosen._component.parameters.attempts == 5  # type: ignore[attr-defined]
+    made = load_behaviour(entry("make-way"), START)
+    assert made._component.parameters.make_way  # type: ignore[attr-defined]

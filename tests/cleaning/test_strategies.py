@@ -12,8 +12,8 @@ def test_a_strategy_is_known_by_its_name_or_by_its_own_entry() -> None:
 
 def test_an_unknown_strategy_is_one_sentence() -> None:
     with pytest.raises(StrategyError) as caught:
-        entry("swap")
+        entry("barter")
     assert str(caught.value) == (
-        f"strategy 'swap' is not known; it should be one of {', '.join(sorted(STRATEGIES))},"
+        f"strategy 'barter' is not known; it should be one of {', '.join(sorted(STRATEGIES))},"
         " or the entry 'module:function' of your own"
     )

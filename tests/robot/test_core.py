@@ -52,8 +52,13 @@ class Masked(DeadReckoning):
 
     told: tuple[Point, ...] | None = None
 
+    relocalised = 0
+
     def mask(self, peers: Sequence[Point]) -> None:
         self.told = tuple(peers)
+
+    def relocalise(self) -> None:
+        self.relocalised += 1
 
 
 class Robot:
@@ -318,6 +323,13 @@ WHERE = "step 4 (0.4 s): behaviour 'my.study:behaviour' of r1 "
         (
             Decision(paused="yes"),  # type: ignore[arg-type]
             "gives 'yes' for paused; it should be True, False or None",
+        ),
+        (Decision(back_out=0.0), "gives 0.0 for back_out; it should be above 0 and at most 3 m"),
+        (Decision(back_out=3.1), "gives 3.1 for back_out; it should be above 0 and at most 3 m"),
+        (Decision(back_out=True), "gives True for back_out; it should be above 0 and at most 3 m"),
+        (
+            Decision(relocalise="now"),  # type: ignore[arg-type]
+            "gives 'now' for relocalise; it should be True or False",
         ),
         (
             Decision(peers=[Point(1.0, 2.0)]),  # type: ignore[arg-type]

@@ -1,0 +1,252 @@
+"""The auction: who takes what over, and that no place is lost whatever happens to messages."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from actors.geometry import Point, Pose
+from actors.instant import Instant, seconds
+from actors.messages import FRAME_DATA_LIMIT
+from actors.robot.behaviour import Start, View
+from actors.task.words import PlaceKey
+from cleaning.bidding import Auction, Bidder, BiddingParameters, BiddingRobot, Outbid
+from cleaning.cleaner import State
+from cleaning.place import Assignment
+from cleaning.strategies.auction import behaviour
+from deeco.knowledge import seen_as
+from deeco.replication.fragments import Fragmenter
+from deeco.replication.packet import KnowledgePacket, Version, pack
+from deeco.replication.schema import RoleBook
+from tests.cleaning.equipment import NOW, Floor, Notes, assignment
+
+AUCTION, OUTBID, FLOOR = Auction(), Outbid(), Floor()
+
+
+def bidder(robot: str, at: float, *xs: float) -> BiddingRobot:
+    """A robot at x = `at`, m, with places at `xs`, that has made its plan."""
+    places = tuple(Assignment(robot, index, Point(x, 0.0)) for index, x in enumerate(xs))
+    return BiddingRobot(id=robot, position=Point(at, 0.0), route=places).plan(FLOOR)
+
+
+def seen(robot: BiddingRobot) -> Bidder:
+    role = seen_as(robot, Bidder)
+    assert isinstance(role, Bidder)
+    return role
+
+
+def hears(member: BiddingRobot, peer: Bidder, floor: Floor = FLOOR) -> BiddingRobot:
+    """The member after both ensembles."""
+    if AUCTION.membership(peer, member):
+        member = AUCTION.at_member(peer, member, floor, NOW)
+    return OUTBID.at_member(peer, member, NOW) if OUTBID.membership(peer, member) else member
+
+
+def keys(robot: BiddingRobot) -> set[PlaceKey]:
+    return {place.key for place in robot.route}
+
+
+def test_a_place_goes_to_whom_it_costs_less_and_nobody_turns_for_it_at_once() -> None:
+    r1, r2 = bidder("r1", 0.0, 1.0, 20.0), bidder("r2", 21.0, 22.0)
+    r2 = r2.set_destination(Notes(), NOW)
+    taken = hears(r2, seen(r1))
+    assert keys(taken) == {PlaceKey("r2", 0), PlaceKey("r1", 1)} and taken.destination == r2.destination
+    assert taken.adopted[-1].key == PlaceKey("r1", 1)
+    assert keys(hears(r1, seen(taken.plan(FLOOR)))) == {PlaceKey("r1", 0)}
+
+
+def test_what_is_not_worth_it_stays_where_it_is() -> None:
+    r1, r2 = bidder("r1", 0.0, 1.0, 2.0), bidder("r2", 21.0, 22.0)
+    assert hears(r2, seen(r1)) == r2 and hears(r1, seen(r2)) == r1
+
+
+def test_a_door_between_makes_a_place_dearer() -> None:
+    r1, r2 = bidder("r1", 10.0, 5.0), bidder("r2", 2.0)
+    assert keys(hears(r2, seen(r1))) == {PlaceKey("r1", 0)}
+    walled = Floor(3.0)
+    assert not hears(r2, seen(r1), walled).route
+
+
+def test_the_places_of_who_is_stuck_are_for_others() -> None:
+    r1, r2 = bidder("r1", 0.0, 1.0), bidder("r2", 8.0)
+    assert not hears(r2, seen(r1)).route
+    stuck = replace(r1, state=State.BLOCKED, stuck_for=20).plan(FLOOR)
+    assert keys(hears(r2, seen(stuck))) == {PlaceKey("r1", 0)}
+    assert not hears(replace(r2, state=State.BLOCKED), seen(stuck)).route, "who is stuck takes nothing"
+
+
+def test_of_two_that_take_the_same_place_the_greater_id_has_it() -> None:
+    r1 = bidder("r1", 0.0, 1.0, 20.0)
+    r2, r3 = (hears(bidder(name, 21.0), seen(r1)).plan(FLOOR) for name in ("r2", "r3"))
+    assert keys(r2) == keys(r3) == {PlaceKey("r1", 1)}
+    assert not hears(r2, seen(r3)).route and keys(hears(r3, seen(r2))) == keys(r3)
+
+
+def test_all_places_are_told_of_in_turn() -> None:
+    robot, told = bidder("r1", 0.0, *(float(x) for x in range(8))), set[PlaceKey]()
+    for _ in range(3):
+        told |= {bid.assignment.key for bid in robot.bids}
+        robot = robot.plan(FLOOR)
+    assert told == keys(robot)
+
+
+def test_a_bid_is_one_frame() -> None:
+    robots = BiddingParameters().most_bids
+    places = tuple(Assignment("r8", index, Point(28.123, 13.456), 9) for index in range(10))
+    robot = BiddingRobot(
+        id="r8", position=Point(28.123, 13.456), state=State.BLOCKED, route=places, destination=places[0]
+    )
+    for place in (Assignment("r7", 8, Point(3.0, 4.0), 8), Assignment("r6", 9, Point(3.0, 4.0), 8)):
+        robot = robot.taking(place, 0)
+    robot = robot.plan(FLOOR)
+    assert len(robot.bids) == robots and len(robot.adopted) == 2
+    data = pack(KnowledgePacket("r8", Version(1, 600), 3, RoleBook([Bidder]).pack(robot)))
+    (frame,) = Fragmenter(1).frames([data])
+    assert len(frame) <= FRAME_DATA_LIMIT
+
+
+def test_what_it_sends_first_is_one_frame_a_second() -> None:
+    class Hall(Floor):
+        pass
+
+    start = Start(
+        "r8", 8, 0, Pose(1.0, 2.0, 0.0), (Point(9.0, 9.0),) * 10, np.random.default_rng(1), floor=Hall()
+    )
+    hosted = behaviour(start)
+    sent = [
+        frame
+        for step in range(50)
+        for frame in hosted.advance(
+            View(Instant(step * 100_000), start.pose, False, None, ()), Instant((step + 1) * 100_000)
+        ).frames
+    ]
+    assert len(sent) == 5
+
+
+# --- whatever happens to messages --------------------------------------------------------------------------
+
+
+class Act(NamedTuple):
+    what: str
+    robot: int
+    number: int
+
+
+class Swarm:
+    """Bidding robots, everything that they ever published, and what has come of the places."""
+
+    def __init__(self, robots: int, places: int) -> None:
+        self.notes = Notes()
+        self.robots = [
+            bidder(f"r{number}", 3.0 * number, *(float(4 * index + number) for index in range(places)))
+            for number in range(robots)
+        ]
+        self.places = [place.key for robot in self.robots for place in robot.route]
+        self.published: list[Bidder] = []
+        self.now = NOW
+
+    def act(self, act: Act) -> None:
+        index = act.robot % len(self.robots)
+        one: Callable[[BiddingRobot, int], BiddingRobot] = getattr(self, f"_{act.what}")
+        self.robots[index] = one(self.robots[index], act.number)
+        self.now = Instant(self.now + seconds(1))
+
+    def _publish(self, robot: BiddingRobot, number: int) -> BiddingRobot:
+        self.published.append(seen(robot))
+        return robot
+
+    def _hear(self, robot: BiddingRobot, number: int) -> BiddingRobot:
+        """Any message that another robot ever sent, the newest first: late, again, or out of order."""
+        others = [role for role in reversed(self.published) if role.id != robot.id]
+        return hears(robot, others[number % len(others)]) if others else robot
+
+    def _plan(self, robot: BiddingRobot, number: int) -> BiddingRobot:
+        return robot.plan(FLOOR)
+
+    def _move(self, robot: BiddingRobot, number: int) -> BiddingRobot:
+        return replace(robot, position=Point(3.0 * number, 0.3)).set_destination(self.notes, self.now)
+
+    def _block(self, robot: BiddingRobot, number: int) -> BiddingRobot:
+        return replace(robot, state=State.BLOCKED, stuck_for=9 * number)
+
+    def _free(self, robot: BiddingRobot, number: int) -> BiddingRobot:
+        return replace(robot, state=State.FREE)
+
+    def _give_up(self, robot: BiddingRobot, number: int) -> BiddingRobot:
+        if not robot.route or number % 4:
+            return robot
+        return robot.given_up(robot.route[0], "a test", self.notes, self.now)
+
+    def check(self) -> None:
+        held = {place.key for robot in self.robots for place in robot.route}
+        over = {*self.notes.visits, *(key for key, _ in self.notes.gone)}
+        assert [key for key in self.places if key not in held | over] == []
+        for robot in self.robots:
+            assert len(keys(robot)) == len(robot.route), "no place twice"
+            assert robot.destination is None or robot.destination in robot.route
+
+
+OFTEN = ("publish", "hear", "hear", "plan", "plan")
+acts = st.builds(
+    Act,
+    st.sampled_from((*OFTEN, "move", "block", "free", "give_up")),
+    st.integers(0, 4),
+    st.integers(0, 9),
+)
+
+
+def play(swarm: Swarm, story: list[Act]) -> Swarm:
+    for act in story:
+        swarm.act(act)
+        swarm.check()
+    return swarm
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(2, 5), st.integers(1, 3), st.lists(acts, min_size=20, max_size=80))
+def test_no_place_is_lost(robots: int, places: int, story: list[Act]) -> None:
+    play(Swarm(robots, places), story)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(2, 5), st.integers(1, 3), st.lists(acts, min_size=20, max_size=60))
+def test_in_the_end_each_place_is_in_one_route_once_everybody_has_heard_everybody(
+    robots: int, places: int, story: list[Act]
+) -> None:
+    swarm = play(Swarm(robots, places), story)
+    for _ in range(12 * places):  # nobody takes anything any more, and all messages arrive
+        swarm.robots = [robot.plan(FLOOR) for robot in swarm.robots]
+        told = [seen(robot) for robot in swarm.robots]
+        for index in range(robots):
+            for role in told:
+                if role.id != swarm.robots[index].id and OUTBID.membership(role, swarm.robots[index]):
+                    swarm.robots[index] = OUTBID.at_member(role, swarm.robots[index], swarm.now)
+        swarm.check()
+    over = {*swarm.notes.visits, *(key for key, _ in swarm.notes.gone)}
+    held = [place.key for robot in swarm.robots for place in robot.route]
+    assert all(held.count(key) == 1 for key in swarm.places if key not in over)
+
+
+def test_stories_in_which_places_change_hands_often() -> None:
+    changed, numbers = 0, np.random.default_rng(7)
+    for _ in range(60):
+        story = [
+            Act(OFTEN[numbers.integers(5)], int(numbers.integers(5)), int(numbers.integers(9)))
+            for _ in range(60)
+        ]
+        swarm = play(Swarm(4, 2), [*story[:20], Act("block", 0, 9), *story[20:]])
+        changed += any(place.term > 0 for robot in swarm.robots for place in robot.route)
+    assert changed >= 20, "or it would hold of little"
+
+
+def test_a_place_that_a_robot_had_and_lost_comes_back_by_a_later_word() -> None:
+    r1, r2 = bidder("r1", 0.0, 1.0, 20.0), bidder("r2", 21.0)
+    r2 = hears(r2, seen(r1)).plan(FLOOR)
+    r1 = hears(r1, seen(r2)).plan(FLOOR)
+    r2 = replace(r2, state=State.BLOCKED, stuck_for=60).plan(FLOOR)
+    r1 = hears(replace(r1, position=Point(19.0, 0.0)), seen(r2))
+    assert assignment(20.0, 1, "r1", 2) in r1.route
+    assert not hears(r2, seen(r1.plan(FLOOR))).route

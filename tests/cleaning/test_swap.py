@@ -1,0 +1,88 @@
+"""Swapping destinations by offer and answer: only if it is worth it, and nothing is lost on the way."""
+
+from dataclasses import replace
+
+from actors.geometry import Point
+from actors.instant import Instant, seconds
+from cleaning.adoption import AdoptedDestinationRemove
+from cleaning.cleaner import State
+from cleaning.strategies.swap import Accepts, Concludes, Offers, Swapper, SwappingRobot
+from deeco.knowledge import seen_as
+from tests.cleaning.equipment import NOW, Floor, Notes, assignment, route
+
+OFFERS, ACCEPTS, CONCLUDES, REMOVE = Offers(1.5), Accepts(), Concludes(), AdoptedDestinationRemove(False)
+FLOOR = Floor()
+
+
+def robot(name: str, at: float, *xs: float) -> SwappingRobot:
+    places = route(*xs, owner=name)
+    return SwappingRobot(
+        id=name, position=Point(at, 0.0), route=places, destination=places[0], state=State.BLOCKED
+    )
+
+
+def seen(one: SwappingRobot) -> Swapper:
+    role = seen_as(one, Swapper)
+    assert isinstance(role, Swapper)
+    return role
+
+
+def hears(member: SwappingRobot, peer: Swapper, now: Instant = NOW) -> SwappingRobot:
+    """The member after all four ensembles."""
+    if OFFERS.membership(peer, member):
+        member = OFFERS.at_member(peer, member, FLOOR, now)
+    if ACCEPTS.membership(peer, member):
+        member = ACCEPTS.at_member(peer, member, FLOOR, now)
+    if CONCLUDES.membership(peer, member):
+        member = CONCLUDES.at_member(peer, member, now)
+    if REMOVE.membership(peer, member):
+        moved = REMOVE.at_member(peer, member, now)
+        assert isinstance(moved, SwappingRobot)
+        member = moved
+    return member
+
+
+R1, R2 = robot("r1", 0.0, 5.0), robot("r2", 1.0, -5.0)
+
+
+def test_head_on_they_swap_and_each_place_is_one_robots() -> None:
+    r1 = hears(R1, seen(R2))
+    assert r1.offer is not None and (r1.offer.to, r1.offer.number) == ("r2", 1) and r1.route == R1.route
+    assert hears(R2, seen(R1)) == R2, "the one with the lesser id offers"
+    r2 = hears(R2, seen(r1))
+    assert r2.destination == assignment(5.0, term=1) and len(r2.route) == 2
+    r1 = hears(r1, seen(r2))
+    assert r1.destination == assignment(-5.0, owner="r2", term=1) == r1.route[-1] and r1.offer is None
+    r2 = hears(r2, seen(r1))
+    assert r2.route == (assignment(5.0, term=1),) and r1.route == (assignment(-5.0, owner="r2", term=1),)
+
+
+def test_nothing_is_offered_that_makes_ways_longer() -> None:
+    away = robot("r1", 0.0, -5.0), robot("r2", 1.0, 5.0)
+    assert hears(away[0], seen(away[1])) == away[0]
+
+
+def test_an_answer_that_is_lost_loses_no_place() -> None:
+    r1 = hears(R1, seen(R2))
+    r2 = hears(R2, seen(r1))
+    late = replace(r1, offer=None)  # it has made another one, or none, by the time the answer comes
+    late = hears(late, seen(r2))
+    assert late.route == () and {place.key for place in r2.route} == {R1.route[0].key, R2.route[0].key}
+
+
+def test_an_offer_that_is_no_longer_worth_it_is_not_accepted() -> None:
+    r1 = hears(R1, seen(R2))
+    moved = replace(R2, position=Point(-4.6, 0.0)).set_destination(Notes(), NOW)
+    assert hears(moved, seen(r1)) == moved, "it has visited what r1 wants"
+    turned = replace(robot("r2", 1.0, -5.0, 8.0), destination=route(-5.0, 8.0, owner="r2")[1])
+    assert hears(turned, seen(r1)) == turned
+
+
+def test_an_offer_stands_for_some_seconds_and_an_answer_counts_once() -> None:
+    r1 = hears(R1, seen(R2))
+    assert hears(r1, seen(R2), Instant(NOW + seconds(3))) == r1
+    again = hears(r1, seen(R2), Instant(NOW + seconds(4)))
+    assert again.offer == r1.offer and again.offered_at == NOW + seconds(4)
+    r2 = hears(R2, seen(r1))
+    assert hears(again, seen(r2)).destination == assignment(-5.0, owner="r2", term=1)
+    assert hears(r2, seen(again)) == r2

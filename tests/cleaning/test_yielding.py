@@ -1,0 +1,79 @@
+"""Giving way: of two that block each other one backs out, waits, and goes on."""
+
+from dataclasses import replace
+
+import pytest
+
+from actors.geometry import Point
+from actors.instant import Instant, seconds
+from cleaning.cleaner import Cleaner, State
+from cleaning.yielding import SteppingAside, Yielding, YieldingParameters, YieldingRobot
+from deeco.knowledge import seen_as
+from tests.cleaning.equipment import NOW, SOMEWHERE, Floor, Ways, route
+
+P = YieldingParameters()
+YIELDING = Yielding(P.yield_distance, P.yield_checks, P.insist_checks)
+
+
+def blocked(robot: str, at: float, *xs: float, checks: int = 2) -> YieldingRobot:
+    places = route(*xs, owner=robot)
+    return YieldingRobot(
+        id=robot,
+        position=Point(at, 0.0),
+        route=places,
+        destination=places[0] if places else None,
+        state=State.BLOCKED,
+        blocked_for=checks,
+    )
+
+
+def seen(robot: YieldingRobot) -> Cleaner:
+    role = seen_as(robot, Cleaner)
+    assert isinstance(role, Cleaner)
+    return role
+
+
+@pytest.mark.parametrize(
+    ("r1", "r2", "gives_way"),
+    [
+        (blocked("r1", 0.0, 5.0), blocked("r2", 1.0, -5.0), True),
+        (blocked("r1", 0.0, 5.0, checks=1), blocked("r2", 1.0, -5.0), False),
+        (blocked("r1", 0.0, 5.0), blocked("r2", 1.6, -5.0), False),
+        (blocked("r1", 0.0, 5.0), replace(blocked("r2", 1.0, -5.0), state=State.FREE), False),
+        (blocked("r2", 0.0, 5.0), blocked("r1", 1.0, -5.0), False),
+        (blocked("r2", 0.0, 5.0, checks=5), blocked("r1", 1.0, -5.0), True),
+        (blocked("r2", 0.0), blocked("r1", 1.0, -5.0), True),
+        (replace(blocked("r1", 0.0, 5.0), waits_until=NOW), blocked("r2", 1.0, -5.0), False),
+    ],
+)
+def test_who_gives_way(r1: YieldingRobot, r2: YieldingRobot, gives_way: bool) -> None:
+    assert YIELDING.membership(seen(r2), r1) is gives_way
+
+
+def test_it_backs_out_waits_and_asks_anew() -> None:
+    ways, robot = Ways(), YIELDING.at_member(seen(blocked("r2", 1.0)), blocked("r1", 0.0, 5.0), Floor(), NOW)
+    robot = robot.give_way(ways, NOW)
+    assert ways.orders == [None] and ways.backed == [P.back_out]
+    waiting = robot.give_way(ways, Instant(NOW + seconds(7)))
+    assert not waiting.is_blocked() and waiting.blocked_for == 0 and ways.backed == [P.back_out]
+    after = waiting.give_way(ways, Instant(NOW + seconds(8)))
+    assert after.waits_until is None and after.attempt == robot.attempt + 1
+
+
+def test_out_of_a_door_it_backs_farther() -> None:
+    assert blocked("r1", 0.3).yielding(Floor(0.0), NOW).backs_by == P.back_out_of_door
+
+
+def test_who_wants_nowhere_does_not_stand_in_a_door() -> None:
+    idle = replace(blocked("r1", 0.3), state=State.FREE)
+    assert idle.leave_door(Floor(0.0)).waypoint == SOMEWHERE
+    assert idle.leave_door(Floor(5.0)) == idle
+    assert replace(idle, waypoint=Point(9.0, 9.0)).leave_door(Floor(0.0)).waypoint == Point(9.0, 9.0)
+
+
+def test_who_wants_nowhere_steps_aside_for_who_is_blocked() -> None:
+    aside, idle = SteppingAside(1.5), replace(blocked("r1", 0.0), state=State.FREE)
+    assert aside.membership(seen(blocked("r2", 1.0, 5.0)), idle)
+    assert aside.at_member(seen(blocked("r2", 1.0, 5.0)), idle, Floor()).waypoint == SOMEWHERE
+    assert not aside.membership(seen(blocked("r2", 1.6, 5.0)), idle)
+    assert not aside.membership(seen(blocked("r2", 1.0, 5.0)), blocked("r1", 0.0, 5.0))

@@ -1,0 +1,104 @@
+"""Ways between points of the own map, and the doors and regions on it."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actors.floor.map_file import load_map
+from actors.geometry import Point
+from actors.randomness import generator
+from actors.robot.navigation.floor_plan import ReachableFloor
+from actors.robot.navigation.planning import ground
+from actors.robot.navigation.routes import Routes, routes
+from tests.robot.base import TWO_ROOMS, plan
+
+RADIUS = 0.177
+CORRIDOR = ground(load_map(Path(__file__).parents[2] / "maps" / "corridor.yaml"), RADIUS)
+ROOMS = ground(TWO_ROOMS, RADIUS)
+WEST, EAST, DOOR = Point(2.0, 1.7), Point(8.0, 1.7), Point(4.87, 1.75)
+APART = plan("#########\n#   #   #\n#   #   #\n#   #   #\n#   #   #\n#########")
+
+
+def test_the_length_is_that_of_the_way_and_at_most_eight_percent_too_long() -> None:
+    on = routes(ROOMS)
+    length, way = on.length(WEST, EAST), on.path(WEST, EAST)
+    assert length is not None and way is not None
+    assert length == pytest.approx(6.0, abs=0.2)
+    assert way[0].distance_to(WEST) < 0.1 and way[-1].distance_to(EAST) < 0.1
+    steps = sum(a.distance_to(b) for a, b in pairwise(way))
+    assert length == pytest.approx(steps, rel=0.011)
+    aslant = on.length(Point(1.0, 0.6), Point(3.0, 1.4))
+    assert aslant is not None and 1.0 <= aslant / Point(1.0, 0.6).distance_to(Point(3.0, 1.4)) < 1.15
+
+
+def test_it_is_as_far_there_as_back() -> None:
+    on, numbers = routes(CORRIDOR), generator(3, "test", "ways")
+    floor = ReachableFloor(CORRIDOR, RADIUS, Point(12.0, 5.0), (), numbers)
+    points = [floor.random_place() for _ in range(12)]
+    for a in points:
+        for b in points:
+            assert on.length(a, b) == on.length(b, a)
+            there, back = on.doors_between(a, b), on.doors_between(b, a)
+            assert there is not None and back is not None and sorted(there) == sorted(back)
+
+
+def test_where_no_way_leads_there_is_none() -> None:
+    on = routes(ground(APART, RADIUS))
+    west, east = Point(0.75, 0.75), Point(1.75, 0.75)
+    assert on.length(west, east) is None and on.path(west, east) is None
+    assert on.doors_between(west, east) is None
+    outside = Point(99.0, 99.0)
+    assert on.length(outside, west) is None and on.length(west, outside) is None
+    assert on.path(west, outside) is None and on.doors_between(outside, west) is None
+
+
+def test_two_rooms_have_a_door_between_them() -> None:
+    on = routes(ROOMS)
+    assert on.regions.count == 2 and [door.regions for door in on.regions.doors] == [(1, 2)]
+    (door,) = on.regions.doors
+    assert door.middle.distance_to(DOOR) < 0.3 and on.door(door.middle) == 0
+    assert (on.region(WEST), on.region(EAST)) == (1, 2) and on.region(door.middle) is None
+    assert on.door(WEST) is None and on.region(Point(0.0, 0.0)) is None and on.door(Point(99.0, 0.0)) is None
+
+
+def test_a_way_goes_through_a_door_begins_in_it_ends_in_it_or_passes_it_by() -> None:
+    on = routes(ROOMS)
+    assert (
+        on.doors_between(WEST, EAST) == on.doors_between(DOOR, EAST) == on.doors_between(WEST, DOOR) == (0,)
+    )
+    assert on.doors_between(WEST, Point(3.0, 2.8)) == ()
+    assert on.doors_between(Point(4.2, 0.8), Point(4.2, 2.7)) == ()
+
+
+def test_the_corridor_has_two_offices_four_halls_and_five_narrow_places() -> None:
+    on = routes(CORRIDOR)
+    assert on.regions.count == 6
+    assert sorted(door.regions for door in on.regions.doors) == [(1, 4), (2, 5), (3, 4), (4, 5), (5, 6)]
+    assert on.doors_between(Point(12.0, 5.0), Point(17.5, 5.0)) == (0, 3, 1)
+    everywhere = on.regions.labels > 0
+    assert np.array_equal(everywhere, CORRIDOR.costs > 0)
+
+
+def test_a_map_without_any_room_is_one_region() -> None:
+    on = routes(ground(APART, RADIUS))
+    assert on.regions.count == 2 and on.regions.doors == ()
+
+
+def test_robots_of_one_process_share_what_they_ask_for() -> None:
+    assert routes(CORRIDOR) is routes(CORRIDOR)
+    one, other = (
+        ReachableFloor(CORRIDOR, RADIUS, Point(12.0, 5.0), (), generator(1, "test", name)) for name in "ab"
+    )
+    assert one.length(Point(12.0, 5.0), Point(12.0, 3.0)) == other.length(Point(12.0, 5.0), Point(12.0, 3.0))
+    assert one.doors is other.doors and one.region(Point(12.0, 5.0)) == 1
+    assert one.is_free(Point(12.0, 5.0)) and not one.is_free(Point(0.0, 0.0))
+    assert one.door(one.doors[0].middle) == 0 and one.path(WEST, WEST) is None
+
+
+def test_old_goals_make_room_for_new_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("actors.robot.navigation.routes._FIELDS", 2)
+    on = Routes(ROOMS)
+    lengths = [on.length(WEST, Point(x, 1.7)) for x in (1.0, 2.0, 6.0, 8.0, 1.0)]
+    assert lengths[0] == lengths[-1] and len(on._fields) == 2
