@@ -38,6 +38,8 @@ LONGEST: Final = (
     "run/test_scenario_copy.py",
     "cli/test_acrc.py",
     "navigation_bench/test_commands.py",
+    "experiments/test_campaign.py",
+    "experiments/test_cluster.py",
 )
 """What takes some seconds of processor time, the longest first: begun last, one worker would end late."""
 _RANK: Final = {Path(__file__).parent / name: number for number, name in enumerate(LONGEST)}

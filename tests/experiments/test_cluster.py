@@ -24,11 +24,11 @@ STUDY = Study(
     "short",
     str(CORRIDOR),
     ("none", "chapter"),
-    3,
+    2,
     settings=(("robots.count", 2), ("run.duration", 3.0)),
 )
 WORDS = (
-    *("campaign", "--scenario", str(CORRIDOR), "--strategies", "none,chapter", "--seeds", "3"),
+    *("campaign", "--scenario", str(CORRIDOR), "--strategies", "none,chapter", "--seeds", "2"),
     *("--set", "robots.count=2", "--set", "run.duration=3.0", "--check-every", "0", "--json"),
 )
 
@@ -86,6 +86,7 @@ def digests(folder: Path) -> dict[tuple[str, int], str | None]:
 
 
 @pytest.mark.alone
+@pytest.mark.timeout(240)
 def test_a_worker_that_is_killed_loses_and_changes_nothing(cluster: Cluster, tmp_path: Path) -> None:
     alone, there = tmp_path / "alone", tmp_path / "there"
     carry_out(store.create(alone, STUDY), CampaignOptions(jobs=2))
