@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from deploy.results.result import RunResult
+from experiments.accounting.time_spent import TimeSpent
 
 
 class TrialRecord(msgspec.Struct, frozen=True):
@@ -18,6 +19,8 @@ class TrialRecord(msgspec.Struct, frozen=True):
     result: RunResult | None = None
     failure: str | None = None
     """One sentence."""
+    time: TimeSpent | None = None
+    """Where the time went; None of a trial that failed."""
 
 
 def keep(path: Path, told: msgspec.Struct) -> None:
