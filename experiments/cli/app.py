@@ -94,3 +94,23 @@ def plan_study(
     from experiments.cli import plan_study_command
 
     plan_study_command.run(a12, power, correlation, comparisons)
+
+
+def report(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="DIR…",
+            show_default=False,
+            help="Of a campaign, of one run, or of what acrc fleet collect gathered from real robots.",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Where the report goes.  [default: report in the first DIR]"),
+    ] = None,
+) -> None:
+    """Write a page with pictures of what runs have shown, and the numbers behind each."""
+    from experiments.cli import report_command
+
+    report_command.run(folders, out)

@@ -56,9 +56,9 @@ def adoptions(outcome: Outcome) -> float:
     return float(sum(outcome.deeco.exchanges.values()))
 
 
-def cpu(outcome: Outcome) -> float | None:
-    """Of all processes of the simulation, CPU s per robot and simulated s; None for real robots."""
-    return outcome.cpu_s / _robot_seconds(outcome) if isinstance(outcome, RunResult) else None
+def cpu_ms(outcome: Outcome) -> float | None:
+    """Of all processes of the simulation, CPU ms per robot and simulated s; None for real robots."""
+    return 1000.0 * outcome.cpu_s / _robot_seconds(outcome) if isinstance(outcome, RunResult) else None
 
 
 def age_s(outcome: Outcome) -> float | None:

@@ -1,0 +1,17 @@
+"""`acrc report`: the page, and where it lies."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from deploy.run import out_folder
+from experiments.report import report
+
+
+def run(folders: Sequence[Path], out: Path | None) -> None:
+    """Write the report beside the first folder's content, or where it is asked for."""
+    target = out or folders[0] / "report"
+    with out_folder.writing(target):
+        page = report.write(folders, target)
+    Console(soft_wrap=True, highlight=False).print(f"written to {page}, with its pictures and tables beside it")

@@ -1,0 +1,131 @@
+"""What a reader must know before quoting a number."""
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from deploy.results.result import RunResult
+from experiments.comparison.comparison import FEWEST
+from experiments.comparison.sentences import too_few
+from experiments.report import quantities
+from experiments.report.cases import Source
+from experiments.report.findings import Findings
+from experiments.report.section import UPPER_BOUNDS, Group, View
+from experiments.report.time_sections import times
+
+_CEILING: Final = 0.5
+"""Share of runs at the greatest possible value from which a metric is said to be at its ceiling."""
+
+
+def cautions(sources: Sequence[Source], findings: Sequence[Findings], view: View) -> list[str]:
+    """One sentence or two each, the gravest first."""
+    return [
+        *_unfit(sources),
+        *(line for one in findings for line in too_few(one.samples)),
+        *_alone(sources, findings),
+        *_incomplete(sources),
+        *_bounds(view),
+        *(line for group in view.groups for line in _limits(view, group)),
+        *(line for group in view.groups for line in _wedged(view, group)),
+        *(line for group in view.groups for line in _unsound(view, group)),
+        *_software(sources),
+    ]
+
+
+def _unfit(sources: Sequence[Source]) -> Iterator[str]:
+    for one in sources:
+        if one.study is not None and one.study.tuning:
+            yield (
+                f"{one.name}: these are seeds for tuning; what was chosen with them is to be judged by others."
+            )
+    if any(not quantities.is_watched(case.outcome) for one in sources for case in one.cases if case.outcome):
+        yield (
+            "Of real robots nobody knows the truth: places are as they reported them; contacts, errors of "
+            "localisation, where time went and CPU time are unknown; completion is when the last report was made; "
+            "the strategy is not in their recordings, so each field trial stands under the name of its folder."
+        )
+
+
+def _alone(sources: Sequence[Source], findings: Sequence[Findings]) -> Iterator[str]:
+    singles = sum(one.study is None for one in sources)
+    if singles:
+        yield (
+            f"{singles} of the folders hold one run each: such runs are shown, and no test is made of them; "
+            f"a comparison needs at least {FEWEST} pairs of runs from one campaign."
+        )
+    campaigns = len(findings)
+    if campaigns > 1:
+        yield (
+            f"The {campaigns} campaigns are compared within each of them only, and p-values are adjusted "
+            "within each only."
+        )
+
+
+def _incomplete(sources: Sequence[Source]) -> Iterator[str]:
+    for one in sources:
+        failed = sum(case.failure is not None for case in one.cases)
+        if one.pending:
+            yield (
+                f"{one.name}: {one.pending} of {one.pending + len(one.cases)} runs are still to be made; "
+                "what is said may change with them."
+            )
+        if failed:
+            yield (
+                f"{one.name}: {failed} of {len(one.cases)} runs failed and are in no picture; a strategy that "
+                "fails where it would do badly looks better than it is. Their causes stand below."
+            )
+
+
+def _bounds(view: View) -> Iterator[str]:
+    names = dict.fromkeys(one.strategy for one in view.groups if one.strategy in UPPER_BOUNDS)
+    for name in names:
+        yield f"{name} uses what no robot can know: it is an upper bound, and no rival of the others."
+
+
+def _limits(view: View, group: Group) -> Iterator[str]:
+    """Metrics that cannot tell good from better, or bad from worse."""
+    outcomes = group.outcomes
+    full = sum(quantities.places(one) == one.places_total for one in outcomes)
+    if full >= _CEILING * len(outcomes) and len(outcomes) > 1:
+        yield (
+            f"{view.row_name(group)}: {full} of {len(outcomes)} runs did all places. The number of places is at "
+            "its ceiling and hides differences; a harder condition (more robots, less time) would show them."
+        )
+    if not any(quantities.completion(one).done for one in outcomes):
+        yield (
+            f"{view.row_name(group)}: no run was complete by its end, so its restricted mean is the runs' "
+            "length and says only that it takes longer."
+        )
+
+
+def _wedged(view: View, group: Group) -> Iterator[str]:
+    runs = times(group)
+    pairs = sum(run.wedges.pairs for run in runs)
+    if runs:
+        yield (
+            f"{view.row_name(group)}: {_pairs(pairs)} of robots wedged in {len(runs)} runs "
+            f"({pairs / len(runs):.2g} in a run), {sum(run.wedges.came_free for run in runs)} came free before "
+            "the end."
+        )
+
+
+def _pairs(count: int) -> str:
+    return "1 pair" if count == 1 else f"{count} pairs"
+
+
+def _unsound(view: View, group: Group) -> Iterator[str]:
+    untrue = sum(
+        one.places_claimed - one.places_done for one in group.outcomes if one.places_done is not None
+    )
+    if untrue:
+        yield f"{view.row_name(group)}: {untrue} places were reported although no robot had been there."
+    lost = sum(one.undelivered > 0 for one in group.outcomes if isinstance(one, RunResult))
+    if lost:
+        yield f"{view.row_name(group)}: in {lost} runs messages between processes were lost."
+
+
+def _software(sources: Sequence[Source]) -> Iterator[str]:
+    commits = dict.fromkeys(one.commit for one in sources if one.commit)
+    if len(commits) > 1:
+        yield f"The folders were made by different software: {', '.join(commit[:12] for commit in commits)}."
+    if any(commit.endswith("+") for commit in commits):
+        yield "The software had been changed since its last commit, so nobody else can make these runs again."

@@ -1,0 +1,227 @@
+"""The kinds of pictures: boxes, curves of completion, stacked bars. They draw what they are given, no more."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, PercentFormatter
+
+from experiments.report import style
+from experiments.report.numbers import Spread
+from experiments.report.style import FAINT, INK, PAPER, Look
+from experiments.statistics.effect_size import Interval
+from experiments.statistics.survival import Completion, SurvivalCurve
+
+_GOLDEN: Final = 0.6180339887498949
+"""Multiples of it, less their whole parts, lie nowhere near one another: dots of equal values stay apart."""
+_ROW: Final = 0.42
+"""Height of a box or bar with its margins, inches."""
+_FRAME: Final = 0.95
+"""Height of a panel's title, axis and margins, inches."""
+_LEAST_TOLD: Final = 0.07
+"""Parts of a bar below this share hold no number: it would not fit."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """One row of a box plot."""
+
+    label: str
+    look: Look
+    spread: Spread
+    at_least: tuple[float, ...] = ()
+    """Which of the values are only known to be so great or greater."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One strategy's completion over time."""
+
+    label: str
+    look: Look
+    survival: SurvivalCurve
+    runs: tuple[Completion, ...]
+
+
+@dataclass(frozen=True)
+class Dot:
+    """An estimate with its interval."""
+
+    label: str
+    look: Look
+    mean: Interval
+
+
+@dataclass(frozen=True)
+class Bar:
+    """Shares of a whole, which add up to 1."""
+
+    label: str
+    parts: Mapping[str, float]
+
+
+def boxes(
+    conditions: Mapping[str, Sequence[Box]], says: str, *, limit: tuple[float, str] | None = None
+) -> Figure:
+    """A panel for each condition, a row for each box. `limit`: a value that none exceeds, and what it is."""
+    tallest = max(map(len, conditions.values()))
+    figure, axes = style.panels(len(conditions), _FRAME + _ROW * tallest)
+    for panel, (title, rows) in zip(axes, conditions.items(), strict=True):
+        _begin(panel, title if len(conditions) > 1 else "", [row.label for row in rows])
+        for place, row in enumerate(rows):
+            _box(panel, place, row)
+        if limit is not None:
+            panel.axvline(limit[0], color=FAINT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1)
+            panel.annotate(
+                limit[1], (limit[0], 1.0), (-3, 2), xycoords=("data", "axes fraction"),
+                textcoords="offset points", ha="right", va="bottom", fontsize=8.5, color=FAINT,
+            )  # fmt: skip
+        panel.xaxis.set_major_locator(MaxNLocator(7))
+    _label_x(axes, says)
+    lows = [row.spread.least for rows in conditions.values() for row in rows]
+    highs = [row.spread.most for rows in conditions.values() for row in rows]
+    _span(axes[0], min(lows), max(*highs, limit[0] if limit else highs[0]))
+    return figure
+
+
+def completion(conditions: Mapping[str, Sequence[Curve]], horizon: float) -> Figure:
+    """A panel for each condition: the share of runs that are complete, with its 95 % band."""
+    figure, axes = style.panels(len(conditions), 3.4)
+    for panel, (title, curves) in zip(axes, conditions.items(), strict=True):
+        panel.set_title(style.short(title) if len(conditions) > 1 else "")
+        for curve in curves:
+            _curve(panel, curve, horizon)
+        panel.set_ylim(-0.03, 1.03)
+        panel.yaxis.set_major_formatter(PercentFormatter(1.0))
+        panel.set_ylabel("share of runs complete")
+        panel.legend(loc="upper left", fontsize=8.5)
+    axes[0].set_xlim(0.0, horizon * 1.02)
+    _label_x(axes, "simulated time, s")
+    return figure
+
+
+def bars(conditions: Mapping[str, Sequence[Bar]], looks: Mapping[str, tuple[str, str]], says: str) -> Figure:
+    """A panel for each condition, a row for each bar. `looks`: colour and hatch of each part, in their order."""
+    tallest = max(map(len, conditions.values()))
+    figure, axes = style.panels(len(conditions), _FRAME + _ROW * tallest + 0.35)
+    for panel, (title, rows) in zip(axes, conditions.items(), strict=True):
+        _begin(panel, title if len(conditions) > 1 else "", [row.label for row in rows])
+        for place, row in enumerate(rows):
+            _stack(panel, place, row, looks)
+        panel.set_xlim(0.0, 1.0)
+        panel.xaxis.set_major_formatter(PercentFormatter(1.0))
+    _label_x(axes, says)
+    handles, labels = axes[0].get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    figure.legend(
+        list(unique.values()), list(unique), loc="outside lower center", ncols=5, fontsize=8.5,
+        handlelength=1.4, columnspacing=1.2,
+    )  # fmt: skip
+    return figure
+
+
+def dots(quantities: Mapping[str, Sequence[Dot]]) -> Figure:
+    """A panel for each quantity, each with its own axis from zero, a row for each estimate."""
+    tallest = max(map(len, quantities.values()))
+    figure, axes = style.panels(len(quantities), _FRAME + 0.75 * _ROW * tallest, alike=False)
+    for panel, (title, rows) in zip(axes, quantities.items(), strict=True):
+        _begin(panel, "", [row.label for row in rows])
+        panel.set_title(title)
+        for place, row in enumerate(rows):
+            panel.plot(
+                [row.mean.low, row.mean.high], [place, place], color=row.look.colour, linewidth=2.0,
+                solid_capstyle="round",
+            )  # fmt: skip
+            panel.plot([row.mean.value], [place], row.look.marker, color=row.look.colour, markersize=6)
+        panel.xaxis.set_major_locator(MaxNLocator(6))
+        panel.set_xlim(0.0, 1.05 * max(row.mean.high for row in rows) or 1.0)
+    return figure
+
+
+def _begin(panel: Axes, title: str, labels: Sequence[str]) -> None:
+    panel.set_title(style.short(title))
+    panel.set_yticks(range(len(labels)), [style.short(label) for label in labels])
+    panel.set_ylim(len(labels) - 0.4, -0.6)  # the first on top
+    panel.grid(visible=False, axis="y")
+    panel.tick_params(axis="y", length=0)
+
+
+def _label_x(axes: Sequence[Axes], says: str) -> None:
+    """Below the lowest panel of each column."""
+    for panel in axes[-2:] if len(axes) > 1 else axes:
+        panel.set_xlabel(says)
+
+
+def _span(panel: Axes, low: float, high: float) -> None:
+    """From zero, unless all that is shown lies far from it."""
+    begin = 0.0 if low < 0.6 * high or high <= 0.0 else low - 0.5 * (high - low) - 0.01 * high
+    panel.set_xlim(begin, high + 0.04 * (high - begin) if high > begin else begin + 1.0)
+
+
+def _box(panel: Axes, place: int, row: Box) -> None:
+    spread, colour = row.spread, row.look.colour
+    if len(spread.values) > 4:  # of fewer the dots say it all
+        low, high = spread.whiskers
+        panel.bxp(
+            [{
+                "med": spread.median, "q1": spread.q1, "q3": spread.q3, "whislo": low, "whishi": high,
+                "fliers": [],
+            }],
+            positions=[place], widths=0.55, orientation="horizontal", showfliers=False, manage_ticks=False,
+            patch_artist=True,
+            boxprops={"facecolor": f"{colour}38", "edgecolor": colour, "linewidth": 1.2},
+            medianprops={"color": INK, "linewidth": 2.0},
+            whiskerprops={"color": colour, "linewidth": 1.2}, capprops={"color": colour, "linewidth": 1.2},
+        )  # fmt: skip
+    limits = list(row.at_least)
+    for number, value in enumerate(spread.values):
+        hollow = value in limits
+        if hollow:
+            limits.remove(value)
+        height = place + 0.36 * ((number * _GOLDEN) % 1.0 - 0.5)
+        panel.plot(
+            [value], [height], linestyle="none", marker=">" if hollow else row.look.marker, markersize=4.5,
+            markerfacecolor=PAPER if hollow else colour, markeredgecolor=colour, markeredgewidth=1.0,
+            alpha=0.85, zorder=3, clip_on=False,
+        )  # fmt: skip
+
+
+def _curve(panel: Axes, curve: Curve, horizon: float) -> None:
+    found, how = curve.survival, curve.look
+    ends = [*found.times.tolist(), horizon]
+    done = [0.0, *(1.0 - found.shares).tolist()]
+    count = sum(run.done for run in curve.runs)
+    panel.step(
+        [0.0, *ends], [*done, done[-1]], where="post", color=how.colour, linestyle=how.line, linewidth=1.8,
+        label=f"{style.short(curve.label)}: {count} of {len(curve.runs)}",
+    )  # fmt: skip
+    if found.times.size:
+        upper, lower = (1.0 - found.low).tolist(), (1.0 - found.high).tolist()
+        panel.fill_between(
+            ends, [*lower, lower[-1]], [*upper, upper[-1]], step="post", color=how.colour, alpha=0.12,
+            linewidth=0,
+        )  # fmt: skip
+    left = [run.at for run in curve.runs if not run.done]
+    if left:
+        panel.plot(
+            left, [1.0 - found.share_at(at) for at in left], linestyle="none", marker="|", markersize=8,
+            color=how.colour, markeredgewidth=1.4, clip_on=False,
+        )  # fmt: skip
+
+
+def _stack(panel: Axes, place: int, row: Bar, looks: Mapping[str, tuple[str, str]]) -> None:
+    begin = 0.0
+    for name, (colour, hatch) in looks.items():
+        part = row.parts[name]
+        panel.barh(
+            [place], [part], left=begin, height=0.62, color=colour, hatch=hatch, edgecolor=PAPER,
+            linewidth=0.6, label=name,
+        )  # fmt: skip
+        if part >= _LEAST_TOLD:
+            panel.text(
+                begin + part / 2, place, f"{100 * part:.0f}", ha="center", va="center", fontsize=8.5,
+                color="#111111", bbox={"boxstyle": "round,pad=0.15", "facecolor": "#ffffffcc", "linewidth": 0},
+            )  # fmt: skip
+        begin += part

@@ -1,0 +1,131 @@
+"""What adaptation costs: the radio, and what else can be counted."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from experiments.report import charts, quantities
+from experiments.report.cases import Case, Outcome
+from experiments.report.charts import Box, Dot
+from experiments.report.numbers import Cell, mean_of, spread
+from experiments.report.section import BOX, SPREAD, Group, Picture, Section, View, medians, spread_cells
+
+
+@dataclass(frozen=True)
+class Cost:
+    """One number of a run."""
+
+    says: str
+    """What it is, with its unit."""
+    of: Callable[[Case], float | None]
+    """None: unknown."""
+
+
+def _of_outcome(value: Callable[[Outcome], float | None]) -> Callable[[Case], float | None]:
+    return lambda case: None if case.outcome is None else value(case.outcome)
+
+
+def _freed(case: Case) -> float | None:
+    """Mean time from a decision of the adaptation to the robot's getting on, s."""
+    if case.time is None:
+        return None
+    times = [one.free_after_s for one in case.time.decisions if one.free_after_s is not None]
+    return sum(times) / len(times) if times else None
+
+
+def _decisions(case: Case) -> float | None:
+    return None if case.time is None else float(len(case.time.decisions) + case.time.decisions_left_out)
+
+
+COSTS: Final = (
+    Cost("octets on the air per robot and s", _of_outcome(quantities.octets)),
+    Cost("air time of a robot, % of the time", _of_outcome(quantities.airtime_percent)),
+    Cost("adoptions in a run", _of_outcome(quantities.adoptions)),
+    Cost("decisions of the adaptation in a run", _decisions),
+    Cost("from blocked to free, s", _freed),
+    Cost("CPU of the whole simulation, ms per robot and simulated s", _of_outcome(quantities.cpu_ms)),
+    Cost("contacts in a run", _of_outcome(quantities.contacts)),
+    Cost("age of what robots know of one another, s", _of_outcome(quantities.age_s)),
+)
+
+
+def radio(view: View) -> Section:
+    """How much robots send, and what becomes of it."""
+
+    def found(group: Group) -> tuple[float, ...]:
+        return tuple(map(quantities.octets, group.outcomes))
+
+    return Section(
+        "Radio load",
+        ("Octets of the frames that robots send, with MAC header and check sequence.", BOX),
+        Picture(
+            "radio",
+            charts.boxes(
+                view.panels(lambda group: Box(group.label, view.look(group), spread(found(group)))),
+                "octets on the air per robot and s",
+            ),
+            medians(view, "radio load", " octets/s", lambda group: spread(found(group))),
+            "Octets on the air per robot and second.",
+        ),
+        (
+            view.table(
+                "radio", "Octets on the air per robot and s", SPREAD,
+                lambda group: [spread_cells(spread(found(group)))],
+            ),
+            view.table(
+                "frames", "What became of frames, and of their copies at the other robots: mean of a run",
+                ("what", "number"), _frames, folded=True,
+            ),
+        ),
+    )  # fmt: skip
+
+
+def _frames(group: Group) -> list[tuple[Cell, ...]]:
+    counts = [one.frames for one in group.outcomes]
+    means = {name: sum(one.get(name, 0) for one in counts) / len(counts) for one in counts for name in one}
+    return [(name.replace("_", " "), mean) for name, mean in means.items() if mean]
+
+
+def costs(view: View) -> Section:
+    """Every cost that is known of some run, side by side."""
+    known = [cost for cost in COSTS if any(_values(group, cost) for group in view.groups)]
+    dots = {
+        cost.says: [
+            Dot(view.row_name(group), view.look(group), mean_of(values))
+            for group in view.groups
+            if (values := _values(group, cost))
+        ]
+        for cost in known
+    }
+    text = [
+        "Means over runs with 95 % bootstrap intervals. An adoption is an exchange of knowledge that changed "
+        "what a robot knows. CPU is that of all processes: physics, scans and navigation are in it.",
+    ]
+    missing = [cost.says for cost in COSTS if cost not in known]
+    if missing:
+        text.append(f"Not recorded in these runs: {'; '.join(missing)}.")
+    return Section(
+        "What adaptation costs",
+        tuple(text),
+        Picture(
+            "cost",
+            charts.dots(dots),
+            f"Means with intervals, a panel for each of: {'; '.join(dots)}. "
+            "All numbers are in the table below.",
+            "Means over runs with 95 % intervals; each panel has an axis of its own, from zero.",
+        ),
+        (
+            view.table(
+                "cost", "Means over runs, with 95 % bootstrap intervals", [cost.says for cost in known],
+                lambda group: [[_mean(_values(group, cost)) for cost in known]],
+            ),
+        ),
+    )  # fmt: skip
+
+
+def _values(group: Group, cost: Cost) -> list[float]:
+    return [value for case in group.cases if (value := cost.of(case)) is not None]
+
+
+def _mean(values: list[float]) -> Cell:
+    return mean_of(values) if values else None

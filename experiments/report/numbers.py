@@ -1,0 +1,92 @@
+"""The numbers behind pictures: spreads, shares with their intervals, and tables of them."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import binomtest
+
+from experiments.statistics.effect_size import CONFIDENCE, Floats, Interval, interval
+from experiments.statistics.survival import Completion, restricted_mean
+
+Cell = str | int | float | Interval | None
+"""None: unknown, or none."""
+_RESAMPLES = 1000
+
+
+@dataclass(frozen=True)
+class Table:
+    """Numbers as a reader sees them, and as a file of comma-separated values has them."""
+
+    name: str
+    """Of its file."""
+    caption: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    folded: bool = False
+    """True: long, and shown when asked for."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Some values, and what a box shows of them; quartiles by linear interpolation."""
+
+    values: tuple[float, ...]
+    least: float
+    q1: float
+    median: float
+    q3: float
+    most: float
+    mean: float
+
+    @property
+    def whiskers(self) -> tuple[float, float]:
+        """The last values within one and a half box lengths (Tukey, "Exploratory Data Analysis", 1977)."""
+        reach = 1.5 * (self.q3 - self.q1)
+        inside = [one for one in self.values if self.q1 - reach <= one <= self.q3 + reach]
+        return min(inside), max(inside)
+
+
+def spread(values: Iterable[float]) -> Spread:
+    """Of at least one value."""
+    known = tuple(values)
+    least, q1, median, q3, most = (float(one) for one in np.quantile(known, [0.0, 0.25, 0.5, 0.75, 1.0]))
+    return Spread(known, least, q1, median, q3, most, float(np.mean(known)))
+
+
+def share(count: int, of: int) -> Interval:
+    """A proportion of at least one, with Wilson's 95 % interval."""
+    bounds = binomtest(count, of).proportion_ci(CONFIDENCE, method="wilson")
+    return Interval(count / of, float(bounds.low), float(bounds.high))
+
+
+def mean_until(runs: Sequence[Completion], horizon: float) -> Interval:
+    """The restricted mean of at least one time, with its bootstrap interval."""
+
+    def mean(places: Floats, _: Floats) -> Floats:
+        return np.apply_along_axis(
+            lambda row: restricted_mean([runs[int(place)] for place in row], horizon), -1, places
+        )
+
+    places = np.arange(len(runs), dtype=np.float64)
+    return interval(places, places, mean, paired=True, resamples=_RESAMPLES)
+
+
+def mean_of(values: Sequence[float]) -> Interval:
+    """The mean of at least one value, with its bootstrap interval."""
+    return interval(values, values, lambda one, _: np.mean(one, axis=-1), paired=True)
+
+
+def written(cell: Cell) -> str:
+    """As a reader sees it."""
+    if cell is None:
+        return "–"
+    if isinstance(cell, Interval):
+        return f"{_number(cell.value)} [{_number(cell.low)}, {_number(cell.high)}]"
+    return cell if isinstance(cell, str) else _number(cell)
+
+
+def _number(value: float) -> str:
+    """Four significant digits, whole numbers whole."""
+    rounded = float(f"{value:.4g}")
+    return f"{value:.0f}" if value == int(value) and abs(value) < 1e15 else f"{rounded:g}".replace("-", "−")

@@ -1,0 +1,107 @@
+"""A report in a folder: the page, its pictures as PNG and SVG, and its tables as comma-separated values."""
+
+import csv
+import io
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+from experiments.report import cost_sections, findings, outcome_sections, style, time_sections
+from experiments.report.cases import Source, read
+from experiments.report.cautions import cautions
+from experiments.report.findings import Findings
+from experiments.report.numbers import Cell, Interval, Table
+from experiments.report.origin_section import origin
+from experiments.report.page import Page, html
+from experiments.report.section import Section, View
+
+PAGE: Final = "report.html"
+_SECTIONS: Final[tuple[Callable[[View], Section | None], ...]] = (
+    outcome_sections.places,
+    outcome_sections.running,
+    outcome_sections.completion,
+    outcome_sections.robots,
+    time_sections.causes,
+    time_sections.blockings,
+    time_sections.decisions,
+    cost_sections.radio,
+    cost_sections.costs,
+)
+
+
+def write(folders: Sequence[Path], out: Path) -> Path:
+    """Read campaigns and runs, write the report into the folder `out`, and give the page's path.
+
+    The same folders give the same bytes. Raises ReportError or CampaignError for a folder of which nothing
+    can be told.
+    """
+    sources = read(folders)
+    with style.applied():
+        page = compose(sources)
+        out.mkdir(parents=True, exist_ok=True)
+        for section in page.sections:
+            if section.picture is not None:
+                style.save(section.picture.figure, out, section.picture.name)
+        for table in tables(page):
+            (out / f"{table.name}.csv").write_text(_csv(table))
+        (out / PAGE).write_text(html(page), encoding="utf-8")
+    return out / PAGE
+
+
+def compose(sources: Sequence[Source]) -> Page:
+    """What the report says; pictures are drawn, so `style.applied` must hold."""
+    view = View(case for one in sources for case in one.cases)
+    found = [Findings(one) for one in sources if one.study is not None]
+    made = [section(view) for section in _SECTIONS] if view.groups else []
+    failed = findings.failures(sources)
+    return Page(
+        title="Report on " + ", ".join(one.name for one in sources),
+        asked=findings.asked(sources),
+        found=_found(found),
+        found_tables=[table for one in found for table in one.tables()],
+        cautions=cautions(sources, found, view),
+        sections=[
+            *(section for section in made if section is not None),
+            *([Section("Runs that failed", (), None, (failed,))] if failed is not None else []),
+            origin(sources),
+        ],
+    )
+
+
+def tables(page: Page) -> list[Table]:
+    """All that hold anything, those of the sentences first."""
+    every = [*page.found_tables, *(table for section in page.sections for table in section.tables)]
+    return [table for table in every if table.rows]
+
+
+def _found(found: Sequence[Findings]) -> list[str]:
+    told = []
+    for one in found:
+        primary, others = one.primary(), one.others()
+        if primary:
+            told += ["Declared beforehand:", *primary]
+            told += ["Beside that:"] if others else []
+        told += others
+    return told or ["Nothing can be told apart yet: there are too few runs for any test."]
+
+
+def _csv(table: Table) -> str:
+    into = io.StringIO()
+    writer = csv.writer(into, lineterminator="\n")
+    columns = [any(isinstance(row[place], Interval) for row in table.rows) for place in range(len(table.columns))]
+    writer.writerow(
+        cell
+        for name, is_interval in zip(table.columns, columns, strict=True)
+        for cell in ((name, f"{name}, low", f"{name}, high") if is_interval else (name,))
+    )
+    for row in table.rows:
+        writer.writerow(
+            cell for one, is_interval in zip(row, columns, strict=True) for cell in _cells(one, is_interval)
+        )
+    return into.getvalue()
+
+
+def _cells(cell: Cell, is_interval: bool) -> Sequence[Cell]:
+    if not is_interval:
+        return (cell,)
+    return tuple(cell) if isinstance(cell, Interval) else (None, None, None)

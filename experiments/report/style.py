@@ -1,0 +1,127 @@
+"""How all pictures look, and how they are written: the same bytes for the same numbers."""
+
+import contextlib
+import io
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from actors.runtime.errors import printable
+
+INK: Final = "#1b1f24"
+FAINT: Final = "#6a737d"
+GRID: Final = "#d0d5db"
+PAPER: Final = "#fdfdfc"
+PALETTE: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#7f7f7f")
+"""Told apart by colour-blind readers: Okabe and Ito, "Color Universal Design", 2008, without black and yellow."""
+MARKERS: Final = ("o", "s", "D", "^", "v", "P", "X")
+LINES: Final = ("-", "--", "-.", ":")
+WIDTH: Final = 9.0
+"""Inches, of every picture."""
+_LONGEST: Final = 30
+_STYLE: Final[dict[str, Any]] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 10.0,
+    "text.parse_math": False,  # names of strategies may hold anything
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": FAINT,
+    "axes.titlesize": 10.5,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    "xtick.color": FAINT,
+    "ytick.color": FAINT,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "hatch.linewidth": 0.5,
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
+    "svg.hashsalt": "acrc",
+    "svg.fonttype": "path",
+}
+_DARK: Final = {INK: "#e6e8eb", FAINT: "#9aa3ad", GRID: "#3a4048", PAPER: "#16191d"}
+"""What these become where the reader's screen is dark."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How one strategy looks in every picture."""
+
+    colour: str
+    marker: str
+    line: str
+
+
+def look(number: int) -> Look:
+    """Of the strategy of this number; further ones repeat colours with other lines and marks."""
+    turn, place = divmod(number, len(PALETTE))
+    return Look(PALETTE[place], MARKERS[(place + turn) % len(MARKERS)], LINES[(place + turn) % len(LINES)])
+
+
+@contextlib.contextmanager
+def applied() -> Iterator[None]:
+    """Pictures are made and written in here; the user's own settings of matplotlib have no part in them."""
+    with mpl.rc_context(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")  # it becomes a box, as anywhere else
+        mpl.rcdefaults()
+        mpl.rcParams.update(_STYLE)
+        yield
+
+
+def panels(count: int, height: float, *, alike: bool = True) -> tuple[Figure, list[Axes]]:
+    """A figure with so many panels in rows of two, each so many inches high. `alike`: as to their axes of x."""
+    columns = min(count, 2)
+    rows = -(-count // columns)
+    figure = Figure(figsize=(WIDTH, max(1.9, rows * height)))
+    FigureCanvasAgg(figure)
+    grid = figure.subplots(rows, columns, sharex=alike, squeeze=False)
+    axes = list(grid.flat)
+    for unused in axes[count:]:
+        unused.remove()
+    for above in axes[max(0, count - columns) : count]:
+        above.xaxis.set_tick_params(labelbottom=True)
+    return figure, axes[:count]
+
+
+def short(name: str) -> str:
+    """A name as it fits beside an axis; whole it stands in the tables."""
+    told = printable(name).replace("\n", " ")
+    return told if len(told) <= _LONGEST else f"{told[: _LONGEST - 1]}…"
+
+
+def png(figure: Figure) -> bytes:
+    """On a light ground, for papers and slides."""
+    into = io.BytesIO()
+    figure.savefig(into, format="png", dpi=150, facecolor=PAPER, metadata={"Software": None})
+    return into.getvalue()
+
+
+def svg(figure: Figure) -> bytes:
+    """Without ground; its ink follows whether the reader's screen is light or dark."""
+    into = io.BytesIO()
+    figure.savefig(into, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    rules = "".join(
+        f'[style*="{key}: {light}"]{{{key}:{dark} !important}}'
+        for light, dark in _DARK.items()
+        for key in ("fill", "stroke")
+    )
+    dark = f"@media (prefers-color-scheme: dark){{{rules}}}</style>"
+    return into.getvalue().replace(b"</style>", dark.encode(), 1)
+
+
+def save(figure: Figure, folder: Path, name: str) -> None:
+    """Write both."""
+    (folder / f"{name}.png").write_bytes(png(figure))
+    (folder / f"{name}.svg").write_bytes(svg(figure))
