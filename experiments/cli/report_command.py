@@ -14,4 +14,6 @@ def run(folders: Sequence[Path], out: Path | None) -> None:
     target = out or folders[0] / "report"
     with out_folder.writing(target):
         page = report.write(folders, target)
-    Console(soft_wrap=True, highlight=False).print(f"written to {page}, with its pictures and tables beside it")
+    Console(soft_wrap=True, highlight=False).print(
+        f"written to {page}, with its pictures and tables beside it"
+    )

@@ -16,7 +16,7 @@ from experiments.comparison import metrics
 from experiments.comparison.metrics import Metric, TimeMetric
 from experiments.statistics.effect_size import Interval, a12, difference_of, interval
 from experiments.statistics.hypothesis_tests import Significance, holm, rank_sum, signed_rank
-from experiments.statistics.survival import Completion, log_rank, restricted_mean
+from experiments.statistics.survival import Completion, log_rank, restricted_mean, restricted_means
 
 Floats = NDArray[np.float64]
 FEWEST: Final = 6
@@ -134,9 +134,7 @@ def _of_times(sample: Sample, metric: TimeMetric) -> Comparison:
 
     def mean(places: Floats, runs: Sequence[Completion]) -> Floats:
         """Restricted means of samples of `runs`, given by their places along the last axis."""
-        return np.apply_along_axis(
-            lambda row: restricted_mean([runs[int(place)] for place in row], horizon), -1, places
-        )
+        return restricted_means(runs, horizon, places.astype(np.int64))
 
     places = np.arange(len(ones), dtype=np.float64)
     return Comparison(

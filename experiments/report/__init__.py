@@ -1,1 +1,1 @@
-"""What campaigns and single runs show, on one page: sentences, pictures, and the numbers behind each picture."""
+"""What campaigns and single runs show, on one page: sentences, pictures, the numbers behind each."""

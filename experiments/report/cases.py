@@ -1,5 +1,6 @@
 """The runs that a report is about, from folders of campaigns and of single runs, real robots' too."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,41 +58,51 @@ class Source:
 
 
 def read(folders: Sequence[Path]) -> tuple[Source, ...]:
-    """What lies in the folders, in their order. Raises ReportError, or CampaignError for a damaged campaign."""
-    found = [(folder, store.load(folder) if store.holds(folder) else None) for folder in folders]
-    named = sum(kept is not None for _, kept in found) > 1
+    """What lies in the folders, in their order. Raises ReportError, CampaignError."""
+    several = sum(map(store.holds, folders)) > 1
+    named = zip(folders, _names(folders), strict=True)
     return tuple(
-        _single(folder) if kept is None else _of_campaign(folder, kept, named=named) for folder, kept in found
+        _campaign(store.load(folder), name, several=several) if store.holds(folder) else _single(folder, name)
+        for folder, name in named
     )
 
 
-def _of_campaign(folder: Path, kept: store.Store, *, named: bool) -> Source:
+def _names(folders: Sequence[Path]) -> list[str]:
+    """Each folder's own name, with a number where it is that of an earlier one, too."""
+    found: list[str] = []
+    for folder in folders:
+        name = folder.resolve().name
+        tries = (name if number == 1 else f"{name}-{number}" for number in itertools.count(1))
+        found.append(next(one for one in tries if one not in found))
+    return found
+
+
+def _campaign(kept: store.Store, name: str, *, several: bool) -> Source:
     records = tuple(kept.records())
-    name = _name(folder)
     cases = []
     for record in records:
         variant = ", ".join(f"{key} = {value}" for key, value in record.variant.items())
-        condition = ": ".join(part for part in (name if named else "", variant) if part) or kept.study.name
+        condition = ": ".join(part for part in (name if several else "", variant) if part) or kept.study.name
         cases.append(
             Case(condition, record.strategy, record.seed, record.result, record.failure, record.time)
         )
     return Source(name, kept.study, kept.about().commit, records, len(kept.pending()), tuple(cases))
 
 
-def _single(folder: Path) -> Source:
-    path = next((folder / name for name in _RESULTS if (folder / name).is_file()), None)
+def _single(folder: Path, name: str) -> Source:
+    path = next((folder / one for one in _RESULTS if (folder / one).is_file()), None)
     if path is None:
         raise ReportError(
-            f"{folder}: holds neither a campaign nor the result of a run; must be a folder that acrc campaign, "
-            "acrc run or acrc fleet collect has made"
+            f"{folder}: holds neither a campaign nor the result of a run; must be a folder that "
+            "acrc campaign, acrc run or acrc fleet collect has made"
         )
     outcome = _outcome(path)
     if isinstance(outcome, TrialResult):
-        return Source(_name(folder), None, "", (), 0, (Case(REAL, _name(folder), None, outcome),))
+        return Source(name, None, "", (), 0, (Case(REAL, name, None, outcome),))
     origin = outcome.origin
     condition = f"{origin.scenario or 'one scenario'}, {outcome.robots} robots, {outcome.simulated_s:g} s"
-    case = Case(condition, origin.strategy or _name(folder), outcome.seed, outcome)
-    return Source(_name(folder), None, origin.commit, (), 0, (case,))
+    case = Case(condition, origin.strategy or name, outcome.seed, outcome)
+    return Source(name, None, origin.commit, (), 0, (case,))
 
 
 def _outcome(path: Path) -> Outcome:
@@ -103,7 +114,3 @@ def _outcome(path: Path) -> Outcome:
             return msgspec.json.decode(content, type=TrialResult)
     except (OSError, msgspec.DecodeError) as error:
         raise ReportError(f"{path}: cannot be read as the result of a run: {error}") from None
-
-
-def _name(folder: Path) -> str:
-    return folder.resolve().name

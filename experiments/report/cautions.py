@@ -25,7 +25,7 @@ def cautions(sources: Sequence[Source], findings: Sequence[Findings], view: View
         *_incomplete(sources),
         *_bounds(view),
         *(line for group in view.groups for line in _limits(view, group)),
-        *(line for group in view.groups for line in _wedged(view, group)),
+        *_wedged(view),
         *(line for group in view.groups for line in _unsound(view, group)),
         *_software(sources),
     ]
@@ -35,13 +35,14 @@ def _unfit(sources: Sequence[Source]) -> Iterator[str]:
     for one in sources:
         if one.study is not None and one.study.tuning:
             yield (
-                f"{one.name}: these are seeds for tuning; what was chosen with them is to be judged by others."
+                f"{one.name}: these are seeds for tuning; what was chosen with them is to be judged "
+                "by others."
             )
     if any(not quantities.is_watched(case.outcome) for one in sources for case in one.cases if case.outcome):
         yield (
             "Of real robots nobody knows the truth: places are as they reported them; contacts, errors of "
-            "localisation, where time went and CPU time are unknown; completion is when the last report was made; "
-            "the strategy is not in their recordings, so each field trial stands under the name of its folder."
+            "localisation, where time went and CPU time are unknown; completion is when the last report was "
+            "made. Their strategy is not recorded, so each field trial stands under the name of its folder."
         )
 
 
@@ -70,8 +71,8 @@ def _incomplete(sources: Sequence[Source]) -> Iterator[str]:
             )
         if failed:
             yield (
-                f"{one.name}: {failed} of {len(one.cases)} runs failed and are in no picture; a strategy that "
-                "fails where it would do badly looks better than it is. Their causes stand below."
+                f"{one.name}: {failed} of {len(one.cases)} runs failed and are in no picture; a strategy "
+                "that fails where it would do badly looks better than it is. Their causes stand below."
             )
 
 
@@ -87,8 +88,9 @@ def _limits(view: View, group: Group) -> Iterator[str]:
     full = sum(quantities.places(one) == one.places_total for one in outcomes)
     if full >= _CEILING * len(outcomes) and len(outcomes) > 1:
         yield (
-            f"{view.row_name(group)}: {full} of {len(outcomes)} runs did all places. The number of places is at "
-            "its ceiling and hides differences; a harder condition (more robots, less time) would show them."
+            f"{view.row_name(group)}: {full} of {len(outcomes)} runs did all places. The number of places is "
+            "at its ceiling and hides differences; a harder condition (more robots, less time) would show "
+            "them."
         )
     if not any(quantities.completion(one).done for one in outcomes):
         yield (
@@ -97,19 +99,18 @@ def _limits(view: View, group: Group) -> Iterator[str]:
         )
 
 
-def _wedged(view: View, group: Group) -> Iterator[str]:
-    runs = times(group)
-    pairs = sum(run.wedges.pairs for run in runs)
-    if runs:
-        yield (
-            f"{view.row_name(group)}: {_pairs(pairs)} of robots wedged in {len(runs)} runs "
-            f"({pairs / len(runs):.2g} in a run), {sum(run.wedges.came_free for run in runs)} came free before "
-            "the end."
-        )
-
-
-def _pairs(count: int) -> str:
-    return "1 pair" if count == 1 else f"{count} pairs"
+def _wedged(view: View) -> Iterator[str]:
+    """How often robots were so near to one another that neither found a way out: it decides many runs."""
+    told = [
+        f"{view.row_name(group)} {sum(run.wedges.pairs for run in runs) / len(runs):.2g} "
+        f"({sum(run.wedges.came_free for run in runs)} of {sum(run.wedges.pairs for run in runs)} came free)"
+        for group in view.groups
+        if (runs := times(group))
+    ]
+    if told:
+        yield f"Pairs of robots that wedged, in a run on average: {'; '.join(told)}."
+    elif any(isinstance(one, RunResult) for group in view.groups for one in group.outcomes):
+        yield "How often robots wedged was not recorded with these runs; that decides many of them."
 
 
 def _unsound(view: View, group: Group) -> Iterator[str]:

@@ -1,5 +1,6 @@
-"""The kinds of pictures: boxes, curves of completion, stacked bars. They draw what they are given, no more."""
+"""The kinds of pictures: boxes, curves of completion, stacked bars. They draw what they are given."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -16,6 +17,8 @@ from experiments.statistics.survival import Completion, SurvivalCurve
 
 _GOLDEN: Final = 0.6180339887498949
 """Multiples of it, less their whole parts, lie nowhere near one another: dots of equal values stay apart."""
+_SEEN: Final = 0.25
+"""Part of an axis from zero below which differences are shown larger."""
 _ROW: Final = 0.42
 """Height of a box or bar with its margins, inches."""
 _FRAME: Final = 0.95
@@ -63,9 +66,16 @@ class Bar:
 
 
 def boxes(
-    conditions: Mapping[str, Sequence[Box]], says: str, *, limit: tuple[float, str] | None = None
+    conditions: Mapping[str, Sequence[Box]],
+    says: str,
+    *,
+    limit: tuple[float, str] | None = None,
+    near: bool = False,
 ) -> Figure:
-    """A panel for each condition, a row for each box. `limit`: a value that none exceeds, and what it is."""
+    """A panel for each condition, a row for each box.
+
+    `limit`: a value that none exceeds, and what it is. `near`: the axis may begin elsewhere than at zero.
+    """
     tallest = max(map(len, conditions.values()))
     figure, axes = style.panels(len(conditions), _FRAME + _ROW * tallest)
     for panel, (title, rows) in zip(axes, conditions.items(), strict=True):
@@ -74,15 +84,13 @@ def boxes(
             _box(panel, place, row)
         if limit is not None:
             panel.axvline(limit[0], color=FAINT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1)
-            panel.annotate(
-                limit[1], (limit[0], 1.0), (-3, 2), xycoords=("data", "axes fraction"),
-                textcoords="offset points", ha="right", va="bottom", fontsize=8.5, color=FAINT,
-            )  # fmt: skip
-        panel.xaxis.set_major_locator(MaxNLocator(7))
-    _label_x(axes, says)
+        panel.xaxis.set_major_locator(MaxNLocator(7, steps=[1, 2, 5, 10]))
+    _label_x(axes, says if limit is None else f"{says} (dashed: {limit[1]})")
+    _label_rows_once(axes)
     lows = [row.spread.least for rows in conditions.values() for row in rows]
     highs = [row.spread.most for rows in conditions.values() for row in rows]
-    _span(axes[0], min(lows), max(*highs, limit[0] if limit else highs[0]))
+    highest = max(*highs, limit[0] if limit else highs[0])
+    _span(axes[0], min(lows) if near else 0.0, highest)
     return figure
 
 
@@ -90,7 +98,7 @@ def completion(conditions: Mapping[str, Sequence[Curve]], horizon: float) -> Fig
     """A panel for each condition: the share of runs that are complete, with its 95 % band."""
     figure, axes = style.panels(len(conditions), 3.4)
     for panel, (title, curves) in zip(axes, conditions.items(), strict=True):
-        panel.set_title(style.short(title) if len(conditions) > 1 else "")
+        panel.set_title(style.wrapped(title) if len(conditions) > 1 else "")
         for curve in curves:
             _curve(panel, curve, horizon)
         panel.set_ylim(-0.03, 1.03)
@@ -103,7 +111,7 @@ def completion(conditions: Mapping[str, Sequence[Curve]], horizon: float) -> Fig
 
 
 def bars(conditions: Mapping[str, Sequence[Bar]], looks: Mapping[str, tuple[str, str]], says: str) -> Figure:
-    """A panel for each condition, a row for each bar. `looks`: colour and hatch of each part, in their order."""
+    """A panel for each condition, a row for each bar. `looks`: colour and hatch of each part."""
     tallest = max(map(len, conditions.values()))
     figure, axes = style.panels(len(conditions), _FRAME + _ROW * tallest + 0.35)
     for panel, (title, rows) in zip(axes, conditions.items(), strict=True):
@@ -113,6 +121,7 @@ def bars(conditions: Mapping[str, Sequence[Bar]], looks: Mapping[str, tuple[str,
         panel.set_xlim(0.0, 1.0)
         panel.xaxis.set_major_formatter(PercentFormatter(1.0))
     _label_x(axes, says)
+    _label_rows_once(axes)
     handles, labels = axes[0].get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     figure.legend(
@@ -128,24 +137,36 @@ def dots(quantities: Mapping[str, Sequence[Dot]]) -> Figure:
     figure, axes = style.panels(len(quantities), _FRAME + 0.75 * _ROW * tallest, alike=False)
     for panel, (title, rows) in zip(axes, quantities.items(), strict=True):
         _begin(panel, "", [row.label for row in rows])
-        panel.set_title(title)
+        panel.set_title(style.wrapped(title))
         for place, row in enumerate(rows):
             panel.plot(
                 [row.mean.low, row.mean.high], [place, place], color=row.look.colour, linewidth=2.0,
                 solid_capstyle="round",
             )  # fmt: skip
-            panel.plot([row.mean.value], [place], row.look.marker, color=row.look.colour, markersize=6)
-        panel.xaxis.set_major_locator(MaxNLocator(6))
+            panel.plot(
+                [row.mean.value], [place], row.look.marker, color=row.look.colour, markersize=6, clip_on=False
+            )
+        panel.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         panel.set_xlim(0.0, 1.05 * max(row.mean.high for row in rows) or 1.0)
+    _label_rows_once(axes)
     return figure
 
 
 def _begin(panel: Axes, title: str, labels: Sequence[str]) -> None:
-    panel.set_title(style.short(title))
+    panel.set_title(style.wrapped(title))
     panel.set_yticks(range(len(labels)), [style.short(label) for label in labels])
     panel.set_ylim(len(labels) - 0.4, -0.6)  # the first on top
     panel.grid(visible=False, axis="y")
     panel.tick_params(axis="y", length=0)
+
+
+def _label_rows_once(axes: Sequence[Axes]) -> None:
+    """At the left of two panels side by side, where their rows are the same."""
+    for left, right in zip(axes[::2], axes[1::2], strict=False):
+        if [one.get_text() for one in left.get_yticklabels()] == [
+            one.get_text() for one in right.get_yticklabels()
+        ]:
+            right.tick_params(axis="y", labelleft=False)
 
 
 def _label_x(axes: Sequence[Axes], says: str) -> None:
@@ -155,14 +176,15 @@ def _label_x(axes: Sequence[Axes], says: str) -> None:
 
 
 def _span(panel: Axes, low: float, high: float) -> None:
-    """From zero, unless all that is shown lies far from it."""
-    begin = 0.0 if low < 0.6 * high or high <= 0.0 else low - 0.5 * (high - low) - 0.01 * high
+    """From zero, unless what differs lies so far from it that nobody would see it."""
+    plain = low == high or high - low > _SEEN * high
+    begin = 0.0 if plain else low - 0.5 * (high - low)
     panel.set_xlim(begin, high + 0.04 * (high - begin) if high > begin else begin + 1.0)
 
 
 def _box(panel: Axes, place: int, row: Box) -> None:
     spread, colour = row.spread, row.look.colour
-    if len(spread.values) > 4:  # of fewer the dots say it all
+    if len(spread.values) > max(4, len(row.at_least)):  # of fewer the dots say it all, of limits alone too
         low, high = spread.whiskers
         panel.bxp(
             [{
@@ -175,14 +197,16 @@ def _box(panel: Axes, place: int, row: Box) -> None:
             medianprops={"color": INK, "linewidth": 2.0},
             whiskerprops={"color": colour, "linewidth": 1.2}, capprops={"color": colour, "linewidth": 1.2},
         )  # fmt: skip
-    limits = list(row.at_least)
+    limits = Counter(row.at_least)
+    dots: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
     for number, value in enumerate(spread.values):
-        hollow = value in limits
-        if hollow:
-            limits.remove(value)
-        height = place + 0.36 * ((number * _GOLDEN) % 1.0 - 0.5)
+        is_limit = limits[value] > 0
+        limits[value] -= is_limit
+        dots[is_limit].append((value, place + 0.36 * ((number * _GOLDEN) % 1.0 - 0.5)))
+    for hollow, points in dots.items():
         panel.plot(
-            [value], [height], linestyle="none", marker=">" if hollow else row.look.marker, markersize=4.5,
+            *zip(*points, strict=True) if points else ((), ()), linestyle="none",
+            marker=">" if hollow else row.look.marker, markersize=4.5,
             markerfacecolor=PAPER if hollow else colour, markeredgecolor=colour, markeredgewidth=1.0,
             alpha=0.85, zorder=3, clip_on=False,
         )  # fmt: skip
@@ -195,7 +219,7 @@ def _curve(panel: Axes, curve: Curve, horizon: float) -> None:
     count = sum(run.done for run in curve.runs)
     panel.step(
         [0.0, *ends], [*done, done[-1]], where="post", color=how.colour, linestyle=how.line, linewidth=1.8,
-        label=f"{style.short(curve.label)}: {count} of {len(curve.runs)}",
+        label=f"{style.short(curve.label)}: {count} of {len(curve.runs)} runs complete",
     )  # fmt: skip
     if found.times.size:
         upper, lower = (1.0 - found.low).tolist(), (1.0 - found.high).tolist()
@@ -222,6 +246,7 @@ def _stack(panel: Axes, place: int, row: Bar, looks: Mapping[str, tuple[str, str
         if part >= _LEAST_TOLD:
             panel.text(
                 begin + part / 2, place, f"{100 * part:.0f}", ha="center", va="center", fontsize=8.5,
-                color="#111111", bbox={"boxstyle": "round,pad=0.15", "facecolor": "#ffffffcc", "linewidth": 0},
+                color="#111111",
+                bbox={"boxstyle": "round,pad=0.15", "facecolor": "#ffffffcc", "linewidth": 0},
             )  # fmt: skip
         begin += part

@@ -8,7 +8,7 @@ from experiments.report import charts, quantities
 from experiments.report.cases import Case, Outcome
 from experiments.report.charts import Box, Dot
 from experiments.report.numbers import Cell, mean_of, spread
-from experiments.report.section import BOX, SPREAD, Group, Picture, Section, View, medians, spread_cells
+from experiments.report.section import SPREAD, Group, Picture, Section, View, medians, spread_cells
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,8 @@ COSTS: Final = (
     Cost("air time of a robot, % of the time", _of_outcome(quantities.airtime_percent)),
     Cost("adoptions in a run", _of_outcome(quantities.adoptions)),
     Cost("decisions of the adaptation in a run", _decisions),
-    Cost("from blocked to free, s", _freed),
-    Cost("CPU of the whole simulation, ms per robot and simulated s", _of_outcome(quantities.cpu_ms)),
+    Cost("decision to free robot, s", _freed),
+    Cost("CPU, ms per robot and simulated s", _of_outcome(quantities.cpu_ms)),
     Cost("contacts in a run", _of_outcome(quantities.contacts)),
     Cost("age of what robots know of one another, s", _of_outcome(quantities.age_s)),
 )
@@ -57,12 +57,12 @@ def radio(view: View) -> Section:
 
     return Section(
         "Radio load",
-        ("Octets of the frames that robots send, with MAC header and check sequence.", BOX),
+        ("Octets of the frames that robots send, with MAC header and check sequence.",),
         Picture(
             "radio",
             charts.boxes(
                 view.panels(lambda group: Box(group.label, view.look(group), spread(found(group)))),
-                "octets on the air per robot and s",
+                "octets on the air per robot and s", near=True,
             ),
             medians(view, "radio load", " octets/s", lambda group: spread(found(group))),
             "Octets on the air per robot and second.",
@@ -89,18 +89,22 @@ def _frames(group: Group) -> list[tuple[Cell, ...]]:
 def costs(view: View) -> Section:
     """Every cost that is known of some run, side by side."""
     known = [cost for cost in COSTS if any(_values(group, cost) for group in view.groups)]
+    drawn = [cost for cost in known if any(any(_values(group, cost)) for group in view.groups)]
     dots = {
         cost.says: [
             Dot(view.row_name(group), view.look(group), mean_of(values))
             for group in view.groups
             if (values := _values(group, cost))
         ]
-        for cost in known
+        for cost in drawn
     }
     text = [
         "Means over runs with 95 % bootstrap intervals. An adoption is an exchange of knowledge that changed "
-        "what a robot knows. CPU is that of all processes: physics, scans and navigation are in it.",
+        "what a robot knows. CPU is that of the whole simulation: physics, scans and navigation are in it.",
     ]
+    zero = [cost.says for cost in known if cost not in drawn]
+    if zero:
+        text.append(f"Zero in every run: {'; '.join(zero)}.")
     missing = [cost.says for cost in COSTS if cost not in known]
     if missing:
         text.append(f"Not recorded in these runs: {'; '.join(missing)}.")

@@ -1,6 +1,8 @@
 """What the report says in sentences: what was asked, what was found, what failed."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Final
 
 from experiments.comparison.comparison import Comparison, Sample, compare, samples
 from experiments.comparison.sentences import chapter_order
@@ -9,6 +11,9 @@ from experiments.report.numbers import Cell, Table
 from experiments.report.section import label
 from experiments.study.study import FIRST_TUNING_SEED, Study
 
+_MOST_OPEN: Final = 12
+"""Comparisons whose table is shown unasked."""
+
 
 class Findings:
     """The comparisons of a campaign's strategies."""
@@ -16,7 +21,9 @@ class Findings:
     def __init__(self, source: Source) -> None:
         self.source = source
         self.samples: Sequence[Sample] = samples(source.records)
-        self.comparisons: Sequence[Comparison] = compare(self.samples)
+        self.comparisons = [
+            replace(one, one=label(one.one), other=label(one.other)) for one in compare(self.samples)
+        ]
 
     def primary(self) -> list[str]:
         """In the chapter's order, of the pairs for which the study was made."""
@@ -30,20 +37,22 @@ class Findings:
         """Every test with its p-value, and every difference with its interval."""
         if not self.comparisons:
             return
+        where = ("condition",) if any(one.variant for one in self.comparisons) else ()
         yield Table(
             f"comparisons_{self.source.name}",
-            "Every test that was made. A12 is the probability that a run of the first is better than a run of "
-            "the second, ties counted half; p after Holm holds for all rows together. The first test of each "
-            "metric is the one that counts.",
-            ("first", "second", "condition", "metric", "first's", "second's", "A12", "test", "p", "Holm"),
-            tuple(row for one in self.comparisons for row in _tests(one)),
+            "Every test that was made. Values are medians, of times restricted means. A12 is the probability "
+            "that a run of the first is better than one of the second, ties counted half. p after Holm holds "
+            "for all rows together; the first test of each metric is the one that counts.",
+            ("first", "second", *where, "metric", "first has", "second has", "A12", "test", "p", "Holm"),
+            tuple(row for one in self.comparisons for row in _tests(one, where)),
+            folded=len(self.comparisons) > _MOST_OPEN,
         )
         yield Table(
             f"differences_{self.source.name}",
             "First less second, with 95 % bootstrap intervals",
-            ("first", "second", "condition", "metric", "difference of", "is"),
+            ("first", "second", *where, "metric", "difference of", "is"),
             tuple(
-                (*_who(one), one.says, name, found)
+                (*_who(one, where), one.says, name, found)
                 for one in self.comparisons
                 for name, found in one.differences.items()
             ),
@@ -53,16 +62,17 @@ class Findings:
     def _is_primary(self, comparison: Comparison) -> bool:
         study = self.source.study
         pair = {comparison.one, comparison.other}
-        return study is not None and any(set(declared) == pair for declared in study.primary)
+        return study is not None and any(set(map(label, declared)) == pair for declared in study.primary)
 
 
-def _who(one: Comparison) -> tuple[str, str, str]:
-    return label(one.one), label(one.other), ", ".join(f"{key} = {value}" for key, value in one.variant)
+def _who(one: Comparison, where: Sequence[str]) -> tuple[Cell, ...]:
+    variant = ", ".join(f"{key} = {value}" for key, value in one.variant)
+    return one.one, one.other, *((variant,) if where else ())
 
 
-def _tests(one: Comparison) -> Iterator[tuple[Cell, ...]]:
+def _tests(one: Comparison, where: Sequence[str]) -> Iterator[tuple[Cell, ...]]:
     for test, adjusted in zip(one.tests, one.adjusted, strict=True):
-        yield (*_who(one), one.says, one.ones, one.others, one.effect, test.name, test.p, adjusted)
+        yield (*_who(one, where), one.says, one.ones, one.others, one.effect, test.name, test.p, adjusted)
 
 
 def asked(sources: Sequence[Source]) -> list[str]:

@@ -7,11 +7,10 @@ import numpy as np
 from scipy.stats import binomtest
 
 from experiments.statistics.effect_size import CONFIDENCE, Floats, Interval, interval
-from experiments.statistics.survival import Completion, restricted_mean
+from experiments.statistics.survival import Completion, restricted_means
 
 Cell = str | int | float | Interval | None
 """None: unknown, or none."""
-_RESAMPLES = 1000
 
 
 @dataclass(frozen=True)
@@ -64,12 +63,10 @@ def mean_until(runs: Sequence[Completion], horizon: float) -> Interval:
     """The restricted mean of at least one time, with its bootstrap interval."""
 
     def mean(places: Floats, _: Floats) -> Floats:
-        return np.apply_along_axis(
-            lambda row: restricted_mean([runs[int(place)] for place in row], horizon), -1, places
-        )
+        return restricted_means(runs, horizon, places.astype(np.int64))
 
     places = np.arange(len(runs), dtype=np.float64)
-    return interval(places, places, mean, paired=True, resamples=_RESAMPLES)
+    return interval(places, places, mean, paired=True)
 
 
 def mean_of(values: Sequence[float]) -> Interval:
@@ -80,13 +77,14 @@ def mean_of(values: Sequence[float]) -> Interval:
 def written(cell: Cell) -> str:
     """As a reader sees it."""
     if cell is None:
-        return "–"
+        return "unknown"
     if isinstance(cell, Interval):
-        return f"{_number(cell.value)} [{_number(cell.low)}, {_number(cell.high)}]"
-    return cell if isinstance(cell, str) else _number(cell)
+        return f"{_number(cell.value, 3)} [{_number(cell.low, 3)}, {_number(cell.high, 3)}]"
+    return cell if isinstance(cell, str) else _number(cell, 4)
 
 
-def _number(value: float) -> str:
-    """Four significant digits, whole numbers whole."""
-    rounded = float(f"{value:.4g}")
-    return f"{value:.0f}" if value == int(value) and abs(value) < 1e15 else f"{rounded:g}".replace("-", "−")
+def _number(value: float, digits: int) -> str:
+    """So many significant digits, those before the point all."""
+    if abs(value) >= 10**digits or value == int(value):
+        return f"{value:.0f}"
+    return f"{float(f'{value:.{digits}g}'):g}"

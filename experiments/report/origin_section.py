@@ -26,7 +26,7 @@ def origin(sources: Sequence[Source]) -> Section:
                 "folders", "The folders", ("folder", "commit", "command"),
                 tuple((one.name, one.commit or "unknown", _command(one)) for one in sources),
             ),
-            Table("versions", "Software beside that", ("package", "version", "runs"), tuple(_versions(sources))),
+            Table("versions", "Beside that", ("package", "version", "runs"), tuple(_versions(sources))),
             Table(
                 "runs", "Every run",
                 ("folder", "condition", "strategy", "seed", "places", "of", "complete at, s", "ended at, s",

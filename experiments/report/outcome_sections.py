@@ -12,7 +12,9 @@ from experiments.statistics.survival import Completion, kaplan_meier
 
 _MOST_PANELS: Final = 12
 """Of robots' own times; beyond, only the table has them."""
-_AT_LEAST: Final = "A hollow triangle is a run that was not so far by its end: its true value lies to the right."
+_AT_LEAST: Final = (
+    "A hollow triangle is a run that was not so far by its end: its true value lies to the right."
+)
 
 
 def places(view: View) -> Section:
@@ -32,7 +34,7 @@ def places(view: View) -> Section:
         (*text, BOX),
         Picture(
             "places",
-            charts.boxes(boxed, "places done", limit=limit),
+            charts.boxes(boxed, "places done", limit=limit, near=True),
             medians(view, "places done", "", lambda group: spread(found(group))),
             "Places done, run by run (the chapter's Fig. 7.10, one of its two boxes, for each strategy).",
         ),
@@ -45,9 +47,9 @@ def places(view: View) -> Section:
     )  # fmt: skip
 
 
-def _totals(group: Group) -> str:
+def _totals(group: Group) -> Cell:
     totals = sorted({one.places_total for one in group.outcomes})
-    return str(totals[0]) if len(totals) == 1 else f"{totals[0]} to {totals[-1]}"
+    return totals[0] if len(totals) == 1 else f"{totals[0]} to {totals[-1]}"
 
 
 def running(view: View) -> Section:
@@ -65,9 +67,12 @@ def running(view: View) -> Section:
         ),
         Picture(
             "running_time",
-            charts.boxes(view.panels(lambda group: _time_box(view, group, quantities.running)), "simulated s"),
+            charts.boxes(
+                view.panels(lambda group: _time_box(view, group, quantities.running)), "simulated s",
+                limit=_end(view),
+            ),
             medians(view, "running time", " s", lambda group: _times(group, quantities.running)),
-            "Running time until all places were done or given up (Fig. 7.10, the other box). " + BOX,
+            "Running time until all places were done or given up (Fig. 7.10, the other box).",
         ),
         (
             view.table(
@@ -80,6 +85,12 @@ def running(view: View) -> Section:
 
 def _times(group: Group, when: Callable[[Outcome], Completion]) -> Spread:
     return spread(when(one).at for one in group.outcomes)
+
+
+def _end(view: View) -> tuple[float, str] | None:
+    """The length of the runs, if they are all as long."""
+    lengths = {quantities.length_s(one) for group in view.groups for one in group.outcomes}
+    return (max(lengths), "end of run") if len(lengths) == 1 else None
 
 
 def _time_box(view: View, group: Group, when: Callable[[Outcome], Completion]) -> Box:
@@ -109,17 +120,17 @@ def completion(view: View) -> Section:
     return Section(
         "Time to complete",
         (
-            "The share of runs in which all places were done by a time, by Kaplan and Meier's estimate. A run "
-            "that ended before it was complete is censored, not dropped: it is known to take longer, and is a "
-            "tick on its curve. The bands are 95 % intervals.",
-            "The restricted mean is the mean time until complete, or the run's length, whichever comes first; "
-            "it holds all runs, also those that never completed.",
+            "The share of runs in which all places were done by a time, by Kaplan and Meier's estimate. A "
+            "run that ended before it was complete is censored, not dropped: it is known to take longer, and "
+            "is a tick on its curve. The bands are 95 % intervals.",
+            "The restricted mean is the mean time until complete, or the run's length, whichever comes "
+            "first; it holds all runs, also those that never completed.",
         ),
         Picture(
             "completion",
             charts.completion(curves, max(horizons.values())),
-            f"Curves of the share of runs that are complete over simulated time. Complete at the end: {told}. "
-            "All numbers are in the tables below.",
+            f"Curves of the share of runs that are complete over simulated time. Complete at the end: "
+            f"{told}. All numbers are in the tables below.",
             "Share of runs in which all places are done, with 95 % bands; ticks are censored runs.",
         ),
         (
@@ -174,10 +185,10 @@ def robots(view: View) -> Section:
         return Section("Robot by robot", (text,), None, (table,))
     picture = Picture(
         "robots",
-        charts.boxes(boxed, "simulated s"),
+        charts.boxes(boxed, "simulated s", limit=_end(view)),
         "Box plots of the time at which each robot's own places were done, a panel for each strategy. "
         "All numbers are in the table below.",
-        "Time until a robot's own places were done. " + BOX,
+        "Time until a robot's own places were done.",
     )
     return Section("Robot by robot", (text, _AT_LEAST), picture, (table,))
 

@@ -1,14 +1,13 @@
 """One HTML page that needs nothing beside itself; every text in it is escaped, whoever wrote it."""
 
 import base64
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from string import Template
 from typing import Final
 
 from actors.runtime.errors import printable
-from experiments.report import style
 from experiments.report.numbers import Cell, Table, written
 from experiments.report.page_style import CSS
 from experiments.report.section import Picture, Section
@@ -44,8 +43,8 @@ class Page:
     sections: Sequence[Section]
 
 
-def html(page: Page) -> str:
-    """The page."""
+def html(page: Page, drawn: Mapping[str, bytes]) -> str:
+    """The page; `drawn`: every picture's SVG by its name."""
     titles = ["What was asked", "What was found", *(one.title for one in page.sections)]
     parts = [
         _navigation(titles),
@@ -53,11 +52,11 @@ def html(page: Page) -> str:
         *map(_paragraph, page.asked),
         _heading(2, titles[1]),
         *map(_paragraph, page.found),
-        *map(_table, page.found_tables),
         *_cautions(page.cautions),
+        *map(_table, page.found_tables),
     ]
     for number, section in enumerate(page.sections, start=3):
-        parts += [_heading(number, section.title), *_section(section)]
+        parts += [_heading(number, section.title), *_section(section, drawn)]
     return _PAGE.substitute(title=_text(page.title), css=CSS, body="\n".join(parts))
 
 
@@ -89,15 +88,15 @@ def _cautions(sentences: Sequence[str]) -> Iterator[str]:
         )
 
 
-def _section(section: Section) -> Iterator[str]:
+def _section(section: Section, drawn: Mapping[str, bytes]) -> Iterator[str]:
     yield from map(_paragraph, section.text)
     if section.picture is not None:
-        yield _picture(section.picture)
+        yield _picture(section.picture, drawn[section.picture.name])
     yield from map(_table, section.tables)
 
 
-def _picture(picture: Picture) -> str:
-    drawn = base64.b64encode(style.svg(picture.figure)).decode()
+def _picture(picture: Picture, svg: bytes) -> str:
+    drawn = base64.b64encode(svg).decode()
     return (
         f'<figure><img src="{_OF_SVG}{drawn}" alt="{_text(picture.alt)}">'
         f"<figcaption>{_text(picture.caption)}</figcaption></figure>"
@@ -107,16 +106,18 @@ def _picture(picture: Picture) -> str:
 def _table(table: Table) -> str:
     if not table.rows:
         return ""
-    numeric = [any(not isinstance(row[place], str | None) for row in table.rows) for place in range(len(table.columns))]
+    numeric = [
+        any(not isinstance(row[place], str | None) for row in table.rows)
+        for place in range(len(table.columns))
+    ]
     head = "".join(
         f'<th scope="col"{_number_class(is_number)}>{_text(column)}</th>'
         for column, is_number in zip(table.columns, numeric, strict=True)
     )
     rows = "".join(f"<tr>{''.join(map(_cell, row, numeric))}</tr>\n" for row in table.rows)
     caption = "" if table.folded else f"<caption>{_text(table.caption)}</caption>"
-    told = (
-        f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody></table></div>'
-    )
+    body = f"<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody>"
+    told = f'<div class="wide"><table>{caption}{body}</table></div>'
     return f"<details><summary>{_text(table.caption)}</summary>{told}</details>" if table.folded else told
 
 

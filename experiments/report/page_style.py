@@ -1,4 +1,4 @@
-"""How the page looks: one column, light or dark as the reader's screen is, tables that scroll by themselves."""
+"""How the page looks: one column, light or dark as the reader's screen is."""
 
 from typing import Final
 
@@ -25,8 +25,9 @@ caption, summary { text-align: left; color: var(--faint); font-size: .9rem; padd
 caption { max-width: 46rem; }
 summary { cursor: pointer; }
 th, td { padding: .22rem .7rem .22rem 0; text-align: left; vertical-align: top; }
+td { min-width: 3.2rem; max-width: 26rem; }
 th { border-bottom: 1px solid var(--ink); font-weight: 600; }
-td { border-bottom: 1px solid var(--line); overflow-wrap: anywhere; }
+td { border-bottom: 1px solid var(--line); overflow-wrap: break-word; }
 td.number { text-align: right; white-space: nowrap; }
 th.number { text-align: right; }
 .cautions { background: var(--mark); border-left: 4px solid var(--mark-line); padding: .2rem 1rem .6rem; }

@@ -10,10 +10,11 @@ from experiments.report import cost_sections, findings, outcome_sections, style,
 from experiments.report.cases import Source, read
 from experiments.report.cautions import cautions
 from experiments.report.findings import Findings
-from experiments.report.numbers import Cell, Interval, Table
+from experiments.report.numbers import Cell, Table
 from experiments.report.origin_section import origin
 from experiments.report.page import Page, html
 from experiments.report.section import Section, View
+from experiments.statistics.effect_size import Interval
 
 PAGE: Final = "report.html"
 _SECTIONS: Final[tuple[Callable[[View], Section | None], ...]] = (
@@ -39,12 +40,11 @@ def write(folders: Sequence[Path], out: Path) -> Path:
     with style.applied():
         page = compose(sources)
         out.mkdir(parents=True, exist_ok=True)
-        for section in page.sections:
-            if section.picture is not None:
-                style.save(section.picture.figure, out, section.picture.name)
+        pictures = [section.picture for section in page.sections if section.picture is not None]
+        drawn = {one.name: style.save(one.figure, out, one.name) for one in pictures}
         for table in tables(page):
             (out / f"{table.name}.csv").write_text(_csv(table))
-        (out / PAGE).write_text(html(page), encoding="utf-8")
+        (out / PAGE).write_text(html(page, drawn), encoding="utf-8")
     return out / PAGE
 
 
@@ -88,7 +88,9 @@ def _found(found: Sequence[Findings]) -> list[str]:
 def _csv(table: Table) -> str:
     into = io.StringIO()
     writer = csv.writer(into, lineterminator="\n")
-    columns = [any(isinstance(row[place], Interval) for row in table.rows) for place in range(len(table.columns))]
+    columns = [
+        any(isinstance(row[place], Interval) for row in table.rows) for place in range(len(table.columns))
+    ]
     writer.writerow(
         cell
         for name, is_interval in zip(table.columns, columns, strict=True)

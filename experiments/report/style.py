@@ -2,11 +2,12 @@
 
 import contextlib
 import io
+import textwrap
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -20,12 +21,15 @@ FAINT: Final = "#6a737d"
 GRID: Final = "#d0d5db"
 PAPER: Final = "#fdfdfc"
 PALETTE: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#7f7f7f")
-"""Told apart by colour-blind readers: Okabe and Ito, "Color Universal Design", 2008, without black and yellow."""
+"""Told apart by the colour-blind: Okabe and Ito, "Color Universal Design", 2008, less black and yellow."""
 MARKERS: Final = ("o", "s", "D", "^", "v", "P", "X")
 LINES: Final = ("-", "--", "-.", ":")
 WIDTH: Final = 9.0
 """Inches, of every picture."""
-_LONGEST: Final = 30
+_LONGEST: Final = 44
+"""Letters of a name beside an axis; more would leave no room for what is drawn."""
+_TITLE: Final = 46
+"""Letters in a line above a panel of two side by side."""
 _STYLE: Final[dict[str, Any]] = {
     "font.family": "DejaVu Sans",
     "font.size": 10.0,
@@ -76,12 +80,12 @@ def applied() -> Iterator[None]:
     with mpl.rc_context(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from font")  # it becomes a box, as anywhere else
         mpl.rcdefaults()
-        mpl.rcParams.update(_STYLE)
+        mpl.rcParams.update(cast(Any, _STYLE))  # its type lists all settings by name
         yield
 
 
 def panels(count: int, height: float, *, alike: bool = True) -> tuple[Figure, list[Axes]]:
-    """A figure with so many panels in rows of two, each so many inches high. `alike`: as to their axes of x."""
+    """A figure with so many panels in rows of two, each so many inches high. `alike`: in their axes of x."""
     columns = min(count, 2)
     rows = -(-count // columns)
     figure = Figure(figsize=(WIDTH, max(1.9, rows * height)))
@@ -99,6 +103,12 @@ def short(name: str) -> str:
     """A name as it fits beside an axis; whole it stands in the tables."""
     told = printable(name).replace("\n", " ")
     return told if len(told) <= _LONGEST else f"{told[: _LONGEST - 1]}…"
+
+
+def wrapped(title: str) -> str:
+    """A title in lines as wide as a panel, three at most."""
+    told = printable(title).replace("\n", " ")
+    return "\n".join(textwrap.wrap(told, _TITLE, max_lines=3, placeholder=" …"))
 
 
 def png(figure: Figure) -> bytes:
@@ -121,7 +131,10 @@ def svg(figure: Figure) -> bytes:
     return into.getvalue().replace(b"</style>", dark.encode(), 1)
 
 
-def save(figure: Figure, folder: Path, name: str) -> None:
-    """Write both."""
+def save(figure: Figure, folder: Path, name: str) -> bytes:
+    """Write both, and give the SVG."""
+    drawn = svg(figure)
+    figure.set_layout_engine("none")  # once is enough: all keeps its place
     (folder / f"{name}.png").write_bytes(png(figure))
-    (folder / f"{name}.svg").write_bytes(svg(figure))
+    (folder / f"{name}.svg").write_bytes(drawn)
+    return drawn

@@ -105,9 +105,10 @@ def blockings(view: View) -> Section | None:
     return Section(
         "Robots in each other's way",
         (
-            "A blocking begins when robots stand in each other's way and ends when one of them gets on. Its "
-            "diagnosis is the strategy's own word that it is blocked, set against the truth: precision is the "
-            "share of the time said to be blocked that was, recall the share of blocked time that was said to be.",
+            "A blocking begins when robots stand in each other's way and ends when one of them gets on. "
+            "Its diagnosis is the strategy's own word that it is blocked, set against the truth: precision "
+            "is the share of the time said to be blocked that was, recall the share of blocked time that was "
+            "said to be.",
         ),
         None,
         (
@@ -157,7 +158,8 @@ def _diagnosis(group: Group) -> list[tuple[Cell, ...]]:
     return [
         (
             len(scores), _known([score.precision for score in scores]),
-            _known([score.recall for score in scores]), _known([score.delay_s for score in scores]), sum(score.spells for score in scores), sum(score.noticed for score in scores),
+            _known([score.recall for score in scores]), _known([score.delay_s for score in scores]),
+            sum(score.spells for score in scores), sum(score.noticed for score in scores),
             sum(score.false_alarms for score in scores),
         )
     ]  # fmt: skip
@@ -186,7 +188,8 @@ def decisions(view: View) -> Section | None:
             ),
             view.table(
                 "decision_events", f"The decisions themselves, {_MOST_LISTED} of each strategy at most",
-                ("seed", "s", "robot", "trigger", "knowledge", "old goal", "new goal", "outcome", "free after, s"),
+                ("seed", "s", "robot", "trigger", "knowledge", "old goal", "new goal", "outcome",
+                 "free after, s"),
                 _events, folded=True,
             ),
         ),
@@ -204,7 +207,7 @@ def _by_outcome(group: Group) -> list[tuple[Cell, ...]]:
 
 
 def _events(group: Group) -> list[tuple[Cell, ...]]:
-    return [
+    events: list[tuple[Cell, ...]] = [
         (
             str(case.seed), event.instant_s, event.robot, event.trigger, _knowledge(event),
             _goal(event.old_goal), _goal(event.new_goal), event.outcome, event.free_after_s,
@@ -212,7 +215,8 @@ def _events(group: Group) -> list[tuple[Cell, ...]]:
         for case in group.cases
         if case.time is not None
         for event in case.time.decisions
-    ][:_MOST_LISTED]  # fmt: skip
+    ]  # fmt: skip
+    return events[:_MOST_LISTED]
 
 
 def _knowledge(event: DecisionEvent) -> str:

@@ -1,0 +1,101 @@
+"""Campaigns that never were, of which it is known what a report must say."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from deploy.results.result import RobotResult, RunResult
+from experiments.accounting.time_spent import (
+    BlockingEvent,
+    Cause,
+    DecisionEvent,
+    DiagnosisScore,
+    Knowledge,
+    TimeSpent,
+    WedgeCount,
+)
+from experiments.campaign import store
+from experiments.campaign.trial_record import TrialRecord, keep
+from experiments.study.study import Study, Trial
+
+LENGTH = 600.0
+Drawn = Callable[[Trial, np.random.Generator], tuple[int, float | None]]
+"""Of 40 places those that are done, and when all were."""
+
+
+def campaign(
+    folder: Path,
+    plain: RunResult,
+    study: Study,
+    drawn: Drawn,
+    *,
+    fails: Callable[[Trial], str | None] = lambda trial: None,
+    with_time: bool = False,
+) -> Path:
+    """A folder as acrc campaign would leave it; the same words give the same bytes."""
+    kept = store.create(folder, study)
+    for trial in study.trials():
+        rng = np.random.default_rng([trial.seed, len(trial.strategy), len(str(trial.variant))])
+        failure = fails(trial)
+        result = None if failure else _result(plain, trial, drawn(trial, rng), rng)
+        time = _time(rng) if with_time and result is not None else None
+        told = TrialRecord(trial.strategy, trial.seed, dict(trial.variant), result, failure, time)
+        keep(kept.path(trial), told)
+    return folder
+
+
+def _result(
+    plain: RunResult, trial: Trial, drawn: tuple[int, float | None], rng: np.random.Generator
+) -> RunResult:
+    places, completion = drawn
+    parts = np.minimum([places // 4 + (robot < places % 4) for robot in range(4)], 10)
+    robots = {
+        f"r{robot + 1}": RobotResult(
+            10, int(done), int(done), 0,
+            None if done < 10 else float(rng.uniform(0.5, 1.0)) * (completion or LENGTH),
+            plain.per_robot["r1"].pose_error,
+        )
+        for robot, done in enumerate(parts)
+    }  # fmt: skip
+    frames = plain.frames | {"frames_sent": 6000, "bytes_sent": int(rng.normal(340_000, 9_000))}
+    return msgspec.structs.replace(
+        plain, digest=f"{trial.name:0<64}"[:64], robots=4, seed=trial.seed, simulated_s=LENGTH,
+        places_total=40, places_done=places, places_claimed=places, completion_s=completion,
+        settled_s=completion, per_robot=robots, frames=frames, radio_bytes_per_robot_s=frames["bytes_sent"] / 4 / LENGTH,
+        contacts=int(rng.poisson(2)), cpu_s=20.0 + float(rng.normal()), out="",
+        deeco=msgspec.structs.replace(
+            plain.deeco, exchanges={"Adoption": int(rng.poisson(7))},
+            replica_age_mean_s=float(rng.normal(1.5, 0.1)),
+        ),
+    )  # fmt: skip
+
+
+def _time(rng: np.random.Generator) -> TimeSpent:
+    weights = np.array([0.1, 3, 0.3, 1, 30, 5, 2, 12, 3, 4])
+    robots = {
+        f"r{robot}": dict(
+            zip([cause.value for cause in Cause], (rng.dirichlet(weights) * LENGTH).tolist(), strict=True)
+        )
+        for robot in range(1, 5)
+    }
+    spells = [
+        BlockingEvent(
+            10.0 * n, 10.0 * n + float(rng.uniform(2, 40)), ("r1", "r2"), 3.0, 4.0, place, cause, n == 3
+        )
+        for n, (place, cause) in enumerate(
+            [("door", Cause.DOOR.value)] * 3 + [("open floor", Cause.OPEN_FLOOR.value)]
+        )
+    ]  # fmt: skip
+    decisions = [
+        DecisionEvent(
+            "r1", 20.0, "adopted a place", (Knowledge("r2", "blocked", 1.4),), (1.0, 2.0), (3.0, 4.0),
+            outcome, float(rng.uniform(1, 9)) if outcome == "free" else None,
+        )
+        for outcome in ("free", "free", "blocked again")
+    ]  # fmt: skip
+    return TimeSpent(
+        robots, tuple(spells), DiagnosisScore(0.8, 0.6, 3.5, 5, 4, 1), tuple(decisions),
+        wedges=WedgeCount(int(rng.integers(0, 2)), 0),
+    )  # fmt: skip
