@@ -54,7 +54,8 @@ class Dot:
 
     label: str
     look: Look
-    mean: Interval
+    mean: Interval | None
+    """None: unknown."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def completion(conditions: Mapping[str, Sequence[Curve]], horizon: float) -> Fig
     """A panel for each condition: the share of runs that are complete, with its 95 % band."""
     figure, axes = style.panels(len(conditions), 3.4)
     for panel, (title, curves) in zip(axes, conditions.items(), strict=True):
-        panel.set_title(style.wrapped(title) if len(conditions) > 1 else "")
+        panel.set_title(style.wrapped(title, style.TITLE, 3) if len(conditions) > 1 else "")
         for curve in curves:
             _curve(panel, curve, horizon)
         panel.set_ylim(-0.03, 1.03)
@@ -134,27 +135,27 @@ def bars(conditions: Mapping[str, Sequence[Bar]], looks: Mapping[str, tuple[str,
 def dots(quantities: Mapping[str, Sequence[Dot]]) -> Figure:
     """A panel for each quantity, each with its own axis from zero, a row for each estimate."""
     tallest = max(map(len, quantities.values()))
-    figure, axes = style.panels(len(quantities), _FRAME + 0.75 * _ROW * tallest, alike=False)
+    figure, axes = style.panels(len(quantities), _FRAME + 0.9 * _ROW * tallest, alike=False)
     for panel, (title, rows) in zip(axes, quantities.items(), strict=True):
         _begin(panel, "", [row.label for row in rows])
-        panel.set_title(style.wrapped(title))
-        for place, row in enumerate(rows):
+        panel.set_title(style.wrapped(title, style.NARROW, 2))
+        known = [(place, row.mean, row.look) for place, row in enumerate(rows) if row.mean is not None]
+        for place, mean, how in known:
             panel.plot(
-                [row.mean.low, row.mean.high], [place, place], color=row.look.colour, linewidth=2.0,
+                [mean.low, mean.high], [place, place], color=how.colour, linewidth=2.0,
                 solid_capstyle="round",
             )  # fmt: skip
-            panel.plot(
-                [row.mean.value], [place], row.look.marker, color=row.look.colour, markersize=6, clip_on=False
-            )
+            panel.plot([mean.value], [place], how.marker, color=how.colour, markersize=6, clip_on=False)
         panel.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
-        panel.set_xlim(0.0, 1.05 * max(row.mean.high for row in rows) or 1.0)
+        panel.set_xlim(0.0, 1.05 * max(mean.high for _, mean, _ in known) or 1.0)
     _label_rows_once(axes)
     return figure
 
 
 def _begin(panel: Axes, title: str, labels: Sequence[str]) -> None:
-    panel.set_title(style.wrapped(title))
-    panel.set_yticks(range(len(labels)), [style.short(label) for label in labels])
+    panel.set_title(style.wrapped(title, style.TITLE, 3))
+    told = [style.wrapped(label, style.NARROW, 2) for label in labels]
+    panel.set_yticks(range(len(labels)), told, fontsize=8.5 if "\n" in "".join(told) else None)
     panel.set_ylim(len(labels) - 0.4, -0.6)  # the first on top
     panel.grid(visible=False, axis="y")
     panel.tick_params(axis="y", length=0)
@@ -204,8 +205,10 @@ def _box(panel: Axes, place: int, row: Box) -> None:
         limits[value] -= is_limit
         dots[is_limit].append((value, place + 0.36 * ((number * _GOLDEN) % 1.0 - 0.5)))
     for hollow, points in dots.items():
+        if not points:
+            continue
         panel.plot(
-            *zip(*points, strict=True) if points else ((), ()), linestyle="none",
+            *zip(*points, strict=True), linestyle="none",
             marker=">" if hollow else row.look.marker, markersize=4.5,
             markerfacecolor=PAPER if hollow else colour, markeredgecolor=colour, markeredgewidth=1.0,
             alpha=0.85, zorder=3, clip_on=False,
@@ -219,7 +222,8 @@ def _curve(panel: Axes, curve: Curve, horizon: float) -> None:
     count = sum(run.done for run in curve.runs)
     panel.step(
         [0.0, *ends], [*done, done[-1]], where="post", color=how.colour, linestyle=how.line, linewidth=1.8,
-        label=f"{style.short(curve.label)}: {count} of {len(curve.runs)} runs complete",
+
+        label=f"{style.wrapped(curve.label, style.NARROW, 1)}: {count} of {len(curve.runs)}",
     )  # fmt: skip
     if found.times.size:
         upper, lower = (1.0 - found.low).tolist(), (1.0 - found.high).tolist()

@@ -9,6 +9,7 @@ from experiments.report.cases import Case, Outcome
 from experiments.report.charts import Box, Dot
 from experiments.report.numbers import Cell, mean_of, spread
 from experiments.report.section import SPREAD, Group, Picture, Section, View, medians, spread_cells
+from experiments.statistics.effect_size import Interval
 
 
 @dataclass(frozen=True)
@@ -92,9 +93,7 @@ def costs(view: View) -> Section:
     drawn = [cost for cost in known if any(any(_values(group, cost)) for group in view.groups)]
     dots = {
         cost.says: [
-            Dot(view.row_name(group), view.look(group), mean_of(values))
-            for group in view.groups
-            if (values := _values(group, cost))
+            Dot(view.row_name(group), view.look(group), _mean(_values(group, cost))) for group in view.groups
         ]
         for cost in drawn
     }
@@ -131,5 +130,5 @@ def _values(group: Group, cost: Cost) -> list[float]:
     return [value for case in group.cases if (value := cost.of(case)) is not None]
 
 
-def _mean(values: list[float]) -> Cell:
+def _mean(values: list[float]) -> Interval | None:
     return mean_of(values) if values else None

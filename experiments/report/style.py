@@ -26,10 +26,10 @@ MARKERS: Final = ("o", "s", "D", "^", "v", "P", "X")
 LINES: Final = ("-", "--", "-.", ":")
 WIDTH: Final = 9.0
 """Inches, of every picture."""
-_LONGEST: Final = 44
-"""Letters of a name beside an axis; more would leave no room for what is drawn."""
-_TITLE: Final = 46
+TITLE: Final = 46
 """Letters in a line above a panel of two side by side."""
+NARROW: Final = 30
+"""Letters in a line where there is less room: beside an axis, in a legend, above a panel beside names."""
 _STYLE: Final[dict[str, Any]] = {
     "font.family": "DejaVu Sans",
     "font.size": 10.0,
@@ -43,6 +43,7 @@ _STYLE: Final[dict[str, Any]] = {
     "axes.spines.right": False,
     "axes.axisbelow": True,
     "axes.grid": True,
+    "axes.facecolor": "none",
     "grid.color": GRID,
     "grid.linewidth": 0.6,
     "xtick.color": FAINT,
@@ -52,6 +53,7 @@ _STYLE: Final[dict[str, Any]] = {
     "hatch.linewidth": 0.5,
     "legend.frameon": False,
     "figure.constrained_layout.use": True,
+    "figure.constrained_layout.w_pad": 0.08,
     "svg.hashsalt": "acrc",
     "svg.fonttype": "path",
 }
@@ -99,16 +101,12 @@ def panels(count: int, height: float, *, alike: bool = True) -> tuple[Figure, li
     return figure, axes[:count]
 
 
-def short(name: str) -> str:
-    """A name as it fits beside an axis; whole it stands in the tables."""
-    told = printable(name).replace("\n", " ")
-    return told if len(told) <= _LONGEST else f"{told[: _LONGEST - 1]}…"
-
-
-def wrapped(title: str) -> str:
-    """A title in lines as wide as a panel, three at most."""
-    told = printable(title).replace("\n", " ")
-    return "\n".join(textwrap.wrap(told, _TITLE, max_lines=3, placeholder=" …"))
+def wrapped(name: str, width: int, lines: int) -> str:
+    """A name in at most so many lines of so many letters; whole it stands in the tables."""
+    told = textwrap.wrap(printable(name), width)
+    if len(told) > lines:
+        told = [*told[: lines - 1], f"{told[lines - 1][: width - 1]}…"]
+    return "\n".join(told)
 
 
 def png(figure: Figure) -> bytes:

@@ -63,7 +63,8 @@ def _result(
     return msgspec.structs.replace(
         plain, digest=f"{trial.name:0<64}"[:64], robots=4, seed=trial.seed, simulated_s=LENGTH,
         places_total=40, places_done=places, places_claimed=places, completion_s=completion,
-        settled_s=completion, per_robot=robots, frames=frames, radio_bytes_per_robot_s=frames["bytes_sent"] / 4 / LENGTH,
+        settled_s=completion, per_robot=robots, frames=frames,
+        radio_bytes_per_robot_s=frames["bytes_sent"] / 4 / LENGTH,
         contacts=int(rng.poisson(2)), cpu_s=20.0 + float(rng.normal()), out="",
         deeco=msgspec.structs.replace(
             plain.deeco, exchanges={"Adoption": int(rng.poisson(7))},
