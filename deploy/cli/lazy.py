@@ -9,6 +9,7 @@ from typer.core import TyperGroup
 COMMANDS: Final = {
     "campaign": ("experiments.cli.app", "campaign"),
     "compare": ("experiments.cli.app", "compare"),
+    "bundle": ("experiments.cli.app", "bundle"),
     "report": ("experiments.cli.app", "report"),
     "plan-study": ("experiments.cli.app", "plan_study"),
     "bench": ("benchmarks.cli.app", "app"),

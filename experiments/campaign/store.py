@@ -45,10 +45,11 @@ class Store:
         self.folder = folder
         self.study = study
         self.study_file = folder / _STUDY
+        self.about_file = folder / _ABOUT
 
     def about(self) -> About:
         """What all trials have in common beside the study. Raises CampaignError for a damaged file."""
-        return _decoded(self.folder / _ABOUT, About)
+        return _decoded(self.about_file, About)
 
     def pending(self) -> list[Pending]:
         """The trials that have no record yet, in the study's order."""

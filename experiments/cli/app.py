@@ -114,3 +114,19 @@ def report(
     from experiments.cli import report_command
 
     report_command.run(folders, out)
+
+
+def bundle(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False, help="Of a campaign.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.zip", help="Where the bundle goes.  [default: DIR.zip beside it]"),
+    ] = None,
+    author: Annotated[
+        list[str] | None, typer.Option("--author", metavar="NAME", help="Whom to cite. Repeatable.")
+    ] = None,
+) -> None:
+    """Put a campaign into one file with all that others need to check it and to make it again."""
+    from experiments.cli import bundle_command
+
+    bundle_command.run(folder, out, tuple(author or ()))

@@ -86,12 +86,15 @@ def boxes(
         if limit is not None:
             panel.axvline(limit[0], color=FAINT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=1)
         panel.xaxis.set_major_locator(MaxNLocator(7, steps=[1, 2, 5, 10]))
-    _label_x(axes, says if limit is None else f"{says} (dashed: {limit[1]})")
     _label_rows_once(axes)
     lows = [row.spread.least for rows in conditions.values() for row in rows]
     highs = [row.spread.most for rows in conditions.values() for row in rows]
     highest = max(*highs, limit[0] if limit else highs[0])
-    _span(axes[0], min(lows) if near else 0.0, highest)
+    begin = _begins(min(lows), highest) if near else 0.0
+    axes[0].set_xlim(begin, highest + 0.04 * (highest - begin) if highest > begin else begin + 1.0)
+    notes = [f"dashed: {limit[1]}"] if limit else []
+    notes += ["the axis does not begin at zero"] if begin else []
+    _label_x(axes, f"{says} ({'; '.join(notes)})" if notes else says)
     return figure
 
 
@@ -105,8 +108,11 @@ def completion(conditions: Mapping[str, Sequence[Curve]], horizon: float) -> Fig
         panel.set_ylim(-0.03, 1.03)
         panel.yaxis.set_major_formatter(PercentFormatter(1.0))
         panel.set_ylabel("share of runs complete")
-        panel.legend(loc="upper left", fontsize=8.5)
+        if len(conditions) > 1:
+            panel.legend(loc="best", fontsize=8.5)
     axes[0].set_xlim(0.0, horizon * 1.02)
+    if len(conditions) == 1:
+        figure.legend(loc="outside right upper", fontsize=8.5)
     _label_x(axes, "simulated time, s")
     return figure
 
@@ -176,11 +182,9 @@ def _label_x(axes: Sequence[Axes], says: str) -> None:
         panel.set_xlabel(says)
 
 
-def _span(panel: Axes, low: float, high: float) -> None:
-    """From zero, unless what differs lies so far from it that nobody would see it."""
-    plain = low == high or high - low > _SEEN * high
-    begin = 0.0 if plain else low - 0.5 * (high - low)
-    panel.set_xlim(begin, high + 0.04 * (high - begin) if high > begin else begin + 1.0)
+def _begins(low: float, high: float) -> float:
+    """Where an axis begins: at zero, unless nobody would see from there what differs."""
+    return 0.0 if low == high or high - low > _SEEN * high else low - 0.5 * (high - low)
 
 
 def _box(panel: Axes, place: int, row: Box) -> None:

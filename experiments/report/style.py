@@ -57,7 +57,7 @@ _STYLE: Final[dict[str, Any]] = {
     "svg.hashsalt": "acrc",
     "svg.fonttype": "path",
 }
-_DARK: Final = {INK: "#e6e8eb", FAINT: "#9aa3ad", GRID: "#3a4048", PAPER: "#16191d"}
+_DARK: Final = {INK: "#e6e8eb", FAINT: "#9aa3ad", GRID: "#3a4048", PAPER: "#16191d", PALETTE[0]: "#3d9fe0"}
 """What these become where the reader's screen is dark."""
 
 

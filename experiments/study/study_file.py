@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Any, Final
 
+import msgspec
 from pydantic import BeforeValidator, Field
 
 from actors import table_wording
@@ -60,7 +61,9 @@ class StudyTable(Table):
 
 
 def load_study(path: Path, *, tuning: bool = False) -> Study:
-    """The study in a file. Raises StudyError."""
+    """The study in a file, also in one that a campaign has written (`study.json`). Raises StudyError."""
+    if path.suffix == ".json":
+        return _written(path)
     table = table_wording.load(path, StudyTable, "study", StudyError, _LARGEST)
     strategies = tuple(dict.fromkeys(table.strategies))
     for pair in table.primary:
@@ -80,3 +83,12 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
         factors=tuple(Factor(one.key, one.values) for one in table.vary),
         primary=table.primary,
     )
+
+
+def _written(path: Path) -> Study:
+    """A path in it is relative to the file, as in any study's."""
+    try:
+        study = msgspec.json.decode(path.read_bytes(), type=Study)
+    except (OSError, msgspec.DecodeError) as error:
+        raise StudyError(f"{path}: cannot be read as the study of a campaign: {error}") from None
+    return msgspec.structs.replace(study, scenario=str((path.parent / study.scenario).resolve()))

@@ -1,0 +1,1 @@
+"""A campaign as an artefact: all that others need to check its results and to make them again, in one file."""

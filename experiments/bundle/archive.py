@@ -1,0 +1,35 @@
+"""A ZIP file that has the same bytes whenever and wherever it is made of the same content."""
+
+import hashlib
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+SUMS: Final = "SHA256SUMS"
+_BEGIN: Final = (1980, 1, 1, 0, 0, 0)
+"""The earliest instant that the format knows."""
+_UNIX: Final = 3
+
+
+def write(path: Path, top: str, files: Mapping[str, bytes]) -> None:
+    """Write the files into folder `top` of a new archive, with the SHA-256 sums of all in SUMS.
+
+    What ends in `.sh` can be executed. The file is there whole or not at all.
+    """
+    whole = {**files, SUMS: _sums(files)}
+    new = path.with_name(path.name + ".new")
+    with zipfile.ZipFile(new, "w") as archive:
+        for name in sorted(whole):
+            info = zipfile.ZipInfo(f"{top}/{name}", _BEGIN)
+            info.create_system = _UNIX
+            info.external_attr = (0o100755 if name.endswith(".sh") else 0o100644) << 16
+            info.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(info, whole[name], compresslevel=9)
+    new.replace(path)
+
+
+def _sums(files: Mapping[str, bytes]) -> bytes:
+    """As sha256sum writes and checks them."""
+    lines = [f"{hashlib.sha256(content).hexdigest()}  {name}\n" for name, content in sorted(files.items())]
+    return "".join(lines).encode()

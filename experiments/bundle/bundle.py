@@ -1,0 +1,104 @@
+"""Puts together the bundle of a campaign."""
+
+import csv
+import io
+import subprocess
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from deploy.repository import REPOSITORY
+from experiments.bundle import archive
+from experiments.bundle.inputs import BundleError, inputs
+from experiments.bundle.papers import About, citation, readme
+from experiments.campaign import store
+from experiments.campaign.trial_record import TrialRecord
+from experiments.comparison.comparison import compare, samples
+from experiments.comparison.sentences import chapter_order, too_few
+from experiments.report import report
+
+UNNAMED: Final = "Unnamed; write the authors here"
+_HERE: Final = Path(__file__).parent
+_INPUTS: Final = "inputs"
+
+
+def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> None:
+    """Bundle the campaign in `folder` into the ZIP file `out`; the same campaign gives the same bytes.
+
+    Raises BundleError, or CampaignError for a folder that holds no campaign or a damaged one.
+    """
+    kept = store.load(folder)
+    records = list(kept.records())
+    if not records:
+        raise BundleError(f"{folder}: no run of it has ended; must hold results to be bundled")
+    read = inputs(kept.study)
+    commit = kept.about().commit
+    software = _software(commit)
+    study = msgspec.structs.replace(kept.study, scenario=f"{_INPUTS}/{read.scenario}")
+    there = msgspec.structs.replace(kept.study, scenario=f"../{_INPUTS}/{read.scenario}")
+    about = About(
+        study, read.scenario, commit, software is not None, records, _found(records), authors or [UNNAMED]
+    )
+    files = {
+        "README.md": readme(about).encode(),
+        "CITATION.cff": citation(about).encode(),
+        "study.json": msgspec.json.format(msgspec.json.encode(study)) + b"\n",
+        "results/study.json": msgspec.json.encode(there),
+        "digests.csv": _digests(records),
+        "constraints.txt": (REPOSITORY / "constraints.txt").read_bytes(),
+        **{name: (_HERE / name).read_bytes() for name in ("reproduce.sh", "check_digests.py")},
+        **{f"{_INPUTS}/{name}": path.read_bytes() for name, path in read.files.items()},
+        **dict(_results(kept)),
+        **dict(_report(folder)),
+    }
+    if software is not None:
+        files["software.zip"] = software
+        files["constraints.txt"] = _committed(commit, "show", f"{commit}:constraints.txt") or b""
+    archive.write(out, out.stem, files)
+
+
+def _results(kept: store.Store) -> Iterator[tuple[str, bytes]]:
+    for path in (kept.about_file, *(kept.path(trial) for trial in kept.study.trials())):
+        if path.exists():
+            yield f"results/{path.relative_to(kept.folder).as_posix()}", path.read_bytes()
+
+
+def _report(folder: Path) -> Iterator[tuple[str, bytes]]:
+    with tempfile.TemporaryDirectory(prefix="acrc-") as made:
+        report.write([folder], Path(made))
+        for path in sorted(Path(made).iterdir()):
+            yield f"report/{path.name}", path.read_bytes()
+
+
+def _found(records: Sequence[TrialRecord]) -> list[str]:
+    pairs = samples(records)
+    return [*chapter_order(compare(pairs)), *too_few(pairs)] or [
+        "There is one strategy, so nothing was compared."
+    ]
+
+
+def _digests(records: Sequence[TrialRecord]) -> bytes:
+    into = io.StringIO()
+    writer = csv.writer(into, lineterminator="\n")
+    writer.writerow(("strategy", "seed", "variant", "digest"))
+    for record in records:
+        variant = ", ".join(f"{key} = {value}" for key, value in record.variant.items())
+        digest = record.result.digest if record.result is not None else "failed"
+        writer.writerow((record.strategy, record.seed, variant, digest))
+    return into.getvalue().encode()
+
+
+def _software(commit: str) -> bytes | None:
+    """The sources of the commit as a ZIP file; None where they are not to be had as they were."""
+    return None if commit.endswith("+") else _committed(commit, "archive", "--format=zip", commit)
+
+
+def _committed(commit: str, *words: str) -> bytes | None:
+    try:
+        asked = ["git", "-C", str(REPOSITORY), *words]
+        return subprocess.run(asked, check=True, capture_output=True).stdout
+    except (OSError, subprocess.CalledProcessError):
+        return None

@@ -1,0 +1,87 @@
+"""What a study reads: its scenario, and the maps, robot models and strategies that this names."""
+
+import os
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from actors.runtime.errors import AcrcError
+from deploy.run.foreign import found
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from deploy.scenario.tables import Scenario
+from experiments.study.study import Study
+
+
+class BundleError(AcrcError):
+    """A campaign of which no bundle can be made."""
+
+
+class Inputs(NamedTuple):
+    """Files, and where they lie relative to one another."""
+
+    scenario: str
+    """The study's scenario, one of the files."""
+    files: dict[str, Path]
+    """Every file by its path in a folder of their own."""
+
+
+def inputs(study: Study) -> Inputs:
+    """Everything that the study's runs read, in folders that stand to one another as they did.
+
+    Raises BundleError if something is missing, or named so that others could not find it.
+    """
+    scenario = Path(os.path.realpath(study.scenario))
+    if not scenario.is_file():
+        raise BundleError(f"{scenario}: is no file any more, but the campaign's runs have read it")
+    told = (tomllib.loads(scenario.read_text()), study.settings, [one.values for one in study.factors])
+    for text in _texts(told):
+        if os.path.isabs(text):
+            raise BundleError(
+                f"{scenario}: names {text}; must be relative to the scenario, so that others find it, too"
+            )
+    named = list(dict.fromkeys([scenario, *_named(study)]))
+    top = Path(os.path.commonpath([path.parent for path in named]))
+    files = {path.relative_to(top).as_posix(): path for path in named}
+    return Inputs(scenario.relative_to(top).as_posix(), dict(sorted(files.items())))
+
+
+def _texts(told: Any) -> Iterator[str]:
+    """Every text in nested tables and lists."""
+    if isinstance(told, str):
+        yield told
+    elif isinstance(told, dict):
+        yield from _texts(list(told.values()))
+    elif isinstance(told, list | tuple):
+        for one in told:
+            yield from _texts(one)
+
+
+def _named(study: Study) -> Iterator[Path]:
+    for variant in study.variants():
+        for strategy in study.strategies:
+            overrides = Overrides(strategy=strategy, settings=(*study.settings, *variant))
+            for path in _files(load_scenario(Path(study.scenario), overrides), strategy):
+                yield Path(os.path.realpath(path))
+
+
+def _files(scenario: Scenario, strategy: str) -> Iterator[Path]:
+    """Of the map also the image; of a strategy of one's own its module, or all of its package."""
+    described = Path(scenario.map)
+    yield described
+    yield described.parent / yaml.safe_load(described.read_text())["image"]
+    for model in (scenario.robots.model, *(robot.model for robot in scenario.robot)):
+        if model is not None and model.endswith(".toml"):
+            yield Path(model)
+    if ":" in strategy and scenario.run.modules:
+        yield from _modules(strategy, Path(scenario.run.modules))
+
+
+def _modules(strategy: str, folder: Path) -> Iterator[Path]:
+    module = found(strategy, [folder])
+    if module is None or not module.is_relative_to(folder.resolve()):
+        raise BundleError(f"{strategy}: its module lies in {module}; must lie in {folder} to be bundled")
+    whole = module.name == "__init__.py" or module.is_dir()
+    yield from sorted((module if module.is_dir() else module.parent).rglob("*.py")) if whole else [module]

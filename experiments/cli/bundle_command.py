@@ -1,0 +1,22 @@
+"""`acrc bundle`: the file, and what is missing in it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from deploy.run import out_folder
+from experiments.bundle import bundle
+
+
+def run(folder: Path, out: Path | None, authors: Sequence[str]) -> None:
+    """Write the bundle beside the campaign's folder, or where it is asked for."""
+    target = out or folder.resolve().parent / f"{folder.resolve().name}.zip"
+    with out_folder.writing(target):
+        bundle.make(folder, target, authors)
+    console = Console(soft_wrap=True, highlight=False)
+    console.print(
+        f"written to {target}; unpacked, ./reproduce.sh makes its runs again and compares the digests"
+    )
+    if not authors:
+        console.print("its CITATION.cff names nobody; --author NAME puts that right")
