@@ -56,7 +56,9 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> None:
     }
     if software is not None:
         files["software.zip"] = software
-        files["constraints.txt"] = _committed(commit, "show", f"{commit}:constraints.txt") or b""
+        files["constraints.txt"] = (
+            _committed(commit, "show", f"{commit}:constraints.txt") or files["constraints.txt"]
+        )
     archive.write(out, out.stem, files)
 
 

@@ -22,12 +22,9 @@ def main(results: str, again: str) -> int:
     before, now = digests(Path(results)), digests(Path(again))
     both = sorted(before.keys() & now.keys())
     different = [name for name in both if before[name] != now[name]]
-    for name in different:
-        print(f"{name}: was {before[name] or 'a failure'}, is {now[name] or 'a failure'}")  # noqa: T201
-    same = len(both) - len(different)
-    print(
-        f"{same} of {len(both)} runs that were made again have the same digest; {len(before)} are in the results"
-    )  # noqa: T201
+    told = [f"{name}: was {before[name] or 'a failure'}, is {now[name] or 'a failure'}" for name in different]
+    same = f"{len(both) - len(different)} of {len(both)} runs that were made again have the same digest"
+    sys.stdout.write("\n".join([*told, f"{same}; {len(before)} are in the results", ""]))
     return 0 if both and not different else 1
 
 

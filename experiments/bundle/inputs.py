@@ -38,7 +38,7 @@ def inputs(study: Study) -> Inputs:
         raise BundleError(f"{scenario}: is no file any more, but the campaign's runs have read it")
     told = (tomllib.loads(scenario.read_text()), study.settings, [one.values for one in study.factors])
     for text in _texts(told):
-        if os.path.isabs(text):
+        if Path(text).is_absolute():
             raise BundleError(
                 f"{scenario}: names {text}; must be relative to the scenario, so that others find it, too"
             )

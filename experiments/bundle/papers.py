@@ -12,13 +12,13 @@ from experiments.study.study import Study
 CHAPTER: Final = "Experimenting with Adaptation in Smart Cyber-Physical Systems: A Model Problem and Testbed"
 _CLEAN: Final = "It is in `software.zip`."
 _CHANGED: Final = (
-    "It is **not** in this bundle, for it had been changed since that commit, or is no longer in the repository: "
-    "the digests may not come out again."
+    "It is **not** in this bundle, for it had been changed since that commit, or is no longer in the "
+    "repository: the digests may not come out again."
 )
 _README: Final = Template("""# Artifact: $name
 
-Results of the study `$name`, with all that is needed to check them and to make them again. The sections are those of
-an artifact appendix as evaluation committees of ACM conferences ask for.
+Results of the study `$name`, with all that is needed to check them and to make them again. The sections are
+those of an artifact appendix as evaluation committees of ACM conferences ask for.
 
 ## Abstract
 
@@ -27,15 +27,15 @@ $abstract
 ## Check-list
 
 - **Program:** the ACRC testbed, commit `$commit`. $software
-- **Run-time environment:** Linux (x86-64 or ARM) or macOS (ARM) with Python 3.11 or newer and its module `venv`. All
-  packages are pinned with their hashes in `constraints.txt`; the runs were made with $versions.
+- **Run-time environment:** Linux (x86-64 or ARM) or macOS (ARM) with Python 3.11 or newer and its module `venv`.
+  All packages are pinned with their hashes in `constraints.txt`; the runs were made with $versions.
 - **Hardware:** any computer; 2 GB of memory for each run at a time. Digests are the same on every processor.
 - **Data:** `inputs/`: scenario and maps. Everything random follows from the seeds in `study.json`.
 - **Output:** a JSON record for each run, with its digest; `digests.csv` lists them.
 - **Experiments:** $runs runs, $failed of which failed.
 - **Disk space:** 2 GB with the environment.
 - **Time:** a few minutes to prepare; the runs took $hours hours of one core.
-- **Licence:** of the software, Apache-2.0 (in `software.zip` or its repository); of the data as `CITATION.cff` says.
+- **Licence:** of the software, Apache-2.0 (in its sources); of the results, what their authors say.
 
 ## What lies here
 
@@ -60,15 +60,15 @@ sha256sum -c SHA256SUMS   # nothing was changed on the way
 
 ## Evaluation and expected result
 
-Every run that is made again must have the digest that it had; `reproduce.sh` says so, and ends with exit code 0. What the
-results show, by `acrc compare results`:
+Every run that is made again must have the digest that it had; `reproduce.sh` says so, and ends with exit code 0.
+What the results show, by `acrc compare results`:
 
 $found
 
 ## Customization
 
-`acrc campaign study.json --seeds N` runs more seeds, `--set KEY=VALUE` other conditions; strategies of your own are
-compared with `acrc campaign --scenario inputs/$scenario --strategies $strategies,your_module:your_strategy`.
+`acrc campaign study.json --seeds N` runs more seeds, `--set KEY=VALUE` other conditions; strategies of your
+own are compared with `acrc campaign --scenario inputs/$scenario --strategies $strategies,your_module:your_strategy`.
 """)
 
 
@@ -95,7 +95,7 @@ def readme(about: About) -> str:
     names = ", ".join(f"`{name}`" for name in study.strategies)
     return _README.substitute(
         name=study.name,
-        abstract=f"The strategies {names} were run with the same {study.seeds} seeds in {_conditions(study)}.",
+        abstract=f"{names}, each with the same {study.seeds} seeds in {_conditions(study)}.",
         commit=about.commit,
         software=_CLEAN if about.has_software else _CHANGED,
         versions=", ".join(f"{name} {version}" for name, version in versions.items()) or "unknown versions",
@@ -114,7 +114,7 @@ def _conditions(study: Study) -> str:
 
 
 def citation(about: About) -> str:
-    """CITATION.cff, version 1.2.0 of the Citation File Format; texts in it are written as JSON, which is YAML."""
+    """CITATION.cff, version 1.2.0 of the Citation File Format; its texts are written as JSON, which is YAML."""
     title = f"Results of the study {about.study.name} with the ACRC testbed"
     authors = "".join(f"  - name: {json.dumps(name)}\n" for name in about.authors)
     return (
