@@ -18,6 +18,7 @@ def write(path: Path, top: str, files: Mapping[str, bytes]) -> None:
     What ends in `.sh` can be executed. The file is there whole or not at all.
     """
     whole = {**files, SUMS: _sums(files)}
+    path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_name(path.name + ".new")
     with zipfile.ZipFile(new, "w") as archive:
         for name in sorted(whole):

@@ -56,10 +56,9 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> None:
     }
     if software is not None:
         files["software.zip"] = software
-        files["constraints.txt"] = (
-            _committed(commit, "show", f"{commit}:constraints.txt") or files["constraints.txt"]
-        )
-    archive.write(out, out.stem, files)
+        pins = _committed(commit, "show", f"{commit}:constraints.txt")
+        files["constraints.txt"] = pins or files["constraints.txt"]
+    archive.write(out, folder.resolve().name, files)
 
 
 def _results(kept: store.Store) -> Iterator[tuple[str, bytes]]:

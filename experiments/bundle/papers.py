@@ -27,14 +27,14 @@ $abstract
 ## Check-list
 
 - **Program:** the ACRC testbed, commit `$commit`. $software
-- **Run-time environment:** Linux (x86-64 or ARM) or macOS (ARM) with Python 3.11 or newer and its module `venv`.
-  All packages are pinned with their hashes in `constraints.txt`; the runs were made with $versions.
+- **Run-time environment:** Linux (x86-64 or ARM) or macOS (ARM) with Python 3.11 or newer and its module
+  `venv`. All packages are pinned with their hashes in `constraints.txt`; the runs were made with $versions.
 - **Hardware:** any computer; 2 GB of memory for each run at a time. Digests are the same on every processor.
 - **Data:** `inputs/`: scenario and maps. Everything random follows from the seeds in `study.json`.
 - **Output:** a JSON record for each run, with its digest; `digests.csv` lists them.
 - **Experiments:** $runs runs, $failed of which failed.
 - **Disk space:** 2 GB with the environment.
-- **Time:** a few minutes to prepare; the runs took $hours hours of one core.
+- **Time:** a few minutes to prepare; the runs took $span of one core.
 - **Licence:** of the software, Apache-2.0 (in its sources); of the results, what their authors say.
 
 ## What lies here
@@ -60,15 +60,16 @@ sha256sum -c SHA256SUMS   # nothing was changed on the way
 
 ## Evaluation and expected result
 
-Every run that is made again must have the digest that it had; `reproduce.sh` says so, and ends with exit code 0.
-What the results show, by `acrc compare results`:
+Every run that is made again must have the digest that it had; `reproduce.sh` says so, and ends with
+exit code 0. What the results show, by `acrc compare results`:
 
 $found
 
 ## Customization
 
 `acrc campaign study.json --seeds N` runs more seeds, `--set KEY=VALUE` other conditions; strategies of your
-own are compared with `acrc campaign --scenario inputs/$scenario --strategies $strategies,your_module:your_strategy`.
+own are compared with `acrc campaign --scenario inputs/$scenario --strategies
+$strategies,your_module:your_strategy`.
 """)
 
 
@@ -101,11 +102,15 @@ def readme(about: About) -> str:
         versions=", ".join(f"{name} {version}" for name, version in versions.items()) or "unknown versions",
         runs=len(about.records),
         failed=len(about.records) - len(results),
-        hours=f"{sum(one.cpu_s for one in results) / 3600:.2g}",
+        span=_span(sum(one.cpu_s for one in results)),
         found="\n\n".join(about.found),
         scenario=about.scenario,
         strategies=",".join(study.strategies),
     )
+
+
+def _span(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 300 else f"{seconds / 60:.0f} min"
 
 
 def _conditions(study: Study) -> str:
@@ -114,7 +119,7 @@ def _conditions(study: Study) -> str:
 
 
 def citation(about: About) -> str:
-    """CITATION.cff, version 1.2.0 of the Citation File Format; its texts are written as JSON, which is YAML."""
+    """CITATION.cff (Citation File Format 1.2.0); its texts are written as JSON, which is YAML."""
     title = f"Results of the study {about.study.name} with the ACRC testbed"
     authors = "".join(f"  - name: {json.dumps(name)}\n" for name in about.authors)
     return (

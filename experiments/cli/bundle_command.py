@@ -15,8 +15,6 @@ def run(folder: Path, out: Path | None, authors: Sequence[str]) -> None:
     with out_folder.writing(target):
         bundle.make(folder, target, authors)
     console = Console(soft_wrap=True, highlight=False)
-    console.print(
-        f"written to {target}; unpacked, ./reproduce.sh makes its runs again and compares the digests"
-    )
+    console.print(f"written to {target}; unpacked, ./reproduce.sh makes its runs again")
     if not authors:
         console.print("its CITATION.cff names nobody; --author NAME puts that right")

@@ -1,0 +1,16 @@
+"""What tests of reports and bundles share."""
+
+import pytest
+
+from deploy.results.result import RunResult
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
+
+
+@pytest.fixture(scope="session")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
+    """Of a real run, to be varied."""
+    out = tmp_path_factory.mktemp("runs") / "out"
+    plan = swarm.plan(load_scenario(None, Overrides(robots=1, duration=1)), RunOptions(out, bus="memory"))
+    return swarm.run_in_memory(plan, lambda progress: None)

@@ -1,0 +1,311 @@
+"""The report of a made-up campaign: its numbers, its pictures, its page."""
+
+import base64
+import csv
+import html
+import re
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deploy.results.result import RunResult
+from experiments.campaign import store
+from experiments.campaign.trial_record import TrialRecord
+from experiments.comparison.comparison import compare, samples
+from experiments.comparison.sentences import chapter_order
+from experiments.report import report, style
+from experiments.report.cases import read
+from experiments.report.section import Section
+from experiments.statistics.survival import Completion, kaplan_meier
+from experiments.study.study import Study, Trial
+from tests.experiments.report.made_up import LENGTH, campaign
+
+EVIL = "<img src=http://evil.example/x onerror=alert(1)> $\\frac{1}{"
+STUDY = Study(
+    "five & <b>six</b>", "/nowhere/chapter.toml", ("none", "chapter", "oracle", "a$b_{<i>"), 8,
+    primary=(("none", "chapter"),),
+)  # fmt: skip
+
+
+def drawn(trial: Trial, rng: np.random.Generator) -> tuple[int, float | None]:
+    done = min(
+        40, round(float(rng.normal({"none": 30, "chapter": 35, "oracle": 43}.get(trial.strategy, 38), 2)))
+    )
+    return done, float(rng.uniform(200, LENGTH)) if done == 40 else None
+
+
+@pytest.fixture(scope="module")
+def folder(plain: RunResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    def fails(trial: Trial) -> str | None:
+        return EVIL if (trial.strategy, trial.seed) == ("none", 2) else None
+
+    where = tmp_path_factory.mktemp("campaigns") / "five"
+    return campaign(where, plain, STUDY, drawn, fails=fails, with_time=True)
+
+
+@pytest.fixture(scope="module")
+def written(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("report")
+    assert report.write([folder], out) == out / "report.html"
+    return out
+
+
+@pytest.fixture(scope="module")
+def records(folder: Path) -> dict[str, list[TrialRecord]]:
+    """By strategy, those that have a result."""
+    found: dict[str, list[TrialRecord]] = {}
+    for record in store.load(folder).records():
+        if record.result is not None:
+            name = "oracle (upper bound)" if record.strategy == "oracle" else record.strategy
+            found.setdefault(name, []).append(record)
+    return found
+
+
+@pytest.fixture(scope="module")
+def sections(folder: Path) -> Iterator[dict[str, Section]]:
+    with style.applied():
+        yield {one.title: one for one in report.compose(read([folder])).sections}
+
+
+def rows(written: Path, name: str) -> list[dict[str, str]]:
+    with (written / f"{name}.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def results(records: list[TrialRecord]) -> list[RunResult]:
+    return [record.result for record in records if record.result is not None]
+
+
+def test_boxes_are_those_of_the_runs(written: Path, records: dict[str, list[TrialRecord]]) -> None:
+    table = rows(written, "places")
+    assert [row["strategy"] for row in table] == list(records)
+    for row in table:
+        places = sorted(float(run.places_done) for run in results(records[row["strategy"]]))
+        assert int(row["runs"]) == len(places)
+        assert (float(row["least"]), float(row["most"])) == (places[0], places[-1])
+        assert float(row["median"]) == pytest.approx(quantile(places, 0.5))
+        assert float(row["1st quartile"]) == pytest.approx(quantile(places, 0.25))
+        assert float(row["3rd quartile"]) == pytest.approx(quantile(places, 0.75))
+        assert float(row["mean"]) == pytest.approx(sum(places) / len(places))
+
+
+def quantile(values: list[float], share: float) -> float:
+    """By linear interpolation between the sorted values."""
+    at = share * (len(values) - 1)
+    low = int(at)
+    high = min(low + 1, len(values) - 1)
+    return values[low] + (at - low) * (values[high] - values[low])
+
+
+def test_completion_counts_every_run_and_its_mean_is_the_area(
+    written: Path, records: dict[str, list[TrialRecord]]
+) -> None:
+    for row in rows(written, "completion"):
+        runs = results(records[row["strategy"]])
+        done = sum(run.completion_s is not None for run in runs)
+        assert (int(row["runs"]), int(row["complete"])) == (len(runs), done)
+        n, p, z = len(runs), done / len(runs), 1.959963984540054
+        middle, half = p + z * z / (2 * n), z * (p * (1 - p) / n + z * z / (4 * n * n)) ** 0.5
+        low, high = (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
+        assert float(row["share complete, low"]) == pytest.approx(max(low, 0.0), abs=1e-9)
+        assert float(row["share complete, high"]) == pytest.approx(min(high, 1.0), abs=1e-9)
+        # without censoring before the end the area is the mean of what is capped
+        mean = sum(LENGTH if run.completion_s is None else run.completion_s for run in runs) / n
+        assert float(row["restricted mean, s"]) == pytest.approx(mean)
+        assert float(row["restricted mean, s, low"]) <= mean <= float(row["restricted mean, s, high"])
+
+
+def test_curves_are_kaplan_and_meier_s(written: Path, records: dict[str, list[TrialRecord]]) -> None:
+    steps = rows(written, "completion_curves")
+    for name, kept in records.items():
+        runs = results(kept)
+        mine = [row for row in steps if row["strategy"] == name]
+        for row in mine:
+            before = sum(
+                run.completion_s is not None and run.completion_s <= float(row["time, s"]) for run in runs
+            )
+            assert float(row["complete"]) == pytest.approx(before / len(runs))
+        ends = [
+            Completion(LENGTH, False) if run.completion_s is None else Completion(run.completion_s, True)
+            for run in runs
+        ]
+        assert len(mine) == kaplan_meier(ends).times.size
+
+
+def test_shares_of_time_are_those_of_all_robot_seconds(
+    written: Path, records: dict[str, list[TrialRecord]]
+) -> None:
+    for row in rows(written, "time"):
+        robots = [part for one in records[row["strategy"]] if one.time for part in one.time.robots.values()]
+        assert float(row["wedged"]) == pytest.approx(
+            100 * sum(part["wedged"] for part in robots) / (LENGTH * len(robots))
+        )
+        assert sum(float(row[name]) for name in robots[0]) == pytest.approx(100.0)
+
+
+def test_costs_are_means_over_runs(written: Path, records: dict[str, list[TrialRecord]]) -> None:
+    for row in rows(written, "cost"):
+        runs = results(records[row["strategy"]])
+        n = len(runs)
+        assert float(row["adoptions in a run"]) == pytest.approx(
+            sum(sum(run.deeco.exchanges.values()) for run in runs) / n
+        )
+        air = sum((run.frames["bytes_sent"] + 6 * run.frames["frames_sent"]) * 32e-6 for run in runs)
+        assert float(row["air time of a robot, % of the time"]) == pytest.approx(100 * air / (n * 4 * LENGTH))
+        cpu = 1000 * sum(run.cpu_s for run in runs) / (n * 4 * LENGTH)
+        assert float(row["CPU, ms per robot and simulated s"]) == pytest.approx(cpu)
+
+
+def test_every_run_stands_in_the_table_of_runs_failures_too(written: Path) -> None:
+    table = rows(written, "runs")
+    assert len(table) == 32
+    (failed,) = [row for row in table if not row["digest"]]
+    assert failed["failure"] == EVIL
+    (cause,) = rows(written, "failures")
+    assert (cause["cause"], cause["runs"], cause["seeds"]) == (EVIL, "1", "2")
+
+
+def test_pictures_show_the_numbers_of_their_tables(
+    sections: dict[str, Section], records: dict[str, list[TrialRecord]]
+) -> None:
+    picture = sections["Places done"].picture
+    assert picture is not None
+    (axes,) = picture.figure.axes
+    shown = np.concatenate([np.asarray(line.get_xdata(), np.float64) for line in axes.lines]).tolist()
+    for kept in records.values():
+        for run in results(kept):
+            assert run.places_done in shown
+    for row in sections["Places done"].tables[0].rows:
+        assert row[4] in shown  # the median
+    assert [label.get_text() for label in axes.get_yticklabels()] == list(records)
+    bars = sections["Where the time went"]
+    assert bars.picture is not None
+    widths = [patch.get_width() for patch in bars.picture.figure.axes[0].patches]
+    for row in bars.tables[0].rows:
+        assert all(any(np.isclose(cell / 100, widths)) for cell in row[2:] if isinstance(cell, float))
+
+
+def test_every_picture_has_numbers_words_and_files(sections: dict[str, Section], written: Path) -> None:
+    pictured = [one for one in sections.values() if one.picture is not None]
+    assert len(pictured) == 7
+    for one in pictured:
+        assert one.picture is not None and one.tables and one.tables[0].rows
+        assert len(one.picture.alt) > 60
+        assert (written / f"{one.picture.name}.png").read_bytes().startswith(b"\x89PNG")
+        assert (written / f"{one.picture.name}.svg").read_bytes().startswith(b"<?xml")
+
+
+class Reader(HTMLParser):
+    """Everything on a page that could reach out, and whether its tags are closed."""
+
+    EMPTY = ("meta", "img", "br")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str, str]] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += [(tag, name, value or "") for name, value in attrs]
+        if tag not in self.EMPTY:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_the_page_needs_nothing_and_runs_nothing(written: Path) -> None:
+    page = (written / "report.html").read_text()
+    reader = Reader()
+    reader.feed(page)
+    assert reader.open == []
+    assert not {"script", "link", "iframe", "object", "base", "form"} & set(reader.tags)
+    for tag, name, value in reader.attributes:
+        assert not name.startswith("on"), tag
+        if name == "href":
+            assert value.startswith("#")
+        if name == "src":
+            assert value.startswith("data:image/svg+xml;base64,")
+            drawing = base64.b64decode(value.partition(",")[2]).decode()
+            assert "<script" not in drawing and "<image" not in drawing
+            links = re.findall(r'(?:xlink:)?href="([^"]*)"', drawing)
+            assert all(link.startswith("#") for link in links)
+    assert "@import" not in page and "url(" not in page
+    assert "<script" not in page
+
+
+def test_what_others_wrote_is_text_only(written: Path) -> None:
+    page = (written / "report.html").read_text()
+    assert EVIL not in page and html.escape(EVIL) in page
+    assert "<b>six</b>" not in page and "<i>" not in page
+    assert "a$b_{&lt;i&gt;" in page
+
+
+def test_the_page_reads_from_the_question_to_how_it_was_made(written: Path) -> None:
+    titles = re.findall(r"<h2[^>]*>([^<]*)</h2>", (written / "report.html").read_text())
+    assert titles[:4] == ["What was asked", "What was found", "Before you quote it", "Places done"]
+    assert titles[-2:] == ["Runs that failed", "How it was made"]
+
+
+def test_the_sentences_are_those_of_the_comparison(folder: Path, written: Path) -> None:
+    page = html.unescape((written / "report.html").read_text())
+    said = chapter_order(compare(samples(store.load(folder).records())))
+    assert len(said) == 6
+    for one in said:
+        assert one.replace("oracle", "oracle (upper bound)") in page
+
+
+def test_warnings_say_what_a_reader_must_know(written: Path) -> None:
+    page = html.unescape((written / "report.html").read_text())
+    for told in (
+        "five: 1 of 32 runs failed and are in no picture",
+        "oracle uses what no robot can know: it is an upper bound",
+        "runs did all places. The number of places is at its ceiling",
+        "Pairs of robots that wedged, in a run on average: none ",
+        "none: no run was complete by its end",
+    ):
+        assert told in page
+
+
+def test_the_same_campaign_gives_the_same_bytes(folder: Path, written: Path, tmp_path: Path) -> None:
+    report.write([folder], tmp_path)
+    files = sorted(path.name for path in written.iterdir())
+    assert files == sorted(path.name for path in tmp_path.iterdir())
+    for name in files:
+        assert (written / name).read_bytes() == (tmp_path / name).read_bytes(), name
+
+
+def caution(plain: RunResult, where: Path, study: Study, **options: Any) -> str:
+    campaign(where, plain, study, options.pop("drawn", drawn), **options)
+    with style.applied():
+        return " ".join(report.compose(read([where])).cautions)
+
+
+def test_too_few_runs_and_seeds_for_tuning_are_said(plain: RunResult, tmp_path: Path) -> None:
+    told = caution(plain, tmp_path / "few", Study("few", "/s.toml", ("none", "chapter"), 2, tuning=True))
+    assert "these are seeds for tuning" in told
+    assert "none and chapter: 2 pairs of runs; at least 6 are needed" in told
+
+
+def test_a_campaign_that_only_failed_has_a_page_without_pictures(plain: RunResult, tmp_path: Path) -> None:
+    campaign(
+        tmp_path / "all", plain, Study("all", "/s.toml", ("none",), 3), drawn, fails=lambda trial: "it rained"
+    )
+    page = report.write([tmp_path / "all"], tmp_path / "out").read_text()
+    assert "it rained" in page and "<img" not in page
+    assert not list((tmp_path / "out").glob("*.png"))
+
+
+def test_runs_that_are_missing_are_counted(plain: RunResult, tmp_path: Path) -> None:
+    study = Study("part", "/s.toml", ("none",), 3)
+    campaign(tmp_path / "part", plain, study, drawn)
+    store.load(tmp_path / "part").path(next(iter(study.trials()))).unlink()
+    with style.applied():
+        told = report.compose(read([tmp_path / "part"])).cautions
+    assert "part: 1 of 3 runs are still to be made; what is said may change with them." in told
