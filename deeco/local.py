@@ -1,7 +1,7 @@
 """A component on its node: its present knowledge, its processes, and the facts that are watched in it."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from deeco.binding import Binding
 from deeco.ensemble import Contact
@@ -11,12 +11,32 @@ from deeco.knowledge import Knowledge, is_component, is_role, seen_as
 from deeco.process import Fact, OnChange, Periodic, Process, processes_of
 
 
+class Commit(NamedTuple):
+    """A change of a component's knowledge, for whoever looks on."""
+
+    by: str
+    """The process or the ensemble's exchange, as in `Cleaner.sense` or `Adoption.at_member`."""
+    instant: Instant
+    before: Knowledge
+    after: Knowledge
+    adaptation: bool
+    """True of an ensemble, and of a process of the adaptation layer."""
+    peer: str = ""
+    """The component whose knowledge an ensemble used; empty for a process."""
+    heard: Instant | None = None
+    """When that knowledge had come here."""
+
+
+Witness = Callable[[Commit], None]
+
+
 class BoundProcess:
     """One process of one component, with its ports."""
 
     def __init__(self, process: Process, component: "LocalComponent", binding: Binding) -> None:
         self.name = str(process)
         self.schedule = process.schedule
+        self._adaptation = process.adaptation
         self._component = component
         function = getattr(type(component.value), process.name)
         self._call = binding.process(function, process.ports, self.name)
@@ -29,19 +49,25 @@ class BoundProcess:
         except Exception as error:
             error.add_note(f"in process {self.name} of {component.id!r} at {in_seconds(now):g} s")
             raise
-        return made is not component.value and component.commit(made, self.name, now)
+        if made is component.value:
+            return False
+        return component.commit(made, self.name, now, adaptation=self._adaptation)
 
 
 class LocalComponent:
-    """Holds the knowledge of one component; every change of it goes through `commit`."""
+    """Holds the knowledge of one component; every change of it goes through `commit`.
 
-    def __init__(self, value: Knowledge, binding: Binding) -> None:
+    `witness` is told of each, once it has been made, and changes nothing.
+    """
+
+    def __init__(self, value: Knowledge, binding: Binding, witness: Witness | None = None) -> None:
         kind = type(value)
         if not is_component(kind):
             raise DeploymentError(f"{kind.__name__} cannot be deployed; its class should have @component")
         self.id = value.id
         self.value = value
         self.processes = tuple(BoundProcess(process, self, binding) for process in processes_of(kind))
+        self._witness = witness
         self._watched: list[tuple[str, Callable[[], str]]] = []
         self._facts: list[object] = []
         self._seen: dict[type[Knowledge], tuple[Knowledge, Knowledge]] = {}
@@ -77,7 +103,16 @@ class LocalComponent:
                 called[then] = None
         return list(called)
 
-    def commit(self, made: object, by: str, now: Instant) -> bool:
+    def commit(
+        self,
+        made: object,
+        by: str,
+        now: Instant,
+        *,
+        adaptation: bool = False,
+        peer: str = "",
+        heard: Instant | None = None,
+    ) -> bool:
         """Take over new knowledge; True if it differs. Raises ExecutionError for anything else."""
         value = self.value
         if type(made) is not type(value):
@@ -93,6 +128,8 @@ class LocalComponent:
                 f"{by} of {self.id!r} at {in_seconds(now):g} s changes the id to {made.id!r}; it should stay"
             )
         self.value = made
+        if self._witness is not None:
+            self._witness(Commit(by, now, value, made, adaptation, peer, heard))
         return True
 
     def role(self, kind: type[Knowledge]) -> Any:

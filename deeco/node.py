@@ -13,7 +13,7 @@ from deeco.errors import DeploymentError, ExecutionError
 from deeco.instant import START, Duration, Instant, in_seconds
 from deeco.knowledge import Knowledge, roles_of, roles_under
 from deeco.link import Reception, Transmission
-from deeco.local import BoundProcess, LocalComponent
+from deeco.local import BoundProcess, LocalComponent, Witness
 from deeco.pairing import Pairing
 from deeco.process import Fact, has_fact
 from deeco.replication.network import Network, NetworkParameters, News, NodeSurroundings
@@ -43,12 +43,14 @@ class Node:
         epoch: int = 0,
         start: Instant = START,
         publish_phase: Duration = _NONE,
+        witness: Witness | None = None,
     ) -> None:
         """Deploy everything.
 
         `ports` gives, by type, what processes and ensembles may ask for. `address` is the node's on the link;
         `epoch` grows with each restart of the machine; `publish_phase` is when, after `start`, it publishes
-        first. Raises DeploymentError if a port is missing or a component cannot be run.
+        first; `witness` is told of every change of knowledge. Raises DeploymentError if a port is missing or
+        a component cannot be run.
         """
         parameters = parameters or NetworkParameters()
         self._statistics = Statistics()
@@ -56,7 +58,7 @@ class Node:
         self._now = start
         self._agenda = Agenda()
         binding = Binding(ports or {})
-        self._locals = tuple(LocalComponent(value, binding) for value in components)
+        self._locals = tuple(LocalComponent(value, binding, witness) for value in components)
         self._by_id = {one.id: one for one in self._locals}
         if len(self._by_id) < len(self._locals):
             raise DeploymentError("two components of a node have the same id; each should have its own")

@@ -105,7 +105,9 @@ class Pairing:
             return False
         coordinator, member = (value, role) if side.local_is_coordinator else (role, value)
         made = call(coordinator, member, now, contact)
-        if made is value or not local.commit(made, side.name, now):
+        if made is value:
+            return False
+        if not local.commit(made, side.name, now, adaptation=True, peer=peer.id, heard=contact.heard):
             return False
         self._statistics.exchanges[self.type.name] += 1
         return True

@@ -26,6 +26,7 @@ for _command in (
     swarm.endings,
     navigation.navigation,
     navigation.failures,
+    navigation.causes,
     localisation.localisation,
     hardware.beeclick,
     hardware.kobuki,

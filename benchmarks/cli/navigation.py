@@ -82,3 +82,15 @@ def failures(
         navigation=preset,
         json_output=json,
     )
+
+
+def causes(
+    count: Annotated[
+        int, typer.Argument(metavar="N", min=1, max=10_000, help="Situations with a cause, and without.")
+    ] = 200,
+    json: Json = False,
+) -> None:
+    """Plant causes of lost time, and count how often they are named, and how often one is invented."""
+    from benchmarks.causes import causes as planted
+
+    planted.run(count, json_output=json)

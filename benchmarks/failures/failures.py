@@ -88,6 +88,19 @@ def _blockings(one: FailureRun, *, at_end: bool | None = None) -> int:
     return sum(at_end is None or blocking.at_end == at_end for blocking in one.blockings)
 
 
+def _blocked_s(one: FailureRun, *, passage: bool | None = None) -> float:
+    return sum(
+        (blocking.end_s - blocking.begin_s) * len(blocking.robots)
+        for blocking in one.blockings
+        if passage is None or blocking.passage == passage
+    )
+
+
+def _door_share(one: FailureRun) -> float:
+    """Of the robots' blocked time, that in doors and passages; 0 if there was none."""
+    return _blocked_s(one, passage=True) / max(_blocked_s(one), 1e-9)
+
+
 def _resolved(one: FailureRun) -> int:
     return sum(spell.resolved for spell in one.spells or ())
 
@@ -107,6 +120,7 @@ _COUNTS: Final[dict[str, Count]] = {
     "  with another robot within 1 m": _resolved_beside,
     "mutual blocking: episodes": _blockings,
     "  in doors and passages": lambda one: sum(blocking.passage for blocking in one.blockings),
+    "  % of the blocked time in doors and passages": lambda one: 100 * _door_share(one),
     "  resolved": lambda one: _blockings(one, at_end=False),
     "  lasting to the end": lambda one: _blockings(one, at_end=True),
     "  robots in one at the end": lambda one: one.blocked_at_end,
@@ -139,3 +153,6 @@ def _sentences(runs: Sequence[FailureRun]) -> Iterator[str]:
         lasted = median(blocking.end_s - blocking.begin_s for blocking in blockings)
         most = max(len(blocking.robots) for blocking in blockings)
         yield f"mutual blocking: median {lasted:.0f} s, at most {most} robots"
+        doors = sum(blocking.passage for blocking in blockings)
+        share = sum(_blocked_s(one, passage=True) for one in runs) / sum(map(_blocked_s, runs))
+        yield f"in doors and passages: {doors} of {len(blockings)} blockings, {share:.0%} of the blocked time"

@@ -20,17 +20,18 @@ from actors.floor.map_file import load_map
 from actors.geometry import Point
 from actors.instant import in_seconds, seconds
 from actors.robot_model import load_model
-from benchmarks.failures.episodes import Blocking, EpisodeParameters, blockings, lost
 from benchmarks.failures.found import BlockingEpisode, FailureRun, LostEpisode, Spell
-from benchmarks.failures.passage import Passages
 from benchmarks.navigation import goal_log
 from benchmarks.navigation.goal_log import LoggedGoal
-from benchmarks.navigation.tracks import Tracks, WatchedRun, watch
+from benchmarks.navigation.tracks import WatchedRun, watch
 from cleaning.strategies import entry
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.stack_tables import stack_fault
 from deploy.scenario.tables import Scenario
 from deploy.usage import OptionError
+from experiments.accounting.episodes import Blocking, EpisodeParameters, blockings, lost
+from experiments.accounting.passage import Passages
+from experiments.accounting.tracks import Tracks
 
 _PARAMETERS: Final = EpisodeParameters()
 

@@ -14,6 +14,20 @@ SUBJECT: Final = "navigation"
 _Count = Annotated[int, msgspec.Meta(ge=0)]
 
 
+class GivenGoal(msgspec.Struct, frozen=True):
+    """One goal that a behaviour gave to navigation; instants in µs."""
+
+    begin: _Count
+    """The start of the step in which it was given."""
+    x: float
+    y: float
+    """Where, m, map frame."""
+    end: _Count | None = None
+    """The start of the step in which it ended; None: pursued at the end of the process."""
+    how: str = ""
+    """`succeeded`, `replaced`, `cancelled`, or why navigation gave it up."""
+
+
 class NavigationOutcome(msgspec.Struct, frozen=True):
     """What one robot's navigation counted, from the start of its process to its end."""
 
@@ -28,6 +42,12 @@ class NavigationOutcome(msgspec.Struct, frozen=True):
     """Spells in which the driver found none: begin and end, µs, and how each ended."""
     no_valid_trajectory_unlisted: _Count
     """Further ones."""
+    given: tuple[GivenGoal, ...] = ()
+    """Goals, in their order."""
+    given_unlisted: _Count = 0
+    """Further ones."""
+    without_plan: tuple[tuple[_Count, _Count], ...] = ()
+    """Spells in which no way was found to one goal after the other: begin and end, µs."""
 
 
 class NavigationResult(msgspec.Struct, frozen=True):

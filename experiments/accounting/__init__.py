@@ -1,1 +1,1 @@
-"""Where a run's time went: each robot's seconds by cause, blockings, diagnoses and decisions, by ground truth."""
+"""Where a run's time went: robots' seconds by cause, blockings, diagnoses, decisions, by ground truth."""

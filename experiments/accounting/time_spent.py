@@ -16,10 +16,8 @@ class Cause(Enum):
     """It holds itself to be somewhere else."""
     NO_PLAN = "no plan"
     """It holds itself to be in a wall, or navigation finds no way to its goal."""
-    DRIVING = "driving"
-    """It gets on."""
     WEDGED = "wedged"
-    """It stands so near to another robot which does not get on either that its driver finds no way out."""
+    """It stands so near to another robot, which does not get on either, that its driver finds no way out."""
     DONE_IN_WAY = "done robot in the way"
     """It stands before a robot that wants nowhere any more, or is off."""
     DOOR = "waiting at a door"
@@ -27,7 +25,9 @@ class Cause(Enum):
     OPEN_FLOOR = "blocked on open floor"
     """The same anywhere else."""
     NO_PROGRESS = "no progress"
-    """It stands, and none of these is why."""
+    """It stands for longer than a turn on the spot takes, and none of these is why."""
+    DRIVING = "driving"
+    """None of these: it gets on."""
 
 
 class BlockingEvent(msgspec.Struct, frozen=True):
@@ -52,7 +52,6 @@ class Knowledge(msgspec.Struct, frozen=True):
 
     source: str
     """The robot that said it; the own id for what the robot itself saw."""
-    says: str
     age_s: float
     """How old it was, s."""
 
@@ -63,15 +62,20 @@ class DecisionEvent(msgspec.Struct, frozen=True):
     robot: str
     instant_s: float
     trigger: str
-    """In the strategy's words, as in `unblocked itself`."""
+    """The process or the ensemble that decided, as in `AdaptiveCleaningRobot.auto_unblock`."""
+    words: str
+    """What it decided, as in `turns elsewhere`."""
     knowledge: tuple[Knowledge, ...]
     old_goal: tuple[float, float] | None
     """m, map frame; None: none."""
     new_goal: tuple[float, float] | None
     outcome: str
-    """`free`, `visited`, `blocked again`, `overtaken` by another decision, or `open` at the end of the run."""
+    """`visited` the new goal; got `free`; was free and `blocked again`; `overtaken` by another decision while
+    it stood; or still stood at the `end` of the run."""
+    blocked_s: float
+    """How long it truly had stood by then, s; 0 if it got on."""
     free_after_s: float | None
-    """From the decision until the robot truly got on, s; None if it did not, or had got on all the time."""
+    """From the decision until the robot truly got on, s; None if it did not, or had not stood."""
 
 
 class DiagnosisScore(msgspec.Struct, frozen=True):

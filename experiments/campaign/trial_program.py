@@ -23,6 +23,8 @@ from deploy.results.result import RunResult
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
+from experiments.accounting.account import account
+from experiments.accounting.time_spent import TimeSpent
 from experiments.campaign.trial_record import TrialRecord, keep
 from experiments.study.study import Study, Trial
 
@@ -39,9 +41,9 @@ def main(argv: Sequence[str]) -> int:
 
 def record(study: Study, trial: Trial) -> TrialRecord:
     """The trial, run here; whatever goes wrong in it is what the record says."""
-    result, failure = None, None
+    result, time, failure = None, None, None
     try:
-        result = _run(study, trial)
+        result, time = _run(study, trial)
     except (Interrupted, KeyboardInterrupt):
         raise
     except AcrcError as error:
@@ -51,10 +53,10 @@ def record(study: Study, trial: Trial) -> TrialRecord:
         notes = "; ".join(getattr(error, "__notes__", ()))
         failure = f"{type(error).__name__}: {error}" + (f" ({notes})" if notes else "")
     told = None if failure is None else printable(failure)
-    return TrialRecord(trial.strategy, trial.seed, dict(trial.variant), result, told)
+    return TrialRecord(trial.strategy, trial.seed, dict(trial.variant), result, told, time)
 
 
-def _run(study: Study, trial: Trial) -> RunResult:
+def _run(study: Study, trial: Trial) -> tuple[RunResult, TimeSpent]:
     overrides = Overrides(
         seed=trial.seed, strategy=trial.strategy, settings=(*study.settings, *trial.variant)
     )
@@ -62,7 +64,8 @@ def _run(study: Study, trial: Trial) -> RunResult:
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         options = RunOptions(Path(folder) / "out", bus="memory", json=True, scenario=path.name)
         result = swarm.run(load_scenario(path, overrides), options)
-    return msgspec.structs.replace(result, out="")
+        time = account(options.out)
+    return msgspec.structs.replace(result, out=""), time
 
 
 if __name__ == "__main__":

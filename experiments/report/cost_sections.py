@@ -27,10 +27,11 @@ def _of_outcome(value: Callable[[Outcome], float | None]) -> Callable[[Case], fl
 
 
 def _freed(case: Case) -> float | None:
-    """Mean time from a decision of the adaptation to the robot's getting on, s."""
+    """Mean time for which robots had stood that got on after a decision of the adaptation, s."""
     if case.time is None:
         return None
-    times = [one.free_after_s for one in case.time.decisions if one.free_after_s is not None]
+    told = [(one.blocked_s, one.free_after_s) for one in case.time.decisions]
+    times = [blocked + after for blocked, after in told if after is not None]
     return sum(times) / len(times) if times else None
 
 
@@ -43,7 +44,7 @@ COSTS: Final = (
     Cost("air time of a robot, % of the time", _of_outcome(quantities.airtime_percent)),
     Cost("adoptions in a run", _of_outcome(quantities.adoptions)),
     Cost("decisions of the adaptation in a run", _decisions),
-    Cost("decision to free robot, s", _freed),
+    Cost("from blocked to free, s", _freed),
     Cost("CPU, ms per robot and simulated s", _of_outcome(quantities.cpu_ms)),
     Cost("contacts in a run", _of_outcome(quantities.contacts)),
     Cost("age of what robots know of one another, s", _of_outcome(quantities.age_s)),

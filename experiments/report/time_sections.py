@@ -183,13 +183,15 @@ def decisions(view: View) -> Section | None:
         None,
         (
             view.table(
-                "decisions", "Decisions, all runs together; time from the decision until the robot got on",
-                ("trigger", "outcome", "decisions", "got on", "median, s"), _by_outcome,
+                "decisions", "Decisions, all runs together; times are medians of robots that stood and got on",
+                ("by", "decision", "outcome", "decisions", "got on", "from blocked to free, s",
+                 "from decision to free, s"),
+                _by_outcome,
             ),
             view.table(
                 "decision_events", f"The decisions themselves, {_MOST_LISTED} of each strategy at most",
-                ("seed", "s", "robot", "trigger", "knowledge", "old goal", "new goal", "outcome",
-                 "free after, s"),
+                ("seed", "s", "robot", "by", "decision", "knowledge of", "old goal", "new goal", "outcome",
+                 "stood for, s", "free after, s"),
                 _events, folded=True,
             ),
         ),
@@ -199,18 +201,28 @@ def decisions(view: View) -> Section | None:
 def _by_outcome(group: Group) -> list[tuple[Cell, ...]]:
     events = [event for run in times(group) for event in run.decisions]
     rows: list[tuple[Cell, ...]] = []
-    for trigger, outcome in sorted({(event.trigger, event.outcome) for event in events}):
-        of_kind = [event for event in events if (event.trigger, event.outcome) == (trigger, outcome)]
-        freed = [event.free_after_s for event in of_kind if event.free_after_s is not None]
-        rows.append((trigger, outcome, len(of_kind), len(freed), float(np.median(freed)) if freed else None))
+    for kind in sorted(set(map(_kind, events))):
+        of_kind = [event for event in events if _kind(event) == kind]
+        freed = [
+            (event.blocked_s + event.free_after_s, event.free_after_s)
+            for event in of_kind
+            if event.free_after_s is not None
+        ]
+        whole, after = np.median(freed, axis=0).tolist() if freed else (None, None)
+        rows.append((*kind, len(of_kind), len(freed), whole, after))
     return rows
+
+
+def _kind(event: DecisionEvent) -> tuple[str, str, str]:
+    return event.trigger, event.words, event.outcome
 
 
 def _events(group: Group) -> list[tuple[Cell, ...]]:
     events: list[tuple[Cell, ...]] = [
         (
-            str(case.seed), event.instant_s, event.robot, event.trigger, _knowledge(event),
-            _goal(event.old_goal), _goal(event.new_goal), event.outcome, event.free_after_s,
+            str(case.seed), event.instant_s, event.robot, event.trigger, event.words, _knowledge(event),
+            _goal(event.old_goal), _goal(event.new_goal), event.outcome, event.blocked_s,
+            event.free_after_s,
         )
         for case in group.cases
         if case.time is not None
@@ -220,7 +232,7 @@ def _events(group: Group) -> list[tuple[Cell, ...]]:
 
 
 def _knowledge(event: DecisionEvent) -> str:
-    return "; ".join(f"{one.source}: {one.says} ({one.age_s:.1f} s old)" for one in event.knowledge)
+    return "; ".join(f"{one.source}, {one.age_s:.1f} s old" for one in event.knowledge)
 
 
 def _goal(goal: tuple[float, float] | None) -> str:

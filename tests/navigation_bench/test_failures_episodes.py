@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmarks.failures.episodes import Blocking, Episode, blockings, lost, runs, standing
+from experiments.accounting.episodes import Blocking, Episode, blockings, lost, runs, standing
 
 WINDOW = 10
 ALWAYS = np.ones(60, np.bool_)
@@ -82,8 +82,13 @@ def test_lasting_means_to_the_last_sample() -> None:
     assert both(track((60, 0, 0)), track((50, 9, 0), (10, 1.0, 0))) == [Blocking((0, 1), 50, 60)]
 
 
-@pytest.mark.parametrize("gap", [1.01, 5.0])
-def test_farther_apart_than_a_metre_they_do_not(gap: float) -> None:
+@pytest.mark.parametrize("gap", [1.18, 1.4, 1.6])
+def test_who_stops_head_on_before_a_door_blocks_the_other(gap: float) -> None:
+    assert both(track((60, 0, 0)), track((60, gap, 0))) == [Blocking((0, 1), 0, 60)]
+
+
+@pytest.mark.parametrize("gap", [1.61, 5.0])
+def test_farther_apart_they_do_not(gap: float) -> None:
     assert both(track((60, 0, 0)), track((60, gap, 0))) == []
 
 

@@ -14,7 +14,7 @@ from actors.robot.behaviour.ports import Behaviour, Decision, Setting, Start, Vi
 from benchmarks.failures.run import pursuit
 from benchmarks.navigation import goal_log, goal_orders
 from benchmarks.navigation.goal_log import LoggedGoal
-from benchmarks.navigation.tracks import Tracks
+from experiments.accounting.tracks import Tracks
 
 STEP = 100_000
 HERE = Pose(0.0, 0.0, 0.0)
@@ -68,7 +68,8 @@ def test_every_way_in_which_a_goal_can_end() -> None:
 
 def test_a_robot_pursues_what_it_was_not_told_to_leave() -> None:
     nowhere = np.zeros((10, 1, 3))
-    tracks = Tracks(("r1",), STEP, nowhere, nowhere, nowhere)
+    always = np.ones((10, 1), np.bool_)
+    tracks = Tracks(("r1",), STEP, nowhere, nowhere, nowhere, always, always)
     goals = [
         LoggedGoal(0, 0.0, 0.0, 1 * STEP, "succeeded"),
         LoggedGoal(2 * STEP, 0.0, 0.0, 3 * STEP, "blocked", given_up=True),

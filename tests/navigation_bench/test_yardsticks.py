@@ -14,13 +14,13 @@ from actors.floor.placement import draw_points
 from actors.geometry import Point, Pose
 from actors.world.physics import Arena
 from actors.world.world_setup import BodySetup, WorldSetup
-from benchmarks.failures.passage import Passages
 from benchmarks.navigation.approach import closest, robot_gaps, touches, wall_gaps
 from benchmarks.navigation.retracing import RetracingError, retrace
 from benchmarks.navigation.shortest_way import ShortestWays
-from benchmarks.navigation.tracks import Tracks
 from benchmarks.statistics.confidence import average, proportion
 from benchmarks.world.plain_swarm import strewn, turtlebot, wishes
+from experiments.accounting.passage import Passages
+from experiments.accounting.tracks import Tracks
 
 MAPS = Path(__file__).parents[2] / "maps"
 RADIUS = 0.177
@@ -128,7 +128,8 @@ def test_every_contact_is_one_with_a_wall_or_with_a_robot() -> None:
         true.append(arena.poses)
         wished.append(wish)
         arena.advance(10)
-    tracks = Tracks(names, 100_000, np.array(true), np.array(true), np.array(wished))
+    always = np.ones((len(true), len(names)), np.bool_)
+    tracks = Tracks(names, 100_000, np.array(true), np.array(true), np.array(wished), always, always)
     fine, contacts = retrace(world, tracks)
     assert fine.shape == (4000, 20, 3) and np.array_equal(fine[9::10][:-1], true[1:])
     with_walls, with_robots = touches(wall_gaps(grid, fine, RADIUS)), touches(robot_gaps(fine, RADIUS))
@@ -140,7 +141,8 @@ def test_another_motion_than_that_of_the_run_is_refused() -> None:
     robot = standing_at("r1", Pose(15.0, 11.5, 0.0))
     world = WorldSetup(str(MAPS / "corridor.yaml"), 1, 100_000, 200_000, (robot,))
     true = np.array([[[15.0, 11.5, 0.0]], [[15.0, 11.5, 0.0]]])
-    tracks = Tracks(("r1",), 100_000, true, true, np.array([[[0.5, 0.0, 0.0]]] * 2))
+    always = np.ones((2, 1), np.bool_)
+    tracks = Tracks(("r1",), 100_000, true, true, np.array([[[0.5, 0.0, 0.0]]] * 2), always, always)
     with pytest.raises(RetracingError, match="step 1 begins elsewhere than in the run"):
         retrace(world, tracks)
 

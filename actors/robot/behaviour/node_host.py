@@ -17,6 +17,7 @@ from actors.instant import START, Duration, Instant
 from actors.messages import AccessFailure, Heard, Outgoing, Overflow, RadioEvent, Refused, Sent, Unconfirmed
 from actors.robot.behaviour import devices
 from actors.robot.behaviour.decision_limits import RobotLimits
+from actors.robot.behaviour.decision_log import SUBJECT, DecisionLog
 from actors.robot.behaviour.entry import BehaviourError
 from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning
 from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
@@ -58,6 +59,7 @@ class _Hosted:
         self._positioning = devices.RobotPositioning(start.pose)
         self._navigation = devices.RobotNavigation()
         self._monitor = devices.RobotPlaceMonitor()
+        self._log = DecisionLog(component)
         self._counted: Counter[str] = Counter()
         self._backlog: deque[Transmission] = deque()
         self._tag = 0
@@ -79,10 +81,10 @@ class _Hosted:
         return Decision(goal, frames, reports, given_up, route, paused, self._positioning.give())
 
     def outcome(self) -> dict[str, object]:
-        """What node and link have counted."""
+        """What node and link have counted, and what the adaptation has decided."""
         outcome = self._node.outcome()
         outcome["counters"] |= dict(sorted(self._counted.items()))
-        return {"deeco": outcome}
+        return {"deeco": outcome, SUBJECT: self._log.outcome()}
 
     def _deploy(self, first: Instant) -> Node:
         start = self._start
@@ -102,6 +104,7 @@ class _Hosted:
                 epoch=start.epoch,
                 start=first,
                 publish_phase=self._phase,
+                witness=self._log.take,
             )
         except DeecoError as error:
             raise BehaviourError(str(error)) from error

@@ -122,8 +122,8 @@ class Behaviour(Protocol):
 
     It may also have a method `outcome() -> dict[str, object]`, called once at the end of its process: what it
     has to say about its run, by subject, in values that JSON can hold. It goes into the last record of the
-    robot's file and takes no part in the run's digest. The subject "deeco" belongs to the component model,
-    "localisation" and "navigation" belong to the robot.
+    robot's file and takes no part in the run's digest. The subjects "deeco" and "adaptation" belong to the
+    component model, "localisation" and "navigation" belong to the robot.
     """
 
     def advance(self, view: View, until: Instant) -> Decision:

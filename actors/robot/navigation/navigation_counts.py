@@ -1,14 +1,18 @@
 """What navigation has been through, counted for the result."""
 
 from collections import Counter
+from dataclasses import asdict, dataclass
 from enum import Enum
 from typing import Final
 
+from actors.geometry import Point
 from actors.instant import Instant
 from actors.robot.behaviour.goal import AbortReason, GoalPhase, GoalStatus
 
 _KEPT: Final = 1000
-"""Spells listed one by one; what comes later is counted only."""
+"""Goals and spells listed one by one; what comes later is counted only."""
+_REPLACED: Final = "replaced"
+_CANCELLED: Final = "cancelled"
 
 
 class GoalEnding(Enum):
@@ -24,8 +28,20 @@ class GoalEnding(Enum):
     """The run ended."""
 
 
+@dataclass
+class _Given:
+    """A goal in the list; instants in µs."""
+
+    begin: Instant
+    x: float
+    y: float
+    end: Instant | None = None
+    how: str = ""
+    """"succeeded", "replaced", "cancelled" or the reason of its abort; empty while it is pursued."""
+
+
 class NavigationCounts:
-    """Counts goals by what became of them, and lists the spells without a valid trajectory."""
+    """Counts and lists goals by what became of them, and lists the spells without trajectory or plan."""
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
@@ -33,12 +49,32 @@ class NavigationCounts:
         self._spells: list[tuple[Instant, Instant, GoalEnding]] = []
         self._begun: Instant | None = None
         self._unlisted = 0
+        self._given: list[_Given] = []
+        self._given_unlisted = 0
+        self._planless: list[tuple[Instant, Instant]] = []
+        self._planless_since: Instant | None = None
         self.now = Instant(0)
         """The start of the step; whoever keeps the journal sets it."""
 
-    def begins(self, has_goal: bool) -> None:
+    def begins(self, goal: Point | None) -> None:
         """The behaviour has given a goal, or taken it back."""
-        self._counts["goals" if has_goal else "cancelled"] += 1
+        self._counts["cancelled" if goal is None else "goals"] += 1
+        self._close(_CANCELLED if goal is None else _REPLACED)
+        if goal is None:
+            self.plans(found=True)  # nobody looks for a way any more
+        elif self._given_unlisted or len(self._given) == _KEPT:
+            self._given_unlisted += 1
+        else:
+            self._given.append(_Given(self.now, *goal))
+
+    def plans(self, found: bool) -> None:
+        """A way to the goal was looked for."""
+        if not found:
+            self._planless_since = self.now if self._planless_since is None else self._planless_since
+        elif self._planless_since is not None:
+            if len(self._planless) < _KEPT:
+                self._planless.append((self._planless_since, self.now))
+            self._planless_since = None
 
     def enters(self, phase: GoalPhase) -> None:
         """The active goal has come into another phase."""
@@ -50,6 +86,7 @@ class NavigationCounts:
     def closes(self, status: GoalStatus, reason: AbortReason | None) -> None:
         """The goal was reached or given up."""
         self._end(GoalEnding.ABORT if status is GoalStatus.ABORTED else GoalEnding.ITSELF)
+        self._close(GoalStatus.SUCCEEDED.value if reason is None else reason.value)
         if reason is None:
             self._counts["succeeded"] += 1
         else:
@@ -77,7 +114,20 @@ class NavigationCounts:
             "aborted": {reason.value: self._aborted[reason] for reason in AbortReason},
             "no_valid_trajectory": spells,
             "no_valid_trajectory_unlisted": self._unlisted,
+            "given": [asdict(goal) for goal in self._given],
+            "given_unlisted": self._given_unlisted,
+            "without_plan": self._without_plan(),
         }
+
+    def _without_plan(self) -> list[tuple[Instant, Instant]]:
+        """Spells in which no way to the goal was found; goals given anew do not end them."""
+        if self._planless_since is None:
+            return self._planless
+        return [*self._planless, (self._planless_since, self.now)]
+
+    def _close(self, how: str) -> None:
+        if self._given and self._given[-1].end is None and not self._given_unlisted:
+            self._given[-1].end, self._given[-1].how = self.now, how
 
     def _end(self, ending: GoalEnding) -> None:
         if self._begun is None:

@@ -171,7 +171,7 @@ class Navigator:
         if order is GoalOrder.KEEP:
             return
         self._begin_anew()
-        self._journal.begins(isinstance(order, Point))
+        self._journal.begins(order if isinstance(order, Point) else None)
         self._goal = None if order is GoalOrder.CANCEL else Goal(order, GoalStatus.ACTIVE)
 
     def sense(self, instant: Instant, here: Pose, sweep: Sweep | None) -> None:
@@ -236,6 +236,7 @@ class Navigator:
             return pursuit.end
         pursuit.due = Instant(instant + self._p.replanning)
         way = self._planner.path(estimate.point, goal, self._strangers(here, estimate))
+        self._journal.plans(way is not None)
         if way is None:
             pursuit.end = None
             return None

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.patches import Rectangle
 
 from deploy.results.result import RunResult
 from experiments.campaign import store
@@ -184,7 +185,8 @@ def test_pictures_show_the_numbers_of_their_tables(
     assert [label.get_text() for label in axes.get_yticklabels()] == list(records)
     bars = sections["Where the time went"]
     assert bars.picture is not None
-    widths = [patch.get_width() for patch in bars.picture.figure.axes[0].patches]
+    patches = bars.picture.figure.axes[0].patches
+    widths = [patch.get_width() for patch in patches if isinstance(patch, Rectangle)]
     for row in bars.tables[0].rows:
         assert all(any(np.isclose(cell / 100, widths)) for cell in row[2:] if isinstance(cell, float))
 

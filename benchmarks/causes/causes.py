@@ -1,0 +1,126 @@
+"""Plants causes, and counts how often the accounting names them, in situations with one each and none."""
+
+import json
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Final
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.causes.situations import PLANTED, Situation, quiet
+from benchmarks.statistics.confidence import proportion
+from benchmarks.statistics.pool import in_order
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from experiments.accounting.account import account
+from experiments.accounting.findings import CARRIED, JAMMED
+from experiments.accounting.time_spent import Cause, TimeSpent
+
+_LEAST_S: Final = 3.0
+"""A planted cause is named if it has so much of the robot's time."""
+_EXPECTED: Final = frozenset({Cause.DRIVING, Cause.IDLE})
+"""What the robots of a quiet situation spend their time with."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was made of one situation."""
+
+    kind: str
+    seed: int
+    named: bool
+    """What was planted is named; of a quiet one: something was invented."""
+    says: str
+    """What the accounting says, shortly."""
+
+
+def run(count: int = 200, workers: int | None = None, *, json_output: bool = False) -> list[Verdict]:
+    """Judge `count` situations with a planted cause and as many quiet ones; print and give what came out."""
+    each = -(-count // len(PLANTED))
+    situations = [plant(seed) for plant in PLANTED for seed in range(1, each + 1)][:count]
+    situations += [quiet(seed) for seed in range(1, count + 1)]
+    verdicts = list(in_order(judge, situations, workers))
+    if json_output:
+        sys.stdout.write(json.dumps([asdict(one) for one in verdicts]) + "\n")
+    else:
+        _print(verdicts)
+    return verdicts
+
+
+def judge(situation: Situation) -> Verdict:
+    """Run the situation, and see what is said of it."""
+    with tempfile.TemporaryDirectory(prefix="acrc-") as name:
+        file = Path(name) / "situation.toml"
+        situation.write(file)
+        options = RunOptions(Path(name) / "out", bus="memory", json=True)
+        swarm.run(load_scenario(file, Overrides()), options)
+        spent = account(options.out)
+    return Verdict(situation.kind, situation.seed, _JUDGES[situation.kind](spent), _shortly(spent))
+
+
+def _in_the_way(spent: TimeSpent) -> bool:
+    """r1 waited for r2, which wants nowhere, at a door."""
+    return spent.robots["r1"][Cause.DONE_IN_WAY.value] >= _LEAST_S and any(
+        one.cause == Cause.DONE_IN_WAY.value and one.place == "door" and one.robots == ("r1", "r2")
+        for one in spent.blockings
+    )
+
+
+def _wedged(spent: TimeSpent) -> bool:
+    both = [spent.robots[robot][Cause.WEDGED.value] >= _LEAST_S for robot in ("r1", "r2")]
+    return all(both) and spent.wedges.pairs == 1
+
+
+def _found(name: str) -> Callable[[TimeSpent], bool]:
+    return lambda spent: any(one.name == name and one.robots == ("r1",) for one in spent.findings)
+
+
+def _invented(spent: TimeSpent) -> bool:
+    quiet_causes = {cause.value for cause in _EXPECTED}
+    strange = any(
+        s for each in spent.robots.values() for cause, s in each.items() if cause not in quiet_causes
+    )
+    return strange or bool(spent.blockings) or bool(spent.findings) or spent.wedges.pairs > 0
+
+
+_JUDGES: Final[Mapping[str, Callable[[TimeSpent], bool]]] = {
+    "parked in a door": _in_the_way,
+    "done in a door": _in_the_way,
+    "wedged": _wedged,
+    "carried": _found(CARRIED),
+    "jammed": _found(JAMMED),
+    "quiet": _invented,
+}
+
+
+def _shortly(spent: TimeSpent) -> str:
+    times = (
+        f"{robot}: " + ", ".join(f"{cause} {s:g} s" for cause, s in each.items() if s)
+        for robot, each in spent.robots.items()
+    )
+    return "; ".join([*times, *(one.says for one in spent.findings)])
+
+
+def _print(verdicts: Sequence[Verdict]) -> None:
+    by_kind: dict[str, list[Verdict]] = defaultdict(list)
+    for one in verdicts:
+        by_kind[one.kind].append(one)
+    planted = [one for one in verdicts if one.kind != "quiet"]
+    table = Table("situation", "runs", "named", "95 %")
+    rows = {**by_kind, "all planted": planted, "quiet: something invented": by_kind.pop("quiet")}
+    for name, group in rows.items():
+        if name != "quiet":
+            share = proportion(sum(one.named for one in group), len(group))
+            named = str(sum(one.named for one in group))
+            table.add_row(name, str(len(group)), named, f"{share.low:.1%} to {share.high:.1%}")
+    console = Console(width=110)
+    console.print(table)
+    for one in verdicts:
+        if one.named == (one.kind == "quiet"):
+            console.print(f"{one.kind}, seed {one.seed}: {one.says}", highlight=False, soft_wrap=True)

@@ -1,0 +1,111 @@
+"""What robots say of themselves in their last records, as far as it tells where time went."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.instant import in_seconds
+from actors.runtime.process import FinalNote
+from actors.runtime.recording import decoded, read_notes
+from deploy.results.navigation_result import GivenGoal, navigation_outcome
+from deploy.results.outcome import told
+from experiments.accounting.tracks import Tracks
+
+_SUBJECT: Final = "adaptation"
+_ABORTED: Final = frozenset({"no plan", "blocked", "no progress"})
+
+
+class SaidDecision(msgspec.Struct, frozen=True):
+    """A decision of a robot's adaptation, as it has told it; instants and ages in µs."""
+
+    instant: int
+    by: str
+    words: str
+    source: str
+    age: int
+    old: tuple[float, float] | None
+    new: tuple[float, float] | None
+
+
+class _Adaptation(msgspec.Struct, frozen=True):
+    decisions: tuple[SaidDecision, ...]
+    decisions_unlisted: int
+    blocked: tuple[tuple[int, int | None], ...] | None
+
+
+@dataclass(frozen=True)
+class Said:
+    """What one robot said, over all processes that it had; instants in µs."""
+
+    goals: tuple[GivenGoal, ...] = ()
+    planless: tuple[tuple[int, int], ...] = ()
+    """Spells in which navigation found no way."""
+    blocked: tuple[tuple[int, int | None], ...] | None = None
+    """Spells in which it held itself to be blocked; None if it never asks."""
+    decisions: tuple[SaidDecision, ...] = ()
+    left_out: int = 0
+    """Further decisions."""
+
+
+def said_by(records: Sequence[Path]) -> Said:
+    """What the processes of one robot said, the first one first; one that left no last record said nothing.
+
+    Raises RecordingError and OutcomeError for what cannot be read.
+    """
+    goals: list[GivenGoal] = []
+    planless: list[tuple[int, int]] = []
+    blocked: list[tuple[int, int | None]] | None = None
+    decisions: list[SaidDecision] = []
+    left_out = 0
+    for record in records:
+        outcome = _outcome(record)
+        if (navigation := navigation_outcome(record, outcome)) is not None:
+            goals += navigation.given
+            planless += navigation.without_plan
+        adaptation = told(record, outcome, _SUBJECT, _Adaptation, "a robot's adaptation")
+        if adaptation is not None:
+            decisions += adaptation.decisions
+            left_out += adaptation.decisions_unlisted
+            if adaptation.blocked is not None:
+                blocked = [*(blocked or []), *adaptation.blocked]
+    said = None if blocked is None else tuple(blocked)
+    return Said(tuple(goals), tuple(planless), said, tuple(decisions), left_out)
+
+
+def pursuit(goals: Sequence[GivenGoal], tracks: Tracks) -> NDArray[np.bool_]:
+    """(steps,): when a robot has a goal that it has not reached.
+
+    A goal that navigation gave up counts until the next one, or until the end of the run: nobody has told the
+    robot that it need not go there any more.
+    """
+    pursuing = np.zeros(len(tracks.true), np.bool_)
+    for number, goal in enumerate(goals, start=1):
+        end = goal.end
+        if end is None or goal.how in _ABORTED:
+            end = goals[number].begin if number < len(goals) else None
+        last = len(pursuing) if end is None else end // tracks.step_us
+        pursuing[goal.begin // tracks.step_us : last] = True
+    return pursuing
+
+
+def spells(found: Sequence[tuple[int, int | None]], tracks: Tracks) -> NDArray[np.bool_]:
+    """(steps,): True during the spells, from begin to end, µs; None: to the end of the run."""
+    during = np.zeros(len(tracks.true), np.bool_)
+    for begin, end in found:
+        during[begin // tracks.step_us : None if end is None else -(-end // tracks.step_us)] = True
+    return during
+
+
+def seconds_of(tracks: Tracks, steps: int) -> float:
+    """So many steps, s."""
+    return in_seconds(steps * tracks.step_us)
+
+
+def _outcome(record: Path) -> Mapping[str, msgspec.Raw]:
+    text = read_notes(record).get("final")
+    return {} if text is None else decoded(record, "final", text, FinalNote).outcome
