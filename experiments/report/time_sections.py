@@ -183,7 +183,7 @@ def decisions(view: View) -> Section | None:
         None,
         (
             view.table(
-                "decisions", "Decisions, all runs together; times are medians of robots that stood and got on",
+                "decisions", "Decisions, all runs together; times are medians over robots that got on",
                 ("by", "decision", "outcome", "decisions", "got on", "from blocked to free, s",
                  "from decision to free, s"),
                 _by_outcome,
