@@ -77,7 +77,7 @@ def mean_of(values: Sequence[float]) -> Interval:
 def written(cell: Cell) -> str:
     """As a reader sees it."""
     if cell is None:
-        return "unknown"
+        return "n/a"
     if isinstance(cell, Interval):
         return f"{_number(cell.value, 3)} [{_number(cell.low, 3)}, {_number(cell.high, 3)}]"
     return cell if isinstance(cell, str) else _number(cell, 4)

@@ -184,13 +184,13 @@ def decisions(view: View) -> Section | None:
         (
             view.table(
                 "decisions", "Decisions, all runs together; times are medians over robots that got on",
-                ("by", "decision", "outcome", "decisions", "got on", "from blocked to free, s",
+                ("decided by", "outcome", "decisions", "got on", "from blocked to free, s",
                  "from decision to free, s"),
                 _by_outcome,
             ),
             view.table(
                 "decision_events", f"The decisions themselves, {_MOST_LISTED} of each strategy at most",
-                ("seed", "s", "robot", "by", "decision", "knowledge of", "old goal", "new goal", "outcome",
+                ("seed", "s", "robot", "decided by", "decision", "knowledge of", "old goal", "new goal", "outcome",
                  "stood for, s", "free after, s"),
                 _events, folded=True,
             ),
@@ -213,8 +213,9 @@ def _by_outcome(group: Group) -> list[tuple[Cell, ...]]:
     return rows
 
 
-def _kind(event: DecisionEvent) -> tuple[str, str, str]:
-    return event.trigger, event.words, event.outcome
+def _kind(event: DecisionEvent) -> tuple[str, str]:
+    """Without its words, which name the place that it is about."""
+    return event.trigger, event.outcome
 
 
 def _events(group: Group) -> list[tuple[Cell, ...]]:

@@ -148,6 +148,25 @@ def test_shares_of_time_are_those_of_all_robot_seconds(
         assert sum(float(row[name]) for name in robots[0]) == pytest.approx(100.0)
 
 
+def test_decisions_are_counted_by_who_decided_and_what_came_of_it(
+    written: Path, records: dict[str, list[TrialRecord]]
+) -> None:
+    table = rows(written, "decisions")
+    for name, kept in records.items():
+        mine = {row["outcome"]: row for row in table if row["strategy"] == name}
+        assert {outcome: int(row["decisions"]) for outcome, row in mine.items()} == {
+            "blocked again": len(kept), "free": 2 * len(kept),
+        }  # fmt: skip
+        waited = sorted(
+            event.blocked_s + event.free_after_s
+            for record in kept
+            for event in (record.time.decisions if record.time else ())
+            if event.free_after_s is not None
+        )
+        assert float(mine["free"]["from blocked to free, s"]) == pytest.approx(quantile(waited, 0.5))
+    assert len(rows(written, "decision_events")) == 3 * sum(map(len, records.values()))
+
+
 def test_costs_are_means_over_runs(written: Path, records: dict[str, list[TrialRecord]]) -> None:
     for row in rows(written, "cost"):
         runs = results(records[row["strategy"]])
