@@ -25,9 +25,10 @@ _HERE: Final = Path(__file__).parent
 _INPUTS: Final = "inputs"
 
 
-def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> None:
+def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
     """Bundle the campaign in `folder` into the ZIP file `out`; the same campaign gives the same bytes.
 
+    True if the software that made the runs is in it: it is not where it had been changed since its commit.
     Raises BundleError, or CampaignError for a folder that holds no campaign or a damaged one.
     """
     kept = store.load(folder)
@@ -59,6 +60,7 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> None:
         pins = _committed(commit, "show", f"{commit}:constraints.txt")
         files["constraints.txt"] = pins or files["constraints.txt"]
     archive.write(out, folder.resolve().name, files)
+    return software is not None
 
 
 def _results(kept: store.Store) -> Iterator[tuple[str, bytes]]:

@@ -13,8 +13,10 @@ def run(folder: Path, out: Path | None, authors: Sequence[str]) -> None:
     """Write the bundle beside the campaign's folder, or where it is asked for."""
     target = out or folder.resolve().parent / f"{folder.resolve().name}.zip"
     with out_folder.writing(target):
-        bundle.make(folder, target, authors)
+        has_software = bundle.make(folder, target, authors)
     console = Console(soft_wrap=True, highlight=False)
     console.print(f"written to {target}; unpacked, ./reproduce.sh makes its runs again")
+    if not has_software:
+        console.print("without the software: it had been changed since its last commit, or that is gone")
     if not authors:
         console.print("its CITATION.cff names nobody; --author NAME puts that right")

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+from deploy.field_trial.trial_result import TrialResult
 from deploy.results.result import RunResult
 from experiments.comparison.comparison import FEWEST
 from experiments.comparison.sentences import too_few
@@ -20,6 +21,7 @@ def cautions(sources: Sequence[Source], findings: Sequence[Findings], view: View
     """One sentence or two each, the gravest first."""
     return [
         *_unfit(sources),
+        *_told_by_robots(sources),
         *(line for one in findings for line in too_few(one.samples)),
         *_alone(sources, findings),
         *_incomplete(sources),
@@ -44,6 +46,14 @@ def _unfit(sources: Sequence[Source]) -> Iterator[str]:
             "localisation, where time went and CPU time are unknown; completion is when the last report was "
             "made. Their strategy is not recorded, so each field trial stands under the name of its folder."
         )
+
+
+def _told_by_robots(sources: Sequence[Source]) -> Iterator[str]:
+    """What `acrc fleet collect` found missing or unknown in a field trial."""
+    for one in sources:
+        for case in one.cases:
+            if isinstance(case.outcome, TrialResult):
+                yield from (f"{one.name}: {note.rstrip('.')}." for note in case.outcome.notes)
 
 
 def _alone(sources: Sequence[Source], findings: Sequence[Findings]) -> Iterator[str]:

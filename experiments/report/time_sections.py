@@ -190,8 +190,8 @@ def decisions(view: View) -> Section | None:
             ),
             view.table(
                 "decision_events", f"The decisions themselves, {_MOST_LISTED} of each strategy at most",
-                ("seed", "s", "robot", "decided by", "decision", "knowledge of", "old goal", "new goal", "outcome",
-                 "stood for, s", "free after, s"),
+                ("seed", "s", "robot", "decided by", "decision", "knowledge of", "old goal", "new goal",
+                 "outcome", "stood for, s", "free after, s"),
                 _events, folded=True,
             ),
         ),

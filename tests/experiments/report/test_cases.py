@@ -21,7 +21,7 @@ def field_trial(plain: RunResult) -> TrialResult:
         robots=1, duration_s=300.0, places_total=10, places_done=None, places_claimed=7, places_given_up=0,
         places_lost=0, completion_s=None, settled_s=None, last_reached_s=250.0, per_robot={"r1": robot},
         contacts=None, frames=frames, radio_bytes_per_robot_s=1.333, deeco=plain.deeco, reference="r1",
-        notes=(), out=None,
+        notes=("r2: no frame connects its clock",), out=None,
     )  # fmt: skip
 
 
@@ -46,6 +46,7 @@ def test_real_robots_stand_beside_a_run_and_what_nobody_knows_is_said(
     assert [one.cases[0].strategy for one in sources] == ["friday", "none"]
     page = report.write([real, run], tmp_path / "out").read_text()
     assert "Of real robots nobody knows the truth: places are as they reported them" in page
+    assert "friday: r2: no frame connects its clock." in page
     assert "2 of the folders hold one run each" in page
     assert "Real robots&#x27; places are those that they reported" in page
     assert "Nothing can be told apart yet" in page

@@ -27,15 +27,13 @@ from tests.experiments.report.made_up import LENGTH, campaign
 
 EVIL = "<img src=http://evil.example/x onerror=alert(1)> $\\frac{1}{"
 STUDY = Study(
-    "five & <b>six</b>", "/nowhere/chapter.toml", ("none", "chapter", "oracle", "a$b_{<i>"), 8,
-    primary=(("none", "chapter"),),
+    "five & <b>six</b>", "/nowhere/chapter.toml", ("none", "oracle", "a$b_{<i>"), 7,
+    primary=(("none", "oracle"),),
 )  # fmt: skip
 
 
 def drawn(trial: Trial, rng: np.random.Generator) -> tuple[int, float | None]:
-    done = min(
-        40, round(float(rng.normal({"none": 30, "chapter": 35, "oracle": 43}.get(trial.strategy, 38), 2)))
-    )
+    done = min(40, round(float(rng.normal({"none": 30, "oracle": 43}.get(trial.strategy, 38), 2))))
     return done, float(rng.uniform(200, LENGTH)) if done == 40 else None
 
 
@@ -182,7 +180,7 @@ def test_costs_are_means_over_runs(written: Path, records: dict[str, list[TrialR
 
 def test_every_run_stands_in_the_table_of_runs_failures_too(written: Path) -> None:
     table = rows(written, "runs")
-    assert len(table) == 32
+    assert len(table) == 21
     (failed,) = [row for row in table if not row["digest"]]
     assert failed["failure"] == EVIL
     (cause,) = rows(written, "failures")
@@ -277,7 +275,7 @@ def test_the_page_reads_from_the_question_to_how_it_was_made(written: Path) -> N
 def test_the_sentences_are_those_of_the_comparison(folder: Path, written: Path) -> None:
     page = html.unescape((written / "report.html").read_text())
     said = chapter_order(compare(samples(store.load(folder).records())))
-    assert len(said) == 6
+    assert len(said) == 3
     for one in said:
         assert one.replace("oracle", "oracle (upper bound)") in page
 
@@ -285,7 +283,7 @@ def test_the_sentences_are_those_of_the_comparison(folder: Path, written: Path) 
 def test_warnings_say_what_a_reader_must_know(written: Path) -> None:
     page = html.unescape((written / "report.html").read_text())
     for told in (
-        "five: 1 of 32 runs failed and are in no picture",
+        "five: 1 of 21 runs failed and are in no picture",
         "oracle uses what no robot can know: it is an upper bound",
         "runs did all places. The number of places is at its ceiling",
         "Pairs of robots that wedged, in a run on average: none ",
