@@ -105,9 +105,8 @@ def costs(view: View) -> Section:
     zero = [cost.says for cost in known if cost not in drawn]
     if zero:
         text.append(f"Zero in every run: {'; '.join(zero)}.")
-    missing = [cost.says for cost in COSTS if cost not in known]
-    if missing:
-        text.append(f"Not recorded in these runs: {'; '.join(missing)}.")
+    missing = [*(cost.says for cost in COSTS if cost not in known), "metres driven"]
+    text.append(f"Not recorded in these runs: {'; '.join(missing)}.")
     return Section(
         "What adaptation costs",
         tuple(text),

@@ -1,5 +1,7 @@
 """Statistics against published values, and against what they promise about error and power."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -10,7 +12,13 @@ from experiments.statistics.effect_size import a12, difference_of, interval
 from experiments.statistics.hypothesis_tests import holm, rank_sum, signed_rank
 from experiments.statistics.sample_size import Effect, pairs_needed
 from experiments.statistics.sequential import SequentialPlan, last_look, plan
-from experiments.statistics.survival import Completion, kaplan_meier, log_rank, restricted_mean
+from experiments.statistics.survival import (
+    Completion,
+    kaplan_meier,
+    log_rank,
+    restricted_mean,
+    restricted_means,
+)
 
 Floats = NDArray[np.float64]
 # Hamilton depression scale factors before and after tranquilizer: Hollander & Wolfe, "Nonparametric
@@ -68,6 +76,17 @@ def test_the_log_rank_test_against_published_values() -> None:
 def test_the_restricted_mean_of_complete_times_is_the_mean() -> None:
     assert restricted_mean(PLACEBO, 100.0) == pytest.approx(np.mean([run.at for run in PLACEBO]))
     assert restricted_mean([Completion(50.0, False)], 40.0) == 40.0
+
+
+def test_restricted_means_of_samples_are_the_areas_under_their_curves() -> None:
+    rng = np.random.default_rng(6)
+    drawn = rng.integers(len(TREATED), size=(40, len(TREATED)))
+    for horizon in (5.0, 20.0, 40.0):
+        for mean, places in zip(restricted_means(TREATED, horizon, drawn), drawn, strict=True):
+            curve = kaplan_meier([TREATED[place] for place in places])
+            edges = [0.0, *(at for at in curve.times.tolist() if at < horizon), horizon]
+            area = sum((b - a) * curve.share_at(a) for a, b in pairwise(edges))
+            assert mean == pytest.approx(area)
 
 
 def test_nothing_done_at_all_is_no_difference() -> None:
