@@ -45,6 +45,9 @@ class EpisodeParameters:
     """A pair counts as wedged from so many s on; for less it is a touch and go."""
     beside: float = 0.5
     """A robot is at a door if it is so near to where one robot closes the way, m."""
+    neck: float = 1.6
+    """A passage between rooms that is narrower, m, is a door, too: between the corridor's cabinets there are
+    1.5 m, in which two robots could pass; with the chapter's driver they do not."""
     fit: float = 0.7
     """A goal was visited by whoever was so near, m: as the world judges places (WorldSetup.reach)."""
     jump: float = 0.3
