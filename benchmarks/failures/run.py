@@ -137,7 +137,7 @@ def _blockings(done: WatchedRun, parameters: EpisodeParameters) -> tuple[Blockin
     if not found:
         return ()
     radius = max(load_model(robot.model, None).footprint.circumradius for robot in done.world.robots)
-    passages = Passages(load_map(done.world.map), radius)
+    passages = Passages(load_map(done.world.map), radius, parameters.neck)
     return tuple(_episode(tracks, one, passages) for one in found)
 
 
@@ -167,7 +167,7 @@ def _episode(tracks: Tracks, one: Blocking, passages: Passages) -> BlockingEpiso
         at_end=one.end == len(tracks.true),
         x=round(mean(point.x for point in points), 3),
         y=round(mean(point.y for point in points), 3),
-        passage=any(map(passages.beside, points)),
+        passage=bool(passages.at(np.array(points), _PARAMETERS.beside).any()),
     )
 
 

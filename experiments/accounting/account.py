@@ -37,7 +37,7 @@ def account(out: Path, parameters: EpisodeParameters = STANDARD) -> TimeSpent:
     }
     radius = max(_radius(out, robot.id, robot.model) for robot in setup.robots)
     map_file = out / setup.robots[0].id / "map.yaml"
-    classified = classify(tracks, said, Passages(load_map(map_file), radius), parameters)
+    classified = classify(tracks, said, Passages(load_map(map_file), radius, parameters.neck), parameters)
     return TimeSpent(
         robots=_robots(tracks, classified),
         blockings=blockings.events(tracks, classified, parameters),

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor import flood
+from actors.floor import distance, flood
 from actors.floor.grid import OccupancyGrid, largest_region
 from actors.geometry import Point
 
@@ -18,12 +18,14 @@ _AROUND: Final = 1.0
 class Passages:
     """The narrow places of one floor plan, for discs of one radius."""
 
-    def __init__(self, grid: OccupancyGrid, radius: float) -> None:
-        """`radius`, m."""
+    def __init__(self, grid: OccupancyGrid, radius: float, neck: float = 0.0) -> None:
+        """`radius`, m; `neck`: for `at`, passages between rooms that are narrower count as well, m."""
         self.grid = self._grid = grid
         self._radius = radius
         self._floor = largest_region(grid, radius)
         self._centres = grid.centres()
+        self._neck = _necks(grid, self._floor, neck) if neck else np.zeros(grid.cells.shape, np.bool_)
+        self._to_neck = distance.squared_distance(self._neck) * grid.resolution**2
         self._judged: dict[tuple[float, float, float], bool] = {}
 
     def closed_by(self, point: Point) -> bool:
@@ -35,7 +37,7 @@ class Passages:
         return cut_off * self._grid.resolution**2 >= _ROOM
 
     def at(self, points: NDArray[np.float64], within: float) -> NDArray[np.bool_]:
-        """(k,): which of the points, (k, 2), m, are in or just before a passage, as `beside` has it.
+        """(k,): which of the points, (k, 2), m, are at a neck, or at a passage as `beside` has it.
 
         All points of one square of a lattice of half of `within` are judged by its middle, and once.
         """
@@ -56,7 +58,9 @@ class Passages:
     def _square(self, x: float, y: float, within: float) -> bool:
         key = (x, y, within)
         if key not in self._judged:
-            self._judged[key] = self.beside(Point(x, y), within)
+            point = Point(x, y)
+            near = self._grid.contains(point) and self._to_neck[self._grid.cell(point)] <= within**2
+            self._judged[key] = bool(near) or self.beside(point, within)
         return self._judged[key]
 
     def beside(self, point: Point, within: float = 0.5) -> bool:
@@ -93,3 +97,17 @@ class Passages:
             2 * self._radius
         ) ** 2
         return taken
+
+
+def _necks(grid: OccupancyGrid, floor: NDArray[np.bool_], width: float) -> NDArray[np.bool_]:
+    """(rows, columns): floor under no free disc of this width, m, without which rooms fall apart."""
+    roomy = distance.squared_distance(grid.clearance >= width / 2) * grid.resolution**2 < (width / 2) ** 2
+    rest, necks = floor & ~roomy, np.zeros_like(floor)
+    while rest.any():
+        row, column = np.argwhere(rest)[0]
+        part = flood.flood(rest, int(row), int(column))
+        rest &= ~part
+        left = floor & ~part
+        if int(left.sum()) - int(flood.largest_region(left).sum()) >= _ROOM / grid.resolution**2:
+            necks |= part
+    return necks

@@ -38,6 +38,10 @@ def test_every_strategy_runs_with_every_seed_as_it_would_alone(tmp_path: Path) -
     assert (progress.done, progress.failed, progress.total) == (4, 0, 4)
     found = digests(tmp_path / "out")
     assert list(found) == [("none", 1), ("chapter", 1), ("none", 2), ("chapter", 2)]
+    for record in store.load(tmp_path / "out").records():
+        assert record.time is not None
+        spent = [round(sum(each.values()), 6) for each in record.time.robots.values()]
+        assert spent == [3.0, 3.0], "where all of each robot's time went"
     overrides = Overrides(seed=2, strategy="chapter", settings=SHORT)
     alone = swarm.plan(load_scenario(CORRIDOR, overrides), RunOptions(tmp_path / "alone", bus="memory"))
     assert found["chapter", 2] == swarm.run_in_memory(alone, lambda progress: None).digest
