@@ -1,10 +1,10 @@
 """UPPER BOUND, no strategy for robots: the auction among robots that know everything of one another at once.
 
-Idea: how much of what is left to gain is the radio's. Each robot looks into all others' knowledge of this very
-second, outside of the radio, and its transceiver is silent. Source: own; the planning is that of `auction`, with
-all places told of at a time. Limits: it is the bound for that planning, not the optimum. Robots in processes of
-their own share no memory, by design, so it works with `--bus memory` only, for two robots or more, and refuses
-all else with a sentence. Settings: `BiddingParameters`.
+Idea: how much of what is left to gain is the radio's. Each robot looks into all others' knowledge of this
+very second, outside of the radio, and its transceiver is silent. Source: own; the planning is that of
+`auction`, with all places told of at a time. Limits: it is the bound for that planning, not the optimum.
+Robots in processes of their own share no memory, by design, so it works with `--bus memory` only, for two
+robots or more, and refuses all else with a sentence. Settings: `BiddingParameters`.
 """
 
 from dataclasses import dataclass, field, replace
