@@ -5,8 +5,8 @@ import numpy as np
 from actors.geometry import Pose
 from actors.robot.localisation import DeadReckoning
 from actors.robot.sweep import Sweep
-from tests.localisation.scenes import APARTMENT, Drive, amcl, apartment, error
-from tests.localisation.test_carried import ROBUST, anywhere
+from tests.localisation.scenes import APARTMENT, Drive, amcl, anywhere, apartment, error
+from tests.localisation.test_carried import ROBUST
 
 
 def test_it_has_particles_everywhere_says_that_it_is_lost_and_comes_back() -> None:
