@@ -213,6 +213,24 @@ def test_pausing_and_peers_reach_navigation_and_localisation() -> None:
     assert not robot.localisation.told
 
 
+def test_backing_out_and_looking_for_itself_reach_navigation_and_localisation() -> None:
+    robot = Robot(Decision(Point(3.0, 1.0)))
+    for _ in range(20):
+        robot.take_step()
+    view = robot.behaviour.views[-1][0]
+    assert view.plan is not None and view.plan.points[-1] == Point(3.0, 1.0) and not view.backing_out
+    there = robot.base.pose.x
+    robot.behaviour.decision = Decision(GoalOrder.CANCEL, back_out=0.3, relocalise=True)
+    robot.take_step()
+    robot.behaviour.decision = Decision()
+    robot.take_step()
+    assert robot.behaviour.views[-1][0].backing_out and robot.localisation.relocalised == 1
+    for _ in range(30):
+        robot.take_step()
+    view = robot.behaviour.views[-1][0]
+    assert not view.backing_out and view.plan is None and robot.base.pose.x < there - 0.1
+
+
 def test_a_scan_of_another_sensor_is_refused() -> None:
     robot = Robot()
     senses = Senses(0, 0, 0, Odometry(0, 0, 0, 0, 0, 0), 0, Scan(0, b"\0" * 7))
