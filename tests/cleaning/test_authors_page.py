@@ -3,6 +3,7 @@
 import re
 from dataclasses import fields
 
+import msgspec
 import pytest
 
 from actors.robot import behaviour
@@ -20,9 +21,12 @@ from actors.robot.behaviour import (
     View,
 )
 from actors.robot.behaviour.goal import AbortReason, GoalOrder, GoalPhase, GoalStatus
+from actors.task.words import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
-from deeco import in_seconds
+from deeco import Knowledge, in_seconds, role
+from deeco.immutability import fault
 from deeco.process import Periodic, processes_of
+from deeco.replication.schema import RoleBook
 from deploy.repository import REPOSITORY
 
 PAGE = (REPOSITORY / "docs" / "authors.md").read_text()
@@ -59,3 +63,20 @@ def test_the_clocks_are_those_of_the_processes() -> None:
         if isinstance(process.schedule, Periodic)
     }
     assert told == true
+
+
+def test_a_place_key_travels_in_knowledge_and_a_struct_that_can_change_does_not() -> None:
+    @role
+    class Wishing(Knowledge):
+        wish: PlaceKey | None = None
+        others: tuple[PlaceKey, ...] = ()
+
+    book = RoleBook([Wishing])
+    told = Wishing(id="r1", wish=PlaceKey("r2", 3), others=(PlaceKey("r1", 0),))
+    unpacked = book.unpack("r1", book.pack(told))
+    assert unpacked is not None and unpacked.roles == (told,)
+
+    class Loose(msgspec.Struct):
+        place: int
+
+    assert "not among the types" in (fault(Loose) or "")

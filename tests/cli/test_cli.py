@@ -10,6 +10,7 @@ import pytest
 from rich.console import Console
 
 from actors.world.whereabouts import PoseError
+from cleaning.strategies import STRATEGIES
 from deploy.cli.groups import MOVED
 from deploy.development.checks import Check, run_checks
 from deploy.results import summary
@@ -91,7 +92,7 @@ def test_what_a_command_is_called_now_is_a_command(was: tuple[str, ...]) -> None
         ("bench relays --duration 14", "--duration: 14; must be a number from 15 to 3600"),
         ("run --bus tcp", "--bus: tcp; must be zenoh or memory"),
         ("run --strategy prayer", "--strategy: strategy 'prayer' is not known; it should be one of "
-         "chapter, none, released, or the entry 'module:function' of your own"),
+         f"{', '.join(sorted(STRATEGIES))}, or the entry 'module:function' of your own"),
         ("run --limit x=1", "--limit: x=1; must be one of memory_mb, open_files, file_mb, disk_mb, "
          "disk_files, processes, \"=\" and a number from 1 to 999999999"),
         ("order out shout", "VERB: shout; must be one of: kill ROBOT, freeze ROBOT, thaw ROBOT, "

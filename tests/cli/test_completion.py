@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from cleaning.strategies import STRATEGIES
 from deploy.run.orders import VERBS
 from tests import warm
 from tests.cli.test_cli import ROOT
@@ -40,8 +41,8 @@ def test_scenarios_are_the_shipped_ones_and_those_that_lie_here(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("words", "offered"),
     [
-        ("acrc run --strategy ", ["none", "chapter", "released"]),
-        ("acrc run --strategy c", ["chapter"]),
+        ("acrc run --strategy ", list(STRATEGIES)),
+        ("acrc run --strategy chapter-m", ["chapter-mute"]),
         ("acrc run --bus ", ["zenoh", "memory"]),
         ("acrc run --spawn e", ["exec"]),
         ("acrc order out ", list(VERBS)),
