@@ -23,7 +23,7 @@ def told(words: str, cwd: Path = ROOT) -> list[str]:
 
 
 def test_commands_and_options() -> None:
-    assert told("acrc r") == ["run", "record", "report"]
+    assert told("acrc r") == ["run", "replay", "record", "report"]
     assert told("acrc fleet st") == ["stop"]
     assert "--timeout" in told("acrc run --t")
 

@@ -41,7 +41,7 @@ TOMLS = {
     "many lines of it": 'a = "' + '""" ' * 200_000,
     "keys that nobody knows": "".join(f"k{number} = 1\n" for number in range(70_000)),
     "the same in a table": "[deeco]\n" + "".join(f"k{number} = 1\n" for number in range(70_000)),
-    "settings that are none": "[strategy]\n" + "".join(f"k{number} = []\n" for number in range(60_000)),
+    "settings that are none": "[strategy]\n" + "".join(f"k{number} = [[]]\n" for number in range(60_000)),
     "places that are none": "places = [" + "3, " * 300_000 + "]",
 }
 READERS: dict[str, Callable[[Path], object]] = {
