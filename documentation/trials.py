@@ -59,14 +59,46 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
     "./acrc add pandas": NotRun("wants a network, and changes the environment"),
     "./acrc bench failures": Reduced("--seeds 1 --robots 2 --duration 10"),
     "./acrc bench steps": Reduced("--robots 2 --duration 5"),
-    "./acrc bench seeds scenarios/head_on.toml --strategy none --strategy chapter":
-        Reduced("--seeds 1 --duration 5"),
+    "./acrc demo": Elsewhere("tests/pictures/test_pictures.py"),
+    "./acrc run scenarios/chapter.toml --out runs/chapter": Reduced("--duration 5"),
+    "./acrc replay runs/NAME --robot r2 --from 40 --pdb": Elsewhere("tests/replay/test_replay.py"),
+    "./acrc replay runs/seen --robot r2 --from 15 --pdb": Elsewhere("tests/replay/test_replay.py"),
+    "./acrc replay runs/seen --robot r2 --strategy random": Elsewhere("tests/replay/test_replay.py"),
+    "./acrc campaign --preset chapter": Elsewhere("tests/experiments/test_campaign_command.py"),
+    "./acrc campaign --preset chapter --out campaigns/fig710":
+        Elsewhere("tests/experiments/test_campaign_command.py"),
+    "./acrc report campaigns/four campaigns/eight --out report":
+        Elsewhere("tests/experiments/report/test_report.py"),
+    "./acrc report runs/2026-11-22 trials/friday --out report":
+        Elsewhere("tests/experiments/report/test_cases.py"),
+    "./acrc bundle campaigns/chapter --author \"Ada Lovelace\"":
+        Elsewhere("tests/experiments/report/test_bundle.py"),
+    "./acrc causes RUN_DIR": Elsewhere("tests/experiments/test_accounting.py"),
+    "./acrc campaign study.toml --tuning --seeds 10 --out campaigns/pilot":
+        Elsewhere("tests/experiments/test_campaign_command.py"),
+    "./acrc plan-study --pilot campaigns/pilot": Elsewhere("tests/experiments/test_pilot.py"),
+    "./acrc campaign study.toml --seeds 60 --until-decided": Elsewhere("tests/experiments/test_decision.py"),
+    ".venv/bin/python -m distributed.cli.dask_scheduler": Elsewhere("tests/experiments/test_cluster.py"),
+    ".venv/bin/python -m distributed.cli.dask_worker tcp://HOST:8786 --nthreads 1":
+        Elsewhere("tests/experiments/test_cluster.py"),
+    "./acrc campaign study.toml --on dask://HOST:8786": Elsewhere("tests/experiments/test_cluster.py"),
+    "./acrc campaign studies/drawn_places.toml --out campaigns/drawn":
+        NotRun("makes 240 runs; a test reads the study"),
+    "./acrc compare campaigns/drawn": Elsewhere("tests/experiments/test_comparison.py"),
+    "./acrc report campaigns/drawn": Elsewhere("tests/experiments/report/test_report.py"),
     "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter":
         Reduced("--seeds 2 --duration 5"),
     "./acrc bench localisation --log course.zip --cell 'tracking/*/360/kobuki/4/*' --seed 7":
         Reduced("--duration 20"),
     "./acrc bench localisation --from course.zip --runs 20": Reduced("--runs 1"),
     "./acrc bench localisation --from logs/ --against theirs.json --runs 10": Reduced("--runs 1"),
+    "./acrc bench relays --seeds 6 --seed 11 --below -75 --below -80 --robots 4 --robots 10 --robots 20 "
+    "--duration 40":
+        Elsewhere("tests/swarm_bench/test_relays.py"),
+    "./acrc bench relays --seeds 6 --seed 11 --below -75 --below -80 --robots 50 --duration 30":
+        Elsewhere("tests/swarm_bench/test_relays.py"),
+    "./acrc bench relays --seeds 6 --seed 11 --below -75 --below -80 --robots 100 --duration 20":
+        Elsewhere("tests/swarm_bench/test_relays.py"),
 })  # fmt: skip
 """By the command as it stands on a page, without what is said behind `#`."""
 

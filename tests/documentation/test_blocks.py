@@ -28,7 +28,7 @@ from tests import warm
 PAGES = {page.name: page for page in pages() if page.blocks()}
 LANGUAGES = {"sh", "python", "toml", "text", "mermaid", "{commands}", "{eval-rst}", "{toctree}"}
 IN_A_CLONE = ("scenarios", "maps", "examples", "fleets")
-LEASE = "from cleaning.chapter import behaviour as behaviour\n"
+LEASE = "from cleaning.strategies.chapter import behaviour as behaviour\n"
 LEAST = {
     "map": 'map = "maps/corridor.yaml"',
     "run": '[run]\nduration = 60.0\nstrategy = "none"',
