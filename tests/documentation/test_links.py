@@ -35,7 +35,7 @@ def test_the_contents_are_the_lists_of_the_home_page() -> None:
     home = PAGES["docs/index.md"]
     found = chapters(home)
     assert list(found)[:2] == ["Start here", "Write an adaptation"]
-    assert found["Write an adaptation"] == ["tutorial.md", "deeco.md", "strategies.md"]
+    assert found["Write an adaptation"] == ["tutorial.md", "deeco.md", "authors.md", "strategies.md"]
     assert "\n:caption: Deploy\n\ndeployment.md\n" in as_toctrees(home)
 
 
