@@ -8,10 +8,9 @@ from pathlib import Path
 import msgspec
 
 from actors.runtime.bus.memory_bus import MemoryBus
-from actors.runtime.process import FinalNote
-from actors.runtime.recording import read_notes
 from actors.world.world_setup import WorldSetup
 from benchmarks.navigation.goal_log import SUBJECT, LoggedGoal
+from deploy.evidence.recorded import outcomes
 from deploy.results.navigation_result import NavigationOutcome, navigation_outcome
 from deploy.results.result import RunResult
 from deploy.run import swarm
@@ -43,7 +42,7 @@ def watch(scenario: Scenario) -> WatchedRun:
         tracker = Tracker(bus)
         result = swarm.run_in_memory(plan, lambda progress: None, bus)
         records = {robot.id: plan.folder(robot.id) / f"{robot.id}.mcap" for robot in plan.world.robots}
-        said = {robot: _outcome(record) for robot, record in records.items()}
+        said = {robot: outcomes(record) for robot, record in records.items()}
     navigation = {robot: navigation_outcome(records[robot], outcome) for robot, outcome in said.items()}
     return WatchedRun(
         plan.world,
@@ -52,10 +51,6 @@ def watch(scenario: Scenario) -> WatchedRun:
         {robot: _goals(outcome) for robot, outcome in said.items()},
         {robot: outcome for robot, outcome in navigation.items() if outcome is not None},
     )
-
-
-def _outcome(record: Path) -> dict[str, msgspec.Raw]:
-    return msgspec.json.decode(read_notes(record)["final"], type=FinalNote).outcome
 
 
 def _goals(outcome: Mapping[str, msgspec.Raw]) -> list[LoggedGoal]:

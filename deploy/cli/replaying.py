@@ -76,7 +76,7 @@ def replay(
     if begin is not None and end is not None and begin > end:
         raise OptionError(f"--from: is {begin:g}; must be at most {end:g}, which is --to")
     report = _one(out, robot, begin or 0.0, end, _debugger(pdb, debugpy), strategy, trust=trust)
-    until = "" if report.whole or end is None else f" up to {end:g} s"
+    until = "" if report.whole else " so far" if end is None else f" up to {end:g} s"
     console.print(f"{report.actor}: identical: {report.outputs} outputs{until}")
 
 
@@ -105,8 +105,19 @@ def _one(
     if stop is None and end is None and strategy is None:
         return trusted_replay.replay(out, robot, trust=trust, isolate=None)
     trusted_replay.check_trust(out, robot, trust=trust)
-    stretch = debugging.Stretch(begin, end)
-    onlook = Onlook(lambda core, step_us: debugging.watch(core, step_us, stretch, stop))
+    stretch, reached = debugging.Stretch(begin, end), list[bool]()
+
+    def stopping() -> None:
+        assert stop is not None
+        reached.append(True)
+        stop()
+
+    wanted = None if stop is None else stopping
+    onlook = Onlook(lambda core, step_us: debugging.watch(core, step_us, stretch, wanted))
     if strategy is None:
-        return replay_actor(out, robot, onlook)
-    return other_strategy.replay_otherwise(out, robot, entry(strategy), onlook)
+        report = replay_actor(out, robot, onlook)
+    else:
+        report = other_strategy.replay_otherwise(out, robot, entry(strategy), onlook)
+    if wanted is not None and not reached:
+        raise debugging.DebuggerError(f"--from: is {begin:g}, but {robot}'s recording ends before")
+    return report

@@ -3,11 +3,10 @@
 Nothing is executed again, so whoever's code it was, nothing of it runs.
 """
 
-import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple, cast
+from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -17,14 +16,13 @@ from actors.floor.grid import OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.instant import in_seconds
 from actors.messages import DRIVE, RECEIVED, TRUTH, Drive, Heard
-from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
-from actors.runtime.process import FinalNote, RunNote
-from actors.runtime.recording import Note, RecordingError, decoded, read_notes, read_recording
+from actors.runtime.process import RunNote
+from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.task.referee import PlaceOutcome
 from actors.task.words import PlaceKey
-from actors.topic import M, Message, Topic
 from actors.world.world_setup import WorldSetup
+from deploy.evidence.recorded import outcome, taken
 from deploy.replay.run_recordings import recordings
 from deploy.results.result import RunResult
 
@@ -95,12 +93,14 @@ def read_run(out: Path) -> RunEvidence:
                 f"{out}: there is no recording of the {actor}; it should be the folder of a simulated run"
             )
     setup = _setup(files["world"])
-    truths = [truth for _, truth in _taken(files["radio"], TRUTH) if not truth.halt and truth.robots]
+    truths = [truth for _, truth in taken(files["radio"], TRUTH) if not truth.halt and truth.robots]
     if not truths:
         raise EvidenceError(f"{out}: the run ended before its first step")
     robots = tuple(robot.id for robot in truths[0].robots)
+    if any(tuple(robot.id for robot in truth.robots) != robots for truth in truths):
+        raise EvidenceError(f"{files['radio']}: its robots change; they should be the same in all steps")
     said = _Said(robots, len(truths), setup)
-    for robot, drive in _taken(files["world"], DRIVE):
+    for robot, drive in taken(files["world"], DRIVE):
         said.take(robot, drive)
     heard = np.zeros((len(truths), len(robots)), np.int64)
     for actor, path in files.items():
@@ -179,7 +179,7 @@ def _setup(path: Path) -> WorldSetup:
     run = decoded(path, "run", notes["run"], RunNote)
     try:
         return msgspec.json.decode(run.scenario, type=WorldSetup)
-    except (msgspec.DecodeError, TypeError, ValueError) as error:
+    except (ValueError, RecursionError) as error:
         raise EvidenceError(f"{path}: its first record holds no world's set-up: {error}") from error
 
 
@@ -189,32 +189,18 @@ def _map(out: Path, setup: WorldSetup) -> str:
     return str(beside if beside.is_file() else setup.map)
 
 
-def _taken(path: Path, topic: Topic[M]) -> Iterator[tuple[str, M]]:
-    """The messages of a topic that a process took in, each with the robot in its key, if there is one."""
-    prefix, hole, suffix = topic.pattern.partition("{id}")
-    for item in read_recording(path):
-        if isinstance(item, Note) or item.direction != "in" or item.payload is None:
-            continue
-        if item.key.startswith(prefix) and item.key.endswith(suffix):
-            message = decode(cast(Topic[Message], topic), item.key, item.payload)
-            assert isinstance(message, topic.kind)
-            yield item.key[len(prefix) : len(item.key) - len(suffix)] if hole else "", message
-
-
 def _count_heard(path: Path, counts: NDArray[np.int64]) -> None:
     """Add what a robot heard to its column, (steps,)."""
-    for _, received in _taken(path, RECEIVED):
+    for _, received in taken(path, RECEIVED):
         if 0 <= received.step < len(counts):
             counts[received.step] += sum(isinstance(event, Heard) for event in received.events)
 
 
 def _places(path: Path, setup: WorldSetup, reported: Sequence[Deed]) -> tuple[PlaceOutcome, ...]:
     """As the referee has them; of a run that was cut, as far as robots said."""
-    notes = read_notes(path)
-    if "final" in notes:
-        final = decoded(path, "final", notes["final"], FinalNote)
-        if "places" in final.outcome:
-            return msgspec.json.decode(final.outcome["places"], type=tuple[PlaceOutcome, ...])
+    judged = outcome(path, "places", tuple[PlaceOutcome, ...], "a world")
+    if judged is not None:
+        return judged
     first: dict[PlaceKey, Deed] = {}
     for deed in reported:
         first.setdefault(deed.place, deed)
@@ -242,5 +228,5 @@ def _result(path: Path) -> RunResult | None:
         raise EvidenceError(f"{path}: has more than {_MOST_BYTES} bytes; it should be a run's result")
     try:
         return msgspec.json.decode(path.read_bytes(), type=RunResult)
-    except (msgspec.DecodeError, json.JSONDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise EvidenceError(f"{path}: is no run's result: {error}") from error

@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from deploy.evidence.run_evidence import RunEvidence
 from deploy.evidence.spells import spells
-from deploy.picture import floor_picture, lanes, style
+from deploy.picture import floor_picture, lanes, look, style
 
 
 def draw(run: RunEvidence) -> Figure:
@@ -41,7 +41,8 @@ def draw(run: RunEvidence) -> Figure:
 
 def write(run: RunEvidence, path: Path) -> None:
     """The page as a PNG or SVG file."""
-    style.save(draw(run), path)
+    with look.applied(style.LOOK):
+        style.save(draw(run), path)
 
 
 def draw_progress(axes: Axes, run: RunEvidence) -> None:

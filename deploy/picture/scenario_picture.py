@@ -11,7 +11,7 @@ from matplotlib.patches import Circle, Patch
 
 from actors.geometry import Point
 from actors.task.words import PlaceKey
-from deploy.picture import floor_picture, style
+from deploy.picture import floor_picture, look, style
 from deploy.scenario.survey import ScenarioSurvey, covered, lattice
 
 _DOOR: Final = "#ffd27f"
@@ -57,7 +57,8 @@ def draw(found: ScenarioSurvey) -> Figure:
 
 def write(found: ScenarioSurvey, path: Path) -> None:
     """The picture as a PNG or SVG file."""
-    style.save(draw(found), path)
+    with look.applied(style.LOOK):
+        style.save(draw(found), path)
 
 
 def _draw_parts(axes: Axes, found: ScenarioSurvey) -> None:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from deploy.evidence.run_evidence import RunEvidence
 from deploy.evidence.spells import Spell, spells
-from deploy.picture import floor_picture, lanes, style
+from deploy.picture import floor_picture, lanes, look, style
 
 _MARGIN: Final = 1.5
 """Around what happened, m."""
@@ -40,7 +40,8 @@ def draw(runs: Sequence[RunEvidence]) -> Figure:
 
 def write(runs: Sequence[RunEvidence], path: Path) -> None:
     """The picture as a PNG or SVG file."""
-    style.save(draw(runs), path)
+    with look.applied(style.LOOK):
+        style.save(draw(runs), path)
 
 
 def _draw_floor(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> None:

@@ -5,7 +5,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -28,7 +27,7 @@ UNKNOWN: Final = "#eceef1"
 WALL: Final = "#464a52"
 INK: Final = "#22262b"
 _FEW: Final = 12
-_LOOK: Final[Any] = {
+LOOK: Final[dict[str, Any]] = {
     "font.size": 8.5,
     "font.family": "DejaVu Sans",
     "text.parse_math": False,  # names of strategies may hold anything
@@ -72,8 +71,7 @@ def short_title(run: RunEvidence) -> str:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure of this size, inches, in this look."""
-    mpl.rcParams.update(_LOOK)
+    """An empty figure of this size, inches; to be drawn while LOOK is applied."""
     figure = Figure(figsize=(width, height), dpi=130, layout="constrained")
     FigureCanvasAgg(figure)
     return figure

@@ -1,5 +1,6 @@
 """Stops a robot that is executed again in the user's own code."""
 
+import bdb
 import importlib.util
 import pdb
 import sys
@@ -18,11 +19,11 @@ _OURS: Final = tuple(str(REPOSITORY / name) for name in ("actors", "deeco", "dep
 
 
 class DebuggerError(AcrcError):
-    """A debugger that is not there."""
+    """A debugger that is not there, or that nobody has come to."""
 
 
 class EnoughError(Exception):
-    """The instant has come after which nothing more was asked for."""
+    """The instant has come after which nothing more was asked for, or somebody has left the debugger."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,10 @@ def watch(core: Core, step_us: int, stretch: Stretch, stop: Callable[[], None] |
             stopped = True
             assert stop is not None
             stop()
-        return advance(inputs)
+        try:
+            return advance(inputs)
+        except bdb.BdbQuit:
+            raise EnoughError from None
 
     cast(Any, core).advance = watched
 

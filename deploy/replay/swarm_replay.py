@@ -55,6 +55,9 @@ def replay_swarm(out: Path, *, trust: bool) -> SwarmReplay:
     if not trust:
         refuse_foreign(out / SCENARIO, entry(scenario.run.strategy), beside(scenario))
     files = recordings(out)
+    missing = [actor for actor in ("world", "radio") if actor not in files]
+    if missing:
+        raise ReplayError(f"{out}: there is no recording of the {missing[0]}, with which to compare")
     orders = _RecordedOrders(files["world"])
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         again = Path(folder) / "again"

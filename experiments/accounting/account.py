@@ -9,9 +9,8 @@ import numpy as np
 from actors.floor.map_file import load_map
 from actors.instant import in_seconds
 from actors.robot_model import load_model
-from actors.runtime.process import FinalNote
-from actors.runtime.recording import decoded, read_notes
 from actors.world.world_setup import WorldSetup
+from deploy.evidence.recorded import outcome
 from deploy.replay.run_recordings import recordings
 from experiments.accounting import blockings, decisions, diagnosis
 from experiments.accounting.classify import CAUSES, Classified, classify
@@ -79,8 +78,4 @@ def _radius(out: Path, robot: str, model: str) -> float:
 
 
 def _frames(radio: Path) -> Mapping[str, Mapping[str, int]]:
-    text = read_notes(radio).get("final")
-    if text is None:
-        return {}
-    outcome = decoded(radio, "final", text, FinalNote).outcome
-    return msgspec.json.decode(outcome["frames_by_robot"], type=dict[str, dict[str, int]])
+    return outcome(radio, "frames_by_robot", dict[str, dict[str, int]], "a radio") or {}

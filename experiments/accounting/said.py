@@ -1,6 +1,6 @@
 """What robots say of themselves in their last records, as far as it tells where time went."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.instant import in_seconds
-from actors.runtime.process import FinalNote
-from actors.runtime.recording import decoded, read_notes
+from deploy.evidence.recorded import outcomes
 from deploy.results.navigation_result import GivenGoal, navigation_outcome
 from deploy.results.outcome import told
 from experiments.accounting.tracks import Tracks
@@ -63,7 +62,7 @@ def said_by(records: Sequence[Path]) -> Said:
     decisions: list[SaidDecision] = []
     left_out = 0
     for record in records:
-        outcome = _outcome(record)
+        outcome = outcomes(record)
         if (navigation := navigation_outcome(record, outcome)) is not None:
             goals += navigation.given
             planless += navigation.without_plan
@@ -104,8 +103,3 @@ def spells(found: Sequence[tuple[int, int | None]], tracks: Tracks) -> NDArray[n
 def seconds_of(tracks: Tracks, steps: int) -> float:
     """So many steps, s."""
     return in_seconds(steps * tracks.step_us)
-
-
-def _outcome(record: Path) -> Mapping[str, msgspec.Raw]:
-    text = read_notes(record).get("final")
-    return {} if text is None else decoded(record, "final", text, FinalNote).outcome

@@ -14,7 +14,7 @@ from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
-from actors.runtime.recording import Entry, read_recording
+from deploy.evidence.recorded import taken
 
 _Triple: TypeAlias = tuple[float, float, float]
 _UNSAID: Final[_Triple] = (np.nan, np.nan, np.nan)
@@ -120,22 +120,13 @@ def recorded(recordings: Mapping[str, Path], step_us: int) -> Tracks:
         if actor not in recordings:
             raise TracksError(f"there is no recording of the {actor}; must be a simulated run's folder")
     drives: dict[int, list[tuple[str, Drive]]] = {}
-    head, tail = at(DRIVE, "*").key.split("*")
-    for item in read_recording(recordings["world"]):
-        if not isinstance(item, Entry) or item.direction != "in" or item.payload is None:
-            continue
-        if item.key.startswith(head) and item.key.endswith(tail):
-            drive = decode(at(DRIVE, "*").topic, item.key, item.payload)
-            assert isinstance(drive, Drive)
-            drives.setdefault(drive.step, []).append((_robot(item.key), drive))
+    for robot, drive in taken(recordings["world"], DRIVE):
+        drives.setdefault(drive.step, []).append((robot, drive))
     tracker = Tracker()
-    for item in read_recording(recordings["radio"]):
-        if isinstance(item, Entry) and item.payload is not None and item.key == at(TRUTH).key:
-            truth = decode(at(TRUTH).topic, item.key, item.payload)
-            assert isinstance(truth, Truth)
-            for robot, drive in drives.pop(truth.step, ()):
-                tracker.drive(robot, drive)
-            tracker.truth(truth)
+    for _, truth in taken(recordings["radio"], TRUTH):
+        for robot, drive in drives.pop(truth.step, ()):
+            tracker.drive(robot, drive)
+        tracker.truth(truth)
     return tracker.tracks(step_us)
 
 

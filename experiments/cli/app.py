@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from deploy.cli import completion
-from deploy.cli.options import Json
+from deploy.cli.options import Json, Robots, Setting
 
 
 def campaign(
@@ -31,12 +31,9 @@ def campaign(
     seeds: Annotated[
         int | None, typer.Option(metavar="N", min=1, max=100_000, help="Seeds 1 to N.  [default: 10]")
     ] = None,
-    robots: Annotated[str | None, typer.Option(metavar="N", help="How many robots.")] = None,
+    robots: Robots = None,
     duration: Annotated[str | None, typer.Option(metavar="S", help="Simulated seconds of each run.")] = None,
-    setting: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Any key of the scenario. Repeatable."),
-    ] = None,
+    setting: Setting = None,
     tuning: Annotated[
         bool, typer.Option("--tuning", help="Seeds for choosing settings, which no test ever has.")
     ] = False,

@@ -3,18 +3,16 @@
 import contextlib
 import io
 import textwrap
-import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from actors.runtime.errors import printable
+from deploy.picture.look import applied as settings_applied
 
 INK: Final = "#1b1f24"
 FAINT: Final = "#6a737d"
@@ -76,14 +74,9 @@ def look(number: int) -> Look:
     return Look(PALETTE[place], MARKERS[(place + turn) % len(MARKERS)], LINES[(place + turn) % len(LINES)])
 
 
-@contextlib.contextmanager
-def applied() -> Iterator[None]:
-    """Pictures are made and written in here; the user's own settings of matplotlib have no part in them."""
-    with mpl.rc_context(), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from font")  # it becomes a box, as anywhere else
-        mpl.rcdefaults()
-        mpl.rcParams.update(cast(Any, _STYLE))  # its type lists all settings by name
-        yield
+def applied() -> contextlib.AbstractContextManager[None]:
+    """Pictures are made and written in here."""
+    return settings_applied(_STYLE)
 
 
 def panels(count: int, height: float, *, alike: bool = True) -> tuple[Figure, list[Axes]]:

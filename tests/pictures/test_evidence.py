@@ -1,15 +1,21 @@
 """What the recordings show agrees with the run's own result, and with what must be so."""
 
 import shutil
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
+from actors.messages import Truth
 from actors.runtime.recording import RecordingError
 from actors.task.words import PlaceKey
+from actors.topic import M, Topic
+from deploy.evidence import run_evidence
+from deploy.evidence.recorded import taken
 from deploy.evidence.run_evidence import EvidenceError, RunEvidence, read_run
 from deploy.evidence.spells import Doing, SpellParameters, spells
 from deploy.picture.floor_picture import meetings
@@ -101,3 +107,18 @@ def test_what_is_no_run_is_said_in_a_sentence(folder: Path, tmp_path: Path) -> N
     (wrong / "run.json").write_text("{}")
     with pytest.raises(EvidenceError, match=r"run\.json: is no run's result"):
         read_run(wrong)
+
+
+def test_a_robot_that_comes_and_goes_is_no_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fickle(path: Path, topic: Topic[M]) -> Iterator[tuple[str, M]]:
+        for number, (robot, message) in enumerate(taken(path, topic)):
+            yield robot, _less(message, isinstance(message, Truth) and number == 5)
+
+    monkeypatch.setattr(run_evidence, "taken", fickle)
+    with pytest.raises(EvidenceError, match=r"radio\.mcap: its robots change; they should be the same"):
+        read_run(folder)
+
+
+def _less(message: M, less: bool) -> M:
+    """A truth without its last robot."""
+    return msgspec.structs.replace(message, robots=message.robots[:1]) if less else message  # type: ignore[attr-defined]

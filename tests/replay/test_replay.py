@@ -2,6 +2,7 @@
 
 import io
 import re
+import shutil
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from actors.runtime.bus.replay_bus import ReplayError
+from deploy.cli import replaying
 from deploy.replay import debugging
 from deploy.replay.other_strategy import replay_otherwise
 from deploy.replay.record_replay import Onlook, replay_actor
@@ -72,6 +74,27 @@ def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
     # what a dataclass generates stands in no file, but belongs to its module
     assert all("/cleaning/" in file or file == "<string>" for file in stops)
     assert "r2" in said
+
+
+def test_who_leaves_the_debugger_has_seen_enough(
+    recorded: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO("quit\n"))
+    replaying.replay(recorded, "r2", begin=1.0, pdb=True)
+    assert re.search(r"r2: identical: \d+ outputs so far\n$", capsys.readouterr().out)
+
+
+def test_a_debugger_that_is_never_come_to_is_told(recorded: Path) -> None:
+    done = acrc("replay", recorded, "--robot", "r2", "--from", 100, "--pdb")
+    assert done.returncode == 1
+    assert done.stderr == "acrc: --from: is 100, but r2's recording ends before\n"
+
+
+def test_without_a_recording_of_the_world_there_is_nothing_to_compare_with(copy: Path) -> None:
+    shutil.rmtree(copy / "world")
+    (copy / "run.json").unlink()
+    with pytest.raises(ReplayError, match="there is no recording of the world, with which to compare"):
+        replay_swarm(copy, trust=False)
 
 
 def test_without_the_editors_debugger_it_says_how_to_get_it(recorded: Path) -> None:
