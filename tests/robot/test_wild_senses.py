@@ -3,7 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from tests.robot.test_core import Robot, refusal
+from tests.robot.rig import Robot, refusal
 
 
 @pytest.mark.parametrize("wild", [float("nan"), float("inf"), -1e200])
