@@ -88,9 +88,14 @@ def _order(jam: Jam, now: int) -> StartJam:
 
 
 def senses_fault(senses: Senses) -> str | None:
-    """What is wrong with the odometry that a base gives its robot."""
+    """What is wrong with the odometry that a base gives its robot, or with places."""
     odometry = senses.odometry
     moves = is_place(odometry.vx, odometry.vy) and is_heading(odometry.omega)
+    for place in senses.places:
+        if not is_place(*place):
+            return (
+                f"a place at ({place[0]:g}, {place[1]:g}); each should be at most {GREATEST_COORDINATE:g} m"
+            )
     if is_place(odometry.x, odometry.y) and is_heading(odometry.heading) and moves:
         return None
     return (

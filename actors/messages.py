@@ -5,7 +5,7 @@ here. Keys: `swarm/up/<id>/…` from a robot, `swarm/down/<id>/…` to it, `swar
 All instants are microseconds of the run's time; positions are metres in the map frame, angles radians.
 """
 
-from typing import Final
+from typing import ClassVar, Final
 
 from actors.board_readings import BoardNote
 from actors.ieee802154 import MAC_OCTETS, PSDU_LIMIT
@@ -56,6 +56,7 @@ class Scan(MessagePart, frozen=True):
 class Senses(Message, frozen=True):
     """What the base of one robot sensed at the step's start."""
 
+    omissible: ClassVar[int] = 1
     instant: int
     events: int
     """How many events Received carries for this robot and step; 0 = no such message is sent."""
@@ -68,6 +69,9 @@ class Senses(Message, frozen=True):
     """The last message to this process: no answer is expected."""
     earlier_scans: tuple[Scan, ...] = ()
     """The sweeps before `scan` since the last step, oldest first: a sensor may be faster than the steps."""
+    places: tuple[tuple[float, float], ...] = ()
+    """Places that the robot is given from now on, m, map frame, beside those that it has: by an event of the
+    scenario, or by a person's order. To a new process of the robot all those that came since the start."""
 
 
 class Drive(Message, frozen=True):
@@ -274,6 +278,27 @@ class Obstacle(MessagePart, frozen=True, tag="obstacle"):
     radius: float
 
 
+class Give(MessagePart, frozen=True, tag="give"):
+    """Give the robot further places to clean, m, map frame."""
+
+    robot: str
+    places: tuple[tuple[float, float], ...]
+
+
+class CloseDoor(MessagePart, frozen=True, tag="close"):
+    """Close the door that the point, m, lies in, as soon as no robot stands in the way."""
+
+    x: float
+    y: float
+
+
+class OpenDoor(MessagePart, frozen=True, tag="open"):
+    """Open the door again that was closed at the point, m."""
+
+    x: float
+    y: float
+
+
 class Pause(MessagePart, frozen=True, tag="pause"):
     """Begin no further step until Resume."""
 
@@ -286,7 +311,21 @@ class Stop(MessagePart, frozen=True, tag="stop"):
     """End the run at this step's start."""
 
 
-Order = Kill | Freeze | Thaw | Restart | Move | StartJam | Obstacle | Pause | Resume | Stop
+Order = (
+    Kill
+    | Freeze
+    | Thaw
+    | Restart
+    | Move
+    | StartJam
+    | Obstacle
+    | Give
+    | CloseDoor
+    | OpenDoor
+    | Pause
+    | Resume
+    | Stop
+)
 
 
 class Control(Message, frozen=True):

@@ -1,10 +1,11 @@
 """The numbers that an order may hold, checked before anything is touched."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from actors.instant import in_seconds
-from actors.messages import Move, Obstacle, Order, StartJam
+from actors.messages import CloseDoor, Give, Move, Obstacle, OpenDoor, Order, StartJam
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,8 @@ class OrderLimits:
     """Longest jam, µs: 11.6 days. The radio counts nanoseconds in 64 bits."""
     obstacles: int = 1000
     """Obstacles on one floor; each one costs every later step."""
+    places: int = 1000
+    """Places that a robot is given after the start; all of them fit one message to a new process of it."""
     refusals: int = 100
     """Sentences on refused orders that are kept; what comes after is counted."""
 
@@ -34,26 +37,40 @@ def fault(order: Order, limits: OrderLimits) -> str | None:
                     f"{robot} cannot move to ({x:g}, {y:g}) with heading {heading:g}; each should be a "
                     f"finite number, at most {limits.coordinate:g} m and {limits.heading:g} rad"
                 )
-        case StartJam(x, y, radius, duration):
-            if not _within(limits.coordinate, x, y):
-                return (
-                    f"a jammer cannot stand at ({x:g}, {y:g}); "
-                    f"each should be a finite number, at most {limits.coordinate:g} m"
-                )
-            if not 0 < radius <= limits.jam_radius:
-                return (
-                    f"a jammer reaches {radius:g} m; it should be above 0 and at most {limits.jam_radius:g} m"
-                )
-            if not 0 < duration <= limits.jam_us:
-                return (
-                    f"a jammer is on for {in_seconds(duration):g} s; "
-                    f"it should be above 0 and at most {in_seconds(limits.jam_us):g} s"
-                )
+        case StartJam():
+            return _jam_fault(order, limits)
         case Obstacle(x, y) if not _within(limits.coordinate, x, y):
-            return (
-                f"an obstacle cannot stand at ({x:g}, {y:g}); "
-                f"each should be a finite number, at most {limits.coordinate:g} m"
-            )
+            return f"an obstacle cannot stand at ({x:g}, {y:g}); {_finite(limits)}"
+        case Give(robot, places):
+            return _places_fault(robot, places, limits)
+        case CloseDoor(x, y) | OpenDoor(x, y) if not _within(limits.coordinate, x, y):
+            return f"there is no door at ({x:g}, {y:g}); {_finite(limits)}"
+    return None
+
+
+def _jam_fault(jam: StartJam, limits: OrderLimits) -> str | None:
+    if not _within(limits.coordinate, jam.x, jam.y):
+        return f"a jammer cannot stand at ({jam.x:g}, {jam.y:g}); {_finite(limits)}"
+    if not 0 < jam.radius <= limits.jam_radius:
+        return f"a jammer reaches {jam.radius:g} m; it should be above 0 and at most {limits.jam_radius:g} m"
+    if not 0 < jam.duration <= limits.jam_us:
+        return (
+            f"a jammer is on for {in_seconds(jam.duration):g} s; "
+            f"it should be above 0 and at most {in_seconds(limits.jam_us):g} s"
+        )
+    return None
+
+
+def _finite(limits: OrderLimits) -> str:
+    return f"each should be a finite number, at most {limits.coordinate:g} m"
+
+
+def _places_fault(robot: str, places: Sequence[tuple[float, float]], limits: OrderLimits) -> str | None:
+    if not 0 < len(places) <= limits.places:
+        return f"{robot} is given {len(places)} places; it should be 1 to {limits.places}"
+    for x, y in places:
+        if not _within(limits.coordinate, x, y):
+            return f"{robot} cannot clean at ({x:g}, {y:g}); {_finite(limits)}"
     return None
 
 

@@ -12,11 +12,14 @@ from actors.messages import (
     ANSWERED,
     CONTROL,
     Answered,
+    CloseDoor,
     Control,
     Freeze,
+    Give,
     Kill,
     Move,
     Obstacle,
+    OpenDoor,
     Order,
     Pause,
     Restart,
@@ -62,6 +65,11 @@ def _move(words: Sequence[str]) -> Order:
     return _numbers(lambda x, y, heading: Move(robot, x, y, heading), 3)(pose)
 
 
+def _give(words: Sequence[str]) -> Order:
+    robot, *place = words
+    return _numbers(lambda x, y: Give(robot, ((x, y),)), 2)(place)
+
+
 _FORMS: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = MappingProxyType({
     "kill": ("ROBOT", _robot(Kill)),
     "freeze": ("ROBOT", _robot(Freeze)),
@@ -70,6 +78,9 @@ _FORMS: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = Mapp
     "move": ("ROBOT X Y HEADING", _move),
     "jam": ("X Y RADIUS SECONDS", _numbers(lambda x, y, r, s: StartJam(x, y, r, seconds(s)), 4)),
     "obstacle": ("X Y RADIUS", _numbers(Obstacle, 3)),
+    "give": ("ROBOT X Y", _give),
+    "close": ("X Y", _numbers(CloseDoor, 2)),
+    "open": ("X Y", _numbers(OpenDoor, 2)),
     "pause": ("", _numbers(Pause, 0)),
     "resume": ("", _numbers(Resume, 0)),
     "stop": ("", _numbers(Stop, 0)),
