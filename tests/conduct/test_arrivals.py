@@ -3,7 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from actors.messages import SENSES, Freeze, Give, Kill, Restart, Senses, Thaw
+from actors.messages import SENSES, Freeze, Give, Kill, Order, Restart, Senses, Thaw
 from actors.order_limits import OrderLimits
 from actors.runtime.codec import decode, encode
 from actors.task.referee import Verdict
@@ -75,7 +75,11 @@ def test_what_a_dead_robot_is_given_nobody_knows_of() -> None:
 
 
 def test_a_robot_started_again_is_told_of_all_of_them_again() -> None:
-    events = [(0.5, Give("r2", (HERE,))), (1.0, Restart("r2")), (1.4, Give("r2", (THERE,)))]
+    events: list[tuple[float, Order]] = [
+        (0.5, Give("r2", (HERE,))),
+        (1.0, Restart("r2")),
+        (1.4, Give("r2", (THERE,))),
+    ]
     play = Theatre(2.0, events)
     play.acts["r2"].says = {7: Says(route=())}
     play.run()
