@@ -84,6 +84,9 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
     "./acrc campaign study.toml --on dask://HOST:8786": Elsewhere("tests/experiments/test_cluster.py"),
     "./acrc campaign studies/drawn_places.toml --out campaigns/drawn":
         NotRun("makes 240 runs; a test reads the study"),
+    "./acrc campaign studies/all_strategies.toml --out campaigns/all --check-every 0":
+        NotRun("makes 75 runs; a test reads the study"),
+    "./acrc compare campaigns/all": Elsewhere("tests/experiments/test_comparison.py"),
     "./acrc compare campaigns/drawn": Elsewhere("tests/experiments/test_comparison.py"),
     "./acrc report campaigns/drawn": Elsewhere("tests/experiments/report/test_report.py"),
     "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter":
