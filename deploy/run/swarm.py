@@ -9,7 +9,7 @@ from typing import Final
 
 import msgspec
 
-from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
+from actors.messages import PROGRESS, ROSTER, Give, ProcessOrder, Progress
 from actors.runtime.access import rules
 from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.zenoh_bus import open_mesh
@@ -57,6 +57,8 @@ def run(scenario: Scenario, options: RunOptions) -> RunResult:
     prepared = plan(scenario, options)
     warn(prepared.warning)
     places = sum(len(robot.places) for robot in prepared.world.robots)
+    given = (timed.order for timed in prepared.world.events)
+    places += sum(len(order.places) for order in given if isinstance(order, Give))
     with progress.shown(prepared.world.duration_us, places, quiet=options.json) as follow:
         if options.bus == "memory":
             return run_in_memory(prepared, follow)
