@@ -1,7 +1,7 @@
 """What is read rather than looked at: lanes of what robots do, events, knowledge, plots, ensembles."""
 
 from collections.abc import Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -50,6 +50,18 @@ def draw_lane(canvas: Canvas, robot: str, spells: Sequence[Spell]) -> None:
         [spell.second for spell in shown],
         rr.StateChange.columns(state=[_label(spell) for spell in shown]),
     )
+
+
+def introduce_lane(canvas: Canvas, robot: str) -> None:
+    """A lane that is continued while a run goes on."""
+    names = list(LANES)
+    style = rr.StateConfiguration(values=names, labels=names, colors=list(LANES.values()))
+    canvas.still(f"states/{robot}", style)
+
+
+def continue_lane(canvas: Canvas, robot: str, second: float, activity: str) -> None:
+    """What a robot is about from an instant on."""
+    canvas.at(second, f"states/{robot}", rr.StateChange(state=activity))
 
 
 def settled(spells: Sequence[Spell]) -> list[Spell]:
@@ -111,7 +123,7 @@ def introduce_line(
         style = rr.SeriesPoints(colors=[colour], names=[name], markers=["Circle"], marker_sizes=[1.8])
         canvas.still(path, style)
         return
-    mode = "StepAfter" if steps else None
+    mode: Any = "StepAfter" if steps else None
     canvas.still(path, rr.SeriesLines(colors=[colour], names=[name], widths=[1.6], interpolation_mode=mode))
 
 
