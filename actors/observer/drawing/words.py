@@ -8,7 +8,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from actors.observer.colours import GREY, LANES, Colour
-from actors.observer.drawing.canvas import Canvas
+from actors.observer.drawing.canvas import Canvas, packed
 
 _SHORTEST: Final = 0.6
 """A spell in a lane that lasts less long, s, goes with what was before."""
@@ -85,14 +85,13 @@ def draw_events(canvas: Canvas, source: str, events: Sequence[Event]) -> None:
     ordered = sorted(events)
     for robot in dict.fromkeys(event.robot for event in ordered):
         mine = [event for event in ordered if event.robot == robot]
-        red, green, blue = canvas.colour(robot)
         canvas.columns(
             f"events/{robot or 'run'}/{source}",
             [event.second for event in mine],
             rr.TextLog.columns(
                 text=[f"{robot} {event.words}" if robot else event.words for event in mine],
                 level=[event.level for event in mine],
-                color=[(red << 24) | (green << 16) | (blue << 8) | 0xFF] * len(mine),
+                color=packed([canvas.colour(robot)] * len(mine)),
             ),
         )
 
