@@ -32,6 +32,8 @@ STARTS = {
     "run --view": ("deploy.run.swarm", "actors.observer.__main__"),
     "run --hardware-in-the-loop": ("firmware_bridge.laboratory.__main__", *ACTORS[2:], *ON_BOARD),
     "record replay": ACTORS,
+    "view": ("deploy.inside.inside_program", "deploy.processes.forkserver", *ACTORS),
+    "view --png": ("deploy.evidence.run_evidence", "deploy.picture.run_page"),
     "fleet onboard": ("actors.robot.__main__", *ON_BOARD),
     "bench onboard": ("firmware_bridge.laboratory.__main__", *ACTORS, *ON_BOARD),
     "bench standstill": ("firmware_bridge.laboratory.__main__", ACTORS[2], *ON_BOARD),

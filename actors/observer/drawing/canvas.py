@@ -51,13 +51,13 @@ class Canvas:
 
     def at(self, second: float, path: str, drawn: Any) -> None:
         """Draw something anew at an instant, s."""
-        self.recording.set_time(TIMELINE, duration=second)
+        self.recording.set_time(TIMELINE, duration=_instants([second])[0])
         self.recording.log(path, drawn)
 
     def columns(self, path: str, seconds: Sequence[float] | NDArray[np.float64], columns: Any) -> None:
         """Draw something anew at many instants, in s: a row of the columns for each."""
         if len(seconds):
-            when = rr.TimeColumn(TIMELINE, duration=np.asarray(seconds, np.float64))
+            when = rr.TimeColumn(TIMELINE, duration=_instants(seconds))
             self.recording.send_columns(path, [when], columns)
 
     def strips(
@@ -76,6 +76,11 @@ class Canvas:
         if not flat:
             flat, more = [], {}
         self.columns(path, seconds, rr.LineStrips3D.columns(strips=flat, **more).partition(lengths))
+
+
+def _instants(seconds: Sequence[float] | NDArray[np.float64]) -> NDArray[np.timedelta64]:
+    """Whole microseconds, as instants of a run are."""
+    return np.round(np.asarray(seconds, np.float64) * 1e6).astype("timedelta64[us]")
 
 
 def packed(colours: Sequence[Colour]) -> NDArray[np.uint32]:

@@ -16,6 +16,8 @@ _AHEAD_S: Final = 1.7
 """So far the chosen arc is drawn, s: as far as the driver looks."""
 _SIGMAS: Final = 2.0
 """Of the ellipse round the estimate: 86 % of what is held possible."""
+_OPACITY: Final = 0.999
+"""Of the whole: below 1, so that the viewer blends at all."""
 _HUES: Final = np.zeros((256, 4), np.uint8)
 """Red, green, blue and opacity by cost: one hue, the denser the dearer; nothing where it costs nothing."""
 _HUES[:, :3] = COSTS_COLOUR
@@ -95,6 +97,7 @@ def draw_costs(
             format=[kind] * n,
             cell_size=[cell] * n,
             translation=np.column_stack((corners[:, :2], np.full(n, COSTS))).astype(np.float32),
+            opacity=[_OPACITY] * n,
             quaternion=np.column_stack((none, none, np.sin(half), np.cos(half))).astype(np.float32),
         ),
     )
