@@ -87,6 +87,7 @@ def view(
     if png or svg:
         _draw_page(out, [name for wished, name in ((png, "run.png"), (svg, "run.svg")) if wished])
         return
+    from deploy.processes.signals import Interrupted, signals_as_interrupts
     from deploy.run import out_folder
     from deploy.view import command
     from deploy.view.drawn import Wishes
@@ -97,15 +98,16 @@ def view(
         console.print(sentence, markup=False)
 
     wishes = Wishes(tuple(robot or ()), trust, isolate)
-    if save is not None or screenshot is not None:
-        for path in filter(None, (save, screenshot)):
-            with out_folder.writing(path.absolute().parent):
-                if path is save:
-                    command.save(out, wishes, path, say)
-                else:
-                    command.picture(out, wishes, path, at, say)
-        return
-    command.show(out, wishes, say)
+    try:
+        with signals_as_interrupts(), out_folder.writing((save or screenshot or out).absolute().parent):
+            if save is not None:
+                command.save(out, wishes, save, say)
+            if screenshot is not None:
+                command.picture(out, wishes, screenshot, at, say)
+            if save is None and screenshot is None:
+                command.show(out, wishes, say)
+    except Interrupted as interrupt:
+        raise typer.Exit(interrupt.exit_code) from None
 
 
 def _draw_page(out: Path, names: Sequence[str]) -> None:

@@ -1,7 +1,6 @@
 """What `acrc view` does: it draws a run, and shows it in a window, in a browser, or as a picture."""
 
 import os
-import signal
 import sys
 import tempfile
 from pathlib import Path
@@ -9,6 +8,7 @@ from pathlib import Path
 from actors.observer import screenshot, viewer
 from actors.observer.viewer import OpenViewer
 from actors.runtime.errors import AcrcError
+from deploy.processes.signals import Interrupted
 from deploy.view.drawn import Say, Wishes, draw, place, read_story
 
 
@@ -31,19 +31,18 @@ def picture(out: Path, wishes: Wishes, path: Path, second: float | None, say: Sa
 def show(out: Path, wishes: Wishes, say: Say) -> None:
     """Draw the run into its view file, and show it while that happens.
 
-    In a window if there is a display. Else it is served to a browser on this machine until Ctrl-C.
+    In a window if there is a display. Else it is served to a browser on this machine until Interrupted, which
+    before it is drawn is passed on.
     """
     story, path = read_story(out), place(out)
     opened = _open(say)
-    if opened is None or not opened.page:
+    try:
+        if opened is not None and opened.page:
+            say(f"to see it, open {opened.page} in a browser on this machine; Ctrl-C ends that")
         draw(story, path, wishes, send_to=None if opened is None else opened.address, say=say)
         say(f"the view is in {path}")
-        return
-    try:
-        say(f"to see it, open {opened.page} in a browser on this machine; Ctrl-C ends that")
-        draw(story, path, wishes, send_to=opened.address, say=say)
-        say(f"the view is in {path}")
-        _wait(opened)
+        if opened is not None and opened.page:
+            _wait(opened)
     finally:
         viewer.end(opened)
 
@@ -61,13 +60,8 @@ def _open(say: Say) -> OpenViewer | None:
 
 def _wait(opened: OpenViewer) -> None:
     """Until somebody ends this program or the viewer."""
-
-    def end(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, end)
     try:
         opened.process.wait()
-    except KeyboardInterrupt:
+    except Interrupted:
         return
     raise AcrcError(f"the viewer has ended with exit code {opened.process.returncode}")

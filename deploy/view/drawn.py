@@ -59,20 +59,31 @@ def draw(story: Story, path: Path, wishes: Wishes, *, send_to: str | None, say: 
     The file takes its name once it is whole.
     """
     began = time.monotonic()
-    detailed = [robot for robot in story.robots if robot in wishes.robots] or story.robots[:DETAILED]
     part = path.with_name(f"{path.name}.part")
-    with Sheet(part, arrangement(story, detailed), name=story.title, send_to=send_to) as sheet:
-        painting = Painting(Canvas(sheet.recording, story.robots), story, detailed)
-        painting.recorded()
-        sheet.flush()
-        say(f"first picture after {time.monotonic() - began:.1f} s: what was recorded")
-        faults = _compute(story, painting, wishes, sheet)
-    part.replace(path)
+    try:
+        faults, lost = _draw(story, part, wishes, send_to, lambda: time.monotonic() - began, say)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
     for fault in faults:
         say(fault)
     say(f"all of it after {time.monotonic() - began:.1f} s, with what {_told(story)} perceived and meant")
-    if sheet.lost:
+    if lost:
         say(f"the viewer was closed before that: the whole view is in {path}")
+
+
+def _draw(
+    story: Story, path: Path, wishes: Wishes, send_to: str | None, taken: Callable[[], float], say: Say
+) -> tuple[list[str], bool]:
+    """Draw into `path`; what could not be computed, and whether the viewer is gone. `taken`: so far, s."""
+    detailed = [robot for robot in story.robots if robot in wishes.robots] or story.robots[:DETAILED]
+    with Sheet(path, arrangement(story, detailed), name=story.title, send_to=send_to) as sheet:
+        painting = Painting(Canvas(sheet.recording, story.robots), story, detailed)
+        painting.recorded()
+        sheet.flush()
+        say(f"first picture after {taken():.1f} s: what was recorded")
+        faults = _compute(story, painting, wishes, sheet)
+    return faults, sheet.lost
 
 
 def _told(story: Story) -> str:
