@@ -274,6 +274,15 @@ class Obstacle(MessagePart, frozen=True, tag="obstacle"):
     radius: float
 
 
+class Wall(MessagePart, frozen=True, tag="wall"):
+    """Put a straight wall between two points on the floor, m; it does not move, and radio passes it."""
+
+    x: float
+    y: float
+    to_x: float
+    to_y: float
+
+
 class Pause(MessagePart, frozen=True, tag="pause"):
     """Begin no further step until Resume."""
 
@@ -282,11 +291,25 @@ class Resume(MessagePart, frozen=True, tag="resume"):
     """Go on after Pause."""
 
 
+class Step(MessagePart, frozen=True, tag="step"):
+    """Go on after Pause, and pause again `steps` steps later."""
+
+    steps: int
+
+
+class Speed(MessagePart, frozen=True, tag="speed"):
+    """Take so many simulated seconds per second from now on, at most; 0: as fast as possible."""
+
+    factor: float
+
+
 class Stop(MessagePart, frozen=True, tag="stop"):
     """End the run at this step's start."""
 
 
-Order = Kill | Freeze | Thaw | Restart | Move | StartJam | Obstacle | Pause | Resume | Stop
+Order = (
+    Kill | Freeze | Thaw | Restart | Move | StartJam | Obstacle | Wall | Pause | Resume | Step | Speed | Stop
+)
 
 
 class Control(Message, frozen=True):

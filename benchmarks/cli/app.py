@@ -25,6 +25,7 @@ for _command in (
     swarm.relays,
     swarm.crowded_start,
     swarm.endings,
+    swarm.branches,
     navigation.navigation,
     navigation.failures,
     navigation.causes,

@@ -21,9 +21,12 @@ from actors.messages import (
     Pause,
     Restart,
     Resume,
+    Speed,
     StartJam,
+    Step,
     Stop,
     Thaw,
+    Wall,
 )
 from actors.order_limits import OrderLimits, fault
 from actors.runtime.access import router_file, rules
@@ -57,6 +60,13 @@ def _robot(make: Callable[[str], Order]) -> Callable[[Sequence[str]], Order]:
     return order
 
 
+def _speed(word: str) -> float:
+    factor = 0.0 if word == "max" else float(word)
+    if factor == 0 and word != "max":
+        raise ValueError
+    return factor
+
+
 def _move(words: Sequence[str]) -> Order:
     robot, *pose = words
     return _numbers(lambda x, y, heading: Move(robot, x, y, heading), 3)(pose)
@@ -70,8 +80,11 @@ _FORMS: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = Mapp
     "move": ("ROBOT X Y HEADING", _move),
     "jam": ("X Y RADIUS SECONDS", _numbers(lambda x, y, r, s: StartJam(x, y, r, seconds(s)), 4)),
     "obstacle": ("X Y RADIUS", _numbers(Obstacle, 3)),
+    "wall": ("X Y TO_X TO_Y", _numbers(Wall, 4)),
     "pause": ("", _numbers(Pause, 0)),
     "resume": ("", _numbers(Resume, 0)),
+    "step": ("[N]", lambda words: Step(int(*words) if words else 1)),
+    "speed": ("X|max", lambda words: Speed(_speed(*words))),
     "stop": ("", _numbers(Stop, 0)),
 })  # fmt: skip
 """By verb: what must follow it, and how it is read."""
@@ -90,7 +103,7 @@ def parse(verb: str, words: Sequence[str]) -> Order:
     shape, read = _FORMS[verb]
     try:
         order = read(words)
-    except (ValueError, OverflowError):  # the latter: an infinite number of seconds
+    except (ValueError, TypeError, OverflowError):  # too many words; an infinite number of seconds
         form = f"{verb} {shape}".strip()
         raise wrong_value("VERB", " ".join([verb, *words]), f"like {form}") from None
     if wrong := fault(order, OrderLimits()):
