@@ -66,6 +66,11 @@ class _Hosted:
         self._node = self._deploy(START)  # what is missing is said before the first step
         self._begun = False
 
+    @property
+    def node(self) -> Node:
+        """The robot's node; for those who execute a robot again to look into it."""
+        return self._node
+
     def advance(self, view: View, until: Instant) -> Decision:
         """Let the node do what is due."""
         self._reach(view.instant)
