@@ -173,6 +173,8 @@ def run(
         )
         raise typer.Exit(interrupt.exit_code) from None
     summary.print_result(result, json=json)
+    if not json:
+        summary.print_next(options.out, adapted=scenario is None and chosen.run.strategy != "none")
     if view:
         summary.print_view(options.out)
     deliveries.demand_all(result.undelivered, result.not_delivered)

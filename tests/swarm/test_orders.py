@@ -12,7 +12,7 @@ from deploy.replay.record_replay import replay_actor
 from deploy.replay.swarm_replay import replay_swarm
 from deploy.run import orders
 from deploy.usage import OptionError
-from tests.swarm.command import acrc, leftovers, processes_of, start
+from tests.swarm.command import ROOT, acrc, leftovers, processes_of, start
 from tests.swarm.test_failures import stepping, until
 
 
@@ -71,7 +71,8 @@ def test_what_is_no_order(words: str, sentence: str) -> None:
 
 def test_a_run_is_paused_changed_resumed_stopped_and_replayed(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    process = start("run", "--duration", 100_000, "--speed", 5, "--out", out, "--json")
+    corridor = ROOT / "scenarios" / "corridor.toml"
+    process = start("run", corridor, "--duration", 100_000, "--speed", 5, "--out", out, "--json")
     until(lambda: stepping(out))
 
     def order(*words: object) -> None:
