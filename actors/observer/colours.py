@@ -63,6 +63,8 @@ LINK: Final[Colour] = (200, 225, 255)
 SCAN: Final[Colour] = WHITE
 PARTICLES: Final[Colour] = (120, 230, 120)
 PLAN: Final[Colour] = (255, 220, 90)
+COSTS_COLOUR: Final[Colour] = (120, 110, 200)
+"""Of what is dear to drive through."""
 ARC: Final[Colour] = (255, 90, 200)
 
 

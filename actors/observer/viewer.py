@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -11,6 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
+from actors.runtime.lifecycle.linux import PR_SET_PDEATHSIG, prctl
+
+WHILE_IT_GOES_ON = "To see the run while it goes on"
+"""Begins the sentence that means nothing once the run has ended."""
 _PATIENCE = 15.0
 """How long the viewer may take to open its port, s."""
 
@@ -50,15 +55,23 @@ def open_headless(width: int, height: int) -> OpenViewer:
     return _start(["--headless", "--hide-welcome-screen", "--window-size", size], "")
 
 
+def end(opened: OpenViewer | None) -> None:
+    """End a viewer that is not a window: those stay."""
+    if opened is not None and opened.page:
+        opened.process.terminate()
+        opened.process.wait()
+
+
 def _start(words: Sequence[str], page: str) -> OpenViewer:
-    """Start the program, listening on this machine only."""
-    port = _free_port()
+    """Start the program, listening on this machine only; all but a window end with this process."""
+    port, tied = _free_port(), "--serve-web" in words or "--headless" in words
     viewer = subprocess.Popen(
         [_program(), "--port", str(port), "--bind", "127.0.0.1", *words],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
+        preexec_fn=_tie if tied and sys.platform == "linux" else None,  # noqa: PLW1509  # one call of prctl
         env={**os.environ, "RERUN_ANALYTICS": "0"},  # a run tells nobody that it takes place
     )
     if not _listens(port, viewer):
@@ -68,6 +81,10 @@ def _start(words: Sequence[str], page: str) -> OpenViewer:
         raise RuntimeError(f"rerun's viewer did not open its port within {_PATIENCE:g} s")
     address = f"rerun+http://127.0.0.1:{port}/proxy"
     return OpenViewer(address, f"{page}{quote(address, safe='')}" if page else "", viewer)
+
+
+def _tie() -> None:
+    prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _program() -> Path:

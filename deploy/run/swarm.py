@@ -16,6 +16,7 @@ from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.core import at
 from deploy.processes.launch import Launcher, Program, launcher
 from deploy.processes.signals import signals_as_interrupts
+from deploy.results import summary
 from deploy.results.place_table import write_table
 from deploy.results.result import Circumstances, RunResult, gather
 from deploy.run import progress, scenario_copy
@@ -140,6 +141,7 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
             if plan.view:
                 supervisor.start([observer_program(plan)])
                 supervisor.await_file(plan.out / "view.rrd", "observer")
+                summary.print_viewer(plan.out)
             first = (ProcessOrder(robot, 0) for robot in robots)
             supervisor.start([robot_program(plan, robots[order.robot], order, 0) for order in first])
             supervisor.watch(bus)

@@ -45,8 +45,7 @@ def show(out: Path, wishes: Wishes, say: Say) -> None:
         say(f"the view is in {path}")
         _wait(opened)
     finally:
-        opened.process.terminate()
-        opened.process.wait()
+        viewer.end(opened)
 
 
 def _open(say: Say) -> OpenViewer | None:

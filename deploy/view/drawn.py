@@ -17,6 +17,7 @@ from deploy.evidence.spells import Doing, spells
 from deploy.inside.fates import read_fates
 from deploy.inside.insides import look_into_all
 from deploy.replay.run_recordings import recordings
+from deploy.run.kernels import compile_kernels
 from deploy.view.collected import collected_story
 from deploy.view.painting import DETAILED, Painting, arrangement
 from deploy.view.simulated import simulated_story
@@ -81,6 +82,7 @@ def _told(story: Story) -> str:
 def _compute(story: Story, painting: Painting, wishes: Wishes, sheet: Sheet) -> list[str]:
     """Execute the radio and the robots again; what could not be, in sentences."""
     faults = []
+    compile_kernels()
     if story.true:
         try:
             painting.fates(read_fates(story.out, story.robots))

@@ -62,7 +62,7 @@ class Painting:
         """What became of frames: rings where copies are lost, and how many there were of each fate."""
         canvas, story = self._canvas, self._story
         radio_s = radio.period(canvas)
-        seconds = np.arange(0.0, story.end, radio_s)
+        seconds = _every(radio_s, story.end)
         rows = zip(fates.seconds.tolist(), fates.receivers.tolist(), fates.outcomes.tolist(), strict=True)
         lost = [(second, who, _fate(Outcome(what))) for second, who, what in rows if Outcome(what) in LOSSES]
         radio.draw_losses(canvas, seconds, self._positions(seconds), lost)
@@ -105,7 +105,7 @@ class Painting:
     def _links(self) -> None:
         canvas, story = self._canvas, self._story
         radio.introduce_radio(canvas)
-        seconds = np.arange(0.0, story.end, radio.period(canvas))
+        seconds = _every(radio.period(canvas), story.end)
         radio.draw_links(canvas, seconds, self._positions(seconds), story.heard)
 
     def _positions(self, seconds: Floats) -> Floats:
@@ -265,6 +265,11 @@ def _first(deeds: Sequence[Deed]) -> list[Deed]:
 
 def _name(place: PlaceKey) -> str:
     return f"{place.owner}/{place.place}"
+
+
+def _every(period: float, end: float) -> Floats:
+    """(n,) s, from 0 on."""
+    return np.arange(0.0, end, period).astype(np.float64)
 
 
 def _fate(outcome: Outcome) -> str:

@@ -72,7 +72,7 @@ class Canvas:
         listed = [list(row) for row in rows]
         lengths = [len(row) for row in listed]
         flat = [np.asarray(strip, np.float32) for row in listed for strip in row]
-        more = {} if colours is None else {"colors": packed([one for row in colours for one in row])}
+        more: Any = {} if colours is None else {"colors": packed([one for row in colours for one in row])}
         if not flat:
             flat, more = [], {}
         self.columns(path, seconds, rr.LineStrips3D.columns(strips=flat, **more).partition(lengths))
@@ -81,8 +81,8 @@ class Canvas:
 def packed(colours: Sequence[Colour]) -> NDArray[np.uint32]:
     """Colours as rerun keeps them: one number each."""
     parts = np.array(colours, np.uint32).reshape(-1, 3)
-    numbers: NDArray[np.uint32] = (parts[:, 0] << 24) | (parts[:, 1] << 16) | (parts[:, 2] << 8) | 0xFF
-    return numbers
+    numbers = (parts[:, 0] << 24) | (parts[:, 1] << 16) | (parts[:, 2] << 8) | 0xFF
+    return numbers.astype(np.uint32)
 
 
 def ring(x: float, y: float, radius: float, height: float) -> NDArray[np.float32]:

@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from actors.observer.colours import ARC, PARTICLES, PLAN, SCAN, WHITE
+from actors.observer.colours import ARC, COSTS_COLOUR, PARTICLES, PLAN, SCAN, WHITE
 from actors.observer.drawing.canvas import BODY, CIRCLE, CLOUD, COSTS, NOSE, RADIUS, WAY, Canvas, lifted, ring
 
 Floats = NDArray[np.float64]
@@ -16,7 +16,11 @@ _AHEAD_S: Final = 1.7
 """So far the chosen arc is drawn, s: as far as the driver looks."""
 _SIGMAS: Final = 2.0
 """Of the ellipse round the estimate: 86 % of what is held possible."""
-_OPACITY: Final = 0.55
+_HUES: Final = np.zeros((256, 4), np.uint8)
+"""Red, green, blue and opacity by cost: one hue, the denser the dearer; nothing where it costs nothing."""
+_HUES[:, :3] = COSTS_COLOUR
+_HUES[1:, 3] = np.linspace(20, 110, 255).astype(np.uint8)
+_HUES[253:, 3] = 190
 
 
 def introduce_inside(canvas: Canvas, robot: str) -> None:
@@ -76,13 +80,13 @@ def draw_costs(
     canvas: Canvas, robot: str, seconds: Floats, costs: NDArray[np.uint8], corners: Floats, cell: float
 ) -> None:
     """The local cost map: windows (n, rows, columns), row 0 the southernmost, each with the pose of its
-    south-west corner, (n, 3), cells of so many m. In one hue, the lighter the dearer."""
+    south-west corner, (n, 3), cells of so many m. In one hue, the denser the dearer."""
     if not len(costs):
         return
     n, rows, columns = costs.shape
     none, half = np.zeros(n), corners[:, 2] / 2
-    kind = rr.components.ImageFormat(width=columns, height=rows, color_model="L", channel_datatype="U8")
-    shown = np.minimum(costs, 254)[:, ::-1]
+    kind = rr.components.ImageFormat(width=columns, height=rows, color_model="RGBA", channel_datatype="U8")
+    shown = _HUES[costs[:, ::-1]]
     canvas.columns(
         f"inside/{robot}/costs",
         seconds,
@@ -92,7 +96,5 @@ def draw_costs(
             cell_size=[cell] * n,
             translation=np.column_stack((corners[:, :2], np.full(n, COSTS))).astype(np.float32),
             quaternion=np.column_stack((none, none, np.sin(half), np.cos(half))).astype(np.float32),
-            opacity=[_OPACITY] * n,
-            colormap=[rr.components.Colormap.Magma] * n,
         ),
     )

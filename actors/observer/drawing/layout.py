@@ -46,7 +46,7 @@ def layout(what: Arrangement) -> rrb.Blueprint:
     left = rrb.Vertical(_swarm(what), rrb.Horizontal(_lanes(what), _plots(what)), row_shares=[2.1, 1])
     parts: list[Any] = [left, _reading(what)]
     live = what.end is None
-    speed = {} if live else {"playback_speed": _SPEED}
+    speed: dict[str, Any] = {} if live else {"playback_speed": _SPEED}
     return rrb.Blueprint(
         rrb.Horizontal(*parts, column_shares=[2.35, 1]),
         rrb.BlueprintPanel(state="collapsed"),
@@ -70,8 +70,12 @@ def _swarm(what: Arrangement) -> rrb.Spatial3DView:
         TIMELINE, start=rrb.TimeRangeBoundary.cursor_relative(seconds=-RECENT_S), end=to_cursor
     )
     ever = rrb.VisibleTimeRange(TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=to_cursor)
-    trails = {f"/world/trails/{robot}": [rrb.VisibleTimeRanges([recent])] for robot in what.robots}
-    history = {f"/world/history/{robot}": [rrb.VisibleTimeRanges([ever])] for robot in what.robots}
+    trails: dict[Any, Any] = {
+        f"/world/trails/{robot}": [rrb.VisibleTimeRanges([recent])] for robot in what.robots
+    }
+    history: dict[Any, Any] = {
+        f"/world/history/{robot}": [rrb.VisibleTimeRanges([ever])] for robot in what.robots
+    }
     return rrb.Spatial3DView(
         origin="/world",
         name="Swarm, ground truth" if what.true else "Swarm, as the robots held it",

@@ -71,7 +71,7 @@ def introduce_intent(canvas: Canvas, robot: str) -> None:
 
 def draw_intents(canvas: Canvas, robot: str, seconds: Floats, here: Floats, there: Floats) -> None:
     """Where a robot heads for: (n, 2) m each, `there` NaN where that is nowhere."""
-    heads = np.isfinite(there).all(axis=1)
+    heads: NDArray[np.bool_] = np.isfinite(there[:, 0])
     lines = np.stack((lifted(here, INTENT), lifted(there, INTENT)), axis=1)
     rows = [[line] if shown else [] for line, shown in zip(lines, heads.tolist(), strict=True)]
     canvas.strips(f"world/intent/{robot}", seconds, rows)

@@ -75,6 +75,9 @@ def draw_losses(
             first = int(np.searchsorted(seconds, second))
             for mark in marks[first : first + shown]:
                 mark[receiver] = cause
-    rows = [[ring(*positions[k, who], 0.34, NOSE) for who in mark] for k, mark in enumerate(marks)]
+    rows = [
+        [ring(positions[k, who, 0], positions[k, who, 1], 0.34, NOSE) for who in mark]
+        for k, mark in enumerate(marks)
+    ]
     colours = [[FATES[cause] for cause in mark.values()] for mark in marks]
     canvas.strips("world/radio/losses", seconds, rows, colours)

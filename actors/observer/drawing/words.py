@@ -1,14 +1,14 @@
 """What is read rather than looked at: lanes of what robots do, events, knowledge, plots, ensembles."""
 
 from collections.abc import Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
 from actors.observer.colours import GREY, LANES, Colour
-from actors.observer.drawing.canvas import Canvas
+from actors.observer.drawing.canvas import Canvas, packed
 
 _SHORTEST: Final = 0.6
 """A spell in a lane that lasts less long, s, goes with what was before."""
@@ -52,6 +52,18 @@ def draw_lane(canvas: Canvas, robot: str, spells: Sequence[Spell]) -> None:
     )
 
 
+def introduce_lane(canvas: Canvas, robot: str) -> None:
+    """A lane that is continued while a run goes on."""
+    names = list(LANES)
+    style = rr.StateConfiguration(values=names, labels=names, colors=list(LANES.values()))
+    canvas.still(f"states/{robot}", style)
+
+
+def continue_lane(canvas: Canvas, robot: str, second: float, activity: str) -> None:
+    """What a robot is about from an instant on."""
+    canvas.at(second, f"states/{robot}", rr.StateChange(state=activity))
+
+
 def settled(spells: Sequence[Spell]) -> list[Spell]:
     """The same without what lasts too short to be seen; what is blocked, frozen or off always is."""
     kept: list[Spell] = []
@@ -73,14 +85,13 @@ def draw_events(canvas: Canvas, source: str, events: Sequence[Event]) -> None:
     ordered = sorted(events)
     for robot in dict.fromkeys(event.robot for event in ordered):
         mine = [event for event in ordered if event.robot == robot]
-        red, green, blue = canvas.colour(robot)
         canvas.columns(
             f"events/{robot or 'run'}/{source}",
             [event.second for event in mine],
             rr.TextLog.columns(
                 text=[f"{robot} {event.words}" if robot else event.words for event in mine],
                 level=[event.level for event in mine],
-                color=[(red << 24) | (green << 16) | (blue << 8) | 0xFF] * len(mine),
+                color=packed([canvas.colour(robot)] * len(mine)),
             ),
         )
 
@@ -111,7 +122,7 @@ def introduce_line(
         style = rr.SeriesPoints(colors=[colour], names=[name], markers=["Circle"], marker_sizes=[1.8])
         canvas.still(path, style)
         return
-    mode = "StepAfter" if steps else None
+    mode: Any = "StepAfter" if steps else None
     canvas.still(path, rr.SeriesLines(colors=[colour], names=[name], widths=[1.6], interpolation_mode=mode))
 
 
