@@ -25,6 +25,8 @@ from actors.runtime.recording.reading import opened
 from actors.topic import Message, Topic
 from deploy.replay.run_recordings import recordings
 
+MERGED: Final = "acrc-merged"
+"""The profile of a merged file."""
 _POLL_S: Final = 0.1
 _HASH: Final = 40
 """Bytes of a message of which only the hash was kept."""
@@ -50,6 +52,8 @@ class Recorded(NamedTuple):
     """Counts the messages of the key in its recording."""
     payload: bytes | None
     """None where only its hash was kept."""
+    sha256: bytes
+    """Of the message's bytes."""
     size: int
     """Bytes in the recording."""
 
@@ -75,7 +79,19 @@ def fits(key: str, wanted: str) -> bool:
 
 def files(target: Path) -> dict[str, Path]:
     """The recordings by actor: of a run's folder, also of one that is going on, or the one that is named."""
-    return {target.stem: target} if target.is_file() else recordings(target)
+    if not target.is_file():
+        return recordings(target)
+    if is_merged(target):
+        raise TopicError(
+            f"{target}: a merged file, for other programs; must be a run's folder, or one of its recordings"
+        )
+    return {target.stem: target}
+
+
+def is_merged(file: Path) -> bool:
+    """True for a file that `acrc record merge` has made, by its beginning."""
+    with opened(file) as stream:
+        return MERGED.encode() in stream.read(64)
 
 
 def known(target: Path) -> dict[str, Topic[Message]]:
@@ -132,7 +148,8 @@ class Growing:
     def __init__(self, path: Path) -> None:
         self.reading = Reading(path)
         self._stream = opened(path)
-        self._step_us = 0
+        self.run: RunNote | None = None
+        """What the process was started with; None: it has not been read yet."""
         self._step = -1
 
     def __enter__(self) -> Self:
@@ -146,7 +163,7 @@ class Growing:
         for item in self.reading.more(self._stream):
             if isinstance(item, Note):
                 if item.name == "run":
-                    self._step_us = decoded(self.reading.path, "run", item.json, RunNote).step_us
+                    self.run = decoded(self.reading.path, "run", item.json, RunNote)
             else:
                 yield self._recorded(item)
 
@@ -157,8 +174,10 @@ class Growing:
         elif not entry.key.endswith("/ready"):
             self._step = max(step, self._step)
         size = _HASH if entry.payload is None else len(entry.payload)
-        instant = Instant(step * self._step_us)
-        return Recorded(step, instant, entry.key, entry.direction, entry.sequence, entry.payload, size)
+        instant = Instant(step * (0 if self.run is None else self.run.step_us))
+        return Recorded(
+            step, instant, entry.key, entry.direction, entry.sequence, entry.payload, entry.sha256, size
+        )
 
 
 def _of(growing: Growing, wanted: str, alone: bool) -> Iterator[Recorded]:
