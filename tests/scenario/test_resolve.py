@@ -8,7 +8,7 @@ import pytest
 
 from actors.floor.map_file import load_map
 from actors.geometry import Point
-from actors.messages import Freeze, Kill, Move, Obstacle, Restart, StartJam, Thaw
+from actors.orders import Freeze, Kill, Move, Obstacle, Restart, StartJam, Thaw
 from actors.runtime.errors import AcrcError
 from actors.world.world_setup import TimedOrder
 from cleaning.places import GOLDEN

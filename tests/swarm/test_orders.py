@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from actors.messages import Freeze, Move, Obstacle, Order, Pause, Speed, StartJam, Step, Wall
+from actors.orders import Freeze, Move, Obstacle, Order, Pause, Speed, StartJam, Step, Wall
 from deploy.replay.record_replay import replay_actor
 from deploy.replay.swarm_replay import replay_swarm
 from deploy.run import orders
