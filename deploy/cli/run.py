@@ -87,6 +87,19 @@ def run(
             help="The run ends once a process keeps all others from the next step for longer.",
         ),
     ] = 30.0,
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="DIR@S",
+            help="Continue a recorded run from an instant, with another --strategy, an --event, or nothing "
+            "changed.",
+        ),
+    ] = None,
+    event: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ORDER", help="With --from: an order such as 'kill r2 at 130'. Repeatable."),
+    ] = None,
     json: Json = False,
     check: Annotated[
         bool,
@@ -96,6 +109,19 @@ def run(
     ] = False,
 ) -> None:
     """Run a swarm and say what came of it. Options replace what the scenario says."""
+    if origin is not None:
+        from deploy.cli.branch import continue_run
+
+        whole = {
+            "SCENARIO": scenario, "--robots": robots, "--seed": seed, "--duration": duration, "--step": step,
+            "--set": setting, "--isolate": isolate, "--view": view, "--hardware-in-the-loop": hardware,
+            "--limit": limit, "--check": check,
+        }  # fmt: skip
+        others = [name for name, value in whole.items() if value]
+        continue_run(origin, strategy, event or (), out, others, trust=trust, json=json)
+        return
+    if event:
+        raise OptionError(f"--event: {event[0]!r}; must stand with --from")
     from deploy.run.options import folder_name, run_options
     from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, settings
 
@@ -147,6 +173,8 @@ def run(
         )
         raise typer.Exit(interrupt.exit_code) from None
     summary.print_result(result, json=json)
+    if not json:
+        summary.print_next(options.out, adapted=scenario is None and chosen.run.strategy != "none")
     if view:
         summary.print_view(options.out)
     deliveries.demand_all(result.undelivered, result.not_delivered)

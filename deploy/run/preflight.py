@@ -24,7 +24,7 @@ from actors.messages import ProcessOrder
 from actors.randomness import derived_seed
 from actors.robot import assembly
 from actors.robot.behaviour.adaptation import adaptation
-from actors.robot.behaviour.entry import load_behaviour
+from actors.robot.behaviour.succession import behaviour_of
 from actors.robot.program import look_in
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError, printable
@@ -99,7 +99,7 @@ def preflight_here(settled: ResolvedScenario, text: str, modules: Sequence[Path]
     start = assembly.start(behaviour, model, floor)
     with _found(modules), contextlib.redirect_stdout(sys.stderr):  # --json leaves nothing else there
         try:
-            load_behaviour(settled.behaviour, start)
+            behaviour_of(settled.behaviour, start)
         except AcrcError:
             raise
         except Exception as error:

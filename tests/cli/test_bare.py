@@ -40,6 +40,7 @@ STARTS = {
     "bench endings": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
     "bench crowded-start": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
     "bench resume": ("experiments.cli.campaign_command", "experiments.campaign.trial_program", *ACTORS),
+    "bench recordings": ("deploy.run.swarm", *ACTORS),
     "bench attacks": ("deploy.run.swarm", *ACTORS),
     "bench processors": ("deploy.run.swarm", *ACTORS),
     "bench steps": ("benchmarks.swarm.ping_pong", *ACTORS),

@@ -6,23 +6,8 @@ from unittest.mock import patch
 import pytest
 
 from actors.instant import Instant
-from actors.messages import (
-    ANSWERED,
-    CONTROL,
-    Answered,
-    Control,
-    Freeze,
-    Kill,
-    Move,
-    Obstacle,
-    Order,
-    Pause,
-    Restart,
-    Resume,
-    StartJam,
-    Stop,
-    Thaw,
-)  # fmt: skip
+from actors.messages import ANSWERED, CONTROL, Answered, Control
+from actors.orders import Freeze, Kill, Move, Obstacle, Order, Pause, Restart, Resume, StartJam, Stop, Thaw
 from actors.robot_model import load_model
 from actors.runtime.bus.memory_bus import StalledError
 from actors.runtime.bus_interface import Delivery
