@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple, cast
 from actors.instant import Duration, Instant
 from actors.messages import Heard, Received
 from actors.runtime.core import Core, Inputs
+from actors.runtime.prints import nowhere
 from deeco.knowledge import Knowledge
 from deeco.local import Commit
 from deeco.onlooking import looking_on
@@ -129,7 +130,7 @@ def trace_knowledge(out: Path, actor: str, until_s: float | None = None) -> Know
             tracer.prepare(core, step_us)
             watch(core, step_us, stretch, None)
 
-        tracer.trace.report = replay_actor(out, actor, Onlook(prepare))
+        tracer.trace.report = replay_actor(out, actor, Onlook(prepare, prints=lambda step_us: nowhere()))
     return tracer.trace
 
 
