@@ -95,6 +95,11 @@ class RobotCore:
         return self._parts.navigation
 
     @property
+    def localisation(self) -> Localisation:
+        """What says where it is."""
+        return self._parts.localisation
+
+    @property
     def step(self) -> int:
         """The step that the robot is in."""
         return self._step
