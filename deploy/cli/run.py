@@ -60,6 +60,10 @@ def run(
             metavar="DIR", help="New folder for the recordings and the result.  [default: in runs/]"
         ),
     ] = None,
+    log: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Show what this robot's strategy prints; * for all. Repeatable."),
+    ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show the run while it goes on.")] = False,
     hardware: Annotated[
         bool,
@@ -141,6 +145,7 @@ def run(
         timeout=timeout,
         json=json,
         check=check,
+        log=log or (),
     )
     chosen = load_scenario(scenario, overrides)
 

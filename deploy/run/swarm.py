@@ -15,6 +15,7 @@ from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.core import at
 from deploy.processes.launch import Launcher, Program, launcher
+from deploy.processes.robot_logs import check_names, shown
 from deploy.processes.signals import signals_as_interrupts
 from deploy.results import summary
 from deploy.results.place_table import write_table
@@ -58,10 +59,19 @@ def run(scenario: Scenario, options: RunOptions) -> RunResult:
     prepared = plan(scenario, options)
     warn(prepared.warning)
     places = sum(len(robot.places) for robot in prepared.world.robots)
-    with progress.shown(prepared.world.duration_us, places, quiet=options.json) as follow:
+    check_names(options.log, [robot.id for robot in prepared.world.robots], "--log")
+    with (
+        progress.shown(prepared.world.duration_us, places, quiet=options.json) as follow,
+        shown(options.out, options.log) as look,
+    ):
+
+        def on_progress(message: Progress) -> None:
+            follow(message)
+            look()
+
         if options.bus == "memory":
-            return run_in_memory(prepared, follow)
-        return run_processes(prepared, options.spawn, follow)
+            return run_in_memory(prepared, on_progress)
+        return run_processes(prepared, options.spawn, on_progress)
 
 
 def plan(scenario: Scenario, options: RunOptions) -> Plan:

@@ -59,7 +59,8 @@ def test_orders_as_typed(words: str, order: Order) -> None:
             "shout r1",
             "VERB: shout; must be one of: kill ROBOT, freeze ROBOT, thaw ROBOT, restart ROBOT, "
             "move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, obstacle X Y RADIUS, "
-            "wall X Y TO_X TO_Y, give ROBOT X Y, close X Y, open X Y, pause, resume, step [N], speed X|max, stop",
+            "wall X Y TO_X TO_Y, give ROBOT X Y, close X Y, open X Y, pause, resume, step [N], speed X|max, "
+            "stop",
         ),
         ("kill", "VERB: kill; must be like kill ROBOT"),
         ("move r1 a b c", "VERB: 'move r1 a b c'; must be like move ROBOT X Y HEADING"),
