@@ -42,6 +42,8 @@ class RunOptions:
     """Files that robots must not see, even beside the code of their strategy: the scenario's own."""
     view: bool = False
     """Show the run while it goes on."""
+    control: bool = False
+    """Serve a map page on which orders can be given."""
     hardware: bool = False
     """Robots as on board, with emulated devices, in wall time."""
     limits: ProcessLimits = field(default=ProcessLimits())
@@ -64,6 +66,7 @@ def run_options(  # one for each option of the command line
     scenario: str = "",
     hidden: tuple[Path, ...] = (),
     view: bool = False,
+    control: bool = False,
     hardware: bool = False,
     limit: Sequence[str] = (),
     timeout: float = Timeout.step_s,
@@ -81,6 +84,10 @@ def run_options(  # one for each option of the command line
         )
     if view and bus == "memory":
         raise OptionError("--view: --bus memory has no mesh to look on; must stand with --bus zenoh")
+    if control and (bus == "memory" or hardware):
+        raise OptionError(
+            "--control: gives orders over the mesh of a simulated run; must stand with --bus zenoh"
+        )
     if hardware and (bus == "memory" or view or _speed(speed) not in {"max", "1"}):
         raise OptionError(
             "--hardware-in-the-loop: runs processes in wall time; "
@@ -106,6 +113,7 @@ def run_options(  # one for each option of the command line
         scenario,
         hidden,
         view,
+        control,
         hardware,
         _limits(limit),
         timeout,

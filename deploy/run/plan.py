@@ -3,6 +3,7 @@
 import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 import msgspec
 import yaml
@@ -50,6 +51,8 @@ class Plan:
     hidden: tuple[Path, ...] = ()
     """Files beside the strategy's code that a robot must not see: the scenario."""
     view: bool = False
+    control: bool = False
+    """Serve the map page."""
     limits: ProcessLimits = field(default=ProcessLimits())
     """What each robot's process may have."""
     timeout: Timeout = field(default=Timeout())
@@ -207,6 +210,22 @@ def observer_program(plan: Plan) -> Program:
         *("--credentials", str(folder / "observer.credentials"), "--with-parent"),
     )
     return Program("observer", "actors.observer", argv, plan.out / "view.log", None)
+
+
+CONTROL_ADDRESS: Final = "control.url"
+"""File in a run's folder with the address of its map page, for as long as it is served."""
+
+
+def control_program(plan: Plan) -> Program:
+    """The map page's program."""
+    folder = plan.folder("world").resolve()
+    argv = (
+        *("--setup", str(folder / "setup.json"), "--address", str(plan.out / CONTROL_ADDRESS)),
+        *("--router", unix_endpoint(folder / "router.sock")),
+        *("--observer", str(folder / "observer.credentials")),
+        *("--operator", str(folder / "operator.credentials")),
+    )
+    return Program("control", "deploy.control", argv, plan.out / "control.log", None)
 
 
 def client_argv(plan: Plan, folder: str, user: str, record: Path) -> tuple[str, ...]:

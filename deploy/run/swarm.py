@@ -26,7 +26,9 @@ from deploy.run.memory_swarm import MemorySwarm
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import check_new
 from deploy.run.plan import (
+    CONTROL_ADDRESS,
     Plan,
+    control_program,
     in_common,
     issue_credentials,
     lay_out,
@@ -92,6 +94,7 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
         timeout=Timeout(step_s=options.timeout_s),
         hidden=options.hidden,
         view=options.view,
+        control=options.control,
     )
 
 
@@ -140,6 +143,12 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
             if plan.view:
                 supervisor.start([observer_program(plan)])
                 supervisor.await_file(plan.out / "view.rrd", "observer")
+            if plan.control:
+                supervisor.start([control_program(plan)])
+                if supervisor.await_file(plan.out / CONTROL_ADDRESS, "control"):
+                    _say(f"the map page is {(plan.out / CONTROL_ADDRESS).read_text()}")
+                else:
+                    _say(f"the map page is not served; {plan.out / 'control.log'} says why")
             first = (ProcessOrder(robot, 0) for robot in robots)
             supervisor.start([robot_program(plan, robots[order.robot], order, 0) for order in first])
             supervisor.watch(bus)
