@@ -14,6 +14,7 @@ import traceback
 from collections.abc import Callable, Sequence
 
 from actors.robot import assembly, program
+from actors.runtime import debugger
 from actors.runtime.access.rules import client_config
 from actors.runtime.client_options import own_folder
 from actors.runtime.errors import AcrcError
@@ -61,6 +62,10 @@ def main(argv: Sequence[str]) -> int:
             )
         elif options.client.with_parent:
             die_with_parent(parent)
+        if options.debugger:
+            debugger.stop_at(options.debugger)
+        elif options.debugger is not None:
+            debugger.ignore_breakpoints()
         if options.limits is not None:
             enforce(options.limits, isolated=options.isolate)
         if options.preflight_s is not None:

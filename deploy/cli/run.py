@@ -66,6 +66,13 @@ def run(
         ),
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show the run while it goes on.")] = False,
+    debug: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROBOT",
+            help="breakpoint() in this robot's strategy stops here, and with it the run; nothing times out.",
+        ),
+    ] = None,
     control: Annotated[
         bool,
         typer.Option("--control", help="Serve a map page on this computer: drag robots, add walls, pause."),
@@ -123,7 +130,7 @@ def run(
 
         whole = {
             "SCENARIO": scenario, "--robots": robots, "--seed": seed, "--duration": duration, "--step": step,
-            "--set": setting, "--isolate": isolate, "--view": view, "--control": control,
+            "--set": setting, "--isolate": isolate, "--view": view, "--control": control, "--debug": debug,
             "--speed": speed, "--hardware-in-the-loop": hardware,
             "--limit": limit, "--check": check,
         }  # fmt: skip
@@ -146,6 +153,7 @@ def run(
         scenario=(scenario or DEFAULT_SCENARIO).name,
         hidden=(scenario.absolute(),) if scenario else (),
         view=view,
+        debug=debug,
         control=control,
         hardware=hardware,
         limit=limit or (),

@@ -3,7 +3,7 @@
 import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 import yaml
@@ -21,6 +21,14 @@ from deploy.processes.launch import Program
 from deploy.run import scenario_copy
 from deploy.run.out_folder import make_folder
 from deploy.run.silence import Timeout
+
+
+class Debugged(NamedTuple):
+    """A robot that somebody debugs while the run goes on."""
+
+    robot: str
+    terminal: str
+    """The path of its device; empty in memory, where the debugger has the process's own streams."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +59,8 @@ class Plan:
     hidden: tuple[Path, ...] = ()
     """Files beside the strategy's code that a robot must not see: the scenario."""
     view: bool = False
+    debug: Debugged | None = None
+    """The robot at whose breakpoints the run stops; None: as Python has it."""
     control: bool = False
     """Serve the map page."""
     limits: ProcessLimits = field(default=ProcessLimits())
@@ -145,11 +155,21 @@ def robot_program(
     argv = (
         *robot_argv(plan, robot, order.epoch, first_step),
         *client_argv(plan, robot.id, "", folder / f"{name}.mcap"),
-        *(("--isolate",) if plan.isolate else ()),
+        *(("--isolate",) if plan.isolate and not _is_debugged(plan, robot.id) else ()),
+        *(() if plan.debug is None else ("--debugger", _terminal(plan, robot.id))),
         *(word for limit in (as_words(plan.limits) or ("",)) for word in ("--limit", limit)),
         *(word for path in plan.hidden for word in ("--hide", str(path))),
     )
     return Program(robot.id, "actors.robot", argv, folder / f"{name}.log", folder / f"{name}.mcap")
+
+
+def _is_debugged(plan: Plan, robot: str) -> bool:
+    return plan.debug is not None and plan.debug.robot == robot
+
+
+def _terminal(plan: Plan, robot: str) -> str:
+    assert plan.debug is not None
+    return plan.debug.terminal if _is_debugged(plan, robot) else ""
 
 
 def in_common(plan: Plan) -> list[tuple[str, ...]]:

@@ -152,7 +152,16 @@ def test_extras_come_when_a_command_needs_them_and_stay(clone: Clone) -> None:
 
 def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Clone) -> None:
     _, _, err = clone.call("test")
-    assert clone.extras() == ["cluster", "control", "dev", "docs", "experiments", "hardware", "pictures", "sim"]
+    assert clone.extras() == [
+        "cluster",
+        "control",
+        "dev",
+        "docs",
+        "experiments",
+        "hardware",
+        "pictures",
+        "sim",
+    ]
     assert err.splitlines()[0] == "acrc: .venv will take 811 MB"
     assert "rerun-sdk" not in clone.installed()
 
