@@ -32,7 +32,7 @@ from actors.runtime.lifecycle.failure import FailureNote
 from actors.runtime.prints import taken_by
 from actors.runtime.recording import RecordingError, read_notes
 from deploy.processes.launch import Child, Launcher, Program
-from deploy.run.plan import Plan, lay_out_robot, robot_program
+from deploy.run.plan import Debugged, Plan, lay_out_robot, robot_program
 from deploy.scenario.resolve import ResolvedScenario
 
 _HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL | re.MULTILINE)
@@ -62,7 +62,7 @@ def preflight(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None
     """
     robot = plan.world.robots[0]
     with tempfile.TemporaryDirectory(prefix="acrc") as folder:
-        stage = replace(plan, out=Path(folder).resolve())
+        stage = replace(plan, out=Path(folder).resolve(), debug=plan.debug and Debugged("", ""))
         lay_out_robot(stage, robot)
         program = robot_program(stage, robot, ProcessOrder(robot.id, 0), 0)
         program = replace(program, argv=(*program.argv, "--preflight", f"{bounds.patience_s:g}"))
