@@ -9,16 +9,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from actors import order_limits
-from actors.messages import (
-    FRAME_DATA_LIMIT,
-    Drive,
-    Jam,
-    Outgoing,
-    Senses,
-    StartJam,
-    Transmit,
-    Truth,
-)
+from actors.messages import FRAME_DATA_LIMIT, Drive, Jam, Outgoing, Senses, Transmit, Truth
+from actors.orders import StartJam
 from actors.task.word_limits import TaskLimits, words_fault
 from actors.wording import brief
 

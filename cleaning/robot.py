@@ -21,7 +21,7 @@ from actors.task.words import PlaceKey
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import CleaningParameters
 from cleaning.place import Assignment, Takeover, since
-from deeco import Instant, component, milliseconds, periodic, seconds
+from deeco import Instant, Knowledge, component, milliseconds, periodic, seconds
 
 
 class OrderedGoal(NamedTuple):
@@ -59,6 +59,27 @@ class CleaningRobot(Cleaner):
         if self.waypoint is not None:
             return self.waypoint
         return None if self.destination is None else self.destination.point
+
+    def inherits(self, former: Knowledge) -> Self | None:
+        """Go on where another cleaning robot's component ends; None for anything else.
+
+        It keeps where the robot heads for, what it holds and has settled, and what it has told others to have
+        taken over; the order of places is its own. A waypoint and an offered exchange were the other's.
+        """
+        if not isinstance(former, CleaningRobot):
+            return None
+        held = {one.key: one for one in former.route}
+        own = [held.pop(one.key) for one in self.route if one.key in held]
+        return replace(
+            self,
+            position=former.position,
+            destination=former.destination,
+            adopted=former.adopted,
+            route=(*own, *held.values()),
+            settled=former.settled,
+            ordered=former.ordered,
+            attempt=former.attempt + (former.waypoint is not None),
+        )
 
     def decided_since(self, before: Self) -> str:
         """In words, for measuring: how it means to go on otherwise than before; empty if it does not."""

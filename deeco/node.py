@@ -13,7 +13,8 @@ from deeco.errors import DeploymentError, ExecutionError
 from deeco.instant import START, Duration, Instant, in_seconds
 from deeco.knowledge import Knowledge, roles_of, roles_under
 from deeco.link import Reception, Transmission
-from deeco.local import BoundProcess, LocalComponent, Witness
+from deeco.local import BoundProcess, Commit, LocalComponent, Witness
+from deeco.onlooking import onlooker
 from deeco.pairing import Pairing
 from deeco.process import Fact, has_fact
 from deeco.replication.network import Network, NetworkParameters, News, NodeSurroundings
@@ -44,37 +45,44 @@ class Node:
         start: Instant = START,
         publish_phase: Duration = _NONE,
         witness: Witness | None = None,
+        former: "Node | None" = None,
     ) -> None:
         """Deploy everything.
 
         `ports` gives, by type, what processes and ensembles may ask for. `address` is the node's on the link;
         `epoch` grows with each restart of the machine; `publish_phase` is when, after `start`, it publishes
-        first; `witness` is told of every change of knowledge. Raises DeploymentError if a port is missing or
-        a component cannot be run.
+        first; `witness` is told of every change of knowledge; `former` is the machine's node so far, where
+        this one goes on counting. Raises DeploymentError if a port is missing or a component cannot be run.
         """
         parameters = parameters or NetworkParameters()
-        self._statistics = Statistics()
+        self._statistics: Statistics = Statistics() if former is None else former._statistics
         self._counters = self._statistics.counters
         self._now = start
         self._agenda = Agenda()
         binding = Binding(ports or {})
-        self._locals = tuple(LocalComponent(value, binding, witness) for value in components)
+        self._onlooker = onlooker()
+        told = witness if self._onlooker is None else self._telling(witness)
+        self._locals = tuple(LocalComponent(value, binding, told) for value in components)
         self._by_id = {one.id: one for one in self._locals}
         if len(self._by_id) < len(self._locals):
             raise DeploymentError("two components of a node have the same id; each should have its own")
         self._pairings = tuple(Pairing(one, binding, self._statistics) for one in ensembles)
-        self._network = Network(
+        self._network: Network = Network(
             parameters,
             RoleBook(self._roles(), parameters.link),
             NodeSurroundings(frozenset(self._by_id), self._agenda.once, self._passes),
             address=address,
             epoch=epoch,
             statistics=self._statistics,
+            former=None if former is None else former._network,
         )
         self._plan_components(start)
         self._plan_ensembles(start)
         first = Instant(start + publish_phase)
         self._agenda.repeat(self._publish, first, parameters.publish_every, _PUBLICATION)
+        if self._onlooker is not None:
+            for value in components:
+                self._onlooker.deployed(value, start)
 
     @property
     def now(self) -> Instant:
@@ -195,8 +203,22 @@ class Node:
         self._now = now
         self._network.publish(now, [component.value for component in self._locals])
 
+    def _telling(self, witness: Witness | None) -> Witness:
+        """What tells the onlooker, too, and of whom an ensemble's knowledge was."""
+
+        def tell(commit: Commit) -> None:
+            if witness is not None:
+                witness(commit)
+            assert self._onlooker is not None
+            self._onlooker.committed(commit, self._network.replicas.get(commit.peer))
+
+        return tell
+
     def _react(self, news: News) -> None:
         """Evaluate the ensembles that watch a fact which differs now."""
+        if self._onlooker is not None:
+            for component in self._locals:
+                self._onlooker.heard(component.id, news.after, self._now)
         for pairing in self._pairings:
             if any(_differs(news, fact) for fact in pairing.type.on_change):
                 self._evaluate(pairing)

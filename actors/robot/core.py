@@ -95,6 +95,16 @@ class RobotCore:
         return self._parts.navigation
 
     @property
+    def localisation(self) -> Localisation:
+        """What tells the robot where it is."""
+        return self._parts.localisation
+
+    @property
+    def behaviour(self) -> Behaviour:
+        """The user's part; for those who execute a robot again to look into it."""
+        return self._parts.behaviour
+
+    @property
     def step(self) -> int:
         """The step that the robot is in."""
         return self._step

@@ -1,7 +1,9 @@
 """All bodies of a world: what moves them, what they sense, and where they truly are, by index."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +25,10 @@ from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import RealFloor, drifting, floor
 from actors.world.world_setup import WorldSetup
 
+POST_RADIUS: Final = 0.05
+"""Of the posts that a wall is made of, m; own choice: as thick as a partition."""
+_POST_SPACING: Final = 0.075
+"""At most, m: seams of overlapping posts are 66 mm thick."""
 Places = tuple[tuple[float, float], ...]
 
 
@@ -130,6 +136,18 @@ class Bodies:
         """Put something round on the floor."""
         self._arena.add_obstacle(Point(x, y), radius)
 
+    def add_wall(self, start: Point, end: Point) -> int:
+        """Put a wall on the floor: a row of posts that neither a body nor a ray gets through; how many.
+
+        All of them, or none: raises as `add_obstacle` does.
+        """
+        posts = wall_posts(start, end)
+        for post in posts:
+            self._arena.check_obstacle(post, POST_RADIUS)
+        for post in posts:
+            self._arena.add_obstacle(post, POST_RADIUS)
+        return len(posts)
+
     def close_door(self, x: float, y: float) -> None:
         """Close the door at a point once nobody stands in it, at the beginning of a step."""
         self._doors.close(Point(x, y))
@@ -163,6 +181,15 @@ class Bodies:
         """The states as plain numbers, once per step: reading arrays item by item is slow."""
         self._poses = self._arena.poses.tolist()
         self._velocities = self._arena.velocities.tolist()
+
+
+def wall_posts(start: Point, end: Point) -> tuple[Point, ...]:
+    """Where the posts of a wall stand, both ends included; they overlap."""
+    gaps = max(1, math.ceil(start.distance_to(end) / _POST_SPACING))
+    return tuple(
+        Point(start.x + (end.x - start.x) * n / gaps, start.y + (end.y - start.y) * n / gaps)
+        for n in range(gaps + 1)
+    )
 
 
 def real_floor(setup: WorldSetup, models: Sequence[RobotModel]) -> RealFloor:

@@ -6,6 +6,7 @@ restart.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from enum import Enum
 from typing import Final
 
@@ -86,6 +87,9 @@ class WorldCore:
         self._step = 0
         self._phase = WorldPhase.ROLL_CALL
         self._finished = False
+        self._pause_at: int | None = None
+        """The step at whose boundary somebody wants it to pause again."""
+        self._speed: float | None = None
         self._awaits_radio = True
         self._restarting = False
 
@@ -108,6 +112,11 @@ class WorldCore:
     def paused(self) -> bool:
         """True while the world waits for Resume or Stop."""
         return self._phase is WorldPhase.PAUSED
+
+    @property
+    def speed(self) -> float | None:
+        """Simulated seconds per second as ordered last, 0: no limit; None: nobody has said."""
+        return self._speed
 
     @property
     def opening(self) -> bool:
@@ -213,7 +222,10 @@ class WorldCore:
             if self._step:
                 self._take_counts(read(inputs, AIRED))
             self._effects = self._orders.due(self.instant)
+            if self._pause_at == self._step:
+                self._effects = replace(self._effects, paused=True, steps=0)
         outputs = self._take_orders(inputs)
+        self._heed(self._effects)
         for start in self._effects.starts:
             self._task.restart(start.robot)
         if self._effects.paused and not self._effects.stop:
@@ -227,6 +239,13 @@ class WorldCore:
             self._phase = WorldPhase.ROLL_CALL
             return [*outputs, to(ROSTER, Roster(self._step, self._effects.starts))]
         return [*outputs, *self._send_senses()]
+
+    def _heed(self, effects: Effects) -> None:
+        """What is wished of the run's rhythm, at this boundary and later."""
+        if effects.speed is not None:
+            self._speed = effects.speed
+        if effects.steps is not None:
+            self._pause_at = self._step + effects.steps if effects.steps else None
 
     def _take_orders(self, inputs: Inputs) -> list[Output]:
         """Carry out a person's orders, and tell him what has become of them if he wants to hear it."""

@@ -179,6 +179,12 @@ class Arena:
 
     def add_obstacle(self, centre: Point, radius: float) -> None:
         """Put a round thing on the floor, for good. Raises ArenaError where it would overlap a robot."""
+        self.check_obstacle(centre, radius)
+        self._obstacles.append((centre.x, centre.y, radius))
+        self._space.add(_still(pymunk.Circle(self._space.static_body, radius, centre)))
+
+    def check_obstacle(self, centre: Point, radius: float) -> None:
+        """Raise ArenaError where a round thing has no size or would overlap a robot."""
         if not (0 < radius < 100 and math.isfinite(centre.x) and math.isfinite(centre.y)):
             raise ArenaError(
                 f"an obstacle at ({centre.x:g}, {centre.y:g}) has a radius of {radius:g} m; "
@@ -190,8 +196,6 @@ class Arena:
                     f"an obstacle of {radius:g} m cannot stand at ({centre.x:g}, {centre.y:g}): "
                     f"it would overlap {name}"
                 )
-        self._obstacles.append((centre.x, centre.y, radius))
-        self._space.add(_still(pymunk.Circle(self._space.static_body, radius, centre)))
 
     def in_the_way(self, segments: NDArray[np.float64]) -> bool:
         """True while a robot stands where a door of these segments, (n, 4), would be."""

@@ -6,7 +6,7 @@ from typing import Final
 
 from actors.geometry import wrap
 from actors.instant import Instant, in_seconds, milliseconds, seconds
-from actors.messages import (
+from actors.orders import (
     CloseDoor,
     Freeze,
     Give,

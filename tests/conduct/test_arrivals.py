@@ -3,8 +3,9 @@
 import pytest
 from msgspec.structs import replace
 
-from actors.messages import SENSES, Freeze, Give, Kill, Order, Restart, Senses, Thaw
+from actors.messages import SENSES, Senses
 from actors.order_limits import OrderLimits
+from actors.orders import Freeze, Give, Kill, Order, Restart, Thaw
 from actors.runtime.codec import decode, encode
 from actors.task.referee import Verdict
 from actors.task.words import PlaceKey, PlaceReport

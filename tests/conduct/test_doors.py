@@ -2,7 +2,7 @@
 
 import pytest
 
-from actors.messages import CloseDoor, Move, OpenDoor
+from actors.orders import CloseDoor, Move, OpenDoor
 from actors.world.orders import OrderError
 from tests.conduct.theatre import Theatre
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from actors.instant import Instant
-from actors.messages import Give, Restart
+from actors.orders import Give, Restart
 from actors.task.task import TaskProgress
 from actors.task.words import TaskWords
 from actors.world.core import FalseWordError

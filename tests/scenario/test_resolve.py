@@ -8,22 +8,24 @@ import pytest
 
 from actors.floor.map_file import load_map
 from actors.geometry import Point
-from actors.messages import CloseDoor, Freeze, Give, Kill, Move, Obstacle, OpenDoor, Restart, StartJam, Thaw
+from actors.orders import CloseDoor, Freeze, Give, Kill, Move, Obstacle, OpenDoor, Restart, StartJam, Thaw
 from actors.runtime.errors import AcrcError
 from actors.world.world_setup import TimedOrder
 from cleaning.places import GOLDEN
+from deploy.repository import REPOSITORY
 from deploy.scenario.areas import for_places
 from deploy.scenario.resolve import ResolvedScenario, resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.scenario.faults import MAP, scenario
 
-AREAS = for_places(load_scenario()) or ()
+CORRIDOR = REPOSITORY / "scenarios" / "corridor.toml"
+AREAS = for_places(load_scenario(CORRIDOR)) or ()
 MOST_ROUNDING = 0.001
 """Drawn points are given to the millimetre, m."""
 
 
 def shipped(**wishes: int) -> ResolvedScenario:
-    return resolve(load_scenario(None, Overrides(**wishes)))  # type: ignore[arg-type]
+    return resolve(load_scenario(CORRIDOR, Overrides(**wishes)))  # type: ignore[arg-type]
 
 
 def refusal(text: str, head: str = MAP) -> str:

@@ -86,7 +86,8 @@ def test_a_place_that_nobody_means_to_visit_is_lost(scenario: Path, tmp_path: Pa
 
 
 def test_the_air_is_counted_in_octets(tmp_path: Path) -> None:
-    result = run(tmp_path / "out", "--bus", "memory", "--robots", 3, "--duration", 20)
+    corridor = ROOT / "scenarios" / "corridor.toml"
+    result = run(tmp_path / "out", corridor, "--bus", "memory", "--robots", 3, "--duration", 20)
     sent, octets = result["frames"]["frames_sent"], result["frames"]["bytes_sent"]
     assert sent == 60 and sent * (9 + 1) < octets < sent * 127
     assert result["radio_bytes_per_robot_s"] == round(octets / 3 / 20.0, 3)

@@ -3,7 +3,8 @@
 from typing import cast
 
 from actors.instant import Instant
-from actors.messages import Freeze, Jam, Kill, Pause, ProcessOrder, Restart, Resume, StartJam, Stop
+from actors.messages import Jam, ProcessOrder
+from actors.orders import Freeze, Kill, Pause, Restart, Resume, StartJam, Stop
 from actors.robot_model import OdometryKind
 from actors.task.task import Task
 from actors.world.body import Bodies
