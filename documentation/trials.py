@@ -64,6 +64,9 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
     "./acrc add pandas": NotRun("wants a network, and changes the environment"),
     "./acrc bench failures": Reduced("--seeds 1 --robots 2 --duration 10"),
     "./acrc bench steps": Reduced("--robots 2 --duration 5"),
+    "./acrc run scenarios/head_on.toml --strategy chapter --out runs/tables":
+        Elsewhere("tests/recordings/test_export.py"),
+    "./acrc export runs/tables --parquet": Elsewhere("tests/recordings/test_export.py"),
     "./acrc demo": Elsewhere("tests/pictures/test_pictures.py"),
     "./acrc run scenarios/chapter.toml --seed 42 --out runs/chapter": Reduced("--duration 5"),
     "./acrc replay runs/NAME --robot r2 --from 40 --pdb": Elsewhere("tests/replay/test_replay.py"),
@@ -111,6 +114,7 @@ PAGES: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyType({
     ("docs/tutorial.md", "sh"): "tests/cli/test_tutorial.py",
     ("docs/tutorial.md", "python"): "tests/cli/test_tutorial.py",
     ("docs/deeco.md", "python"): "tests/deeco/test_docs.py",
+    ("docs/tables.md", "python"): "tests/recordings/test_export.py",
     ("docs/localisation-log.md", "python"): "tests/localisation_bench/test_log.py",
     ("docs/navigation-log.md", "python"): "tests/navigation_bench/test_navigation_log.py",
 })  # fmt: skip

@@ -40,7 +40,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import few, otherwise, parted
 from actors.task.task import Task
 from actors.wording import brief
-from actors.world.body import Bodies
+from actors.world.body import Bodies, Places
 from actors.world.orders import Effects, Orders
 from actors.world.participants import Member, Participants, Standing
 from actors.world.whereabouts import PoseError, Whereabouts
@@ -292,7 +292,9 @@ class WorldCore:
 
     def _senses(self, member: Member, halt: bool = False) -> Output:
         events, member.events = member.events, 0
-        new, member.told = member.given[member.told :], len(member.given)
+        new: Places = ()
+        if not halt:  # a process that ends is not told, the one that follows it is
+            new, member.told = member.given[member.told :], len(member.given)
         senses = self._bodies.senses(member.index, self._step, self.instant, events, halt, new)
         return to(SENSES, senses, member.id)
 

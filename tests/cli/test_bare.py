@@ -19,7 +19,7 @@ from deploy.cli.lazy import COMMANDS
 ROOT = Path(__file__).parents[2]
 MODULES = {
     "cryptography": "hardware", "serial": "hardware", "pymunk": "sim",
-    "rerun": "observe", "pyarrow": "observe experiments", "distributed": "cluster",
+    "rerun": "observe", "websockets": "control", "pyarrow": "observe experiments", "distributed": "cluster",
     "matplotlib": "pictures", "scipy": "experiments",
     "mpmath": "dev", "hypothesis": "dev", "pytest": "dev", "mypy": "dev", "psutil": "observe cluster dev",
     "sphinx": "docs", "docutils": "docs", "furo": "docs", "myst_parser": "docs",
@@ -30,6 +30,7 @@ ON_BOARD = ("firmware_bridge.onboard.base", "firmware_bridge.onboard.bridge", "s
 STARTS = {
     "run": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
     "run --view": ("deploy.run.swarm", "actors.observer.__main__"),
+    "run --control": ("deploy.run.swarm", "deploy.control.__main__"),
     "run --hardware-in-the-loop": ("firmware_bridge.laboratory.__main__", *ACTORS[2:], *ON_BOARD),
     "record replay": ACTORS,
     "view": ("deploy.inside.inside_program", "deploy.processes.forkserver", *ACTORS),
