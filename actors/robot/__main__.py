@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from actors.robot import assembly, program
-from actors.runtime import prints
+from actors.runtime import debugger, prints
 from actors.runtime.access.rules import client_config
 from actors.runtime.client_options import own_folder
 from actors.runtime.errors import AcrcError
@@ -70,6 +70,10 @@ def main(argv: Sequence[str]) -> int:
             )
         elif options.client.with_parent:
             die_with_parent(parent)
+        if options.debugger:
+            debugger.stop_at(options.debugger)
+        elif options.debugger is not None:
+            debugger.ignore_breakpoints()
         if options.limits is not None:
             enforce(options.limits, isolated=options.isolate)
         if options.preflight_s is not None:

@@ -100,6 +100,7 @@ def _one(
     *,
     trust: bool,
 ) -> "ReplayReport":
+    from actors.runtime.debugger import DebuggerError
     from actors.runtime.prints import on
     from cleaning.strategies import entry
     from deploy.replay import debugging, other_strategy, trusted_replay
@@ -123,5 +124,5 @@ def _one(
     else:
         report = other_strategy.replay_otherwise(out, robot, entry(strategy), onlook)
     if wanted is not None and not reached:
-        raise debugging.DebuggerError(f"--from: is {begin:g}, but {robot}'s recording ends before")
+        raise DebuggerError(f"--from: is {begin:g}, but {robot}'s recording ends before")
     return report

@@ -19,6 +19,7 @@ from actors.runtime.bus.memory_bus import MemoryBus, run_shells
 from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.core import at
+from actors.runtime.debugger import stop_here
 from actors.runtime.fingerprint import fingerprints
 from actors.runtime.lifecycle.failure import TimedOut, failure_note, in_words
 from actors.runtime.pace import Pace
@@ -77,10 +78,32 @@ class MemorySwarm:
 
     def _play(self) -> None:
         fingerprints(kernel_modules())  # before any timeout runs: the very first time takes a minute
-        with exits_caught(), watched(self._shells, self._plan.timeout, self._whose_turn, self._give_up):
+        with (
+            self._breakpoints(),
+            exits_caught(),
+            watched(self._shells, self._plan.timeout, self._whose_turn, self._give_up),
+        ):
             self._build()
             with _settled():
                 run_shells(self._shells, self._hold)
+
+    @contextmanager
+    def _breakpoints(self) -> Iterator[None]:
+        """Those of one robot alone stop, if one is debugged."""
+        debug = self._plan.debug
+        if debug is None:
+            yield
+            return
+
+        def stop(*args: object, **kwargs: object) -> None:
+            if self._turn is not None and self._turn.actor == debug.robot:
+                stop_here(sys._getframe(1))
+
+        before, sys.breakpointhook = sys.breakpointhook, stop
+        try:
+            yield
+        finally:
+            sys.breakpointhook = before
 
     def _build(self) -> None:
         plan = self._plan

@@ -2,6 +2,7 @@
 
 import math
 import re
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -42,6 +43,10 @@ class RunOptions:
     """Files that robots must not see, even beside the code of their strategy: the scenario's own."""
     view: bool = False
     """Show the run while it goes on."""
+    debug: str | None = None
+    """The robot whose breakpoints stop the run, at this process's terminal."""
+    control: bool = False
+    """Serve a map page on which orders can be given."""
     hardware: bool = False
     """Robots as on board, with emulated devices, in wall time."""
     limits: ProcessLimits = field(default=ProcessLimits())
@@ -66,6 +71,8 @@ def run_options(  # one for each option of the command line
     scenario: str = "",
     hidden: tuple[Path, ...] = (),
     view: bool = False,
+    debug: str | None = None,
+    control: bool = False,
     hardware: bool = False,
     limit: Sequence[str] = (),
     timeout: float = Timeout.step_s,
@@ -84,6 +91,8 @@ def run_options(  # one for each option of the command line
         )
     if view and bus == "memory":
         raise OptionError("--view: --bus memory has no mesh to look on; must stand with --bus zenoh")
+    _check_terminal(debug, hardware=hardware)
+    _check_control(control, bus, hardware=hardware)
     if hardware and (bus == "memory" or view or _speed(speed) not in {"max", "1"}):
         raise OptionError(
             "--hardware-in-the-loop: runs processes in wall time; "
@@ -111,6 +120,8 @@ def run_options(  # one for each option of the command line
         scenario,
         hidden,
         view,
+        debug,
+        control,
         hardware,
         _limits(limit),
         timeout,
@@ -124,6 +135,22 @@ def folder_name(scenario: Path) -> str:
     """What a run's folder is called: after the scenario, and the time in UTC."""
     stem = re.sub(r"[^\w.-]", "-", scenario.stem)  # "#" and "?" could not be part of the path of a socket
     return f"{stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
+
+
+def _check_terminal(debug: str | None, *, hardware: bool) -> None:
+    if debug is None:
+        return
+    if hardware:
+        raise OptionError("--debug: stops simulated time; must stand without --hardware-in-the-loop")
+    if not sys.stdin.isatty():
+        raise OptionError(f"--debug: {debug} needs somebody to talk to; standard input must be a terminal")
+
+
+def _check_control(control: bool, bus: str, *, hardware: bool) -> None:
+    if control and (bus == "memory" or hardware):
+        raise OptionError(
+            "--control: gives orders over the mesh of a simulated run; must stand with --bus zenoh"
+        )
 
 
 def _limits(words: Sequence[str]) -> ProcessLimits:

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from actors.messages import CONTROL, Control, Kill
+from actors.messages import CONTROL, Control
+from actors.orders import Kill
 from actors.runtime.codec import encode
 from actors.runtime.recording import Recorder
 from deploy.recordings import lines
