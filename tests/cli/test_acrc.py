@@ -171,6 +171,11 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
     [
         (("record", "check", "out"), []),
         (("record", "replay", "out", "r1"), ["sim"]),
+        (("record", "merge", "out"), []),
+        (("topic", "list", "out"), []),
+        (("topic", "plot", "out"), ["pictures"]),
+        (("log", "out"), []),
+        (("export", "out"), ["experiments", "sim"]),
         (("bench", "onboard"), ["hardware", "sim"]),
         (("bench", "portable"), ["dev", "sim"]),
         (("fleet", "doctor"), []),
