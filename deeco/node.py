@@ -13,7 +13,8 @@ from deeco.errors import DeploymentError, ExecutionError
 from deeco.instant import START, Duration, Instant, in_seconds
 from deeco.knowledge import Knowledge, roles_of, roles_under
 from deeco.link import Reception, Transmission
-from deeco.local import BoundProcess, LocalComponent, Witness
+from deeco.local import BoundProcess, Commit, LocalComponent, Witness
+from deeco.onlooking import onlooker
 from deeco.pairing import Pairing
 from deeco.process import Fact, has_fact
 from deeco.replication.network import Network, NetworkParameters, News, NodeSurroundings
@@ -59,7 +60,9 @@ class Node:
         self._now = start
         self._agenda = Agenda()
         binding = Binding(ports or {})
-        self._locals = tuple(LocalComponent(value, binding, witness) for value in components)
+        self._onlooker = onlooker()
+        told = witness if self._onlooker is None else self._telling(witness)
+        self._locals = tuple(LocalComponent(value, binding, told) for value in components)
         self._by_id = {one.id: one for one in self._locals}
         if len(self._by_id) < len(self._locals):
             raise DeploymentError("two components of a node have the same id; each should have its own")
@@ -77,6 +80,9 @@ class Node:
         self._plan_ensembles(start)
         first = Instant(start + publish_phase)
         self._agenda.repeat(self._publish, first, parameters.publish_every, _PUBLICATION)
+        if self._onlooker is not None:
+            for value in components:
+                self._onlooker.deployed(value, start)
 
     @property
     def now(self) -> Instant:
@@ -197,8 +203,22 @@ class Node:
         self._now = now
         self._network.publish(now, [component.value for component in self._locals])
 
+    def _telling(self, witness: Witness | None) -> Witness:
+        """What tells the onlooker, too, and of whom an ensemble's knowledge was."""
+
+        def tell(commit: Commit) -> None:
+            if witness is not None:
+                witness(commit)
+            assert self._onlooker is not None
+            self._onlooker.committed(commit, self._network.replicas.get(commit.peer))
+
+        return tell
+
     def _react(self, news: News) -> None:
         """Evaluate the ensembles that watch a fact which differs now."""
+        if self._onlooker is not None:
+            for component in self._locals:
+                self._onlooker.heard(component.id, news.after, self._now)
         for pairing in self._pairings:
             if any(_differs(news, fact) for fact in pairing.type.on_change):
                 self._evaluate(pairing)

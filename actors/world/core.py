@@ -40,7 +40,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import few, otherwise, parted
 from actors.task.task import Task
 from actors.wording import brief
-from actors.world.body import Bodies
+from actors.world.body import Bodies, Places
 from actors.world.orders import Effects, Orders
 from actors.world.participants import Member, Participants, Standing
 from actors.world.whereabouts import PoseError, Whereabouts
@@ -81,7 +81,7 @@ class WorldCore:
         self._participants = Participants(setup.robots)
         self._task = task
         self._whereabouts = Whereabouts(len(setup.robots))
-        self._orders = Orders(setup.events, self._participants, bodies)
+        self._orders = Orders(setup.events, self._participants, bodies, task)
         self._effects = Effects()
         """Of the boundary that was opened last."""
         self._step = 0
@@ -132,6 +132,13 @@ class WorldCore:
     def pose_errors(self) -> dict[str, PoseError]:
         """How far each robot's own idea of where it is has lain from the truth, by robot."""
         return {member.id: self._whereabouts.error(member.index) for member in self._participants.members}
+
+    @property
+    def driven(self) -> dict[str, float]:
+        """How far each robot truly has driven, or was pushed, m, by robot."""
+        return {
+            member.id: round(self._bodies.driven[member.index], 3) for member in self._participants.members
+        }
 
     @property
     def refused_orders(self) -> Sequence[str]:
@@ -285,7 +292,10 @@ class WorldCore:
 
     def _senses(self, member: Member, halt: bool = False) -> Output:
         events, member.events = member.events, 0
-        senses = self._bodies.senses(member.index, self._step, self.instant, events, halt)
+        new: Places = ()
+        if not halt:  # a process that ends is not told, the one that follows it is
+            new, member.told = member.given[member.told :], len(member.given)
+        senses = self._bodies.senses(member.index, self._step, self.instant, events, halt, new)
         return to(SENSES, senses, member.id)
 
     def _close(self, inputs: Inputs) -> Sequence[Output]:

@@ -6,15 +6,18 @@ from dataclasses import dataclass, replace
 
 from actors.geometry import Point, Pose, wrap
 from actors.instant import Instant, in_seconds
-from actors.messages import (
+from actors.messages import Jam, ProcessOrder
+from actors.order_limits import OrderLimits, fault
+from actors.orders import (
+    CloseDoor,
     Freeze,
-    Jam,
+    Give,
     Kill,
     Move,
     Obstacle,
+    OpenDoor,
     Order,
     Pause,
-    ProcessOrder,
     Restart,
     Resume,
     Speed,
@@ -23,9 +26,9 @@ from actors.messages import (
     Stop,
     Thaw,
     Wall,
-)  # fmt: skip
-from actors.order_limits import OrderLimits, fault
+)
 from actors.runtime.errors import AcrcError
+from actors.task.task import Task
 from actors.world.body import Bodies, wall_posts
 from actors.world.participants import Member, Participants, Standing
 from actors.world.world_setup import TimedOrder
@@ -57,10 +60,13 @@ class Effects:
 class Orders:
     """What is due, and who carries it out."""
 
-    def __init__(self, events: tuple[TimedOrder, ...], roster: Participants, bodies: Bodies) -> None:
+    def __init__(
+        self, events: tuple[TimedOrder, ...], roster: Participants, bodies: Bodies, task: Task
+    ) -> None:
         self._events = deque(events)
         self._roster = roster
         self._bodies = bodies
+        self._task = task
         self._now = Instant(0)
         self._limits = OrderLimits()
         self._obstacles = 0
@@ -110,13 +116,13 @@ class Orders:
         if wrong := fault(order, self._limits):
             raise OrderError(wrong)
         match order:
-            case Kill() | Freeze() | Thaw() | Restart() | Move():
+            case Kill() | Freeze() | Thaw() | Restart() | Move() | Give():
                 return self._to_robot(order, before)
             case StartJam():
                 jam = Jam(order.x, order.y, order.radius, self._now + order.duration)
                 return replace(before, jams=(*before.jams, jam))
-            case Obstacle():
-                self._add_obstacle(order)
+            case Obstacle() | CloseDoor() | OpenDoor():
+                self._to_floor(order)
                 return before
             case Wall():
                 self._add_wall(order)
@@ -124,7 +130,7 @@ class Orders:
             case Pause() | Resume() | Step() | Speed() | Stop():
                 return _to_run(order, before)
 
-    def _to_robot(self, order: Kill | Freeze | Thaw | Restart | Move, before: Effects) -> Effects:
+    def _to_robot(self, order: Kill | Freeze | Thaw | Restart | Move | Give, before: Effects) -> Effects:
         if order.robot not in self._roster:
             raise OrderError(f"there is no robot {order.robot!r} to {_verb(order)}")
         member = self._roster[order.robot]
@@ -141,9 +147,31 @@ class Orders:
                 return replace(effects, starts=(*effects.starts, ProcessOrder(member.id, member.epoch)))
             case Move():
                 self._bodies.place(member.index, Pose(order.x, order.y, wrap(order.heading)))
+            case Give():
+                self._give(member, order)
             case _:
                 raise OrderError(f"cannot {_verb(order)} {order.robot}, which is {member.standing.value}")
         return before
+
+    def _give(self, member: Member, order: Give) -> None:
+        """Its process hears of them with its next Senses; without one nobody does."""
+        if len(member.given) + len(order.places) > self._limits.places:
+            raise OrderError(
+                f"{member.id} was given {len(member.given)} places since the start already; "
+                f"it may be at most {self._limits.places}"
+            )
+        self._bodies.check_places(order.places)
+        member.given += order.places
+        self._task.give(self._now, member.id, order.places)
+
+    def _to_floor(self, order: Obstacle | CloseDoor | OpenDoor) -> None:
+        match order:
+            case Obstacle():
+                self._add_obstacle(order)
+            case CloseDoor():
+                self._bodies.close_door(order.x, order.y)
+            case OpenDoor():
+                self._bodies.open_door(order.x, order.y)
 
     def _add_obstacle(self, order: Obstacle) -> None:
         if self._obstacles >= self._limits.obstacles:

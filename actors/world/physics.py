@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import pymunk
@@ -53,6 +53,11 @@ class ContactModel:
     """Of the contact solver per sub-step; own choice: ten robots pushing into a door."""
 
 
+class _ClosedDoor(NamedTuple):
+    segments: NDArray[np.float64]
+    shapes: list[pymunk.Shape]
+
+
 class Arena:
     """Robots, by index, on one floor plan; advances in sub-steps of 10 ms.
 
@@ -73,6 +78,7 @@ class Arena:
         self._names = tuple(names)
         self._models = tuple(models)
         self._obstacles: list[tuple[float, float, float]] = []
+        self._doors: dict[int, _ClosedDoor] = {}
         self._space = _space(segments, contact or ContactModel())
         self._bodies = [_body(self._space, model, pose) for model, pose in zip(models, poses, strict=True)]
         numbers = np.array([body.id for body in self._bodies], np.uint64)
@@ -191,6 +197,21 @@ class Arena:
                     f"it would overlap {name}"
                 )
 
+    def in_the_way(self, segments: NDArray[np.float64]) -> bool:
+        """True while a robot stands where a door of these segments, (n, 4), would be."""
+        return any(wall_gap(shape, segments) < 0 for shape in self._shapes())
+
+    def close_door(self, door: int, segments: NDArray[np.float64]) -> None:
+        """Put a wall there, to be taken away by the door's number; nobody is `in_the_way`."""
+        ends = [((x0, y0), (x1, y1)) for x0, y0, x1, y1 in segments.tolist()]
+        shapes = [_still(pymunk.Segment(self._space.static_body, *line, 0.0)) for line in ends]
+        self._space.add(*shapes)
+        self._doors[door] = _ClosedDoor(segments, shapes)
+
+    def open_door(self, door: int) -> None:
+        """Take it away."""
+        self._space.remove(*self._doors.pop(door).shapes)
+
     def overlap(self) -> float:
         """The deepest overlap of a robot with another, a wall or an obstacle, m; 0 where nothing overlaps.
 
@@ -198,7 +219,8 @@ class Arena:
         """
         shapes = list(self._shapes())
         still = [disc(*obstacle) for obstacle in self._obstacles]
-        gaps = [min(wall_gap(shape, self._segments), smallest_gap(shape, still)) for shape in shapes]
+        walls = self._walls
+        gaps = [min(wall_gap(shape, walls), smallest_gap(shape, still)) for shape in shapes]
         gaps += [gap(shapes[a], shapes[b]) for a, b in self._close_pairs()]
         return max(0.0, -min(gaps, default=0.0))
 
@@ -227,13 +249,18 @@ class Arena:
                 self._touching,
             )
 
+    @property
+    def _walls(self) -> NDArray[np.float64]:
+        """(n, 4): those of the floor plan, and closed doors."""
+        return np.concatenate([self._segments, *(door.segments for door in self._doors.values())])
+
     def _shapes(self) -> Iterator[Shape]:
         for model, state in zip(self._models, self._state.tolist(), strict=True):
             yield placed(model.footprint, Pose(*state[:3]))
 
     def _obstruction(self, shape: Shape, others: Sequence[int]) -> str:
         """What `shape` overlaps: "a wall", "an obstacle", a robot's name, or "" for nothing."""
-        if wall_gap(shape, self._segments) < 0:
+        if wall_gap(shape, self._walls) < 0:
             return "a wall"
         if smallest_gap(shape, (disc(*obstacle) for obstacle in self._obstacles)) < 0:
             return "an obstacle"

@@ -110,6 +110,7 @@ def part(
             **core.task_outcome,
             "contacts": core.contacts,
             "pose_errors": core.pose_errors,
+            "driven": core.driven,
             "steps": core.step,
             "refused_orders": core.refused_orders,
         },

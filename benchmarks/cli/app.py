@@ -21,6 +21,7 @@ for _command in (
     swarm.swarm,
     swarm.growth,
     swarm.resume,
+    swarm.recordings,
     swarm.relays,
     swarm.crowded_start,
     swarm.endings,

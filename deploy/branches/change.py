@@ -7,7 +7,8 @@ from operator import attrgetter
 from pathlib import Path
 
 from actors.instant import seconds
-from actors.messages import CONTROL, Control, Order, Pause, Resume, Speed, Step, Stop
+from actors.messages import CONTROL, Control
+from actors.orders import Order, Pause, Resume, Speed, Step, Stop
 from actors.robot.behaviour import succession
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at

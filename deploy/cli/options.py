@@ -11,7 +11,7 @@ ScenarioFile = Annotated[
     Path | None,
     typer.Argument(
         metavar="SCENARIO.toml",
-        help="What to run.  [default: scenarios/corridor.toml]",
+        help="What to run.  [default: scenarios/chapter.toml, the chapter's experiment]",
         autocompletion=completion.scenarios,
     ),
 ]

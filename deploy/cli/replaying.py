@@ -1,6 +1,8 @@
 """`acrc replay`: a run made again, or one robot of it executed again, in a debugger if one likes."""
 
+import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -99,6 +101,7 @@ def _one(
     trust: bool,
 ) -> "ReplayReport":
     from actors.runtime.debugger import DebuggerError
+    from actors.runtime.prints import on
     from cleaning.strategies import entry
     from deploy.replay import debugging, other_strategy, trusted_replay
     from deploy.replay.record_replay import Onlook, replay_actor
@@ -114,7 +117,8 @@ def _one(
         stop()
 
     wanted = None if stop is None else stopping
-    onlook = Onlook(lambda core, step_us: debugging.watch(core, step_us, stretch, wanted))
+    prints = None if stop is not None else partial(on, sys.stdout)  # a debugger talks for itself
+    onlook = Onlook(lambda core, step_us: debugging.watch(core, step_us, stretch, wanted), prints=prints)
     if strategy is None:
         report = replay_actor(out, robot, onlook)
     else:

@@ -65,6 +65,10 @@ def run(
             metavar="DIR", help="New folder for the recordings and the result.  [default: in runs/]"
         ),
     ] = None,
+    log: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Show what this robot's strategy prints; * for all. Repeatable."),
+    ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show the run while it goes on.")] = False,
     debug: Annotated[
         str | None,
@@ -160,6 +164,7 @@ def run(
         timeout=timeout,
         json=json,
         check=check,
+        log=log or (),
     )
     chosen = load_scenario(scenario, overrides)
 
@@ -192,6 +197,8 @@ def run(
         )
         raise typer.Exit(interrupt.exit_code) from None
     summary.print_result(result, json=json)
+    if not json:
+        summary.print_next(options.out, adapted=scenario is None and chosen.run.strategy != "none")
     if view:
         summary.print_view(options.out)
     deliveries.demand_all(result.undelivered, result.not_delivered)

@@ -11,19 +11,8 @@ from PIL import Image
 
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
 from actors.instant import in_seconds
-from actors.messages import (
-    Answered,
-    Control,
-    Drive,
-    Jam,
-    Move,
-    Obstacle,
-    Order,
-    Progress,
-    RobotTruth,
-    Truth,
-    Wall,
-)
+from actors.messages import Answered, Control, Drive, Jam, Progress, RobotTruth, Truth
+from actors.orders import Move, Obstacle, Order, Wall
 from actors.robot_model import load_model
 from actors.topic import Message
 from actors.world.world_setup import WorldSetup

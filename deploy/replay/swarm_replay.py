@@ -13,6 +13,7 @@ from actors.runtime.message_counts import is_from_outside
 from actors.runtime.recording import Direction, Note, read_recording
 from actors.wording import brief
 from cleaning.strategies import entry
+from deploy.processes.robot_logs import EVERYBODY, shown
 from deploy.replay.record_check import check
 from deploy.replay.record_pass import STAMP, read_pass
 from deploy.replay.recorded_orders import OrderBus, recorded_orders
@@ -58,7 +59,8 @@ def replay_swarm(out: Path, *, trust: bool) -> SwarmReplay:
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         again = Path(folder) / "again"
         plan = swarm.plan(scenario, RunOptions(again, bus="memory", json=True))
-        result = swarm.run_in_memory(plan, lambda progress: None, orders)
+        with shown(again, (EVERYBODY,)) as look:
+            result = swarm.run_in_memory(plan, lambda progress: look(), orders)
         if not told.complete or result.digest != told.digest:
             good_until = _FOREVER if told.complete else (told.good_until or 0)
             _compare(files, recordings(again), good_until)

@@ -14,6 +14,7 @@ from actors.messages import Roster as RosterMessage
 from actors.radio.program import part as radio_part
 from actors.robot.program import part as robot_part
 from actors.robot.program import share
+from actors.runtime import prints
 from actors.runtime.bus.memory_bus import MemoryBus, run_shells
 from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
@@ -116,8 +117,16 @@ class MemorySwarm:
         self._add(radio, radio_part(radio.argv))
         self._shared = [share(*words) for words in in_common(plan)]
         for robot in plan.world.robots:
-            program = robot_program(plan, robot, ProcessOrder(robot.id, 0), 0)
-            self._add(program, robot_part(program.argv))
+            self._add_robot(robot_program(plan, robot, ProcessOrder(robot.id, 0), 0), 0)
+
+    def _add_robot(self, program: Program, first_step: int) -> None:
+        """What its code prints goes where a process of its own would write it."""
+        printed = prints.in_file(program.log, self._plan.world.step_us)
+        self._stack.callback(printed.close)
+        with printed.during(first_step):
+            part = robot_part(program.argv)
+        self._add(program, part)
+        self._shells[-1].prints = printed
 
     def _add(self, program: Program, part: ActorProcess) -> None:
         assert program.record is not None
@@ -178,7 +187,7 @@ class MemorySwarm:
                         pass
                     self._bus.leave(shell.deliver)
             program = robot_program(self._plan, robots[order.robot], order, roster.step)
-            self._add(program, robot_part(program.argv))
+            self._add_robot(program, roster.step)
 
 
 @contextmanager

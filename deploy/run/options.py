@@ -57,6 +57,8 @@ class RunOptions:
     """Print the result as JSON on standard output, and nothing else."""
     check: bool = False
     """Execute every actor again afterwards, and compare."""
+    log: tuple[str, ...] = ()
+    """Robots of which it is shown what their code prints; `*` for all."""
 
 
 def run_options(  # one for each option of the command line
@@ -76,6 +78,7 @@ def run_options(  # one for each option of the command line
     timeout: float = Timeout.step_s,
     json: bool = False,
     check: bool = False,
+    log: Sequence[str] = (),
 ) -> RunOptions:
     """The options as they stand on the command line, checked. Raises OptionError."""
     if bus not in get_args(Bus):
@@ -95,6 +98,8 @@ def run_options(  # one for each option of the command line
             "--hardware-in-the-loop: runs processes in wall time; "
             "must stand without --bus memory, --view, and a --speed other than 1"
         )
+    if hardware and log:
+        raise OptionError("--log: shows simulated robots; must stand without --hardware-in-the-loop")
     if hardware and check:
         raise OptionError(
             "--check: executes a simulated run again; must stand without --hardware-in-the-loop"
@@ -122,6 +127,7 @@ def run_options(  # one for each option of the command line
         timeout,
         json,
         check,
+        tuple(log),
     )
 
 

@@ -8,15 +8,16 @@ from types import MappingProxyType
 from typing import Final
 
 from actors.instant import seconds
-from actors.messages import (
-    ANSWERED,
-    CONTROL,
-    Answered,
-    Control,
+from actors.messages import ANSWERED, CONTROL, Answered, Control
+from actors.order_limits import OrderLimits, fault
+from actors.orders import (
+    CloseDoor,
     Freeze,
+    Give,
     Kill,
     Move,
     Obstacle,
+    OpenDoor,
     Order,
     Pause,
     Restart,
@@ -28,7 +29,6 @@ from actors.messages import (
     Thaw,
     Wall,
 )
-from actors.order_limits import OrderLimits, fault
 from actors.runtime.access import router_file, rules
 from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.bus_interface import Bus
@@ -72,6 +72,11 @@ def _move(words: Sequence[str]) -> Order:
     return _numbers(lambda x, y, heading: Move(robot, x, y, heading), 3)(pose)
 
 
+def _give(words: Sequence[str]) -> Order:
+    robot, *place = words
+    return _numbers(lambda x, y: Give(robot, ((x, y),)), 2)(place)
+
+
 _FORMS: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = MappingProxyType({
     "kill": ("ROBOT", _robot(Kill)),
     "freeze": ("ROBOT", _robot(Freeze)),
@@ -81,6 +86,9 @@ _FORMS: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = Mapp
     "jam": ("X Y RADIUS SECONDS", _numbers(lambda x, y, r, s: StartJam(x, y, r, seconds(s)), 4)),
     "obstacle": ("X Y RADIUS", _numbers(Obstacle, 3)),
     "wall": ("X Y TO_X TO_Y", _numbers(Wall, 4)),
+    "give": ("ROBOT X Y", _give),
+    "close": ("X Y", _numbers(CloseDoor, 2)),
+    "open": ("X Y", _numbers(OpenDoor, 2)),
     "pause": ("", _numbers(Pause, 0)),
     "resume": ("", _numbers(Resume, 0)),
     "step": ("[N]", lambda words: Step(int(*words) if words else 1)),

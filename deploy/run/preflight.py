@@ -29,6 +29,7 @@ from actors.robot.program import look_in
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.lifecycle.failure import FailureNote
+from actors.runtime.prints import taken_by
 from actors.runtime.recording import RecordingError, read_notes
 from deploy.processes.launch import Child, Launcher, Program
 from deploy.run.plan import Debugged, Plan, lay_out_robot, robot_program
@@ -97,7 +98,8 @@ def preflight_here(settled: ResolvedScenario, text: str, modules: Sequence[Path]
     model = load_model(robot.model, robot.sensor)
     floor = assembly.floor(load_map(settled.world.map), model, behaviour.stack)
     start = assembly.start(behaviour, model, floor)
-    with _found(modules), contextlib.redirect_stdout(sys.stderr):  # --json leaves nothing else there
+    # --json leaves nothing else there; and a module is imported once, so what it keeps hold of is kept here
+    with _found(modules), contextlib.redirect_stdout(sys.stderr), taken_by(None):
         try:
             behaviour_of(settled.behaviour, start)
         except AcrcError:

@@ -17,7 +17,9 @@ from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.core import at
 from deploy.processes.launch import Launcher, Program, launcher
+from deploy.processes.robot_logs import check_names, shown
 from deploy.processes.signals import signals_as_interrupts
+from deploy.results import summary
 from deploy.results.place_table import write_table
 from deploy.results.result import Circumstances, RunResult, gather
 from deploy.run import progress, scenario_copy
@@ -64,10 +66,19 @@ def run(scenario: Scenario, options: RunOptions) -> RunResult:
     warn(prepared.warning)
     places = sum(len(robot.places) for robot in prepared.world.robots)
     quiet = options.json or prepared.debug is not None  # the terminal is the debugger's
-    with progress.shown(prepared.world.duration_us, places, quiet=quiet) as follow:
+    check_names(options.log, [robot.id for robot in prepared.world.robots], "--log")
+    with (
+        progress.shown(prepared.world.duration_us, places, quiet=quiet) as follow,
+        shown(options.out, options.log) as look,
+    ):
+
+        def on_progress(message: Progress) -> None:
+            follow(message)
+            look()
+
         if options.bus == "memory":
-            return run_in_memory(prepared, follow)
-        return run_processes(prepared, options.spawn, follow)
+            return run_in_memory(prepared, on_progress)
+        return run_processes(prepared, options.spawn, on_progress)
 
 
 def plan(scenario: Scenario, options: RunOptions) -> Plan:
@@ -158,6 +169,7 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
             if plan.view:
                 supervisor.start([observer_program(plan)])
                 supervisor.await_file(plan.out / "view.rrd", "observer")
+                summary.print_viewer(plan.out)
             if plan.control:
                 supervisor.start([control_program(plan)])
                 if supervisor.await_file(plan.out / CONTROL_ADDRESS, "control"):

@@ -16,7 +16,7 @@ from deploy.scenario.stack_tables import stack_fault
 from deploy.scenario.tables import Scenario
 from deploy.usage import OptionError, wrong_value
 
-DEFAULT_SCENARIO: Final = REPOSITORY / "scenarios" / "corridor.toml"
+DEFAULT_SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
 
 
 class ScenarioError(AcrcError):

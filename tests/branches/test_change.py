@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from actors.messages import CONTROL, Control, Freeze, Kill, Pause, Resume, Thaw
+from actors.messages import CONTROL, Control
+from actors.orders import Freeze, Kill, Pause, Resume, Thaw
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
 from deploy.branches import change

@@ -178,6 +178,8 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
         (("fleet", "stop", "tls/r1:7447"), []),
         (("fleet", "collect", "out"), []),
         (("fleet", "units", "fleet.toml"), ["hardware"]),
+        (("view", "out"), ["observe", "sim"]),
+        (("view", "out", "--png"), ["pictures"]),
         (("list", "maps"), []),
         (("docs",), ["docs"]),
         (("deploy", "keys", "fleet.toml"), []),

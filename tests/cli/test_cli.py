@@ -16,6 +16,7 @@ from deploy.development.checks import Check, run_checks
 from deploy.results import summary
 from deploy.results.deeco_result import DeecoResult
 from deploy.results.navigation_result import NavigationResult
+from deploy.results.origin import Origin
 from deploy.results.result import RobotResult, RunResult
 from deploy.version import release
 from tests import warm
@@ -96,7 +97,8 @@ def test_what_a_command_is_called_now_is_a_command(was: tuple[str, ...]) -> None
         ("run --limit x=1", "--limit: x=1; must be one of memory_mb, open_files, file_mb, disk_mb, "
          "disk_files, processes, \"=\" and a number from 1 to 999999999"),
         ("order out shout", "VERB: shout; must be one of: kill ROBOT, freeze ROBOT, thaw ROBOT, "
-         "restart ROBOT, move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, obstacle X Y RADIUS, pause, resume, "
+         "restart ROBOT, move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, obstacle X Y RADIUS, "
+         "give ROBOT X Y, close X Y, open X Y, pause, resume, "
          "stop"),
     ],
 )  # fmt: skip
@@ -179,12 +181,13 @@ RESULT = RunResult(
 def test_a_result_for_people(capsys: pytest.CaptureFixture[str]) -> None:
     summary.print_result(RESULT, json=False)
     lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
-    assert lines[-7:] == [
-        "600 s simulated in 12.3 s (48.6 x real time, 0.9 s to start)",
-        "radio: frames sent 10, copies heard 7",
-        "contacts: 5",
-        "localisation: 0.50 m from the truth (rmse), at most 1.23 m; lost once",
-        "goals: 7 given, 3 reached, aborted 2 for blocked, 1 for no progress",
+    assert lines[-8:] == [
+        "2 robots cleaned 3 of 4 places in 600 simulated s; 1 is left.",
+        "That took 12.3 s, 48.6 times as fast as real time, after 0.9 s to start.",
+        "Radio: 10 frames sent, 7 times heard by another robot, 0 times not.",
+        "Robots touched something 5 times.",
+        "Robots were 0.50 m from where they held themselves to be (rmse), at most 1.23 m, and lost once.",
+        "They were sent to a point 7 times; navigation gave that up 3 times (2 blocked, 1 no progress).",
         "digest d0d0",
         "recorded in /o",
     ]
@@ -211,11 +214,12 @@ def test_places_given_up_mistaken_or_lost_are_said_where_there_are_any(
     assert cells(lines) == [
         ["r1", "2 of 2", "0", "311.2 s"], ["r2", "1 of 7", "3", "not all"], ["all", "3 of 9", "3", "not all"]
     ]  # fmt: skip
-    assert lines[-10:-6] == [
-        "every place was reported or given up by 480.2 s",
-        "1 place was reported although no robot had been there",
-        "the run ended on false claims",
-        "2 places were lost: neither reported nor given up, and in nobody's route",
+    assert lines[-12:-7] == [
+        "2 robots cleaned 3 of 9 places in 600 simulated s; 6 are left.",
+        "Every place was reported or given up by 480.2 s.",
+        "1 place was reported although no robot had been there.",
+        "The run ended on false claims.",
+        "2 places were lost: neither reported nor given up, and in nobody's route.",
     ]
 
 
@@ -223,8 +227,40 @@ def test_false_claims_of_a_run_that_went_on_did_not_end_it(capsys: pytest.Captur
     some = msgspec.structs.replace(RESULT, places_claimed=5, completion_s=None, settled_s=None)
     summary.print_result(some, json=False)
     said = capsys.readouterr().out
-    assert "\n2 places were reported although no robot had been there\n" in said
-    assert "the run ended on false claims" not in said
+    assert "\n2 places were reported although no robot had been there.\n" in said
+    assert "ended on false claims" not in said
+
+
+def test_what_was_done_and_what_the_radio_lost_are_sentences(capsys: pytest.CaptureFixture[str]) -> None:
+    some = msgspec.structs.replace(
+        RESULT, completion_s=356.0, places_done=4, origin=Origin(strategy="chapter"), contacts=0,
+        direct_reach=0.65,
+        frames={
+            "frames_sent": 10, "frames_refused": 2, "frames_overflowed": 1, "copies_heard": 7,
+            "copies_lost_collision": 1, "copies_lost_below_sensitivity": 4, "events_dropped": 1,
+        },
+    )  # fmt: skip
+    summary.print_result(some, json=False)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-11] == "2 robots with strategy chapter cleaned all 4 places in 356 simulated s."
+    assert lines[-9:-5] == [
+        "Radio: 10 frames sent, 7 times heard by another robot, 5 times not "
+        "(4 below sensitivity, 1 collision).",
+        "Radio: 3 frames came to nothing (2 refused, 1 overflowed).",
+        "Radio: robots missed 1 of what it had for them (1 dropped).",
+        "Two robots were in direct reach of each other 65% of the time.",
+    ]
+    assert lines[-5] == "No robot touched anything."
+
+
+def test_a_run_says_what_shows_it(capsys: pytest.CaptureFixture[str]) -> None:
+    summary.print_next(Path("/o/my run"), adapted=True)
+    assert capsys.readouterr().out.splitlines() == [
+        "See it on one page: ./acrc view '/o/my run' --png",
+        "The same without adaptation: ./acrc run --strategy none",
+    ]
+    summary.print_next(Path("/o"), adapted=False)
+    assert capsys.readouterr().out == "See it on one page: ./acrc view /o --png\n"
 
 
 def test_messages_that_were_not_read_are_said_loudly(capsys: pytest.CaptureFixture[str]) -> None:

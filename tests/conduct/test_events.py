@@ -6,11 +6,8 @@ from unittest.mock import patch
 import pytest
 
 from actors.instant import Instant
-from actors.messages import (
-    ANSWERED,
-    CONTROL,
-    Answered,
-    Control,
+from actors.messages import ANSWERED, CONTROL, Answered, Control
+from actors.orders import (
     Freeze,
     Kill,
     Move,
@@ -25,7 +22,7 @@ from actors.messages import (
     Stop,
     Thaw,
     Wall,
-)  # fmt: skip
+)
 from actors.robot_model import load_model
 from actors.runtime.bus.memory_bus import StalledError
 from actors.runtime.bus_interface import Delivery

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from actors.messages import CONTROL, TRUTH, Control, Move, Pause, Resume, Step, Stop, Truth, Wall
+from actors.messages import CONTROL, TRUTH, Control, Truth
+from actors.orders import Move, Pause, Resume, Step, Stop, Wall
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.recording import Entry, read_recording

@@ -9,20 +9,8 @@ from typing import Any
 import pytest
 
 from actors.floor.map_file import load_map
-from actors.messages import (
-    ANSWERED,
-    CONTROL,
-    Answered,
-    Control,
-    Drive,
-    Jam,
-    Move,
-    Obstacle,
-    Progress,
-    RobotTruth,
-    Truth,
-    Wall,
-)
+from actors.messages import ANSWERED, CONTROL, Answered, Control, Drive, Jam, Progress, RobotTruth, Truth
+from actors.orders import Move, Obstacle, Wall
 from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at

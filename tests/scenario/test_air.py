@@ -6,6 +6,7 @@ import pytest
 
 from actors.radio.propagation.interferers import WifiParameters
 from actors.radio.propagation.walls import WallPatch
+from deploy.repository import REPOSITORY
 from deploy.scenario.air import WallError
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import load_scenario, parse
@@ -42,7 +43,7 @@ def test_the_radio_is_told_what_the_tables_say() -> None:
 
 
 def test_what_the_tables_leave_out_is_left_to_the_preset() -> None:
-    told = resolve(load_scenario()).radio
+    told = resolve(load_scenario(REPOSITORY / "scenarios" / "corridor.toml")).radio
     assert (told.walls, told.shadowing_db, told.correlation_distance, told.channel) == (None,) * 4
     assert not told.patches and not told.wifi
 

@@ -8,12 +8,14 @@ import pytest
 from actors.floor.placement import Area
 from actors.runtime.errors import AcrcError
 from actors.world.world_setup import BodySetup
+from deploy.repository import REPOSITORY
 from deploy.scenario.areas import for_places, for_starts
 from deploy.scenario.resolve import resolve
-from deploy.scenario.scenario_file import DEFAULT_SCENARIO, load_scenario, parse
+from deploy.scenario.scenario_file import load_scenario, parse
 from deploy.scenario.scenario_text import to_toml
 from tests.scenario.faults import fault, scenario
 
+CORRIDOR = REPOSITORY / "scenarios" / "corridor.toml"
 OFFICES = (
     '[[area]]\nname = "Office1"\nx = [11.5, 13.5]\ny = [1, 7]\n'
     '[[area]]\nname = "Office2"\nx = [16.5, 18.25]\ny = [1, 7]\n'
@@ -79,7 +81,7 @@ def test_robots_without_golden_places_get_theirs_in_the_areas() -> None:
 
 
 def test_the_shipped_scenario_lists_the_six_areas_of_the_original() -> None:
-    shipped = load_scenario()
+    shipped = load_scenario(CORRIDOR)
     assert for_places(shipped) == (
         FIRST,
         SECOND,
@@ -92,12 +94,12 @@ def test_the_shipped_scenario_lists_the_six_areas_of_the_original() -> None:
 
 
 def test_the_lines_about_areas_that_the_shipped_scenario_mentions_can_be_used() -> None:
-    text = DEFAULT_SCENARIO.read_text()
+    text = CORRIDOR.read_text()
     (line,) = {row.removeprefix("# ").partition("  ")[0] for row in text.splitlines() if "# areas" in row}
     assert tomllib.loads(line) == {"areas": ["Office1"]}
     used = text.replace("\n[places]\n", f"\n[places]\n{line}\n")
     used = used.replace("count = 4\n", f"count = 10\n{line}\n")
-    last = resolve(parse(used, DEFAULT_SCENARIO)).world.robots[9]
+    last = resolve(parse(used, CORRIDOR)).world.robots[9]
     assert within(FIRST, last.start) and all(within(FIRST, place) for place in last.places)
 
 

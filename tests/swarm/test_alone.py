@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from deploy.repository import REPOSITORY
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
@@ -15,7 +16,8 @@ SAMPLE = (3, 4, 10)
 
 @pytest.mark.parametrize("seed", sampled(range(1, 11), SAMPLE))
 def test_a_robot_alone_cleans_all_its_places(seed: int, tmp_path: Path) -> None:
-    scenario = load_scenario(None, Overrides(robots=1, seed=seed, duration=600.0))
+    corridor = REPOSITORY / "scenarios" / "corridor.toml"
+    scenario = load_scenario(corridor, Overrides(robots=1, seed=seed, duration=600.0))
     plan = swarm.plan(scenario, RunOptions(tmp_path / "out", bus="memory"))
     result = swarm.run_in_memory(plan, lambda progress: None)
     assert (result.places_done, result.places_total) == (10, 10)

@@ -26,7 +26,7 @@ from deploy.run.silence import Timeout
 from deploy.run.supervisor import RunFailedError
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.swarm import saboteur
-from tests.swarm.command import acrc, leftovers, processes_of, run, start
+from tests.swarm.command import ROOT, acrc, leftovers, processes_of, run, start
 
 SPAWNS = ("forkserver", "exec")
 
@@ -74,14 +74,22 @@ def gone(out: Path) -> bool:
 
 def started(out: Path, *words: object) -> subprocess.Popen[str]:
     """A long run that has begun to step."""
-    process = start("run", "--robots", 2, "--duration", 100_000, "--out", out, *words)
+    corridor = ROOT / "scenarios" / "corridor.toml"
+    process = start("run", corridor, "--robots", 2, "--duration", 100_000, "--out", out, *words)
     until(lambda: stepping(out), timeout_s=120.0)  # nothing may be compiled yet
     return process
 
 
-@pytest.mark.parametrize("spawn", SPAWNS)
-@pytest.mark.parametrize("actor", ["r2", "radio", "world"])
-def test_a_killed_process_ends_the_run_at_once(tmp_path: Path, spawn: str, actor: str) -> None:
+@pytest.mark.parametrize(
+    ("actor", "spawn"),
+    [
+        *(("r2", spawn) for spawn in SPAWNS),
+        ("radio", "forkserver"),
+        ("world", "forkserver"),
+        *(pytest.param(actor, "exec", marks=pytest.mark.nightly) for actor in ("radio", "world")),
+    ],
+)
+def test_a_killed_process_ends_the_run_at_once(tmp_path: Path, actor: str, spawn: str) -> None:
     out = tmp_path / "out"
     process = started(out, "--spawn", spawn)
     os.kill(process_of(out, actor), signal.SIGKILL)

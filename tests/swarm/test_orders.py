@@ -7,12 +7,25 @@ from pathlib import Path
 
 import pytest
 
-from actors.messages import Freeze, Move, Obstacle, Order, Pause, Speed, StartJam, Step, Wall
+from actors.orders import (
+    CloseDoor,
+    Freeze,
+    Give,
+    Move,
+    Obstacle,
+    OpenDoor,
+    Order,
+    Pause,
+    Speed,
+    StartJam,
+    Step,
+    Wall,
+)
 from deploy.replay.record_replay import replay_actor
 from deploy.replay.swarm_replay import replay_swarm
 from deploy.run import orders
 from deploy.usage import OptionError
-from tests.swarm.command import acrc, leftovers, processes_of, start
+from tests.swarm.command import ROOT, acrc, leftovers, processes_of, start
 from tests.swarm.test_failures import stepping, until
 
 
@@ -24,6 +37,9 @@ from tests.swarm.test_failures import stepping, until
         ("jam 1 2 3 4.5", StartJam(1.0, 2.0, 3.0, 4_500_000)),
         ("obstacle 1 2 0.3", Obstacle(1.0, 2.0, 0.3)),
         ("wall 1 2 3 4", Wall(1.0, 2.0, 3.0, 4.0)),
+        ("give r2 9 12.5", Give("r2", ((9.0, 12.5),))),
+        ("close 12.5 9.4", CloseDoor(12.5, 9.4)),
+        ("open 12.5 9.4", OpenDoor(12.5, 9.4)),
         ("pause", Pause()),
         ("step", Step(1)),
         ("step 20", Step(20)),
@@ -43,7 +59,8 @@ def test_orders_as_typed(words: str, order: Order) -> None:
             "shout r1",
             "VERB: shout; must be one of: kill ROBOT, freeze ROBOT, thaw ROBOT, restart ROBOT, "
             "move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, obstacle X Y RADIUS, "
-            "wall X Y TO_X TO_Y, pause, resume, step [N], speed X|max, stop",
+            "wall X Y TO_X TO_Y, give ROBOT X Y, close X Y, open X Y, pause, resume, step [N], speed X|max, "
+            "stop",
         ),
         ("kill", "VERB: kill; must be like kill ROBOT"),
         ("move r1 a b c", "VERB: 'move r1 a b c'; must be like move ROBOT X Y HEADING"),
@@ -71,7 +88,8 @@ def test_what_is_no_order(words: str, sentence: str) -> None:
 
 def test_a_run_is_paused_changed_resumed_stopped_and_replayed(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    process = start("run", "--duration", 100_000, "--speed", 5, "--out", out, "--json")
+    corridor = ROOT / "scenarios" / "corridor.toml"
+    process = start("run", corridor, "--duration", 100_000, "--speed", 5, "--out", out, "--json")
     until(lambda: stepping(out))
 
     def order(*words: object) -> None:

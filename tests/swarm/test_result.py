@@ -51,6 +51,8 @@ def test_everything_that_was_said_is_in_the_result(scenario: Path, tmp_path: Pat
     assert (result["completion_s"], result["settled_s"], result["last_reached_s"]) == (None, None, 3.0)
     about_poses = result["per_robot"]["r1"].pop("pose_error")
     assert (about_poses["samples"], about_poses["times_lost"]) == (60, 0) and about_poses["rmse"] < 0.1
+    ways = [part.pop("driven_m") for part in result["per_robot"].values()]
+    assert result.pop("driven_m") == pytest.approx(sum(ways), abs=0.01)
     assert result["per_robot"]["r1"] == {
         "places_total": 4, "places_done": 0, "places_claimed": 0, "places_given_up": 4, "completion_s": None
     }  # fmt: skip
@@ -71,6 +73,8 @@ def test_everything_that_was_said_is_in_the_result(scenario: Path, tmp_path: Pat
     assert [row["in_route_of"] for row in rows] == [""] * 4 + ["r2"] * 4
     written = json.loads((tmp_path / "out" / "run.json").read_text())
     assert written["per_robot"]["r1"].pop("pose_error") == about_poses
+    assert [part.pop("driven_m") for part in written["per_robot"].values()] == ways
+    del written["driven_m"]
     assert written == result
 
 
@@ -82,7 +86,8 @@ def test_a_place_that_nobody_means_to_visit_is_lost(scenario: Path, tmp_path: Pa
 
 
 def test_the_air_is_counted_in_octets(tmp_path: Path) -> None:
-    result = run(tmp_path / "out", "--bus", "memory", "--robots", 3, "--duration", 20)
+    corridor = ROOT / "scenarios" / "corridor.toml"
+    result = run(tmp_path / "out", corridor, "--bus", "memory", "--robots", 3, "--duration", 20)
     sent, octets = result["frames"]["frames_sent"], result["frames"]["bytes_sent"]
     assert sent == 60 and sent * (9 + 1) < octets < sent * 127
     assert result["radio_bytes_per_robot_s"] == round(octets / 3 / 20.0, 3)

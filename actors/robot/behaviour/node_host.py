@@ -3,8 +3,8 @@
     def behaviour(start: Start) -> Behaviour:
         return host(start, MyRobot(id=start.robot, ...), MyEnsemble(max_distance=1.5))
 
-The node's link is the robot's radio; its processes find Positioning, Navigation, PlaceMonitor, FloorPlan,
-Instant and the robot's random Generator by type.
+The node's link is the robot's radio; its processes find Positioning, Navigation, TaskList, PlaceMonitor,
+FloorPlan, Instant and the robot's random Generator by type.
 """
 
 from collections import Counter, deque
@@ -19,7 +19,7 @@ from actors.robot.behaviour import devices
 from actors.robot.behaviour.decision_limits import RobotLimits
 from actors.robot.behaviour.decision_log import SUBJECT, DecisionLog
 from actors.robot.behaviour.entry import BehaviourError
-from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning
+from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning, TaskList
 from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
 from deeco import DeecoError, Knowledge
 from deeco.link import Reception, Transmission
@@ -86,6 +86,7 @@ class _Hosted:
         self._phase = Duration(int(start.generator.integers(start.exchange.publish)))
         self._positioning = devices.RobotPositioning(start.pose)
         self._navigation = devices.RobotNavigation()
+        self._tasks = devices.RobotTaskList(start.places, start.epoch)
         self._monitor = devices.RobotPlaceMonitor()
         self._log = DecisionLog(component)
         self._counted: Counter[str] = Counter()
@@ -94,6 +95,11 @@ class _Hosted:
         self._former: Node | None = None
         self._node = self._deploy(START)  # what is missing is said before the first step
         self._begun = False
+
+    @property
+    def node(self) -> Node:
+        """The robot's node; for those who execute a robot again to look into it."""
+        return self._node
 
     def succeed(self, former: "_Hosted") -> bool:
         """Go on where the robot's host so far ends; False if the component cannot. Before the first step."""
@@ -113,6 +119,8 @@ class _Hosted:
         self._reach(view.instant)
         self._positioning.take(view)
         self._navigation.take(view)
+        self._tasks.take(view)
+        self._monitor.take(view)
         try:
             sent = self._node.advance(until, self._receptions(view.radio))
         except DeecoError as error:
@@ -138,6 +146,7 @@ class _Hosted:
                 ports={
                     Positioning: self._positioning,
                     Navigation: self._navigation,
+                    TaskList: self._tasks,
                     PlaceMonitor: self._monitor,
                     FloorPlan: start.floor,
                     Generator: start.generator,

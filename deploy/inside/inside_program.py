@@ -1,0 +1,89 @@
+"""Executes one robot again, looks into it, and ends: in a process that is shut off like a robot's.
+
+`python -m deploy.inside.inside_program --out DIR --actor NAME --answer FILE --own DIR`: the answer is what
+`telemetry.decode` reads.
+"""
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs a process of one thread
+
+import argparse
+import sys
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+
+from actors.instant import Duration
+from actors.robot import assembly, program
+from actors.robot_model import load_model
+from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.sandbox import Confinement, isolate
+from actors.runtime.lifecycle.parent import die_with_parent
+from actors.runtime.process import RunNote
+from actors.runtime.recording import decoded, read_notes
+from deploy.inside.onlooker import Onlooker
+from deploy.inside.telemetry import Inside, encode
+from deploy.replay.record_replay import Onlook, replay_actor
+from deploy.replay.run_recordings import recordings
+
+
+def main(argv: Sequence[str]) -> int:
+    """Look into one robot, and write down what was seen; the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m deploy.inside.inside_program")
+    for name in ("--out", "--answer", "--own"):
+        parser.add_argument(name, type=Path, required=True)
+    parser.add_argument("--actor", required=True)
+    parser.add_argument("--period-us", type=int, required=True, help="between two looks")
+    parser.add_argument("--path", type=Path, action="append", default=[], help="folder with code")
+    parser.add_argument("--isolate", action="store_true")
+    options = parser.parse_args(argv)
+    with options.answer.open("xb", buffering=0) as answer:
+        parent = os.getppid()
+        assembly.kernels()  # while their cache can still be written
+        if options.isolate:
+            isolate(
+                Confinement(
+                    own=options.own,
+                    hidden=(options.own.parent,),
+                    readable=(options.out,),
+                    code=tuple(options.path),
+                    descriptors=(1, 2, answer.fileno()),
+                    parent=parent,
+                )
+            )
+        else:
+            die_with_parent(parent)
+        try:
+            inside = look_into(options.out, options.actor, Duration(options.period_us))
+        except AcrcError as error:
+            sys.stderr.write(f"{error}\n")
+            return 2
+        data = memoryview(encode(inside))
+        while data:
+            data = data[answer.write(data) :]
+    return 0
+
+
+def look_into(out: Path, actor: str, period: Duration) -> Inside:
+    """What a robot perceived and meant, once in `period`, as far as its recording goes.
+
+    Its code runs in this process. Raises an AcrcError where there is nothing to execute.
+    """
+    path = recordings(out)[actor]
+    options = program.parse(decoded(path, "run", read_notes(path)["run"], RunNote).argv)
+    sensor, setup = load_model(options.model, options.sensor).sensor, options.setup
+    onlooker = Onlooker(setup.id, sensor, setup.stack.local_map.cell, period)
+    fault = None
+    try:
+        replay_actor(out, actor, Onlook(onlooker.attach))
+    except AcrcError as error:
+        fault = str(error)
+    except Exception as error:  # a strategy on another processor may go where it never went
+        traceback.print_exc()
+        fault = f"{actor}: {type(error).__name__}: {error}"
+    return onlooker.result(fault)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
