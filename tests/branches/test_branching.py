@@ -95,9 +95,9 @@ def _lone_frame(origin: Path) -> tuple[int, str, str]:
 
 
 def test_the_command_says_what_came_of_it(origin: Path, tmp_path: Path) -> None:
-    done = acrc("run", "--from", f"{origin}@11", "--event", "move r1 14 10 0", "--out", tmp_path / "out")
+    done = acrc("run", "--from", f"{origin}@11", "--event", "move r1 12.44 3.7 0", "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    assert f"branch of {origin} at 11 s: move r1 14 10 0 at 11 s; up to there again in " in done.stderr
+    assert f"branch of {origin} at 11 s: move r1 12.44 3.7 0 at 11 s; up to there again in " in done.stderr
     assert "\nfirst difference: step 110: " in done.stderr
     assert "\ndoes or meets otherwise: r1 from 11 s" in done.stderr
     for words, sentence in (
