@@ -50,6 +50,14 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
         Elsewhere("tests/view/test_window.py"),
     "./acrc run scenarios/head_on.toml --speed 4 --view": Elsewhere("tests/observer/test_view.py"),
     "./acrc run scenarios/head_on.toml --speed 1 --out runs/mine": Elsewhere("tests/swarm/test_orders.py"),
+    "./acrc run scenarios/head_on.toml --control": Elsewhere("tests/control/test_page.py"),
+    "./acrc run scenarios/head_on.toml --strategy my_study.lease:behaviour --debug r2":
+        Elsewhere("tests/debugging/test_debug.py"),
+    "./acrc run --from runs/seen@5 --out runs/same": Elsewhere("tests/branches/test_branching.py"),
+    "./acrc run --from runs/seen@5 --strategy none --out runs/without":
+        Elsewhere("tests/branches/test_branching.py"),
+    "./acrc run --from runs/seen@5 --event \"kill r2 at 8\" --event \"jam 12 9 5 2\" --out runs/branch":
+        Elsewhere("tests/branches/test_branching.py"),
     "./acrc order runs/NAME freeze r2": Elsewhere("tests/swarm/test_orders.py"),
     "./acrc order runs/mine freeze r2": Elsewhere("tests/swarm/test_orders.py"),
     "./acrc order runs/mine thaw r2": Elsewhere("tests/swarm/test_orders.py"),

@@ -64,8 +64,8 @@ def ignore_breakpoints() -> None:
 
 
 def stop_here(frame: FrameType | None) -> None:
-    """Stop in a frame, at the standard streams of this process."""
-    _RobotPdb().set_trace(frame)
+    """Stop in a frame, at the streams that this process was started with, wherever they lead by now."""
+    _RobotPdb(sys.__stdin__, sys.__stdout__).set_trace(frame)
 
 
 def _stop(frame: FrameType, reading: TextIO, writing: TextIO) -> None:

@@ -182,7 +182,7 @@ def branches(
     json: Json = False,
 ) -> None:
     """Branch a run at random instants without a change, and compare the digests with that of the run."""
-    from benchmarks.swarm import branches as trials
+    from benchmarks.branches import forks as trials
 
     if not trials.run(trials.BranchesTask(forks, duration, seed), json):
         raise typer.Exit(1)

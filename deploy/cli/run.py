@@ -130,7 +130,7 @@ def run(
 ) -> None:
     """Run a swarm and say what came of it. Options replace what the scenario says."""
     if origin is not None:
-        from deploy.cli.branch import continue_run
+        from deploy.branches.command import continue_run
 
         whole = {
             "SCENARIO": scenario, "--robots": robots, "--seed": seed, "--duration": duration, "--step": step,

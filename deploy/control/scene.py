@@ -2,6 +2,7 @@
 
 import base64
 import io
+import math
 from collections import OrderedDict
 from collections.abc import Iterable
 from typing import Final
@@ -12,11 +13,11 @@ from PIL import Image
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
 from actors.instant import in_seconds
 from actors.messages import Answered, Control, Drive, Jam, Progress, RobotTruth, Truth
-from actors.orders import Move, Obstacle, Order, Wall
+from actors.orders import CloseDoor, Give, Move, Obstacle, OpenDoor, Order, Wall
 from actors.robot_model import load_model
 from actors.topic import Message
 from actors.world.world_setup import WorldSetup
-from deploy.control.wire import Body, Circle, Floor, Line, Place, State
+from deploy.control.wire import Body, Circle, Floor, Line, Place, Spot, State
 
 _PENDING: Final = 256
 """Orders of which nobody has said yet what became of them; older ones are forgotten."""
@@ -40,6 +41,8 @@ class Scene:
         self._given_up: set[int] = set()
         self._obstacles: list[Circle] = []
         self._walls: list[Line] = []
+        self._given: list[Place] = []
+        self._closed: list[Spot] = []
         self._jams: list[Jam] = []
         self._paused_at: int | None = None
         """The step that it has last been seen to wait before."""
@@ -75,9 +78,11 @@ class Scene:
             robots=tuple(self._bodies.values()),
             done=tuple(sorted(self._done)),
             given_up=tuple(sorted(self._given_up - self._done)),
+            given=tuple(self._given),
             obstacles=tuple(self._obstacles),
             jammers=tuple(Circle(jam.x, jam.y, jam.radius) for jam in self._jams),
             walls=tuple(self._walls),
+            closed=tuple(self._closed),
             paused=self._paused_at is not None and self._step < self._paused_at,
             over=self.over,
             missed=self._missed,
@@ -97,7 +102,7 @@ class Scene:
         }
         while self._events and self._events[0].instant <= truth.instant:
             event = self._events.pop(0).order
-            if isinstance(event, Obstacle | Wall):
+            if not isinstance(event, Move):
                 self._carried_out((event,))
 
     def _carried_out(self, orders: Iterable[Order]) -> None:
@@ -107,8 +112,20 @@ class Scene:
                     self._obstacles.append(Circle(x, y, radius))
                 case Wall(x, y, to_x, to_y):
                     self._walls.append(Line(x, y, to_x, to_y))
+                case Give(robot, places):
+                    self._give(robot, places)
+                case CloseDoor(x, y):
+                    self._closed.append(Spot(x, y))
+                case OpenDoor(x, y) if self._closed:
+                    self._closed.remove(min(self._closed, key=lambda one: math.dist((one.x, one.y), (x, y))))
                 case Move(robot, x, y, heading):  # while the run is paused, nobody else would tell
                     self._bodies[robot] = Body(robot, x, y, heading, self._bodies[robot].standing)
+
+    def _give(self, robot: str, places: Iterable[tuple[float, float]]) -> None:
+        for x, y in places:
+            index = sum(owner == robot for owner, _ in self._numbers)
+            self._numbers[robot, index] = len(self._numbers)
+            self._given.append(Place(robot, x, y))
 
     def _indices(self, keys: Iterable[tuple[str, int]]) -> set[int]:
         return {self._numbers[key] for key in keys if key in self._numbers}

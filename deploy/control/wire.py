@@ -54,6 +54,13 @@ class Line(msgspec.Struct, frozen=True, array_like=True):
     to_y: float
 
 
+class Spot(msgspec.Struct, frozen=True, array_like=True):
+    """A point."""
+
+    x: float
+    y: float
+
+
 class Place(msgspec.Struct, frozen=True, array_like=True):
     """A place to be cleaned."""
 
@@ -85,11 +92,15 @@ class State(msgspec.Struct, frozen=True, tag_field="kind", tag="state"):
     step: int
     robots: tuple[Body, ...]
     done: tuple[int, ...]
-    """Indices in Floor.places of those that were reported."""
+    """Indices of those that were reported, in Floor.places and `given` behind it."""
     given_up: tuple[int, ...]
+    given: tuple[Place, ...]
+    """Places that came since the start."""
     obstacles: tuple[Circle, ...]
     jammers: tuple[Circle, ...]
     walls: tuple[Line, ...]
+    closed: tuple[Spot, ...]
+    """Doors that were ordered to close, each by the point that was named."""
     paused: bool
     over: bool
     missed: int

@@ -14,6 +14,7 @@ from deploy.branches.change import Change, event
 from deploy.replay.run_recordings import recordings
 from deploy.replay.swarm_replay import replay_swarm
 from tests.branches.conftest import Leave
+from tests.swarm.command import acrc
 
 STEP_S = 0.1
 
@@ -91,3 +92,21 @@ def _lone_frame(origin: Path) -> tuple[int, str, str]:
         for other in [robot for robot in ("r1", "r2") if robot != who]
         if other in heard.get(step + 1, []) and step - 1 not in sent and step + 1 not in sent
     )
+
+
+def test_the_command_says_what_came_of_it(origin: Path, tmp_path: Path) -> None:
+    done = acrc("run", "--from", f"{origin}@11", "--event", "move r1 12.44 3.7 0", "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert f"branch of {origin} at 11 s: move r1 12.44 3.7 0 at 11 s; up to there again in " in done.stderr
+    assert "\nfirst difference: step 110: " in done.stderr
+    assert "\ndoes or meets otherwise: r1 from 11 s" in done.stderr
+    for words, sentence in (
+        (("--event", "kill r2"), "--event: 'kill r2'; must stand with --from"),
+        (
+            ("--from", f"{origin}@5", "--seed", 3),
+            "--seed: a branch is as its run was; must stand without --from",
+        ),
+        (("--from", f"{origin}@5", "--strategy", "x"), "--strategy: strategy 'x' is not known"),
+    ):
+        refused = acrc("run", *words, "--out", tmp_path / "none")
+        assert (refused.returncode, sentence in refused.stderr) == (2, True), refused.stderr

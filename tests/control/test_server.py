@@ -10,7 +10,7 @@ import pytest
 
 from actors.floor.map_file import load_map
 from actors.messages import ANSWERED, CONTROL, Answered, Control, Drive, Jam, Progress, RobotTruth, Truth
-from actors.orders import Move, Obstacle, Wall
+from actors.orders import CloseDoor, Give, Move, Obstacle, OpenDoor, Wall
 from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
@@ -18,7 +18,7 @@ from actors.task.words import PlaceReport
 from actors.topic import Message, Topic
 from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup
 from deploy.control import scene as scenes
-from deploy.control.wire import ASK_BYTES, Ask, Body, Circle, JunkError, Line, Said, ask
+from deploy.control.wire import ASK_BYTES, Ask, Body, Circle, JunkError, Line, Place, Said, Spot, ask
 from deploy.repository import REPOSITORY
 
 server = pytest.importorskip("deploy.control.server", reason="websockets comes with `./acrc run --control`")
@@ -230,5 +230,12 @@ def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
     state = stage.state(junk=3)
     assert (state.jammers, state.obstacles, state.missed) == ((), (Circle(5.0, 5.0, 0.2),), 2)
     assert (state.paused, state.t, state.over) == (False, 0.3, False)
+    stage.take(Control(0, (Give("r1", ((7.0, 7.0),)), CloseDoor(1.0, 1.0), CloseDoor(5.0, 5.0)), "c"))
+    stage.take(Control(0, (OpenDoor(4.9, 5.0),), "d"))
+    for ticket in ("c", "d"):
+        stage.take(Answered(3, ticket, ()))
+    stage.take(Drive(3, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 2, 0),)))
+    state = stage.state(junk=3)
+    assert (state.given, state.done, state.closed) == ((Place("r1", 7.0, 7.0),), (1, 2), (Spot(1.0, 1.0),))
     stage.take(Truth(4, 400_000, (), halt=True))
     assert stage.state(junk=0).over

@@ -42,7 +42,7 @@ def test_a_process_that_is_killed_before_it_was_begun_is_not_begun() -> None:
     restarted, _ = asked.take([Restart("r1"), Pause()], asked.due(Instant(0)))
     assert restarted.paused and restarted.starts == (ProcessOrder("r1", 1),)
     killed, refusals = asked.take([Kill("r1"), Resume()], restarted)
-    assert killed == Effects(ends=("r1",)) and refusals == ()
+    assert killed == Effects(ends=("r1",), steps=0) and refusals == ()
 
 
 def test_an_order_that_makes_no_sense_comes_to_nothing_but_a_sentence() -> None:

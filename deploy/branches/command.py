@@ -1,11 +1,21 @@
 """`acrc run --from`: a recorded run continued with one thing changed."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import typer
 from rich.console import Console
 
+from cleaning.strategies import StrategyError, entry
+from deploy.branches.branching import branch
+from deploy.branches.change import Change, event
+from deploy.branches.change import place as place_of
+from deploy.processes.signals import Interrupted
+from deploy.results import summary
+from deploy.run import out_folder
+from deploy.run.kernels import compile_kernels
+from deploy.run.options import folder_name, run_options
 from deploy.usage import OptionError
 
 
@@ -20,11 +30,6 @@ def continue_run(
     json: bool,
 ) -> None:
     """Carry the branch out and say what came of it; `others`: options that belong to whole runs only."""
-    from cleaning.strategies import StrategyError, entry
-    from deploy.branches.change import Change, event
-    from deploy.branches.change import place as place_of
-    from deploy.run.options import folder_name, run_options
-
     if others:
         raise OptionError(f"{others[0]}: a branch is as its run was; must stand without --from")
     origin, at_s = place_of(place)
@@ -36,14 +41,6 @@ def continue_run(
         raise OptionError(f"--strategy: {error}") from None
     name = f"{folder_name(Path(origin.name))}-branch"
     options = run_options(out or Path("runs", name), bus="memory", scenario=origin.name, json=json)
-
-    from dataclasses import replace
-
-    from deploy.branches.branching import branch
-    from deploy.processes.signals import Interrupted
-    from deploy.results import summary
-    from deploy.run import out_folder
-    from deploy.run.kernels import compile_kernels
 
     if out is None:
         options = replace(options, out=out_folder.claim(options.out.parent, name))
