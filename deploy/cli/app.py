@@ -7,7 +7,7 @@ import typer
 from rich.console import Console
 
 from actors.runtime.errors import AcrcError
-from deploy.cli import development, look, replaying, run, streams, usage_errors
+from deploy.cli import development, explaining, look, replaying, run, streams, usage_errors
 from deploy.cli.fleet import app as fleet
 from deploy.cli.groups import FOR_DEVELOPERS, Root
 from deploy.cli.lists.commands import app as listing
@@ -28,6 +28,7 @@ app.command()(look.demo)
 app.command()(look.view)
 app.command()(look.scenario)
 app.command()(replaying.replay)
+app.command()(explaining.explain)
 app.add_typer(record, name="record", help="Check and replay what a run has recorded.")
 app.add_typer(listing, name="list", help="List strategies, presets, robot models, scenarios and maps.")
 app.add_typer(fleet, name="fleet", help="Robots made of computers: set them up, drive, watch, collect.")

@@ -71,6 +71,11 @@ class _Hosted:
         """The robot's node; for those who execute a robot again to look into it."""
         return self._node
 
+    @property
+    def ensembles(self) -> tuple[object, ...]:
+        """The ensembles of that node, for the same people."""
+        return tuple(self._ensembles)
+
     def advance(self, view: View, until: Instant) -> Decision:
         """Let the node do what is due."""
         self._reach(view.instant)
