@@ -50,14 +50,26 @@ def view(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")],
     png: Annotated[bool, typer.Option("--png", help="Draw the run on one page: OUT/run.png.")] = False,
     svg: Annotated[bool, typer.Option("--svg", help="The same as OUT/run.svg.")] = False,
+    html: Annotated[
+        bool, typer.Option("--html", help="The same with sentences and tables: OUT/run.html.")
+    ] = False,
+    movie: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Robots on the floor as they moved: a .gif, or an .mp4 by ffmpeg."),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option(metavar="X", help="Simulated seconds per second of --movie.", min=1.0, max=1000.0)
+    ] = 20.0,
 ) -> None:
     """Draw what a run's recordings show: floor, trails, places, meetings, radio, progress."""
-    if not (png or svg):
-        raise OptionError(f"view {out}: should stand with --png or --svg")
+    if not (png or svg or html or movie):
+        raise OptionError(f"view {out}: should stand with --png, --svg, --html or --movie")
     from deploy.evidence.run_evidence import read_run
-    from deploy.picture import run_page
+    from deploy.picture import moving, run_html, run_page
     from deploy.run import out_folder
 
+    if movie is not None:
+        moving.check(movie)
     run = read_run(out)
     console = Console(soft_wrap=True, highlight=False)
     for wished, name in ((png, "run.png"), (svg, "run.svg")):
@@ -65,6 +77,14 @@ def view(
             with out_folder.writing(out):
                 run_page.write(run, out / name)
             console.print(str(out / name), markup=False)
+    if html:
+        with out_folder.writing(out):
+            run_html.write(run, out / "run.html")
+        console.print(str(out / "run.html"), markup=False)
+    if movie is not None:
+        with out_folder.writing(movie.parent):
+            moving.write(run, movie, speed)
+        console.print(str(movie), markup=False)
 
 
 def scenario(

@@ -18,7 +18,7 @@ from deploy.picture import style
 
 RADIUS: Final = 0.177
 """Of a drawn robot, m: a TurtleBot 2."""
-_JUMP: Final = 1.0
+JUMP: Final = 1.0
 """m in one step: it was carried, and no line is drawn."""
 _TOGETHER: Final = 1.6
 """Meetings nearer to one another than this are marked once, m."""
@@ -67,7 +67,7 @@ def _mark(marker: str, says: str, mfc: str = "w", mec: str = style.INK, ms: floa
 def _trail(axes: Axes, run: RunEvidence, index: int, robot: str, *, few: bool) -> None:
     track, colour = run.true[:, index, :2].copy(), style.colour(index)
     start, end = track[0].copy(), track[-1].copy()
-    jumps = np.flatnonzero(np.hypot(*np.diff(track, axis=0).T) > _JUMP) + 1
+    jumps = np.flatnonzero(np.hypot(*np.diff(track, axis=0).T) > JUMP) + 1
     track[jumps] = np.nan
     axes.plot(*track.T, color=colour, lw=0.9 if few else 0.5, alpha=0.75 if few else 0.5, zorder=2)
     axes.plot(*start, marker="s", ms=4, mfc="w", mec=colour, zorder=4)

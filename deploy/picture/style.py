@@ -1,6 +1,7 @@
 """How pictures look: colours that colour-blind people tell apart, and the same bytes for the same content."""
 
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -75,6 +76,13 @@ def new_figure(width: float, height: float) -> Figure:
     figure = Figure(figsize=(width, height), dpi=130, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+def svg(figure: Figure) -> bytes:
+    """The figure as an SVG, without anything that differs from day to day."""
+    file = BytesIO()
+    figure.savefig(file, format="svg", metadata={"Date": None})
+    return file.getvalue()
 
 
 def save(figure: Figure, path: Path) -> None:

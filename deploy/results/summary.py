@@ -21,15 +21,22 @@ def print_result(result: RunResult, *, json: bool) -> None:
         return
     console = Console(highlight=False, markup=False, soft_wrap=True)
     console.print(_table(result))
-    for sentence in (*_places_done(result), *_sentences(result), *_effort(result)):
-        console.print(sentence)
-    for sentence in (*_radio(result), *_driving(result)):
+    for sentence in sentences(result):
         console.print(sentence)
     for sentence in result.refused_orders:
         console.print(f"order refused {printable(sentence)}", style="bold red")
     if result.unread:
         console.print(f"messages delivered and not read: {result.unread}", style="bold red")
     console.print(f"digest {result.digest}\nrecorded in {result.out}")
+
+
+def sentences(result: RunResult) -> Iterator[str]:
+    """The result in words, the most important first."""
+    yield from _places_done(result)
+    yield from _sentences(result)
+    yield from _effort(result)
+    yield from _radio(result)
+    yield from _driving(result)
 
 
 def print_next(out: Path, *, adapted: bool) -> None:
