@@ -88,7 +88,12 @@ def view(
 
 
 def scenario(
-    file: Annotated[Path, typer.Argument(metavar="SCENARIO.toml", autocompletion=completion.scenarios)],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", help="A scenario, a map or a robot model.", autocompletion=completion.scenarios
+        ),
+    ],
     robots: Robots = None,
     seed: Seed = None,
     setting: Setting = None,
@@ -97,14 +102,22 @@ def scenario(
         typer.Option(metavar="FILE", help="Draw it: floor, doors, starts, places, reach of radio."),
     ] = None,
 ) -> None:
-    """Check a scenario, and say what it means on its floor; options replace what it says."""
+    """Check a scenario, and say what it means on its floor; options replace what it says.
+
+    The file may be a map (.yaml) or a robot model, too: then it is about that alone.
+    """
     from deploy.run import out_folder
-    from deploy.scenario import survey
+    from deploy.scenario import part_survey, survey
     from deploy.scenario.resolve import resolve
     from deploy.scenario.scenario_file import Overrides, load_scenario, settings
 
     if png is not None and (png.suffix not in {".png", ".svg"} or not png.absolute().parent.is_dir()):
         raise wrong_value("--png", png, "a file in a folder that exists, its name ending in .png or .svg")
+    if (is_map := file.suffix in {".yaml", ".yml"}) or part_survey.is_model(file):
+        if robots is not None or seed is not None or setting:
+            raise OptionError(f"{file}: is no scenario; must stand without --robots, --seed and --set")
+        _part(file, png, is_map=is_map)
+        return
     overrides = Overrides(robots, seed, settings=settings(setting or ()))
     found = survey.survey(resolve(load_scenario(file, overrides)))
     console = Console(soft_wrap=True, highlight=False)
@@ -116,4 +129,28 @@ def scenario(
 
     with out_folder.writing(png.parent):
         scenario_picture.write(found, png)
+    console.print(str(png), markup=False)
+
+
+def _part(file: Path, png: Path | None, *, is_map: bool) -> None:
+    """The same for a map or a robot model."""
+    from actors.robot_model import load_model
+    from deploy.run import out_folder
+    from deploy.scenario import part_survey
+
+    floor = part_survey.survey_map(file) if is_map else None
+    model = None if is_map else load_model(str(file))
+    console = Console(soft_wrap=True, highlight=False)
+    told = part_survey.map_sentences(floor) if floor else ()
+    for sentence in (*told, *(part_survey.model_sentences(model) if model else ())):
+        console.print(sentence, markup=False)
+    if png is None:
+        return
+    from deploy.picture import part_picture
+
+    with out_folder.writing(png.parent):
+        if floor:
+            part_picture.write_map(floor, png)
+        elif model:
+            part_picture.write_model(model, png)
     console.print(str(png), markup=False)

@@ -6,6 +6,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
+from matplotlib import patheffects
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -41,6 +42,9 @@ LOOK: Final[dict[str, Any]] = {
     "svg.fonttype": "path",
 }
 """Letters of an SVG are outlines, so that it looks the same everywhere."""
+
+HALO: Final[list[patheffects.AbstractPathEffect]] = [patheffects.withStroke(linewidth=2.5, foreground=FLOOR)]
+"""Around words on a floor, which walls and trails would run into otherwise."""
 
 
 def colour(index: int) -> str:
