@@ -59,8 +59,10 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
     "./acrc add pandas": NotRun("wants a network, and changes the environment"),
     "./acrc bench failures": Reduced("--seeds 1 --robots 2 --duration 10"),
     "./acrc bench steps": Reduced("--robots 2 --duration 5"),
-    "./acrc scenario actors/models/omnibox.toml --png omnibox.png": Elsewhere("tests/pictures/test_scenario.py"),
-    "./acrc view runs/chapter --html --movie run.gif --speed 40": Elsewhere("tests/pictures/test_pictures.py"),
+    "./acrc scenario actors/models/omnibox.toml --png omnibox.png":
+        Elsewhere("tests/pictures/test_scenario.py"),
+    "./acrc view runs/chapter --html --movie run.gif --speed 40":
+        Elsewhere("tests/pictures/test_pictures.py"),
     "./acrc demo": Elsewhere("tests/pictures/test_pictures.py"),
     "./acrc run scenarios/chapter.toml --out runs/chapter": Reduced("--duration 5"),
     "./acrc replay runs/NAME --robot r2 --from 40 --pdb": Elsewhere("tests/replay/test_replay.py"),

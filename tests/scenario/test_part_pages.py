@@ -14,7 +14,7 @@ from deploy.repository import REPOSITORY
 
 ROBOT = (REPOSITORY / "docs" / "own-robot.md").read_text()
 MAP = (REPOSITORY / "docs" / "own-map.md").read_text()
-TABLES = {
+TABLES: dict[str, type[BaseModel]] = {
     "The robot": robot_model._ModelFile,
     "`[footprint]`": robot_model.Footprint,
     "`[drive]`": robot_model.DriveParameters,
@@ -52,7 +52,7 @@ def span(field: Any) -> str:
 @pytest.mark.parametrize("heading", TABLES)
 def test_every_field_of_a_robot_model_stands_there_with_default_and_range(heading: str) -> None:
     part = ROBOT.partition(f"### {heading}\n")[2].partition("\n### ")[0].partition("\n## ")[0]
-    kind: type[BaseModel] = TABLES[heading]
+    kind = TABLES[heading]
     told = {name: (cells[1], cells[2]) for name, cells in rows(part).items()}
     assert told == {name: (default(field), span(field)) for name, field in kind.model_fields.items()}
 
