@@ -9,16 +9,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from actors import order_limits
-from actors.messages import (
-    FRAME_DATA_LIMIT,
-    Drive,
-    Jam,
-    Outgoing,
-    Senses,
-    StartJam,
-    Transmit,
-    Truth,
-)
+from actors.messages import FRAME_DATA_LIMIT, Drive, Jam, Outgoing, Senses, Transmit, Truth
+from actors.orders import StartJam
 from actors.task.word_limits import TaskLimits, words_fault
 from actors.wording import brief
 
@@ -88,9 +80,14 @@ def _order(jam: Jam, now: int) -> StartJam:
 
 
 def senses_fault(senses: Senses) -> str | None:
-    """What is wrong with the odometry that a base gives its robot."""
+    """What is wrong with the odometry that a base gives its robot, or with places."""
     odometry = senses.odometry
     moves = is_place(odometry.vx, odometry.vy) and is_heading(odometry.omega)
+    for place in senses.places:
+        if not is_place(*place):
+            return (
+                f"a place at ({place[0]:g}, {place[1]:g}); each should be at most {GREATEST_COORDINATE:g} m"
+            )
     if is_place(odometry.x, odometry.y) and is_heading(odometry.heading) and moves:
         return None
     return (

@@ -5,10 +5,11 @@ here. Keys: `swarm/up/<id>/…` from a robot, `swarm/down/<id>/…` to it, `swar
 All instants are microseconds of the run's time; positions are metres in the map frame, angles radians.
 """
 
-from typing import Final
+from typing import ClassVar, Final
 
 from actors.board_readings import BoardNote
 from actors.ieee802154 import MAC_OCTETS, PSDU_LIMIT
+from actors.orders import Order
 from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message, MessagePart, Topic
 
@@ -56,6 +57,7 @@ class Scan(MessagePart, frozen=True):
 class Senses(Message, frozen=True):
     """What the base of one robot sensed at the step's start."""
 
+    omissible: ClassVar[int] = 1
     instant: int
     events: int
     """How many events Received carries for this robot and step; 0 = no such message is sent."""
@@ -68,6 +70,9 @@ class Senses(Message, frozen=True):
     """The last message to this process: no answer is expected."""
     earlier_scans: tuple[Scan, ...] = ()
     """The sweeps before `scan` since the last step, oldest first: a sensor may be faster than the steps."""
+    places: tuple[tuple[float, float], ...] = ()
+    """Places that the robot is given from now on, m, map frame, beside those that it has: by an event of the
+    scenario, or by a person's order. To a new process of the robot all those that came since the start."""
 
 
 class Drive(Message, frozen=True):
@@ -222,71 +227,6 @@ class Aired(Message, frozen=True):
 
 
 # --- control of a run --------------------------------------------------------------------------------------
-
-
-class Kill(MessagePart, frozen=True, tag="kill"):
-    """End the robot's process; its body stays as an obstacle."""
-
-    robot: str
-
-
-class Freeze(MessagePart, frozen=True, tag="freeze"):
-    """Stop advancing the robot's core."""
-
-    robot: str
-
-
-class Thaw(MessagePart, frozen=True, tag="thaw"):
-    """Advance a frozen robot's core again."""
-
-    robot: str
-
-
-class Restart(MessagePart, frozen=True, tag="restart"):
-    """Start a new process for the robot, in a new boot epoch; a running one is ended first."""
-
-    robot: str
-
-
-class Move(MessagePart, frozen=True, tag="move"):
-    """Put the robot's body somewhere else."""
-
-    robot: str
-    x: float
-    y: float
-    heading: float
-
-
-class StartJam(MessagePart, frozen=True, tag="jam"):
-    """Switch a jammer on for `duration` µs."""
-
-    x: float
-    y: float
-    radius: float
-    duration: int
-
-
-class Obstacle(MessagePart, frozen=True, tag="obstacle"):
-    """Put a round thing of `radius` m, that does not move, on the floor."""
-
-    x: float
-    y: float
-    radius: float
-
-
-class Pause(MessagePart, frozen=True, tag="pause"):
-    """Begin no further step until Resume."""
-
-
-class Resume(MessagePart, frozen=True, tag="resume"):
-    """Go on after Pause."""
-
-
-class Stop(MessagePart, frozen=True, tag="stop"):
-    """End the run at this step's start."""
-
-
-Order = Kill | Freeze | Thaw | Restart | Move | StartJam | Obstacle | Pause | Resume | Stop
 
 
 class Control(Message, frozen=True):

@@ -1,6 +1,6 @@
 """What every message is, and on which key which message travels."""
 
-from typing import Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 import msgspec
 
@@ -8,6 +8,8 @@ import msgspec
 class Message(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
     """A value that travels between actors; `step` is the step it belongs to."""
 
+    omissible: ClassVar[int] = 0
+    """So many of the last fields do not travel while all of them are empty."""
     step: int
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Annotated, Final
 
 from actors.geometry import Point
-from actors.robot.behaviour import Start
+from actors.robot.behaviour import Start, TaskList
 from actors.task.words import PlaceKey
 from deeco.replication.schema import Resolution
 
@@ -23,7 +23,7 @@ class Takeover:
     """That somebody has taken a place over: what is said of it to those who held it before."""
 
     owner: str
-    """The robot that the place belonged to at the start of the run."""
+    """The robot that the place was given to."""
     index: int
     """Its index in the owner's list."""
     term: int
@@ -40,7 +40,7 @@ class Assignment:
     """The assignment to clean a place."""
 
     owner: str
-    """The robot that the place belonged to at the start of the run."""
+    """The robot that the place was given to."""
     index: int
     """Its index in the owner's list."""
     point: Annotated[Point, Resolution(1000)]
@@ -67,3 +67,13 @@ def assignments(start: Start) -> tuple[Assignment, ...]:
     """
     term = start.epoch * RESTART_TERM
     return tuple(Assignment(start.robot, index, point, term) for index, point in enumerate(start.places))
+
+
+def since(tasks: TaskList, robot: str, known: int) -> tuple[Assignment, ...]:
+    """What the robot has been given beyond the first `known` of its places, in the order given.
+
+    As `assignments`, of which these are more.
+    """
+    term = tasks.epoch * RESTART_TERM
+    new = tasks.places[known:]
+    return tuple(Assignment(robot, index, point, term) for index, point in enumerate(new, start=known))

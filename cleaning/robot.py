@@ -9,12 +9,19 @@ from dataclasses import replace
 from typing import NamedTuple, Self
 
 from actors.geometry import Point
-from actors.robot.behaviour import AbortReason, GoalStatus, Navigation, PlaceMonitor, Positioning
+from actors.robot.behaviour import (
+    AbortReason,
+    GoalStatus,
+    Navigation,
+    PlaceMonitor,
+    Positioning,
+    TaskList,
+)
 from actors.task.words import PlaceKey
 from cleaning.cleaner import Cleaner
 from cleaning.parameters import CleaningParameters
-from cleaning.place import Assignment, Takeover
-from deeco import Instant, component, milliseconds, periodic, seconds
+from cleaning.place import Assignment, Takeover, since
+from deeco import Instant, Knowledge, component, milliseconds, periodic, seconds
 
 
 class OrderedGoal(NamedTuple):
@@ -35,6 +42,8 @@ class CleaningRobot(Cleaner):
     """Where it heads for before anything else, m: any point, which is nobody's assignment."""
     settled: tuple[Takeover, ...] = ()
     """What it has visited or given up, and will not take on again."""
+    more: int = 0
+    """So many places it has been given since its start."""
     attempt: int = 0
     """Grows whenever navigation is to be told anew where to go, be it to the same point."""
     ordered: OrderedGoal | None = None
@@ -51,6 +60,27 @@ class CleaningRobot(Cleaner):
             return self.waypoint
         return None if self.destination is None else self.destination.point
 
+    def inherits(self, former: Knowledge) -> Self | None:
+        """Go on where another cleaning robot's component ends; None for anything else.
+
+        It keeps where the robot heads for, what it holds and has settled, and what it has told others to have
+        taken over; the order of places is its own. A waypoint and an offered exchange were the other's.
+        """
+        if not isinstance(former, CleaningRobot):
+            return None
+        held = {one.key: one for one in former.route}
+        own = [held.pop(one.key) for one in self.route if one.key in held]
+        return replace(
+            self,
+            position=former.position,
+            destination=former.destination,
+            adopted=former.adopted,
+            route=(*own, *held.values()),
+            settled=former.settled,
+            ordered=former.ordered,
+            attempt=former.attempt + (former.waypoint is not None),
+        )
+
     def decided_since(self, before: Self) -> str:
         """In words, for measuring: how it means to go on otherwise than before; empty if it does not."""
         held, holds = ({one.key for one in robot.route} for robot in (before, self))
@@ -65,6 +95,12 @@ class CleaningRobot(Cleaner):
     def sense(self, positioning: Positioning) -> Self:
         """Take over where the robot holds itself to be."""
         return replace(self, position=positioning.pose.point)
+
+    @periodic(every=milliseconds(500), order=0)
+    def take_on(self, tasks: TaskList) -> Self:
+        """Put places that it has been given while the run went on into its route, the newest last."""
+        new = since(tasks, self.id, tasks.at_start + self.more)
+        return replace(self, route=self.route + new, more=self.more + len(new)) if new else self
 
     @periodic(every=milliseconds(500), order=1)
     def set_destination(self, monitor: PlaceMonitor, now: Instant) -> Self:

@@ -45,16 +45,17 @@ class Node:
         start: Instant = START,
         publish_phase: Duration = _NONE,
         witness: Witness | None = None,
+        former: "Node | None" = None,
     ) -> None:
         """Deploy everything.
 
         `ports` gives, by type, what processes and ensembles may ask for. `address` is the node's on the link;
         `epoch` grows with each restart of the machine; `publish_phase` is when, after `start`, it publishes
-        first; `witness` is told of every change of knowledge. Raises DeploymentError if a port is missing or
-        a component cannot be run.
+        first; `witness` is told of every change of knowledge; `former` is the machine's node so far, where
+        this one goes on counting. Raises DeploymentError if a port is missing or a component cannot be run.
         """
         parameters = parameters or NetworkParameters()
-        self._statistics = Statistics()
+        self._statistics: Statistics = Statistics() if former is None else former._statistics
         self._counters = self._statistics.counters
         self._now = start
         self._agenda = Agenda()
@@ -66,13 +67,14 @@ class Node:
         if len(self._by_id) < len(self._locals):
             raise DeploymentError("two components of a node have the same id; each should have its own")
         self._pairings = tuple(Pairing(one, binding, self._statistics) for one in ensembles)
-        self._network = Network(
+        self._network: Network = Network(
             parameters,
             RoleBook(self._roles(), parameters.link),
             NodeSurroundings(frozenset(self._by_id), self._agenda.once, self._passes),
             address=address,
             epoch=epoch,
             statistics=self._statistics,
+            former=None if former is None else former._network,
         )
         self._plan_components(start)
         self._plan_ensembles(start)

@@ -43,6 +43,11 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
     "./acrc run --bus memory --json": Reduced("--duration 5"),
     "./acrc run --strategy my_study.lease:behaviour": Reduced("--duration 5"),
     "./acrc run my_scenario.toml --speed 4 --view": Elsewhere("tests/observer/test_view.py"),
+    "./acrc view runs/NAME": Elsewhere("tests/view/test_window.py"),
+    "./acrc view runs/chapter": Elsewhere("tests/view/test_window.py"),
+    "./acrc view runs/chapter --save chapter.rrd": Elsewhere("tests/view/test_drawn.py"),
+    "./acrc view runs/chapter --screenshot view.png --at 172 --robot r3":
+        Elsewhere("tests/view/test_window.py"),
     "./acrc run scenarios/head_on.toml --speed 4 --view": Elsewhere("tests/observer/test_view.py"),
     "./acrc run scenarios/head_on.toml --speed 1 --out runs/mine": Elsewhere("tests/swarm/test_orders.py"),
     "./acrc order runs/NAME freeze r2": Elsewhere("tests/swarm/test_orders.py"),
@@ -63,8 +68,11 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
         Elsewhere("tests/pictures/test_scenario.py"),
     "./acrc view runs/chapter --html --movie run.gif --speed 40":
         Elsewhere("tests/pictures/test_pictures.py"),
+    "./acrc run scenarios/head_on.toml --strategy chapter --out runs/tables":
+        Elsewhere("tests/recordings/test_export.py"),
+    "./acrc export runs/tables --parquet": Elsewhere("tests/recordings/test_export.py"),
     "./acrc demo": Elsewhere("tests/pictures/test_pictures.py"),
-    "./acrc run scenarios/chapter.toml --out runs/chapter": Reduced("--duration 5"),
+    "./acrc run scenarios/chapter.toml --seed 42 --out runs/chapter": Reduced("--duration 5"),
     "./acrc replay runs/NAME --robot r2 --from 40 --pdb": Elsewhere("tests/replay/test_replay.py"),
     "./acrc replay runs/seen --robot r2 --from 15 --pdb": Elsewhere("tests/replay/test_replay.py"),
     "./acrc replay runs/seen --robot r2 --strategy random": Elsewhere("tests/replay/test_replay.py"),
@@ -110,6 +118,7 @@ PAGES: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyType({
     ("docs/tutorial.md", "sh"): "tests/cli/test_tutorial.py",
     ("docs/tutorial.md", "python"): "tests/cli/test_tutorial.py",
     ("docs/deeco.md", "python"): "tests/deeco/test_docs.py",
+    ("docs/tables.md", "python"): "tests/recordings/test_export.py",
     ("docs/localisation-log.md", "python"): "tests/localisation_bench/test_log.py",
     ("docs/navigation-log.md", "python"): "tests/navigation_bench/test_navigation_log.py",
 })  # fmt: skip

@@ -10,9 +10,10 @@ import pytest
 LONGEST: Final = (
     "documentation/test_blocks.py",
     "swarm/test_house.py",
-    "documentation/test_blocks.py",
     "swarm/test_failures.py",
     "onboard/test_live.py",
+    "experiments/test_cluster.py",
+    "experiments/test_campaign.py",
     "localisation/test_search.py",
     "strategies/test_strategies.py",
     "documentation/test_site.py",
@@ -32,7 +33,6 @@ LONGEST: Final = (
     "swarm/test_out_of_reach.py",
     "strategies/test_own_strategy.py",
     "swarm/test_orders.py",
-    "documentation/test_site.py",
     "swarm/test_head_on.py",
     "swarm/test_limits.py",
     "cli/test_bare.py",
@@ -42,8 +42,6 @@ LONGEST: Final = (
     "run/test_scenario_copy.py",
     "cli/test_acrc.py",
     "navigation_bench/test_commands.py",
-    "experiments/test_campaign.py",
-    "experiments/test_cluster.py",
 )
 """What takes some seconds of processor time, the longest first: begun last, one worker would end late."""
 _RANK: Final = {Path(__file__).parent / name: number for number, name in enumerate(LONGEST)}

@@ -186,14 +186,14 @@ def nearest_cell(
     return Cell(int(rows[best]) + bottom, int(columns[best]) + left)
 
 
-def outline(grid: OccupancyGrid) -> NDArray[np.float64]:
+def outline(grid: OccupancyGrid, *, beyond: bool = True) -> NDArray[np.float64]:
     """The exact border between free and blocking cells: (n, 4), each row x0, y0, x1, y1 of a segment, m.
 
-    Outside the map everything blocks. Segments are as long as they can be and each stands once: first the
-    horizontal ones (x0 < x1) from south to north and west to east, then the vertical ones (y0 < y1) from west
-    to east and south to north.
+    Outside the map everything blocks, or nothing without `beyond`. Segments are as long as they can be and
+    each stands once: first the horizontal ones (x0 < x1) from south to north and west to east, then the
+    vertical ones (y0 < y1) from west to east and south to north.
     """
-    ringed = np.ones((grid.rows + 2, grid.columns + 2), dtype=np.bool_)
+    ringed = np.full((grid.rows + 2, grid.columns + 2), beyond)
     ringed[1:-1, 1:-1] = grid.blocking
     y, x0, x1 = _runs(ringed[1:, 1:-1] != ringed[:-1, 1:-1])
     horizontal = np.stack([x0, y, x1, y], axis=1)

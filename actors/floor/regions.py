@@ -63,7 +63,7 @@ def regions(
     named = labels.copy()
     for number in range(1, int(narrow.max()) + 1):
         cells = narrow == number
-        touched = _touched(labels, cells)
+        touched = touching(labels, cells)
         if len(touched) > 1:
             doors.append(_door(len(doors), grid, cells, clearance, touched))
             named[cells] = -len(doors)
@@ -76,8 +76,8 @@ def regions(
     return Regions(named, count, tuple(doors))
 
 
-def _touched(labels: NDArray[np.int32], cells: NDArray[np.bool_]) -> tuple[int, ...]:
-    """The labels beside these cells, ascending."""
+def touching(labels: NDArray[np.int32], cells: NDArray[np.bool_]) -> tuple[int, ...]:
+    """The labels of regions and doors beside these cells, ascending."""
     beside = np.zeros_like(cells)
     beside[1:] |= cells[:-1]
     beside[:-1] |= cells[1:]

@@ -20,7 +20,7 @@ from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent, leave_in_order
-from actors.topic import Message
+from actors.topic import Message, sender
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,13 @@ def main(argv: Sequence[str]) -> int:
             die_with_parent(os.getppid())
         config = client_config(options.credentials, options.router, onlooker=True)
         with open_mesh(config, (at(TRUTH), at(DRIVE, "*")), onlooker=True) as bus:
-            observer = Observer(options.out, load_map(options.map), load_places(options.places))
+            grid, places = load_map(options.map), load_places(options.places)
+            observer = Observer(options.out, grid, places, say=_say)
             try:
                 _watch(bus, observer)
             finally:
-                summary = observer.close()
-                for sentence in filter(None, (observer.notice, *_gaps(summary))):
-                    sys.stdout.write(f"{sentence}\n")
+                for sentence in _gaps(observer.close()):
+                    _say(sentence)
         return 0
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
@@ -85,10 +85,15 @@ def _watch(bus: ZenohBus, observer: Observer) -> None:
         while (delivery := bus.poll(at(DRIVE, "*").topic)) is not None:
             drive = _message(delivery)
             assert isinstance(drive, Drive)
-            observer.drive(drive)
+            observer.drive(sender(delivery.key) or "", drive)
         observer.truth(truth)
         if truth.halt:
             return
+
+
+def _say(sentence: str) -> None:
+    sys.stdout.write(f"{sentence}\n")
+    sys.stdout.flush()
 
 
 def _gaps(summary: ViewSummary) -> Iterator[str]:

@@ -1,25 +1,23 @@
-"""The observer of one run: Truth in, a recording for rerun and, where there is a display, a window."""
+"""The observer of one run: messages in, a view file and, where one listens, a viewer's window out."""
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
-
-import rerun as rr
 
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point
 from actors.messages import Drive, Truth
 from actors.observer import viewer
-from actors.observer.appearance import Appearance
+from actors.observer.drawing.canvas import Canvas
+from actors.observer.drawing.layout import Arrangement
 from actors.observer.scene import Scene
-from actors.observer.window import blueprint
-from actors.runtime.errors import AcrcError
+from actors.observer.sheet import Sheet
 
 FILE_NAME: Final = "view.rrd"
-FLUSH: Final = 10.0
-"""How long a slow window may take at the end to take in what it was sent, s."""
+PERIOD_US: Final = 100_000
+"""Least simulated time between two pictures, µs: ten a second, more than an eye follows."""
 
 
 class ViewSummary(NamedTuple):
@@ -36,44 +34,48 @@ class ViewSummary(NamedTuple):
 
 
 class Observer:
-    """Draws a run into `out`/view.rrd and, with `window`, live into rerun's viewer.
+    """Draws a run into `out`/view.rrd and live into rerun's viewer.
 
-    Give it every Truth that arrives; it draws at most one per `Appearance.period_us` of simulated time.
-    `places` are drawn as crosses in the colour of the robot they belong to, pale once they are reported; of
-    those that are given up one stroke is left.
+    Give it every Truth that arrives; it draws at most one per PERIOD_US of simulated time.
     """
 
     def __init__(
         self,
         out: Path,
         grid: OccupancyGrid,
-        places: Mapping[str, Sequence[Point]] | None = None,
+        places: Mapping[str, Sequence[Point]],
         *,
-        window: bool | None = None,
-        appearance: Appearance | None = None,
+        window: bool = True,
+        say: Callable[[str], None] = lambda sentence: None,
     ) -> None:
-        """`window`: None opens one if there is a display. AcrcError if the file cannot be written."""
-        appearance = appearance or Appearance()
+        """`places`: of each robot, in their order. `window`: False opens no viewer, display or not.
+
+        `say` is told what a person at the terminal should know, and where the view is before its file is
+        there. AcrcError if that cannot be written.
+        """
         self.path = out / FILE_NAME
-        _check_writable(self.path)
-        self.notice = ""
-        """One sentence for the person at the terminal; empty if there is nothing to say."""
-        self._period_us = appearance.period_us
+        self._say = say
         self._expected = 0
         self._missed = 0
         self._whole = False
         self._shown = 0
         self._due = 0
         self._waiting: Truth | None = None
-        self._recording = rr.RecordingStream("acrc-testbed")
-        self._recording.set_log_time_enabled(False)
-        file = rr.FileSink(self.path)
-        self._recording.set_sinks(file, *self._window(window), default_blueprint=blueprint(grid, appearance))
-        self._scene = Scene(self._recording, grid, places or {}, appearance)
+        self._viewer = self._open() if window else None
+        self._sheet = Sheet(
+            self.path,
+            Arrangement(grid, tuple(places)),
+            name="a run that goes on",
+            send_to=None if self._viewer is None else self._viewer.address,
+        )
+        self._scene = Scene(Canvas(self._sheet.recording, tuple(places)), grid, places)
 
     def truth(self, message: Truth) -> None:
         """Take in the truth of a step; those between two pictures are counted but not drawn."""
-        self._missed += max(0, message.step - self._expected)
+        missed = max(0, message.step - self._expected)
+        if missed:
+            self._scene.missed(missed)
+        self._missed += missed
         self._expected = max(self._expected, message.step + 1)
         self._whole = self._whole or message.halt
         if not message.robots:
@@ -83,47 +85,35 @@ class Observer:
         else:
             self._show(message)
 
-    def drive(self, message: Drive) -> None:
-        """Take in what a robot says about places; it shows with the next picture."""
-        for report in message.reports:
-            self._scene.reported(report.owner, report.place)
-        for given_up in message.given_up:
-            self._scene.given_up(given_up.owner, given_up.place)
+    def drive(self, robot: str, message: Drive) -> None:
+        """Take in what a robot says about places and itself; it shows with the next picture."""
+        self._scene.heard(robot, message)
 
     def close(self) -> ViewSummary:
         """Draw the last truth that came, finish the file, and say how much of the run it holds."""
         if self._waiting is not None:
             self._show(self._waiting)
-        try:
-            self._recording.flush(timeout_sec=FLUSH)
-        except RuntimeError:  # rerun says so when a window is gone; the file has everything all the same
-            self.notice = f"The window was closed before the run's end: the whole view is in {self.path}."
-        self._recording.disconnect()
+        with self._sheet:
+            pass
+        viewer.end(self._viewer)
+        if self._sheet.lost:
+            self._say(f"The window was closed before the run's end: the whole view is in {self.path}.")
         return ViewSummary(self._missed, self._shown, self._expected, self._whole)
 
     def _show(self, message: Truth) -> None:
         self._waiting = None
         self._shown += 1
-        self._due = message.instant + self._period_us
+        self._due = message.instant + PERIOD_US
         self._scene.show(message)
 
-    def _window(self, wanted: bool | None) -> list[rr.GrpcSink]:
-        """Where else to send: the window's address, if there is to be one and it opens."""
-        if wanted is None:
-            wanted = viewer.has_display(os.environ, sys.platform)
-            if not wanted:
-                self.notice = f"There is no display: the view goes to {self.path} only."
-        if not wanted:
-            return []
+    def _open(self) -> viewer.OpenViewer | None:
+        """A window, or a page where there is no display; None where neither comes up."""
         try:
-            return [rr.GrpcSink(viewer.spawn())]
+            if viewer.has_display(os.environ, sys.platform):
+                return viewer.open_window()
+            opened = viewer.open_page()
         except (OSError, RuntimeError) as error:
-            self.notice = f"The window does not open ({error}): the view goes to {self.path} only."
-            return []
-
-
-def _check_writable(path: Path) -> None:
-    try:
-        path.open("wb").close()
-    except OSError as error:
-        raise AcrcError(f"{path}: the view cannot be written: {error.strerror}.") from error
+            self._say(f"The viewer does not open ({error}): the view goes to {self.path} only.")
+            return None
+        self._say(f"{viewer.WHILE_IT_GOES_ON}, open {opened.page} in a browser on this machine.")
+        return opened

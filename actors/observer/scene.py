@@ -1,158 +1,142 @@
-"""What is drawn: the map, the places, the robots and the way they went."""
+"""What a run shows while it goes on: by ground truth, and by what robots say of their places."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
-import rerun as rr
-from numpy.typing import NDArray
 
-from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
+from actors.floor.grid import OccupancyGrid
 from actors.geometry import Point
-from actors.messages import RobotTruth, Truth
-from actors.observer.appearance import Appearance, Colour
-from actors.observer.trail import Trail
-from actors.observer.window import TIMELINE
+from actors.instant import in_seconds
+from actors.messages import Drive, RobotTruth, Truth
+from actors.observer.drawing import floor, places, robots, words
+from actors.observer.drawing.canvas import Canvas
+from actors.observer.drawing.places import PlaceState
+from actors.observer.drawing.words import Event
+from actors.task.words import PlaceKey
 
-# Heights of the layers above the floor, m, in the order in which they cover each other.
-_PLACE: Final = 0.02
-_TRAIL: Final = 0.04
-_BODY: Final = 0.10
-_NOSE: Final = 0.16
-_LABEL: Final = 0.20
+_STANDS: Final = 0.02
+"""A robot that is slower stands, m/s."""
 
 
 class Scene:
-    """Draws Truth into a recording; entities lie below /world."""
+    """Draws messages as they come, where `deploy.view` draws the same from recordings, and more."""
 
-    def __init__(
-        self,
-        recording: rr.RecordingStream,
-        grid: OccupancyGrid,
-        places: Mapping[str, Sequence[Point]],
-        appearance: Appearance,
-    ) -> None:
-        self._recording = recording
-        self._appearance = appearance
-        self._places = places
-        self._reported: set[tuple[str, int]] = set()
-        self._given_up: set[tuple[str, int]] = set()
-        self._changed: dict[str, None] = {}
-        self._trails: dict[str, Trail] = {}
-        self._colours: dict[str, Colour] = {}
-        self._log_map(grid)
+    def __init__(self, canvas: Canvas, grid: OccupancyGrid, given: Mapping[str, Sequence[Point]]) -> None:
+        """`given`: the robots' places, in the robots' order."""
+        self._canvas = canvas
+        self._places = {
+            PlaceKey(owner, number): PlaceState(point.x, point.y, holders=(owner,))
+            for owner, points in given.items()
+            for number, point in enumerate(points)
+        }
+        self._held = {owner: {key for key in self._places if key.owner == owner} for owner in given}
+        self._changed = dict.fromkeys(given)
+        self._done: dict[str, int] = {}
+        self._told: list[Event] = []
+        self._trails: dict[str, robots.Trail] = {}
+        self._lanes: dict[str, str] = {}
+        self._acts: dict[str, str] = {}
+        self._truth: Truth | None = None
+        self._errors: dict[str, float] = {}
+        floor.draw_floor(canvas, grid)
 
     def show(self, truth: Truth) -> None:
-        """Draw the robots as they are at the step's start."""
-        self._recording.set_time(TIMELINE, duration=np.timedelta64(truth.instant, "us"))
+        """Draw everything as it is at the step's start."""
+        second = in_seconds(truth.instant)
+        self._truth = truth
         for robot in truth.robots:
             if robot.id not in self._trails:
-                self._introduce(robot.id)
-            self._place(robot)
+                self._introduce(robot.id, second)
+            self._place(robot, second)
         for owner in self._changed:
-            if owner in self._colours:
-                self._mark(owner)
+            mine = [state for key, state in self._places.items() if key.owner == owner]
+            if mine:
+                places.draw_places(self._canvas, owner, second, mine)
         self._changed.clear()
-        self._label(truth.robots)
+        words.draw_events(self._canvas, "live", [event._replace(second=second) for event in self._told])
+        self._told.clear()
 
-    def reported(self, owner: str, place: int) -> None:
-        """Let a place show from the next picture on that it was reported, given up or not."""
-        self._reported.add((owner, place))
-        self._changed[owner] = None
+    def missed(self, steps: int) -> None:
+        """Tell of steps that never came."""
+        self._told.append(Event(0.0, "", f"the view lacks {steps} steps that were not received", "WARN"))
 
-    def given_up(self, owner: str, place: int) -> None:
-        """Let a place show from the next picture on that it was given up."""
-        self._given_up.add((owner, place))
-        self._changed[owner] = None
+    def heard(self, robot: str, drive: Drive) -> None:
+        """Take in a robot's word; it shows with the next picture."""
+        for report in drive.reports:
+            self._settle(robot, PlaceKey(report.owner, report.place), done=True)
+        for gone in drive.given_up:
+            self._settle(robot, PlaceKey(gone.owner, gone.place), done=False)
+        if drive.route is not None:
+            self._hold(robot, set(drive.route))
+        self._compare(robot, drive)
 
-    def _log_map(self, grid: OccupancyGrid) -> None:
-        image = _image(grid, self._appearance.paper)
-        rows, columns = image.shape
-        self._recording.log(
-            "world/map",
-            rr.GridMap(
-                data=image.tobytes(),
-                format=rr.components.ImageFormat(
-                    width=columns, height=rows, color_model="L", channel_datatype="U8"
-                ),
-                cell_size=grid.resolution,
-                translation=(grid.origin.x, grid.origin.y, 0.0),
-                colormap=rr.components.Colormap.Grayscale,
-            ),
-            static=True,
-        )
+    def _settle(self, robot: str, key: PlaceKey, *, done: bool) -> None:
+        state, name = self._places.get(key), f"{key.owner}/{key.place}"
+        if state is None:
+            return
+        if done and not state.done:
+            self._done[robot] = self._done.get(robot, 0) + 1
+            self._told.append(Event(0.0, robot, f"cleaned {name}"))
+        elif not done and not state.given_up:
+            self._told.append(Event(0.0, robot, f"gives up {name}", "ERROR"))
+        self._places[key] = state._replace(done=state.done or done, given_up=state.given_up or not done)
+        self._changed[key.owner] = None
 
-    def _introduce(self, robot: str) -> None:
-        """Draw what does not change about a robot; its number is that of its first appearance."""
-        appearance, recording = self._appearance, self._recording
-        colour = self._colours[robot] = appearance.colour(len(self._trails))
-        self._trails[robot] = Trail(appearance.trail_spacing, appearance.trail_jump)
-        radius = appearance.robot_radius
-        body = rr.Cylinders3D(
-            lengths=[0.02], radii=[radius], centers=[(0.0, 0.0, _BODY)], colors=[colour], fill_mode="solid"
-        )
-        nose = rr.LineStrips3D(
-            [[(0.0, 0.0, _NOSE), (radius, 0.0, _NOSE)]], colors=[(255, 255, 255)], radii=[0.2 * radius]
-        )
-        recording.log(f"world/robots/{robot}/body", body, static=True)
-        recording.log(f"world/robots/{robot}/nose", nose, static=True)
-        self._changed[robot] = None
+    def _hold(self, robot: str, route: set[PlaceKey]) -> None:
+        before = self._held.get(robot, set())
+        self._held[robot] = route
+        for key in sorted(route ^ before, key=lambda one: (one.owner, one.place)):
+            if key in self._places:
+                holders = tuple(one for one, held in self._held.items() if key in held)
+                self._places[key] = self._places[key]._replace(holders=holders)
+                self._changed[key.owner] = None
+            if key in route and key.owner != robot:
+                self._told.append(Event(0.0, robot, f"adopts {key.owner}/{key.place}", "WARN"))
 
-    def _mark(self, owner: str) -> None:
-        """Draw the places that a robot was given, as they now stand."""
-        colour, arm = self._colours[owner], 0.5 * self._appearance.robot_radius
-        strokes, colours = [], []
-        for number, point in enumerate(self._places.get(owner, ())):
-            reported = (owner, number) in self._reported
-            given_up = not reported and (owner, number) in self._given_up
-            cross = _cross(point, arm)[: 1 if given_up else 2]
-            strokes += cross
-            colours += [self._appearance.pale(colour) if reported else colour] * len(cross)
-        if strokes:
-            marks = rr.LineStrips3D(strokes, colors=colours, radii=[0.02])
-            self._recording.log(f"world/places/{owner}", marks)
+    def _compare(self, robot: str, drive: Drive) -> None:
+        """How far off a robot held itself to be, where the truth of the same step is known."""
+        if self._truth is None or drive.pose is None or drive.step != self._truth.step:
+            return
+        for true in self._truth.robots:
+            if true.id == robot:
+                self._errors[robot] = float(np.hypot(true.x - drive.pose[0], true.y - drive.pose[1]))
 
-    def _place(self, robot: RobotTruth) -> None:
-        half = robot.heading / 2
-        pose = rr.Transform3D(
-            translation=(robot.x, robot.y, 0.0),
-            quaternion=rr.Quaternion(xyzw=(0.0, 0.0, math.sin(half), math.cos(half))),
-        )
-        self._recording.log(f"world/robots/{robot.id}", pose)
-        for strip in self._trails[robot.id].extend(Point(robot.x, robot.y)):
-            points = [[(x, y, _TRAIL) for x, y in strip.points]] if strip.points else []
-            line = rr.LineStrips3D(points, colors=[self._colours[robot.id]], radii=[0.025])
-            self._recording.log(f"world/trajectories/{robot.id}/{strip.name}", line)
+    def _introduce(self, robot: str, second: float) -> None:
+        canvas, colour = self._canvas, self._canvas.colour(robot)
+        self._trails[robot] = robots.Trail()
+        robots.introduce(canvas, robot)
+        robots.draw_name(canvas, robot, second)
+        words.introduce_lane(canvas, robot)
+        words.introduce_line(canvas, f"plots/places/{robot}", robot, colour, steps=True)
+        for name in ("speed", "error"):
+            words.introduce_line(canvas, f"plots/{name}/{robot}", robot, colour)
 
-    def _label(self, robots: Sequence[RobotTruth]) -> None:
-        above = self._appearance.label_offset
-        labels = rr.Points3D(
-            [(robot.x, robot.y + above, _LABEL) for robot in robots],
-            labels=[_label(robot) for robot in robots],
-            colors=[(255, 255, 255)],
-            radii=[0.0],
-            show_labels=True,
-        )
-        self._recording.log("world/labels", labels)
+    def _place(self, robot: RobotTruth, second: float) -> None:
+        canvas, at = self._canvas, np.array([second])
+        robots.draw_poses(canvas, robot.id, at, np.array([(robot.x, robot.y, robot.heading)]))
+        piece = self._trails[robot.id].extend(second, robot.x, robot.y)
+        if piece is not None:
+            robots.draw_pieces(canvas, robot.id, [second], piece[None])
+        speed = float(np.hypot(robot.vx, robot.vy))
+        self._do(robot, second, speed)
+        values = {"places": float(self._done.get(robot.id, 0)), "speed": speed}
+        if robot.id in self._errors:
+            values["error"] = self._errors.pop(robot.id)
+        for name, value in values.items():
+            words.draw_line(canvas, f"plots/{name}/{robot.id}", at, np.array([value]))
 
-
-def _label(robot: RobotTruth) -> str:
-    """The robot's id and, if it does not act, why."""
-    if not robot.powered:
-        return f"{robot.id} (off)"
-    return robot.id if robot.stepping else f"{robot.id} (frozen)"
-
-
-def _image(grid: OccupancyGrid, paper: int) -> NDArray[np.uint8]:
-    """The cells in grey, free white and occupied black; the viewer wants the north edge first."""
-    values = np.full(grid.cells.shape, paper, dtype=np.uint8)
-    values[grid.cells == FREE] = 255
-    values[grid.cells == OCCUPIED] = 0
-    return np.flipud(values)
-
-
-def _cross(place: Point, arm: float) -> list[list[tuple[float, float, float]]]:
-    """The two strokes for a place."""
-    x, y = place
-    return [[(x - arm, y - tilt * arm, _PLACE), (x + arm, y + tilt * arm, _PLACE)] for tilt in (1, -1)]
+    def _do(self, robot: RobotTruth, second: float, speed: float) -> None:
+        """What it seems to be about, where that is something else; its name says why it does not act."""
+        state = "" if robot.stepping else "frozen"
+        if not robot.powered:
+            state = "off"
+        if self._acts.get(robot.id, "") != state:
+            self._acts[robot.id] = state
+            robots.draw_name(self._canvas, robot.id, second, state)
+            self._told.append(Event(0.0, robot.id, f"is {state}" if state else "acts again", "WARN"))
+        moving = "driving" if speed > _STANDS else "standing"
+        activity = state or (moving if self._held.get(robot.id) else "idle")
+        if self._lanes.get(robot.id) != activity:
+            self._lanes[robot.id] = activity
+            words.continue_lane(self._canvas, robot.id, second, activity)

@@ -1,16 +1,34 @@
-"""The window: rerun's own viewer program, started beside the run if the machine has a display."""
+"""The viewer: rerun's own program, in a window, in a browser, or without either for pictures."""
 
 import importlib.util
 import os
+import signal
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import quote
 
+from actors.runtime.lifecycle.linux import PR_SET_PDEATHSIG, prctl
+
+WHILE_IT_GOES_ON = "To see the run while it goes on"
+"""Begins the sentence that means nothing once the run has ended."""
 _PATIENCE = 15.0
 """How long the viewer may take to open its port, s."""
+
+
+@dataclass(frozen=True)
+class OpenViewer:
+    """A viewer that takes what it is sent."""
+
+    address: str
+    """To send to."""
+    page: str
+    """Where a browser finds it; empty for a window."""
+    process: "subprocess.Popen[bytes]"
 
 
 def has_display(environment: Mapping[str, str], platform: str) -> bool:
@@ -20,18 +38,40 @@ def has_display(environment: Mapping[str, str], platform: str) -> bool:
     return True
 
 
-def spawn() -> str:
-    """Start the viewer and give the address to send to; RuntimeError if it does not come up.
+def open_window() -> OpenViewer:
+    """Start the viewer in a window that stays when this program ends; RuntimeError if it does not come up."""
+    return _start(["--hide-welcome-screen"], "")
 
-    It listens on this machine only and stays open after the run.
-    """
+
+def open_page() -> OpenViewer:
+    """Serve the viewer to a browser on this machine until `process` is ended; RuntimeError if that fails."""
     port = _free_port()
+    return _start(["--serve-web", "--web-viewer-port", str(port)], f"http://127.0.0.1:{port}/?url=")
+
+
+def open_headless(width: int, height: int) -> OpenViewer:
+    """Start the viewer without a window until `process` is ended; RuntimeError if it does not come up."""
+    size = f"{width}x{height}"
+    return _start(["--headless", "--hide-welcome-screen", "--window-size", size], "")
+
+
+def end(opened: OpenViewer | None) -> None:
+    """End a viewer that is not a window: those stay."""
+    if opened is not None and opened.page:
+        opened.process.terminate()
+        opened.process.wait()
+
+
+def _start(words: Sequence[str], page: str) -> OpenViewer:
+    """Start the program, listening on this machine only; all but a window end with this process."""
+    port, tied = _free_port(), "--serve-web" in words or "--headless" in words
     viewer = subprocess.Popen(
-        [_program(), "--port", str(port), "--bind", "127.0.0.1", "--hide-welcome-screen"],
+        [_program(), "--port", str(port), "--bind", "127.0.0.1", *words],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
+        preexec_fn=_tie if tied and sys.platform == "linux" else None,  # noqa: PLW1509  # one call of prctl
         env={**os.environ, "RERUN_ANALYTICS": "0"},  # a run tells nobody that it takes place
     )
     if not _listens(port, viewer):
@@ -39,7 +79,12 @@ def spawn() -> str:
             raise RuntimeError(f"rerun's viewer ended at once with status {viewer.returncode}")
         viewer.kill()
         raise RuntimeError(f"rerun's viewer did not open its port within {_PATIENCE:g} s")
-    return f"rerun+http://127.0.0.1:{port}/proxy"
+    address = f"rerun+http://127.0.0.1:{port}/proxy"
+    return OpenViewer(address, f"{page}{quote(address, safe='')}" if page else "", viewer)
+
+
+def _tie() -> None:
+    prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _program() -> Path:

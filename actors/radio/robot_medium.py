@@ -81,6 +81,10 @@ class RobotMedium:
         self._note(self.medium.run(until * 1000), notices)
         return notices
 
+    def handed(self, transceiver: int, serial: int) -> Handed:
+        """A frame of which the medium has not said yet what became of it; `serial` is its tag there."""
+        return self._frames[transceiver][serial]
+
     def _request(self, frame: Handed) -> Request:
         self._serial += 1
         self._frames[frame.transceiver][self._serial] = frame

@@ -12,8 +12,10 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from actors.robot import assembly, program
+from actors.runtime import debugger, prints
 from actors.runtime.access.rules import client_config
 from actors.runtime.client_options import own_folder
 from actors.runtime.errors import AcrcError
@@ -39,6 +41,13 @@ def preflight(make: Callable[[], ActorProcess], recorder: Recorder, patience_s: 
     return 0
 
 
+def _robot(options: program.RobotOptions, argv: Sequence[str]) -> ActorProcess:
+    """What its code prints goes to the log, with simulated time."""
+    printed = prints.on(sys.stdout, options.setup.step_us)
+    with printed.during(options.setup.first_step):
+        return replace(program.part_of(options, argv), prints=printed)
+
+
 def main(argv: Sequence[str]) -> int:
     """Be one robot until told to halt; the exit code."""
     parent, threads = os.getppid(), threading.enumerate()
@@ -61,12 +70,16 @@ def main(argv: Sequence[str]) -> int:
             )
         elif options.client.with_parent:
             die_with_parent(parent)
+        if options.debugger:
+            debugger.stop_at(options.debugger)
+        elif options.debugger is not None:
+            debugger.ignore_breakpoints()
         if options.limits is not None:
             enforce(options.limits, isolated=options.isolate)
         if options.preflight_s is not None:
             return preflight(lambda: program.part_of(options, argv), recorder, options.preflight_s)
         config = client_config(options.client.credentials, options.client.router)
-        robot, patience_s = program.part_of(options, argv), options.client.patience_s
+        robot, patience_s = _robot(options, argv), options.client.patience_s
         return play(robot, recorder, config, threads=threads, patience_s=patience_s)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")

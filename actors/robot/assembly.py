@@ -11,8 +11,8 @@ from actors.portable import arrays, draws, foundations
 from actors.randomness import generator
 from actors.robot import localisation
 from actors.robot.behaviour.adaptation import Adaptation
-from actors.robot.behaviour.entry import load_behaviour
 from actors.robot.behaviour.ports import Start
+from actors.robot.behaviour.succession import behaviour_of
 from actors.robot.core import RobotCore, RobotParts
 from actors.robot.localisation import Amcl, DeadReckoning, LikelihoodField, Localisation, likelihood_field
 from actors.robot.navigation import cell_distance, dwa, inflation, map_grid, potential, ray_tracing
@@ -114,7 +114,7 @@ def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCor
         sweeps=Sweeps(model.sensor),
         localisation=_localisation(setup, model, common.field),
         navigation=Navigator(Planner(common.floor, stack.planner), local, driver, stack.navigation),
-        behaviour=load_behaviour(setup.behaviour, start(setup, model, common.floor)),
+        behaviour=behaviour_of(setup.behaviour, start(setup, model, common.floor)),
     )
     return RobotCore(
         setup.id, parts, entry=setup.behaviour, first_step=setup.first_step, step_us=setup.step_us

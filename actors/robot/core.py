@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, cast
 
-from actors.geometry import STILL, Pose, Twist
+from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant, in_seconds
 from actors.message_limits import senses_fault
 from actors.messages import (
@@ -175,7 +175,8 @@ class RobotCore:
         moving = parts.moving.exceeded_by(velocity)
         trust = estimate.covariance, estimate.lost
         driven = parts.navigation
-        view = View(instant, pose, moving, driven.goal, events, *trust, driven.plan, driven.backing_out)
+        new = tuple(Point(*place) for place in senses.places)
+        view = View(instant, pose, moving, driven.goal, events, *trust, driven.plan, driven.backing_out, new)
         decision = self._decide(view, Instant(instant + self._step_us))
         driven.take(decision.goal, decision.paused, decision.back_out)
         if decision.relocalise:

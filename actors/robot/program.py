@@ -51,6 +51,8 @@ class RobotOptions:
     """Only make the robot, in at most so many seconds, and end."""
     hidden: tuple[Path, ...]
     """What it must not see then, although it lies beside its code: the scenario."""
+    debugger: str | None
+    """The terminal at which breakpoints stop; empty: they do nothing; None: as Python has it."""
     client: ClientOptions
 
 
@@ -127,6 +129,7 @@ def parse(argv: Sequence[str]) -> RobotOptions:
         isolate=given.isolate,
         preflight_s=given.preflight,
         hidden=tuple(given.hide),
+        debugger=given.debugger,
         client=client_options(given),
     )
 
@@ -177,6 +180,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--hide", type=Path, action="append", default=[], help="not to be seen when shut off: the scenario"
     )
+    parser.add_argument("--debugger", metavar="TTY", help="where breakpoints stop; '': nowhere")
     parser.add_argument("--preflight", type=float, metavar="S", help="only make the robot, within S seconds")
     add_client_options(parser)
     return parser

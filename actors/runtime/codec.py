@@ -40,7 +40,7 @@ def encode(message: Message, key: str = "") -> bytes:
     the message's fields; it says on which `key`.
     """
     try:
-        payload = _PREFIX + _ENCODER.encode(message)
+        payload = _PREFIX + _ENCODER.encode(_travelling(message))
     except (TypeError, ValueError, OverflowError) as error:
         raise UnfitMessageError(f"{_title(message, key)} {_unfit(message) or error}") from None
     if len(payload) > MESSAGE_LIMIT:
@@ -48,6 +48,14 @@ def encode(message: Message, key: str = "") -> bytes:
             f"{_title(message, key)} has {len(payload)} bytes; a message may have at most {MESSAGE_LIMIT}"
         )
     return payload
+
+
+def _travelling(message: Message) -> object:
+    """The message, or its fields without the last ones that are empty and need not travel."""
+    if not message.omissible:
+        return message
+    fields = msgspec.structs.astuple(message)
+    return message if any(fields[-message.omissible :]) else fields[: -message.omissible]
 
 
 def _title(message: Message, key: str) -> str:

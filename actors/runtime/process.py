@@ -25,6 +25,7 @@ from actors.runtime.lifecycle.leftovers import LeftoverError, fault
 from actors.runtime.lifecycle.parent import Ended
 from actors.runtime.lifecycle.process_table import has_strays
 from actors.runtime.message_counts import ActorDigest
+from actors.runtime.prints import Prints
 from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell, run_shell
@@ -110,6 +111,8 @@ class ActorProcess:
     outcome: Callable[[], dict[str, object]] = dict
     spans: Window | None = None
     """Steps in which what the process does is noted, span by span; None: nothing is."""
+    prints: Prints | None = None
+    """Takes what the core's code prints; None: there is no such code."""
 
 
 def play(
@@ -135,10 +138,13 @@ def play(
             bus = part.bus(session, part.listens)
             on_listening()
             shell, driven = _shell(part, bus, recorder)
+            shell.prints = part.prints
             if part.ready is not None:
                 shell.send(part.ready)
             settle()
             part.drive(shell, driven)
+            if part.prints is not None:
+                part.prints.close()
             if threads is not None and (wrong := fault(has_strays(), threads)):
                 raise LeftoverError(wrong)
             if isinstance(shell, WatchedShell):

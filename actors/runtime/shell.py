@@ -12,6 +12,7 @@ from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.keeper import cpu_s
 from actors.runtime.message_counts import MessageCounts, is_digested, is_from_outside, is_telemetry
+from actors.runtime.prints import Prints
 from actors.runtime.recording import Journal
 from actors.topic import Message, sender
 
@@ -59,6 +60,8 @@ class Shell:
         self._outlet = outlet
         self._journal = journal
         self.open_to = open_to
+        self.prints: Prints | None = None
+        """Takes what the core's code prints; None: it goes its way."""
         self._inbox: dict[str, deque[bytes]] = {}
         self._waiting = 0
         self._inputs: dict[str, Message] = {}
@@ -144,7 +147,7 @@ class Shell:
 
     def _advance(self) -> None:
         step = self.core.step
-        outputs = self.core.advance(self._inputs)
+        outputs = self._outputs()
         self._inputs = {}
         self.advances += 1
         if self.advances == 1:
@@ -153,6 +156,13 @@ class Shell:
             self.send(output)
         if self.core.step != step or self.core.finished:
             self._journal.flush()
+
+    def _outputs(self) -> Sequence[Output]:
+        if self.prints is None:
+            return self.core.advance(self._inputs)
+        step = max([self.core.step, *(one.step for one in self._inputs.values())])  # after a gap it is behind
+        with self.prints.during(step):
+            return self.core.advance(self._inputs)
 
 
 def clocks() -> Clocks:

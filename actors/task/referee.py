@@ -52,6 +52,8 @@ class PlaceOutcome(msgspec.Struct, frozen=True):
     """Why it was given up, in the words of `given_up_by`."""
     in_route_of: tuple[str, ...]
     """The robots with a process whose route holds it at the end, in the order of the scenario."""
+    given_at: int = 0
+    """When it was given to its owner: 0 at the start, else while the run went on."""
 
     @property
     def verdict(self) -> Verdict:
@@ -114,6 +116,7 @@ class Referee:
             robot.id: tuple(PlaceKey(robot.id, index) for index in range(len(robot.places)))
             for robot in robots
         }
+        self._given_at: dict[int, int] = {}
         self._routes = dict(self._given)
 
     @property
@@ -168,6 +171,20 @@ class Referee:
         """A robot's process has begun anew: it means to visit the places that it was given."""
         self._routes[robot] = self._given[robot]
 
+    def give(self, instant: Instant, robot: str, places: Sequence[tuple[float, float]]) -> None:
+        """A robot is given further places; they count from now on, and it is taken to mean to visit them."""
+        first, own = len(self._keys), len(self._given[robot])
+        keys = tuple(PlaceKey(robot, own + number) for number in range(len(places)))
+        self._keys += keys
+        numbers = range(first, first + len(keys))
+        self._numbers |= {(key.owner, key.place): number for key, number in zip(keys, numbers, strict=True)}
+        self._places = np.concatenate([self._places, np.array(places, np.float64).reshape(-1, 2)])
+        self._open = np.concatenate([self._open, np.array(numbers, self._open.dtype)])
+        self._unsettled.update(numbers)
+        self._given_at |= dict.fromkeys(numbers, int(instant))
+        self._given[robot] += keys
+        self._routes[robot] = (*self._routes[robot], *keys)
+
     def progress(self, present: Collection[str]) -> TaskProgress:
         """Places in the routes of those who take part, and places that have been reported."""
         routes = (self._routes[robot] for robot in present)
@@ -191,9 +208,10 @@ class Referee:
         for robot, route in routes.items():
             for key in route:
                 holders.setdefault((key.owner, key.place), []).append(robot)
+        owners = {robot: number for number, robot in enumerate(self._ids)}
+        ordered = sorted(enumerate(self._keys), key=lambda item: (owners[item[1].owner], item[1].place))
         return tuple(
-            self._outcome(number, tuple(holders.get((key.owner, key.place), ())))
-            for number, key in enumerate(self._keys)
+            self._outcome(number, tuple(holders.get((key.owner, key.place), ()))) for number, key in ordered
         )
 
     def _outcome(self, number: int, in_route_of: tuple[str, ...]) -> PlaceOutcome:
@@ -214,6 +232,7 @@ class Referee:
             given_up_by=given_up_by,
             reason=reason,
             in_route_of=in_route_of,
+            given_at=self._given_at.get(number, 0),
         )
 
 

@@ -1,6 +1,6 @@
 """The seam between a world and what its robots are to do: another model problem brings another of these."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -42,6 +42,9 @@ class Task(Protocol):
 
     def restart(self, robot: str) -> None:
         """Take in that a robot's process has begun anew, and knows of nothing but what it was given."""
+
+    def give(self, instant: Instant, robot: str, places: Sequence[tuple[float, float]]) -> None:
+        """Take in that a robot is given further places, m, while the run goes on."""
 
     def progress(self, present: Collection[str]) -> TaskProgress:
         """How far it is; `present`: the robots that take part."""

@@ -12,9 +12,9 @@ class PlaceKey(MessagePart, frozen=True):
     """Names a place to be cleaned."""
 
     owner: str
-    """The robot that the place belonged to at the start of the run."""
+    """The robot that the place was given to."""
     place: int
-    """Its index in the owner's list."""
+    """Its index in the owner's list, which grows where places come while the run goes on."""
 
 
 class PlaceReport(MessagePart, frozen=True):

@@ -1,25 +1,35 @@
 """All bodies of a world: what moves them, what they sense, and where they truly are, by index."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.floor.grid import outline
 from actors.floor.map_file import load_map
-from actors.floor.placement import check_pose
+from actors.floor.placement import PlacementError, check_pose
 from actors.geometry import Point, Pose, Twist
 from actors.instant import Instant
 from actors.messages import Drive, Scan, Senses
+from actors.portable import arrays
 from actors.randomness import generator
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.errors import AcrcError
+from actors.world.doors import Doors
 from actors.world.odometry import Odometers
 from actors.world.physics import SUBSTEP, Arena
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import RealFloor, drifting, floor
 from actors.world.world_setup import WorldSetup
+
+POST_RADIUS: Final = 0.05
+"""Of the posts that a wall is made of, m; own choice: as thick as a partition."""
+_POST_SPACING: Final = 0.075
+"""At most, m: seams of overlapping posts are 66 mm thick."""
+Places = tuple[tuple[float, float], ...]
 
 
 class StepLengthError(AcrcError):
@@ -47,6 +57,7 @@ class Bodies:
         dropout = setup.uncertainty.dropout
         dropouts = [generator(setup.seed, "range dropout", name) for name in names]
         self._sensors = RangeSensors(visible, self._models, noise, dropout, dropouts)
+        self._doors = Doors(grid, visible, max(model.footprint.circumradius for model in self._models))
         self._odometers = Odometers(
             [robot.odometry for robot in setup.robots],
             self._models,
@@ -59,6 +70,7 @@ class Bodies:
         self._periods = [model.sensor.period for model in self._models]
         self._scans: list[list[Scan]] = [[] for _ in names]
         self._bumpers = np.zeros(len(names), np.uint8)
+        self._driven = np.zeros(len(names))
         self._most_sweeps = [_sweeps(model, setup.step_us) for model in self._models]
         self._scan_due(Instant(0))
         self._cache()
@@ -73,16 +85,24 @@ class Bodies:
         """Contacts that have begun so far."""
         return self._arena.contacts
 
+    @property
+    def driven(self) -> list[float]:
+        """How far each robot has come so far, m, by itself or pushed; to be carried does not count."""
+        return [float(way) for way in self._driven]
+
     def truth(self, index: int) -> tuple[float, float, float, float, float, float]:
         """x, y, heading; vx, vy (map frame), omega."""
         return (*self._poses[index], *self._velocities[index])
 
-    def senses(self, index: int, step: int, instant: Instant, events: int, halt: bool) -> Senses:
-        """What the robot's base has to say now. A scan is handed out once."""
+    def senses(
+        self, index: int, step: int, instant: Instant, events: int, halt: bool, places: Places = ()
+    ) -> Senses:
+        """What the robot's base has to say now, and places that it is given. A scan is handed out once."""
         scans, self._scans[index] = self._scans[index], []
         scan = scans.pop() if scans else None
         bumper, self._bumpers[index] = int(self._bumpers[index]), 0
-        return Senses(step, instant, events, self._odometers.read(index), bumper, scan, halt, tuple(scans))
+        odometry, earlier = self._odometers.read(index), tuple(scans)
+        return Senses(step, instant, events, odometry, bumper, scan, halt, earlier, places)
 
     def command(self, index: int, drive: Drive, instant: Instant) -> None:
         """The robot's wish from `instant` on."""
@@ -90,11 +110,14 @@ class Bodies:
 
     def move(self, instant: Instant, duration_us: int) -> None:
         """Advance from `instant`; sweeps of the range sensors are made at their own instants."""
+        self._doors.settle(self._arena, self._sensors)
         end = instant + duration_us
         now: int = instant
         while now < end:
             until = min(end, self._next_sweep(now))
+            before = self.positions
             track = self._arena.advance((until - now) // SUBSTEP)
+            self._driven += arrays.hypot(*(track[-1, :, :2] - before).T)
             self._odometers.follow(track, self._arena.velocities)
             self._bumpers |= self._arena.bumpers
             now = until
@@ -112,6 +135,32 @@ class Bodies:
     def add_obstacle(self, x: float, y: float, radius: float) -> None:
         """Put something round on the floor."""
         self._arena.add_obstacle(Point(x, y), radius)
+
+    def add_wall(self, start: Point, end: Point) -> int:
+        """Put a wall on the floor: a row of posts that neither a body nor a ray gets through; how many.
+
+        All of them, or none: raises as `add_obstacle` does.
+        """
+        posts = wall_posts(start, end)
+        for post in posts:
+            self._arena.check_obstacle(post, POST_RADIUS)
+        for post in posts:
+            self._arena.add_obstacle(post, POST_RADIUS)
+        return len(posts)
+
+    def close_door(self, x: float, y: float) -> None:
+        """Close the door at a point once nobody stands in it, at the beginning of a step."""
+        self._doors.close(Point(x, y))
+
+    def open_door(self, x: float, y: float) -> None:
+        """Open it again."""
+        self._doors.open(Point(x, y), self._arena, self._sensors)
+
+    def check_places(self, places: Places) -> None:
+        """Raise PlacementError for a place that is not on free floor."""
+        for x, y in places:
+            if not self._grid.is_free(Point(x, y)):
+                raise PlacementError(f"({x:g}, {y:g}) is not on free floor, but a place must be")
 
     def _next_sweep(self, now: int) -> int:
         """The next instant at which a sensor sweeps, on the grid of the sub-steps."""
@@ -132,6 +181,15 @@ class Bodies:
         """The states as plain numbers, once per step: reading arrays item by item is slow."""
         self._poses = self._arena.poses.tolist()
         self._velocities = self._arena.velocities.tolist()
+
+
+def wall_posts(start: Point, end: Point) -> tuple[Point, ...]:
+    """Where the posts of a wall stand, both ends included; they overlap."""
+    gaps = max(1, math.ceil(start.distance_to(end) / _POST_SPACING))
+    return tuple(
+        Point(start.x + (end.x - start.x) * n / gaps, start.y + (end.y - start.y) * n / gaps)
+        for n in range(gaps + 1)
+    )
 
 
 def real_floor(setup: WorldSetup, models: Sequence[RobotModel]) -> RealFloor:

@@ -6,6 +6,7 @@ restart.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from enum import Enum
 from typing import Final
 
@@ -39,7 +40,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import few, otherwise, parted
 from actors.task.task import Task
 from actors.wording import brief
-from actors.world.body import Bodies
+from actors.world.body import Bodies, Places
 from actors.world.orders import Effects, Orders
 from actors.world.participants import Member, Participants, Standing
 from actors.world.whereabouts import PoseError, Whereabouts
@@ -80,12 +81,15 @@ class WorldCore:
         self._participants = Participants(setup.robots)
         self._task = task
         self._whereabouts = Whereabouts(len(setup.robots))
-        self._orders = Orders(setup.events, self._participants, bodies)
+        self._orders = Orders(setup.events, self._participants, bodies, task)
         self._effects = Effects()
         """Of the boundary that was opened last."""
         self._step = 0
         self._phase = WorldPhase.ROLL_CALL
         self._finished = False
+        self._pause_at: int | None = None
+        """The step at whose boundary somebody wants it to pause again."""
+        self._speed: float | None = None
         self._awaits_radio = True
         self._restarting = False
 
@@ -110,6 +114,11 @@ class WorldCore:
         return self._phase is WorldPhase.PAUSED
 
     @property
+    def speed(self) -> float | None:
+        """Simulated seconds per second as ordered last, 0: no limit; None: nobody has said."""
+        return self._speed
+
+    @property
     def opening(self) -> bool:
         """True at the boundary at which the next step begins."""
         return self._phase is WorldPhase.OPEN
@@ -123,6 +132,13 @@ class WorldCore:
     def pose_errors(self) -> dict[str, PoseError]:
         """How far each robot's own idea of where it is has lain from the truth, by robot."""
         return {member.id: self._whereabouts.error(member.index) for member in self._participants.members}
+
+    @property
+    def driven(self) -> dict[str, float]:
+        """How far each robot truly has driven, or was pushed, m, by robot."""
+        return {
+            member.id: round(self._bodies.driven[member.index], 3) for member in self._participants.members
+        }
 
     @property
     def refused_orders(self) -> Sequence[str]:
@@ -206,7 +222,10 @@ class WorldCore:
             if self._step:
                 self._take_counts(read(inputs, AIRED))
             self._effects = self._orders.due(self.instant)
+            if self._pause_at == self._step:
+                self._effects = replace(self._effects, paused=True, steps=0)
         outputs = self._take_orders(inputs)
+        self._heed(self._effects)
         for start in self._effects.starts:
             self._task.restart(start.robot)
         if self._effects.paused and not self._effects.stop:
@@ -220,6 +239,13 @@ class WorldCore:
             self._phase = WorldPhase.ROLL_CALL
             return [*outputs, to(ROSTER, Roster(self._step, self._effects.starts))]
         return [*outputs, *self._send_senses()]
+
+    def _heed(self, effects: Effects) -> None:
+        """What is wished of the run's rhythm, at this boundary and later."""
+        if effects.speed is not None:
+            self._speed = effects.speed
+        if effects.steps is not None:
+            self._pause_at = self._step + effects.steps if effects.steps else None
 
     def _take_orders(self, inputs: Inputs) -> list[Output]:
         """Carry out a person's orders, and tell him what has become of them if he wants to hear it."""
@@ -266,7 +292,10 @@ class WorldCore:
 
     def _senses(self, member: Member, halt: bool = False) -> Output:
         events, member.events = member.events, 0
-        senses = self._bodies.senses(member.index, self._step, self.instant, events, halt)
+        new: Places = ()
+        if not halt:  # a process that ends is not told, the one that follows it is
+            new, member.told = member.given[member.told :], len(member.given)
+        senses = self._bodies.senses(member.index, self._step, self.instant, events, halt, new)
         return to(SENSES, senses, member.id)
 
     def _close(self, inputs: Inputs) -> Sequence[Output]:

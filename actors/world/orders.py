@@ -4,26 +4,32 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from actors.geometry import Pose, wrap
+from actors.geometry import Point, Pose, wrap
 from actors.instant import Instant, in_seconds
-from actors.messages import (
+from actors.messages import Jam, ProcessOrder
+from actors.order_limits import OrderLimits, fault
+from actors.orders import (
+    CloseDoor,
     Freeze,
-    Jam,
+    Give,
     Kill,
     Move,
     Obstacle,
+    OpenDoor,
     Order,
     Pause,
-    ProcessOrder,
     Restart,
     Resume,
+    Speed,
     StartJam,
+    Step,
     Stop,
     Thaw,
-)  # fmt: skip
-from actors.order_limits import OrderLimits, fault
+    Wall,
+)
 from actors.runtime.errors import AcrcError
-from actors.world.body import Bodies
+from actors.task.task import Task
+from actors.world.body import Bodies, wall_posts
 from actors.world.participants import Member, Participants, Standing
 from actors.world.world_setup import TimedOrder
 
@@ -43,6 +49,10 @@ class Effects:
     jams: tuple[Jam, ...] = ()
     paused: bool = False
     """The world is to stay at this boundary until it is False."""
+    steps: int | None = None
+    """After so many steps it is to stay again; 0: it is not; None: as before."""
+    speed: float | None = None
+    """Simulated seconds per second from now on, 0: no limit; None: as before."""
     stop: bool = False
     """The run is over."""
 
@@ -50,10 +60,13 @@ class Effects:
 class Orders:
     """What is due, and who carries it out."""
 
-    def __init__(self, events: tuple[TimedOrder, ...], roster: Participants, bodies: Bodies) -> None:
+    def __init__(
+        self, events: tuple[TimedOrder, ...], roster: Participants, bodies: Bodies, task: Task
+    ) -> None:
         self._events = deque(events)
         self._roster = roster
         self._bodies = bodies
+        self._task = task
         self._now = Instant(0)
         self._limits = OrderLimits()
         self._obstacles = 0
@@ -103,22 +116,21 @@ class Orders:
         if wrong := fault(order, self._limits):
             raise OrderError(wrong)
         match order:
-            case Kill() | Freeze() | Thaw() | Restart() | Move():
+            case Kill() | Freeze() | Thaw() | Restart() | Move() | Give():
                 return self._to_robot(order, before)
             case StartJam():
                 jam = Jam(order.x, order.y, order.radius, self._now + order.duration)
                 return replace(before, jams=(*before.jams, jam))
-            case Obstacle():
-                self._add_obstacle(order)
+            case Obstacle() | CloseDoor() | OpenDoor():
+                self._to_floor(order)
                 return before
-            case Pause():
-                return replace(before, paused=True)
-            case Resume():
-                return replace(before, paused=False)
-            case Stop():
-                return replace(before, stop=True)
+            case Wall():
+                self._add_wall(order)
+                return before
+            case Pause() | Resume() | Step() | Speed() | Stop():
+                return _to_run(order, before)
 
-    def _to_robot(self, order: Kill | Freeze | Thaw | Restart | Move, before: Effects) -> Effects:
+    def _to_robot(self, order: Kill | Freeze | Thaw | Restart | Move | Give, before: Effects) -> Effects:
         if order.robot not in self._roster:
             raise OrderError(f"there is no robot {order.robot!r} to {_verb(order)}")
         member = self._roster[order.robot]
@@ -135,9 +147,31 @@ class Orders:
                 return replace(effects, starts=(*effects.starts, ProcessOrder(member.id, member.epoch)))
             case Move():
                 self._bodies.place(member.index, Pose(order.x, order.y, wrap(order.heading)))
+            case Give():
+                self._give(member, order)
             case _:
                 raise OrderError(f"cannot {_verb(order)} {order.robot}, which is {member.standing.value}")
         return before
+
+    def _give(self, member: Member, order: Give) -> None:
+        """Its process hears of them with its next Senses; without one nobody does."""
+        if len(member.given) + len(order.places) > self._limits.places:
+            raise OrderError(
+                f"{member.id} was given {len(member.given)} places since the start already; "
+                f"it may be at most {self._limits.places}"
+            )
+        self._bodies.check_places(order.places)
+        member.given += order.places
+        self._task.give(self._now, member.id, order.places)
+
+    def _to_floor(self, order: Obstacle | CloseDoor | OpenDoor) -> None:
+        match order:
+            case Obstacle():
+                self._add_obstacle(order)
+            case CloseDoor():
+                self._bodies.close_door(order.x, order.y)
+            case OpenDoor():
+                self._bodies.open_door(order.x, order.y)
 
     def _add_obstacle(self, order: Obstacle) -> None:
         if self._obstacles >= self._limits.obstacles:
@@ -145,8 +179,32 @@ class Orders:
         self._bodies.add_obstacle(order.x, order.y, order.radius)
         self._obstacles += 1
 
+    def _add_wall(self, order: Wall) -> None:
+        start, end = Point(order.x, order.y), Point(order.to_x, order.to_y)
+        posts = len(wall_posts(start, end))
+        if self._obstacles + posts > self._limits.obstacles:
+            raise OrderError(
+                f"a wall of {posts} posts beside {self._obstacles} obstacles; "
+                f"at most {self._limits.obstacles} may stand on the floor"
+            )
+        self._obstacles += self._bodies.add_wall(start, end)
+
     def _when(self) -> str:
         return f"at {in_seconds(self._now):g} s"
+
+
+def _to_run(order: Pause | Resume | Step | Speed | Stop, before: Effects) -> Effects:
+    match order:
+        case Pause():
+            return replace(before, paused=True, steps=0)
+        case Resume():
+            return replace(before, paused=False, steps=0)
+        case Step(steps):
+            return replace(before, paused=False, steps=steps)
+        case Speed(factor):
+            return replace(before, speed=factor)
+        case Stop():
+            return replace(before, stop=True)
 
 
 def _ended(member: Member, before: Effects) -> Effects:

@@ -27,6 +27,10 @@ class Member:
     kernels: str = ""
     events: int = 0
     """Radio events that lie in wait for the robot's next step."""
+    given: tuple[tuple[float, float], ...] = ()
+    """The places that it was given since the start of the run, m."""
+    told: int = 0
+    """So many of these its process has been told of."""
 
     @property
     def alive(self) -> bool:
@@ -34,8 +38,9 @@ class Member:
         return self.standing is not Standing.ENDED
 
     def begin_anew(self) -> None:
-        """Await a new process."""
+        """Await a new process, which knows of nothing but the start."""
         self.epoch += 1
+        self.told = 0
         self.standing = Standing.AWAITED
 
 

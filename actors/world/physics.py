@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import pymunk
@@ -53,6 +53,11 @@ class ContactModel:
     """Of the contact solver per sub-step; own choice: ten robots pushing into a door."""
 
 
+class _ClosedDoor(NamedTuple):
+    segments: NDArray[np.float64]
+    shapes: list[pymunk.Shape]
+
+
 class Arena:
     """Robots, by index, on one floor plan; advances in sub-steps of 10 ms.
 
@@ -73,6 +78,7 @@ class Arena:
         self._names = tuple(names)
         self._models = tuple(models)
         self._obstacles: list[tuple[float, float, float]] = []
+        self._doors: dict[int, _ClosedDoor] = {}
         self._space = _space(segments, contact or ContactModel())
         self._bodies = [_body(self._space, model, pose) for model, pose in zip(models, poses, strict=True)]
         numbers = np.array([body.id for body in self._bodies], np.uint64)
@@ -173,6 +179,12 @@ class Arena:
 
     def add_obstacle(self, centre: Point, radius: float) -> None:
         """Put a round thing on the floor, for good. Raises ArenaError where it would overlap a robot."""
+        self.check_obstacle(centre, radius)
+        self._obstacles.append((centre.x, centre.y, radius))
+        self._space.add(_still(pymunk.Circle(self._space.static_body, radius, centre)))
+
+    def check_obstacle(self, centre: Point, radius: float) -> None:
+        """Raise ArenaError where a round thing has no size or would overlap a robot."""
         if not (0 < radius < 100 and math.isfinite(centre.x) and math.isfinite(centre.y)):
             raise ArenaError(
                 f"an obstacle at ({centre.x:g}, {centre.y:g}) has a radius of {radius:g} m; "
@@ -184,8 +196,21 @@ class Arena:
                     f"an obstacle of {radius:g} m cannot stand at ({centre.x:g}, {centre.y:g}): "
                     f"it would overlap {name}"
                 )
-        self._obstacles.append((centre.x, centre.y, radius))
-        self._space.add(_still(pymunk.Circle(self._space.static_body, radius, centre)))
+
+    def in_the_way(self, segments: NDArray[np.float64]) -> bool:
+        """True while a robot stands where a door of these segments, (n, 4), would be."""
+        return any(wall_gap(shape, segments) < 0 for shape in self._shapes())
+
+    def close_door(self, door: int, segments: NDArray[np.float64]) -> None:
+        """Put a wall there, to be taken away by the door's number; nobody is `in_the_way`."""
+        ends = [((x0, y0), (x1, y1)) for x0, y0, x1, y1 in segments.tolist()]
+        shapes = [_still(pymunk.Segment(self._space.static_body, *line, 0.0)) for line in ends]
+        self._space.add(*shapes)
+        self._doors[door] = _ClosedDoor(segments, shapes)
+
+    def open_door(self, door: int) -> None:
+        """Take it away."""
+        self._space.remove(*self._doors.pop(door).shapes)
 
     def overlap(self) -> float:
         """The deepest overlap of a robot with another, a wall or an obstacle, m; 0 where nothing overlaps.
@@ -194,7 +219,8 @@ class Arena:
         """
         shapes = list(self._shapes())
         still = [disc(*obstacle) for obstacle in self._obstacles]
-        gaps = [min(wall_gap(shape, self._segments), smallest_gap(shape, still)) for shape in shapes]
+        walls = self._walls
+        gaps = [min(wall_gap(shape, walls), smallest_gap(shape, still)) for shape in shapes]
         gaps += [gap(shapes[a], shapes[b]) for a, b in self._close_pairs()]
         return max(0.0, -min(gaps, default=0.0))
 
@@ -223,13 +249,18 @@ class Arena:
                 self._touching,
             )
 
+    @property
+    def _walls(self) -> NDArray[np.float64]:
+        """(n, 4): those of the floor plan, and closed doors."""
+        return np.concatenate([self._segments, *(door.segments for door in self._doors.values())])
+
     def _shapes(self) -> Iterator[Shape]:
         for model, state in zip(self._models, self._state.tolist(), strict=True):
             yield placed(model.footprint, Pose(*state[:3]))
 
     def _obstruction(self, shape: Shape, others: Sequence[int]) -> str:
         """What `shape` overlaps: "a wall", "an obstacle", a robot's name, or "" for nothing."""
-        if wall_gap(shape, self._segments) < 0:
+        if wall_gap(shape, self._walls) < 0:
             return "a wall"
         if smallest_gap(shape, (disc(*obstacle) for obstacle in self._obstacles)) < 0:
             return "an obstacle"

@@ -110,6 +110,7 @@ def part(
             **core.task_outcome,
             "contacts": core.contacts,
             "pose_errors": core.pose_errors,
+            "driven": core.driven,
             "steps": core.step,
             "refused_orders": core.refused_orders,
         },
@@ -131,6 +132,7 @@ class Conductor:
     def __init__(self, core: WorldCore, speed: float | None) -> None:
         self._core = core
         self._pace = None if speed is None else Pace(speed)
+        self._heard: float | None = None
 
     def drive(self, shell: Shell, bus: Bus) -> None:
         """Run to the end."""
@@ -146,7 +148,10 @@ class Conductor:
             run_shell(shell, bus, self.hold)
 
     def hold(self) -> None:
-        """Wait until the next step is due."""
+        """Wait until the next step is due, at the speed that was ordered last."""
+        if self._core.speed != self._heard:
+            self._heard = self._core.speed
+            self._pace = Pace(self._heard) if self._heard else None
         if self._pace is None:
             return
         if self._core.paused:

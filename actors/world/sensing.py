@@ -29,14 +29,18 @@ class RangeSensors:
         """`generators`: one per robot, for the noise of its ranges; `dropouts`: the same for the share
         `dropout` of its rays that give no echo, needed if that is not 0."""
         assert len(models) == len(generators)
-        self._grid = grid
+        self.look_at(grid)
         self._generators = tuple(generators)
         self._dropout = dropout
         self._dropouts = tuple(dropouts)
         self._models = tuple(model.sensor for model in models)
-        self._squares = free_squares(grid.blocking)
         self._sensors, self._table = _sensors(self._models)
         self._bodies, self._vertices = _bodies(models)
+
+    def look_at(self, grid: OccupancyGrid) -> None:
+        """From now on the floor plan is this one."""
+        self._grid = grid
+        self._squares = free_squares(grid.blocking)
 
     def scan(
         self, due: Sequence[int], poses: NDArray[np.float64], obstacles: NDArray[np.float64]

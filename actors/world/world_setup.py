@@ -2,7 +2,7 @@
 
 import msgspec
 
-from actors.messages import Order
+from actors.orders import Order
 from actors.robot_model import OdometryKind
 from actors.world.uncertainty import Uncertainty
 

@@ -92,6 +92,21 @@ def resume(
         raise typer.Exit(1)
 
 
+def recordings(
+    robots: Annotated[int, typer.Option(metavar="N", min=1, max=500, help="How many robots.")] = 20,
+    duration: Annotated[
+        float, typer.Option(metavar="S", min=1, max=3600, help="Simulated seconds of the run.")
+    ] = 600.0,
+    robot: Annotated[str, typer.Option(metavar="ROBOT", help="Which is executed again.")] = "r1",
+    json: Json = False,
+) -> None:
+    """Measure what recording a swarm costs, how large it gets, and how fast one robot is executed again."""
+    from benchmarks.recordings import recordings as cost
+
+    if not cost.run(robots, duration, robot, json):
+        raise typer.Exit(1)
+
+
 def relays(
     scenario: Annotated[
         Path | None,
@@ -155,4 +170,19 @@ def endings(
 
     task = EndingsTask(runs, seed, longest_stop=longest_stop)
     if not trials.run(task, workers, json):
+        raise typer.Exit(1)
+
+
+def branches(
+    forks: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="How many.")] = 20,
+    duration: Annotated[
+        float, typer.Option(metavar="S", min=2, max=3600, help="Of the run that they leave.")
+    ] = 60.0,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of the run, and of the instants.")] = 1,
+    json: Json = False,
+) -> None:
+    """Branch a run at random instants without a change, and compare the digests with that of the run."""
+    from benchmarks.swarm import branches as trials
+
+    if not trials.run(trials.BranchesTask(forks, duration, seed), json):
         raise typer.Exit(1)

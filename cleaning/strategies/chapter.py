@@ -83,8 +83,8 @@ class Mute:
     """A behaviour whose transceiver is switched off."""
 
     def __init__(self, hosted: Behaviour) -> None:
-        self._hosted = hosted
+        self.hosted = hosted
 
     def advance(self, view: View, until: Instant) -> Decision:
         """As ever, but for frames."""
-        return replace(self._hosted.advance(view._replace(radio=()), until), frames=())
+        return replace(self.hosted.advance(view._replace(radio=()), until), frames=())

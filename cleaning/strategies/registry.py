@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final
 
+from actors.robot.behaviour import succession
+from actors.robot.behaviour.entry import BehaviourError
 from actors.runtime.errors import AcrcError
 
 STRATEGIES: Final[Mapping[str, str]] = MappingProxyType(
@@ -52,7 +54,18 @@ class Strategy:
 
 
 def entry(strategy: str) -> str:
-    """The entry string of a strategy, given by its name or as an entry string of one's own."""
+    """The entry string of a strategy, given by its name or as an entry string of one's own.
+
+    Of several that follow one another, such as `none>chapter@60`, all names are replaced.
+    """
+    try:
+        first, turns = succession.split(strategy)
+    except BehaviourError as error:
+        raise StrategyError(str(error)) from None
+    return succession.joined(_entry(first), [turn._replace(name=_entry(turn.name)) for turn in turns])
+
+
+def _entry(strategy: str) -> str:
     if ":" in strategy:
         return strategy
     known = strategies()

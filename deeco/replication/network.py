@@ -73,17 +73,25 @@ class Network:
         address: int,
         epoch: int,
         statistics: Statistics,
+        former: "Network | None" = None,
     ) -> None:
+        """`former`: the network so far. This one numbers what it sends from there on, and keeps what has
+        been heard in part.
+        """
         self._book = book
         self._node = node
         self._epoch = epoch
         self._limits = parameters.link
         self._statistics = statistics
         self._counters = statistics.counters
-        self._publications = 0
-        self._reassembly = Reassembly(parameters.link)
+        self._publications: int = 0 if former is None else former._publications
+        self._reassembly: Reassembly = Reassembly(parameters.link) if former is None else former._reassembly
         self._unpacker = Unpacker(parameters.link, known=book.fingerprints)
-        self._fragmenter = Fragmenter(address & 0xFF, parameters.link, first=epoch * _EPOCH_STRIDE)
+        self._fragmenter: Fragmenter = Fragmenter(
+            address & 0xFF, parameters.link, first=epoch * _EPOCH_STRIDE
+        )
+        if former is not None:
+            self._fragmenter = former._fragmenter
         self._outbox: list[tuple[Instant, bytes]] = []
         self.replicas = Replicas(parameters.most_replicas, parameters.forget_after, self._counters)
         self._relay: Relay | None = None

@@ -7,11 +7,12 @@ import typer
 from rich.console import Console
 
 from actors.runtime.errors import AcrcError
-from deploy.cli import development, explaining, look, replaying, run, streams, usage_errors
+from deploy.cli import development, explaining, exporting, logs, look, replaying, run, streams, usage_errors
 from deploy.cli.fleet import app as fleet
 from deploy.cli.groups import FOR_DEVELOPERS, Root
 from deploy.cli.lists.commands import app as listing
 from deploy.cli.record import app as record
+from deploy.cli.topic import app as topic
 from deploy.usage import OptionError
 
 app = typer.Typer(
@@ -29,7 +30,10 @@ app.command()(look.view)
 app.command()(look.scenario)
 app.command()(replaying.replay)
 app.command()(explaining.explain)
+app.command()(logs.log)
+app.command()(exporting.export)
 app.add_typer(record, name="record", help="Check and replay what a run has recorded.")
+app.add_typer(topic, name="topic", help="Show what was said on a key of a run, also while it goes on.")
 app.add_typer(listing, name="list", help="List strategies, presets, robot models, scenarios and maps.")
 app.add_typer(fleet, name="fleet", help="Robots made of computers: set them up, drive, watch, collect.")
 app.command(

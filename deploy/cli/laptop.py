@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NoReturn
 from deploy.cli.options import Endpoints, OperatorKeys
 
 if TYPE_CHECKING:
-    from actors.messages import Order
+    from actors.orders import Order
 
 
 def watch(endpoints: Endpoints, keys: OperatorKeys) -> None:
@@ -26,21 +26,21 @@ def stop(endpoints: Endpoints, keys: OperatorKeys) -> None:
 
     Within 2 s each has said that it obeys, or is named with what is in the way; then the exit code is 1.
     """
-    from actors.messages import Stop
+    from actors.orders import Stop
 
     _give(endpoints, keys, Stop())
 
 
 def pause(endpoints: Endpoints, keys: OperatorKeys) -> None:
     """Let robots stand until they are told to resume; otherwise as stop."""
-    from actors.messages import Pause
+    from actors.orders import Pause
 
     _give(endpoints, keys, Pause())
 
 
 def resume(endpoints: Endpoints, keys: OperatorKeys) -> None:
     """Let robots that were paused go on; otherwise as stop."""
-    from actors.messages import Resume
+    from actors.orders import Resume
 
     _give(endpoints, keys, Resume())
 

@@ -1,5 +1,6 @@
 """`acrc demo`, `acrc view` and `acrc scenario`: what happened, and what a scenario means, as pictures."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -47,7 +48,10 @@ def demo(
 
 
 def view(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")],
+    out: Annotated[
+        Path,
+        typer.Argument(metavar="OUT", help="A run's folder, or one with folders collected from robots."),
+    ],
     png: Annotated[bool, typer.Option("--png", help="Draw the run on one page: OUT/run.png.")] = False,
     svg: Annotated[bool, typer.Option("--svg", help="The same as OUT/run.svg.")] = False,
     html: Annotated[
@@ -60,10 +64,65 @@ def view(
     speed: Annotated[
         float, typer.Option(metavar="X", help="Simulated seconds per second of --movie.", min=1.0, max=1000.0)
     ] = 20.0,
+    save: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the view to a file.rrd, and open nothing.")
+    ] = None,
+    screenshot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a picture of the window to a file.png.")
+    ] = None,
+    at: Annotated[
+        float | None,
+        typer.Option(metavar="S", min=0, help="Of which simulated second.  [default: half-way]"),
+    ] = None,
+    robot: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID",
+            help="Show everything that this robot perceives; repeatable.  [default: the first eight]",
+        ),
+    ] = None,
+    trust: Annotated[
+        bool, typer.Option("--trust", help="Execute the code that the recordings name, whoever wrote it.")
+    ] = False,
+    isolate: Annotated[
+        bool | None,
+        typer.Option("--isolate/--no-isolate", help="Shut that code off.  [default: where the machine can]"),
+    ] = None,
 ) -> None:
-    """Draw what a run's recordings show: floor, trails, places, meetings, radio, progress."""
-    if not (png or svg or html or movie):
-        raise OptionError(f"view {out}: should stand with --png, --svg, --html or --movie")
+    """Open a run in the viewer: the floor, each robot's own view, radio, lanes, plots, over time.
+
+    What was not recorded is computed: robots are executed again. With --png, --svg, --html or
+    --movie, which execute nothing: floor, trails, places, meetings, radio and progress.
+    """
+    if png or svg or html or movie:
+        kinds = [kind for wished, kind in ((png, "png"), (svg, "svg"), (html, "html")) if wished]
+        _draw_page(out, [f"run.{kind}" for kind in kinds], movie, speed)
+        return
+    from deploy.processes.signals import Interrupted, signals_as_interrupts
+    from deploy.run import out_folder
+    from deploy.view import command
+    from deploy.view.drawn import Wishes
+
+    console = Console(stderr=True, soft_wrap=True, highlight=False)
+
+    def say(sentence: str) -> None:
+        console.print(sentence, markup=False)
+
+    wishes = Wishes(tuple(robot or ()), trust, isolate)
+    try:
+        with signals_as_interrupts(), out_folder.writing((save or screenshot or out).absolute().parent):
+            if save is not None:
+                command.save(out, wishes, save, say)
+            if screenshot is not None:
+                command.picture(out, wishes, screenshot, at, say)
+            if save is None and screenshot is None:
+                command.show(out, wishes, say)
+    except Interrupted as interrupt:
+        raise typer.Exit(interrupt.exit_code) from None
+
+
+def _draw_page(out: Path, names: Sequence[str], movie: Path | None, speed: float) -> None:
+    """Draw the run on one page, once into each file, and as a movie if one is wished."""
     from deploy.evidence.run_evidence import read_run
     from deploy.picture import moving, run_html, run_page
     from deploy.run import out_folder
@@ -72,15 +131,10 @@ def view(
         moving.check(movie)
     run = read_run(out)
     console = Console(soft_wrap=True, highlight=False)
-    for wished, name in ((png, "run.png"), (svg, "run.svg")):
-        if wished:
-            with out_folder.writing(out):
-                run_page.write(run, out / name)
-            console.print(str(out / name), markup=False)
-    if html:
+    for name in names:
         with out_folder.writing(out):
-            run_html.write(run, out / "run.html")
-        console.print(str(out / "run.html"), markup=False)
+            (run_html if name.endswith(".html") else run_page).write(run, out / name)
+        console.print(str(out / name), markup=False)
     if movie is not None:
         with out_folder.writing(movie.parent):
             moving.write(run, movie, speed)

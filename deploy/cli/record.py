@@ -10,13 +10,50 @@ app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 _Out = Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")]
 
 
+_Target = Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder, or one recording.")]
+
+
 @app.command()
-def check(out: _Out) -> None:
-    """Compare the recordings with their checksums, with one another and with the result."""
+def info(out: _Target) -> None:
+    """Say what recordings hold: how long, what, how often, how large, and whether they are whole."""
+    from deploy.recordings import info as figures
+
+    found = figures.info(out)
+    for one in found:
+        for text in figures.sentences(one, topics=out.is_file()):
+            print(text)
+    if len(found) > 1:
+        print(figures.total(found))
+
+
+@app.command()
+def merge(
+    out: _Out,
+    file: Annotated[Path, typer.Option("--out", "-o", metavar="FILE.mcap", help="New file.")],
+) -> None:
+    """Write the recordings of a run into one file, in canonical order, for any reader of MCAP files."""
+    from deploy.recordings import merged_file
+    from deploy.run import out_folder
+
+    with out_folder.writing(file.absolute().parent):
+        report = merged_file.merge(out, file)
+    print(f"{file}: {report.about.messages} messages of digest {report.about.digest}; {report.size} B")
+
+
+@app.command()
+def check(out: _Target) -> None:
+    """Compare the recordings with their checksums, with one another and with the result.
+
+    Of one file alone, also a merged one, say whether it is as it was written, and what it is.
+    """
+    from deploy.recordings import merged_file
     from deploy.replay import record_check
 
-    report = record_check.check(out)
     console = Console(soft_wrap=True, highlight=False)
+    if out.is_file():
+        console.print(merged_file.sentence(out), markup=False)
+        return
+    report = record_check.check(out)
     console.print(f"digest {report.digest} over {report.messages} messages")
     if report.unreceived:
         console.print(f"{report.unreceived} messages were taken by nobody: who they were for had ended")

@@ -1,6 +1,8 @@
 """`acrc replay`: a run made again, or one robot of it executed again, in a debugger if one likes."""
 
+import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -98,6 +100,8 @@ def _one(
     *,
     trust: bool,
 ) -> "ReplayReport":
+    from actors.runtime.debugger import DebuggerError
+    from actors.runtime.prints import on
     from cleaning.strategies import entry
     from deploy.replay import debugging, other_strategy, trusted_replay
     from deploy.replay.record_replay import Onlook, replay_actor
@@ -113,11 +117,12 @@ def _one(
         stop()
 
     wanted = None if stop is None else stopping
-    onlook = Onlook(lambda core, step_us: debugging.watch(core, step_us, stretch, wanted))
+    prints = None if stop is not None else partial(on, sys.stdout)  # a debugger talks for itself
+    onlook = Onlook(lambda core, step_us: debugging.watch(core, step_us, stretch, wanted), prints=prints)
     if strategy is None:
         report = replay_actor(out, robot, onlook)
     else:
         report = other_strategy.replay_otherwise(out, robot, entry(strategy), onlook)
     if wanted is not None and not reached:
-        raise debugging.DebuggerError(f"--from: is {begin:g}, but {robot}'s recording ends before")
+        raise DebuggerError(f"--from: is {begin:g}, but {robot}'s recording ends before")
     return report

@@ -29,7 +29,12 @@ def run(
         ),
     ] = None,
     setting: Setting = None,
-    speed: Annotated[str, typer.Option(metavar="X", help="Simulated seconds per second, or max.")] = "max",
+    speed: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X", help="Simulated seconds per second, or max.  [default: max; with --control: 1]"
+        ),
+    ] = None,
     bus: Annotated[
         str,
         typer.Option(
@@ -60,7 +65,22 @@ def run(
             metavar="DIR", help="New folder for the recordings and the result.  [default: in runs/]"
         ),
     ] = None,
+    log: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Show what this robot's strategy prints; * for all. Repeatable."),
+    ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show the run while it goes on.")] = False,
+    debug: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROBOT",
+            help="breakpoint() in this robot's strategy stops here, and with it the run; nothing times out.",
+        ),
+    ] = None,
+    control: Annotated[
+        bool,
+        typer.Option("--control", help="Serve a map page on this computer: drag robots, add walls, pause."),
+    ] = False,
     hardware: Annotated[
         bool,
         typer.Option(
@@ -87,6 +107,19 @@ def run(
             help="The run ends once a process keeps all others from the next step for longer.",
         ),
     ] = 30.0,
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="DIR@S",
+            help="Continue a recorded run from an instant, with another --strategy, an --event, or nothing "
+            "changed.",
+        ),
+    ] = None,
+    event: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ORDER", help="With --from: an order such as 'kill r2 at 130'. Repeatable."),
+    ] = None,
     json: Json = False,
     check: Annotated[
         bool,
@@ -96,6 +129,20 @@ def run(
     ] = False,
 ) -> None:
     """Run a swarm and say what came of it. Options replace what the scenario says."""
+    if origin is not None:
+        from deploy.cli.branch import continue_run
+
+        whole = {
+            "SCENARIO": scenario, "--robots": robots, "--seed": seed, "--duration": duration, "--step": step,
+            "--set": setting, "--isolate": isolate, "--view": view, "--control": control, "--debug": debug,
+            "--speed": speed, "--hardware-in-the-loop": hardware,
+            "--limit": limit, "--check": check,
+        }  # fmt: skip
+        others = [name for name, value in whole.items() if value]
+        continue_run(origin, strategy, event or (), out, others, trust=trust, json=json)
+        return
+    if event:
+        raise OptionError(f"--event: {event[0]!r}; must stand with --from")
     from deploy.run.options import folder_name, run_options
     from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, settings
 
@@ -103,18 +150,21 @@ def run(
     name = folder_name(scenario or DEFAULT_SCENARIO)
     options = run_options(
         out or Path("runs", name),
-        speed=speed,
+        speed=speed or ("1" if control else "max"),
         bus=bus,
         spawn=spawn,
         isolate=isolate,
         scenario=(scenario or DEFAULT_SCENARIO).name,
         hidden=(scenario.absolute(),) if scenario else (),
         view=view,
+        debug=debug,
+        control=control,
         hardware=hardware,
         limit=limit or (),
         timeout=timeout,
         json=json,
         check=check,
+        log=log or (),
     )
     chosen = load_scenario(scenario, overrides)
 

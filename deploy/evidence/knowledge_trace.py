@@ -4,7 +4,7 @@ Runs the strategy that the recording names, in this process: ask `deploy.replay.
 first where that may be somebody else's.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple, cast
@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple, cast
 from actors.instant import Duration, Instant
 from actors.messages import Heard, Received
 from actors.runtime.core import Core, Inputs
+from actors.runtime.prints import nowhere
 from deeco.knowledge import Knowledge
 from deeco.local import Commit
 from deeco.onlooking import looking_on
@@ -116,20 +117,27 @@ class KnowledgeTrace:
     """That all the robot sent was the same again; None while it is being executed."""
 
 
-def trace_knowledge(out: Path, actor: str, until_s: float | None = None) -> KnowledgeTrace:
+def trace_knowledge(
+    out: Path,
+    actor: str,
+    until_s: float | None = None,
+    prepare: Callable[[Core, int], None] = lambda core, step_us: None,
+) -> KnowledgeTrace:
     """Execute a robot's process (`r2`, or `r2.1` once restarted) again, up to an instant, simulated s.
 
+    `prepare` is given the core before its first step, as by `Onlook`, for who wants to look at more.
     Raises ReplayError if it does not do again what it did, RecordingError for a damaged recording.
     """
     tracer = Tracer()
     with looking_on(tracer):
         stretch = Stretch(0.0, until_s)
 
-        def prepare(core: Core, step_us: int) -> None:
+        def looked_at(core: Core, step_us: int) -> None:
+            prepare(core, step_us)
             tracer.prepare(core, step_us)
             watch(core, step_us, stretch, None)
 
-        tracer.trace.report = replay_actor(out, actor, Onlook(prepare))
+        tracer.trace.report = replay_actor(out, actor, Onlook(looked_at, prints=lambda step_us: nowhere()))
     return tracer.trace
 
 

@@ -43,6 +43,24 @@ class Deed(NamedTuple):
     place: PlaceKey
 
 
+class Route(NamedTuple):
+    """What a robot means to visit from an instant on."""
+
+    robot: str
+    second: float
+    places: tuple[PlaceKey, ...]
+
+
+class Reception(NamedTuple):
+    """A copy of a frame that a robot heard."""
+
+    second: float
+    sender: int
+    """Short address."""
+    receiver: str
+    rssi_dbm: float
+
+
 @dataclass(frozen=True, eq=False)
 class RunEvidence:
     """One simulated run. The first axis of all arrays is the step, the second the robot."""
@@ -60,6 +78,8 @@ class RunEvidence:
     """(steps, robots, 3): where the robot held itself to be; NaN where it did not say."""
     powered: NDArray[np.bool_]
     """(steps, robots): whether its process lived."""
+    stepping: NDArray[np.bool_]
+    """(steps, robots): whether it took part, which one that is frozen or has ended does not."""
     left: NDArray[np.int64]
     """(steps, robots): how many places it still meant to visit."""
     sent: NDArray[np.int64]
@@ -72,6 +92,10 @@ class RunEvidence:
     taken_over: tuple[Deed, ...]
     """Places of somebody else's that a robot put into its route."""
     given_up: tuple[Deed, ...]
+    routes: tuple[Route, ...]
+    """What robots said, in the order of the steps; before that each means to visit its own places."""
+    receptions: tuple[Reception, ...]
+    """Every copy heard, robot by robot."""
     result: RunResult | None
     """None where the run did not end as planned."""
 
@@ -103,10 +127,11 @@ def read_run(out: Path) -> RunEvidence:
     for robot, drive in taken(files["world"], DRIVE):
         said.take(robot, drive)
     heard = np.zeros((len(truths), len(robots)), np.int64)
+    receptions: list[Reception] = []
     for actor, path in files.items():
         robot = path.parent.name
         if actor not in ("world", "radio") and robot in robots:
-            _count_heard(path, heard[:, robots.index(robot)])
+            _count_heard(path, robot, heard[:, robots.index(robot)], receptions)
     true = np.array([[(r.x, r.y, r.heading) for r in truth.robots] for truth in truths], np.float64)
     return RunEvidence(
         out=out,
@@ -117,6 +142,7 @@ def read_run(out: Path) -> RunEvidence:
         true=true,
         held=said.held,
         powered=np.array([[robot.powered for robot in truth.robots] for truth in truths]),
+        stepping=np.array([[robot.stepping for robot in truth.robots] for truth in truths]),
         left=said.left,
         sent=said.sent,
         heard=heard,
@@ -124,6 +150,8 @@ def read_run(out: Path) -> RunEvidence:
         reported=tuple(said.reported),
         taken_over=tuple(said.taken_over),
         given_up=tuple(said.given_up),
+        routes=tuple(said.routes),
+        receptions=tuple(receptions),
         result=_result(out / "run.json"),
     )
 
@@ -146,6 +174,7 @@ class _Said:
         self.reported: list[Deed] = []
         self.taken_over: list[Deed] = []
         self.given_up: list[Deed] = []
+        self.routes: list[Route] = []
 
     def take(self, robot: str, drive: Drive) -> None:
         """The robot's word of one step."""
@@ -164,6 +193,7 @@ class _Said:
         if drive.route is not None:
             route, before = set(drive.route), self._routes.get(robot, set())
             now = in_seconds(drive.step * self._step_us)
+            self.routes.append(Route(robot, now, drive.route))
             for key in drive.route:
                 if key not in before and key.owner != robot:
                     self.taken_over.append(Deed(robot, now, key))
@@ -189,11 +219,14 @@ def _map(out: Path, setup: WorldSetup) -> str:
     return str(beside if beside.is_file() else setup.map)
 
 
-def _count_heard(path: Path, counts: NDArray[np.int64]) -> None:
-    """Add what a robot heard to its column, (steps,)."""
+def _count_heard(path: Path, robot: str, counts: NDArray[np.int64], receptions: list[Reception]) -> None:
+    """Add what a robot heard to its column, (steps,), and to all that was heard."""
     for _, received in taken(path, RECEIVED):
+        heard = [event for event in received.events if isinstance(event, Heard)]
         if 0 <= received.step < len(counts):
-            counts[received.step] += sum(isinstance(event, Heard) for event in received.events)
+            counts[received.step] += len(heard)
+        for event in heard:
+            receptions.append(Reception(in_seconds(event.instant), event.sender, robot, event.rssi_dbm))
 
 
 def _places(path: Path, setup: WorldSetup, reported: Sequence[Deed]) -> tuple[PlaceOutcome, ...]:

@@ -9,18 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from actors.instant import in_seconds
-from actors.messages import (
-    BOARD,
-    CONTROL,
-    PROGRESS,
-    Board,
-    Control,
-    Order,
-    Pause,
-    Progress,
-    Resume,
-    Stop,
-)
+from actors.messages import BOARD, CONTROL, PROGRESS, Board, Control, Progress
+from actors.orders import Order, Pause, Resume, Stop
 from actors.runtime.access.tls import Keys, laptop_config, load_keys
 from actors.runtime.bus.zenoh_bus import ZenohBus, open_session
 from actors.runtime.codec import decode, encode

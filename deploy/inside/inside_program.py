@@ -54,7 +54,12 @@ def main(argv: Sequence[str]) -> int:
             )
         else:
             die_with_parent(parent)
-        data = memoryview(encode(look_into(options.out, options.actor, Duration(options.period_us))))
+        try:
+            inside = look_into(options.out, options.actor, Duration(options.period_us))
+        except AcrcError as error:
+            sys.stderr.write(f"{error}\n")
+            return 2
+        data = memoryview(encode(inside))
         while data:
             data = data[answer.write(data) :]
     return 0

@@ -10,11 +10,12 @@ from matplotlib import patheffects
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from actors.observer import colours
 from deploy.evidence.run_evidence import RunEvidence
 from deploy.evidence.spells import Doing
 
-ROBOTS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8a6d3b")
-"""Okabe and Ito, "Color universal design" (2008), so ordered that neighbours differ; then they repeat."""
+ROBOTS: Final = tuple(colours.hexadecimal(one) for one in colours.ROBOTS)
+"""The same as in the viewer."""
 DOING: Final[Mapping[Doing, str]] = MappingProxyType(
     {
         Doing.DRIVING: "#a6cee3",

@@ -2,24 +2,13 @@
 
 import bdb
 import importlib.util
-import pdb
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, cast
 
 from actors.instant import Instant, seconds
 from actors.runtime.core import Core, Inputs, Output
-from actors.runtime.errors import AcrcError
-from deploy.repository import REPOSITORY
-
-_OURS: Final = tuple(str(REPOSITORY / name) for name in ("actors", "deeco", "deploy", "firmware_bridge"))
-"""What a strategy runs on. The shipped strategies are somebody's own code like any other."""
-
-
-class DebuggerError(AcrcError):
-    """A debugger that is not there, or that nobody has come to."""
+from actors.runtime.debugger import DebuggerError, UserPdb
 
 
 class EnoughError(Exception):
@@ -60,7 +49,7 @@ def watch(core: Core, step_us: int, stretch: Stretch, stop: Callable[[], None] |
 
 def terminal() -> Callable[[], None]:
     """Python's own debugger, at the next line of the user's code."""
-    return _Debugger().set_trace
+    return UserPdb().set_trace
 
 
 def debugpy_at(port: int) -> Callable[[], None]:
@@ -77,20 +66,3 @@ def debugpy_at(port: int) -> Callable[[], None]:
     debugpy.listen(("127.0.0.1", port))
     debugpy.wait_for_client()
     return cast(Callable[[], None], debugpy.breakpoint)
-
-
-class _Debugger(pdb.Pdb):
-    """Steps over everything that a strategy runs on."""
-
-    def __init__(self) -> None:
-        super().__init__(skip=["*"])  # so that is_skipped_module is asked
-
-    def is_skipped_module(self, module_name: Any) -> bool:
-        """True for all but the user's code."""
-        module = sys.modules.get(module_name or "")
-        file = getattr(module, "__file__", None)
-        if file is None:
-            return True
-        place = str(Path(file).resolve())
-        homes = (*_OURS, sys.prefix, sys.base_prefix)
-        return place.startswith(homes)

@@ -1,6 +1,7 @@
 """A robot's recorded senses and frames, and another strategy: where would it have decided otherwise?"""
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 from actors import toml_file
@@ -29,7 +30,7 @@ def replay_otherwise(out: Path, actor: str, behaviour: str, onlook: Onlook) -> R
         if "--adaptation" in argv:
             adaptation = Path(folder) / "adaptation.toml"
             adaptation.write_text(_without_settings(Path(argv[argv.index("--adaptation") + 1])))
-        return replay_actor(out, actor, Onlook(onlook.prepare, behaviour=behaviour, adaptation=adaptation))
+        return replay_actor(out, actor, replace(onlook, behaviour=behaviour, adaptation=adaptation))
 
 
 def _without_settings(path: Path) -> str:

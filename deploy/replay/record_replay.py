@@ -1,6 +1,7 @@
 """Actors executed again from what they received."""
 
 from collections.abc import Callable, Iterable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.core import Core
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import difference, otherwise
+from actors.runtime.prints import Prints
 from actors.runtime.process import ActorProcess, RunNote
 from actors.runtime.recording import Entry, RecordingError, Unrecorded, decoded, read_notes, read_recording
 from actors.runtime.shell import Shell
@@ -40,6 +42,8 @@ class Onlook:
     """Entry string of a behaviour that is to decide in place of the recorded one ..."""
     adaptation: Path | None = None
     """... and the file with its settings."""
+    prints: Callable[[int], Prints] | None = None
+    """Makes, from the length of a step, what takes the code's prints; None: they go their way."""
 
 
 def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayReport:
@@ -52,11 +56,14 @@ def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayRepo
     if "run" not in notes:
         raise RecordingError(f"{path}: ends before its first record")
     run = decoded(path, "run", notes["run"], RunNote)
-    part = _builders().get(actor, robot_part)(_argv(run, onlook))
+    prints = None if onlook.prints is None else onlook.prints(run.step_us)
+    with nullcontext() if prints is None else prints.during(0):
+        part = _builders().get(actor, robot_part)(_argv(run, onlook))
     if onlook.prepare is not None:
         onlook.prepare(part.core, run.step_us)
     bus = ReplayBus(path, lambda sha256: _recall(files.values(), sha256))
     shell = Shell(part.core, bus, Unrecorded(), actor=run.actor, open_to=part.open_to)
+    shell.prints = prints
     if part.ready is not None:
         shell.send(part.ready)
     try:

@@ -12,15 +12,17 @@ import argparse
 import sys
 import traceback
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import msgspec
 
 from actors.robot import assembly
+from actors.runtime import prints
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import Confinement, isolate
 from actors.runtime.lifecycle.parent import die_with_parent
-from deploy.replay.record_replay import ReplayReport, replay_actor
+from deploy.replay.record_replay import Onlook, ReplayReport, replay_actor
 
 
 class ReplayAnswer(msgspec.Struct, frozen=True):
@@ -61,7 +63,7 @@ def main(argv: Sequence[str]) -> int:
 
 def _replayed(out: Path, actor: str) -> ReplayAnswer:
     try:
-        return ReplayAnswer(report=replay_actor(out, actor))
+        return ReplayAnswer(report=replay_actor(out, actor, Onlook(prints=partial(prints.on, sys.stdout))))
     except AcrcError as error:
         return ReplayAnswer(fault=str(error))
     except Exception as error:

@@ -1,25 +1,22 @@
 """A whole simulated run made again, in memory, from its scenario, its seed and the orders it was given."""
 
 import tempfile
-from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from actors.messages import AIRED, CONTROL, RADIO_READY, TRUTH, Truth
-from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.replay_bus import ReplayError, topic_of
-from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
-from actors.runtime.core import at
 from actors.runtime.difference import first_difference
 from actors.runtime.message_counts import is_from_outside
 from actors.runtime.recording import Direction, Note, read_recording
 from actors.wording import brief
 from cleaning.strategies import entry
+from deploy.processes.robot_logs import EVERYBODY, shown
 from deploy.replay.record_check import check
 from deploy.replay.record_pass import STAMP, read_pass
+from deploy.replay.recorded_orders import OrderBus, recorded_orders
 from deploy.replay.run_recordings import recordings
 from deploy.run import swarm
 from deploy.run.foreign import beside, refuse_foreign
@@ -58,52 +55,18 @@ def replay_swarm(out: Path, *, trust: bool) -> SwarmReplay:
     missing = [actor for actor in ("world", "radio") if actor not in files]
     if missing:
         raise ReplayError(f"{out}: there is no recording of the {missing[0]}, with which to compare")
-    orders = _RecordedOrders(files["world"])
+    orders = OrderBus(recorded_orders(files["world"]))
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         again = Path(folder) / "again"
         plan = swarm.plan(scenario, RunOptions(again, bus="memory", json=True))
-        result = swarm.run_in_memory(plan, lambda progress: None, orders)
+        with shown(again, (EVERYBODY,)) as look:
+            result = swarm.run_in_memory(plan, lambda progress: look(), orders)
         if not told.complete or result.digest != told.digest:
             good_until = _FOREVER if told.complete else (told.good_until or 0)
             _compare(files, recordings(again), good_until)
             if told.complete:
                 raise ReplayError(f"{out}: its digest is {told.digest}; made again it is {result.digest}")
     return SwarmReplay(told.digest, told.messages, orders.given, told.complete)
-
-
-class _RecordedOrders(MemoryBus):
-    """Gives the world the recorded orders again, each in time for the boundary that it was taken at."""
-
-    def __init__(self, world: Path) -> None:
-        super().__init__()
-        self.given = 0
-        self._left = deque(_orders(world))
-        self.listen(at(RADIO_READY), lambda _: self._give(0))
-        self.listen(at(TRUTH), self._after)
-
-    def _after(self, delivery: Delivery) -> None:
-        """The world has closed a step, and will open the next."""
-        truth = decode(delivery.topic, delivery.key, delivery.payload)
-        assert isinstance(truth, Truth)
-        self._give(truth.step + 1)
-
-    def _give(self, step: int) -> None:
-        while self._left and self._left[0][0] <= step:
-            self.publish(CONTROL.pattern, self._left.popleft()[1])
-            self.given += 1
-
-
-def _orders(world: Path) -> Iterator[tuple[int, bytes]]:
-    """Every order from outside with the step at whose boundary it was taken: after what was aired last."""
-    boundary = 0
-    for item in read_recording(world):
-        if isinstance(item, Note) or item.direction != "in":
-            continue
-        if item.key == AIRED.pattern:
-            boundary = item.step + 1
-        elif item.key == CONTROL.pattern:
-            assert item.payload is not None, "the receiver of a message keeps it in full"
-            yield boundary, item.payload
 
 
 def _compare(recorded: Mapping[str, Path], again: Mapping[str, Path], good_until: int) -> None:

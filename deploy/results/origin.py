@@ -12,6 +12,20 @@ _PACKAGES: Final = ("eclipse-zenoh", "llvmlite", "msgspec", "numba", "numpy", "p
 """Those that a run's result, or its speed, could depend on."""
 
 
+class BranchOrigin(msgspec.Struct, frozen=True):
+    """The run that another one is a branch of."""
+
+    run: str
+    """Its folder."""
+    digest: str
+    at_s: float
+    """Where the branch leaves it, simulated s."""
+    changes: tuple[str, ...] = ()
+    """What was changed, as it was typed."""
+    difference: str = ""
+    """The first message that came out otherwise: step, key, field, both values; empty if none did."""
+
+
 class Origin(msgspec.Struct, frozen=True):
     """Scenario, strategy and software of a run; scenario, seed and commit together determine its digest."""
 
@@ -27,6 +41,8 @@ class Origin(msgspec.Struct, frozen=True):
     """Of this software, with a plus sign where files were changed since; its version outside a clone."""
     versions: dict[str, str] = {}
     """Of Python and of the packages that matter."""
+    branch: BranchOrigin | None = None
+    """Of a branch: where it comes from; its scenario, seed and commit do not determine its digest alone."""
 
 
 UNKNOWN: Final = Origin()

@@ -12,7 +12,7 @@ from actors.task.referee import PlaceOutcome, Verdict
 
 COLUMNS: Final = (
     "owner", "place", "x", "y", "verdict", "reached_s", "reached_by", "reported_s", "reported_by",
-    "given_up_s", "given_up_by", "reason", "in_route_of",
+    "given_up_s", "given_up_by", "reason", "in_route_of", "given_s",
 )  # fmt: skip
 
 
@@ -71,6 +71,7 @@ def _rows(places: Iterable[PlaceOutcome]) -> Iterator[tuple[object, ...]]:
             *(_seconds(place.reported_at), place.reported_by),
             *(_seconds(place.given_up_at), place.given_up_by, place.reason),
             " ".join(place.in_route_of),
+            _seconds(place.given_at),
         )
 
 

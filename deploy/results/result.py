@@ -48,6 +48,8 @@ class RobotResult(msgspec.Struct, frozen=True):
     """When the last of its places was reported, simulated s; None if not all are done; 0 if it has none."""
     pose_error: PoseError
     """How far it was from where it held itself to be."""
+    driven_m: float | None = None
+    """How far it truly came, or was pushed, m; None in results from before this was measured."""
 
 
 class RunResult(msgspec.Struct, frozen=True):
@@ -116,6 +118,8 @@ class RunResult(msgspec.Struct, frozen=True):
     frames_by_robot: dict[str, dict[str, int]] = {}
     """`frames` for each robot: what became of its own, and of the copies of others' frames. With all robots
     on, the copies at one, and what the others lost before it was sent, add up to all frames of the others."""
+    driven_m: float | None = None
+    """How far all robots truly came, m; None in results from before this was measured."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +147,7 @@ class WorldOutcome(msgspec.Struct):
     steps: int
     refused_orders: tuple[str, ...]
     pose_errors: dict[str, PoseError]
+    driven: dict[str, float]
 
 
 class Gathered(NamedTuple):
@@ -203,6 +208,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         out=str(about.out),
         origin=about.origin,
         processor=processor(),
+        driven_m=round(sum(outcome.driven.values()), 3),
     )
     return Gathered(result, outcome.places)
 
@@ -210,7 +216,8 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
 def _robot_result(robot: str, outcome: WorldOutcome) -> RobotResult:
     own = counted([place for place in outcome.places if place.owner == robot])
     error = outcome.pose_errors[robot]
-    return RobotResult(own.total, own.done, own.claimed, own.given_up, own.completion_s, error)
+    way = outcome.driven[robot]
+    return RobotResult(own.total, own.done, own.claimed, own.given_up, own.completion_s, error, way)
 
 
 def _nodes(finals: Iterable[tuple[Program, FinalNote]]) -> Iterator[NodeOutcome]:

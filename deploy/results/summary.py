@@ -3,13 +3,14 @@
 import math
 import shlex
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
 from rich.console import Console
 from rich.table import Table
 
+from actors.observer.viewer import WHILE_IT_GOES_ON
 from actors.runtime.errors import printable
 from deploy.results.result import RobotResult, RunResult
 
@@ -43,18 +44,30 @@ def print_next(out: Path, *, adapted: bool) -> None:
     """Say on standard output what to look at now; `adapted`: also how to run the same without adaptation."""
     console = Console(highlight=False, markup=False, soft_wrap=True)
     console.print(f"See it on one page: ./acrc view {shlex.quote(str(out))} --png")
+    console.print(f"See it with all that robots perceived: ./acrc view {shlex.quote(str(out))}")
     if adapted:
         console.print("The same without adaptation: ./acrc run --strategy none")
 
 
+def print_viewer(out: Path) -> None:
+    """Say on standard error, while the run goes on, where its observer shows it."""
+    _print_lines(_view_log(out))
+
+
 def print_view(out: Path) -> None:
     """Say on standard error what the observer had to say, and how to see the run again."""
-    console = Console(stderr=True, soft_wrap=True, highlight=False)
+    told = [line for line in _view_log(out) if not line.startswith(WHILE_IT_GOES_ON)]
+    _print_lines([*told, f"To see it again, and what each robot perceived: acrc view {out}"])
+
+
+def _view_log(out: Path) -> list[str]:
     log = out / "view.log"
-    if log.is_file():
-        console.print(printable(log.read_text(errors="replace").strip()), markup=False)
-    viewer = Path(sys.executable).parent / "rerun"
-    console.print(f"To see it again: {viewer} {out / 'view.rrd'}", markup=False)
+    return printable(log.read_text(errors="replace")).splitlines() if log.is_file() else []
+
+
+def _print_lines(lines: Sequence[str]) -> None:
+    for line in lines:
+        Console(stderr=True, soft_wrap=True, highlight=False).print(line, markup=False)
 
 
 def _table(result: RunResult) -> Table:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
+from actors.robot.behaviour import succession
 from actors.runtime.errors import AcrcError
 from deploy.repository import REPOSITORY
 from deploy.scenario.tables import Scenario
@@ -20,13 +21,14 @@ def refuse_foreign(source: Path, entry: str, folders: Sequence[Path]) -> None:
     That is code found neither in this project nor among what is installed nor below the working directory.
     `source` is the file that names it. Nothing is imported.
     """
-    file = found(entry, folders)
-    if file is None or any(file.is_relative_to(home) for home in _homes()):
-        return
-    raise ForeignCodeError(
-        f"{source} runs code from {file}, which is neither this project's nor installed nor below the folder "
-        "where you stand; read it, and say --trust if it may run"
-    )
+    for name in succession.names(entry):
+        file = found(name, folders)
+        if file is None or any(file.is_relative_to(home) for home in _homes()):
+            continue
+        raise ForeignCodeError(
+            f"{source} runs code from {file}, which is neither this project's nor installed nor below the "
+            "folder where you stand; read it, and say --trust if it may run"
+        )
 
 
 def found(entry: str, folders: Sequence[Path]) -> Path | None:
@@ -46,8 +48,9 @@ def beside(scenario: Scenario) -> tuple[Path, ...]:
 
 
 def folder_of(entry: str, folders: Sequence[Path]) -> Path | None:
-    """The first of the folders in which an entry's top-level module lies."""
-    return next((path for path in folders if _spec(entry, [str(path)])), None)
+    """The first of the folders in which the top-level module of an entry, or of one in it, lies."""
+    names = succession.names(entry)
+    return next((path for path in folders if any(_spec(name, [str(path)]) for name in names)), None)
 
 
 def _spec(entry: str, folders: Sequence[str]) -> ModuleSpec | None:

@@ -14,10 +14,12 @@ from actors.messages import Roster as RosterMessage
 from actors.radio.program import part as radio_part
 from actors.robot.program import part as robot_part
 from actors.robot.program import share
+from actors.runtime import prints
 from actors.runtime.bus.memory_bus import MemoryBus, run_shells
 from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.core import at
+from actors.runtime.debugger import stop_here
 from actors.runtime.fingerprint import fingerprints
 from actors.runtime.lifecycle.failure import TimedOut, failure_note, in_words
 from actors.runtime.pace import Pace
@@ -76,10 +78,32 @@ class MemorySwarm:
 
     def _play(self) -> None:
         fingerprints(kernel_modules())  # before any timeout runs: the very first time takes a minute
-        with exits_caught(), watched(self._shells, self._plan.timeout, self._whose_turn, self._give_up):
+        with (
+            self._breakpoints(),
+            exits_caught(),
+            watched(self._shells, self._plan.timeout, self._whose_turn, self._give_up),
+        ):
             self._build()
             with _settled():
                 run_shells(self._shells, self._hold)
+
+    @contextmanager
+    def _breakpoints(self) -> Iterator[None]:
+        """Those of one robot alone stop, if one is debugged."""
+        debug = self._plan.debug
+        if debug is None:
+            yield
+            return
+
+        def stop(*args: object, **kwargs: object) -> None:
+            if self._turn is not None and self._turn.actor == debug.robot:
+                stop_here(sys._getframe(1))
+
+        before, sys.breakpointhook = sys.breakpointhook, stop
+        try:
+            yield
+        finally:
+            sys.breakpointhook = before
 
     def _build(self) -> None:
         plan = self._plan
@@ -93,8 +117,16 @@ class MemorySwarm:
         self._add(radio, radio_part(radio.argv))
         self._shared = [share(*words) for words in in_common(plan)]
         for robot in plan.world.robots:
-            program = robot_program(plan, robot, ProcessOrder(robot.id, 0), 0)
-            self._add(program, robot_part(program.argv))
+            self._add_robot(robot_program(plan, robot, ProcessOrder(robot.id, 0), 0), 0)
+
+    def _add_robot(self, program: Program, first_step: int) -> None:
+        """What its code prints goes where a process of its own would write it."""
+        printed = prints.in_file(program.log, self._plan.world.step_us)
+        self._stack.callback(printed.close)
+        with printed.during(first_step):
+            part = robot_part(program.argv)
+        self._add(program, part)
+        self._shells[-1].prints = printed
 
     def _add(self, program: Program, part: ActorProcess) -> None:
         assert program.record is not None
@@ -155,7 +187,7 @@ class MemorySwarm:
                         pass
                     self._bus.leave(shell.deliver)
             program = robot_program(self._plan, robots[order.robot], order, roster.step)
-            self._add(program, robot_part(program.argv))
+            self._add_robot(program, roster.step)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 import math
 import re
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -42,6 +43,10 @@ class RunOptions:
     """Files that robots must not see, even beside the code of their strategy: the scenario's own."""
     view: bool = False
     """Show the run while it goes on."""
+    debug: str | None = None
+    """The robot whose breakpoints stop the run, at this process's terminal."""
+    control: bool = False
+    """Serve a map page on which orders can be given."""
     hardware: bool = False
     """Robots as on board, with emulated devices, in wall time."""
     limits: ProcessLimits = field(default=ProcessLimits())
@@ -52,6 +57,8 @@ class RunOptions:
     """Print the result as JSON on standard output, and nothing else."""
     check: bool = False
     """Execute every actor again afterwards, and compare."""
+    log: tuple[str, ...] = ()
+    """Robots of which it is shown what their code prints; `*` for all."""
 
 
 def run_options(  # one for each option of the command line
@@ -64,11 +71,14 @@ def run_options(  # one for each option of the command line
     scenario: str = "",
     hidden: tuple[Path, ...] = (),
     view: bool = False,
+    debug: str | None = None,
+    control: bool = False,
     hardware: bool = False,
     limit: Sequence[str] = (),
     timeout: float = Timeout.step_s,
     json: bool = False,
     check: bool = False,
+    log: Sequence[str] = (),
 ) -> RunOptions:
     """The options as they stand on the command line, checked. Raises OptionError."""
     if bus not in get_args(Bus):
@@ -81,11 +91,15 @@ def run_options(  # one for each option of the command line
         )
     if view and bus == "memory":
         raise OptionError("--view: --bus memory has no mesh to look on; must stand with --bus zenoh")
+    _check_terminal(debug, hardware=hardware)
+    _check_control(control, bus, hardware=hardware)
     if hardware and (bus == "memory" or view or _speed(speed) not in {"max", "1"}):
         raise OptionError(
             "--hardware-in-the-loop: runs processes in wall time; "
             "must stand without --bus memory, --view, and a --speed other than 1"
         )
+    if hardware and log:
+        raise OptionError("--log: shows simulated robots; must stand without --hardware-in-the-loop")
     if hardware and check:
         raise OptionError(
             "--check: executes a simulated run again; must stand without --hardware-in-the-loop"
@@ -106,11 +120,14 @@ def run_options(  # one for each option of the command line
         scenario,
         hidden,
         view,
+        debug,
+        control,
         hardware,
         _limits(limit),
         timeout,
         json,
         check,
+        tuple(log),
     )
 
 
@@ -118,6 +135,22 @@ def folder_name(scenario: Path) -> str:
     """What a run's folder is called: after the scenario, and the time in UTC."""
     stem = re.sub(r"[^\w.-]", "-", scenario.stem)  # "#" and "?" could not be part of the path of a socket
     return f"{stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
+
+
+def _check_terminal(debug: str | None, *, hardware: bool) -> None:
+    if debug is None:
+        return
+    if hardware:
+        raise OptionError("--debug: stops simulated time; must stand without --hardware-in-the-loop")
+    if not sys.stdin.isatty():
+        raise OptionError(f"--debug: {debug} needs somebody to talk to; standard input must be a terminal")
+
+
+def _check_control(control: bool, bus: str, *, hardware: bool) -> None:
+    if control and (bus == "memory" or hardware):
+        raise OptionError(
+            "--control: gives orders over the mesh of a simulated run; must stand with --bus zenoh"
+        )
 
 
 def _limits(words: Sequence[str]) -> ProcessLimits:

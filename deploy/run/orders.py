@@ -8,24 +8,27 @@ from types import MappingProxyType
 from typing import Final
 
 from actors.instant import seconds
-from actors.messages import (
-    ANSWERED,
-    CONTROL,
-    Answered,
-    Control,
+from actors.messages import ANSWERED, CONTROL, Answered, Control
+from actors.order_limits import OrderLimits, fault
+from actors.orders import (
+    CloseDoor,
     Freeze,
+    Give,
     Kill,
     Move,
     Obstacle,
+    OpenDoor,
     Order,
     Pause,
     Restart,
     Resume,
+    Speed,
     StartJam,
+    Step,
     Stop,
     Thaw,
+    Wall,
 )
-from actors.order_limits import OrderLimits, fault
 from actors.runtime.access import router_file, rules
 from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.bus_interface import Bus
@@ -57,9 +60,21 @@ def _robot(make: Callable[[str], Order]) -> Callable[[Sequence[str]], Order]:
     return order
 
 
+def _speed(word: str) -> float:
+    factor = 0.0 if word == "max" else float(word)
+    if factor == 0 and word != "max":
+        raise ValueError
+    return factor
+
+
 def _move(words: Sequence[str]) -> Order:
     robot, *pose = words
     return _numbers(lambda x, y, heading: Move(robot, x, y, heading), 3)(pose)
+
+
+def _give(words: Sequence[str]) -> Order:
+    robot, *place = words
+    return _numbers(lambda x, y: Give(robot, ((x, y),)), 2)(place)
 
 
 _FORMS: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = MappingProxyType({
@@ -70,8 +85,14 @@ _FORMS: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = Mapp
     "move": ("ROBOT X Y HEADING", _move),
     "jam": ("X Y RADIUS SECONDS", _numbers(lambda x, y, r, s: StartJam(x, y, r, seconds(s)), 4)),
     "obstacle": ("X Y RADIUS", _numbers(Obstacle, 3)),
+    "wall": ("X Y TO_X TO_Y", _numbers(Wall, 4)),
+    "give": ("ROBOT X Y", _give),
+    "close": ("X Y", _numbers(CloseDoor, 2)),
+    "open": ("X Y", _numbers(OpenDoor, 2)),
     "pause": ("", _numbers(Pause, 0)),
     "resume": ("", _numbers(Resume, 0)),
+    "step": ("[N]", lambda words: Step(int(*words) if words else 1)),
+    "speed": ("X|max", lambda words: Speed(_speed(*words))),
     "stop": ("", _numbers(Stop, 0)),
 })  # fmt: skip
 """By verb: what must follow it, and how it is read."""
@@ -90,7 +111,7 @@ def parse(verb: str, words: Sequence[str]) -> Order:
     shape, read = _FORMS[verb]
     try:
         order = read(words)
-    except (ValueError, OverflowError):  # the latter: an infinite number of seconds
+    except (ValueError, TypeError, OverflowError):  # too many words; an infinite number of seconds
         form = f"{verb} {shape}".strip()
         raise wrong_value("VERB", " ".join([verb, *words]), f"like {form}") from None
     if wrong := fault(order, OrderLimits()):

@@ -3,6 +3,7 @@
 import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final, NamedTuple
 
 import msgspec
 import yaml
@@ -20,6 +21,14 @@ from deploy.processes.launch import Program
 from deploy.run import scenario_copy
 from deploy.run.out_folder import make_folder
 from deploy.run.silence import Timeout
+
+
+class Debugged(NamedTuple):
+    """A robot that somebody debugs while the run goes on."""
+
+    robot: str
+    terminal: str
+    """The path of its device; empty in memory, where the debugger has the process's own streams."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +59,10 @@ class Plan:
     hidden: tuple[Path, ...] = ()
     """Files beside the strategy's code that a robot must not see: the scenario."""
     view: bool = False
+    debug: Debugged | None = None
+    """The robot at whose breakpoints the run stops; None: as Python has it."""
+    control: bool = False
+    """Serve the map page."""
     limits: ProcessLimits = field(default=ProcessLimits())
     """What each robot's process may have."""
     timeout: Timeout = field(default=Timeout())
@@ -142,11 +155,21 @@ def robot_program(
     argv = (
         *robot_argv(plan, robot, order.epoch, first_step),
         *client_argv(plan, robot.id, "", folder / f"{name}.mcap"),
-        *(("--isolate",) if plan.isolate else ()),
+        *(("--isolate",) if plan.isolate and not _is_debugged(plan, robot.id) else ()),
+        *(() if plan.debug is None else ("--debugger", _terminal(plan, robot.id))),
         *(word for limit in (as_words(plan.limits) or ("",)) for word in ("--limit", limit)),
         *(word for path in plan.hidden for word in ("--hide", str(path))),
     )
     return Program(robot.id, "actors.robot", argv, folder / f"{name}.log", folder / f"{name}.mcap")
+
+
+def _is_debugged(plan: Plan, robot: str) -> bool:
+    return plan.debug is not None and plan.debug.robot == robot
+
+
+def _terminal(plan: Plan, robot: str) -> str:
+    assert plan.debug is not None
+    return plan.debug.terminal if _is_debugged(plan, robot) else ""
 
 
 def in_common(plan: Plan) -> list[tuple[str, ...]]:
@@ -207,6 +230,22 @@ def observer_program(plan: Plan) -> Program:
         *("--credentials", str(folder / "observer.credentials"), "--with-parent"),
     )
     return Program("observer", "actors.observer", argv, plan.out / "view.log", None)
+
+
+CONTROL_ADDRESS: Final = "control.url"
+"""File in a run's folder with the address of its map page, for as long as it is served."""
+
+
+def control_program(plan: Plan) -> Program:
+    """The map page's program."""
+    folder = plan.folder("world").resolve()
+    argv = (
+        *("--setup", str(folder / "setup.json"), "--address", str(plan.out / CONTROL_ADDRESS)),
+        *("--router", unix_endpoint(folder / "router.sock")),
+        *("--observer", str(folder / "observer.credentials")),
+        *("--operator", str(folder / "operator.credentials")),
+    )
+    return Program("control", "deploy.control", argv, plan.out / "control.log", None)
 
 
 def client_argv(plan: Plan, folder: str, user: str, record: Path) -> tuple[str, ...]:

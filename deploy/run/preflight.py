@@ -24,14 +24,15 @@ from actors.messages import ProcessOrder
 from actors.randomness import derived_seed
 from actors.robot import assembly
 from actors.robot.behaviour.adaptation import adaptation
-from actors.robot.behaviour.entry import load_behaviour
+from actors.robot.behaviour.succession import behaviour_of
 from actors.robot.program import look_in
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.lifecycle.failure import FailureNote
+from actors.runtime.prints import taken_by
 from actors.runtime.recording import RecordingError, read_notes
 from deploy.processes.launch import Child, Launcher, Program
-from deploy.run.plan import Plan, lay_out_robot, robot_program
+from deploy.run.plan import Debugged, Plan, lay_out_robot, robot_program
 from deploy.scenario.resolve import ResolvedScenario
 
 _HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL | re.MULTILINE)
@@ -61,7 +62,7 @@ def preflight(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None
     """
     robot = plan.world.robots[0]
     with tempfile.TemporaryDirectory(prefix="acrc") as folder:
-        stage = replace(plan, out=Path(folder).resolve())
+        stage = replace(plan, out=Path(folder).resolve(), debug=plan.debug and Debugged("", ""))
         lay_out_robot(stage, robot)
         program = robot_program(stage, robot, ProcessOrder(robot.id, 0), 0)
         program = replace(program, argv=(*program.argv, "--preflight", f"{bounds.patience_s:g}"))
@@ -97,9 +98,10 @@ def preflight_here(settled: ResolvedScenario, text: str, modules: Sequence[Path]
     model = load_model(robot.model, robot.sensor)
     floor = assembly.floor(load_map(settled.world.map), model, behaviour.stack)
     start = assembly.start(behaviour, model, floor)
-    with _found(modules), contextlib.redirect_stdout(sys.stderr):  # --json leaves nothing else there
+    # --json leaves nothing else there; and a module is imported once, so what it keeps hold of is kept here
+    with _found(modules), contextlib.redirect_stdout(sys.stderr), taken_by(None):
         try:
-            load_behaviour(settled.behaviour, start)
+            behaviour_of(settled.behaviour, start)
         except AcrcError:
             raise
         except Exception as error:

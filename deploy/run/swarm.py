@@ -1,5 +1,7 @@
 """A whole run: from a scenario to processes over the mesh or cores in memory, and to the result."""
 
+import math
+import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -15,7 +17,9 @@ from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.core import at
 from deploy.processes.launch import Launcher, Program, launcher
+from deploy.processes.robot_logs import check_names, shown
 from deploy.processes.signals import signals_as_interrupts
+from deploy.results import summary
 from deploy.results.place_table import write_table
 from deploy.results.result import Circumstances, RunResult, gather
 from deploy.run import progress, scenario_copy
@@ -26,7 +30,10 @@ from deploy.run.memory_swarm import MemorySwarm
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import check_new
 from deploy.run.plan import (
+    CONTROL_ADDRESS,
+    Debugged,
     Plan,
+    control_program,
     in_common,
     issue_credentials,
     lay_out,
@@ -39,9 +46,10 @@ from deploy.run.plan import (
 from deploy.run.preflight import preflight, preflight_here
 from deploy.run.silence import Timeout
 from deploy.run.supervisor import Supervisor
-from deploy.scenario.resolve import resolve
+from deploy.scenario.resolve import ResolvedScenario, resolve
 from deploy.scenario.scenario_text import adaptation, navigation
 from deploy.scenario.tables import Scenario
+from deploy.usage import wrong_value
 from deploy.version import software
 
 OPERATOR: Final = "operator"
@@ -57,10 +65,20 @@ def run(scenario: Scenario, options: RunOptions) -> RunResult:
     prepared = plan(scenario, options)
     warn(prepared.warning)
     places = sum(len(robot.places) for robot in prepared.world.robots)
-    with progress.shown(prepared.world.duration_us, places, quiet=options.json) as follow:
+    quiet = options.json or prepared.debug is not None  # the terminal is the debugger's
+    check_names(options.log, [robot.id for robot in prepared.world.robots], "--log")
+    with (
+        progress.shown(prepared.world.duration_us, places, quiet=quiet) as follow,
+        shown(options.out, options.log) as look,
+    ):
+
+        def on_progress(message: Progress) -> None:
+            follow(message)
+            look()
+
         if options.bus == "memory":
-            return run_in_memory(prepared, follow)
-        return run_processes(prepared, options.spawn, follow)
+            return run_in_memory(prepared, on_progress)
+        return run_processes(prepared, options.spawn, on_progress)
 
 
 def plan(scenario: Scenario, options: RunOptions) -> Plan:
@@ -89,10 +107,21 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
         isolate=choice.isolate,
         warning=choice.warning,
         limits=options.limits,
-        timeout=Timeout(step_s=options.timeout_s),
+        timeout=Timeout(step_s=options.timeout_s if options.debug is None else math.inf),
         hidden=options.hidden,
         view=options.view,
+        control=options.control,
+        debug=_debugged(settled, options),
     )
+
+
+def _debugged(settled: ResolvedScenario, options: RunOptions) -> Debugged | None:
+    if options.debug is None:
+        return None
+    robots = [robot.id for robot in settled.world.robots]
+    if options.debug not in robots:
+        raise wrong_value("--debug", options.debug, f"one of {', '.join(robots)}")
+    return Debugged(options.debug, "" if options.bus == "memory" else os.ttyname(0))
 
 
 def run_in_memory(plan: Plan, on_progress: OnProgress, bus: MemoryBus | None = None) -> RunResult:
@@ -140,6 +169,13 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
             if plan.view:
                 supervisor.start([observer_program(plan)])
                 supervisor.await_file(plan.out / "view.rrd", "observer")
+                summary.print_viewer(plan.out)
+            if plan.control:
+                supervisor.start([control_program(plan)])
+                if supervisor.await_file(plan.out / CONTROL_ADDRESS, "control"):
+                    _say(f"the map page is {(plan.out / CONTROL_ADDRESS).read_text()}")
+                else:
+                    _say(f"the map page is not served; {plan.out / 'control.log'} says why")
             first = (ProcessOrder(robot, 0) for robot in robots)
             supervisor.start([robot_program(plan, robots[order.robot], order, 0) for order in first])
             supervisor.watch(bus)
@@ -170,7 +206,9 @@ def _finish(plan: Plan, programs: Sequence[Program], about: Circumstances) -> Ru
 
 
 def _circumstances(plan: Plan, began: float, bus: str, rosters: int) -> Circumstances:
-    isolation_kind = "none" if bus == "memory" else "full" if plan.isolate else "credentials"
+    isolation_kind = (
+        "none" if bus == "memory" else "full" if plan.isolate and plan.debug is None else "credentials"
+    )
     return Circumstances(
         out=plan.out,
         robots=[robot.id for robot in plan.world.robots],

@@ -6,7 +6,19 @@ from typing import Final
 
 from actors.geometry import wrap
 from actors.instant import Instant, in_seconds, milliseconds, seconds
-from actors.messages import Freeze, Kill, Move, Obstacle, Order, Restart, StartJam, Thaw
+from actors.orders import (
+    CloseDoor,
+    Freeze,
+    Give,
+    Kill,
+    Move,
+    Obstacle,
+    OpenDoor,
+    Order,
+    Restart,
+    StartJam,
+    Thaw,
+)
 from actors.world.world_setup import TimedOrder
 from deploy.scenario.robot_tables import known_robots
 from deploy.scenario.tables import EventTable, Scenario
@@ -19,10 +31,13 @@ ACTIONS: Final = {
     "move": ("to",),
     "jam": ("radius", "duration"),
     "obstacle": ("radius",),
+    "give": ("places",),
+    "close": (),
+    "open": (),
 }
 """Each action of an event, and what must stand beside it."""
-_COMPANIONS: Final = ("to", "radius", "duration")
-_WITH_ROBOT: Final = ("kill", "freeze", "thaw", "restart", "move")
+_COMPANIONS: Final = ("to", "radius", "duration", "places")
+_WITH_ROBOT: Final = ("kill", "freeze", "thaw", "restart", "move", "give")
 
 
 def fault(scenario: Scenario) -> str | None:
@@ -142,6 +157,13 @@ def _order(event: EventTable) -> Order:
         case "obstacle":
             assert event.obstacle is not None and event.radius is not None
             return Obstacle(*event.obstacle, event.radius)
+        case "give":
+            assert event.give is not None and event.places is not None
+            return Give(event.give, event.places)
+        case "close" | "open" as action:
+            point = event.close or event.open
+            assert point is not None
+            return CloseDoor(*point) if action == "close" else OpenDoor(*point)
         case action:
             return _TO_ROBOT[action](getattr(event, action))
 

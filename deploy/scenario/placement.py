@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from actors.floor.doorway import DoorError, Doorways
 from actors.floor.grid import OccupancyGrid
 from actors.floor.placement import PlacementError, check_pose, draw_points
 from actors.geometry import Point, wrap
@@ -108,12 +109,34 @@ def _check_apart(figures: Sequence[RobotSpec], given: dict[str, tuple[float, flo
                 )
 
 
-def check_moves(grid: OccupancyGrid, figures: Sequence[RobotSpec], scenario: Scenario) -> None:
-    """Raise PlacementError if an event puts a robot into a wall."""
+def check_events(grid: OccupancyGrid, figures: Sequence[RobotSpec], scenario: Scenario) -> None:
+    """Raise an AcrcError if an event puts a robot or a place into a wall."""
     radius = {figure.id: figure.radius for figure in figures}
-    for event in scenario.event:
+    for index, event in enumerate(scenario.event):
         if event.move is not None and event.to is not None:
             check_pose(grid, Point(*event.to[:2]), radius[event.move], event.move)
+        for x, y in event.places or ():
+            if not grid.is_free(Point(x, y)):
+                raise SpotError(f"event[{index}].places has ({x:g}, {y:g}), but must be on free floor")
+
+
+def check_doors(grid: OccupancyGrid, figures: Sequence[RobotSpec], scenario: Scenario) -> None:
+    """Raise SpotError for a door that there is not, or that is to close or open when it is so already."""
+    doorways = Doorways(grid, max(figure.radius for figure in figures))
+    closed: set[int] = set()
+    for index, event in sorted(enumerate(scenario.event), key=lambda item: item[1].at):
+        point, verb = event.close or event.open, "open" if event.close is None else "close"
+        if point is None:
+            continue
+        try:
+            door = doorways.at(Point(*point))
+            doorways.closed(door)
+        except DoorError as error:
+            raise SpotError(f"event[{index}].{verb} is no door: {error}") from None
+        if (door.index in closed) == (verb == "close"):
+            state = "closed" if verb == "close" else "open"
+            raise SpotError(f"event[{index}] would {verb} a door at {event.at:g} s, which is {state} then")
+        closed ^= {door.index}
 
 
 def places(

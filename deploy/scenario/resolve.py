@@ -14,7 +14,7 @@ from cleaning.strategies import entry
 from deploy.scenario.air import check_walls, radio_setup
 from deploy.scenario.areas import check_areas, of_places
 from deploy.scenario.events import timed_orders
-from deploy.scenario.placement import RobotSpec, check_moves, places, starts
+from deploy.scenario.placement import RobotSpec, check_doors, check_events, places, starts
 from deploy.scenario.tables import PlacesTable, RobotTable, Scenario
 
 
@@ -43,7 +43,8 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
     check_areas(grid, scenario)
     check_walls(grid, scenario)
     poses = starts(grid, figures, scenario)
-    check_moves(grid, figures, scenario)
+    check_events(grid, figures, scenario)
+    check_doors(grid, figures, scenario)
     robots = tuple(
         BodySetup(
             figure.id, figure.model, figure.sensor, figure.odometry, start,

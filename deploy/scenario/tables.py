@@ -133,6 +133,18 @@ class EventTable(Table):
     """Switch a jammer on: `radius`, `duration`."""
     obstacle: Annotated[Point | None, Right(A_POINT)] = None
     """Put a round thing on the floor: `radius`."""
+    give: RobotId | None = None
+    """Give the robot further places: `places`."""
+    places: Annotated[
+        tuple[Point, ...] | None,
+        BeforeValidator(as_tuples),
+        Field(min_length=1, max_length=MOST_PLACES),
+        Right(f"a list of 1 to {MOST_PLACES} points [x, y] in m", item=A_POINT),
+    ] = None
+    close: Annotated[Point | None, Right(A_POINT)] = None
+    """Close the door that this point lies in, once nobody stands in it."""
+    open: Annotated[Point | None, Right(A_POINT)] = None
+    """Open it again."""
     radius: Radius | None = None
     duration: Seconds | None = None
 

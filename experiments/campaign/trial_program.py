@@ -20,6 +20,7 @@ import msgspec
 from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.lifecycle.parent import die_with_parent
+from deploy.processes.robot_logs import EVERYBODY, shown
 from deploy.processes.signals import Interrupted
 from deploy.results.result import RunResult
 from deploy.run import swarm
@@ -94,7 +95,8 @@ def _run(study: Study, trial: Trial, settings: dict[str, Any]) -> tuple[RunResul
         plan = swarm.plan(load_scenario(path, overrides_of(study, trial, settings)), options)
         bus = MemoryBus()
         trace = Trace(bus)
-        result = swarm.run_in_memory(plan, lambda progress: None, bus)
+        with shown(options.out, (EVERYBODY,)) as look:
+            result = swarm.run_in_memory(plan, lambda progress: look(), bus)
         time = account(options.out)
     return msgspec.structs.replace(result, out=""), time, trace.text
 

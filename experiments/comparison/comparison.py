@@ -1,6 +1,7 @@
 """Every pair of strategies by every metric, over the seeds that both have ended, in one variant."""
 
 import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -121,6 +122,8 @@ def _comparisons(sample: Sample, only: str | None) -> Iterator[Comparison]:
         metrics.LEXICOGRAPHIC: lambda: _lexicographic(sample),
     }
     for metric in metrics.METRICS:
+        if any(math.isnan(metric.value(run)) for pair in sample.pairs for run in pair):
+            continue
         ways.setdefault(metric.name, partial(_of_values, sample, metric))
     for name, way in ways.items():
         if only is None or name == only:

@@ -1,5 +1,6 @@
 """What a run is judged by: one number each, of which it is known whether more or less is better."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
@@ -15,6 +16,7 @@ class Metric:
     says: str
     """What it is, with its unit."""
     value: Callable[[RunResult], float]
+    """NaN: unknown of this run."""
     more_is_better: bool
 
 
@@ -28,6 +30,10 @@ class TimeMetric:
     """s; None: not by the end."""
 
 
+def _driven(run: RunResult) -> float:
+    return math.nan if run.driven_m is None else run.driven_m
+
+
 PLACES: Final = Metric("places", "places done", lambda run: float(run.places_done), more_is_better=True)
 METRICS: Final = (
     PLACES,
@@ -38,6 +44,7 @@ METRICS: Final = (
         lambda run: run.radio_bytes_per_robot_s,
         more_is_better=False,
     ),
+    Metric("driven", "metres driven by all robots", _driven, more_is_better=False),
 )
 TIMES: Final = (
     TimeMetric("completion", "time until all places are done, s", lambda run: run.completion_s),

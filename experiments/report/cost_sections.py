@@ -46,6 +46,7 @@ COSTS: Final = (
     Cost("decisions of the adaptation in a run", _decisions),
     Cost("from blocked to free, s", _freed),
     Cost("CPU, ms per robot and simulated s", _of_outcome(quantities.cpu_ms)),
+    Cost("metres driven by all robots", _of_outcome(quantities.driven_m)),
     Cost("contacts in a run", _of_outcome(quantities.contacts)),
     Cost("age of what robots know of one another, s", _of_outcome(quantities.age_s)),
 )
@@ -105,8 +106,9 @@ def costs(view: View) -> Section:
     zero = [cost.says for cost in known if cost not in drawn]
     if zero:
         text.append(f"Zero in every run: {'; '.join(zero)}.")
-    missing = [*(cost.says for cost in COSTS if cost not in known), "metres driven"]
-    text.append(f"Not recorded in these runs: {'; '.join(missing)}.")
+    missing = [cost.says for cost in COSTS if cost not in known]
+    if missing:
+        text.append(f"Not recorded in these runs: {'; '.join(missing)}.")
     return Section(
         "What adaptation costs",
         tuple(text),

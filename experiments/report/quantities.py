@@ -61,6 +61,11 @@ def cpu_ms(outcome: Outcome) -> float | None:
     return 1000.0 * outcome.cpu_s / _robot_seconds(outcome) if isinstance(outcome, RunResult) else None
 
 
+def driven_m(outcome: Outcome) -> float | None:
+    """How far all robots truly came, m; None where nobody watched."""
+    return outcome.driven_m if isinstance(outcome, RunResult) else None
+
+
 def age_s(outcome: Outcome) -> float | None:
     """Mean age of what robots know of one another, s."""
     return outcome.deeco.replica_age_mean_s

@@ -10,9 +10,13 @@ from typing import Any, Final
 
 from numpy.random import Generator
 
+from actors.floor.doorway import Doorways
 from actors.floor.map_file import load_map
 from actors.floor.placement import draw_points
+from actors.geometry import Point
 from actors.randomness import generator
+from actors.robot_model import load_model
+from deploy.scenario.areas import for_places
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
 from experiments.study.study import Distribution, Study, Trial
@@ -23,11 +27,14 @@ PARAMETERS: Final[Mapping[str, tuple[str, ...]]] = {
     "dropout": ("share",),
     "odometry": ("drift",),
     "doors": ("count", "points", "radius"),
+    "closures": ("count", "at", "duration"),
+    "tasks": ("count", "at"),
 }
 """By kind: what the study says of it. Kills: `count` robots end, each at an instant of its own. Jams: jammers
 somewhere on the floor. Dropout: this share of all rays gives no echo. Odometry: its errors are so many times
 as large; exact odometry becomes that of a Kobuki. Doors: at `count` of the `points` something round stands
-from the beginning on."""
+from the beginning on. Closures: `count` doors of the map close, each at an instant, and open again after a
+while. Tasks: `count` places, drawn as places are, that a robot each is given at an instant."""
 _STEP_S: Final = 0.1
 _Range = tuple[float, float]
 
@@ -92,6 +99,49 @@ def _doors(rng: Generator, one: Distribution, scenario: Scenario) -> list[dict[s
     ]
 
 
+def _closures(rng: Generator, one: Distribution, scenario: Scenario) -> list[dict[str, Any]]:
+    """Of doors that the scenario's own events leave alone; one that would open after the end stays closed."""
+    given = dict(one.parameters)
+    doorways = Doorways(load_map(scenario.map), _radius(scenario))
+    points = [event.close for event in scenario.event if event.close is not None]
+    taken = {doorways.at(Point(*point)).index for point in points}
+    doors = [door for door in doorways.regions.doors if door.index not in taken]
+    count = min(_whole(rng, given["count"]), len(doors))
+    events: list[dict[str, Any]] = []
+    for index in sorted(rng.choice(len(doors), size=count, replace=False).tolist()):
+        point = [round(doors[index].middle.x, 2), round(doors[index].middle.y, 2)]
+        closes = _instant(rng, given["at"])
+        opens = round(closes + max(_instant(rng, given["duration"]), _STEP_S), 1)
+        events.append({"at": closes, "close": point})
+        if opens < scenario.run.duration:
+            events.append({"at": opens, "open": point})
+    return events
+
+
+def _tasks(rng: Generator, one: Distribution, scenario: Scenario) -> list[dict[str, Any]]:
+    given = dict(one.parameters)
+    points = draw_points(
+        load_map(scenario.map),
+        _whole(rng, given["count"]),
+        rng=rng,
+        passage=_radius(scenario),
+        areas=for_places(scenario),
+    )
+    return [
+        {
+            "at": _instant(rng, given["at"]),
+            "give": scenario.ids[int(rng.integers(len(scenario.ids)))],
+            "places": [[round(point.x, 3), round(point.y, 3)]],
+        }
+        for point in points
+    ]
+
+
+def _radius(scenario: Scenario) -> float:
+    """Of the robots' bodies, m."""
+    return load_model(scenario.robots.model, None).footprint.circumradius
+
+
 def _dropout(rng: Generator, one: Distribution, scenario: Scenario) -> dict[str, Any]:
     return {"uncertainty.dropout": round(_number(rng, dict(one.parameters)["share"]), 4)}
 
@@ -120,6 +170,8 @@ _EVENTS: Final[Mapping[str, Callable[[Generator, Distribution, Scenario], list[d
     "kills": _kills,
     "jams": _jams,
     "doors": _doors,
+    "closures": _closures,
+    "tasks": _tasks,
 }
 _SETTINGS: Final[Mapping[str, Callable[[Generator, Distribution, Scenario], dict[str, Any]]]] = {
     "dropout": _dropout,

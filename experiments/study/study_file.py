@@ -53,8 +53,8 @@ class VaryTable(Table):
         Right("a list of at least one value"),
     ] = None
     distribution: Annotated[
-        Literal["kills", "jams", "dropout", "odometry", "doors"] | None,
-        Right('"kills", "jams", "dropout", "odometry" or "doors"'),
+        Literal["kills", "jams", "dropout", "odometry", "doors", "closures", "tasks"] | None,
+        Right('"kills", "jams", "dropout", "odometry", "doors", "closures" or "tasks"'),
     ] = None
     """What is drawn; its parameters are those of `study.draws.PARAMETERS`."""
     count: Range | None = None

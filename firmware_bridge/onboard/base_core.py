@@ -27,16 +27,14 @@ from actors.messages import (
     Control,
     Drive,
     Odometry,
-    Pause,
     Progress,
     Ready,
-    Resume,
     RobotTruth,
     Scan,
     Senses,
-    Stop,
     Truth,
 )
+from actors.orders import Pause, Resume, Stop
 from actors.portable import cos_sin
 from actors.runtime.core import Address, Inputs, Output, at, read, to
 from actors.runtime.errors import AcrcError

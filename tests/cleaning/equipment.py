@@ -70,6 +70,15 @@ class Ways:
 
 
 @dataclass
+class Tasks:
+    """A list of places that the test lengthens."""
+
+    places: tuple[Point, ...] = ()
+    at_start: int = 0
+    epoch: int = 0
+
+
+@dataclass
 class Notes:
     """A place monitor that keeps what it is told."""
 

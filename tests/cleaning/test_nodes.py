@@ -4,7 +4,7 @@ from numpy.random import Generator
 
 from actors.geometry import Point, Pose
 from actors.randomness import generator
-from actors.robot.behaviour import FloorPlan, Navigation, PlaceMonitor, Positioning
+from actors.robot.behaviour import FloorPlan, Navigation, PlaceMonitor, Positioning, TaskList
 from actors.task.words import PlaceKey
 from cleaning.adaptive import AdaptiveCleaningRobot
 from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
@@ -15,7 +15,7 @@ from deeco import Knowledge, seconds
 from deeco.node import Node
 from deeco.replication.packet import KnowledgePacket, Version, pack
 from deeco.replication.schema import RoleBook
-from tests.cleaning.equipment import Base, Floor, Notes, Ways, adaptive, assignment, plain
+from tests.cleaning.equipment import Base, Floor, Notes, Tasks, Ways, adaptive, assignment, plain
 from tests.deeco.air import Air, everywhere
 
 ENSEMBLES = (DestinationAdoption(1.5, 1, seconds(10)), AdoptedDestinationRemove(exchange=True))
@@ -25,6 +25,7 @@ def node(robot: CleaningRobot, ways: Ways, number: int) -> Node:
     ports = {
         Positioning: Base(Pose(*robot.position, 0.0)),
         Navigation: ways,
+        TaskList: Tasks(),
         PlaceMonitor: Notes(),
         FloorPlan: Floor(),
         Generator: generator(1, "behaviour", robot.id, 0),

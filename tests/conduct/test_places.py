@@ -2,7 +2,7 @@
 
 import pytest
 
-from actors.messages import Freeze, Kill, Obstacle, Restart
+from actors.orders import Freeze, Kill, Obstacle, Restart
 from actors.task.referee import Verdict
 from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.world.core import FalseWordError

@@ -1,13 +1,13 @@
 """The seam of the task: another one can be brought to the world, and nothing else need know of it."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from actors.instant import Instant
-from actors.messages import Restart
+from actors.orders import Give, Restart
 from actors.task.task import TaskProgress
 from actors.task.words import TaskWords
 from actors.world.core import FalseWordError
@@ -22,6 +22,7 @@ class Parting:
         self._parted: int | None = None
         self.words: list[str] = []
         self.restarted: list[str] = []
+        self.given: list[tuple[object, ...]] = []
 
     @property
     def settled(self) -> bool:
@@ -38,6 +39,9 @@ class Parting:
 
     def restart(self, robot: str) -> None:
         self.restarted.append(robot)
+
+    def give(self, instant: Instant, robot: str, places: Sequence[tuple[float, float]]) -> None:
+        self.given.append((robot, *places))
 
     def progress(self, present: Collection[str]) -> TaskProgress:
         return TaskProgress(0, 1) if self.settled else TaskProgress(len(present), 0)
@@ -68,7 +72,7 @@ def test_what_a_task_cannot_believe_ends_the_run_with_its_words() -> None:
     assert str(caught.value) == "step 0 (0 s): r2 says that it is a fish"
 
 
-def test_a_task_is_told_of_restarts() -> None:
+def test_a_task_is_told_of_restarts_and_of_what_robots_are_given() -> None:
     task = Parting(distance=1000.0)
-    Theatre(1.0, [(0.5, Restart("r2"))], task=task).run()
-    assert task.restarted == ["r2"]
+    Theatre(1.0, [(0.5, Restart("r2")), (0.6, Give("r1", ((15.5, 12.5),)))], task=task).run()
+    assert (task.restarted, task.given) == (["r2"], [("r1", (15.5, 12.5))])

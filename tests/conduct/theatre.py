@@ -15,7 +15,6 @@ from actors.messages import (
     TRANSMIT,
     TRUTH,
     Drive,
-    Order,
     Outgoing,
     Progress,
     Ready,
@@ -25,6 +24,7 @@ from actors.messages import (
     Transmit,
     Truth,
 )
+from actors.orders import Order
 from actors.radio.program import build as build_radio
 from actors.radio.radio_setup import RadioSetup
 from actors.runtime.bus.memory_bus import MemoryBus, run_shells

@@ -119,7 +119,8 @@ def test_no_file_names_a_place_to_download_from() -> None:
 
 
 @pytest.mark.parametrize(
-    "extra", ["base", "sim", "observe", "hardware", "pictures", "experiments", "cluster", "docs", "dev"]
+    "extra",
+    ["base", "sim", "observe", "control", "hardware", "pictures", "experiments", "cluster", "docs", "dev"],
 )
 def test_the_script_says_how_much_an_extra_takes(extra: str) -> None:
     """Within a quarter, for wheels differ between machines, or 5 MB."""

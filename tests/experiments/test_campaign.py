@@ -47,7 +47,6 @@ def test_every_strategy_runs_with_every_seed_as_it_would_alone(tmp_path: Path) -
     assert found["chapter", 2] == swarm.run_in_memory(alone, lambda progress: None).digest
 
 
-@pytest.mark.alone
 @pytest.mark.timeout(240)
 def test_killed_at_any_moment_it_goes_on_without_losing_or_repeating_a_run() -> None:
     """`acrc bench resume` does the same with more kills."""

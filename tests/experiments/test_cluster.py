@@ -85,7 +85,6 @@ def digests(folder: Path) -> dict[tuple[str, int], str | None]:
     }
 
 
-@pytest.mark.alone
 @pytest.mark.timeout(240)
 def test_a_worker_that_is_killed_loses_and_changes_nothing(cluster: Cluster, tmp_path: Path) -> None:
     alone, there = tmp_path / "alone", tmp_path / "there"

@@ -9,6 +9,7 @@ import pytest
 
 from deploy.run import swarm
 from deploy.run.options import RunOptions
+from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario, settings
 from deploy.scenario.toml_text import inline
 from experiments.campaign import results_table, store
@@ -28,6 +29,8 @@ ODOMETRY = Distribution("odometry", (("drift", (1.0, 5.0)),))
 DOORS = Distribution(
     "doors", (("count", (1, 1)), ("points", ((12.5, 9.0), (17.0, 9.0))), ("radius", (0.4, 0.4)))
 )
+CLOSURES = Distribution("closures", (("count", (1, 2)), ("at", (0.0, 2.0)), ("duration", (1.0, 60.0))))
+TASKS = Distribution("tasks", (("count", (2, 3)), ("at", (0.0, 2.0))))
 ALL = (KILLS, JAMS, DROPOUT, ODOMETRY, DOORS)
 STUDY = Study("drawn", str(CORRIDOR), ("none", "chapter"), 40, distributions=ALL)
 
@@ -58,6 +61,27 @@ def test_every_distribution_stays_in_its_range() -> None:
     assert set(kills) == {0, 1, 2}
 
 
+def test_doors_that_close_and_places_that_come_stay_in_their_ranges() -> None:
+    study = msgspec.structs.replace(
+        STUDY, distributions=(CLOSURES, TASKS), settings=(("run.duration", 40.0),)
+    )
+    opened = set()
+    for trial in list(study.trials())[:12:2]:
+        settings_ = drawn(study, trial)
+        given = [event for event in settings_["event"] if "give" in event]
+        closed = [event for event in settings_["event"] if "close" in event]
+        openings = [event for event in settings_["event"] if "open" in event]
+        assert 2 <= len(given) <= 3 and 1 <= len(closed) <= 2
+        assert all(event["at"] <= 2.0 for event in given + closed)
+        assert len({tuple(event["close"]) for event in closed}) == len(closed)
+        for opening in openings:
+            (closing,) = [event for event in closed if event["close"] == opening["open"]]
+            assert 1.0 <= opening["at"] - closing["at"] < 40.0
+        opened.add(len(closed) - len(openings))
+        resolve(load_scenario(CORRIDOR, Overrides(settings=(*study.settings, *settings_.items()))))
+    assert len(opened) > 1, "some open again before the end, others do not"
+
+
 def test_another_factor_changes_nothing_of_the_others() -> None:
     trial = next(STUDY.trials())
     alone = msgspec.structs.replace(STUDY, distributions=(KILLS, JAMS, DROPOUT))
@@ -79,12 +103,19 @@ def test_the_events_of_the_scenario_stay(tmp_path: Path) -> None:
 def test_one_run_of_a_campaign_can_be_repeated_from_what_was_kept(tmp_path: Path) -> None:
     short = (("robots.count", 2), ("run.duration", 3.0))
     study = Study(
-        "s", str(CORRIDOR), ("chapter",), 1, settings=short, distributions=(JAMS, DROPOUT, ODOMETRY)
+        "s",
+        str(CORRIDOR),
+        ("chapter",),
+        1,
+        settings=short,
+        distributions=(JAMS, DROPOUT, ODOMETRY, CLOSURES, TASKS),
     )
     kept = store.create(tmp_path / "out", study)
     carry_out(kept, CampaignOptions(jobs=1))
     (record,) = kept.records()
     assert record.result is not None, record.failure
+    given = [event for event in record.drawn["event"] if "give" in event]
+    assert record.result.places_total == 2 * 10 + len(given)
     (row,) = results_table.rows(kept)
     words = [f"{key}={inline(value)}" for key, value in [*short, *record.drawn.items()]]
     typed = shlex.split(str(row["command"]))

@@ -1,6 +1,7 @@
 """What the laboratory of emulated devices saw stands beside what the robots say."""
 
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -23,7 +24,9 @@ def laboratory(run: Run, path: Path, **other: object) -> Path:
     places = []
     for row in table(run.out / "places.csv"):
         at = round(float(row["reached_s"]) * 1e6) + EPOCH - BEGAN if row["reached_s"] else None
-        nothing = dict.fromkeys(("reported_at", "reported_by", "given_up_at", "given_up_by", "reason"), None)
+        nothing: dict[str, Any] = dict.fromkeys(
+            ("reported_at", "reported_by", "given_up_at", "given_up_by", "reason"), None
+        )
         places.append(
             PlaceOutcome(
                 owner=row["owner"], place=int(row["place"]), x=0.0, y=0.0, reached_at=at,

@@ -92,6 +92,7 @@ def test_the_pins_of_this_project_are_all_read() -> None:
             "base",
             "sim",
             "observe",
+            "control",
             "hardware",
             "pictures",
             "experiments",

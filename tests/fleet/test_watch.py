@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from actors.messages import CONTROL, PROGRESS, Control, Order, Pause, Progress, Resume, Stop
+from actors.messages import CONTROL, PROGRESS, Control, Progress
+from actors.orders import Order, Pause, Resume, Stop
 from actors.runtime.codec import decode, encode
 from deploy.fleet import watch
 from deploy.fleet.certificates import SERVER

@@ -18,16 +18,13 @@ from actors.messages import (
     Drive,
     EventCount,
     Odometry,
-    Order,
-    Pause,
     Progress,
     Ready,
-    Resume,
     Scan,
     Senses,
-    Stop,
     Truth,
 )
+from actors.orders import Order, Pause, Resume, Stop
 from actors.runtime.core import Address, Output, at
 from actors.task.words import PlaceKey
 from actors.topic import Message

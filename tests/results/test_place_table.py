@@ -2,12 +2,13 @@
 
 import csv
 from pathlib import Path
+from typing import Any
 
 from actors.task.referee import PlaceOutcome
 from deploy.results.place_table import PlaceCounts, counted, write_table
 
 S = 1_000_000
-NOTHING = dict.fromkeys(
+NOTHING: dict[str, Any] = dict.fromkeys(
     ("reached_at", "reached_by", "reported_at", "reported_by", "given_up_at", "given_up_by", "reason")
 )
 
@@ -24,7 +25,7 @@ LATE = place(
     reported_at=40_500_000, reported_by="r1",
 )  # fmt: skip
 LOST = place(4, reached_at=5 * S, reached_by="r9")
-OPEN = place(5, ("r1", "r4"))
+OPEN = place(5, ("r1", "r4"), given_at=60 * S)
 
 
 def test_places_are_counted_by_what_became_of_them() -> None:
@@ -55,10 +56,10 @@ def test_the_table_has_a_row_per_place(tmp_path: Path) -> None:
     text = (tmp_path / "places.csv").read_text()
     assert text.splitlines() == [
         "owner,place,x,y,verdict,reached_s,reached_by,reported_s,reported_by,given_up_s,given_up_by,reason,"
-        "in_route_of",
-        "r1,0,1.5,-2.0,done,10.0,r2,11.0,r2,,,,",
-        'r1,2,1.5,-2.0,given up,,,,,90.0,r3,"the door, ""the"" door",',
-        "r1,5,1.5,-2.0,open,,,,,,,,r1 r4",
+        "in_route_of,given_s",
+        "r1,0,1.5,-2.0,done,10.0,r2,11.0,r2,,,,,0.0",
+        'r1,2,1.5,-2.0,given up,,,,,90.0,r3,"the door, ""the"" door",,0.0',
+        "r1,5,1.5,-2.0,open,,,,,,,,r1 r4,60.0",
     ]
     rows = list(csv.DictReader(text.splitlines()))
     assert rows[1]["reason"] == 'the door, "the" door' and rows[2]["in_route_of"].split() == ["r1", "r4"]

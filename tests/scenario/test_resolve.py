@@ -8,7 +8,7 @@ import pytest
 
 from actors.floor.map_file import load_map
 from actors.geometry import Point
-from actors.messages import Freeze, Kill, Move, Obstacle, Restart, StartJam, Thaw
+from actors.orders import CloseDoor, Freeze, Give, Kill, Move, Obstacle, OpenDoor, Restart, StartJam, Thaw
 from actors.runtime.errors import AcrcError
 from actors.world.world_setup import TimedOrder
 from cleaning.places import GOLDEN
@@ -124,6 +124,9 @@ def test_events_become_orders_in_the_order_of_their_instants() -> None:
             'at = 0\nmove = "r3"\nto = [12, 12.5, 4]',
             "at = 3\njam = [10, 12]\nradius = 3\nduration = 1.5",
             "at = 4\nobstacle = [9, 12]\nradius = 0.2",
+            'at = 5\ngive = "r2"\nplaces = [[9, 12], [10, 12]]',
+            "at = 6\nclose = [12.4, 9.4]",
+            "at = 7\nopen = [12.4, 9.5]",
         )
     )
     assert resolve(scenario(text)).world.events == (
@@ -133,6 +136,9 @@ def test_events_become_orders_in_the_order_of_their_instants() -> None:
         TimedOrder(2_000_000, Kill("r2")),
         TimedOrder(3_000_000, StartJam(10.0, 12.0, 3.0, 1_500_000)),
         TimedOrder(4_000_000, Obstacle(9.0, 12.0, 0.2)),
+        TimedOrder(5_000_000, Give("r2", ((9.0, 12.0), (10.0, 12.0)))),
+        TimedOrder(6_000_000, CloseDoor(12.4, 9.4)),
+        TimedOrder(7_000_000, OpenDoor(12.4, 9.5)),
         TimedOrder(9_500_000, Restart("r1")),
     )
 
@@ -146,6 +152,15 @@ def test_what_does_not_fit_is_refused() -> None:
     )
     assert refusal('[[event]]\nat = 1\nmove = "r2"\nto = [-3, 0, 0]').startswith(
         "robot 'r2' at (-3.00, 0.00) is outside the map, but must be at least 0.177 m from walls;"
+    )
+    assert refusal('[[event]]\nat = 1\ngive = "r2"\nplaces = [[5, 12.5]]') == (
+        "event[0].places has (5, 12.5), but must be on free floor"
+    )
+    assert refusal("[[event]]\nat = 1\nclose = [9, 12]").startswith(
+        "event[0].close is no door: (9, 12) is in no door of the map; its doors are at (12.52, 9.48), "
+    )
+    assert refusal("[[event]]\nat = 1\nopen = [12.4, 9.4]") == (
+        "event[0] would open a door at 1 s, which is open then"
     )
     assert refusal('[[robot]]\nid = "r2"\nplaces = [[12, 5], [5, 12.5]]') == (
         "place 1 of robot r2 is at (5, 12.5), but must be on free floor"

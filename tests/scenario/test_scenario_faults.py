@@ -20,7 +20,7 @@ SETTING = (
 INTERVAL = "but must be a number of seconds from 0.001 to 1000000"
 CHANNEL = "but must be an IEEE 802.15.4 channel, a whole number from 11 to 26"
 MATERIAL = "but must be a material: " + ", ".join(f'"{name}"' for name in MATERIALS)
-ACTIONS = "kill, freeze, thaw, restart, move, jam, obstacle"
+ACTIONS = "kill, freeze, thaw, restart, move, jam, obstacle, give, close, open"
 
 
 @pytest.mark.parametrize(
@@ -230,6 +230,15 @@ def events(*lines: str) -> str:
         (
             ['at = 1\nkill = "r1"\nradius = 1'],
             "event[0].radius does not belong to kill, which needs nothing beside it",
+        ),
+        (['at = 1\ngive = "r1"'], "event[0].places is missing, but give needs places"),
+        (
+            ['at = 1\ngive = "r9"\nplaces = [[1, 2]]'],
+            'event[0].give is "r9", but must be one of the robots r1 to r4',
+        ),
+        (
+            ['at = 1\ngive = "r1"\nplaces = []'],
+            "event[0].places is [], but must be a list of 1 to 1000 points [x, y] in m",
         ),
         (['at = 1\nkill = "r9"'], 'event[0].kill is "r9", but must be one of the robots r1 to r4'),
         (

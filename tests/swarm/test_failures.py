@@ -80,9 +80,16 @@ def started(out: Path, *words: object) -> subprocess.Popen[str]:
     return process
 
 
-@pytest.mark.parametrize("spawn", SPAWNS)
-@pytest.mark.parametrize("actor", ["r2", "radio", "world"])
-def test_a_killed_process_ends_the_run_at_once(tmp_path: Path, spawn: str, actor: str) -> None:
+@pytest.mark.parametrize(
+    ("actor", "spawn"),
+    [
+        *(("r2", spawn) for spawn in SPAWNS),
+        ("radio", "forkserver"),
+        ("world", "forkserver"),
+        *(pytest.param(actor, "exec", marks=pytest.mark.nightly) for actor in ("radio", "world")),
+    ],
+)
+def test_a_killed_process_ends_the_run_at_once(tmp_path: Path, actor: str, spawn: str) -> None:
     out = tmp_path / "out"
     process = started(out, "--spawn", spawn)
     os.kill(process_of(out, actor), signal.SIGKILL)

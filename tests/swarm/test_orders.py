@@ -7,7 +7,20 @@ from pathlib import Path
 
 import pytest
 
-from actors.messages import Freeze, Move, Obstacle, Order, Pause, StartJam
+from actors.orders import (
+    CloseDoor,
+    Freeze,
+    Give,
+    Move,
+    Obstacle,
+    OpenDoor,
+    Order,
+    Pause,
+    Speed,
+    StartJam,
+    Step,
+    Wall,
+)
 from deploy.replay.record_replay import replay_actor
 from deploy.replay.swarm_replay import replay_swarm
 from deploy.run import orders
@@ -23,7 +36,15 @@ from tests.swarm.test_failures import stepping, until
         ("move r1 1 -2.5 0", Move("r1", 1.0, -2.5, 0.0)),
         ("jam 1 2 3 4.5", StartJam(1.0, 2.0, 3.0, 4_500_000)),
         ("obstacle 1 2 0.3", Obstacle(1.0, 2.0, 0.3)),
+        ("wall 1 2 3 4", Wall(1.0, 2.0, 3.0, 4.0)),
+        ("give r2 9 12.5", Give("r2", ((9.0, 12.5),))),
+        ("close 12.5 9.4", CloseDoor(12.5, 9.4)),
+        ("open 12.5 9.4", OpenDoor(12.5, 9.4)),
         ("pause", Pause()),
+        ("step", Step(1)),
+        ("step 20", Step(20)),
+        ("speed 0.5", Speed(0.5)),
+        ("speed max", Speed(0.0)),
     ],
 )
 def test_orders_as_typed(words: str, order: Order) -> None:
@@ -37,11 +58,18 @@ def test_orders_as_typed(words: str, order: Order) -> None:
         (
             "shout r1",
             "VERB: shout; must be one of: kill ROBOT, freeze ROBOT, thaw ROBOT, restart ROBOT, "
-            "move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, obstacle X Y RADIUS, pause, resume, stop",
+            "move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, obstacle X Y RADIUS, "
+            "wall X Y TO_X TO_Y, give ROBOT X Y, close X Y, open X Y, pause, resume, step [N], speed X|max, "
+            "stop",
         ),
         ("kill", "VERB: kill; must be like kill ROBOT"),
         ("move r1 a b c", "VERB: 'move r1 a b c'; must be like move ROBOT X Y HEADING"),
         ("pause now", "VERB: 'pause now'; must be like pause"),
+        ("step 1 2", "VERB: 'step 1 2'; must be like step [N]"),
+        ("step 0", "step: 0 steps; it should be 1 to 1000000"),
+        ("speed 0", "VERB: 'speed 0'; must be like speed X|max"),
+        ("speed -1", "speed: -1 simulated seconds per second; must be 0.01 to 1e+06"),
+        ("wall 0 0 100 0", "wall: a wall is 100 m long; it should be at most 75 m"),
         ("jam 0 0 5 inf", "VERB: 'jam 0 0 5 inf'; must be like jam X Y RADIUS SECONDS"),
         ("jam 0 0 5 1e10", "jam: a jammer is on for 1e+10 s; it should be above 0 and at most 1e+06 s"),
         ("jam 0 0 -5 1", "jam: a jammer reaches -5 m; it should be above 0 and at most 1e+06 m"),

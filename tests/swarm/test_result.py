@@ -51,6 +51,8 @@ def test_everything_that_was_said_is_in_the_result(scenario: Path, tmp_path: Pat
     assert (result["completion_s"], result["settled_s"], result["last_reached_s"]) == (None, None, 3.0)
     about_poses = result["per_robot"]["r1"].pop("pose_error")
     assert (about_poses["samples"], about_poses["times_lost"]) == (60, 0) and about_poses["rmse"] < 0.1
+    ways = [part.pop("driven_m") for part in result["per_robot"].values()]
+    assert result.pop("driven_m") == pytest.approx(sum(ways), abs=0.01)
     assert result["per_robot"]["r1"] == {
         "places_total": 4, "places_done": 0, "places_claimed": 0, "places_given_up": 4, "completion_s": None
     }  # fmt: skip
@@ -71,6 +73,8 @@ def test_everything_that_was_said_is_in_the_result(scenario: Path, tmp_path: Pat
     assert [row["in_route_of"] for row in rows] == [""] * 4 + ["r2"] * 4
     written = json.loads((tmp_path / "out" / "run.json").read_text())
     assert written["per_robot"]["r1"].pop("pose_error") == about_poses
+    assert [part.pop("driven_m") for part in written["per_robot"].values()] == ways
+    del written["driven_m"]
     assert written == result
 
 

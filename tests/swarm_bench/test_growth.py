@@ -2,12 +2,22 @@
 
 import json
 import math
+from collections.abc import Iterator
+from functools import cache
 from itertools import combinations
+from unittest.mock import patch
 
 import pytest
 
-from benchmarks.swarm.growth import command
+from benchmarks.swarm.growth import command, measuring
 from benchmarks.swarm.task import SwarmTask, planned
+
+
+@pytest.fixture(scope="module", autouse=True)
+def measured_once() -> Iterator[None]:
+    """What is printed for programs and for people is one measurement."""
+    with patch.object(command, "measured", cache(measuring.measured)):
+        yield
 
 
 def test_every_size_is_measured_and_its_traffic_adds_up(capsys: pytest.CaptureFixture[str]) -> None:
@@ -31,7 +41,7 @@ def test_more_robots_than_the_scenario_has_room_for_stand_closer() -> None:
 
 
 def test_what_a_person_reads(capsys: pytest.CaptureFixture[str]) -> None:
-    command.run((2,), 2.0)
+    command.run((1, 3), 3.0)
     printed = capsys.readouterr().out
-    for title in ("chapter.toml, 2 s simulated", "the air, per robot", "CPU by part in memory"):
+    for title in ("chapter.toml, 3 s simulated", "the air, per robot", "CPU by part in memory"):
         assert title in printed

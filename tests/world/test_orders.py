@@ -3,8 +3,10 @@
 from typing import cast
 
 from actors.instant import Instant
-from actors.messages import Freeze, Jam, Kill, Pause, ProcessOrder, Restart, Resume, StartJam, Stop
+from actors.messages import Jam, ProcessOrder
+from actors.orders import Freeze, Kill, Pause, Restart, Resume, StartJam, Stop
 from actors.robot_model import OdometryKind
+from actors.task.task import Task
 from actors.world.body import Bodies
 from actors.world.orders import Effects, Orders
 from actors.world.participants import Participants, Standing
@@ -12,6 +14,8 @@ from actors.world.world_setup import BodySetup, TimedOrder
 
 NOWHERE = cast(Bodies, None)
 """No order here is one for the bodies."""
+NOTHING = cast(Task, None)
+"""Nor for the task."""
 KIND: OdometryKind = "stage"
 
 
@@ -20,7 +24,7 @@ def orders(*events: TimedOrder) -> Orders:
     roster = Participants(robots)
     for member in roster.members:
         member.standing = Standing.STEPPING
-    return Orders(events, roster, NOWHERE)
+    return Orders(events, roster, NOWHERE, NOTHING)
 
 
 def test_events_that_are_due_come_to_what_the_world_has_to_send() -> None:

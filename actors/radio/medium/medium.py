@@ -140,6 +140,11 @@ class Medium:
         """(n, outcomes): what became of others' frames at each transceiver, by Outcome; a copy."""
         return self._state.transceivers["counters"]["outcomes"].copy()
 
+    def fates(self, sender: int) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+        """Of the last frame that the sender has sent, until its next one begins, at every transceiver: (n,)
+        what became of it there, by Outcome, and (n,) how strongly it came there, mW; copies."""
+        return self._state.outcomes[sender].copy(), self._state.gains_mw[sender].copy()
+
     @property
     def busy_ns(self) -> int:
         """How long at least one frame has been in the air."""

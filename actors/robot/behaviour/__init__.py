@@ -4,7 +4,7 @@ Strategies need these names of a robot, and no others; docs/tutorial.md and docs
 """
 
 from actors.floor.regions import Door
-from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning
+from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning, TaskList
 from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalPhase, GoalStatus
 from actors.robot.behaviour.node_host import host
 from actors.robot.behaviour.plan import Plan
@@ -36,6 +36,7 @@ __all__ = [
     "Positioning",
     "Setting",
     "Start",
+    "TaskList",
     "View",
     "host",
 ]

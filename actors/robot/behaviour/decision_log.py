@@ -32,15 +32,16 @@ class Deciding(Protocol):
 class DecisionLog:
     """Takes down, commit by commit, what one component decides and holds itself to be."""
 
-    def __init__(self, component: Knowledge) -> None:
+    def __init__(self, component: Knowledge, former: "DecisionLog | None" = None) -> None:
+        """`former`: the log of the robot's component before this one; its lists go on here."""
         kind = type(component)
         adapts = any(process.adaptation for process in processes_of(kind))
         self._decides = isinstance(component, Deciding)
         self._diagnoses = adapts and callable(getattr(kind, "is_blocked", None))
-        self._decisions: list[dict[str, Any]] = []
-        self._blocked: list[list[Instant | None]] = []
-        self._unlisted = 0
-        self._is_blocked = False
+        self._decisions: list[dict[str, Any]] = [] if former is None else former._decisions
+        self._blocked: list[list[Instant | None]] = [] if former is None else former._blocked
+        self._unlisted: int = 0 if former is None else former._unlisted
+        self._is_blocked: bool = former is not None and former._is_blocked
 
     def take(self, commit: Commit) -> None:
         """A change of the component's knowledge."""
@@ -58,7 +59,7 @@ class DecisionLog:
         return {
             "decisions": self._decisions,
             "decisions_unlisted": self._unlisted,
-            "blocked": self._blocked if self._diagnoses else None,
+            "blocked": self._blocked if self._diagnoses or self._blocked else None,
         }
 
     def _decide(self, commit: Commit, words: str, old: Point | None, new: Point | None) -> None:

@@ -89,6 +89,19 @@ class RobotNavigation:
         return order, paused, back_out
 
 
+class RobotTaskList:
+    """What the robot has been given, up to the newest view."""
+
+    def __init__(self, places: tuple[Point, ...], epoch: int) -> None:
+        self.places = places
+        self.at_start = len(places)
+        self.epoch = epoch
+
+    def take(self, view: View) -> None:
+        """Take in the view of a new step."""
+        self.places += view.places
+
+
 class RobotPlaceMonitor:
     """Collects what is said of places during a step."""
 
@@ -97,6 +110,11 @@ class RobotPlaceMonitor:
         self._given_up: list[PlaceGivenUp] = []
         self._route: tuple[PlaceKey, ...] | None = None
         self._told: tuple[PlaceKey, ...] | None = None
+
+    def take(self, view: View) -> None:
+        """Take in the view of a new step: who is given places is taken to mean to visit them, so say anew."""
+        if view.places:
+            self._told = None
 
     def visited(self, place: PlaceKey, now: Instant) -> None:
         """Say that a place has been cleaned."""

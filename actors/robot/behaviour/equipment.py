@@ -84,6 +84,25 @@ class Navigation(Protocol):
         """Go on to the goal, with all patience anew."""
 
 
+class TaskList(Protocol):
+    """The places that the robot has to clean; more may come while the run goes on."""
+
+    @property
+    def places(self) -> Sequence[Point]:
+        """All that it has been given so far, m, map frame: those of its Start, then what came, in order.
+
+        The index of a place in it is that of its PlaceKey.
+        """
+
+    @property
+    def at_start(self) -> int:
+        """So many of them are those of its Start."""
+
+    @property
+    def epoch(self) -> int:
+        """How often the robot has been restarted; a new process is told of all places again."""
+
+
 class PlaceMonitor(Protocol):
     """Takes down, for the result alone, what the robot holds to have come of places."""
 

@@ -3,13 +3,13 @@
     def behaviour(start: Start) -> Behaviour:
         return host(start, MyRobot(id=start.robot, ...), MyEnsemble(max_distance=1.5))
 
-The node's link is the robot's radio; its processes find Positioning, Navigation, PlaceMonitor, FloorPlan,
-Instant and the robot's random Generator by type.
+The node's link is the robot's radio; its processes find Positioning, Navigation, TaskList, PlaceMonitor,
+FloorPlan, Instant and the robot's random Generator by type.
 """
 
 from collections import Counter, deque
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, Protocol, Self, runtime_checkable
 
 from numpy.random import Generator
 
@@ -19,7 +19,7 @@ from actors.robot.behaviour import devices
 from actors.robot.behaviour.decision_limits import RobotLimits
 from actors.robot.behaviour.decision_log import SUBJECT, DecisionLog
 from actors.robot.behaviour.entry import BehaviourError
-from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning
+from actors.robot.behaviour.equipment import FloorPlan, Navigation, PlaceMonitor, Positioning, TaskList
 from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
 from deeco import DeecoError, Knowledge
 from deeco.link import Reception, Transmission
@@ -40,12 +40,40 @@ _OUTCOMES: Final[Mapping[type[Any], str]] = {
 }
 
 
+@runtime_checkable
+class Heir(Protocol):
+    """A component that can go on where another one of the same robot has ended."""
+
+    def inherits(self, former: Knowledge) -> Self | None:
+        """The component with what it takes over of the other's knowledge; None if it can take nothing."""
+
+
 def host(start: Start, component: Knowledge, *ensembles: object) -> Behaviour:
     """The behaviour of a robot that runs `component` with these ensembles on a node of its own.
 
     Raises BehaviourError if the node lacks something that they ask for.
     """
     return _Hosted(start, component, ensembles)
+
+
+def take_over(heir: Behaviour, former: Behaviour, name: str) -> None:
+    """Let a behaviour that has not begun go on where another one of this robot ends; `name` is for errors.
+
+    Raises BehaviourError for those that are not made by `host`, and for components that cannot.
+    """
+    new, old = _hosted(heir), _hosted(former)
+    if new is None or old is None or not new.succeed(old):
+        raise BehaviourError(
+            f"behaviour {name!r} cannot go on where another one ends: both should be components of the same "
+            "kind, such as those of cleaning.robot.CleaningRobot"
+        )
+
+
+def _hosted(behaviour: object) -> "_Hosted | None":
+    """The node's host in a behaviour, or in what that has laid around it and calls `hosted`."""
+    while behaviour is not None and not isinstance(behaviour, _Hosted):
+        behaviour = getattr(behaviour, "hosted", None)
+    return behaviour
 
 
 class _Hosted:
@@ -58,11 +86,13 @@ class _Hosted:
         self._phase = Duration(int(start.generator.integers(start.exchange.publish)))
         self._positioning = devices.RobotPositioning(start.pose)
         self._navigation = devices.RobotNavigation()
+        self._tasks = devices.RobotTaskList(start.places, start.epoch)
         self._monitor = devices.RobotPlaceMonitor()
         self._log = DecisionLog(component)
         self._counted: Counter[str] = Counter()
         self._backlog: deque[Transmission] = deque()
         self._tag = 0
+        self._former: Node | None = None
         self._node = self._deploy(START)  # what is missing is said before the first step
         self._begun = False
 
@@ -76,11 +106,26 @@ class _Hosted:
         """The ensembles of that node, for the same people."""
         return tuple(self._ensembles)
 
+    def succeed(self, former: "_Hosted") -> bool:
+        """Go on where the robot's host so far ends; False if the component cannot. Before the first step."""
+        component = self._component
+        knowledge = former._node.knowledge(former._component.id)
+        inherited = component.inherits(knowledge) if isinstance(component, Heir) else None
+        if inherited is None:
+            return False
+        self._component = inherited
+        self._log = DecisionLog(inherited, former._log)
+        self._counted, self._tag = former._counted, former._tag
+        self._former = former._node
+        return True
+
     def advance(self, view: View, until: Instant) -> Decision:
         """Let the node do what is due."""
         self._reach(view.instant)
         self._positioning.take(view)
         self._navigation.take(view)
+        self._tasks.take(view)
+        self._monitor.take(view)
         try:
             sent = self._node.advance(until, self._receptions(view.radio))
         except DeecoError as error:
@@ -106,6 +151,7 @@ class _Hosted:
                 ports={
                     Positioning: self._positioning,
                     Navigation: self._navigation,
+                    TaskList: self._tasks,
                     PlaceMonitor: self._monitor,
                     FloorPlan: start.floor,
                     Generator: start.generator,
@@ -116,6 +162,7 @@ class _Hosted:
                 start=first,
                 publish_phase=self._phase,
                 witness=self._log.take,
+                former=self._former,
             )
         except DeecoError as error:
             raise BehaviourError(str(error)) from error

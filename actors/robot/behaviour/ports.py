@@ -98,7 +98,7 @@ class Start:
     pose: Pose
     """Where the robot stood when its base was switched on, m and rad, map frame."""
     places: tuple[Point, ...]
-    """The places it has to clean, m, in the order given."""
+    """The places it has to clean, m, in the order given; a View may bring more."""
     generator: Generator
     """The behaviour's own random stream: the only randomness it may use."""
     settings: Mapping[str, Setting] = field(default_factory=lambda: MappingProxyType({}))
@@ -129,6 +129,8 @@ class View(NamedTuple):
     """The way that navigation follows to the goal; None while there is none."""
     backing_out: bool = False
     """True while the robot backs out because a decision said so."""
+    places: tuple[Point, ...] = ()
+    """Places to clean that it is given with this step; they follow those that it has, in Start and since."""
 
 
 @dataclass(frozen=True)

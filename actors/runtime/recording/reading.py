@@ -64,6 +64,9 @@ class Reading:
         """Up to this one everything is there; None: not even the first one."""
         self.whole = False
         """True once the end has been read, and is one: the process closed its file. False: it was cut."""
+        self.seals = 0
+        """Checksums so far, all of them true."""
+        self._crc = self._size = self._at = 0
         self._channels: dict[int, Channel] = {}
         self._unsealed: list[Entry | Note] = []
         self._notes = 0
@@ -71,25 +74,39 @@ class Reading:
     def __iter__(self) -> Iterator[Entry | Note]:
         """Everything up to the end, or to the cut. Raises RecordingError where the file is damaged."""
         with opened(self.path) as stream:
-            magic = stream.read(len(MCAP0_MAGIC))
-            if not MCAP0_MAGIC.startswith(magic):
-                raise RecordingError(f"{self.path}: not a recording of this project, or damaged at its start")
-            crc, size = zlib.crc32(magic), 0
-            while (record := self._next(stream)) is not None:
-                opcode, head, body = record
-                try:
-                    if opcode == Opcode.DATA_END:
-                        self._end(body, stream)
-                        return
-                    if self._take(opcode, head, body, crc):
-                        yield from self._unsealed
-                        self._unsealed, size = [], 0
-                except FAULTS as error:
-                    raise self._damaged(str(error)) from None
-                size += len(body)
-                if size > UNSEALED + 2 * LARGEST_RECORD:
-                    raise self._damaged(f"{size} bytes without a checksum")
-                crc = zlib.crc32(body, zlib.crc32(head, crc))
+            yield from self.more(stream)
+
+    def more(self, stream: IO[bytes]) -> Iterator[Entry | Note]:
+        """What has been written since the last call; to be read to its end before the next one."""
+        stream.seek(self._at)
+        if not self._at and not self._begins(stream):
+            return
+        while (record := self._next(stream)) is not None:
+            opcode, head, body = record
+            try:
+                if opcode == Opcode.DATA_END:
+                    self._end(body, stream)
+                    return
+                if self._take(opcode, head, body, self._crc):
+                    yield from self._unsealed
+                    self._unsealed, self._size = [], 0
+            except FAULTS as error:
+                raise self._damaged(str(error)) from None
+            self._size += len(body)
+            if self._size > UNSEALED + 2 * LARGEST_RECORD:
+                raise self._damaged(f"{self._size} bytes without a checksum")
+            self._crc = zlib.crc32(body, zlib.crc32(head, self._crc))
+            self._at += len(head) + len(body)
+
+    def _begins(self, stream: IO[bytes]) -> bool:
+        """True once the file has its first bytes."""
+        magic = stream.read(len(MCAP0_MAGIC))
+        if not MCAP0_MAGIC.startswith(magic):
+            raise RecordingError(f"{self.path}: not a recording of this project, or damaged at its start")
+        if len(magic) < len(MCAP0_MAGIC):
+            return False
+        self._crc, self._at = zlib.crc32(magic), len(magic)
+        return True
 
     def _next(self, stream: IO[bytes]) -> tuple[int, bytes, bytes] | None:
         """The next record; None where the file was cut."""
@@ -135,6 +152,7 @@ class Reading:
         if checksum != due:
             raise ValueError(f"its checksum is {due:08x}, where {checksum:08x} was written")
         self.step = None if step < 0 else step
+        self.seals += 1
 
     def _end(self, body: bytes, stream: IO[bytes]) -> None:
         """At the end of the data: nothing may lie unsealed, and what follows has a checksum of its own."""

@@ -15,6 +15,7 @@ _BRINGS: Final = {
     "hardware": "acrc fleet keys",
     "sim": "acrc run",
     "observe": "acrc run --view",
+    "control": "acrc run --control",
     "dev": "acrc test",
 }
 """A command for which ./acrc installs an extra."""

@@ -1,0 +1,115 @@
+"""Where a door would hang: the shortest straight line across a narrow place that parts what it joins."""
+
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from actors.floor import flood
+from actors.floor.grid import OccupancyGrid, nearest_cell, passable
+from actors.floor.regions import ROOM, Door, Regions, regions, touching
+from actors.geometry import Point
+from actors.portable import arrays
+from actors.runtime.errors import AcrcError
+
+_WITHIN: Final = 0.5
+"""A point is of a door whose cells are so near, m."""
+_DIRECTIONS: Final = 16
+"""Lines are looked at in so many directions, from east to west by north."""
+_STRAIGHT: Final = 0.8
+"""A line counts if it is hardly longer than twice the room at its middle: others cut corners off."""
+_SAMPLES: Final = 4
+"""So many points of each cell's length of a line are looked at."""
+
+
+class DoorError(AcrcError):
+    """A door that there is not, or that no straight line closes."""
+
+
+class Doorways:
+    """The doors of one floor, for robots of one radius, m, and what closes them."""
+
+    def __init__(self, grid: OccupancyGrid, radius: float) -> None:
+        self._grid = grid
+        self._radius = radius
+
+    @cached_property
+    def regions(self) -> Regions:
+        """The floor taken apart."""
+        return regions(self._grid, passable(self._grid, self._radius), self._grid.clearance)
+
+    def at(self, point: Point) -> Door:
+        """The door that a point lies in, or is no farther from than 0.5 m. Raises DoorError."""
+        parts = self.regions
+        cell = nearest_cell(self._grid, parts.labels > parts.count, point, _WITHIN)
+        if cell is None:
+            known = ", ".join(f"({door.middle.x:.2f}, {door.middle.y:.2f})" for door in parts.doors)
+            has = f"its doors are at {known}" if known else "it has none"
+            raise DoorError(f"({point.x:g}, {point.y:g}) is in no door of the map; {has}")
+        return parts.doors[int(parts.labels[cell]) - parts.count - 1]
+
+    def closed(self, door: Door) -> NDArray[np.bool_]:
+        """(rows, columns): the cells that the door fills once it is closed. Raises DoorError.
+
+        They hang together over their edges, so nothing gets or looks through.
+        """
+        inside = self.regions.labels == self.regions.count + 1 + door.index
+        begin, end = self._lines(inside)
+        length = arrays.hypot(*(end - begin).T)
+        for number in np.argsort(length, kind="stable").tolist():
+            filled = self._filled(begin[number], end[number])
+            if self._parts(inside & ~filled, door):
+                return filled
+        x, y = door.middle
+        raise DoorError(f"the narrow place at ({x:.2f}, {y:.2f}) cannot be closed by a straight door")
+
+    def _lines(self, inside: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """(n, 2) each: row and column of the blocking cells that lines through the door's cells end in."""
+        cells = np.argwhere(inside)
+        room = self._grid.clearance[inside] / self._grid.resolution
+        angles = np.arange(_DIRECTIONS) * (np.pi / _DIRECTIONS)
+        begins, ends = [], []
+        for along in np.stack([arrays.sin(angles), arrays.cos(angles)], axis=1):
+            begin, end = self._met(cells, -along), self._met(cells, along)
+            length = arrays.hypot(*(end - begin).T.astype(np.float64))
+            straight = _STRAIGHT * length <= 2 * room + 1
+            begins.append(begin[straight])
+            ends.append(end[straight])
+        return np.concatenate(begins), np.concatenate(ends)
+
+    def _met(self, cells: NDArray[np.int64], along: NDArray[np.float64]) -> NDArray[np.int64]:
+        """The first blocking cell on the way from each cell; the last one looked at where there is none."""
+        blocking = np.pad(self._grid.blocking, 1, constant_values=True)
+        shape = np.array(self._grid.cells.shape)
+        met, going = cells.copy(), np.ones(len(cells), np.bool_)
+        for step in range(1, int(2 * ROOM / self._grid.resolution) + 2):
+            here = np.floor(cells + along * step + 0.5).astype(np.int64)
+            met[going] = np.clip(here[going], -1, shape)
+            going &= ~blocking[met[:, 0] + 1, met[:, 1] + 1]
+        return met
+
+    def _filled(self, begin: NDArray[np.int64], end: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """The free cells on a line; where it goes on over a corner, the cell beside, too."""
+        count = int(np.abs(end - begin).max()) * _SAMPLES + 1
+        line = np.floor(np.linspace(begin, end, count) + 0.5).astype(np.int64)
+        corners = np.stack([line[:-1, 0], line[1:, 1]], axis=1)
+        rows, columns = np.concatenate([line, corners]).T
+        on_map = (rows >= 0) & (columns >= 0) & (rows < self._grid.rows) & (columns < self._grid.columns)
+        filled = np.zeros(self._grid.cells.shape, np.bool_)
+        filled[rows[on_map], columns[on_map]] = True
+        return filled & self._grid.free
+
+    def _parts(self, left: NDArray[np.bool_], door: Door) -> bool:
+        """True if what is left of a door's cells joins not all that the door joined."""
+        rows, columns = np.nonzero(left)
+        if not rows.size:
+            return True
+        south, west = max(int(rows.min()) - 1, 0), max(int(columns.min()) - 1, 0)
+        around = np.s_[south : int(rows.max()) + 2, west : int(columns.max()) + 2]
+        pieces = flood.regions(left[around])
+        labels = self.regions.labels[around]
+        for number in range(1, int(pieces.max()) + 1):
+            if set(door.regions).issubset(touching(labels, pieces == number)):
+                return False
+        return True

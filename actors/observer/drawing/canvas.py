@@ -1,0 +1,104 @@
+"""What everything is drawn on: a recording of rerun's, its time line, and the robots with their colours."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from actors.observer.colours import GREY, Colour
+from actors.observer.colours import robot as robot_colour
+
+TIMELINE: Final = "sim_time"
+RADIUS: Final = 0.177
+"""Of a drawn robot, m: a TurtleBot 2 as in the original's Stage model (0.354 m wide)."""
+FEW: Final = 12
+"""Among so many robots each has its tab, its name and its marks; more make do with less."""
+# Heights of the layers above the floor, m, in the order in which they cover each other.
+PLACE: Final = 0.02
+COSTS: Final = 0.03
+INTENT: Final = 0.04
+TRAIL: Final = 0.05
+LINK: Final = 0.06
+WAY: Final = 0.07
+BODY: Final = 0.10
+CLOUD: Final = 0.13
+NOSE: Final = 0.16
+LABEL: Final = 0.20
+_ANGLES: Final = np.linspace(0, 2 * np.pi, 25)
+CIRCLE: Final = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
+"""(25, 2): closed, of radius 1."""
+
+
+class Canvas:
+    """Takes pictures over time."""
+
+    def __init__(self, recording: rr.RecordingStream, robots: Sequence[str]) -> None:
+        """`robots`: in the scenario's order, which gives their colours."""
+        self.recording = recording
+        self.robots = tuple(robots)
+        self._index = {robot: number for number, robot in enumerate(robots)}
+
+    def colour(self, robot: str) -> Colour:
+        """A robot's colour; grey for one that is none of the run's."""
+        number = self._index.get(robot)
+        return GREY if number is None else robot_colour(number)
+
+    def still(self, path: str, drawn: Any) -> None:
+        """Draw what is there from the beginning to the end."""
+        self.recording.log(path, drawn, static=True)
+
+    def at(self, second: float, path: str, drawn: Any) -> None:
+        """Draw something anew at an instant, s."""
+        self.recording.set_time(TIMELINE, duration=_instants([second])[0])
+        self.recording.log(path, drawn)
+
+    def columns(self, path: str, seconds: Sequence[float] | NDArray[np.float64], columns: Any) -> None:
+        """Draw something anew at many instants, in s: a row of the columns for each."""
+        if len(seconds):
+            when = rr.TimeColumn(TIMELINE, duration=_instants(seconds))
+            self.recording.send_columns(path, [when], columns)
+
+    def strips(
+        self,
+        path: str,
+        seconds: Sequence[float] | NDArray[np.float64],
+        rows: Iterable[Sequence[Any]],
+        colours: Iterable[Sequence[Colour]] | None = None,
+    ) -> None:
+        """Draw lines anew at many instants: a row has any number of lines, each with a colour of its own
+        where there are `colours`."""
+        listed = [list(row) for row in rows]
+        lengths = [len(row) for row in listed]
+        flat = [np.asarray(strip, np.float32) for row in listed for strip in row]
+        more: Any = {} if colours is None else {"colors": packed([one for row in colours for one in row])}
+        if not flat:
+            flat, more = [], {}
+        self.columns(path, seconds, rr.LineStrips3D.columns(strips=flat, **more).partition(lengths))
+
+
+def _instants(seconds: Sequence[float] | NDArray[np.float64]) -> NDArray[np.timedelta64]:
+    """Whole microseconds, as instants of a run are."""
+    return np.round(np.asarray(seconds, np.float64) * 1e6).astype("timedelta64[us]")
+
+
+def packed(colours: Sequence[Colour]) -> NDArray[np.uint32]:
+    """Colours as rerun keeps them: one number each."""
+    parts = np.array(colours, np.uint32).reshape(-1, 3)
+    numbers = (parts[:, 0] << 24) | (parts[:, 1] << 16) | (parts[:, 2] << 8) | 0xFF
+    return numbers.astype(np.uint32)
+
+
+def ring(x: float, y: float, radius: float, height: float) -> NDArray[np.float32]:
+    """A circle as a line, (25, 3)."""
+    drawn: NDArray[np.float32] = np.column_stack(
+        (CIRCLE * radius + (x, y), np.full(len(CIRCLE), height))
+    ).astype(np.float32)
+    return drawn
+
+
+def lifted(points: NDArray[Any], height: float) -> NDArray[np.float32]:
+    """Points of the floor, (k, 2), at a height, (k, 3)."""
+    drawn: NDArray[np.float32] = np.column_stack((points, np.full(len(points), height))).astype(np.float32)
+    return drawn

@@ -1,0 +1,158 @@
+"""The arrangement of the window, which is saved in the file.
+
+The floor large, each robot's own view beside it, lanes and plots below, events on the right.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import rerun.blueprint as rrb
+
+from actors.floor.grid import OccupancyGrid
+from actors.observer.colours import GROUND
+from actors.observer.drawing.canvas import TIMELINE
+from actors.observer.drawing.robots import RECENT_S
+
+_FIELD_OF_VIEW: Final = math.radians(55.0)
+"""Of the viewer's camera, vertically; with it the height is chosen so that the map just fits."""
+_ASPECT: Final = 1.75
+"""Width over height of the floor's view in a usual window."""
+_OWN_HEIGHT: Final = 6.3
+"""From how high one looks at a robot's own view, m."""
+_SPEED: Final = 4.0
+"""Of the playback, simulated s per s."""
+_GROUND: Final = (GROUND,) * 3
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """What there is to be arranged."""
+
+    grid: OccupancyGrid
+    robots: Sequence[str]
+    """All, in their order."""
+    looked_into: Sequence[str] = ()
+    """Those that have a tab with their own view."""
+    end: float | None = None
+    """s; None: the run goes on, and the window follows it."""
+    true: bool = True
+    """False: nobody knows where robots were, and what is drawn is what they held."""
+
+
+def layout(what: Arrangement) -> rrb.Blueprint:
+    """The window's layout; side panels closed."""
+    left = rrb.Vertical(_swarm(what), rrb.Horizontal(_lanes(what), _plots(what)), row_shares=[2.1, 1])
+    parts: list[Any] = [left, _reading(what)]
+    live = what.end is None
+    speed: dict[str, Any] = {} if live else {"playback_speed": _SPEED}
+    return rrb.Blueprint(
+        rrb.Horizontal(*parts, column_shares=[2.35, 1]),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(
+            state="collapsed", timeline=TIMELINE, play_state="following" if live else "paused", **speed
+        ),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _swarm(what: Arrangement) -> rrb.Spatial3DView:
+    """The whole floor from above, north up."""
+    grid = what.grid
+    width, height = grid.corner.x - grid.origin.x, grid.corner.y - grid.origin.y
+    x, y = grid.origin.x + width / 2, grid.origin.y + height / 2
+    altitude = 1.04 * max(height, width / _ASPECT) / 2 / math.tan(_FIELD_OF_VIEW / 2)
+    to_cursor = rrb.TimeRangeBoundary.cursor_relative()
+    recent = rrb.VisibleTimeRange(
+        TIMELINE, start=rrb.TimeRangeBoundary.cursor_relative(seconds=-RECENT_S), end=to_cursor
+    )
+    ever = rrb.VisibleTimeRange(TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=to_cursor)
+    trails: dict[Any, Any] = {
+        f"/world/trails/{robot}": [rrb.VisibleTimeRanges([recent])] for robot in what.robots
+    }
+    history: dict[Any, Any] = {
+        f"/world/history/{robot}": [rrb.VisibleTimeRanges([ever])] for robot in what.robots
+    }
+    return rrb.Spatial3DView(
+        origin="/world",
+        name="Swarm, ground truth" if what.true else "Swarm, as the robots held it",
+        contents=["/world/**"],
+        background=_GROUND,
+        line_grid=False,
+        eye_controls=_eye(x, y, altitude),
+        overrides={**trails, **history},
+    )
+
+
+def _eye(x: float, y: float, altitude: float) -> rrb.EyeControls3D:
+    return rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        # A hair south of the target: straight down has no "up".
+        position=(x, y - 0.001 * altitude, altitude),
+        look_target=(x, y, 0.0),
+        eye_up=(0.0, 1.0, 0.0),
+    )
+
+
+def _own(robot: str, what: Arrangement) -> rrb.Vertical:
+    """One robot's view, with itself in the middle and north up, and what it knows."""
+    own = f"/world/robots/{robot}"
+    bodies = [f"/world/robots/{other}/turn/**" for other in what.robots]
+    view = rrb.Spatial3DView(
+        origin=own,
+        name=f"{robot}: what it sees and plans",
+        contents=["/world/map", "/world/places/**", *bodies, f"/inside/{robot}/**"],
+        background=_GROUND,
+        line_grid=False,
+        eye_controls=_eye(0.0, 0.0, _OWN_HEIGHT),
+    )
+    knowledge = rrb.TextDocumentView(origin=f"/knowledge/{robot}", name=f"{robot}: knowledge")
+    return rrb.Vertical(view, knowledge, row_shares=[3, 2], name=robot)
+
+
+def _reading(what: Arrangement) -> Any:
+    """What is on the right."""
+    columns = rrb.TextLogColumns(text_log_columns=["body"])
+    events: Any = rrb.TextLogView(origin="/events", name="Events", columns=columns)
+    if not what.looked_into:
+        return events
+    below = rrb.Tabs(events, rrb.GraphView(origin="/ensembles", name="Ensembles"), active_tab=0)
+    tabs = rrb.Tabs(*(_own(robot, what) for robot in what.looked_into), active_tab=0, name="Robots")
+    return rrb.Vertical(tabs, below, row_shares=[3, 1])
+
+
+def _lanes(what: Arrangement) -> rrb.StateTimelineView:
+    return rrb.StateTimelineView(origin="/states", name="What each robot does", time_view=_whole(what))
+
+
+def _plots(what: Arrangement) -> rrb.Tabs:
+    axis = _whole(what)
+
+    def plot(path: str, name: str, **more: Any) -> rrb.TimeSeriesView:
+        return rrb.TimeSeriesView(origin=f"/plots/{path}", name=name, axis_x=axis, **more)
+
+    hidden = rrb.PlotLegend(visible=False)
+    done = plot("places", "Places done", plot_legend=hidden)
+    tabs: list[Any] = [plot("speed", "Speed, m/s", plot_legend=hidden)]
+    if what.true:
+        tabs.insert(0, plot("error", "Pose error, m", plot_legend=hidden))
+    if what.end is None:
+        return rrb.Tabs(done, *tabs, active_tab=0, name="Plots")
+    copies = plot("copies", "Copies of frames per second, by fate", plot_legend=rrb.Corner2D.LeftTop)
+    first = rrb.Vertical(done, copies, name="Progress and radio")
+    rssi = plot("rssi", "RSSI, dBm", axis_y=rrb.ScalarAxis(range=(-100, -30)), plot_legend=hidden)
+    ages = plot("ages", "Age of replicas, s", plot_legend=hidden)
+    return rrb.Tabs(first, rssi, *tabs, ages, active_tab=0, name="Plots")
+
+
+def _whole(what: Arrangement) -> rrb.TimeAxis | None:
+    """From the beginning to the end, where that is known."""
+    if what.end is None:
+        return None
+    absolute = rrb.TimeRangeBoundary.absolute
+    return rrb.TimeAxis(
+        view_range=rrb.TimeRange(start=absolute(seconds=0.0), end=absolute(seconds=max(1.0, what.end)))
+    )

@@ -1,0 +1,83 @@
+"""Radio: who hears whom how strongly, and where copies of frames are lost, by cause."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from actors.observer.colours import FATES, LINK, Colour, faded
+from actors.observer.drawing.canvas import FEW, NOSE, Canvas, ring
+from actors.observer.drawing.canvas import LINK as HEIGHT
+
+_LASTING: Final = 2.5
+"""So long a link fades, s: somewhat longer than robots take to publish twice."""
+_WEAKEST: Final = -95.0
+_STRONGEST: Final = -45.0
+"""Between these, dBm, a link is the brighter the stronger it is."""
+SHOWN: Final = ("collision", "disturbed", "half duplex", "receiver busy")
+"""Losses with a ring at their receiver. Who is out of reach is silent, and who is off, too."""
+
+
+def period(canvas: Canvas) -> float:
+    """How often links are drawn anew, s: as often as robots move, where that is not too much to draw."""
+    return 0.2 if len(canvas.robots) <= FEW else 1.0
+
+
+def introduce_radio(canvas: Canvas) -> None:
+    """How links and losses look."""
+    canvas.still("world/radio/links", rr.LineStrips3D.from_fields(radii=[-1.0]))
+    canvas.still("world/radio/losses", rr.LineStrips3D.from_fields(radii=[-2.0]))
+
+
+def draw_links(
+    canvas: Canvas,
+    seconds: NDArray[np.float64],
+    positions: NDArray[np.float64],
+    heard: NDArray[np.float64],
+) -> None:
+    """Draw links at `seconds`, (n,), with robots at `positions`, (n, robots, 2), m.
+
+    `heard`: (k, 4) instant, s, index of sender and of receiver, RSSI, dBm, in order of the instants.
+    """
+    rows: list[list[NDArray[np.float64]]] = [[] for _ in seconds]
+    colours: list[list[Colour]] = [[] for _ in seconds]
+    pairs = np.sort(heard[:, 1:3].astype(np.int64), axis=1)
+    for one, other in np.unique(pairs, axis=0).tolist():
+        mine = heard[(pairs == (one, other)).all(axis=1)]
+        last = np.searchsorted(mine[:, 0], seconds, side="right") - 1
+        since = np.where(last >= 0, seconds - mine[last, 0], np.inf)
+        for k in np.flatnonzero(since < _LASTING).tolist():
+            ends = np.column_stack((positions[k, [one, other]], (HEIGHT, HEIGHT)))
+            rows[k].append(ends)
+            colours[k].append(_brightness(mine[last[k], 3], since[k]))
+    canvas.strips("world/radio/links", seconds, rows, colours)
+
+
+def _brightness(rssi_dbm: float, since: float) -> Colour:
+    strong = min(1.0, max(0.0, (rssi_dbm - _WEAKEST) / (_STRONGEST - _WEAKEST)))
+    return faded(LINK, (0.35 + 0.6 * strong) * max(0.15, 1 - since / _LASTING))
+
+
+def draw_losses(
+    canvas: Canvas,
+    seconds: NDArray[np.float64],
+    positions: NDArray[np.float64],
+    losses: Sequence[tuple[float, int, str]],
+) -> None:
+    """A ring at the receiver of each lost copy, (instant, s, receiver, cause), from the next of `seconds` on
+    for a while; `positions`: as for `draw_links`."""
+    shown = 5 if len(canvas.robots) <= FEW else 1
+    marks: list[dict[int, str]] = [{} for _ in seconds]
+    for second, receiver, cause in losses:
+        if cause in SHOWN:
+            first = int(np.searchsorted(seconds, second))
+            for mark in marks[first : first + shown]:
+                mark[receiver] = cause
+    rows = [
+        [ring(positions[k, who, 0], positions[k, who, 1], 0.34, NOSE) for who in mark]
+        for k, mark in enumerate(marks)
+    ]
+    colours = [[FATES[cause] for cause in mark.values()] for mark in marks]
+    canvas.strips("world/radio/losses", seconds, rows, colours)

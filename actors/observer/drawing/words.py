@@ -1,0 +1,187 @@
+"""What is read rather than looked at: lanes of what robots do, events, knowledge, plots, ensembles."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from actors.observer.colours import GREY, LANES, Colour
+from actors.observer.drawing.canvas import Canvas, packed
+
+_SHORTEST: Final = 0.6
+"""A spell in a lane that lasts less long, s, goes with what was before."""
+_PHRASES: Final = {"driving": "to {}", "adopted": "adopted {}", "BLOCKED": "BLOCKED, {}"}
+_ROUND: Final = 60.0
+"""Radius of the circle in which robots stand in the graph of ensembles."""
+
+
+class Spell(NamedTuple):
+    """What a robot is about from an instant on."""
+
+    second: float
+    activity: str
+    """One of LANES."""
+    destination: str = ""
+    """Its name, as in "r1/3"."""
+
+
+class Event(NamedTuple):
+    """Something that happened."""
+
+    second: float
+    robot: str
+    words: str
+    level: str = "INFO"
+    """INFO, WARN or ERROR."""
+
+
+def draw_lane(canvas: Canvas, robot: str, spells: Sequence[Spell]) -> None:
+    """What a robot does over time, with where it heads for in the label."""
+    shown = settled(spells)
+    kinds = {_label(spell): LANES[spell.activity] for spell in shown}
+    canvas.still(
+        f"states/{robot}",
+        rr.StateConfiguration(values=list(kinds), labels=list(kinds), colors=list(kinds.values())),
+    )
+    canvas.columns(
+        f"states/{robot}",
+        [spell.second for spell in shown],
+        rr.StateChange.columns(state=[_label(spell) for spell in shown]),
+    )
+
+
+def introduce_lane(canvas: Canvas, robot: str) -> None:
+    """A lane that is continued while a run goes on."""
+    names = list(LANES)
+    style = rr.StateConfiguration(values=names, labels=names, colors=list(LANES.values()))
+    canvas.still(f"states/{robot}", style)
+
+
+def continue_lane(canvas: Canvas, robot: str, second: float, activity: str) -> None:
+    """What a robot is about from an instant on."""
+    canvas.at(second, f"states/{robot}", rr.StateChange(state=activity))
+
+
+def settled(spells: Sequence[Spell]) -> list[Spell]:
+    """The same without what lasts too short to be seen; what is blocked, frozen or off always is."""
+    kept: list[Spell] = []
+    for spell, after in zip(spells, [*(one.second for one in spells[1:]), np.inf], strict=True):
+        short = after - spell.second < _SHORTEST and spell.activity not in ("BLOCKED", "frozen", "off")
+        if (kept and short) or (kept and kept[-1][1:] == spell[1:]):
+            continue
+        kept.append(spell)
+    return kept
+
+
+def _label(spell: Spell) -> str:
+    phrase = _PHRASES.get(spell.activity)
+    return phrase.format(spell.destination) if phrase and spell.destination else spell.activity
+
+
+def draw_events(canvas: Canvas, source: str, events: Sequence[Event]) -> None:
+    """Events as text, in the colours of their robots; `source`: a name for those that come together."""
+    ordered = sorted(events)
+    for robot in dict.fromkeys(event.robot for event in ordered):
+        mine = [event for event in ordered if event.robot == robot]
+        canvas.columns(
+            f"events/{robot or 'run'}/{source}",
+            [event.second for event in mine],
+            rr.TextLog.columns(
+                text=[f"{robot} {event.words}" if robot else event.words for event in mine],
+                level=[event.level for event in mine],
+                color=packed([canvas.colour(robot)] * len(mine)),
+            ),
+        )
+
+
+def draw_knowledge(
+    canvas: Canvas, robot: str, tables: Sequence[tuple[float, Sequence[tuple[str, str]]]]
+) -> None:
+    """A robot's knowledge as a table, from each instant on."""
+    texts = [_table(robot, rows) for _, rows in tables]
+    canvas.columns(
+        f"knowledge/{robot}",
+        [second for second, _ in tables],
+        rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts)),
+    )
+
+
+def _table(robot: str, rows: Sequence[tuple[str, str]]) -> str:
+    """In Markdown; a value may hold anything, and stays in its cell."""
+    told = ((name, value.replace("|", "/").replace("\n", " ").replace("`", "'")) for name, value in rows)
+    return "\n".join((f"| {robot} | |", "|---|---|", *(f"| {name} | {value} |" for name, value in told)))
+
+
+def introduce_line(
+    canvas: Canvas, path: str, name: str, colour: Colour, *, steps: bool = False, dots: bool = False
+) -> None:
+    """How a plot's line looks; in steps, or as dots."""
+    if dots:
+        style = rr.SeriesPoints(colors=[colour], names=[name], markers=["Circle"], marker_sizes=[1.8])
+        canvas.still(path, style)
+        return
+    mode: Any = "StepAfter" if steps else None
+    canvas.still(path, rr.SeriesLines(colors=[colour], names=[name], widths=[1.6], interpolation_mode=mode))
+
+
+def draw_line(
+    canvas: Canvas, path: str, seconds: Sequence[float] | NDArray[np.float64], values: NDArray[np.float64]
+) -> None:
+    """A plot's points."""
+    canvas.columns(path, seconds, rr.Scalars.columns(scalars=values))
+
+
+class Exchange(NamedTuple):
+    """That a robot has learnt something of another's knowledge."""
+
+    second: float
+    ensemble: str
+    source: str
+    learner: str
+
+
+def draw_ensembles(canvas: Canvas, exchanges: Sequence[Exchange], lasting: float) -> None:
+    """The robots in a circle, and between them each ensemble that has exchanged something within `lasting`
+    s: from whom to whom."""
+    where = _circle(canvas.robots)
+    canvas.still(
+        "ensembles/robots",
+        rr.GraphNodes(
+            list(canvas.robots),
+            positions=[where[robot] for robot in canvas.robots],
+            labels=list(canvas.robots),
+            colors=[canvas.colour(robot) for robot in canvas.robots],
+            radii=[6.0] * len(canvas.robots),
+        ),
+    )
+    known = [one for one in exchanges if one.source in where and one.learner in where]
+    moments = sorted({0.0, *(at for one in known for at in (one.second, one.second + lasting))})
+    for second in moments:
+        now = [one for one in known if one.second <= second < one.second + lasting]
+        names = {f"{one.ensemble}: {one.source} > {one.learner}": one for one in now}
+        canvas.at(second, "ensembles/exchanges", _between(names, where))
+        edges = [edge for name, one in names.items() for edge in ((one.source, name), (name, one.learner))]
+        canvas.at(second, "ensembles/exchanges/edges", rr.GraphEdges(edges, graph_type="directed"))
+
+
+def _between(names: Mapping[str, Exchange], where: Mapping[str, tuple[float, float]]) -> rr.GraphNodes:
+    """A node for each exchange, halfway between the two."""
+    ends = [(where[one.source], where[one.learner]) for one in names.values()]
+    return rr.GraphNodes(
+        list(names),
+        positions=[((a[0] + b[0]) / 2, (a[1] + b[1]) / 2) for a, b in ends],
+        labels=[one.ensemble for one in names.values()],
+        colors=[GREY] * len(names),
+        radii=[3.0] * len(names),
+    )
+
+
+def _circle(robots: Sequence[str]) -> dict[str, tuple[float, float]]:
+    angles = np.linspace(0, 2 * np.pi, len(robots), endpoint=False) - np.pi / 2
+    size = _ROUND * max(1.0, len(robots) / 6)
+    return {
+        robot: (size * float(np.cos(angle)), size * float(np.sin(angle)))
+        for robot, angle in zip(robots, angles, strict=True)
+    }

@@ -1,0 +1,125 @@
+"""Behaviours that follow one another: `first>second@120` is the first, and from 120 s on the second.
+
+The second is made at the first step from that instant on, with the robot's own random stream where the first
+has left it, where the robot holds itself to be, and settings of its own defaults. Its component says itself
+what it takes over of the knowledge of the first one's (`Heir`); the node goes on counting where that one has
+ended, so that peers take what it says as newer. Knowledge of others is not passed on: they say it again.
+What the first has asked of the robot beside its goal ends: it stands no longer still, and disregards nobody.
+"""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Final, NamedTuple
+
+from actors.instant import Instant, seconds
+from actors.robot.behaviour.entry import BehaviourError, entry_function, load_behaviour
+from actors.robot.behaviour.node_host import take_over
+from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
+
+_THEN: Final = ">"
+_AT: Final = "@"
+
+
+class Turn(NamedTuple):
+    """From when on another behaviour decides."""
+
+    at_s: float
+    name: str
+    """Its entry string; in a scenario also a strategy's name."""
+
+
+def split(text: str) -> tuple[str, tuple[Turn, ...]]:
+    """The name that comes first, and those that follow it. Raises BehaviourError."""
+    first, *others = text.split(_THEN)
+    turns = tuple(_turn(text, other) for other in others)
+    instants = [0.0, *(turn.at_s for turn in turns)]
+    if any(later <= earlier for earlier, later in pairwise(instants)):
+        raise BehaviourError(f"behaviour {text!r}: each instant should be later than the one before, and 0 s")
+    return first, turns
+
+
+def joined(first: str, turns: Sequence[Turn]) -> str:
+    """What `split` takes apart."""
+    return "".join([first, *(f"{_THEN}{turn.name}{_AT}{turn.at_s!r}" for turn in turns)])
+
+
+def names(text: str) -> tuple[str, ...]:
+    """All names in it, the first one first. Raises BehaviourError."""
+    first, turns = split(text)
+    return (first, *(turn.name for turn in turns))
+
+
+def behaviour_of(text: str, start: Start) -> Behaviour:
+    """The behaviour of one entry, or of several that follow one another; raises as `load_behaviour` does."""
+    first, turns = split(text)
+    return _Succession(start, first, turns) if turns else load_behaviour(first, start)
+
+
+class _Succession:
+    """The behaviour whose turn it is."""
+
+    def __init__(self, start: Start, first: str, turns: Sequence[Turn]) -> None:
+        for turn in turns:
+            entry_function(turn.name)  # what is missing is said before the first step
+        self._start = start
+        self._present = load_behaviour(first, start)
+        self._left = deque(turns)
+        self._begun = False
+        self._paused = False
+        self._masked = False
+
+    def advance(self, view: View, until: Instant) -> Decision:
+        """As the one whose turn it is."""
+        relieved = False
+        while self._left and seconds(self._left[0].at_s) <= view.instant:
+            self._relieve(self._left.popleft(), view)
+            relieved = True
+        self._begun = True
+        decision = self._present.advance(view, until)
+        if relieved and self._paused and decision.paused is None:
+            decision = replace(decision, paused=False)
+        if relieved and self._masked and decision.peers is None:
+            decision = replace(decision, peers=())
+        if decision.paused is not None:
+            self._paused = decision.paused
+        if decision.peers is not None:
+            self._masked = bool(decision.peers)
+        return decision
+
+    def outcome(self) -> dict[str, object]:
+        """What the last one has to say; a node's counters are those of all."""
+        say = getattr(self._present, "outcome", None)
+        return {} if say is None else say()
+
+    def _relieve(self, turn: Turn, view: View) -> None:
+        """A robot that begins later than the turn has nothing to pass on."""
+        start = self._start
+        if self._begun:
+            start = replace(start, pose=view.pose)
+        heir = load_behaviour(turn.name, replace(start, settings=MappingProxyType({})))
+        if self._begun:
+            take_over(heir, self._present, turn.name)
+        self._present = heir
+
+
+def instant_of(text: str) -> float | None:
+    """The s that a text such as "120" or "59.5" stands for; None if it stands for none, or not above 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) and value > 0 else None
+
+
+def _turn(text: str, other: str) -> Turn:
+    name, at, instant = other.rpartition(_AT)
+    at_s = instant_of(instant)
+    if not (name and at) or at_s is None:
+        raise BehaviourError(
+            f"behaviour {text!r}: it should look like 'first{_THEN}second{_AT}120', the instant in s"
+        )
+    return Turn(at_s, name)

@@ -1,0 +1,72 @@
+"""A debugger in the user's own code, at whichever terminal somebody sits; meanwhile the whole run waits."""
+
+import os
+import pdb
+import sys
+from pathlib import Path
+from types import FrameType
+from typing import Any, Final, TextIO
+
+from actors.runtime.errors import AcrcError
+
+_ROOT: Final = Path(__file__).resolve().parents[2]
+_OURS: Final = tuple(f"{_ROOT / name}/" for name in ("actors", "deeco", "deploy", "firmware_bridge"))
+"""What a strategy runs on. The shipped strategies are somebody's own code like any other."""
+
+
+class DebuggerError(AcrcError):
+    """A debugger that is not there, or that nobody has come to, or that somebody has left."""
+
+
+class UserPdb(pdb.Pdb):
+    """Steps over everything that a strategy runs on."""
+
+    def __init__(self, stdin: TextIO | None = None, stdout: TextIO | None = None) -> None:
+        super().__init__(stdin=stdin, stdout=stdout, skip=["*"])  # so that is_skipped_module is asked
+
+    def is_skipped_module(self, module_name: Any) -> bool:
+        """True for all but the user's code."""
+        module = sys.modules.get(module_name or "")
+        file = getattr(module, "__file__", None)
+        if file is None:
+            return True
+        return str(Path(file).resolve()).startswith((*_OURS, sys.prefix, sys.base_prefix))
+
+
+class _RobotPdb(UserPdb):
+    """Ends the run, with a sentence, when somebody leaves it."""
+
+    def set_quit(self) -> None:
+        """Raises DebuggerError."""
+        super().set_quit()
+        sys.settrace(None)
+        raise DebuggerError("somebody has left the debugger; `c` goes on with the run")
+
+
+def stop_at(terminal: str) -> None:
+    """From now on `breakpoint()` in this process stops there, and what is printed appears there.
+
+    `terminal`: the path of a device. Raises DebuggerError where it cannot be opened.
+    """
+    try:
+        device = os.open(terminal, os.O_RDWR | os.O_NOCTTY)
+    except OSError as error:
+        raise DebuggerError(f"{terminal}: no terminal for a debugger: {error.strerror}") from None
+    reading = os.fdopen(device, encoding="utf-8", errors="replace")
+    writing = os.fdopen(os.dup(device), "w", encoding="utf-8", buffering=1)
+    sys.stdin, sys.stdout = reading, writing
+    sys.breakpointhook = lambda *args, **kwargs: _stop(sys._getframe(1), reading, writing)
+
+
+def ignore_breakpoints() -> None:
+    """From now on `breakpoint()` in this process does nothing: another robot is debugged."""
+    sys.breakpointhook = lambda *args, **kwargs: None
+
+
+def stop_here(frame: FrameType | None) -> None:
+    """Stop in a frame, at the standard streams of this process."""
+    _RobotPdb().set_trace(frame)
+
+
+def _stop(frame: FrameType, reading: TextIO, writing: TextIO) -> None:
+    _RobotPdb(reading, writing).set_trace(frame)

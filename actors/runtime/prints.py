@@ -1,0 +1,174 @@
+"""What the code in an actor prints or logs, line by line with simulated time and step, in bounded amount.
+
+It has no part in messages, recordings and digests. What is written past Python's own streams, as by
+`os.write(1, …)`, keeps its way.
+"""
+
+import io
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final, TextIO
+
+MOST: Final = 4 * 1024 * 1024
+"""Characters that one process may print; own choice: more than anybody reads, and little on a disk."""
+LONGEST: Final = 4096
+"""Characters of a line; a longer one goes on in the next."""
+
+
+class Prints:
+    """Of one process of a robot. Nothing is written before something is printed."""
+
+    def __init__(
+        self,
+        step_us: int,
+        write: Callable[[str], object],
+        flush: Callable[[], object] = lambda: None,
+        shut: Callable[[], object] = lambda: None,
+    ) -> None:
+        """`write` is given what is to be shown, piece by piece; `flush` follows a step that printed, and
+        `shut` the last one."""
+        self._step_us = step_us
+        self._write, self._flush, self._shut = write, flush, shut
+        self._stamp = ""
+        self._column = 0
+        """Characters of the line so far; 0: the next one begins a line."""
+        self._kept = 0
+        self._lost = self._lost_lines = 0
+        self._dirty = False
+
+    @contextmanager
+    def during(self, step: int) -> Iterator[None]:
+        """What this process prints meanwhile belongs to this step of this actor."""
+        self._stamp = f"{step * self._step_us / 1e6:10.3f} s  step {step}  "
+        with taken_by(self):
+            try:
+                yield
+            finally:
+                if self._dirty:
+                    self._dirty = False
+                    self._flush()
+
+    def take(self, text: str) -> None:
+        """Something that was printed: any part of a line, or several."""
+        *lines, rest = text.split("\n")
+        for piece in [*(f"{line}\n" for line in lines), rest]:
+            for start in range(0, len(piece), LONGEST):
+                self._take(piece[start : start + LONGEST])
+
+    def close(self) -> None:
+        """Say how much was not kept, if anything was not; the last call."""
+        if self._lost:
+            self._write(
+                f"{self._lost_lines} more lines, {self._lost} characters, were printed and not kept\n"
+            )
+            self._flush()
+
+    def _take(self, piece: str) -> None:
+        if self._kept >= MOST:
+            self._lost += len(piece)
+            self._lost_lines += piece.endswith("\n")
+            return
+        self._dirty = True
+        if self._column + len(piece) > LONGEST:
+            self._write("\n")
+            self._column = 0
+        self._write(piece if self._column else self._stamp + piece)
+        self._column = 0 if piece.endswith("\n") else self._column + len(piece)
+        self._kept += len(piece)
+        if self._kept >= MOST:
+            self._write(f"{'' if not self._column else chr(10)}{self._stamp}too much: nothing more is kept\n")
+            self._column = 0
+
+
+def in_file(path: Path, step_us: int) -> Prints:
+    """Prints in a new file, which is made once there is something to write."""
+    file: list[io.TextIOWrapper] = []
+
+    def opened() -> io.TextIOWrapper:
+        if not file:
+            number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o644)
+            file.append(
+                io.TextIOWrapper(os.fdopen(number, "wb"), encoding="utf-8", errors="backslashreplace")
+            )
+        return file[0]
+
+    def shut() -> None:
+        for one in file:
+            one.close()
+
+    return Prints(step_us, lambda text: opened().write(text), lambda: opened().flush(), shut)
+
+
+def on(stream: TextIO, step_us: int) -> Prints:
+    """Prints on a stream that is there."""
+    return Prints(step_us, stream.write, stream.flush)
+
+
+def nowhere() -> Prints:
+    """Prints that nobody wants to see."""
+    return Prints(1, lambda text: None)
+
+
+class _Desk(io.TextIOBase):
+    """Stands where standard output or error was; logging keeps hold of it, whoever's turn it then is."""
+
+    def __init__(self) -> None:
+        self.behind: Any = None
+        """What stood there."""
+
+    @property
+    def buffer(self) -> Any:
+        """Of what stood there: bytes keep their way."""
+        return self.behind.buffer
+
+    def fileno(self) -> int:
+        """Of what stood there."""
+        number: int = self.behind.fileno()
+        return number
+
+    def writable(self) -> bool:
+        """It is."""
+        return True
+
+    def write(self, text: str) -> int:
+        """To whoever's turn it is, and else to what stood there."""
+        if _turn.prints is None:
+            self.behind.write(text)
+        else:
+            _turn.prints.take(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Of what stood there, unless it is somebody's turn."""
+        if _turn.prints is None and self.behind is not None:
+            self.behind.flush()
+
+
+class _Turn:
+    """Whose turn it is in this process."""
+
+    prints: Prints | None = None
+
+
+_turn: Final = _Turn()
+_OUT, _ERR = _Desk(), _Desk()
+
+
+@contextmanager
+def taken_by(prints: Prints | None) -> Iterator[None]:
+    """What is printed meanwhile goes to `prints`; None: its way.
+
+    Who keeps hold of standard error meanwhile, as logging does, keeps hold of whoever's turn it is then.
+    """
+    before = sys.stdout, sys.stderr, _turn.prints
+    for desk, stream in ((_OUT, sys.stdout), (_ERR, sys.stderr)):
+        if stream is not desk:
+            desk.behind = stream
+    sys.stdout, sys.stderr, _turn.prints = _OUT, _ERR, prints
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr, _turn.prints = before

@@ -1,0 +1,119 @@
+"""What is changed where a branch leaves its run: read from the command line, and brought among the orders."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from operator import attrgetter
+from pathlib import Path
+
+from actors.instant import seconds
+from actors.messages import CONTROL, Control
+from actors.orders import Order, Pause, Resume, Speed, Step, Stop
+from actors.robot.behaviour import succession
+from actors.runtime.codec import decode, encode
+from actors.runtime.core import at
+from deploy.replay.recorded_orders import TimedControl
+from deploy.run import orders
+from deploy.usage import OptionError, wrong_value
+
+
+@dataclass(frozen=True)
+class Event:
+    """An order that the run was not given."""
+
+    order: Order
+    at_s: float
+    words: str
+    """As it was typed, without the instant."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """Where a branch leaves its run, and how."""
+
+    at_s: float
+    strategy: str | None = None
+    """Decides from there on; None: whichever did."""
+    events: tuple[Event, ...] = ()
+    """In the order in which they were given."""
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What is changed, for people."""
+        changed = () if self.strategy is None else (f"strategy {self.strategy} from {self.at_s:g} s on",)
+        return (*changed, *(f"{event.words} at {event.at_s:g} s" for event in self.events))
+
+
+def place(text: str) -> tuple[Path, float]:
+    """The folder and the instant, s, that a text such as `runs/seen@120` means. Raises OptionError."""
+    folder, _, instant = text.rpartition("@")
+    at_s = succession.instant_of(instant)
+    if not folder or at_s is None:
+        raise wrong_value("--from", text, "a run's folder and an instant above 0 in s, such as runs/seen@120")
+    return Path(folder), at_s
+
+
+def event(text: str, branch_s: float) -> Event:
+    """The event that a text such as `kill r2 at 130` means; without instant, at that of the branch.
+
+    Raises OptionError for words that are no order, and for an instant before the branch.
+    """
+    words, at_s = text.split(), branch_s
+    if "at" in words[-2:-1]:
+        given = succession.instant_of(words[-1])
+        if given is None or given < branch_s:
+            raise wrong_value("--event", text, f"an order, and at its end an instant from {branch_s:g} s on")
+        words, at_s = words[:-2], given
+    if not words:
+        raise wrong_value("--event", text, "an order as of `acrc order`, such as kill r2 at 130")
+    try:
+        order = orders.parse(words[0], words[1:])
+    except OptionError as error:
+        raise OptionError(f"--event: {error}") from None
+    if isinstance(order, Pause | Resume | Step | Speed | Stop):
+        raise wrong_value("--event", text, "an order that changes what happens; pause, speed and stop do not")
+    return Event(order, at_s, " ".join(words))
+
+
+def with_events(
+    recorded: Iterable[TimedControl], events: Sequence[Event], step_us: int
+) -> list[TimedControl]:
+    """All orders in the order of their boundaries; an event comes before what the run was given there.
+
+    The world takes one message at a boundary, so there it becomes part of the first one.
+    """
+    own = {step: list(group) for step, group in groupby(_by_step(events, step_us), key=attrgetter("step"))}
+    given: list[TimedControl] = []
+    for taken in recorded:
+        control = taken
+        for step in [step for step in own if step <= taken.step]:
+            orders_there = tuple(one.order for one in own.pop(step))
+            if step == taken.step:
+                told = decode(at(CONTROL).topic, CONTROL.key(), taken.payload)
+                assert isinstance(told, Control)
+                control = TimedControl(step, _encoded((*orders_there, *told.orders), told.ticket))
+            else:
+                given.append(TimedControl(step, _encoded(orders_there)))
+        given.append(control)
+    given += [TimedControl(step, _encoded(tuple(one.order for one in group))) for step, group in own.items()]
+    return given
+
+
+@dataclass(frozen=True)
+class _Boundary:
+    step: int
+    order: Order
+
+
+def boundary(at_s: float, step_us: int) -> int:
+    """The first step that does not begin before the instant."""
+    return -(-seconds(at_s) // step_us)
+
+
+def _by_step(events: Sequence[Event], step_us: int) -> list[_Boundary]:
+    there = [_Boundary(boundary(one.at_s, step_us), one.order) for one in events]
+    return sorted(there, key=attrgetter("step"))
+
+
+def _encoded(given: tuple[Order, ...], ticket: str = "") -> bytes:
+    return encode(Control(0, given, ticket), CONTROL.key())

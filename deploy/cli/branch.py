@@ -1,0 +1,69 @@
+"""`acrc run --from`: a recorded run continued with one thing changed."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import typer
+from rich.console import Console
+
+from deploy.usage import OptionError
+
+
+def continue_run(
+    place: str,
+    strategy: str | None,
+    events: Sequence[str],
+    out: Path | None,
+    others: Sequence[str],
+    *,
+    trust: bool,
+    json: bool,
+) -> None:
+    """Carry the branch out and say what came of it; `others`: options that belong to whole runs only."""
+    from cleaning.strategies import StrategyError, entry
+    from deploy.branches.change import Change, event
+    from deploy.branches.change import place as place_of
+    from deploy.run.options import folder_name, run_options
+
+    if others:
+        raise OptionError(f"{others[0]}: a branch is as its run was; must stand without --from")
+    origin, at_s = place_of(place)
+    try:
+        change = Change(at_s, strategy, tuple(event(text, at_s) for text in events))
+        if strategy is not None:
+            entry(strategy)
+    except StrategyError as error:
+        raise OptionError(f"--strategy: {error}") from None
+    name = f"{folder_name(Path(origin.name))}-branch"
+    options = run_options(out or Path("runs", name), bus="memory", scenario=origin.name, json=json)
+
+    from dataclasses import replace
+
+    from deploy.branches.branching import branch
+    from deploy.processes.signals import Interrupted
+    from deploy.results import summary
+    from deploy.run import out_folder
+    from deploy.run.kernels import compile_kernels
+
+    if out is None:
+        options = replace(options, out=out_folder.claim(options.out.parent, name))
+    try:
+        with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
+            compile_kernels(quiet=json)
+            branched = branch(origin, change, options, trust=trust)
+    except Interrupted as interrupt:
+        raise typer.Exit(interrupt.exit_code) from None
+    summary.print_result(branched.result, json=json)
+    console = Console(stderr=True, soft_wrap=True, highlight=False)
+    changes = "; ".join(change.words) or "nothing changed"
+    console.print(
+        f"branch of {origin} at {at_s:g} s: {changes}; up to there again in {branched.again_s:.1f} s",
+        markup=False,
+    )
+    parted = branched.divergence
+    if parted is None:
+        console.print(f"identical: the digest of {origin}", markup=False)
+        return
+    console.print(f"first difference: {parted.words}", markup=False)
+    robots = ", ".join(f"{robot} from {at:g} s" for robot, at in sorted(parted.robots.items()))
+    console.print(f"does or meets otherwise: {robots or 'nobody'}", markup=False)

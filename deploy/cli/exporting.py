@@ -1,0 +1,42 @@
+"""`acrc export`: a run as tables."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from deploy.usage import OptionError
+
+
+def export(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")],
+    parquet: Annotated[bool, typer.Option("--parquet", help="As Parquet files.")] = False,
+    folder: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Where to.  [default: OUT/tables]")
+    ] = None,
+    trust: Annotated[
+        bool, typer.Option("--trust", help="Run the code that the recordings name, whoever wrote it.")
+    ] = False,
+) -> None:
+    """Write poses, estimates, goals, frames, knowledge, exchanges, places and decisions as tables.
+
+    What is not recorded is computed by executing radio and robots again.
+    """
+    if not parquet:
+        raise OptionError(f"export {out}: should stand with --parquet")
+    from deploy.replay.run_recordings import recordings
+    from deploy.replay.trusted_replay import check_trust
+
+    for actor in recordings(out):
+        check_trust(out, actor, trust=trust)
+    from deploy.export import parquet_files, rows
+    from deploy.run import out_folder
+
+    console = Console(stderr=True)
+    with console.status("reading") as status:
+        found = rows.tables(out, lambda actor: status.update(f"executing {actor} again"))
+    where = folder or out / "tables"
+    with out_folder.writing(where):
+        for path, count in parquet_files.write(found, where):
+            print(f"{path}: {count} rows")

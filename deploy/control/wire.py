@@ -1,0 +1,114 @@
+"""What page and server say to one another: JSON, a text a message; what comes from a page is checked."""
+
+from typing import Annotated, Final
+
+import msgspec
+
+ASK_BYTES: Final = 1024
+"""No message from a page is longer."""
+
+
+class Ask(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An order that somebody gives on the page."""
+
+    id: Annotated[int, msgspec.Meta(ge=0, lt=1 << 31)]
+    """Chosen by the page; what became of the order carries it."""
+    order: Annotated[str, msgspec.Meta(min_length=1, max_length=200)]
+    """As one types it behind `acrc order RUN`."""
+
+
+class Said(msgspec.Struct, frozen=True, tag_field="kind", tag="said"):
+    """What became of an order."""
+
+    id: int
+    order: str
+    refusal: str
+    """A sentence; empty: it was carried out."""
+
+
+class Body(msgspec.Struct, frozen=True, array_like=True):
+    """A robot on the map."""
+
+    id: str
+    x: float
+    y: float
+    heading: float
+    standing: str
+    """driving, frozen or ended."""
+
+
+class Circle(msgspec.Struct, frozen=True, array_like=True):
+    """An obstacle, or a jammer while it is on."""
+
+    x: float
+    y: float
+    radius: float
+
+
+class Line(msgspec.Struct, frozen=True, array_like=True):
+    """A wall that somebody has put."""
+
+    x: float
+    y: float
+    to_x: float
+    to_y: float
+
+
+class Place(msgspec.Struct, frozen=True, array_like=True):
+    """A place to be cleaned."""
+
+    owner: str
+    x: float
+    y: float
+
+
+class Floor(msgspec.Struct, frozen=True, tag_field="kind", tag="floor"):
+    """What does not change: sent once."""
+
+    png: str
+    """Base64: opaque where something stands, half where nobody knows, else clear; north is up."""
+    west: float
+    south: float
+    width: float
+    """m, as all lengths."""
+    height: float
+    radii: dict[str, float]
+    """Of the robots' bodies, by id."""
+    places: tuple[Place, ...]
+
+
+class State(msgspec.Struct, frozen=True, tag_field="kind", tag="state"):
+    """How things stand: the newest there is."""
+
+    t: float
+    """Simulated s."""
+    step: int
+    robots: tuple[Body, ...]
+    done: tuple[int, ...]
+    """Indices in Floor.places of those that were reported."""
+    given_up: tuple[int, ...]
+    obstacles: tuple[Circle, ...]
+    jammers: tuple[Circle, ...]
+    walls: tuple[Line, ...]
+    paused: bool
+    over: bool
+    missed: int
+    """Steps of the run that never came to the server."""
+    late: int = 0
+    """States that this page was too slow for."""
+    junk: int = 0
+    """Messages from pages that were no orders."""
+
+
+class JunkError(ValueError):
+    """A message from a page that is no order."""
+
+
+def ask(data: str | bytes) -> Ask:
+    """The order in a message. Raises JunkError."""
+    if len(data) > ASK_BYTES:
+        raise JunkError
+    try:
+        return msgspec.json.decode(data, type=Ask)
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        raise JunkError from error

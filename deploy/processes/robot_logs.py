@@ -1,0 +1,95 @@
+"""The logs of robots' processes, which hold what their code has printed; also while they grow."""
+
+import re
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Final
+
+from actors.runtime.errors import AcrcError, printable
+
+EVERYBODY: Final = "*"
+"""In place of a robot's name."""
+_START: Final = re.compile(r"(?:\.[0-9]{1,9})?\.log")
+
+
+class LogError(AcrcError):
+    """A robot that a run has not."""
+
+
+def logs(out: Path, robot: str) -> list[Path]:
+    """The logs of a robot's processes, in the order of their starts; none where nothing was printed."""
+    found = [
+        path for path in (out / robot).glob(f"{robot}*.log") if _START.fullmatch(path.name[len(robot) :])
+    ]
+    return sorted(found, key=lambda path: (len(path.name), path.name))
+
+
+def robots(out: Path) -> list[str]:
+    """Those that have begun to record in a run's folder."""
+    names = {path.parent.name for path in out.glob("*/*.mcap")} - {"world", "radio"}
+    return sorted(names, key=lambda name: (len(name), name))
+
+
+class LogTail:
+    """New lines of some robots' logs, each with the robot's name in front if there may be several."""
+
+    def __init__(self, out: Path, names: Sequence[str]) -> None:
+        """`names`: robots, or EVERYBODY."""
+        self._out, self._names = out, names
+        self._open: dict[Path, IO[bytes]] = {}
+        self._rest: dict[Path, bytes] = {}
+
+    def poll(self) -> Iterator[str]:
+        """What has been printed since the last call, for a terminal; a line that is not whole yet waits."""
+        everybody = EVERYBODY in self._names
+        for robot in robots(self._out) if everybody else self._names:
+            name = f"{robot}  " if everybody or len(self._names) > 1 else ""
+            for path in logs(self._out, robot):
+                yield from (f"{name}{line}" for line in self._new(path))
+
+    def close(self) -> Iterator[str]:
+        """The lines that never came to their end; the last call."""
+        yield from self.poll()
+        for path, rest in self._rest.items():
+            if rest:
+                yield printable(rest.decode("utf-8", "replace"))
+            self._open[path].close()
+
+    def _new(self, path: Path) -> Iterator[str]:
+        if path not in self._open:
+            self._open[path], self._rest[path] = path.open("rb"), b""
+        while piece := self._open[path].read(1 << 16):
+            *lines, self._rest[path] = (self._rest[path] + piece).split(b"\n")
+            for line in lines:
+                yield printable(line.decode("utf-8", "replace"))
+
+
+def _on_standard_error(line: str) -> None:
+    sys.stderr.write(f"{line}\n")
+
+
+@contextmanager
+def shown(
+    out: Path, names: Sequence[str], say: Callable[[str], object] = _on_standard_error
+) -> Iterator[Callable[[], None]]:
+    """Gives what is to be called now and then, and shows what these robots have printed since."""
+    tail = LogTail(out, names)
+
+    def look() -> None:
+        for line in tail.poll():
+            say(line)
+
+    try:
+        yield look if names else lambda: None
+    finally:
+        for line in tail.close() if names else ():
+            say(line)
+
+
+def check_names(names: Sequence[str], known: Sequence[str], where: str) -> None:
+    """Raises LogError for a robot that is not there."""
+    for name in names:
+        if name not in known and name != EVERYBODY:
+            raise LogError(f"{where}: no robot {name!r}; there are {', '.join(known)}, and '*' for all")

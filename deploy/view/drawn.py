@@ -1,0 +1,129 @@
+"""A run drawn into a view file: at once what was recorded, then, as it is computed, what was not."""
+
+import os
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from actors.observer.drawing.canvas import Canvas
+from actors.observer.drawing.words import Spell
+from actors.observer.sheet import Sheet
+from actors.runtime.errors import AcrcError
+from deploy.evidence.run_evidence import read_run
+from deploy.evidence.spells import Doing, spells
+from deploy.inside.fates import read_fates
+from deploy.inside.insides import look_into_all
+from deploy.replay.run_recordings import recordings
+from deploy.run.kernels import compile_kernels
+from deploy.view.collected import collected_story
+from deploy.view.painting import DETAILED, Painting, arrangement
+from deploy.view.simulated import simulated_story
+from deploy.view.story import Source, Story
+
+FILE_NAME: Final = "view.rrd"
+_LANES: Final = {
+    Doing.DRIVING: "driving",
+    Doing.STANDING: "standing",
+    Doing.MEETING: "standing",
+    Doing.DONE: "idle",
+    Doing.GONE: "off",
+}
+"""What a robot seems to be about, seen from outside."""
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What somebody wants to see."""
+
+    robots: Sequence[str] = ()
+    """Of these everything is drawn; none named: of the first DETAILED."""
+    trust: bool = False
+    """Execute the code that a recording names, whoever wrote it."""
+    isolate: bool | None = None
+    """Shut that code off; None: where the machine can."""
+
+
+def read_story(out: Path) -> Story:
+    """What there is to draw in a folder. Raises an AcrcError where there is no run in it."""
+    files = recordings(out)
+    return simulated_story(out) if "world" in files else collected_story(out)
+
+
+def draw(story: Story, path: Path, wishes: Wishes, *, send_to: str | None, say: Say) -> None:
+    """Draw into `path`, and to a viewer; `say` is told how it gets on. AcrcError if it cannot be written.
+
+    The file takes its name once it is whole.
+    """
+    began = time.monotonic()
+    part = path.with_name(f"{path.name}.part")
+    try:
+        faults, lost = _draw(story, part, wishes, send_to, lambda: time.monotonic() - began, say)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    for fault in faults:
+        say(fault)
+    say(f"all of it after {time.monotonic() - began:.1f} s, with what {_told(story)} perceived and meant")
+    if lost:
+        say(f"the viewer was closed before that: the whole view is in {path}")
+
+
+def _draw(
+    story: Story, path: Path, wishes: Wishes, send_to: str | None, taken: Callable[[], float], say: Say
+) -> tuple[list[str], bool]:
+    """Draw into `path`; what could not be computed, and whether the viewer is gone. `taken`: so far, s."""
+    detailed = [robot for robot in story.robots if robot in wishes.robots] or story.robots[:DETAILED]
+    with Sheet(path, arrangement(story, detailed), name=story.title, send_to=send_to) as sheet:
+        painting = Painting(Canvas(sheet.recording, story.robots), story, detailed)
+        painting.recorded()
+        sheet.flush()
+        say(f"first picture after {taken():.1f} s: what was recorded")
+        faults = _compute(story, painting, wishes, sheet)
+    return faults, sheet.lost
+
+
+def _told(story: Story) -> str:
+    return "1 robot" if len(story.robots) == 1 else f"{len(story.robots)} robots"
+
+
+def _compute(story: Story, painting: Painting, wishes: Wishes, sheet: Sheet) -> list[str]:
+    """Execute the radio and the robots again; what could not be, in sentences."""
+    faults = []
+    compile_kernels()
+    if story.true:
+        try:
+            painting.fates(read_fates(story.out, story.robots))
+        except AcrcError as error:
+            faults.append(f"the radio could not be executed again: {error}")
+        sheet.flush()
+    sources = {source.actor: source for source in story.sources}
+    for glance in look_into_all(story.out, list(sources), trust=wishes.trust, isolate=wishes.isolate):
+        source = sources[glance.actor]
+        if glance.inside is not None:
+            painting.inside(source, glance.inside)
+        else:
+            fault = glance.fault or "it could not be executed again"
+            painting.outside(source, _seen(story, source), fault)
+            faults.append(fault)
+        sheet.flush()
+    painting.ensembles()
+    return faults
+
+
+def _seen(story: Story, source: Source) -> list[Spell]:
+    """What a robot did, by ground truth alone."""
+    if not story.true:
+        return []
+    found = spells(read_run(story.out))
+    return [Spell(one.begin, _LANES[one.doing]) for one in found if one.robot == source.robot]
+
+
+def place(out: Path) -> Path:
+    """Where the view of a run goes: into its folder; among temporary files where nobody may write there."""
+    if os.access(out, os.W_OK):
+        return out / FILE_NAME
+    return Path(tempfile.mkdtemp(prefix="acrc-view-")) / FILE_NAME

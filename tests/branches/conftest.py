@@ -1,0 +1,39 @@
+"""One short run that all branches leave."""
+
+from collections.abc import Callable
+from itertools import count
+from pathlib import Path
+
+import pytest
+
+from deploy.branches.branching import Branched, branch
+from deploy.branches.change import Change
+from deploy.repository import REPOSITORY
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
+
+Leave = Callable[[Change], Branched]
+
+
+@pytest.fixture(scope="session")
+def origin(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two robots that meet, with the chapter's adaptation, for 12 s, in memory."""
+    out = tmp_path_factory.mktemp("origin") / "run"
+    settled = load_scenario(
+        REPOSITORY / "scenarios" / "head_on.toml", Overrides(duration=12.0, strategy="chapter")
+    )
+    swarm.run_in_memory(swarm.plan(settled, RunOptions(out, bus="memory")), lambda progress: None)
+    return out
+
+
+@pytest.fixture
+def leave(origin: Path, tmp_path: Path) -> Leave:
+    """Carries out a branch of it."""
+    number = count()
+
+    def carry_out(change: Change) -> Branched:
+        out = tmp_path / f"branch-{next(number)}"
+        return branch(origin, change, RunOptions(out, bus="memory"), trust=False)
+
+    return carry_out

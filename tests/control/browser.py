@@ -1,0 +1,110 @@
+"""A real Chromium without a screen, driven by its DevTools protocol."""
+
+import json
+import shutil
+import subprocess
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+from urllib.request import urlopen
+
+from websockets.sync.client import connect
+
+CHROMIUM: Final = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
+_WORDS: Final = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
+    "--disable-background-networking", "--disable-component-update", "--remote-debugging-port=0",
+    "--window-size=1200,800",
+)  # fmt: skip
+
+
+class Browser:
+    """One page in a browser of its own; a context manager that ends it."""
+
+    def __init__(self, home: Path, url: str) -> None:
+        assert CHROMIUM is not None
+        self._process = subprocess.Popen(
+            [CHROMIUM, *_WORDS, f"--user-data-dir={home}", url],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        self._number = 0
+        try:
+            port = until(lambda: _port(home / "DevToolsActivePort"))
+            page = until(lambda: _page(port))
+            self._stack = ExitStack()
+            self._socket = self._stack.enter_context(connect(page, max_size=1 << 26))
+        except BaseException:
+            self._process.kill()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+        self._process.terminate()
+        self._process.wait(20)
+
+    def call(self, method: str, **parameters: object) -> dict[str, Any]:
+        """One command of the protocol, and what it gives."""
+        self._number += 1
+        self._socket.send(json.dumps({"id": self._number, "method": method, "params": parameters}))
+        while True:
+            told = json.loads(self._socket.recv(20))
+            if told.get("id") == self._number:
+                assert "error" not in told, told
+                result: dict[str, Any] = told["result"]
+                return result
+
+    def value(self, expression: str) -> Any:
+        """What an expression is worth on the page; None where it raises."""
+        told = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
+        return told["result"].get("value")
+
+    def drag(self, begin: tuple[float, float], end: tuple[float, float]) -> None:
+        """Press the mouse at one point, and let go at another."""
+        middle = ((begin[0] + end[0]) / 2, (begin[1] + end[1]) / 2)
+        for kind, (x, y) in (
+            ("mouseMoved", begin), ("mousePressed", begin), ("mouseMoved", middle), ("mouseMoved", end),
+            ("mouseReleased", end),
+        ):  # fmt: skip
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+
+    def click(self, selector: str) -> None:
+        """Click in the middle of an element."""
+        box = self.value(
+            f"(() => {{ const b = document.querySelector('{selector}').getBoundingClientRect(); "
+            "return [b.x + b.width / 2, b.y + b.height / 2]; })()"
+        )
+        self.drag(box, box)
+
+
+def until(come: Callable[[], Any], patience_s: float = 30.0) -> Any:
+    """What `come` gives once that is true."""
+    deadline = time.monotonic() + patience_s
+    while not (found := come()):
+        assert time.monotonic() < deadline, "it has not come to that"
+        time.sleep(0.02)
+    return found
+
+
+def _port(file: Path) -> str | None:
+    lines = file.read_text().splitlines() if file.exists() else []
+    return lines[0] if lines else None
+
+
+def _page(port: str) -> str | None:
+    try:
+        with urlopen(f"http://127.0.0.1:{port}/json", timeout=5) as answer:
+            targets = json.loads(answer.read())
+    except OSError:
+        return None
+    return next((one["webSocketDebuggerUrl"] for one in targets if one["type"] == "page"), None)

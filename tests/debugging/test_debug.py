@@ -1,0 +1,131 @@
+"""`acrc run --debug`: a breakpoint in one robot's strategy stops the world, and nothing is lost by it."""
+
+import json
+import os
+import pty
+import select
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from deploy.repository import REPOSITORY
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from deploy.usage import OptionError
+from tests.swarm.command import ACRC, ROOT, acrc, leftovers, processes_of
+
+pytestmark = pytest.mark.alone
+SCENARIO: Final = REPOSITORY / "scenarios" / "head_on.toml"
+WORDS: Final = ("run", SCENARIO, "--strategy", "tests.debugging.stopping:behaviour", "--duration", 3)
+
+
+class Terminal:
+    """`acrc …` with a terminal of its own, and somebody who types."""
+
+    def __init__(self, *words: object) -> None:
+        self._ours, theirs = pty.openpty()
+        self.process = subprocess.Popen(
+            [*ACRC, *map(str, words)], stdin=theirs, stdout=theirs, stderr=theirs, cwd=ROOT
+        )
+        os.close(theirs)
+        self.shown = ""
+
+    def until(self, text: str, patience_s: float = 60.0) -> None:
+        """Read what is shown until the text is there."""
+        deadline = time.monotonic() + patience_s
+        while text not in self.shown:
+            assert time.monotonic() < deadline, self.shown
+            if select.select([self._ours], [], [], 0.2)[0]:
+                try:
+                    self.shown += os.read(self._ours, 4096).decode(errors="replace")
+                except OSError:  # the other end is closed
+                    assert text in self.shown, self.shown
+
+    def type(self, line: str) -> None:
+        """Type a line."""
+        self.shown = ""
+        os.write(self._ours, f"{line}\n".encode())
+
+    def end(self) -> int:
+        """Read to the end; the exit code."""
+        while self.process.poll() is None or select.select([self._ours], [], [], 0)[0]:
+            if select.select([self._ours], [], [], 0.1)[0]:
+                try:
+                    self.shown += os.read(self._ours, 4096).decode(errors="replace")
+                except OSError:
+                    break
+        return self.process.wait(30)
+
+    def close(self) -> None:
+        """Whatever happens, nothing is left."""
+        self.process.kill()
+        os.close(self._ours)
+
+
+@pytest.fixture
+def terminals() -> Iterator[list[Terminal]]:
+    opened: list[Terminal] = []
+    yield opened
+    for one in opened:
+        one.close()
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The digest of the run without a breakpoint."""
+    options = RunOptions(tmp_path_factory.mktemp("undisturbed") / "out", bus="memory")
+    settled = load_scenario(SCENARIO, Overrides(duration=3.0, strategy="none"))
+    return swarm.run_in_memory(swarm.plan(settled, options), lambda progress: None).digest
+
+
+@pytest.mark.parametrize("bus", ["zenoh", "memory"])
+def test_a_breakpoint_stops_the_world_past_every_timeout_and_changes_nothing(
+    bus: str, undisturbed: str, tmp_path: Path, terminals: list[Terminal]
+) -> None:
+    out = tmp_path / "out"
+    terminal = Terminal(*WORDS, "--debug", "r2", "--bus", bus, "--timeout", 1, "--out", out)
+    terminals.append(terminal)
+    terminal.until("(Pdb) ")
+    assert "stopping.py" in terminal.shown
+    terminal.type("p self.id, now")
+    terminal.until("('r2', 1000000)")
+    stands = _size(out)
+    time.sleep(1.7)  # the time-out is over, and was looked at
+    assert (terminal.process.poll(), _size(out)) == (None, stands)
+    terminal.type("c")
+    assert terminal.end() == 0, terminal.shown
+    assert processes_of(out) == [] and leftovers(out) == []
+    assert _result(out)["digest"] == undisturbed
+    if bus == "zenoh":
+        assert _result(out)["isolation"] == "credentials"
+
+
+def test_who_leaves_the_debugger_ends_the_run_and_is_told(tmp_path: Path, terminals: list[Terminal]) -> None:
+    terminal = Terminal(*WORDS, "--debug", "r2", "--out", tmp_path / "out")
+    terminals.append(terminal)
+    terminal.until("(Pdb) ")
+    terminal.type("q")
+    assert terminal.end() == 1
+    assert "somebody has left the debugger; `c` goes on with the run" in terminal.shown.replace("\r\n", " ")
+
+
+def test_what_cannot_be_debugged(tmp_path: Path) -> None:
+    done = acrc(*WORDS, "--debug", "r2", "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert "--debug: r2 needs somebody to talk to; standard input must be a terminal" in done.stderr
+    with pytest.raises(OptionError, match="--debug: r9; must be one of r1, r2"):
+        swarm.plan(load_scenario(SCENARIO), RunOptions(tmp_path / "out", bus="memory", debug="r9"))
+
+
+def _size(out: Path) -> int:
+    return (out / "world" / "world.mcap").stat().st_size
+
+
+def _result(out: Path) -> dict[str, str]:
+    told: dict[str, str] = json.loads((out / "run.json").read_text())
+    return told

@@ -1,0 +1,101 @@
+"""`acrc export`: every table, its columns as on the page, and its numbers as the run itself counted them."""
+
+import json
+import os
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pyarrow import parquet
+
+from deploy.export.columns import TABLES, page
+from deploy.repository import REPOSITORY
+from documentation.markdown import pages
+from tests.swarm.command import acrc
+
+PAGE = "docs/tables.md"
+Rows = list[dict[str, Any]]
+
+
+@pytest.fixture(scope="module")
+def exported(met: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """As the page has it, seen from a folder in which `runs/tables` is the run."""
+    here = tmp_path_factory.mktemp("exported")
+    (here / "runs" / "tables").mkdir(parents=True)
+    done = acrc("export", met, "--parquet", "--out", here / "runs" / "tables" / "tables")
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) == len(TABLES)
+    return here
+
+
+@pytest.fixture(scope="module")
+def tables(exported: Path) -> dict[str, Rows]:
+    folder = exported / "runs" / "tables" / "tables"
+    return {one.name: parquet.read_table(folder / f"{one.name}.parquet").to_pylist() for one in TABLES}
+
+
+def test_the_page_has_every_column() -> None:
+    assert (REPOSITORY / PAGE).read_text().endswith(page())
+
+
+def test_files_have_the_columns_and_their_meanings(exported: Path) -> None:
+    for table in TABLES:
+        schema = parquet.read_schema(exported / "runs" / "tables" / "tables" / f"{table.name}.parquet")
+        assert schema.names == [one.name for one in table.columns]
+        assert schema.field(0).metadata == {b"meaning": table.columns[0].meaning.encode()}
+
+
+def test_the_ten_lines_draw_a_picture(exported: Path) -> None:
+    (block,) = (one for p in pages() if p.name == PAGE for one in p.blocks() if one.language == "python")
+    env = os.environ | {"MPLBACKEND": "agg"}
+    subprocess.run([sys.executable, "-c", block.text], cwd=exported, env=env, check=True, timeout=60)
+    assert (exported / "error.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_every_copy_has_the_fate_that_the_radio_counted(met: Path, tables: dict[str, Rows]) -> None:
+    counted = json.loads((met / "run.json").read_text())["frames"]
+    copies = Counter(row["copy"] for row in tables["frames"] if row["copy"])
+    for fate, count in copies.items():
+        assert counted[f"copies_{'' if fate == 'heard' else 'lost_'}{fate}"] == count
+    assert sum(copies.values()) == sum(n for name, n in counted.items() if name.startswith("copies_"))
+    sent = {row["frame"] for row in tables["frames"] if row["fate"] == "sent"}
+    assert len(sent) == counted["frames_sent"] > 30
+
+
+def test_an_exchange_names_frame_and_fields(tables: dict[str, Rows]) -> None:
+    one = next(row for row in tables["exchanges"] if row["robot"] == "r2")
+    assert (one["seconds"], one["peer"], one["via"], one["hops"]) == (15.0, "r1", "r1", 0)
+    assert one["heard"] + one["age"] == pytest.approx(15.0)
+    frame = next(row for row in tables["frames"] if row["sender"] == "r1" and row["seconds"] == one["heard"])
+    assert (frame["receiver"], frame["copy"], frame["strength"]) == ("r2", "heard", one["rssi"])
+    fields = {
+        row["field"]: json.loads(row["after"])
+        for row in tables["knowledge"]
+        if (row["process"], row["change"]) == ("r2", one["change"])
+    }
+    assert fields["destination.owner"] == "r1" and fields["state"] == "free"
+
+
+def test_decisions_are_those_that_the_robots_noted(met: Path, tables: dict[str, Rows]) -> None:
+    decisions = [(row["robot"], row["seconds"], row["words"]) for row in tables["decisions"]]
+    assert decisions == [
+        ("r2", 15.0, "takes over r1/0"),
+        ("r1", 18.0, "takes over r2/0, leaves to another r1/0"),
+    ]
+    goals = [row for row in tables["goals"] if row["robot"] == "r2" and row["x"] == 9.0]
+    assert goals and goals[0]["status"] == "active" and 15.0 <= goals[0]["seconds"] <= 18.0
+
+
+def test_poses_and_estimates_are_those_of_every_step(tables: dict[str, Rows]) -> None:
+    assert len(tables["poses"]) == len(tables["estimates"]) == 400
+    assert [row["step"] for row in tables["estimates"]] == sorted(row["step"] for row in tables["poses"])
+    assert all(row["error"] < 0.5 and row["located"] for row in tables["estimates"])
+    assert {row["owner"] for row in tables["places"]} == {"r1", "r2"} and len(tables["places"]) == 6
+
+
+def test_a_format_must_be_named(met: Path) -> None:
+    done = acrc("export", met)
+    assert (done.returncode, done.stderr) == (2, f"acrc: export {met}: should stand with --parquet\n")

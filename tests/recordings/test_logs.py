@@ -1,0 +1,114 @@
+"""What a strategy prints: with simulated time and step, bounded, in memory, as processes, and in replays."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from actors.runtime import prints
+from deploy.processes.robot_logs import EVERYBODY, LogTail, logs
+from deploy.replay.record_replay import Onlook, replay_actor
+from deploy.repository import REPOSITORY
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from tests.swarm.command import acrc, run
+
+ENTRY = "tests.recordings.talkative:behaviour"
+SCENARIO = REPOSITORY / "scenarios" / "head_on.toml"
+R1 = (
+    "     0.000 s  step 0  made r1\n"
+    "     1.000 s  step 10  half of a line and the rest\x1b[31m\n"
+    "     1.000 s  step 10  r1 warns\n"
+)
+
+
+@pytest.fixture(scope="module")
+def talked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("talked") / "out"
+    settled = load_scenario(SCENARIO, Overrides(duration=3.0, strategy=ENTRY))
+    swarm.run_in_memory(swarm.plan(settled, RunOptions(out, bus="memory")), lambda progress: None)
+    return out
+
+
+def test_each_robot_has_its_own_lines(talked: Path) -> None:
+    assert (talked / "r1" / "r1.log").read_text() == R1
+    assert (talked / "r2" / "r2.log").read_text().startswith(R1.replace("r1", "r2"))
+
+
+def test_a_flood_is_bounded_and_counted(talked: Path) -> None:
+    text = (talked / "r2" / "r2.log").read_text()
+    assert prints.MOST < len(text) < 1.2 * prints.MOST
+    *_, before, last = text.splitlines()
+    assert before == "     2.000 s  step 20  too much: nothing more is kept"
+    lines, characters = (int(word) for word in last.split() if word.isdigit())
+    printed = 10_001 + 5000 * 1001 + len("made r2\nhalf of a line and the rest\x1b[31m\nr2 warns\n")
+    kept = sum(len(line.split("  ", 2)[-1].split("  ", 1)[-1]) for line in text.splitlines()[:-2])
+    assert lines > 500 and characters <= printed - prints.MOST + prints.LONGEST and kept > prints.MOST // 2
+    assert max(map(len, text.splitlines())) < prints.LONGEST + 40
+
+
+def test_processes_keep_the_same_and_printing_changes_no_digest(talked: Path, tmp_path: Path) -> None:
+    out = tmp_path / "processes"
+    result = run(out, SCENARIO, "--duration", 3, "--strategy", ENTRY)
+    assert (out / "r1" / "r1.log").read_text() == R1
+    assert (out / "r2" / "r2.log").read_text() == (talked / "r2" / "r2.log").read_text()
+    assert f'"digest": "{result["digest"]}"' in (talked / "run.json").read_text()
+
+
+def test_log_shows_them_for_a_terminal(talked: Path) -> None:
+    assert acrc("log", talked, "r1").stdout == R1.replace("\x1b", "\\x1b")
+    assert acrc("log", talked, "r1", "-f").stdout == R1.replace("\x1b", "\\x1b")
+    both = acrc("log", talked).stdout.splitlines()
+    assert both[0] == "r1       0.000 s  step 0  made r1" and both[3].startswith("r2  ")
+    done = acrc("log", talked, "r9")
+    assert done.returncode == 1
+    assert done.stderr == f"acrc: {talked}: no robot 'r9'; there are r1, r2, and '*' for all\n"
+
+
+def test_the_terminal_shows_them_while_the_run_goes_on(tmp_path: Path) -> None:
+    words = ("run", SCENARIO, "--duration", 2, "--strategy", ENTRY, "--bus", "memory", "--json")
+    done = acrc(*words, "--out", tmp_path / "out", "--log", "r1")
+    assert done.returncode == 0, done.stderr
+    assert R1.replace("\x1b", "\\x1b") in done.stderr
+    done = acrc(*words, "--out", tmp_path / "other", "--log", "r7")
+    assert (done.returncode, "--log: no robot 'r7'; there are r1, r2" in done.stderr) == (1, True)
+
+
+def test_a_replay_says_them_again(talked: Path) -> None:
+    done = acrc("replay", talked, "--robot", "r1")
+    assert done.returncode == 0 and "     1.000 s  step 10  half of a line and the rest" in done.stderr
+    said: list[str] = []
+    replay_actor(talked, "r1", Onlook(prints=lambda step_us: prints.Prints(step_us, said.append)))
+    assert "".join(said) == R1
+
+
+def test_a_growing_log_gives_whole_lines(tmp_path: Path) -> None:
+    (tmp_path / "r1").mkdir()
+    (tmp_path / "r1" / "r1.mcap").touch()
+    tail = LogTail(tmp_path, (EVERYBODY,))
+    assert list(tail.poll()) == [] == logs(tmp_path, "r1")
+    with (tmp_path / "r1" / "r1.log").open("w") as log:
+        for text, shown in (("a\nb", ["r1  a"]), ("c\n", ["r1  bc"]), ("d", [])):
+            log.write(text)
+            log.flush()
+            assert list(tail.poll()) == shown
+    assert list(tail.close()) == ["d"]
+
+
+def test_streams_are_as_before_between_turns() -> None:
+    before = sys.stdout, sys.stderr
+    said: list[str] = []
+    taken = prints.Prints(100_000, said.append)
+    with taken.during(7):
+        print("mine")
+        kept = sys.stderr
+        with prints.nowhere().during(7):
+            print("nobody's")
+        print("mine, too")
+    assert (sys.stdout, sys.stderr) == before
+    with taken.during(8):
+        kept.write("late\n")
+    assert "".join(said) == (
+        "     0.700 s  step 7  mine\n     0.700 s  step 7  mine, too\n     0.800 s  step 8  late\n"
+    )

@@ -1,0 +1,71 @@
+"""Places that come and doors that close while robots are at work: a story of two of them, in memory."""
+
+from pathlib import Path
+
+import pytest
+
+from deploy.evidence.run_evidence import read_run
+from deploy.replay.recheck import recheck
+from deploy.repository import REPOSITORY
+from deploy.results.result import RunResult
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
+
+STORY = f"""
+map = "{REPOSITORY}/maps/corridor.yaml"
+[run]
+duration = 120.0
+[localisation]
+preset = "odometry"
+[places]
+preset = "listed"
+[robots]
+count = 2
+odometry = "exact"
+[[robot]]
+id = "r1" # in an office, and done at once
+start = [12.4, 5.0, 1.57]
+places = [[12.4, 5.3]]
+[[robot]]
+id = "r2"
+start = [20.0, 12.0, 0.0]
+places = [[20.3, 12.0]]
+[[event]]
+at = 1.0
+close = [12.5, 9.5] # the office's door
+[[event]]
+at = 10.0
+give = "r1"
+places = [[12.5, 7.5], [12.5, 12.5]] # inside, and outside
+[[event]]
+at = 40.0
+open = [12.5, 9.5]
+"""
+OPENED_S = 40.0
+
+
+def run(strategy: str, out: Path) -> RunResult:
+    file = out / "story.toml"
+    file.write_text(STORY)
+    plan = swarm.plan(
+        load_scenario(file, Overrides(strategy=strategy)), RunOptions(out / "run", bus="memory")
+    )
+    return swarm.run_in_memory(plan, lambda progress: None)
+
+
+@pytest.mark.parametrize("strategy", ["none", "random", "chapter", "auction"])
+def test_a_place_that_comes_is_visited_once_the_door_is_open(strategy: str, tmp_path: Path) -> None:
+    result = run(strategy, tmp_path)
+    places = {(place.owner, place.place): place for place in read_run(tmp_path / "run").places}
+    inside, outside = places["r1", 1], places["r1", 2]
+    assert (inside.given_at, outside.given_at) == (10_000_000, 10_000_000)
+    assert result.places_done == result.places_total == 4
+    assert inside.reached_at is not None and outside.reached_at is not None
+    assert 10e6 < inside.reached_at < OPENED_S * 1e6 or strategy == "auction"
+    assert outside.reached_by != "r1" or outside.reached_at > OPENED_S * 1e6
+    ways = [part.driven_m or 0.0 for part in result.per_robot.values()]
+    assert result.driven_m == pytest.approx(sum(ways)) and 7.0 < sum(ways) < 60.0
+    if strategy == "none":
+        again = recheck(tmp_path / "run")
+        assert again.actors == 4, "world, radio and both robots send the same bytes once more"

@@ -1,0 +1,48 @@
+"""One run of the meeting in the doorway, looked into once; what needs rerun is left out where it is not."""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from deploy.evidence.run_evidence import RunEvidence, read_run
+from deploy.inside.insides import Glance, look_into_all
+from deploy.inside.telemetry import Inside
+from deploy.repository import REPOSITORY
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
+
+collect_ignore = [] if find_spec("rerun") else ["test_drawn.py", "test_window.py"]
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two robots that localise, for half a minute: they meet, one adopts the other's place."""
+    out = tmp_path_factory.mktemp("view") / "run"
+    shipped = (REPOSITORY / "scenarios" / "head_on.toml").read_text()
+    own = shipped.replace('"odometry"', '"chapter"').replace("../maps", str(REPOSITORY / "maps"))
+    scenario = out.parent / "head_on.toml"
+    scenario.write_text(own)
+    settled = load_scenario(scenario, Overrides(duration=30.0))
+    swarm.run_in_memory(swarm.plan(settled, RunOptions(out, bus="memory")), lambda progress: None)
+    return out
+
+
+@pytest.fixture(scope="session")
+def evidence(folder: Path) -> RunEvidence:
+    return read_run(folder)
+
+
+@pytest.fixture(scope="session")
+def glances(folder: Path, evidence: RunEvidence) -> list[Glance]:
+    """World and robots, each in a process of its own that is shut off where the machine can."""
+    return list(look_into_all(folder, ["world", *evidence.robots], trust=False))
+
+
+@pytest.fixture(scope="session")
+def insides(glances: list[Glance]) -> dict[str, Inside]:
+    """Each robot looked into."""
+    found = {glance.actor: glance.inside for glance in glances if glance.inside is not None}
+    assert sorted(found) == ["r1", "r2"], glances
+    return found

@@ -1,0 +1,150 @@
+"""The view file of a run, read back without a window: every entity that a person looks at is there."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from shutil import copytree
+from typing import Any
+
+import numpy as np
+import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+
+from actors.observer import colours
+from actors.observer.sheet import APPLICATION
+from deploy.evidence.run_evidence import RunEvidence
+from deploy.inside.insides import Glance
+from deploy.inside.telemetry import Inside
+from deploy.view import drawn
+from deploy.view.drawn import Wishes, draw, place, read_story
+
+Rows = dict[str, list[dict[str, Any]]]
+WORLD = {
+    *("map", "robots/r1", "robots/r1/turn", "robots/r1/turn/body", "robots/r1/turn/nose", "robots/r1/name"),
+    *("trails/r1", "history/r1", "places/r1", "intent/r1", "heading/r1", "radio/links", "radio/losses"),
+}
+INSIDE = {"scan", "particles", "estimate", "costs", "plan", "arc"}
+
+
+@pytest.fixture(autouse=True)
+def strict() -> Iterator[None]:
+    """Let rerun raise where it would only warn."""
+    rr.set_strict_mode(True)
+    yield
+    rr.set_strict_mode(False)
+
+
+@pytest.fixture
+def computed(monkeypatch: pytest.MonkeyPatch, insides: dict[str, Inside]) -> None:
+    """Robots are looked into once for all tests."""
+    glances = [Glance(actor, inside=inside) for actor, inside in insides.items()]
+    monkeypatch.setattr(drawn, "look_into_all", lambda *words, **more: iter(glances))
+
+
+def rows(path: Path) -> Rows:
+    """Everything that was logged, by entity, in the order of time; static rows have no sim_time."""
+    found: Rows = {}
+    for chunk in RrdReader(str(path)).stream():
+        found.setdefault(str(chunk.entity_path), []).extend(chunk.to_record_batch().to_pylist())
+    for some in found.values():
+        some.sort(key=lambda row: row["sim_time"].total_seconds() if "sim_time" in row else -1.0)
+    return found
+
+
+def of(found: Rows, entity: str, component: str) -> list[tuple[float, Any]]:
+    """What one component was, and from when on."""
+    return [
+        (row["sim_time"].total_seconds(), row[component])
+        for row in found[entity]
+        if "sim_time" in row and row.get(component) is not None
+    ]
+
+
+def test_everything_that_a_person_looks_at_is_in_the_file(
+    folder: Path, evidence: RunEvidence, insides: dict[str, Inside], computed: None, tmp_path: Path
+) -> None:
+    said: list[str] = []
+    path = tmp_path / "run.rrd"
+    draw(read_story(folder), path, Wishes(), send_to=None, say=said.append)
+    assert [sentence.partition(" after ")[0] for sentence in said] == ["first picture", "all of it"]
+    assert said[-1].endswith("with what 2 robots perceived and meant")
+    assert not path.with_name("run.rrd.part").exists()
+    found = rows(path)
+    assert {f"/world/{name}" for name in WORLD} <= set(found)
+    assert {f"/inside/r2/{name}" for name in INSIDE} <= set(found)
+    assert {"/states/r1", "/knowledge/r1", "/plots/places/r1", "/plots/error/r1", "/plots/speed/r2"} <= set(
+        found
+    )
+    assert {"/plots/copies/heard", "/plots/rssi/r1_at_r2", "/plots/ages/r2_at_r1"} <= set(found)
+    assert {"/ensembles/robots", "/ensembles/exchanges"} <= set(found)
+    poses = of(found, "/world/robots/r1", "Transform3D:translation")
+    np.testing.assert_allclose([second for second, _ in poses], evidence.seconds, atol=1e-6)
+    np.testing.assert_allclose(np.array([at[0][:2] for _, at in poses]), evidence.true[:, 0, :2], atol=1e-4)
+    clouds = of(found, "/inside/r1/scan", "Points3D:positions")
+    assert [len(cloud) for _, cloud in clouds] == insides["r1"].scans.counts.tolist()
+    states = [state[0] for _, state in of(found, "/states/r1", "StateChange:state")]
+    assert any(state.startswith("to r1/") for state in states) and any("BLOCKED" in state for state in states)
+    table = of(found, "/knowledge/r2", "TextDocument:text")[-1][1][0]
+    assert "| position |" in table and "| route |" in table
+    assert any(words[0].startswith("r1 ") for _, words in of(found, "/events/r1/inside", "TextLog:text"))
+
+
+def test_the_layout_is_saved_in_the_file_and_robots_may_be_chosen(
+    folder: Path, computed: None, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.rrd"
+    draw(read_story(folder), path, Wishes(robots=("r2",)), send_to=None, say=lambda sentence: None)
+    (blueprint,) = RrdReader(str(path)).blueprints()
+    assert blueprint.application_id == APPLICATION
+    found = rows(path)
+    assert "/inside/r2/scan" in found and "/inside/r1/scan" not in found
+    assert {"/states/r1", "/knowledge/r1", "/world/intent/r1"} <= set(found)
+
+
+def test_a_robot_that_cannot_be_executed_again_is_drawn_from_outside(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    glances = [Glance("r1", fault="r1: not to be trusted"), Glance("r2", fault="r2: neither")]
+    monkeypatch.setattr(drawn, "look_into_all", lambda *words, **more: iter(glances))
+    said: list[str] = []
+    draw(read_story(folder), tmp_path / "run.rrd", Wishes(), send_to=None, say=said.append)
+    assert said[1:3] == ["r1: not to be trusted", "r2: neither"]
+    found = rows(tmp_path / "run.rrd")
+    assert {state[0] for _, state in of(found, "/states/r1", "StateChange:state")} & {"driving", "standing"}
+    assert "/inside/r1/scan" not in found
+
+
+def test_what_robots_alone_recorded_is_drawn_by_what_they_held(
+    folder: Path, evidence: RunEvidence, computed: None, tmp_path: Path
+) -> None:
+    for robot in ("r1", "r2"):
+        copytree(folder / robot, tmp_path / "trial" / robot)
+    story = read_story(tmp_path / "trial")
+    assert not story.true and story.robots == ("r1", "r2")
+    assert len(story.heard) == len(evidence.receptions) > 0
+    assert [deed.place for deed in story.reported] == [deed.place for deed in evidence.reported]
+    held = evidence.held[:, 0]
+    known = np.isfinite(story.tracks["r1"].poses[:, 0])
+    np.testing.assert_allclose(story.tracks["r1"].poses[known], held[np.isfinite(held[:, 0])])
+    draw(story, tmp_path / "trial.rrd", Wishes(), send_to=None, say=lambda sentence: None)
+    found = rows(tmp_path / "trial.rrd")
+    assert "/inside/r1/scan" in found and "/plots/error/r1" not in found
+    assert "/plots/copies/heard" not in found
+
+
+def test_a_folder_in_which_nobody_may_write_gets_its_view_elsewhere(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert place(folder) == folder / "view.rrd"
+    monkeypatch.setattr("os.access", lambda path, mode: False)
+    elsewhere = place(folder)
+    assert elsewhere.name == "view.rrd" and not elsewhere.is_relative_to(folder)
+    elsewhere.parent.rmdir()
+
+
+def test_the_first_robots_colours_can_be_told_from_black_and_from_white() -> None:
+    floor = (colours.FLOOR,) * 3
+    for colour in colours.ROBOTS[:4]:
+        assert colours.contrast(colour, floor) >= 3 and colours.contrast(colour, colours.WHITE) >= 3
+    for lane in colours.LANES.values():
+        assert colours.contrast(lane, colours.WHITE) >= 3.8
