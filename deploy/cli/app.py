@@ -7,7 +7,7 @@ import typer
 from rich.console import Console
 
 from actors.runtime.errors import AcrcError
-from deploy.cli import development, explaining, exporting, logs, look, replaying, run, streams, usage_errors
+from deploy.cli import development, exporting, logs, look, replaying, run, streams, usage_errors
 from deploy.cli.fleet import app as fleet
 from deploy.cli.groups import FOR_DEVELOPERS, Root
 from deploy.cli.lists.commands import app as listing
@@ -29,7 +29,7 @@ app.command()(look.demo)
 app.command()(look.view)
 app.command()(look.scenario)
 app.command()(replaying.replay)
-app.command()(explaining.explain)
+app.command()(replaying.explain)
 app.command()(logs.log)
 app.command()(exporting.export)
 app.add_typer(record, name="record", help="Check and replay what a run has recorded.")
