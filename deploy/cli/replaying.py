@@ -1,4 +1,4 @@
-"""`acrc replay` and `acrc explain`: a run, or one robot, executed again, to compare, to stop in, to ask why."""
+"""`acrc replay` and `acrc explain`: a run or one robot executed again, to compare, to stop in, to ask why."""
 
 import sys
 from collections.abc import Callable
