@@ -72,6 +72,10 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
     "./acrc add pandas": NotRun("wants a network, and changes the environment"),
     "./acrc bench failures": Reduced("--seeds 1 --robots 2 --duration 10"),
     "./acrc bench steps": Reduced("--robots 2 --duration 5"),
+    "./acrc scenario actors/models/omnibox.toml --png omnibox.png":
+        Elsewhere("tests/pictures/test_scenario.py"),
+    "./acrc view runs/chapter --html --movie run.gif --speed 40":
+        Elsewhere("tests/pictures/test_pictures.py"),
     "./acrc run scenarios/head_on.toml --strategy chapter --out runs/tables":
         Elsewhere("tests/recordings/test_export.py"),
     "./acrc export runs/tables --parquet": Elsewhere("tests/recordings/test_export.py"),
