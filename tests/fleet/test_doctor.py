@@ -355,7 +355,7 @@ def test_what_was_found_is_printed_and_the_answer_is_whether_all_is_well(
     assert consultation.consult(None, None, json=False, machine=well_off)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "ok     packages base      all 21 are those that were tested"
-    assert lines[-1] == "all 13 are well"
+    assert lines[-1] == "all 14 are well"
     assert not consultation.consult(OFFICE, "r2", json=False, machine=well_off.but(free=0))
     lines = capsys.readouterr().out.splitlines()
     assert "wrong  disk               0.0 GB are free at /home/robot, but 2.0 should be" in lines[10]
