@@ -72,6 +72,10 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
     "./acrc add pandas": NotRun("wants a network, and changes the environment"),
     "./acrc bench failures": Reduced("--seeds 1 --robots 2 --duration 10"),
     "./acrc bench steps": Reduced("--robots 2 --duration 5"),
+    "./acrc scenario actors/models/omnibox.toml --png omnibox.png":
+        Elsewhere("tests/pictures/test_scenario.py"),
+    "./acrc view runs/chapter --html --movie run.gif --speed 40":
+        Elsewhere("tests/pictures/test_pictures.py"),
     "./acrc run scenarios/head_on.toml --strategy chapter --out runs/tables":
         Elsewhere("tests/recordings/test_export.py"),
     "./acrc export runs/tables --parquet": Elsewhere("tests/recordings/test_export.py"),
@@ -100,6 +104,9 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
     "./acrc campaign study.toml --on dask://HOST:8786": Elsewhere("tests/experiments/test_cluster.py"),
     "./acrc campaign studies/drawn_places.toml --out campaigns/drawn":
         NotRun("makes 240 runs; a test reads the study"),
+    "./acrc campaign studies/all_strategies.toml --out campaigns/all --check-every 0":
+        NotRun("makes 75 runs; a test reads the study"),
+    "./acrc compare campaigns/all": Elsewhere("tests/experiments/test_comparison.py"),
     "./acrc compare campaigns/drawn": Elsewhere("tests/experiments/test_comparison.py"),
     "./acrc report campaigns/drawn": Elsewhere("tests/experiments/report/test_report.py"),
     "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter":

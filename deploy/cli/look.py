@@ -10,7 +10,7 @@ from rich.console import Console
 
 from deploy.cli import completion
 from deploy.cli.options import Robots, Seed, Setting
-from deploy.usage import wrong_value
+from deploy.usage import OptionError, wrong_value
 
 
 def demo(
@@ -54,6 +54,16 @@ def view(
     ],
     png: Annotated[bool, typer.Option("--png", help="Draw the run on one page: OUT/run.png.")] = False,
     svg: Annotated[bool, typer.Option("--svg", help="The same as OUT/run.svg.")] = False,
+    html: Annotated[
+        bool, typer.Option("--html", help="The same with sentences and tables: OUT/run.html.")
+    ] = False,
+    movie: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Robots on the floor as they moved: a .gif, or an .mp4 by ffmpeg."),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option(metavar="X", help="Simulated seconds per second of --movie.", min=1.0, max=1000.0)
+    ] = 20.0,
     save: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the view to a file.rrd, and open nothing.")
     ] = None,
@@ -81,11 +91,12 @@ def view(
 ) -> None:
     """Open a run in the viewer: the floor, each robot's own view, radio, lanes, plots, over time.
 
-    What was not recorded is computed: robots are executed again. With --png or --svg, which execute nothing:
-    floor, trails, places, meetings, radio and progress on one page.
+    What was not recorded is computed: robots are executed again. With --png, --svg, --html or
+    --movie, which execute nothing: floor, trails, places, meetings, radio and progress.
     """
-    if png or svg:
-        _draw_page(out, [name for wished, name in ((png, "run.png"), (svg, "run.svg")) if wished])
+    if png or svg or html or movie:
+        kinds = [kind for wished, kind in ((png, "png"), (svg, "svg"), (html, "html")) if wished]
+        _draw_page(out, [f"run.{kind}" for kind in kinds], movie, speed)
         return
     from deploy.processes.signals import Interrupted, signals_as_interrupts
     from deploy.run import out_folder
@@ -110,22 +121,33 @@ def view(
         raise typer.Exit(interrupt.exit_code) from None
 
 
-def _draw_page(out: Path, names: Sequence[str]) -> None:
-    """Draw the run on one page, once into each file."""
+def _draw_page(out: Path, names: Sequence[str], movie: Path | None, speed: float) -> None:
+    """Draw the run on one page, once into each file, and as a movie if one is wished."""
     from deploy.evidence.run_evidence import read_run
-    from deploy.picture import run_page
+    from deploy.picture import moving, run_html, run_page
     from deploy.run import out_folder
 
+    if movie is not None:
+        moving.check(movie)
     run = read_run(out)
     console = Console(soft_wrap=True, highlight=False)
     for name in names:
         with out_folder.writing(out):
-            run_page.write(run, out / name)
+            (run_html if name.endswith(".html") else run_page).write(run, out / name)
         console.print(str(out / name), markup=False)
+    if movie is not None:
+        with out_folder.writing(movie.parent):
+            moving.write(run, movie, speed)
+        console.print(str(movie), markup=False)
 
 
 def scenario(
-    file: Annotated[Path, typer.Argument(metavar="SCENARIO.toml", autocompletion=completion.scenarios)],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", help="A scenario, a map or a robot model.", autocompletion=completion.scenarios
+        ),
+    ],
     robots: Robots = None,
     seed: Seed = None,
     setting: Setting = None,
@@ -134,14 +156,22 @@ def scenario(
         typer.Option(metavar="FILE", help="Draw it: floor, doors, starts, places, reach of radio."),
     ] = None,
 ) -> None:
-    """Check a scenario, and say what it means on its floor; options replace what it says."""
+    """Check a scenario, and say what it means on its floor; options replace what it says.
+
+    The file may be a map (.yaml) or a robot model, too: then it is about that alone.
+    """
     from deploy.run import out_folder
-    from deploy.scenario import survey
+    from deploy.scenario import part_survey, survey
     from deploy.scenario.resolve import resolve
     from deploy.scenario.scenario_file import Overrides, load_scenario, settings
 
     if png is not None and (png.suffix not in {".png", ".svg"} or not png.absolute().parent.is_dir()):
         raise wrong_value("--png", png, "a file in a folder that exists, its name ending in .png or .svg")
+    if (is_map := file.suffix in {".yaml", ".yml"}) or part_survey.is_model(file):
+        if robots is not None or seed is not None or setting:
+            raise OptionError(f"{file}: is no scenario; must stand without --robots, --seed and --set")
+        _part(file, png, is_map=is_map)
+        return
     overrides = Overrides(robots, seed, settings=settings(setting or ()))
     found = survey.survey(resolve(load_scenario(file, overrides)))
     console = Console(soft_wrap=True, highlight=False)
@@ -153,4 +183,28 @@ def scenario(
 
     with out_folder.writing(png.parent):
         scenario_picture.write(found, png)
+    console.print(str(png), markup=False)
+
+
+def _part(file: Path, png: Path | None, *, is_map: bool) -> None:
+    """The same for a map or a robot model."""
+    from actors.robot_model import load_model
+    from deploy.run import out_folder
+    from deploy.scenario import part_survey
+
+    floor = part_survey.survey_map(file) if is_map else None
+    model = None if is_map else load_model(str(file))
+    console = Console(soft_wrap=True, highlight=False)
+    told = part_survey.map_sentences(floor) if floor else ()
+    for sentence in (*told, *(part_survey.model_sentences(model) if model else ())):
+        console.print(sentence, markup=False)
+    if png is None:
+        return
+    from deploy.picture import part_picture
+
+    with out_folder.writing(png.parent):
+        if floor:
+            part_picture.write_map(floor, png)
+        elif model:
+            part_picture.write_model(model, png)
     console.print(str(png), markup=False)

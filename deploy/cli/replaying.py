@@ -1,4 +1,4 @@
-"""`acrc replay`: a run made again, or one robot of it executed again, in a debugger if one likes."""
+"""`acrc replay` and `acrc explain`: a run or one robot executed again, to compare, to stop in, to ask why."""
 
 import sys
 from collections.abc import Callable
@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 
 from deploy.cli import completion
+from deploy.cli.options import Json
 from deploy.usage import OptionError
 
 if TYPE_CHECKING:
@@ -126,3 +127,43 @@ def _one(
     if wanted is not None and not reached:
         raise DebuggerError(f"--from: is {begin:g}, but {robot}'s recording ends before")
     return report
+
+
+def explain(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")],
+    who: Annotated[
+        str,
+        typer.Argument(
+            metavar="ROBOT[@S]", help="r2@157: what r2 decided at 157 s; r2 alone lists all of its decisions."
+        ),
+    ],
+    json: Json = False,
+    trust: Annotated[
+        bool, typer.Option("--trust", help="Run the code that the recording names, whoever wrote it.")
+    ] = False,
+) -> None:
+    """Say why a robot decided as it did: the knowledge, the frame that brought it, and what was lost before.
+
+    The robot and the radio are executed again from their recordings.
+    """
+    from deploy.explanation import explain as explanation
+
+    console = Console(soft_wrap=True, highlight=False, markup=False)
+    asked = explanation.wish(who)
+    if asked.at_s is None:
+        rows = explanation.listed(out, asked.robot, trust=trust)
+        if json:
+            print(explanation.as_json(rows))
+            return
+        for row in rows:
+            console.print(f"{row.at_s:9.3f} s  {row.words}  ({row.by})")
+        if not rows:
+            console.print(f"{asked.robot} never decides anything.")
+        return
+    found = explanation.explain(out, asked, trust=trust)
+    if json:
+        print(explanation.as_json(found))
+        return
+    for number, one in enumerate(found):
+        for line in ([""] if number else []) + list(explanation.sentences(one)):
+            console.print(line)

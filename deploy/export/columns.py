@@ -136,6 +136,7 @@ TABLES: Final = (
             Column("place", "int", "its number in the owner's list, from 0"),
             Column("x", "float", "where it is, m, map frame"),
             Column("y", "float", "the same"),
+            Column("given", "float", "when it was given to its owner, simulated s; 0: at the start"),
             Column("verdict", "text", "what became of it in one word; null of a run that was cut off"),
             Column("reached", "float", "when a robot first was there in truth, simulated s; null: never"),
             Column("reached_by", "text", "which; null: nobody"),

@@ -142,7 +142,7 @@ def _places(run: RunEvidence) -> Iterator[Row]:
     judged = run.result is not None
     for one in run.places:
         yield (
-            one.owner, one.place, one.x, one.y, one.verdict.value if judged else None,
+            one.owner, one.place, one.x, one.y, one.given_at / 1e6, one.verdict.value if judged else None,
             _second(one.reached_at), one.reached_by, _second(one.reported_at), one.reported_by,
             _second(one.given_up_at), one.given_up_by, one.reason,
         )  # fmt: skip

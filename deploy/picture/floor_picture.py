@@ -9,16 +9,20 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
+from numpy.typing import NDArray
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from actors.floor.regions import Regions
 from actors.task.referee import PlaceOutcome, Verdict
 from deploy.evidence.run_evidence import RunEvidence
 from deploy.evidence.spells import Doing, Spell
 from deploy.picture import style
 
+DOOR: Final = "#ffd27f"
+SHUT: Final = "#d9c7d9"
 RADIUS: Final = 0.177
 """Of a drawn robot, m: a TurtleBot 2."""
-_JUMP: Final = 1.0
+JUMP: Final = 1.0
 """m in one step: it was carried, and no line is drawn."""
 _TOGETHER: Final = 1.6
 """Meetings nearer to one another than this are marked once, m."""
@@ -36,6 +40,17 @@ def draw_floor(axes: Axes, grid: OccupancyGrid) -> None:
     axes.set_aspect("equal")
     axes.set_xlabel("m")
     axes.set_ylabel("m")
+
+
+def draw_regions(axes: Axes, grid: OccupancyGrid, parts: Regions, reached: NDArray[np.bool_]) -> bool:
+    """Doors, and free floor with room for a robot that none gets to; True if there is such."""
+    tint = np.zeros((grid.rows, grid.columns, 4))
+    shut = (parts.labels > 0) & ~reached
+    for mask, colour in ((parts.labels > parts.count, DOOR), (shut, SHUT)):
+        tint[mask] = (*to_rgb(colour), 1.0)
+    extent = (grid.origin.x, grid.corner.x, grid.origin.y, grid.corner.y)
+    axes.imshow(tint, extent=extent, origin="lower", interpolation="nearest", zorder=1)
+    return bool(shut.any())
 
 
 def draw_run(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> None:
@@ -67,7 +82,7 @@ def _mark(marker: str, says: str, mfc: str = "w", mec: str = style.INK, ms: floa
 def _trail(axes: Axes, run: RunEvidence, index: int, robot: str, *, few: bool) -> None:
     track, colour = run.true[:, index, :2].copy(), style.colour(index)
     start, end = track[0].copy(), track[-1].copy()
-    jumps = np.flatnonzero(np.hypot(*np.diff(track, axis=0).T) > _JUMP) + 1
+    jumps = np.flatnonzero(np.hypot(*np.diff(track, axis=0).T) > JUMP) + 1
     track[jumps] = np.nan
     axes.plot(*track.T, color=colour, lw=0.9 if few else 0.5, alpha=0.75 if few else 0.5, zorder=2)
     axes.plot(*start, marker="s", ms=4, mfc="w", mec=colour, zorder=4)
@@ -77,6 +92,7 @@ def _trail(axes: Axes, run: RunEvidence, index: int, robot: str, *, few: bool) -
             robot, tuple(end), xytext=(6, 6), textcoords="offset points", color=colour, zorder=9
         )
         at.set_fontweight("bold")
+        at.set_path_effects(style.HALO)
 
 
 def _place(axes: Axes, place: PlaceOutcome, robots: Sequence[str], *, few: bool) -> None:
@@ -96,7 +112,8 @@ def _meetings(axes: Axes, doing: Sequence[Spell]) -> None:
         size = 9 + 0.6 * min(lasted, 900.0) ** 0.5
         axes.plot(x, y, marker="o", ms=size, mfc="#c1272d30", mec="#c1272d", zorder=7)
         beside: dict[str, Any] = {"xytext": (-size / 2 - 3, -3), "textcoords": "offset points", "ha": "right"}
-        axes.annotate(f"{lasted:.0f} s", (x, y), fontsize=7, color="#7a1116", zorder=8, **beside)
+        said = axes.annotate(f"{lasted:.0f} s", (x, y), fontsize=7, color="#7a1116", zorder=8, **beside)
+        said.set_path_effects(style.HALO)
 
 
 def meetings(doing: Sequence[Spell]) -> list[tuple[float, float, float]]:

@@ -1,7 +1,7 @@
 """A scenario on its floor: starts, places, doors, what nobody reaches, how far radio gets."""
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,16 +14,13 @@ from actors.task.words import PlaceKey
 from deploy.picture import floor_picture, look, style
 from deploy.scenario.survey import ScenarioSurvey, covered, lattice
 
-_DOOR: Final = "#ffd27f"
-_SHUT: Final = "#d9c7d9"
-
 
 def draw(found: ScenarioSurvey) -> Figure:
     """The picture."""
     figure = style.new_figure(11.0, 6.6)
     axes = figure.add_subplot()
     floor_picture.draw_floor(axes, found.grid)
-    _draw_parts(axes, found)
+    floor_picture.draw_regions(axes, found.grid, found.parts, found.reached)
     world = found.resolved.world
     few = style.few([body.id for body in world.robots])
     if few:
@@ -61,16 +58,6 @@ def write(found: ScenarioSurvey, path: Path) -> None:
         style.save(draw(found), path)
 
 
-def _draw_parts(axes: Axes, found: ScenarioSurvey) -> None:
-    """Doors, and free floor that no robot's centre gets to though it has room there."""
-    grid, labels = found.grid, found.parts.labels
-    tint = np.zeros((grid.rows, grid.columns, 4))
-    for mask, colour in ((labels > found.parts.count, _DOOR), ((labels > 0) & ~found.reached, _SHUT)):
-        tint[mask] = (*(int(colour[at : at + 2], 16) / 255 for at in (1, 3, 5)), 1.0)
-    extent = (grid.origin.x, grid.corner.x, grid.origin.y, grid.corner.y)
-    axes.imshow(tint, extent=extent, origin="lower", interpolation="nearest", zorder=1)
-
-
 def _draw_radio(axes: Axes, found: ScenarioSurvey) -> None:
     """From each start, to where on the floor half of the longest frames arrive."""
     x, y = lattice(found.grid)
@@ -85,7 +72,7 @@ def _legend(found: ScenarioSurvey, *, few: bool) -> list[Line2D | Patch]:
     handles: list[Line2D | Patch] = [
         Line2D([], [], marker="o", ls="", ms=8, color=style.INK, label="start of a robot"),
         Line2D([], [], marker="o", ls="", mfc="w", mec=style.INK, label="place to be cleaned"),
-        Patch(color=_DOOR, label="narrow place: who meets there, stops"),
+        Patch(color=floor_picture.DOOR, label="narrow place: who meets there, stops"),
     ]
     if few:
         says = "to here half of the longest frames from the start arrive"
@@ -93,5 +80,5 @@ def _legend(found: ScenarioSurvey, *, few: bool) -> list[Line2D | Patch]:
     if found.out_of_reach:
         handles.append(Line2D([], [], marker="X", ls="", ms=8, mfc="w", mec=style.INK, label="out of reach"))
     if ((found.parts.labels > 0) & ~found.reached).any():
-        handles.append(Patch(color=_SHUT, label="room for a robot, but no way there"))
+        handles.append(Patch(color=floor_picture.SHUT, label="room for a robot, but no way there"))
     return handles

@@ -1,10 +1,12 @@
 """How pictures look: colours that colour-blind people tell apart, and the same bytes for the same content."""
 
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
+from matplotlib import patheffects
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -42,6 +44,9 @@ LOOK: Final[dict[str, Any]] = {
 }
 """Letters of an SVG are outlines, so that it looks the same everywhere."""
 
+HALO: Final[list[patheffects.AbstractPathEffect]] = [patheffects.withStroke(linewidth=2.5, foreground=FLOOR)]
+"""Around words on a floor, which walls and trails would run into otherwise."""
+
 
 def colour(index: int) -> str:
     """The colour of the robot with this index in the run's order."""
@@ -76,6 +81,13 @@ def new_figure(width: float, height: float) -> Figure:
     figure = Figure(figsize=(width, height), dpi=130, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+def svg(figure: Figure) -> bytes:
+    """The figure as an SVG, without anything that differs from day to day."""
+    file = BytesIO()
+    figure.savefig(file, format="svg", metadata={"Date": None})
+    return file.getvalue()
 
 
 def save(figure: Figure, path: Path) -> None:

@@ -22,9 +22,7 @@ def print_result(result: RunResult, *, json: bool) -> None:
         return
     console = Console(highlight=False, markup=False, soft_wrap=True)
     console.print(_table(result))
-    for sentence in (*_places_done(result), *_sentences(result), *_effort(result)):
-        console.print(sentence)
-    for sentence in (*_radio(result), *_driving(result)):
+    for sentence in sentences(result):
         console.print(sentence)
     for sentence in result.refused_orders:
         console.print(f"order refused {printable(sentence)}", style="bold red")
@@ -33,10 +31,20 @@ def print_result(result: RunResult, *, json: bool) -> None:
     console.print(f"digest {result.digest}\nrecorded in {result.out}")
 
 
+def sentences(result: RunResult) -> Iterator[str]:
+    """The result in words, the most important first."""
+    yield from _places_done(result)
+    yield from _sentences(result)
+    yield from _effort(result)
+    yield from _radio(result)
+    yield from _driving(result)
+
+
 def print_next(out: Path, *, adapted: bool) -> None:
     """Say on standard output what to look at now; `adapted`: also how to run the same without adaptation."""
     console = Console(highlight=False, markup=False, soft_wrap=True)
     console.print(f"See it on one page: ./acrc view {shlex.quote(str(out))} --png")
+    console.print(f"See it with all that robots perceived: ./acrc view {shlex.quote(str(out))}")
     if adapted:
         console.print("The same without adaptation: ./acrc run --strategy none")
 

@@ -120,7 +120,10 @@ class MemorySwarm:
             self._add_robot(robot_program(plan, robot, ProcessOrder(robot.id, 0), 0), 0)
 
     def _add_robot(self, program: Program, first_step: int) -> None:
-        """What its code prints goes where a process of its own would write it."""
+        """What its code prints goes where a process of its own would write it; if it is debugged, its way."""
+        if self._plan.debug is not None and program.actor == self._plan.debug.robot:
+            self._add(program, robot_part(program.argv))
+            return
         printed = prints.in_file(program.log, self._plan.world.step_us)
         self._stack.callback(printed.close)
         with printed.during(first_step):

@@ -11,7 +11,8 @@ from typing import Final
 
 import msgspec
 
-from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
+from actors.messages import (PROGRESS, ROSTER, ProcessOrder, Progress)
+from actors.orders import (Give)
 from actors.runtime.access import rules
 from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.zenoh_bus import open_mesh
@@ -65,6 +66,8 @@ def run(scenario: Scenario, options: RunOptions) -> RunResult:
     prepared = plan(scenario, options)
     warn(prepared.warning)
     places = sum(len(robot.places) for robot in prepared.world.robots)
+    given = (timed.order for timed in prepared.world.events)
+    places += sum(len(order.places) for order in given if isinstance(order, Give))
     quiet = options.json or prepared.debug is not None  # the terminal is the debugger's
     check_names(options.log, [robot.id for robot in prepared.world.robots], "--log")
     with (

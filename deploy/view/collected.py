@@ -40,6 +40,7 @@ def collected_story(out: Path) -> Story:
         grid=grid,
         tracks=tracks,
         places={robot: logs[0].identity.places or () for robot, logs in trial.logs.items()},
+        begun_with={robot: len(logs[0].identity.places or ()) for robot, logs in trial.logs.items()},
         routes=tuple(sorted((one for one in told if isinstance(one, Route)), key=lambda one: one.second)),
         reported=_deeds(trial, times, "reports"),
         taken_over=tuple(_taken_over(trial, told)),

@@ -53,12 +53,14 @@ def read_story(out: Path) -> Story:
     return simulated_story(out) if "world" in files else collected_story(out)
 
 
-def draw(story: Story, path: Path, wishes: Wishes, *, send_to: str | None, say: Say) -> None:
+def draw(
+    story: Story, path: Path, wishes: Wishes, *, send_to: str | None, say: Say, began: float | None = None
+) -> None:
     """Draw into `path`, and to a viewer; `say` is told how it gets on. AcrcError if it cannot be written.
 
-    The file takes its name once it is whole.
+    The file takes its name once it is whole. `began`: when somebody began to wait, by the monotonic clock.
     """
-    began = time.monotonic()
+    began = time.monotonic() if began is None else began
     part = path.with_name(f"{path.name}.part")
     try:
         faults, lost = _draw(story, part, wishes, send_to, lambda: time.monotonic() - began, say)

@@ -25,8 +25,13 @@ def draw_place_history(canvas: Canvas, story: Story) -> None:
         for owner, places in story.places.items()
         for number, (x, y) in enumerate(places)
     }
-    held = {owner: frozenset(key for key in states if key.owner == owner) for owner in story.places}
-    _draw(canvas, 0.0, states, set(story.places))
+    to_come = {key for key in states if key.place >= story.begun_with[key.owner]}
+    held = {
+        owner: frozenset(key for key in states.keys() - to_come if key.owner == owner)
+        for owner in story.places
+    }
+    shown = {key: state for key, state in states.items() if key not in to_come}
+    _draw(canvas, 0.0, shown, set(story.places))
     for word in _words(story):
         touched = set(word.places)
         if word.what == "route":
@@ -36,10 +41,10 @@ def draw_place_history(canvas: Canvas, story: Story) -> None:
         changed = set()
         for key in touched & states.keys():
             new = _after(states[key], key, word.what, held, story.robots)
-            if new != states[key]:
-                states[key] = new
+            if new != shown.get(key):
+                states[key] = shown[key] = new
                 changed.add(key.owner)
-        _draw(canvas, word.second, states, changed)
+        _draw(canvas, word.second, shown, changed)
 
 
 def _after(

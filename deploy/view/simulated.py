@@ -29,7 +29,8 @@ def simulated_story(out: Path) -> Story:
         out=out,
         grid=run.grid,
         tracks={robot: _track(run, index) for index, robot in enumerate(run.robots)},
-        places={body.id: body.places for body in run.setup.robots},
+        places=_places(run),
+        begun_with={body.id: len(body.places) for body in run.setup.robots},
         routes=run.routes,
         reported=run.reported,
         taken_over=run.taken_over,
@@ -39,6 +40,14 @@ def simulated_story(out: Path) -> Story:
         true=True,
         sources=tuple(Source(actor, files[actor].parent.name, _seconds) for actor in actors),
     )
+
+
+def _places(run: RunEvidence) -> dict[str, tuple[tuple[float, float], ...]]:
+    """Of each robot, as far as the referee, or else the scenario, names them."""
+    found: dict[str, list[tuple[float, float]]] = {robot: [] for robot in run.robots}
+    for place in sorted(run.places, key=lambda one: one.place):
+        found[place.owner].append((place.x, place.y))
+    return {robot: tuple(points) for robot, points in found.items()}
 
 
 def _seconds(instants: NDArray[np.int64]) -> Floats:

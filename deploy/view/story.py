@@ -48,7 +48,9 @@ class Story:
     tracks: Mapping[str, Track]
     """By robot, in their order."""
     places: Mapping[str, tuple[tuple[float, float], ...]]
-    """By owner, m."""
+    """By owner, m; those that came while the run went on behind those that it began with."""
+    begun_with: Mapping[str, int]
+    """How many places each owner had at the start."""
     routes: tuple[Route, ...]
     """In the order of their instants."""
     reported: tuple[Deed, ...]

@@ -5,36 +5,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.instant import in_seconds
 from deploy.evidence.recorded import outcomes
+from deploy.evidence.said_decisions import SaidDecision, adaptation
 from deploy.results.navigation_result import GivenGoal, navigation_outcome
-from deploy.results.outcome import told
 from experiments.accounting.tracks import Tracks
 
-_SUBJECT: Final = "adaptation"
 _ABORTED: Final = frozenset({"no plan", "blocked", "no progress"})
-
-
-class SaidDecision(msgspec.Struct, frozen=True):
-    """A decision of a robot's adaptation, as it has told it; instants and ages in µs."""
-
-    instant: int
-    by: str
-    words: str
-    source: str
-    age: int
-    old: tuple[float, float] | None
-    new: tuple[float, float] | None
-
-
-class _Adaptation(msgspec.Struct, frozen=True):
-    decisions: tuple[SaidDecision, ...]
-    decisions_unlisted: int
-    blocked: tuple[tuple[int, int | None], ...] | None
 
 
 @dataclass(frozen=True)
@@ -66,12 +46,12 @@ def said_by(records: Sequence[Path]) -> Said:
         if (navigation := navigation_outcome(record, outcome)) is not None:
             goals += navigation.given
             planless += navigation.without_plan
-        adaptation = told(record, outcome, _SUBJECT, _Adaptation, "a robot's adaptation")
-        if adaptation is not None:
-            decisions += adaptation.decisions
-            left_out += adaptation.decisions_unlisted
-            if adaptation.blocked is not None:
-                blocked = [*(blocked or []), *adaptation.blocked]
+        told = adaptation(record, outcome)
+        if told is not None:
+            decisions += told.decisions
+            left_out += told.decisions_unlisted
+            if told.blocked is not None:
+                blocked = [*(blocked or []), *told.blocked]
     said = None if blocked is None else tuple(blocked)
     return Said(tuple(goals), tuple(planless), said, tuple(decisions), left_out)
 

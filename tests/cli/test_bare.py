@@ -35,6 +35,7 @@ STARTS = {
     "record replay": ACTORS,
     "view": ("deploy.inside.inside_program", "deploy.processes.forkserver", *ACTORS),
     "view --png": ("deploy.evidence.run_evidence", "deploy.picture.run_page"),
+    "view --html": ("deploy.picture.run_html", "deploy.picture.moving"),
     "fleet onboard": ("actors.robot.__main__", *ON_BOARD),
     "bench onboard": ("firmware_bridge.laboratory.__main__", *ACTORS, *ON_BOARD),
     "bench standstill": ("firmware_bridge.laboratory.__main__", ACTORS[2], *ON_BOARD),

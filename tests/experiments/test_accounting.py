@@ -15,6 +15,7 @@ from actors.messages import Jam
 from benchmarks.causes import situations
 from benchmarks.causes.causes import judge
 from deploy.cli.app import app
+from deploy.evidence.said_decisions import SaidDecision
 from deploy.results.navigation_result import GivenGoal
 from deploy.run import swarm
 from deploy.run.options import RunOptions
@@ -25,7 +26,7 @@ from experiments.accounting.classify import CAUSES, Classified, classify
 from experiments.accounting.episodes import STANDARD
 from experiments.accounting.findings import findings
 from experiments.accounting.passage import Passages
-from experiments.accounting.said import Said, SaidDecision
+from experiments.accounting.said import Said
 from experiments.accounting.time_spent import Cause, WedgeCount
 from experiments.accounting.tracks import TimedJam, Tracks, TracksError
 

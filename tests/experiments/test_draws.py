@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from cleaning.strategies import STRATEGIES
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.resolve import resolve
@@ -149,6 +150,15 @@ def test_what_is_wrong_with_a_distribution_is_said(tmp_path: Path, table: str, s
     with pytest.raises(StudyError) as caught:
         load_study(path)
     assert sentence in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["drawn_places", "all_strategies"])
+def test_the_studies_that_come_along_can_be_carried_out(name: str) -> None:
+    study = load_study(ROOT / "studies" / f"{name}.toml")
+    assert set(study.strategies) <= set(STRATEGIES)
+    assert name != "all_strategies" or set(study.strategies) == set(STRATEGIES)
+    first = next(study.trials())
+    resolve(load_scenario(Path(study.scenario), Overrides(settings=(*study.settings, *first.variant))))
 
 
 def test_distributions_and_values_stand_side_by_side(tmp_path: Path) -> None:

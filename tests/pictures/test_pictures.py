@@ -1,14 +1,19 @@
 """Pictures have what they are for, look the same every time, and are made by commands."""
 
+import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from PIL import Image
 
+from actors.runtime.errors import AcrcError
 from deploy.evidence.run_evidence import RunEvidence
-from deploy.picture import floor_picture, run_page, side_by_side, style
+from deploy.picture import floor_picture, moving, run_html, run_page, side_by_side, style
+from deploy.usage import OptionError
 from tests.swarm.command import acrc
 
 
@@ -64,9 +69,11 @@ def test_robots_beyond_the_palette_have_a_colour_too() -> None:
 def test_view_draws_beside_the_run(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "copy"
     shutil.copytree(folder, out)
-    done = acrc("view", out, "--png", "--svg")
+    done = acrc("view", out, "--png", "--svg", "--html", "--movie", tmp_path / "m.gif", "--speed", 200)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines() == [str(out / "run.png"), str(out / "run.svg")]
+    assert done.stdout.splitlines() == [
+        *(str(out / f"run.{kind}") for kind in ("png", "svg", "html")), str(tmp_path / "m.gif")
+    ]  # fmt: skip
     assert (out / "run.svg").read_text().startswith("<?xml")
 
 
@@ -74,6 +81,78 @@ def test_view_says_what_it_needs(folder: Path, tmp_path: Path) -> None:
     nothing = acrc("view", tmp_path, "--png")
     assert nothing.returncode == 1
     assert nothing.stderr == f"acrc: {tmp_path}: no run's folder: there is no */*.mcap in it\n"
+
+
+def test_a_page_needs_nothing_beside_itself_and_says_what_the_run_said(
+    evidence: RunEvidence, tmp_path: Path
+) -> None:
+    run_html.write(evidence, tmp_path / "run.html")
+    page = (tmp_path / "run.html").read_text()
+    assert page.startswith("<!DOCTYPE html>") and page.count("data:image/svg+xml;base64,") == 1
+    assert not re.findall(r"(?:src|href)=\"(?!data:|#)", page) and "<script" not in page
+    assert "<p>2 robots with strategy chapter cleaned all 6 places in 98.5 simulated s.</p>" in page
+    headings = re.findall(r"<h2 id=\"s(\d)\">", page)
+    assert headings == [str(number) for number in range(1, len(headings) + 1)] and len(headings) == 8
+    assert page.count("<td>takes over ") == len(evidence.taken_over)
+    assert "<td>r2/0</td>" in page and str(evidence.out) not in page
+
+
+def test_what_robots_are_called_does_no_harm_to_a_page(evidence: RunEvidence) -> None:
+    assert evidence.result is not None
+    origin = msgspec.structs.replace(evidence.result.origin, strategy="<script>alert(1)</script>")
+    result = msgspec.structs.replace(evidence.result, origin=origin)
+    page = run_html.html(replace(evidence, result=result), b"")
+    assert "<script" not in page and "&lt;script&gt;alert(1)" in page
+
+
+def test_a_page_of_a_run_that_was_cut_says_so(evidence: RunEvidence) -> None:
+    page = run_html.html(replace(evidence, result=None), b"")
+    assert "The run was cut off after 98.6 simulated s" in page and "How to make it again</h2>" not in page
+
+
+def test_a_movie_shows_robots_moving_and_places_filling(evidence: RunEvidence, tmp_path: Path) -> None:
+    path = tmp_path / "run.gif"
+    moving.write(evidence, path, 100.0)
+    shown = list(moving.instants(evidence, 100.0))
+    with Image.open(path) as movie:
+        assert getattr(movie, "n_frames", 0) == len(shown) == 11 and movie.info["duration"] == 100
+        frames = []
+        for number in (0, len(shown) - 1):
+            movie.seek(number)
+            frames.append(np.asarray(movie.convert("RGB")).astype(int))
+    assert shown[-1] == len(evidence.seconds) - 1
+    assert (np.abs(frames[1] - frames[0]).sum(axis=2) > 100).sum() > 200
+
+
+def test_a_movie_that_cannot_be_written_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(AcrcError) as caught:
+        moving.check(tmp_path / "run.mp4")
+    assert str(caught.value) == (
+        f"--movie {tmp_path / 'run.mp4'}: needs the program ffmpeg, which is not here; a .gif needs nothing"
+    )
+    for wrong in (tmp_path / "run.avi", tmp_path / "nowhere" / "run.gif"):
+        with pytest.raises(OptionError, match=r"its name ending in \.gif or \.mp4"):
+            moving.check(wrong)
+
+
+def test_ffmpeg_is_given_pictures_of_even_sides(
+    evidence: RunEvidence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = tmp_path / "ffmpeg"
+    program.write_text(f'#!/bin/sh\necho "$@" >{tmp_path}/words\n/usr/bin/wc -c >{tmp_path}/bytes\n')
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    moving.write(evidence, tmp_path / "run.mp4", 500.0)
+    wide, high = map(int, re.findall(r"-s (\d+)x(\d+) ", (tmp_path / "words").read_text())[0])
+    assert wide % 2 == high % 2 == 0
+    pictures = len(list(moving.instants(evidence, 500.0)))
+    assert int((tmp_path / "bytes").read_text()) == pictures * wide * high * 3
+    program.write_text("#!/bin/sh\necho no such codec >&2\nexit 1\n")
+    with pytest.raises(AcrcError, match="ffmpeg says no such codec"):
+        moving.write(evidence, tmp_path / "run.mp4", 500.0)
 
 
 def test_the_demonstration_shows_the_problem_and_its_cure(tmp_path: Path) -> None:

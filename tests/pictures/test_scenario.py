@@ -92,3 +92,41 @@ def test_options_replace_what_the_file_says_and_wrong_ones_are_told(tmp_path: Pa
         done = acrc("scenario", *words)
         assert done.returncode in (1, 2) and done.stderr.count("\n") == 1
         assert told in done.stderr
+
+
+def test_a_map_and_a_robot_model_are_checked_and_drawn_alone(tmp_path: Path) -> None:
+    two_rooms(tmp_path)
+    done = acrc("scenario", tmp_path / "room.yaml", "--png", tmp_path / "map.png")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [
+        "room.yaml: 6.0 m by 2.0 m in cells of 0.05 m, from (0, 0) on; free 11 m², unknown 0 m²",
+        "the centre of a robot of 0.354 m gets to 4 m²; no narrow place",
+        "3.8 m² more have room for it, but no way leads there from the largest piece",
+        str(tmp_path / "map.png"),
+    ]
+    model = ROOT / "actors" / "models" / "omnibox.toml"
+    done = acrc("scenario", model, "--png", tmp_path / "omnibox.png")
+    assert done.stdout.splitlines()[:4] == [
+        "Omnibox: a polygon within 0.56 m, 0.38 m at its narrowest, 22 kg; odometry stage",
+        "omnidirectional drive: up to 0.8 m/s, from which it stops within 0.21 m, and 115° per second; "
+        "brakes 0.3 s after its last command",
+        "sensor kinect: 640 rays over 58°, 0.45 to 6.5 m, 10 Hz, noise of 0 mm, 68 mm at its farthest",
+        "bumper: centre to 40° either side, right and left to 100°",
+    ]
+    for name in ("map", "omnibox"):
+        with Image.open(tmp_path / f"{name}.png") as image:
+            assert len(np.unique(np.asarray(image.convert("RGB")).reshape(-1, 3), axis=0)) > 20
+
+
+def test_what_is_wrong_with_a_map_or_a_model_is_one_sentence(tmp_path: Path) -> None:
+    two_rooms(tmp_path)
+    (tmp_path / "thin.toml").write_text("[footprint]\nradius = -1\n")
+    alone = "is no scenario; must stand without --robots, --seed and --set"
+    for words, fault in (
+        ((tmp_path / "room.yaml", "--seed", 3), alone),
+        ((tmp_path / "gone.yaml",), "the map cannot be read: No such file or directory."),
+        ((tmp_path / "thin.toml",), "name is missing"),
+    ):
+        done = acrc("scenario", *words)
+        assert done.returncode in (1, 2), words
+        assert done.stderr.count("\n") == 1 and fault in done.stderr, done.stderr

@@ -123,3 +123,17 @@ def test_a_scan_is_shown_in_millimetres_and_columns_lead_to_what_plain_shows(met
     ranges = plain(one)["scan"]["ranges_mm"]
     assert len(ranges) > 100 and at_column(one, "scan.ranges_mm") == ranges
     assert at_column(one, "scan.ranges_mm[3]") == ranges[3]
+
+
+def test_a_process_recording_names_the_fields_of_its_messages(met: Path) -> None:
+    """They are arrays there; any reader shows the names in the channel's schema."""
+    with (met / "world" / "world.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    (drive,) = {one.schema_id for one in summary.channels.values() if one.topic.endswith("/drive")}
+    schema = summary.schemas[drive]
+    assert (schema.name, schema.encoding) == ("Drive", "acrc-fields")
+    fields = json.loads(schema.data)
+    assert list(fields) == ["Drive", "PlaceReport", "PlaceGivenUp", "PlaceKey"]
+    assert fields["Drive"][:4] == ["step", "vx", "vy", "omega"] and fields["PlaceKey"] == ["owner", "place"]
+    assert len(summary.schemas) < 10, "one for each type"

@@ -79,7 +79,16 @@ scenarios = some.fixed_dictionaries(
             unique_by=_id,
         ),
         "event": some.lists(
-            tables(at=some.floats(0.0, 0.5), obstacle=points, radius=some.floats(0.001, 10)), max_size=3
+            some.one_of(
+                tables(at=some.floats(0.0, 0.5), obstacle=points, radius=some.floats(0.001, 10)),
+                tables(at=some.floats(0.0, 0.5), close=points),
+                tables(
+                    at=some.floats(0.0, 0.5),
+                    give=some.sampled_from(["r1", "r3"]),
+                    places=some.lists(points, min_size=1, max_size=3),
+                ),
+            ),
+            max_size=3,
         ),
     }
 )

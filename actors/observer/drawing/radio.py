@@ -1,21 +1,25 @@
 """Radio: who hears whom how strongly, and where copies of frames are lost, by cause."""
 
+from collections import Counter
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
 from actors.observer.colours import FATES, LINK, Colour, faded
-from actors.observer.drawing.canvas import FEW, NOSE, Canvas, ring
+from actors.observer.drawing.canvas import FEW, NOSE, Canvas, lifted, ring
 from actors.observer.drawing.canvas import LINK as HEIGHT
 
+Floats = NDArray[np.float64]
 _LASTING: Final = 2.5
 """So long a link fades, s: somewhat longer than robots take to publish twice."""
 _WEAKEST: Final = -95.0
 _STRONGEST: Final = -45.0
 """Between these, dBm, a link is the brighter the stronger it is."""
+_EACH: Final = 2
+"""Links of each robot where there are many."""
 SHOWN: Final = ("collision", "disturbed", "half duplex", "receiver busy")
 """Losses with a ring at their receiver. Who is out of reach is silent, and who is off, too."""
 
@@ -31,28 +35,51 @@ def introduce_radio(canvas: Canvas) -> None:
     canvas.still("world/radio/losses", rr.LineStrips3D.from_fields(radii=[-2.0]))
 
 
-def draw_links(
-    canvas: Canvas,
-    seconds: NDArray[np.float64],
-    positions: NDArray[np.float64],
-    heard: NDArray[np.float64],
-) -> None:
+class _Link(NamedTuple):
+    """Two robots of which one has heard the other lately."""
+
+    rssi_dbm: float
+    since: float
+    """How long ago, s."""
+    one: int
+    other: int
+
+
+def draw_links(canvas: Canvas, seconds: Floats, positions: Floats, heard: Floats) -> None:
     """Draw links at `seconds`, (n,), with robots at `positions`, (n, robots, 2), m.
 
-    `heard`: (k, 4) instant, s, index of sender and of receiver, RSSI, dBm, in order of the instants.
+    `heard`: (k, 4) instant, s, index of sender and of receiver, RSSI, dBm, in order of the instants. Among
+    many robots each has its strongest ones only.
     """
-    rows: list[list[NDArray[np.float64]]] = [[] for _ in seconds]
-    colours: list[list[Colour]] = [[] for _ in seconds]
+    links: list[list[_Link]] = [[] for _ in seconds]
     pairs = np.sort(heard[:, 1:3].astype(np.int64), axis=1)
-    for one, other in np.unique(pairs, axis=0).tolist():
-        mine = heard[(pairs == (one, other)).all(axis=1)]
+    codes = pairs[:, 0] * (pairs.max(initial=0) + 1) + pairs[:, 1]
+    for code in np.unique(codes).tolist():
+        mine = heard[codes == code]
+        one, other = sorted(mine[0, 1:3].astype(np.int64).tolist())
         last = np.searchsorted(mine[:, 0], seconds, side="right") - 1
         since = np.where(last >= 0, seconds - mine[last, 0], np.inf)
         for k in np.flatnonzero(since < _LASTING).tolist():
-            ends = np.column_stack((positions[k, [one, other]], (HEIGHT, HEIGHT)))
-            rows[k].append(ends)
-            colours[k].append(_brightness(mine[last[k], 3], since[k]))
+            links[k].append(_Link(float(mine[last[k], 3]), float(since[k]), one, other))
+    if len(canvas.robots) > FEW:
+        links = [_strongest(some) for some in links]
+    rows = [
+        [lifted(positions[k, [link.one, link.other]], HEIGHT) for link in some]
+        for k, some in enumerate(links)
+    ]
+    colours = [[_brightness(link.rssi_dbm, link.since) for link in some] for some in links]
     canvas.strips("world/radio/links", seconds, rows, colours)
+
+
+def _strongest(links: Sequence[_Link]) -> list[_Link]:
+    """Those that are among the strongest of one of their ends."""
+    drawn: Counter[int] = Counter()
+    kept = []
+    for link in sorted(links, reverse=True):
+        if min(drawn[link.one], drawn[link.other]) < _EACH:
+            kept.append(link)
+            drawn.update((link.one, link.other))
+    return kept
 
 
 def _brightness(rssi_dbm: float, since: float) -> Colour:
@@ -62,8 +89,8 @@ def _brightness(rssi_dbm: float, since: float) -> Colour:
 
 def draw_losses(
     canvas: Canvas,
-    seconds: NDArray[np.float64],
-    positions: NDArray[np.float64],
+    seconds: Floats,
+    positions: Floats,
     losses: Sequence[tuple[float, int, str]],
 ) -> None:
     """A ring at the receiver of each lost copy, (instant, s, receiver, cause), from the next of `seconds` on

@@ -101,6 +101,11 @@ class _Hosted:
         """The robot's node; for those who execute a robot again to look into it."""
         return self._node
 
+    @property
+    def ensembles(self) -> tuple[object, ...]:
+        """The ensembles of that node, for the same people."""
+        return tuple(self._ensembles)
+
     def succeed(self, former: "_Hosted") -> bool:
         """Go on where the robot's host so far ends; False if the component cannot. Before the first step."""
         component = self._component

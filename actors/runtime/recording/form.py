@@ -1,6 +1,7 @@
 """The form of a recording, for those who write and those who read it.
 
 Channel metadata `direction` is `in` or `out`; `sequence` counts the messages of one key and direction;
+a channel whose messages are there in full has a schema that names their fields (`description`);
 `log_time` is the instant of the message's step, ns. A channel with message encoding `sha256` holds the step
 as eight little-endian bytes and then the sha256 of the encoded message, which was too large to be kept twice
 and which its receiver recorded in full. Metadata records: `run` first, then `final` or `failure` as the last

@@ -140,6 +140,8 @@ class Reading:
                 self._notes += 1
                 if self._notes > MOST_NOTES:
                     raise ValueError(f"it has more than {MOST_NOTES} notes")
+            case Opcode.SCHEMA:  # for people: who reads here knows the messages
+                pass
             case Opcode.HEADER if not self._channels:  # later, it is a record whose kind was damaged
                 pass
             case _:

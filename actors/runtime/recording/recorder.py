@@ -10,6 +10,7 @@ import msgspec
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType, Writer
 
+from actors.runtime.recording.description import DESCRIPTION, described, kind_on
 from actors.runtime.recording.form import (
     FIELDS,
     HASHED,
@@ -58,6 +59,7 @@ class Recorder:
         self._sealed = 0
         self._last = -1
         self._channels: dict[tuple[str, str, str], int] = {}
+        self._schemas: dict[str, int] = {}
         self._step_ns = step_us * 1000
 
     def __enter__(self) -> Self:
@@ -107,7 +109,8 @@ class Recorder:
     ) -> None:
         channel = self._channels.get((direction, key, encoding))
         if channel is None:
-            channel = self._writer.register_channel(key, encoding, 0, {"direction": direction})
+            schema = self._schema(key) if encoding == MESSAGES else 0
+            channel = self._writer.register_channel(key, encoding, schema, {"direction": direction})
             self._channels[direction, key, encoding] = channel
             self._writer.add_message(channel, step * self._step_ns, data, step * self._step_ns, sequence)
         else:
@@ -115,6 +118,16 @@ class Recorder:
         self._last = step
         if self._stream.unsealed > UNSEALED:
             self._seal()
+
+    def _schema(self, key: str) -> int:
+        """The number of the description of what travels on the key; 0 if there is none."""
+        kind = kind_on(key)
+        if kind is None:
+            return 0
+        name = kind.__name__
+        if name not in self._schemas:
+            self._schemas[name] = self._writer.register_schema(name, DESCRIPTION, described(kind))
+        return self._schemas[name]
 
     def _write(self, channel: int, step: int, sequence: int, data: bytes) -> None:
         # A message record as the library writes it, without its five calls per field: this is the place where

@@ -1,0 +1,148 @@
+"""Explains decisions of one robot of a run."""
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import msgspec
+
+from actors.instant import in_seconds
+from actors.runtime.errors import AcrcError
+from deploy.explanation.air import Air
+from deploy.explanation.chain import Chain, Link
+from deploy.explanation.retold import Made, Retold, retell
+from deploy.replay.run_recordings import recordings
+from deploy.replay.trusted_replay import check_trust
+
+_SAME_S: Final = 0.0501
+"""Who asks for an instant means a decision that is no farther away: half a step."""
+
+
+class ExplanationError(AcrcError):
+    """Something that nobody can explain."""
+
+
+class Wish(NamedTuple):
+    """Of whom which decision is to be explained."""
+
+    robot: str
+    at_s: float | None
+    """None: all are to be listed."""
+
+
+class DecisionRow(msgspec.Struct, frozen=True):
+    """A decision as it is listed."""
+
+    at_s: float
+    words: str
+    by: str
+    """The process or exchange that changed the knowledge; "behaviour": what it told its robot."""
+
+
+class Explanation(msgspec.Struct, frozen=True):
+    """Why a robot decided something."""
+
+    robot: str
+    asked_s: float
+    at_s: float
+    """When the decision was made: the nearest before `asked_s`, unless `exact`."""
+    exact: bool
+    decision: str
+    by: str
+    chain: tuple[Link, ...]
+    """The decision's own link first; causes stand below, one deeper than their effects."""
+
+
+def wish(text: str) -> Wish:
+    """`r2@157`: the decision of r2 at 157 s; `r2`: all of r2's. Raises ExplanationError."""
+    robot, at, instant = text.partition("@")
+    if not at:
+        return Wish(robot, None)
+    if not robot or not re.fullmatch(r"[0-9]+(\.[0-9]*)?", instant):
+        raise ExplanationError(
+            f"{text}: should be a robot and simulated seconds, such as r2@157, or r2 alone"
+        )
+    return Wish(robot, float(instant))
+
+
+def listed(out: Path, robot: str, *, trust: bool) -> tuple[DecisionRow, ...]:
+    """All decisions of a robot, those of its later processes behind."""
+    rows: list[DecisionRow] = []
+    for actor in _actors(out, robot):
+        rows += [_row(made) for made in _retold(out, actor, trust).decisions]
+    return tuple(rows)
+
+
+def explain(out: Path, asked: Wish, *, trust: bool) -> tuple[Explanation, ...]:
+    """Every decision that the robot made at an instant, or the one before it.
+
+    Executes the robot and the radio again. Raises ExplanationError if it had decided nothing by then.
+    """
+    assert asked.at_s is not None
+    earliest: float | None = None
+    for actor in reversed(_actors(out, asked.robot)):
+        retold = _retold(out, actor, trust)
+        found = _chosen(retold.decisions, asked.at_s)
+        if found:
+            return tuple(_explained(out, retold, asked, found))
+        if retold.decisions:
+            earliest = in_seconds(retold.decisions[0].instant)
+    then = "it never decides anything" if earliest is None else f"its first decision is at {earliest:g} s"
+    raise ExplanationError(f"{asked.robot} had decided nothing by {asked.at_s:g} s; {then}")
+
+
+def _chosen(decisions: Sequence[Made], at_s: float) -> list[Made]:
+    """Those at the instant, or of the last instant before it."""
+    by_then = [made for made in decisions if in_seconds(made.instant) <= at_s + _SAME_S]
+    if not by_then:
+        return []
+    near = [made for made in by_then if abs(in_seconds(made.instant) - at_s) <= _SAME_S]
+    return near or [made for made in by_then if made.instant == by_then[-1].instant]
+
+
+def _explained(out: Path, retold: Retold, asked: Wish, found: Sequence[Made]) -> Iterator[Explanation]:
+    assert asked.at_s is not None
+    chain = Chain(retold, Air(out, retold.actor))
+    for made in found:
+        at_s = in_seconds(made.instant)
+        yield Explanation(
+            asked.robot, asked.at_s, at_s, abs(at_s - asked.at_s) <= _SAME_S, made.words, made.by,
+            tuple(chain.of(made)),
+        )  # fmt: skip
+
+
+def _actors(out: Path, robot: str) -> list[str]:
+    """The processes of a robot, or the one that is named, in the order in which they were started."""
+    files = recordings(out)
+    found = [actor for actor, path in files.items() if path.parent.name == robot] or [
+        actor for actor in files if actor == robot
+    ]
+    robots = sorted({path.parent.name for path in files.values()} - {"world", "radio"})
+    if not found or robot in ("world", "radio"):
+        raise ExplanationError(f"{robot}: is no robot of this run; there are {', '.join(robots)}")
+    return found
+
+
+def _retold(out: Path, actor: str, trust: bool) -> Retold:
+    """Raises ForeignCodeError for somebody's code, without `trust`."""
+    check_trust(out, actor, trust=trust)
+    return retell(out, actor)
+
+
+def _row(made: Made) -> DecisionRow:
+    return DecisionRow(in_seconds(made.instant), made.words, made.by)
+
+
+def as_json(value: Any) -> str:
+    """An explanation, or a list, for programs."""
+    return msgspec.json.encode(value).decode()
+
+
+def sentences(explanation: Explanation) -> Iterator[str]:
+    """A line for each link."""
+    robot, asked, at_s = explanation.robot, explanation.asked_s, explanation.at_s
+    if not explanation.exact:
+        yield f"{robot} decided nothing at {asked:g} s; before that it last did at {at_s:g} s:"
+    for link in explanation.chain:
+        yield f"{link.at_s:9.3f} s  {'   ' * link.depth}{link.says}"

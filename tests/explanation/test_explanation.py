@@ -1,0 +1,188 @@
+"""Decisions whose causes are known: planted ones, and some that follow from the chapter's rules."""
+
+import json
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from deploy.explanation.chain import Link
+from deploy.explanation.explain import Explanation, ExplanationError, explain, listed, sentences, wish
+from tests.swarm.command import acrc
+
+
+class Known(NamedTuple):
+    """A decision and what must stand in its chain: kind of link, instant, words of its sentence."""
+
+    run: str
+    who: str
+    words: str
+    chain: tuple[tuple[str, float, str], ...]
+
+
+PLANTED = (
+    Known("planted", "r1@2", "sets off for (5.00, 12.50)", (
+        ("process", 2.0, "going - → 5.00, 12.50, by the process Planted.go"),
+        ("state", 2.0, "wish - → 5.00, 12.50, by Planted.want"),
+        ("state", 2.0, "number 0 → 3 since 0 s, by Planted.count"))),
+    Known("planted", "r1@5", "sets off for (4.00, 12.00)", (
+        ("state", 5.0, "wish 5.00, 12.50 → 4.00, 12.00, by Planted.want"),
+        ("state", 5.0, "number 0 → 6 since 0 s, by Planted.count"))),
+    Known("planted", "r1@7", "pauses", (
+        ("process", 7.0, "standing False → True, by the process Planted.halt"),
+        ("state", 7.0, "number 0 → 8 since 0 s, by Planted.count"))),
+    Known("planted", "r1@8", "backs out 0.5 m along its trail", (
+        ("goal", 8.0, "paused"),
+        ("process", 8.0, "by the process Planted.retreat"),
+        ("state", 8.0, "number 0 → 9 since 0 s, by Planted.count"))),
+    Known("planted", "r1@9", "looks for itself anew", (
+        ("process", 9.0, "by the process Planted.doubt"),
+        ("state", 9.0, "number 0 → 10 since 0 s, by Planted.count"))),
+    Known("planted", "r1@10", "gives up r1/0: eleven", (
+        ("process", 10.0, "place left False → True, by the process Planted.leave"),
+        ("state", 10.0, "number 0 → 11 since 0 s, by Planted.count"))),
+    Known("planted", "r1@11", "stops", (
+        ("process", 11.0, "going 4.00, 12.00 → -, by the process Planted.rest"),
+        ("state", 11.0, "number 0 → 12 since 0 s, by Planted.count"))),
+    Known("planted", "r2@3.5", "sets off for (5.00, 12.50)", (
+        ("state", 3.0, "wish - → 5.00, 12.50, by Following.at_member with r1"),
+        ("replica", 2.701, "what it knew of r1, 0.299 s old (publication 3): wish 5.00, 12.50"),
+        ("frame", 2.701, "a frame of r1 brought it, its own"),
+        ("lost", 2.701, "nothing that r1 sent between 1.7 and 2.701 s was lost here"))),
+    Known("planted", "r2@9.5", "sets off for (4.00, 12.00)", (
+        ("state", 9.0, "wish 5.00, 12.50 → 4.00, 12.00, by Following.at_member with r1"),
+        ("frame", 8.702, "a frame of r1 brought it, its own"),
+        ("lost", 7.701, "3 frames of r1 were lost here between 4.702 and 8.702 s: 5.701 s disturbed"))),
+    Known("planted", "r3@5.5", "sets off for (5.00, 12.50)", (
+        ("state", 5.0, "by Following.at_member with r1"),
+        ("frame", 4.866, "relayed once"))),
+    Known("planted", "r3@9.5", "sets off for (4.00, 12.00)", (
+        ("state", 9.0, "by Following.at_member with r1"),
+        ("frame", 8.852, "a frame of r4 brought it, relayed once"),
+        ("lost", 8.76, "below sensitivity"))),
+    Known("planted", "r4@4.5", "sets off for (5.00, 12.50)", (
+        ("state", 4.0, "by Following.at_member with r2"),
+        ("frame", 3.444, "a frame of r2 brought it, its own"))),
+    Known("planted", "r4@10.5", "sets off for (4.00, 12.00)", (
+        ("state", 10.0, "wish 5.00, 12.50 → 4.00, 12.00, by Following.at_member with r2"),
+        ("frame", 9.444, "a frame of r2 brought it, its own"))),
+)  # fmt: skip
+"""r1 decides by its count; r2 hears r1, r3 by relay only, r4 follows r2; r2 and r4 are jammed for a while."""
+DOORWAY = (
+    Known("doorway", "r2@12", "sets off again for (12.52, 4.68)", (
+        ("goal", 12.0, "navigation had given up the goal (12.52, 4.68): blocked"),)),
+    Known("doorway", "r2@15", "takes over r1/0", (
+        ("exchange", 15.0, "by the exchange DestinationAdoption.at_member with r1"),
+        ("replica", 14.702, "state blocked"),
+        ("frame", 14.702, "a frame of r1 brought it, its own"),
+        ("state", 15.0, "blocked for 0 → 1, by AdaptiveCleaningRobot.auto_unblock"),
+        ("state", 15.0, "state free → blocked, by AdaptiveCleaningRobot.detect_blocked"))),
+    Known("doorway", "r2@16", "sets off for (9.00, 12.50)", (
+        ("process", 16.0, "by the process AdaptiveCleaningRobot.drive"),
+        ("state", 15.0, "destination r2/0 → r1/0"),
+        ("replica", 14.702, "what it knew of r1"))),
+    Known("doorway", "r1@18", "takes over r2/0, leaves to another r1/0", (
+        ("exchange", 18.0, "by the exchange AdoptedDestinationRemove.at_member with r2"),
+        ("replica", 17.445, "adopted r1/0, destination r1/0, former r2/0"))),
+    Known("doorway", "r1@20", "sets off for (12.52, 4.68)", (
+        ("state", 18.0, "by AdoptedDestinationRemove.at_member with r2"),)),
+    Known("doorway", "r2@21", "leaves to another r2/0", (
+        ("exchange", 21.0, "by the exchange AdoptedDestinationRemove.at_member with r1"),
+        ("replica", 20.703, "adopted r2/0"))),
+    Known("doorway", "r2@32", "sets off for (12.48, 6.92)", (
+        ("state", 31.5, "settled - → r1/0, by AdaptiveCleaningRobot.set_destination"),)),
+    Known("doorway", "r2@57", "takes over r1/1", (
+        ("exchange", 57.0, "by the exchange DestinationAdoption.at_member with r1"),
+        ("replica", 56.701, "state blocked"),
+        ("state", 57.0, "blocked for 0 → 3 since 55 s"),
+        ("state", 55.0, "state free → blocked"))),
+    Known("doorway", "r1@60", "leaves to another r1/1", (
+        ("exchange", 60.0, "by the exchange AdoptedDestinationRemove.at_member with r2"),)),
+)  # fmt: skip
+
+
+def answered(out: Path, one: Known) -> Explanation:
+    found = explain(out, wish(one.who), trust=True)
+    return next(answer for answer in found if answer.decision == one.words)
+
+
+def stands(chain: tuple[Link, ...], cause: tuple[str, float, str]) -> bool:
+    kind, at_s, words = cause
+    return any(
+        link.kind == kind and link.at_s == pytest.approx(at_s, abs=0.002) and words in link.says
+        for link in chain
+    )
+
+
+def check(out: Path, knowns: tuple[Known, ...]) -> None:
+    wrong = {}
+    for one in knowns:
+        answer = answered(out, one)
+        missing = [cause for cause in one.chain if not stands(answer.chain, cause)]
+        if missing or not answer.exact:
+            wrong[one.who] = (missing, list(sentences(answer)))
+    assert wrong == {}
+
+
+def test_there_are_at_least_twenty_decisions_of_known_cause() -> None:
+    assert len(PLANTED) + len(DOORWAY) >= 20
+
+
+def test_planted_causes_are_named_whatever_the_strategy(planted: Path) -> None:
+    check(planted, PLANTED)
+
+
+def test_causes_of_the_chapters_decisions_are_named(doorway: Path) -> None:
+    check(doorway, DOORWAY)
+
+
+def test_causes_stand_below_their_effects(doorway: Path) -> None:
+    (answer,) = explain(doorway, wish("r2@15"), trust=False)
+    assert answer.chain[0].depth == 0
+    for link, below in zip(answer.chain, answer.chain[1:], strict=False):
+        assert 1 <= below.depth <= link.depth + 1 and below.at_s <= answer.at_s
+    frame = next(link for link in answer.chain if link.kind == "frame").about
+    assert frame["sender"] == "r1" and frame["hops"] == 0 and -95 < frame["rssi_dbm"] < -60
+    assert 0 < frame["airtime_ms"] < 5 and 14.69 < frame["handed_s"] < 14.702
+
+
+def test_between_decisions_it_is_the_one_before(doorway: Path) -> None:
+    (answer,) = explain(doorway, wish("r2@50"), trust=False)
+    assert (answer.at_s, answer.exact) == (32.0, False)
+    assert next(sentences(answer)) == "r2 decided nothing at 50 s; before that it last did at 32 s:"
+
+
+def test_who_has_not_decided_yet_is_told_when_it_does(planted: Path) -> None:
+    with pytest.raises(ExplanationError) as caught:
+        explain(planted, wish("r2@1"), trust=True)
+    assert str(caught.value) == "r2 had decided nothing by 1 s; its first decision is at 3.5 s"
+
+
+def test_nobody_is_explained_who_is_not_there(doorway: Path) -> None:
+    for name in ("r9", "world"):
+        with pytest.raises(ExplanationError) as caught:
+            listed(doorway, name, trust=False)
+        assert str(caught.value) == f"{name}: is no robot of this run; there are r1, r2"
+
+
+@pytest.mark.parametrize("text", ["r2@", "@3", "r2@soon", "r2@-1"])
+def test_a_wish_that_makes_no_sense(text: str) -> None:
+    with pytest.raises(ExplanationError) as caught:
+        wish(text)
+    assert (
+        str(caught.value) == f"{text}: should be a robot and simulated seconds, such as r2@157, or r2 alone"
+    )
+
+
+def test_the_command_says_it_as_text_and_as_json(doorway: Path) -> None:
+    told = acrc("explain", doorway, "r2@15")
+    assert told.returncode == 0, told.stderr
+    lines = told.stdout.splitlines()
+    assert lines[0].startswith(
+        "   15.000 s  r2 takes over r1/0, by the exchange DestinationAdoption.at_member"
+    )
+    (answer,) = json.loads(acrc("explain", doorway, "r2@15", "--json").stdout)
+    assert answer["decision"] == "takes over r1/0" and len(answer["chain"]) == len(lines)
+    rows = acrc("explain", doorway, "r2").stdout.splitlines()
+    assert "   15.000 s  takes over r1/0  (DestinationAdoption.at_member)" in rows
+    assert len(rows) == len(listed(doorway, "r2", trust=False))

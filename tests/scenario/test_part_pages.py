@@ -1,0 +1,64 @@
+"""docs/own-map.md and docs/own-robot.md are true: every field, with its default and its range."""
+
+import re
+from dataclasses import fields
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
+
+from actors import robot_model
+from actors.floor.map_file import KEYS, MapLimits
+from deploy.repository import REPOSITORY
+
+ROBOT = (REPOSITORY / "docs" / "own-robot.md").read_text()
+MAP = (REPOSITORY / "docs" / "own-map.md").read_text()
+TABLES: dict[str, type[BaseModel]] = {
+    "The robot": robot_model._ModelFile,
+    "`[footprint]`": robot_model.Footprint,
+    "`[drive]`": robot_model.DriveParameters,
+    "`[bumper]`": robot_model.Bumper,
+    "`[sensors.NAME]`": robot_model.RangeSensor,
+}
+
+
+def rows(text: str) -> dict[str, list[str]]:
+    """The cells of each row that begins with a name in backticks, by that name."""
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
+    return {row[0].strip("`"): row[1:] for row in cells if re.fullmatch(r"`\w+`", row[0])}
+
+
+def default(field: Any) -> str:
+    if field.default is PydanticUndefined:
+        return ""
+    return "none" if field.default is None else str(field.default)
+
+
+def span(field: Any) -> str:
+    """As the page says it; empty where there are no bounds."""
+    bounds = {
+        name: getattr(one, name)
+        for one in field.metadata
+        for name in ("gt", "ge", "le")
+        if getattr(one, name, None) is not None
+    }
+    if not bounds:
+        return ""
+    low = f"above {bounds['gt']}" if "gt" in bounds else str(bounds["ge"])
+    return f"{low} to {bounds['le']}"
+
+
+@pytest.mark.parametrize("heading", TABLES)
+def test_every_field_of_a_robot_model_stands_there_with_default_and_range(heading: str) -> None:
+    part = ROBOT.partition(f"### {heading}\n")[2].partition("\n### ")[0].partition("\n## ")[0]
+    kind = TABLES[heading]
+    told = {name: (cells[1], cells[2]) for name, cells in rows(part).items()}
+    assert told == {name: (default(field), span(field)) for name, field in kind.model_fields.items()}
+
+
+def test_every_key_and_limit_of_a_map_stands_there() -> None:
+    yaml, _, image = MAP.partition("## The image")
+    assert set(rows(yaml)) == {*KEYS, "mode"}
+    limits = {one.name: str(one.default) for one in fields(MapLimits)}
+    assert {name: cells[0] for name, cells in rows(image).items()} == limits
