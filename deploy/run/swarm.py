@@ -11,8 +11,8 @@ from typing import Final
 
 import msgspec
 
-from actors.messages import (PROGRESS, ROSTER, ProcessOrder, Progress)
-from actors.orders import (Give)
+from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
+from actors.orders import Give
 from actors.runtime.access import rules
 from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.zenoh_bus import open_mesh
