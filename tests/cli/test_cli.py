@@ -98,8 +98,8 @@ def test_what_a_command_is_called_now_is_a_command(was: tuple[str, ...]) -> None
          "disk_files, processes, \"=\" and a number from 1 to 999999999"),
         ("order out shout", "VERB: shout; must be one of: kill ROBOT, freeze ROBOT, thaw ROBOT, "
          "restart ROBOT, move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, obstacle X Y RADIUS, "
-         "give ROBOT X Y, close X Y, open X Y, pause, resume, "
-         "stop"),
+         "wall X Y TO_X TO_Y, give ROBOT X Y, close X Y, open X Y, pause, resume, "
+         "step [N], speed X|max, stop"),
     ],
 )  # fmt: skip
 def test_whatever_is_wrong_with_the_words_is_said_in_one_form(words: str, sentence: str) -> None:
