@@ -110,7 +110,7 @@ def test_a_name_that_two_have_is_refused_when_it_is_asked_for(site: Path, tmp_pa
         "'none' is the name of a shipped strategy, but is registered by bold_study 1.2, too;"
         " each must have a name of its own"
     )
-    done = acrc("run", "--out", tmp_path / "out")
+    done = acrc("run", ROOT / "scenarios" / "corridor.toml", "--out", tmp_path / "out")
     assert (done.returncode, done.stdout, done.stderr) == (1, "", f"acrc: strategy {sentence}\n")
     done = acrc("run", "--strategy", "wander", "--out", tmp_path / "out")
     assert (done.returncode, done.stderr) == (
