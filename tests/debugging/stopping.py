@@ -19,7 +19,7 @@ class StoppingRobot(CleaningRobot):
     @periodic(every=seconds(1), order=9)
     def look(self, now: Instant) -> Self:
         """Stop at 1 s."""
-        if now == seconds(1):
+        if now == Instant(seconds(1)):
             breakpoint()
         return replace(self, looked=True)
 
