@@ -20,6 +20,7 @@ import traceback
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import import_module, invalidate_caches
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
@@ -30,6 +31,9 @@ MESSAGE_LIMIT: Final = 1 << 20
 """Bytes of what is asked for."""
 READ_AT_START: Final = ("GLIBC_", "LD_", "MALLOC_", "NPY_", "NUMBA_", "OMP_", "OPENBLAS_", "PYTHON")
 """Variables that begin so have done their work once the modules are there; a fork would not heed others."""
+
+THERE: Final = find_spec("rerun") is not None
+"""What draws into the viewer can be imported; `./acrc test` does not install it."""
 
 
 def read_at_start(env: Mapping[str, str]) -> dict[str, str]:
@@ -133,7 +137,7 @@ def serve(channel: socket.socket) -> None:
     """Fork as asked for until the other end closes, one command at a time."""
     import_module("deploy.processes.preload")
     for module in pkgutil.walk_packages(import_module("deploy").__path__, "deploy."):
-        if not module.name.endswith("__main__"):
+        if not module.name.endswith("__main__") and (THERE or not module.name.startswith("deploy.view.")):
             import_module(module.name)
     own = [place for place in sys.path if place != str(ROOT)]
     made = {name: value for name, value in os.environ.items() if name.startswith("NUMBA_")}
