@@ -21,7 +21,6 @@ from actors.radio.frame import size_fault
 from actors.radio.frame_outcomes import FrameOutcomes
 from actors.radio.host_link import Host
 from actors.radio.link_budget import DirectReach
-from actors.radio.medium.medium import Medium
 from actors.radio.radio_model import RadioModel
 from actors.radio.robot_medium import Handed, RobotMedium
 from actors.radio.transceiver_truth import TransceiverTruth
@@ -69,11 +68,6 @@ class RadioCore:
     def finished(self) -> bool:
         """True once the world has halted the run."""
         return self._finished
-
-    @property
-    def medium(self) -> Medium:
-        """What the frames travel on; for those who execute a radio again to look into it."""
-        return self._medium.medium
 
     def missing(self, have: Inputs) -> Sequence[Address]:
         """Truth, then the Transmit of each robot that announced frames, in Truth's order."""
