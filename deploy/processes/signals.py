@@ -45,6 +45,11 @@ def signals_as_interrupts() -> Iterator[None]:
         for number in heeded:
             signal.signal(number, interrupt)
         yield
+    except RuntimeError as error:
+        # Until Python 3.11, what comes while a class names its attributes, so in an import, comes as this.
+        if isinstance(error.__cause__, Interrupted):
+            raise error.__cause__ from None
+        raise
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

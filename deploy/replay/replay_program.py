@@ -6,7 +6,8 @@ JSON object.
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs a process of one thread
+if __name__ == "__main__":  # who imports this has an environment of its own
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs one thread
 
 import argparse
 import sys

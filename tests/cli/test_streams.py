@@ -53,3 +53,13 @@ def test_a_signal_ends_a_run_unless_it_was_to_be_ignored_as_under_nohup(number: 
         assert caught.value.exit_code == 128 + number
     finally:
         signal.signal(number, before)
+
+
+def test_a_signal_that_comes_while_a_class_is_made_is_one_all_the_same() -> None:
+    class Interrupting:
+        def __set_name__(self, owner: type, name: str) -> None:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    with pytest.raises(Interrupted) as caught, signals_as_interrupts():
+        type("Made", (), {"attribute": Interrupting()})
+    assert caught.value.exit_code == 128 + signal.SIGTERM

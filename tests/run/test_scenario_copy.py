@@ -48,6 +48,7 @@ def test_a_result_says_where_it_comes_from_and_is_had_again_elsewhere(tmp_path: 
         "behaviour": "my_own_study:behaviour",
         "settings": {},
         "commit": software(),
+        "branch": None,
     }
     text = (tmp_path / "one" / "out" / "scenario.toml").read_text()
     assert str(tmp_path) not in text and str(ROOT) not in text
@@ -62,7 +63,7 @@ def test_a_result_says_where_it_comes_from_and_is_had_again_elsewhere(tmp_path: 
 def test_a_shipped_strategy_needs_nothing_from_outside_of_the_folder(tmp_path: Path) -> None:
     words = ("--bus", "memory", "--duration", 1, "--robots", 1, "--strategy", "chapter")
     first = run(tmp_path / "a" / "out", *words)
-    assert first["origin"]["scenario"] == "corridor.toml" and first["origin"]["strategy"] == "chapter"
+    assert first["origin"]["scenario"] == "chapter.toml" and first["origin"]["strategy"] == "chapter"
     said = tomllib.loads((tmp_path / "a" / "out" / "scenario.toml").read_text())
     assert "modules" not in said["run"]
     subprocess.run(["cp", "-r", tmp_path / "a" / "out", tmp_path / "b"], check=True)

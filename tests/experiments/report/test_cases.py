@@ -43,7 +43,7 @@ def test_real_robots_stand_beside_a_run_and_what_nobody_knows_is_said(
     run = put(tmp_path / "simulated", "result/run.json", plain)
     sources = read([real, run])
     assert [one.cases[0].condition for one in sources] == [REAL, "one scenario, 1 robots, 1 s"]
-    assert [one.cases[0].strategy for one in sources] == ["friday", "none"]
+    assert [one.cases[0].strategy for one in sources] == ["friday", "chapter"]
     page = report.write([real, run], tmp_path / "out").read_text()
     assert "Of real robots nobody knows the truth: places are as they reported them" in page
     assert "friday: r2: no frame connects its clock." in page
