@@ -76,6 +76,7 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
         Elsewhere("tests/pictures/test_scenario.py"),
     "./acrc view runs/chapter --html --movie run.gif --speed 40":
         Elsewhere("tests/pictures/test_pictures.py"),
+    "./acrc view runs/branch --beside runs/without --png": Elsewhere("tests/pictures/test_pictures.py"),
     "./acrc run scenarios/head_on.toml --strategy chapter --out runs/tables":
         Elsewhere("tests/recordings/test_export.py"),
     "./acrc export runs/tables --parquet": Elsewhere("tests/recordings/test_export.py"),

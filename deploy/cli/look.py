@@ -61,6 +61,13 @@ def view(
         Path | None,
         typer.Option(metavar="FILE", help="Robots on the floor as they moved: a .gif, or an .mp4 by ffmpeg."),
     ] = None,
+    beside: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="DIR",
+            help="With --png or --svg: this run, too, beside it, in OUT/beside.png or .svg; repeatable.",
+        ),
+    ] = None,
     speed: Annotated[
         float, typer.Option(metavar="X", help="Simulated seconds per second of --movie.", min=1.0, max=1000.0)
     ] = 20.0,
@@ -94,6 +101,11 @@ def view(
     What was not recorded is computed: robots are executed again. With --png, --svg, --html or
     --movie, which execute nothing: floor, trails, places, meetings, radio and progress.
     """
+    if beside:
+        if html or movie or not (png or svg):
+            raise OptionError("--beside: must stand with --png or --svg, and without --html and --movie")
+        _draw_beside((out, *beside), [kind for wished, kind in ((png, "png"), (svg, "svg")) if wished])
+        return
     if png or svg or html or movie:
         kinds = [kind for wished, kind in ((png, "png"), (svg, "svg"), (html, "html")) if wished]
         _draw_page(out, [f"run.{kind}" for kind in kinds], movie, speed)
@@ -119,6 +131,20 @@ def view(
                 command.show(out, wishes, say)
     except Interrupted as interrupt:
         raise typer.Exit(interrupt.exit_code) from None
+
+
+def _draw_beside(folders: Sequence[Path], kinds: Sequence[str]) -> None:
+    """Draw several runs beside one another, in the folder of the first."""
+    from deploy.evidence.run_evidence import read_run
+    from deploy.picture import side_by_side
+    from deploy.run import out_folder
+
+    runs = [read_run(folder) for folder in folders]
+    for kind in kinds:
+        picture = folders[0] / f"beside.{kind}"
+        with out_folder.writing(folders[0]):
+            side_by_side.write(runs, picture)
+        Console(soft_wrap=True, highlight=False).print(str(picture), markup=False)
 
 
 def _draw_page(out: Path, names: Sequence[str], movie: Path | None, speed: float) -> None:

@@ -77,6 +77,16 @@ def test_view_draws_beside_the_run(folder: Path, tmp_path: Path) -> None:
     assert (out / "run.svg").read_text().startswith("<?xml")
 
 
+def test_runs_are_drawn_beside_one_another(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "copy"
+    shutil.copytree(folder, out)
+    done = acrc("view", out, "--beside", folder, "--svg")
+    assert (done.returncode, done.stdout) == (0, f"{out / 'beside.svg'}\n"), done.stderr
+    alone = acrc("view", out, "--beside", folder)
+    assert alone.returncode == 2
+    assert alone.stderr == "acrc: --beside: must stand with --png or --svg, and without --html and --movie\n"
+
+
 def test_view_says_what_it_needs(folder: Path, tmp_path: Path) -> None:
     nothing = acrc("view", tmp_path, "--png")
     assert nothing.returncode == 1
