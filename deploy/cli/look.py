@@ -88,6 +88,12 @@ def view(
             help="Show everything that this robot perceives; repeatable.  [default: the first eight]",
         ),
     ] = None,
+    why: Annotated[
+        bool,
+        typer.Option(
+            "--why", help="Tell beside it why robots decided what they did; executes them once more."
+        ),
+    ] = False,
     trust: Annotated[
         bool, typer.Option("--trust", help="Execute the code that the recordings name, whoever wrote it.")
     ] = False,
@@ -120,7 +126,7 @@ def view(
     def say(sentence: str) -> None:
         console.print(sentence, markup=False)
 
-    wishes = Wishes(tuple(robot or ()), trust, isolate)
+    wishes = Wishes(tuple(robot or ()), trust, isolate, why)
     try:
         with signals_as_interrupts(), out_folder.writing((save or screenshot or out).absolute().parent):
             if save is not None:

@@ -92,6 +92,15 @@ def explain(out: Path, asked: Wish, *, trust: bool) -> tuple[Explanation, ...]:
     raise ExplanationError(f"{asked.robot} had decided nothing by {asked.at_s:g} s; {then}")
 
 
+def all_explained(out: Path, robot: str, *, trust: bool) -> Iterator[Explanation]:
+    """Every decision of a robot, in the order of the instants; executes it and the radio once more."""
+    for actor in _actors(out, robot):
+        retold = _retold(out, actor, trust)
+        chain = Chain(retold, Air(out, retold.actor))
+        for made in retold.decisions:
+            yield _explanation(robot, in_seconds(made.instant), made, chain)
+
+
 def _chosen(decisions: Sequence[Made], at_s: float) -> list[Made]:
     """Those at the instant, or of the last instant before it."""
     by_then = [made for made in decisions if in_seconds(made.instant) <= at_s + _SAME_S]
@@ -105,11 +114,13 @@ def _explained(out: Path, retold: Retold, asked: Wish, found: Sequence[Made]) ->
     assert asked.at_s is not None
     chain = Chain(retold, Air(out, retold.actor))
     for made in found:
-        at_s = in_seconds(made.instant)
-        yield Explanation(
-            asked.robot, asked.at_s, at_s, abs(at_s - asked.at_s) <= _SAME_S, made.words, made.by,
-            tuple(chain.of(made)),
-        )  # fmt: skip
+        yield _explanation(asked.robot, asked.at_s, made, chain)
+
+
+def _explanation(robot: str, asked_s: float, made: Made, chain: Chain) -> Explanation:
+    at_s = in_seconds(made.instant)
+    exact = abs(at_s - asked_s) <= _SAME_S
+    return Explanation(robot, asked_s, at_s, exact, made.words, made.by, tuple(chain.of(made)))
 
 
 def _actors(out: Path, robot: str) -> list[str]:

@@ -14,6 +14,7 @@ from actors.observer.sheet import Sheet
 from actors.runtime.errors import AcrcError
 from deploy.evidence.run_evidence import read_run
 from deploy.evidence.spells import Doing, spells
+from deploy.explanation.explain import all_explained
 from deploy.inside.fates import read_fates
 from deploy.inside.insides import look_into_all
 from deploy.replay.run_recordings import recordings
@@ -45,6 +46,8 @@ class Wishes:
     """Execute the code that a recording names, whoever wrote it."""
     isolate: bool | None = None
     """Shut that code off; None: where the machine can."""
+    why: bool = False
+    """Tell why those robots decided what they did; for that they are executed once more, in this process."""
 
 
 def read_story(out: Path) -> Story:
@@ -79,12 +82,15 @@ def _draw(
 ) -> tuple[list[str], bool]:
     """Draw into `path`; what could not be computed, and whether the viewer is gone. `taken`: so far, s."""
     detailed = [robot for robot in story.robots if robot in wishes.robots] or story.robots[:DETAILED]
-    with Sheet(path, arrangement(story, detailed), name=story.title, send_to=send_to) as sheet:
+    arranged = arrangement(story, detailed, reasons=wishes.why and story.true)
+    with Sheet(path, arranged, name=story.title, send_to=send_to) as sheet:
         painting = Painting(Canvas(sheet.recording, story.robots), story, detailed)
         painting.recorded()
         sheet.flush()
         say(f"first picture after {taken():.1f} s: what was recorded")
         faults = _compute(story, painting, wishes, sheet)
+        if arranged.reasons:
+            faults += _reason(story, painting, detailed, trust=wishes.trust)
     return faults, sheet.lost
 
 
@@ -113,6 +119,17 @@ def _compute(story: Story, painting: Painting, wishes: Wishes, sheet: Sheet) -> 
             faults.append(fault)
         sheet.flush()
     painting.ensembles()
+    return faults
+
+
+def _reason(story: Story, painting: Painting, robots: Sequence[str], *, trust: bool) -> list[str]:
+    """Explain what robots decided; what could not be, in sentences."""
+    faults = []
+    for robot in robots:
+        try:
+            painting.reasons(robot, list(all_explained(story.out, robot, trust=trust)))
+        except AcrcError as error:
+            faults.append(str(error))
     return faults
 
 

@@ -1,6 +1,7 @@
 """Draws a story: what was recorded at once, then what was computed, as it comes."""
 
 from collections.abc import Iterator, Sequence
+from itertools import groupby
 from typing import Final
 
 import numpy as np
@@ -13,6 +14,7 @@ from actors.observer.drawing.words import Event, Exchange, Spell
 from actors.radio.medium.state import Outcome
 from actors.task.words import PlaceKey
 from deploy.evidence.run_evidence import Deed
+from deploy.explanation.explain import Explanation
 from deploy.inside.fates import LOSSES, Fates, by_outcome
 from deploy.inside.telemetry import Inside
 from deploy.view.place_history import draw_place_history
@@ -97,6 +99,14 @@ class Painting:
         """What is known of a robot that could not be looked into, and why it could not."""
         words.draw_lane(self._canvas, source.robot, spells)
         words.draw_events(self._canvas, "fault", [Event(0.0, source.robot, fault, "WARN")])
+
+    def reasons(self, robot: str, explanations: Sequence[Explanation]) -> None:
+        """Why it decided what it did: each decision's causes, until the next one."""
+        told = [
+            (second, [(link.at_s, link.depth, link.says) for one in made for link in one.chain])
+            for second, made in groupby(explanations, lambda one: one.at_s)
+        ]
+        words.draw_reasons(self._canvas, robot, told)
 
     def ensembles(self) -> None:
         """Who has learnt from whom."""
@@ -185,9 +195,9 @@ class Painting:
             words.draw_line(canvas, path, seconds[known], ages[known])
 
 
-def arrangement(story: Story, detailed: Sequence[str]) -> layout.Arrangement:
+def arrangement(story: Story, detailed: Sequence[str], *, reasons: bool = False) -> layout.Arrangement:
     """What the window is to show of a story."""
-    return layout.Arrangement(story.grid, story.robots, detailed, story.end, story.true)
+    return layout.Arrangement(story.grid, story.robots, detailed, story.end, story.true, reasons)
 
 
 def _draw_inside(canvas: Canvas, robot: str, clock: Clock, inside: Inside) -> None:

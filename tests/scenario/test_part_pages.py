@@ -51,7 +51,7 @@ def span(field: Any) -> str:
 
 @pytest.mark.parametrize("heading", TABLES)
 def test_every_field_of_a_robot_model_stands_there_with_default_and_range(heading: str) -> None:
-    part = ROBOT.partition(f"### {heading}\n")[2].partition("\n### ")[0].partition("\n## ")[0]
+    part = ROBOT.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
     kind = TABLES[heading]
     told = {name: (cells[1], cells[2]) for name, cells in rows(part).items()}
     assert told == {name: (default(field), span(field)) for name, field in kind.model_fields.items()}

@@ -13,6 +13,7 @@ from rerun.chunk import RrdReader
 from actors.observer import colours
 from actors.observer.sheet import APPLICATION
 from deploy.evidence.run_evidence import RunEvidence
+from deploy.explanation.explain import listed
 from deploy.inside.insides import Glance
 from deploy.inside.telemetry import Inside
 from deploy.view import drawn
@@ -65,7 +66,7 @@ def test_everything_that_a_person_looks_at_is_in_the_file(
 ) -> None:
     said: list[str] = []
     path = tmp_path / "run.rrd"
-    draw(read_story(folder), path, Wishes(), send_to=None, say=said.append)
+    draw(read_story(folder), path, Wishes(why=True), send_to=None, say=said.append)
     assert [sentence.partition(" after ")[0] for sentence in said] == ["first picture", "all of it"]
     assert said[-1].endswith("with what 2 robots perceived and meant")
     assert not path.with_name("run.rrd.part").exists()
@@ -86,6 +87,11 @@ def test_everything_that_a_person_looks_at_is_in_the_file(
     assert any(state.startswith("to r1/") for state in states) and any("BLOCKED" in state for state in states)
     table = of(found, "/knowledge/r2", "TextDocument:text")[-1][1][0]
     assert "| position |" in table and "| route |" in table
+    reasons = of(found, "/why/r2", "TextDocument:text")
+    assert [second for second, _ in reasons] == sorted(
+        {row.at_s for row in listed(folder, "r2", trust=False)}
+    )
+    assert any("| takes over" in text[0] or "r2 takes over" in text[0] for _, text in reasons)
     assert any(words[0].startswith("r1 ") for _, words in of(found, "/events/r1/inside", "TextLog:text"))
 
 

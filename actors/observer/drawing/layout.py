@@ -39,6 +39,8 @@ class Arrangement:
     """s; None: the run goes on, and the window follows it."""
     true: bool = True
     """False: nobody knows where robots were, and what is drawn is what they held."""
+    reasons: bool = False
+    """Why robots decided what they did is told beside what they know."""
 
 
 def layout(what: Arrangement) -> rrb.Blueprint:
@@ -110,7 +112,11 @@ def _own(robot: str, what: Arrangement) -> rrb.Vertical:
         eye_controls=_eye(0.0, 0.0, _OWN_HEIGHT),
     )
     knowledge = rrb.TextDocumentView(origin=f"/knowledge/{robot}", name=f"{robot}: knowledge")
-    return rrb.Vertical(view, knowledge, row_shares=[3, 2], name=robot)
+    below: Any = knowledge
+    if what.reasons:
+        why = rrb.TextDocumentView(origin=f"/why/{robot}", name=f"{robot}: why")
+        below = rrb.Tabs(knowledge, why, active_tab=1)
+    return rrb.Vertical(view, below, row_shares=[3, 2], name=robot)
 
 
 def _reading(what: Arrangement) -> Any:

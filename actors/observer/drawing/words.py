@@ -108,9 +108,32 @@ def draw_knowledge(
     )
 
 
+def draw_reasons(
+    canvas: Canvas, robot: str, reasons: Sequence[tuple[float, Sequence[tuple[float, int, str]]]]
+) -> None:
+    """Why a robot decided something, from each instant on: instant, depth and words of each cause."""
+    texts = [_chain(links) for _, links in reasons]
+    canvas.columns(
+        f"why/{robot}",
+        [second for second, _ in reasons],
+        rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts)),
+    )
+
+
+def _chain(links: Sequence[tuple[float, int, str]]) -> str:
+    """In Markdown: causes stand below their effects, one mark deeper."""
+    rows = (f"| {second:.3f} s | {'· ' * depth}{_cell(says)} |" for second, depth, says in links)
+    return "\n".join(("| when | why |", "|---|---|", *rows))
+
+
+def _cell(text: str) -> str:
+    """What may hold anything, and stays in its cell."""
+    return text.replace("|", "/").replace("\n", " ").replace("`", "'")
+
+
 def _table(robot: str, rows: Sequence[tuple[str, str]]) -> str:
-    """In Markdown; a value may hold anything, and stays in its cell."""
-    told = ((name, value.replace("|", "/").replace("\n", " ").replace("`", "'")) for name, value in rows)
+    """In Markdown."""
+    told = ((name, _cell(value)) for name, value in rows)
     return "\n".join((f"| {robot} | |", "|---|---|", *(f"| {name} | {value} |" for name, value in told)))
 
 
