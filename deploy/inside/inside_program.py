@@ -9,52 +9,30 @@ import os
 if __name__ == "__main__":  # who imports this has an environment of its own
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs one thread
 
-import argparse
 import sys
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
 from actors.instant import Duration
-from actors.robot import assembly, program
+from actors.robot import program
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.sandbox import Confinement, isolate
-from actors.runtime.lifecycle.parent import die_with_parent
 from actors.runtime.process import RunNote
 from actors.runtime.recording import decoded, read_notes
 from deploy.inside.onlooker import Onlooker
 from deploy.inside.telemetry import Inside, encode
+from deploy.replay import shut_off
 from deploy.replay.record_replay import Onlook, replay_actor
 from deploy.replay.run_recordings import recordings
 
 
 def main(argv: Sequence[str]) -> int:
     """Look into one robot, and write down what was seen; the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m deploy.inside.inside_program")
-    for name in ("--out", "--answer", "--own"):
-        parser.add_argument(name, type=Path, required=True)
-    parser.add_argument("--actor", required=True)
+    parser = shut_off.parser("deploy.inside.inside_program")
     parser.add_argument("--period-us", type=int, required=True, help="between two looks")
-    parser.add_argument("--path", type=Path, action="append", default=[], help="folder with code")
-    parser.add_argument("--isolate", action="store_true")
     options = parser.parse_args(argv)
-    with options.answer.open("xb", buffering=0) as answer:
-        parent = os.getppid()
-        assembly.kernels()  # while their cache can still be written
-        if options.isolate:
-            isolate(
-                Confinement(
-                    own=options.own,
-                    hidden=(options.own.parent,),
-                    readable=(options.out,),
-                    code=tuple(options.path),
-                    descriptors=(1, 2, answer.fileno()),
-                    parent=parent,
-                )
-            )
-        else:
-            die_with_parent(parent)
+    with shut_off.answering(options) as answer:
         try:
             inside = look_into(options.out, options.actor, Duration(options.period_us))
         except AcrcError as error:

@@ -9,7 +9,6 @@ import os
 if __name__ == "__main__":  # who imports this has an environment of its own
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs one thread
 
-import argparse
 import sys
 import traceback
 from collections.abc import Sequence
@@ -18,11 +17,9 @@ from pathlib import Path
 
 import msgspec
 
-from actors.robot import assembly
 from actors.runtime import prints
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.sandbox import Confinement, isolate
-from actors.runtime.lifecycle.parent import die_with_parent
+from deploy.replay import shut_off
 from deploy.replay.record_replay import Onlook, ReplayReport, replay_actor
 
 
@@ -35,29 +32,8 @@ class ReplayAnswer(msgspec.Struct, frozen=True):
 
 def main(argv: Sequence[str]) -> int:
     """Replay, and write down what came of it; the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m deploy.replay.replay_program")
-    for name in ("--out", "--answer", "--own"):
-        parser.add_argument(name, type=Path, required=True)
-    parser.add_argument("--actor", required=True)
-    parser.add_argument("--path", type=Path, action="append", default=[], help="folder with code")
-    parser.add_argument("--isolate", action="store_true")
-    options = parser.parse_args(argv)
-    with options.answer.open("xb", buffering=0) as answer:
-        parent = os.getppid()
-        assembly.kernels()  # while their cache can still be written
-        if options.isolate:
-            isolate(
-                Confinement(
-                    own=options.own,
-                    hidden=(options.own.parent,),
-                    readable=(options.out,),
-                    code=tuple(options.path),
-                    descriptors=(1, 2, answer.fileno()),
-                    parent=parent,
-                )
-            )
-        else:
-            die_with_parent(parent)
+    options = shut_off.parser("deploy.replay.replay_program").parse_args(argv)
+    with shut_off.answering(options) as answer:
         answer.write(msgspec.json.encode(_replayed(options.out, options.actor)))
     return 0
 

@@ -1,0 +1,48 @@
+"""What programs share that execute recorded code shut off like a robot: their command line, and the walls."""
+
+import os
+from argparse import ArgumentParser, Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import FileIO
+from pathlib import Path
+
+from actors.robot import assembly
+from actors.runtime.isolation.sandbox import Confinement, isolate
+from actors.runtime.lifecycle.parent import die_with_parent
+
+
+def parser(program: str) -> ArgumentParser:
+    """The options that each of them has; `program` is its module."""
+    options = ArgumentParser(prog=f"python -m {program}")
+    for name in ("--out", "--answer", "--own"):
+        options.add_argument(name, type=Path, required=True)
+    options.add_argument("--actor", required=True)
+    options.add_argument("--path", type=Path, action="append", default=[], help="folder with code")
+    options.add_argument("--isolate", action="store_true")
+    return options
+
+
+@contextmanager
+def answering(options: Namespace) -> Iterator[FileIO]:
+    """The new file for the answer, open before this process is shut off, where `--isolate` stands.
+
+    From here on it ends with its parent. OSError where the file is there already, or cannot be made.
+    """
+    with options.answer.open("xb", buffering=0) as answer:
+        parent = os.getppid()
+        assembly.kernels()  # while their cache can still be written
+        if options.isolate:
+            isolate(
+                Confinement(
+                    own=options.own,
+                    hidden=(options.own.parent,),
+                    readable=(options.out,),
+                    code=tuple(options.path),
+                    descriptors=(1, 2, answer.fileno()),
+                    parent=parent,
+                )
+            )
+        else:
+            die_with_parent(parent)
+        yield answer
