@@ -35,6 +35,7 @@ class ControlOptions:
     router: str
     observer: Path
     operator: Path
+    speed: str
 
 
 def parse(argv: Sequence[str]) -> ControlOptions:
@@ -45,6 +46,7 @@ def parse(argv: Sequence[str]) -> ControlOptions:
     parser.add_argument("--router", required=True, help="endpoint of the router")
     parser.add_argument("--observer", required=True, type=Path, help="credentials of who looks on")
     parser.add_argument("--operator", required=True, type=Path, help="credentials of who gives orders")
+    parser.add_argument("--speed", required=True, help="simulated seconds per second, or max")
     return ControlOptions(**vars(parser.parse_args(argv)))
 
 
@@ -55,7 +57,7 @@ def main(argv: Sequence[str]) -> int:
     try:
         options = parse(argv)
         setup = load_setup(options.setup)
-        scene = Scene(setup, load_map(setup.map))
+        scene = Scene(setup, load_map(setup.map), 0.0 if options.speed == "max" else float(options.speed))
         observer = client_config(options.observer, options.router, onlooker=True)
         operator = client_config(options.operator, options.router)
         with ExitStack() as stack:

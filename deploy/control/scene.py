@@ -13,7 +13,7 @@ from PIL import Image
 from actors.floor.grid import FREE, UNKNOWN, OccupancyGrid
 from actors.instant import in_seconds
 from actors.messages import Answered, Control, Drive, Jam, Progress, RobotTruth, Truth
-from actors.orders import CloseDoor, Give, Move, Obstacle, OpenDoor, Order, Wall
+from actors.orders import CloseDoor, Give, Move, Obstacle, OpenDoor, Order, Speed, Wall
 from actors.robot_model import load_model
 from actors.topic import Message
 from actors.world.world_setup import WorldSetup
@@ -26,7 +26,8 @@ _PENDING: Final = 256
 class Scene:
     """The world as far as its messages tell. What has changed what is not in them, orders do."""
 
-    def __init__(self, setup: WorldSetup, grid: OccupancyGrid) -> None:
+    def __init__(self, setup: WorldSetup, grid: OccupancyGrid, speed: float) -> None:
+        """`speed`: simulated seconds per second with which the run begins, at most; 0: no limit."""
         self.floor = _floor(setup, grid)
         self.changed = True
         self.over = False
@@ -47,6 +48,7 @@ class Scene:
         self._paused_at: int | None = None
         """The step that it has last been seen to wait before."""
         self._missed = 0
+        self._speed = speed
 
     def take(self, message: Message) -> None:
         """Take in one message of the run."""
@@ -84,6 +86,7 @@ class Scene:
             walls=tuple(self._walls),
             closed=tuple(self._closed),
             paused=self._paused_at is not None and self._step < self._paused_at,
+            speed=self._speed,
             over=self.over,
             missed=self._missed,
             junk=junk,
@@ -118,6 +121,8 @@ class Scene:
                     self._closed.append(Spot(x, y))
                 case OpenDoor(x, y) if self._closed:
                     self._closed.remove(min(self._closed, key=lambda one: math.dist((one.x, one.y), (x, y))))
+                case Speed(factor):
+                    self._speed = factor
                 case Move(robot, x, y, heading):  # while the run is paused, nobody else would tell
                     self._bodies[robot] = Body(robot, x, y, heading, self._bodies[robot].standing)
 

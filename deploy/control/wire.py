@@ -102,6 +102,8 @@ class State(msgspec.Struct, frozen=True, tag_field="kind", tag="state"):
     closed: tuple[Spot, ...]
     """Doors that were ordered to close, each by the point that was named."""
     paused: bool
+    speed: float
+    """Simulated seconds per second, at most; 0: as fast as possible."""
     over: bool
     missed: int
     """Steps of the run that never came to the server."""

@@ -243,7 +243,7 @@ def control_program(plan: Plan) -> Program:
         *("--setup", str(folder / "setup.json"), "--address", str(plan.out / CONTROL_ADDRESS)),
         *("--router", unix_endpoint(folder / "router.sock")),
         *("--observer", str(folder / "observer.credentials")),
-        *("--operator", str(folder / "operator.credentials")),
+        *("--operator", str(folder / "operator.credentials"), "--speed", plan.speed),
     )
     return Program("control", "deploy.control", argv, plan.out / "control.log", None)
 

@@ -27,7 +27,7 @@ pytestmark = [
 def run(tmp_path: Path) -> Iterator[tuple[Any, Path]]:
     out = tmp_path / "out"
     scenario = REPOSITORY / "scenarios" / "head_on.toml"
-    process = start("run", scenario, "--control", "--duration", 1000, "--out", out, "--json")
+    process = start("run", scenario, "--control", "--speed", 3, "--duration", 1000, "--out", out, "--json")
     try:
         browser.until((out / "control.url").exists, 90)
         yield process, out
@@ -41,6 +41,7 @@ def test_a_robot_is_dragged_and_the_run_is_paused_stepped_and_resumed(
     process, out = run
     with browser.Browser(tmp_path / "home", (out / "control.url").read_text()) as page:
         browser.until(lambda: page.value("floor && walls && state && state.step > 2"))
+        assert page.value("$('speed').value") == "3"
         page.click("#pause")
         browser.until(lambda: page.value("state.paused && $('pause').textContent == 'Resume'"))
         paused = page.value("state.step")

@@ -10,7 +10,7 @@ import pytest
 
 from actors.floor.map_file import load_map
 from actors.messages import ANSWERED, CONTROL, Answered, Control, Drive, Jam, Progress, RobotTruth, Truth
-from actors.orders import CloseDoor, Give, Move, Obstacle, OpenDoor, Wall
+from actors.orders import CloseDoor, Give, Move, Obstacle, OpenDoor, Speed, Wall
 from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
@@ -49,7 +49,7 @@ class Mesh:
 def scene(*events: TimedOrder) -> scenes.Scene:
     robots = (BodySetup("r1", "turtlebot2", None, "exact", (12.0, 13.0, 0.0), ((13.0, 13.0), (14.0, 13.0))),)
     setup = WorldSetup(str(_map()), 1, 100_000, 1_000_000, robots, events)
-    return scenes.Scene(setup, load_map(_map()))
+    return scenes.Scene(setup, load_map(_map()), 2.0)
 
 
 def _map() -> Path:
@@ -217,14 +217,16 @@ def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
     stage = scene(TimedOrder(200_000, Obstacle(5.0, 5.0, 0.2)))
     stage.take(Truth(0, 0, (TRUTH_OF_R1,), (Jam(1.0, 1.0, 3.0, 250_000),)))
     stage.take(Drive(0, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 1, 0), PlaceReport("r9", 5, 0))))
-    stage.take(Control(0, (Wall(1.0, 1.0, 2.0, 1.0), Move("r1", 3.0, 4.0, 0.0)), "a"))
-    stage.take(Control(0, (Wall(9.0, 9.0, 9.0, 9.0),), "b"))
+    stage.take(Control(0, (Wall(1.0, 1.0, 2.0, 1.0), Move("r1", 3.0, 4.0, 0.0), Speed(0.5)), "a"))
+    stage.take(Control(0, (Wall(9.0, 9.0, 9.0, 9.0), Speed(7.0)), "b"))
+    assert stage.state(junk=0).speed == 2.0
     stage.take(Answered(1, "a", ()))
     stage.take(Answered(1, "b", ("no",)))
     stage.take(Progress(1, 100_000, 1, 1, finished=False, paused=True))
     state = stage.state(junk=3)
     assert state.robots == (Body("r1", 3.0, 4.0, 0.0, "driving"),)
     assert (state.walls, state.done, state.paused, state.junk) == ((Line(1.0, 1.0, 2.0, 1.0),), (1,), True, 3)
+    assert state.speed == 0.5
     assert (state.jammers, state.obstacles) == ((Circle(1.0, 1.0, 3.0),), ())
     stage.take(Truth(3, 300_000, (TRUTH_OF_R1,)))
     state = stage.state(junk=3)
