@@ -200,9 +200,17 @@ class Jam(MessagePart, frozen=True):
     until: int
 
 
+class Loss(MessagePart, frozen=True):
+    """A robot does not receive the next frame of another that it would have received."""
+
+    robot: str
+    sender: str
+
+
 class Truth(Message, frozen=True):
     """The world's ground truth at the step's start, for the radio and for observers."""
 
+    omissible: ClassVar[int] = 1
     instant: int
     robots: tuple[RobotTruth, ...]
     """In the order of the scenario."""
@@ -210,6 +218,8 @@ class Truth(Message, frozen=True):
     """Jammers that were switched on at this step's start."""
     halt: bool = False
     """The last message to the radio: no answer is expected."""
+    losses: tuple[Loss, ...] = ()
+    """Ordered at this step's start."""
 
 
 class EventCount(MessagePart, frozen=True):

@@ -48,6 +48,13 @@ class StartJam(MessagePart, frozen=True, tag="jam"):
     duration: int
 
 
+class Lose(MessagePart, frozen=True, tag="lose"):
+    """Let the robot not receive the next frame of `sender` that it would have received."""
+
+    robot: str
+    sender: str
+
+
 class Obstacle(MessagePart, frozen=True, tag="obstacle"):
     """Put a round thing of `radius` m, that does not move, on the floor."""
 
@@ -117,6 +124,7 @@ Order = (
     | Restart
     | Move
     | StartJam
+    | Lose
     | Obstacle
     | Wall
     | Give

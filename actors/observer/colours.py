@@ -55,6 +55,7 @@ FATES: Final[Mapping[str, Colour]] = MappingProxyType(
         "receiver busy": (138, 109, 59),
         "below sensitivity": (128, 128, 128),
         "powered off": (90, 90, 96),
+        "withheld": (148, 103, 189),
     }
 )
 """What may become of a copy of a frame."""

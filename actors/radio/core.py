@@ -121,6 +121,9 @@ class RadioCore:
         if self._reach.due(truth.instant):
             self._reach.see(truth.instant, transceivers.places[list(transceivers.powered)])
         until = truth.instant + self._step_us
+        for loss in truth.losses:
+            if loss.robot in self._number and loss.sender in self._number:
+                self._medium.medium.withhold(self._number[loss.sender], self._number[loss.robot])
         notices = self._medium.advance(transceivers, truth.jams, requests, until)
         events = {robot: said for robot, said in zip(self._ids, notices, strict=True) if said}
         for robot_id, refused in refusals:

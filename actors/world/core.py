@@ -315,7 +315,8 @@ class WorldCore:
         for robot, pose in held.items():
             self._whereabouts.take(robot, pose, truths[robot])
         self._phase = WorldPhase.MOVE
-        return (to(TRUTH, Truth(self._step, self.instant, truths, self._effects.jams)),)
+        effects = self._effects
+        return (to(TRUTH, Truth(self._step, self.instant, truths, effects.jams, losses=effects.losses)),)
 
     def _when(self) -> str:
         return f"step {self._step} ({in_seconds(self.instant):g} s)"

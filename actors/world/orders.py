@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 
 from actors.geometry import Point, Pose, wrap
 from actors.instant import Instant, in_seconds
-from actors.messages import Jam, ProcessOrder
+from actors.messages import Jam, Loss, ProcessOrder
 from actors.order_limits import OrderLimits, fault
 from actors.orders import (
     CloseDoor,
     Freeze,
     Give,
     Kill,
+    Lose,
     Move,
     Obstacle,
     OpenDoor,
@@ -47,6 +48,7 @@ class Effects:
     ends: tuple[str, ...] = ()
     """Robots whose processes are to be told that this was all."""
     jams: tuple[Jam, ...] = ()
+    losses: tuple[Loss, ...] = ()
     paused: bool = False
     """The world is to stay at this boundary until it is False."""
     steps: int | None = None
@@ -121,6 +123,8 @@ class Orders:
             case StartJam():
                 jam = Jam(order.x, order.y, order.radius, self._now + order.duration)
                 return replace(before, jams=(*before.jams, jam))
+            case Lose():
+                return replace(before, losses=(*before.losses, self._loss(order)))
             case Obstacle() | CloseDoor() | OpenDoor():
                 self._to_floor(order)
                 return before
@@ -152,6 +156,14 @@ class Orders:
             case _:
                 raise OrderError(f"cannot {_verb(order)} {order.robot}, which is {member.standing.value}")
         return before
+
+    def _loss(self, order: Lose) -> Loss:
+        for robot in (order.robot, order.sender):
+            if robot not in self._roster:
+                raise OrderError(f"there is no robot {robot!r} to lose a frame")
+        if order.robot == order.sender:
+            raise OrderError(f"{order.robot} receives no frames of its own that it could lose")
+        return Loss(order.robot, order.sender)
 
     def _give(self, member: Member, order: Give) -> None:
         """Its process hears of them with its next Senses; without one nobody does."""

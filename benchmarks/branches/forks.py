@@ -1,12 +1,14 @@
-"""Branches of one run without a change, at random instants: whether each is the run itself."""
+"""Branches of one run at random instants: each is the run itself, or, without one frame, names that frame."""
 
 import random
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from benchmarks.branches.losses import heard, named
 from benchmarks.statistics.rows import print_rows
 from deploy.branches.branching import branch
 from deploy.branches.change import Change
@@ -23,28 +25,64 @@ class BranchesTask:
     """What is tried."""
 
     forks: int = 20
+    """Branches without a change."""
+    frames: int = 20
+    """As many more, each without one frame at one robot; at random, too."""
     duration: float = 60.0
     """Of the run that they leave, simulated s."""
     seed: int = 1
     """Of the run, and of the instants."""
 
 
+@dataclass(frozen=True)
+class _Branch:
+    """One branch."""
+
+    change: str
+    at_s: float
+    took_s: float
+    right: bool
+    """It has the run's digest, or names the frame."""
+
+    @property
+    def row(self) -> dict[str, object]:
+        found = "names it" if self.change else "is the run"
+        return {
+            "without": self.change or "-", "at s": f"{self.at_s:.3f}", "took s": f"{self.took_s:.1f}",
+            "branch": found if self.right else "is otherwise",
+        }  # fmt: skip
+
+
 def run(task: BranchesTask, json_output: bool = False) -> bool:
-    """Branch and compare, print, and say whether every digest is that of the run."""
-    rng, rows, same = random.Random(task.seed), [], 0
+    """Branch and compare, print, and say whether all came out as they should."""
+    rng = random.Random(task.seed)
     with tempfile.TemporaryDirectory(prefix="acrc-") as name:
         origin = Path(name) / "run"
         scenario = load_scenario(_SCENARIO, Overrides(seed=task.seed, duration=task.duration))
-        whole = swarm.run_in_memory(
-            swarm.plan(scenario, RunOptions(origin, bus="memory")), lambda progress: None
-        )
-        for number in range(1, task.forks + 1):
-            at_s, began = rng.uniform(0.1, task.duration - 1), time.monotonic()
-            options = RunOptions(Path(name) / str(number), bus="memory")
-            made = branch(origin, Change(at_s), options, trust=False)
-            equal = made.result.digest == whole.digest
-            same += equal
-            took = time.monotonic() - began
-            rows.append({"fork": number, "at s": f"{at_s:.3f}", "took s": f"{took:.1f}", "same": equal})
-    print_rows(rows, f"{same} of {task.forks} have the run's digest {whole.digest}", json_output=json_output)
-    return same == task.forks
+        plan = swarm.plan(scenario, RunOptions(origin, bus="memory"))
+        digest = swarm.run_in_memory(plan, lambda progress: None).digest
+        same = list(_unchanged(task, rng, origin, digest))
+        lacking = list(_without_a_frame(task, rng, origin))
+    right, told = sum(one.right for one in same), sum(one.right for one in lacking)
+    title = (
+        f"{right} of {len(same)} unchanged have the run's digest {digest}; "
+        f"{told} of {len(lacking)} without a frame name it as the first difference"
+    )
+    print_rows([one.row for one in (*same, *lacking)], title, json_output=json_output)
+    return right == len(same) and told == len(lacking)
+
+
+def _unchanged(task: BranchesTask, rng: random.Random, origin: Path, digest: str) -> Iterator[_Branch]:
+    for number in range(task.forks):
+        at_s, began = rng.uniform(0.1, task.duration - 1), time.monotonic()
+        options = RunOptions(origin.with_name(f"unchanged-{number}"), bus="memory")
+        made = branch(origin, Change(at_s), options, trust=False)
+        yield _Branch("", at_s, time.monotonic() - began, made.result.digest == digest)
+
+
+def _without_a_frame(task: BranchesTask, rng: random.Random, origin: Path) -> Iterator[_Branch]:
+    for number, copy in enumerate(heard(origin, task.frames, rng)):
+        began = time.monotonic()
+        found = named(origin, copy, origin.with_name(f"frame-{number}"))
+        change = f"a frame of {copy.sender} at {copy.receiver}"
+        yield _Branch(change, copy.ended / 1e6, time.monotonic() - began, found)

@@ -174,15 +174,16 @@ def endings(
 
 
 def branches(
-    forks: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="How many.")] = 20,
+    forks: Annotated[int, typer.Option(metavar="N", min=1, max=10_000, help="How many unchanged.")] = 20,
+    frames: Annotated[int, typer.Option(metavar="N", min=0, max=10_000, help="And without a frame.")] = 20,
     duration: Annotated[
         float, typer.Option(metavar="S", min=2, max=3600, help="Of the run that they leave.")
     ] = 60.0,
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Of the run, and of the instants.")] = 1,
     json: Json = False,
 ) -> None:
-    """Branch a run at random instants without a change, and compare the digests with that of the run."""
+    """Branch a run at random instants, unchanged or without one frame, and see what becomes otherwise."""
     from benchmarks.branches import forks as trials
 
-    if not trials.run(trials.BranchesTask(forks, duration, seed), json):
+    if not trials.run(trials.BranchesTask(forks, frames, duration, seed), json):
         raise typer.Exit(1)

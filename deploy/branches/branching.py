@@ -40,6 +40,8 @@ class Branched:
     """None: it is the run that it leaves."""
     again_s: float
     """Wall clock that the part up to the branch took, s."""
+    undone: tuple[str, ...] = ()
+    """A sentence for each event that the world refused, or that came behind the end."""
 
 
 def branch(origin: Path, change: Change, options: RunOptions, *, trust: bool) -> Branched:
@@ -57,7 +59,8 @@ def branch(origin: Path, change: Change, options: RunOptions, *, trust: bool) ->
     scenario = load_scenario(origin / SCENARIO)
     step_us = milliseconds(scenario.run.step_ms)
     first = boundary(change.at_s, step_us)
-    last = _last_step(origin) if told.complete else (told.good_until or 0)
+    done = _outcome(origin)
+    last = boundary(done.simulated_s, step_us) if told.complete and done else (told.good_until or 0)
     if first >= last:
         raise BranchError(
             f"{origin}: the run ends at {in_seconds(last * step_us):g} s; a branch must leave it before"
@@ -79,7 +82,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, trust: bool) ->
         str(origin.absolute()), told.digest, change.at_s, change.words, "" if parted is None else parted.words
     )
     result = _with_origin(result, about, options.out)
-    return Branched(result, parted, watch.again_s)
+    return Branched(result, parted, watch.again_s, _undone(change, step_us, result, done))
 
 
 class _Watch:
@@ -97,25 +100,39 @@ class _Watch:
 
 
 def _changed(scenario: Scenario, change: Change) -> Scenario:
-    """The scenario with the other strategy from the instant on, which is what stands beside the result."""
-    if change.strategy is None:
+    """The scenario beside the branch, with the other strategy, or settings of it, from the instant on."""
+    if change.strategy is None and not change.settings:
         return scenario
     first, turns = succession.split(scenario.run.strategy)
     kept = [turn for turn in turns if turn.at_s < change.at_s]
-    strategy = succession.joined(first, [*kept, Turn(change.at_s, change.strategy)])
+    present = kept[-1] if kept else Turn(0.0, first, scenario.strategy)
+    settings = change.settings
+    if change.strategy is None:
+        settings = {**present.settings, **settings}
+    turn = Turn(change.at_s, change.strategy or present.name, settings)
+    strategy = succession.joined(first, [*kept, turn])
     return scenario.model_copy(update={"run": scenario.run.model_copy(update={"strategy": strategy})})
 
 
 class _Outcome(msgspec.Struct):
-    """The part of a result that says how long the run was."""
+    """The part of a run's result that is needed here; a run that goes on, or has died, has none."""
 
     simulated_s: float
+    refused_orders: tuple[str, ...]
 
 
-def _last_step(origin: Path) -> int:
-    scenario = load_scenario(origin / SCENARIO)
-    done = msgspec.json.decode((origin / "run.json").read_bytes(), type=_Outcome)
-    return boundary(done.simulated_s, milliseconds(scenario.run.step_ms))
+def _outcome(origin: Path) -> _Outcome | None:
+    path = origin / "run.json"
+    return msgspec.json.decode(path.read_bytes(), type=_Outcome) if path.is_file() else None
+
+
+def _undone(change: Change, step_us: int, result: RunResult, done: _Outcome | None) -> tuple[str, ...]:
+    """What the world says at the events' boundaries, and has not said in the run; and what came too late."""
+    instants = [in_seconds(boundary(event.at_s, step_us) * step_us) for event in change.events]
+    refused = [one for one in result.refused_orders if done is None or one not in done.refused_orders]
+    said = [one for one in refused if any(one.startswith(f"at {instant:g} s: ") for instant in instants)]
+    over = f"the branch was over at {result.simulated_s:g} s"
+    return (*said, *(f"at {at:g} s: {over}" for at in instants if at >= result.simulated_s))
 
 
 def _with_origin(result: RunResult, about: BranchOrigin, out: Path) -> RunResult:

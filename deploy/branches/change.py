@@ -1,15 +1,17 @@
 """What is changed where a branch leaves its run: read from the command line, and brought among the orders."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
 
 from actors.instant import seconds
 from actors.messages import CONTROL, Control
 from actors.orders import Order, Pause, Resume, Speed, Step, Stop
-from actors.robot.behaviour import succession
+from actors.robot.behaviour import Setting, succession
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
 from deploy.replay.recorded_orders import TimedControl
@@ -34,14 +36,18 @@ class Change:
     at_s: float
     strategy: str | None = None
     """Decides from there on; None: whichever did."""
+    settings: Mapping[str, Setting] = field(default_factory=lambda: MappingProxyType({}))
+    """Of the strategy from there on: where they differ from what they were, or another one has."""
     events: tuple[Event, ...] = ()
     """In the order in which they were given."""
 
     @property
     def words(self) -> tuple[str, ...]:
         """What is changed, for people."""
-        changed = () if self.strategy is None else (f"strategy {self.strategy} from {self.at_s:g} s on",)
-        return (*changed, *(f"{event.words} at {event.at_s:g} s" for event in self.events))
+        from_then = f"from {self.at_s:g} s on"
+        changed = () if self.strategy is None else (f"strategy {self.strategy} {from_then}",)
+        settings = tuple(f"strategy.{name}={value} {from_then}" for name, value in self.settings.items())
+        return (*changed, *settings, *(f"{event.words} at {event.at_s:g} s" for event in self.events))
 
 
 def place(text: str) -> tuple[Path, float]:
@@ -73,6 +79,21 @@ def event(text: str, branch_s: float) -> Event:
     if isinstance(order, Pause | Resume | Step | Speed | Stop):
         raise wrong_value("--event", text, "an order that changes what happens; pause, speed and stop do not")
     return Event(order, at_s, " ".join(words))
+
+
+_STRATEGY: Final = "strategy."
+
+
+def strategy_settings(given: Iterable[tuple[str, Any]]) -> Mapping[str, Setting]:
+    """The strategy's settings that a command line changes, by name. Raises OptionError for others."""
+    found: dict[str, Setting] = {}
+    for key, value in given:
+        if not key.startswith(_STRATEGY) or key == _STRATEGY:
+            raise wrong_value(
+                "--set", key, "strategy.NAME with --from; all else is as the run had it, or no branch of it"
+            )
+        found[key.removeprefix(_STRATEGY)] = value
+    return found
 
 
 def with_events(

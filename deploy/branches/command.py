@@ -7,21 +7,25 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
+from actors.runtime.errors import AcrcError
 from cleaning.strategies import StrategyError, entry
 from deploy.branches.branching import branch
-from deploy.branches.change import Change, event
+from deploy.branches.change import Change, event, strategy_settings
 from deploy.branches.change import place as place_of
+from deploy.branches.divergence import Divergence
 from deploy.processes.signals import Interrupted
 from deploy.results import summary
 from deploy.run import out_folder
 from deploy.run.kernels import compile_kernels
 from deploy.run.options import folder_name, run_options
+from deploy.scenario.scenario_file import settings as settings_of
 from deploy.usage import OptionError
 
 
 def continue_run(
     place: str,
     strategy: str | None,
+    settings: Sequence[str],
     events: Sequence[str],
     out: Path | None,
     others: Sequence[str],
@@ -34,7 +38,8 @@ def continue_run(
         raise OptionError(f"{others[0]}: a branch is as its run was; must stand without --from")
     origin, at_s = place_of(place)
     try:
-        change = Change(at_s, strategy, tuple(event(text, at_s) for text in events))
+        changed = strategy_settings(settings_of(settings))
+        change = Change(at_s, strategy, changed, tuple(event(text, at_s) for text in events))
         if strategy is not None:
             entry(strategy)
     except StrategyError as error:
@@ -60,7 +65,14 @@ def continue_run(
     parted = branched.divergence
     if parted is None:
         console.print(f"identical: the digest of {origin}", markup=False)
-        return
+    else:
+        _print_parted(console, parted)
+    if branched.undone:
+        undone = "; ".join(branched.undone)
+        raise AcrcError(f"{branched.result.out}: a branch without what was asked: {undone}")
+
+
+def _print_parted(console: Console, parted: Divergence) -> None:
     console.print(f"first difference: {parted.words}", markup=False)
     robots = ", ".join(f"{robot} from {at:g} s" for robot, at in sorted(parted.robots.items()))
     console.print(f"does or meets otherwise: {robots or 'nobody'}", markup=False)

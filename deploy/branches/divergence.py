@@ -70,7 +70,7 @@ class _Trails:
 def divergence(one: Path, other: Path, step_us: int) -> Divergence | None:
     """Where the recordings of `other` part from those of `one`; None: never.
 
-    That a jammer is switched on is a change that somebody made, not what follows from it.
+    That a jammer is switched on, or a loss ordered, is a change that somebody made, not what follows from it.
     """
     first, second = _Trails(one), _Trails(other)
     places = sorted(
@@ -93,7 +93,7 @@ def divergence(one: Path, other: Path, step_us: int) -> Divergence | None:
 def _places(
     key: str, one: Sequence[tuple[int, bytes]], other: Sequence[tuple[int, bytes]]
 ) -> Iterator[_Place]:
-    """The messages on a key that differ, up to the first whose kind cannot be a matter of jammers alone."""
+    """The messages on a key that differ, up to the first that cannot come of what was ordered alone."""
     rank, again = _ORDER.index(topic_of(key).pattern), dict(other)
     there = dict(one)
     for step in sorted(there.keys() | again.keys()):
@@ -104,7 +104,7 @@ def _places(
 
 
 def _words(place: _Place, first: _Trails, second: _Trails) -> str | None:
-    """What differs; None if it is a jammer alone."""
+    """What differs; None if it is a jammer or an ordered loss alone."""
     topic = topic_of(place.key)
     robot = place.key.split("/")[2]
     receivers = ("radio",) if topic in (TRUTH, TRANSMIT) else ("world",) if topic == DRIVE else (robot,)
@@ -118,7 +118,7 @@ def _words(place: _Place, first: _Trails, second: _Trails) -> str | None:
     if place.other is None:
         return f"only in the run: {brief(then)}"
     if isinstance(now, Truth) and isinstance(then, Truth):
-        now, then = (msgspec.structs.replace(truth, jams=()) for truth in (now, then))
+        now, then = (msgspec.structs.replace(truth, jams=(), losses=()) for truth in (now, then))
         if now == then:
             return None
     found_at = None if now is None or then is None else first_difference(now, then)

@@ -112,8 +112,8 @@ def run(
         typer.Option(
             "--from",
             metavar="DIR@S",
-            help="Continue a recorded run from an instant, with another --strategy, an --event, or nothing "
-            "changed.",
+            help="Continue a recorded run from an instant, with another --strategy, other settings of "
+            "it (--set), an --event, or nothing changed.",
         ),
     ] = None,
     event: Annotated[
@@ -134,12 +134,12 @@ def run(
 
         whole = {
             "SCENARIO": scenario, "--robots": robots, "--seed": seed, "--duration": duration, "--step": step,
-            "--set": setting, "--isolate": isolate, "--view": view, "--control": control, "--debug": debug,
+            "--isolate": isolate, "--view": view, "--control": control, "--debug": debug,
             "--speed": speed, "--hardware-in-the-loop": hardware,
             "--limit": limit, "--check": check,
         }  # fmt: skip
         others = [name for name, value in whole.items() if value]
-        continue_run(origin, strategy, event or (), out, others, trust=trust, json=json)
+        continue_run(origin, strategy, setting or (), event or (), out, others, trust=trust, json=json)
         return
     if event:
         raise OptionError(f"--event: {event[0]!r}; must stand with --from")

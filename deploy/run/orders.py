@@ -15,6 +15,7 @@ from actors.orders import (
     Freeze,
     Give,
     Kill,
+    Lose,
     Move,
     Obstacle,
     OpenDoor,
@@ -67,6 +68,11 @@ def _speed(word: str) -> float:
     return factor
 
 
+def _lose(words: Sequence[str]) -> Order:
+    robot, sender = words
+    return Lose(robot, sender)
+
+
 def _move(words: Sequence[str]) -> Order:
     robot, *pose = words
     return _numbers(lambda x, y, heading: Move(robot, x, y, heading), 3)(pose)
@@ -84,6 +90,7 @@ _FORMS: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = Mapp
     "restart": ("ROBOT", _robot(Restart)),
     "move": ("ROBOT X Y HEADING", _move),
     "jam": ("X Y RADIUS SECONDS", _numbers(lambda x, y, r, s: StartJam(x, y, r, seconds(s)), 4)),
+    "lose": ("ROBOT SENDER", _lose),
     "obstacle": ("X Y RADIUS", _numbers(Obstacle, 3)),
     "wall": ("X Y TO_X TO_Y", _numbers(Wall, 4)),
     "give": ("ROBOT X Y", _give),

@@ -24,7 +24,7 @@ from actors.messages import ProcessOrder
 from actors.randomness import derived_seed
 from actors.robot import assembly
 from actors.robot.behaviour.adaptation import adaptation
-from actors.robot.behaviour.succession import behaviour_of
+from actors.robot.behaviour.succession import rehearse
 from actors.robot.program import look_in
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError, printable
@@ -101,7 +101,7 @@ def preflight_here(settled: ResolvedScenario, text: str, modules: Sequence[Path]
     # --json leaves nothing else there; and a module is imported once, so what it keeps hold of is kept here
     with _found(modules), contextlib.redirect_stdout(sys.stderr), taken_by(None):
         try:
-            behaviour_of(settled.behaviour, start)
+            rehearse(settled.behaviour, start)
         except AcrcError:
             raise
         except Exception as error:

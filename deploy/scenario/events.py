@@ -11,6 +11,7 @@ from actors.orders import (
     Freeze,
     Give,
     Kill,
+    Lose,
     Move,
     Obstacle,
     OpenDoor,
@@ -30,14 +31,15 @@ ACTIONS: Final = {
     "restart": (),
     "move": ("to",),
     "jam": ("radius", "duration"),
+    "lose": ("of",),
     "obstacle": ("radius",),
     "give": ("places",),
     "close": (),
     "open": (),
 }
 """Each action of an event, and what must stand beside it."""
-_COMPANIONS: Final = ("to", "radius", "duration", "places")
-_WITH_ROBOT: Final = ("kill", "freeze", "thaw", "restart", "move", "give")
+_COMPANIONS: Final = ("to", "radius", "duration", "of", "places")
+_WITH_ROBOT: Final = ("kill", "freeze", "thaw", "restart", "move", "lose", "give")
 
 
 def fault(scenario: Scenario) -> str | None:
@@ -83,6 +85,8 @@ def _robot(event: EventTable, scenario: Scenario) -> str | None:
     action = action_of(event)
     if action in _WITH_ROBOT and getattr(event, action) not in scenario.ids:
         return f'.{action} is "{getattr(event, action)}", but must be {known_robots(scenario)}'
+    if event.lose is not None and (event.of not in scenario.ids or event.of == event.lose):
+        return f'.of is "{event.of}", but must be {known_robots(scenario)}, and not {event.lose}'
     return None
 
 
@@ -157,15 +161,22 @@ def _order(event: EventTable) -> Order:
         case "obstacle":
             assert event.obstacle is not None and event.radius is not None
             return Obstacle(*event.obstacle, event.radius)
-        case "give":
-            assert event.give is not None and event.places is not None
-            return Give(event.give, event.places)
+        case "give" | "lose" as action:
+            return _to_one(event, action)
         case "close" | "open" as action:
             point = event.close or event.open
             assert point is not None
             return CloseDoor(*point) if action == "close" else OpenDoor(*point)
         case action:
             return _TO_ROBOT[action](getattr(event, action))
+
+
+def _to_one(event: EventTable, action: str) -> Give | Lose:
+    if action == "give":
+        assert event.give is not None and event.places is not None
+        return Give(event.give, event.places)
+    assert event.lose is not None and event.of is not None
+    return Lose(event.lose, event.of)
 
 
 _TO_ROBOT: Final[Mapping[str, type[Kill | Freeze | Thaw | Restart]]] = {

@@ -131,6 +131,9 @@ class EventTable(Table):
     to: Annotated[Pose | None, Right(A_POSE)] = None
     jam: Annotated[Point | None, Right(A_POINT)] = None
     """Switch a jammer on: `radius`, `duration`."""
+    lose: RobotId | None = None
+    """Let the robot not receive the next frame that it would have received: `of` whom."""
+    of: RobotId | None = None
     obstacle: Annotated[Point | None, Right(A_POINT)] = None
     """Put a round thing on the floor: `radius`."""
     give: RobotId | None = None

@@ -8,6 +8,7 @@ import pytest
 from actors.messages import TRANSMIT, Transmit
 from actors.runtime.codec import decode
 from actors.runtime.core import at
+from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_recording
 from deploy.branches.branching import BranchError
 from deploy.branches.change import Change, event
@@ -65,6 +66,44 @@ def test_one_frame_that_nobody_hears_is_named_with_who_missed_it(origin: Path, l
         f"step {step + 1}: swarm/down/{receiver}/received: only in the run: Received("
     )
     assert f"sender={sender[1:]}" in parted.words
+
+
+def test_one_frame_that_one_robot_does_not_receive_is_what_differs_first(origin: Path, leave: Leave) -> None:
+    step, sender, receiver = _lone_frame(origin)
+    lost = leave(Change(1.0, events=(event(f"lose {receiver} {sender} at {step * STEP_S:.1f}", 1.0),)))
+    parted = lost.divergence
+    assert parted is not None
+    assert (parted.step, parted.key) == (step + 1, f"swarm/down/{receiver}/received")
+    assert f"only in the run: Received(step={step + 1}, events=(Heard(" in parted.words
+    assert f"sender={sender[1:]}" in parted.words
+    assert lost.undone == ()
+    assert lost.result.frames_by_robot[receiver]["copies_lost_withheld"] == 1
+
+
+def test_another_setting_of_the_same_strategy(leave: Leave) -> None:
+    other = leave(Change(8.0, settings={"reach": 0.7}))
+    assert other.divergence is not None and other.divergence.step >= 80
+    assert other.result.origin.strategy == 'chapter>chapter{"reach":0.7}@8.0'
+    told = other.result.origin.branch
+    assert told is not None and told.changes == ("strategy.reach=0.7 from 8 s on",)
+    assert replay_swarm(Path(other.result.out), trust=False).digest == other.result.digest
+
+
+def test_settings_that_it_does_not_have_are_said_before_anything_runs(leave: Leave, tmp_path: Path) -> None:
+    with pytest.raises(AcrcError, match=r"strategy\.speed is not known"):
+        leave(Change(8.0, settings={"speed": 2}))
+    assert not list(tmp_path.iterdir())
+
+
+def test_events_that_do_not_happen_are_named(leave: Leave) -> None:
+    words = ("kill r9 at 4.05", "lose r1 r1 at 5", "kill r1 at 12")
+    done = leave(Change(4.0, events=tuple(event(one, 4.0) for one in words)))
+    assert done.undone == (
+        "at 4.1 s: there is no robot 'r9' to kill",
+        "at 5 s: r1 receives no frames of its own that it could lose",
+        "at 12 s: the branch was over at 12 s",
+    )
+    assert done.divergence is None
 
 
 def test_an_instant_that_the_run_has_not_come_to(leave: Leave) -> None:

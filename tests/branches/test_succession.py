@@ -20,6 +20,19 @@ def test_names_are_taken_apart_and_put_together() -> None:
     assert succession.joined(*succession.split(text)) == text
 
 
+def test_settings_stand_behind_a_name_whatever_characters_are_in_them() -> None:
+    turn = Turn(60.0, "c:d", {"reach": 0.5, "names": ("a>b@3", "{"), "on": True})
+    text = succession.joined("a:b", [turn, Turn(120.0, "e:f")])
+    assert succession.split(text) == ("a:b", (turn, Turn(120.0, "e:f")))
+    assert succession.names(text) == ("a:b", "c:d", "e:f")
+
+
+@pytest.mark.parametrize("text", ['a:b>c:d{"reach":}@5', 'a:b>c:d{"reach":null}@5', "a:b>c:d{@5"])
+def test_settings_that_are_none(text: str) -> None:
+    with pytest.raises(BehaviourError, match="what stands behind c:d should be its settings in JSON"):
+        succession.split(text)
+
+
 @pytest.mark.parametrize("text", ["a:b>c:d", "a:b>@5", "a:b>c:d@x", "a:b>c:d@0", "a:b>c:d@5>e:f@5"])
 def test_what_follows_needs_a_later_instant(text: str) -> None:
     with pytest.raises(BehaviourError, match="behaviour"):

@@ -11,6 +11,7 @@ from actors.messages import (
     TRUTH,
     Aired,
     Jam,
+    Loss,
     Outgoing,
     RadioEvent,
     Received,
@@ -99,21 +100,23 @@ class Swarm:
         """Freeze, thaw, kill or restart a robot."""
         self.robots[robot] = replace(self.robots[robot], **changes)
 
-    def truth(self, frames: Iterable[Frame], jams: Sequence[Jam] = ()) -> Truth:
+    def truth(self, frames: Iterable[Frame], jams: Sequence[Jam] = (), losses: Sequence[Loss] = ()) -> Truth:
         """The next step's Truth."""
         sent = [frame.robot for frame in frames]
         robots = tuple(
             RobotTruth(i, r.x, r.y, 0.0, r.vx, r.vy, 0.0, r.stepping, r.powered, sent.count(i), r.epoch)
             for i, r in self.robots.items()
         )
-        return Truth(self.core.step, self.core.step * self.step_us, robots, tuple(jams))
+        return Truth(self.core.step, self.core.step * self.step_us, robots, tuple(jams), losses=tuple(losses))
 
-    def run(self, frames: Sequence[Frame] = (), jams: Sequence[Jam] = ()) -> dict[str, list[RadioEvent]]:
+    def run(
+        self, frames: Sequence[Frame] = (), jams: Sequence[Jam] = (), losses: Sequence[Loss] = ()
+    ) -> dict[str, list[RadioEvent]]:
         """Take one step with all the frames given, and check the barrier's bookkeeping."""
         step = self.core.step
         have: dict[str, Message] = {}
         assert [address.key for address in self.core.missing(have)] == [TRUTH.key()]
-        have[TRUTH.key()] = self.truth(frames, jams)
+        have[TRUTH.key()] = self.truth(frames, jams, losses)
         senders = [i for i, r in self.robots.items() if r.stepping and any(f.robot == i for f in frames)]
         assert [address.key for address in self.core.missing(have)] == [TRANSMIT.key(i) for i in senders]
         for robot in senders:

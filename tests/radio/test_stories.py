@@ -9,6 +9,7 @@ from actors.messages import (
     AccessFailure,
     Heard,
     Jam,
+    Loss,
     Overflow,
     RobotTruth,
     Sent,
@@ -33,6 +34,21 @@ def test_a_frame_is_heard_when_its_last_symbol_ends() -> None:
     assert events["b"] == [Heard(1029, 100, -72.8, 255, b"12345678901")]
     assert events["c"] == [Heard(1029, 100, -90.0, 53, b"12345678901")]
     assert swarm.core.counters()["copies_heard"] == 2
+
+
+def test_a_loss_that_was_ordered_takes_the_next_frame_of_that_sender_that_would_have_been_heard() -> None:
+    swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0), "c": Robot(8.0), "far": Robot(30.0)})
+    silence = swarm.run(losses=[Loss("c", "a"), Loss("far", "a"), Loss("c", "nobody")])
+    assert silence == {}
+    first, second = Frame(STEP + 5, "b", 1), Frame(STEP + 20_000, "a", 2)
+    events = swarm.run([first, second])
+    assert [event.sender for event in events["c"] if isinstance(event, Heard)] == [101]
+    assert len(events["b"]) == 2
+    counters = swarm.core.counters()
+    assert (counters["copies_heard"], counters["copies_lost_withheld"]) == (3, 1)
+    again = swarm.run([Frame(2 * STEP + 5, "a", 3)])
+    assert [event.sender for event in again["c"] if isinstance(event, Heard)] == [100]
+    assert swarm.core.counters()["copies_lost_withheld"] == 1, "far never hears a, and so loses nothing"
 
 
 def test_nothing_on_the_air_is_said_in_an_empty_aired() -> None:

@@ -8,7 +8,19 @@ import pytest
 
 from actors.floor.map_file import load_map
 from actors.geometry import Point
-from actors.orders import CloseDoor, Freeze, Give, Kill, Move, Obstacle, OpenDoor, Restart, StartJam, Thaw
+from actors.orders import (
+    CloseDoor,
+    Freeze,
+    Give,
+    Kill,
+    Lose,
+    Move,
+    Obstacle,
+    OpenDoor,
+    Restart,
+    StartJam,
+    Thaw,
+)
 from actors.runtime.errors import AcrcError
 from actors.world.world_setup import TimedOrder
 from cleaning.places import GOLDEN
@@ -124,6 +136,7 @@ def test_events_become_orders_in_the_order_of_their_instants() -> None:
             'at = 0\nmove = "r3"\nto = [12, 12.5, 4]',
             "at = 3\njam = [10, 12]\nradius = 3\nduration = 1.5",
             "at = 4\nobstacle = [9, 12]\nradius = 0.2",
+            'at = 4\nlose = "r2"\nof = "r1"',
             'at = 5\ngive = "r2"\nplaces = [[9, 12], [10, 12]]',
             "at = 6\nclose = [12.4, 9.4]",
             "at = 7\nopen = [12.4, 9.5]",
@@ -136,6 +149,7 @@ def test_events_become_orders_in_the_order_of_their_instants() -> None:
         TimedOrder(2_000_000, Kill("r2")),
         TimedOrder(3_000_000, StartJam(10.0, 12.0, 3.0, 1_500_000)),
         TimedOrder(4_000_000, Obstacle(9.0, 12.0, 0.2)),
+        TimedOrder(4_000_000, Lose("r2", "r1")),
         TimedOrder(5_000_000, Give("r2", ((9.0, 12.0), (10.0, 12.0)))),
         TimedOrder(6_000_000, CloseDoor(12.4, 9.4)),
         TimedOrder(7_000_000, OpenDoor(12.4, 9.5)),

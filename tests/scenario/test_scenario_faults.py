@@ -20,7 +20,7 @@ SETTING = (
 INTERVAL = "but must be a number of seconds from 0.001 to 1000000"
 CHANNEL = "but must be an IEEE 802.15.4 channel, a whole number from 11 to 26"
 MATERIAL = "but must be a material: " + ", ".join(f'"{name}"' for name in MATERIALS)
-ACTIONS = "kill, freeze, thaw, restart, move, jam, obstacle, give, close, open"
+ACTIONS = "kill, freeze, thaw, restart, move, jam, lose, obstacle, give, close, open"
 
 
 @pytest.mark.parametrize(
@@ -222,6 +222,11 @@ def events(*lines: str) -> str:
         (
             ["at = 1\njam = [1, 2]\nradius = 1"],
             "event[0].duration is missing, but jam needs radius and duration",
+        ),
+        (['at = 1\nlose = "r1"'], "event[0].of is missing, but lose needs of"),
+        (
+            ['at = 1\nlose = "r1"\nof = "r1"'],
+            'event[0].of is "r1", but must be one of the robots r1 to r4, and not r1',
         ),
         (
             ["at = 1\nobstacle = [1, 2]\nradius = 1\nduration = 2"],

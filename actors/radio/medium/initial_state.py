@@ -42,6 +42,7 @@ def initial_state(transceivers: Sequence[Transceiver], phy: PhyParameters, seed:
         rosters=np.zeros(n, ROSTER),
         gains_mw=np.zeros((n, n)),
         outcomes=np.zeros((n, n), np.uint8),
+        withheld=np.zeros((n, n), np.int64),
         events=np.zeros(max(_EVENTS, 4 * n), EVENT),
     )
 

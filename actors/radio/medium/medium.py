@@ -121,6 +121,10 @@ class Medium:
         else:
             engine.switch_off(self._state, transceiver)
 
+    def withhold(self, sender: int, receiver: int) -> None:
+        """The receiver does not receive the next frame (no acknowledgement) that it would have received."""
+        self._state.withheld[sender, receiver] += 1
+
     def finish_frames(self) -> NDArray[np.void]:
         """Let the frames end that end right now, before anything is switched: what `run` gives."""
         return self._advance(self.now_ns, True)

@@ -24,6 +24,7 @@ _HALF_DUPLEX: Final = int(Outcome.HALF_DUPLEX)
 _RECEIVER_BUSY: Final = int(Outcome.RECEIVER_BUSY)
 _BELOW: Final = int(Outcome.BELOW_SENSITIVITY)
 _NOT_COUNTED: Final = int(Outcome.NOT_COUNTED)
+_WITHHELD: Final = int(Outcome.WITHHELD)
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
@@ -176,6 +177,10 @@ def judge(st: MediumState, sender: int) -> None:
             luck = drawn(medium.seed, purpose, key, flight.draw, transceivers[i].settings.key)
             if luck >= exp(receiver.log_right):
                 st.outcomes[sender, i] = _cause(medium, receiver, st.gains_mw[sender, i], flight.octets, luck)
+                continue
+        if not flight.is_ack and st.withheld[sender, i] > 0:
+            st.withheld[sender, i] -= 1
+            st.outcomes[sender, i] = _WITHHELD
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]

@@ -40,6 +40,8 @@ class Outcome(IntEnum):
     """Received, but meant for another transceiver."""
     NOT_COUNTED = 8
     """The sender itself, or a transceiver that was off when the frame began."""
+    WITHHELD = 9
+    """It would have been received, had nobody asked for its loss (`Medium.withhold`)."""
 
 
 class Kind(IntEnum):
@@ -205,6 +207,8 @@ class MediumState(NamedTuple):
     """(n, n): power of a sender's frame (row) at a receiver (column)."""
     outcomes: NDArray[np.uint8]
     """(n, n): what becomes of the frame in the air of a sender (row) at a receiver (column), so far."""
+    withheld: NDArray[np.int64]
+    """(n, n): how many frames of a sender (row) a receiver (column) is still not to receive."""
     events: NDArray[np.void]
     """(m,) of EVENT; the first `medium.events` count."""
 

@@ -1,7 +1,8 @@
 """Behaviours that follow one another: `first>second@120` is the first, and from 120 s on the second.
 
 The second is made at the first step from that instant on, with the robot's own random stream where the first
-has left it, where the robot holds itself to be, and settings of its own defaults. Its component says itself
+has left it, where the robot holds itself to be, and settings of its own defaults but for those behind its
+name, `first>second{"reach":0.5}@120`. Its component says itself
 what it takes over of the knowledge of the first one's (`Heir`); the node goes on counting where that one has
 ended, so that peers take what it says as newer. Knowledge of others is not passed on: they say it again.
 What the first has asked of the robot beside its goal ends: it stands no longer still, and disregards nobody.
@@ -9,19 +10,25 @@ What the first has asked of the robot beside its goal ends: it stands no longer 
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
+import msgspec
+from pydantic import TypeAdapter, ValidationError
+
 from actors.instant import Instant, seconds
+from actors.robot.behaviour.adaptation import Settings
 from actors.robot.behaviour.entry import BehaviourError, entry_function, load_behaviour
 from actors.robot.behaviour.node_host import take_over
-from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
+from actors.robot.behaviour.ports import Behaviour, Decision, Setting, Start, View
 
 _THEN: Final = ">"
 _AT: Final = "@"
+_SETTINGS: Final = TypeAdapter[Mapping[str, Setting]](Settings)
+_NONE: Final[Mapping[str, Setting]] = MappingProxyType({})
 
 
 class Turn(NamedTuple):
@@ -30,6 +37,8 @@ class Turn(NamedTuple):
     at_s: float
     name: str
     """Its entry string; in a scenario also a strategy's name."""
+    settings: Mapping[str, Setting] = _NONE
+    """Where they differ from its own."""
 
 
 def split(text: str) -> tuple[str, tuple[Turn, ...]]:
@@ -44,7 +53,8 @@ def split(text: str) -> tuple[str, tuple[Turn, ...]]:
 
 def joined(first: str, turns: Sequence[Turn]) -> str:
     """What `split` takes apart."""
-    return "".join([first, *(f"{_THEN}{turn.name}{_AT}{turn.at_s!r}" for turn in turns)])
+    said = (f"{_THEN}{turn.name}{_written(turn.settings)}{_AT}{turn.at_s!r}" for turn in turns)
+    return "".join([first, *said])
 
 
 def names(text: str) -> tuple[str, ...]:
@@ -57,6 +67,14 @@ def behaviour_of(text: str, start: Start) -> Behaviour:
     """The behaviour of one entry, or of several that follow one another; raises as `load_behaviour` does."""
     first, turns = split(text)
     return _Succession(start, first, turns) if turns else load_behaviour(first, start)
+
+
+def rehearse(text: str, start: Start) -> None:
+    """Make each behaviour once, and drop it; raises as `load_behaviour` does. `start` is used up."""
+    first, turns = split(text)
+    load_behaviour(first, start)
+    for turn in turns:
+        load_behaviour(turn.name, replace(start, settings=turn.settings))
 
 
 class _Succession:
@@ -100,7 +118,7 @@ class _Succession:
         start = self._start
         if self._begun:
             start = replace(start, pose=view.pose)
-        heir = load_behaviour(turn.name, replace(start, settings=MappingProxyType({})))
+        heir = load_behaviour(turn.name, replace(start, settings=turn.settings))
         if self._begun:
             take_over(heir, self._present, turn.name)
         self._present = heir
@@ -116,10 +134,27 @@ def instant_of(text: str) -> float | None:
 
 
 def _turn(text: str, other: str) -> Turn:
-    name, at, instant = other.rpartition(_AT)
+    named, at, instant = other.rpartition(_AT)
+    name, brace, rest = named.partition("{")
     at_s = instant_of(instant)
     if not (name and at) or at_s is None:
         raise BehaviourError(
             f"behaviour {text!r}: it should look like 'first{_THEN}second{_AT}120', the instant in s"
         )
-    return Turn(at_s, name)
+    if not brace:
+        return Turn(at_s, name)
+    try:
+        return Turn(at_s, name, MappingProxyType(dict(_SETTINGS.validate_json(brace + rest))))
+    except ValidationError:
+        raise BehaviourError(
+            f"behaviour {text!r}: what stands behind {name} should be its settings in JSON, such as "
+            '{"reach": 0.5}'
+        ) from None
+
+
+def _written(settings: Mapping[str, Setting]) -> str:
+    """In JSON, without the characters that separate behaviours."""
+    if not settings:
+        return ""
+    text = msgspec.json.encode(dict(settings), order="deterministic").decode()
+    return text.replace(_THEN, f"\\u{ord(_THEN):04x}").replace(_AT, f"\\u{ord(_AT):04x}")
