@@ -97,8 +97,8 @@ def test_what_a_command_is_called_now_is_a_command(was: tuple[str, ...]) -> None
         ("run --limit x=1", "--limit: x=1; must be one of memory_mb, open_files, file_mb, disk_mb, "
          "disk_files, processes, \"=\" and a number from 1 to 999999999"),
         ("order out shout", "VERB: shout; must be one of: kill ROBOT, freeze ROBOT, thaw ROBOT, "
-         "restart ROBOT, move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, obstacle X Y RADIUS, "
-         "wall X Y TO_X TO_Y, give ROBOT X Y, close X Y, open X Y, pause, resume, "
+         "restart ROBOT, move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, lose ROBOT SENDER, "
+         "obstacle X Y RADIUS, wall X Y TO_X TO_Y, give ROBOT X Y, close X Y, open X Y, pause, resume, "
          "step [N], speed X|max, stop"),
     ],
 )  # fmt: skip

@@ -38,10 +38,10 @@ class Outcome(IntEnum):
     """The transceiver or the sender was switched off before the frame ended."""
     FILTERED = 7
     """Received, but meant for another transceiver."""
-    NOT_COUNTED = 8
-    """The sender itself, or a transceiver that was off when the frame began."""
-    WITHHELD = 9
+    WITHHELD = 8
     """It would have been received, had nobody asked for its loss (`Medium.withhold`)."""
+    NOT_COUNTED = 9
+    """The sender itself, or a transceiver that was off when the frame began."""
 
 
 class Kind(IntEnum):
