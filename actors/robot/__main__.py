@@ -74,6 +74,8 @@ def main(argv: Sequence[str]) -> int:
             debugger.stop_at(options.debugger)
         elif options.debugger is not None:
             debugger.ignore_breakpoints()
+        else:
+            debugger.refuse_breakpoints(options.setup.id)
         if options.limits is not None:
             enforce(options.limits, isolated=options.isolate)
         if options.preflight_s is not None:

@@ -52,7 +52,7 @@ class RobotOptions:
     hidden: tuple[Path, ...]
     """What it must not see then, although it lies beside its code: the scenario."""
     debugger: str | None
-    """The terminal at which breakpoints stop; empty: they do nothing; None: as Python has it."""
+    """The terminal at which breakpoints stop; empty: they do nothing; None: they fail."""
     client: ClientOptions
 
 

@@ -63,6 +63,15 @@ def ignore_breakpoints() -> None:
     sys.breakpointhook = lambda *args, **kwargs: None
 
 
+def refuse_breakpoints(robot: str) -> None:
+    """From now on `breakpoint()` in this process fails: nobody is there who could type."""
+
+    def refuse(*args: object, **kwargs: object) -> None:
+        raise DebuggerError(f"breakpoint() has no terminal here; `acrc run --debug {robot}` stops there")
+
+    sys.breakpointhook = refuse
+
+
 def stop_here(frame: FrameType | None) -> None:
     """Stop in a frame, at the streams that this process was started with, wherever they lead by now."""
     _RobotPdb(sys.__stdin__, sys.__stdout__).set_trace(frame)

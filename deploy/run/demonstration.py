@@ -13,8 +13,8 @@ from deploy.scenario.scenario_file import Overrides, load_scenario
 
 SCENARIO: Final = REPOSITORY / "scenarios" / "head_on.toml"
 _STRATEGIES: Final = ("none", "chapter")
-_DURATION_S: Final = 200.0
-"""Twice as long as it takes with adaptation; without, more time changes nothing."""
+_DURATION_S: Final = 150.0
+"""Half as long again as it takes with adaptation; without, more time changes nothing."""
 
 
 class Shown(NamedTuple):

@@ -122,6 +122,12 @@ def test_what_cannot_be_debugged(tmp_path: Path) -> None:
         swarm.plan(load_scenario(SCENARIO), RunOptions(tmp_path / "out", bus="memory", debug="r9"))
 
 
+def test_a_breakpoint_without_a_terminal_says_how_to_get_one(tmp_path: Path) -> None:
+    done = acrc(*WORDS, "--out", tmp_path / "out")
+    assert done.returncode == 1
+    assert "breakpoint() has no terminal here; `acrc run --debug r" in done.stderr
+
+
 def _size(out: Path) -> int:
     return (out / "world" / "world.mcap").stat().st_size
 

@@ -174,7 +174,7 @@ def test_the_demonstration_shows_the_problem_and_its_cure(tmp_path: Path) -> Non
     assert done.returncode == 0, done.stderr
     without, adapted, pictures = done.stdout.splitlines()
     assert without == (
-        "Without adaptation: 0 of 6 places are clean by 200 s. One robot wants out of the office, one wants "
+        "Without adaptation: 0 of 6 places are clean by 150 s. One robot wants out of the office, one wants "
         "in, and neither gives way."
     )
     assert adapted == (
