@@ -26,9 +26,9 @@ from deploy.run.silence import Timeout
 from deploy.run.supervisor import RunFailedError
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests import warm
+from tests.run.doomed import Doom, sentence
 from tests.swarm import saboteur
 from tests.swarm.command import ROOT, acrc, leftovers, processes_of, run, start
-from tests.swarm.doomed import Doom, sentence
 
 SPAWNS = ("forkserver", "exec")
 
@@ -163,7 +163,7 @@ def failure(out: Path, behaviour: str, bus: str = "zenoh", spawn: str = "forkser
         said = sentence(doom)
     else:
         words = (msgspec.json.encode(doom).decode(),)
-        done = warm.run(words, ROOT, os.environ, 100.0, finds_cwd=True, program="tests.swarm.doomed")
+        done = warm.run(words, ROOT, os.environ, 100.0, finds_cwd=True, program="tests.run.doomed")
         assert done.returncode == 0, done.stderr
         said = done.stdout
     assert said and gone(out)
