@@ -8,6 +8,8 @@ from typing import Any, Final
 
 import pytest
 
+from deploy.development.suite import ALONE, says_alone
+
 LONGEST: Final = (
     "documentation/test_blocks.py",
     "swarm/test_house.py",
@@ -57,6 +59,9 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.get_closest_marker(ALONE) is not None and not says_alone(item.path):
+            raise pytest.UsageError(f"{item.nodeid}: the marker {ALONE} must stand in the test's own file")
     items.sort(key=lambda item: _RANK.get(item.path, len(_RANK)))
 
 
