@@ -1,11 +1,14 @@
 """What holds for all tests: the longest begin first; a skip under CI, where nobody sees it, is a failure."""
 
+import gc
 import os
 import signal
 from pathlib import Path
 from typing import Any, Final
 
 import pytest
+
+from deploy.development.suite import ALONE, says_alone
 
 LONGEST: Final = (
     "documentation/test_blocks.py",
@@ -50,12 +53,22 @@ _SKIPPED: list[str] = []
 
 def pytest_configure() -> None:
     """What a shell starts in the background ignores Ctrl-C, and what the tests start would inherit that."""
+    gc.disable()  # all that modules and tests are made of stays: looking for garbage in it finds none
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.get_closest_marker(ALONE) is not None and not says_alone(item.path):
+            raise pytest.UsageError(f"{item.nodeid}: the marker {ALONE} must stand in the test's own file")
     items.sort(key=lambda item: _RANK.get(item.path, len(_RANK)))
+
+
+def pytest_collection_finish() -> None:
+    """From here on garbage is looked for in what the tests themselves make."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:

@@ -25,8 +25,10 @@ from pathlib import Path
 from typing import Any, Final, NoReturn
 
 import actors  # noqa: F401  # which names the folder of the kernels
+from tests.warm_server import serve_warm
 
 ROOT: Final = Path(__file__).resolve().parents[1]
+ACRC: Final = "deploy.cli.app"
 MESSAGE_LIMIT: Final = 1 << 20
 """Bytes of what is asked for."""
 READ_AT_START: Final = ("GLIBC_", "LD_", "MALLOC_", "NPY_", "NUMBA_", "OMP_", "OPENBLAS_", "PYTHON")
@@ -51,11 +53,22 @@ def heeds(env: Mapping[str, str]) -> bool:
 
 
 def run(
-    words: Sequence[str], cwd: Path, env: Mapping[str, str], timeout_s: float, *, finds_cwd: bool
+    words: Sequence[str],
+    cwd: Path,
+    env: Mapping[str, str],
+    timeout_s: float,
+    *,
+    finds_cwd: bool,
+    program: str = ACRC,
 ) -> subprocess.CompletedProcess[str]:
-    """What `python -m deploy WORDS…` does in this folder and environment; `finds_cwd`: without `-P`."""
+    """What `python -m deploy WORDS…` does in this folder and environment; `finds_cwd`: without `-P`.
+
+    `program`: another module with a `main`, for an environment that a fork heeds.
+    """
     if heeds(env):
-        return _waiting().run(words, cwd, env, timeout_s, finds_cwd=finds_cwd)
+        asked = {"words": words, "cwd": str(cwd), "env": dict(env), "finds_cwd": finds_cwd}
+        return _waiting().run({**asked, "program": program}, timeout_s)
+    assert program == ACRC
     flags = () if finds_cwd else ("-P",)
     return subprocess.run(
         [sys.executable, *flags, "-m", "deploy", *words],
@@ -80,11 +93,8 @@ class Waiting:
         theirs.close()
         atexit.register(self.end)
 
-    def run(
-        self, words: Sequence[str], cwd: Path, env: Mapping[str, str], timeout_s: float, *, finds_cwd: bool
-    ) -> subprocess.CompletedProcess[str]:
+    def run(self, asked: dict[str, Any], timeout_s: float) -> subprocess.CompletedProcess[str]:
         """As `run` above; subprocess.TimeoutExpired once it has taken too long and has been killed."""
-        asked = {"words": words, "cwd": str(cwd), "env": dict(env), "finds_cwd": finds_cwd}
         with self._lock:
             ours, theirs = zip(os.pipe(), os.pipe(), strict=True)
             socket.send_fds(self._channel, [json.dumps(asked).encode()], theirs)
@@ -97,9 +107,9 @@ class Waiting:
                 os.kill(pid, signal.SIGKILL)
                 self._channel.recv(100)
                 if isinstance(error, TimeoutError):
-                    raise subprocess.TimeoutExpired(list(words), timeout_s) from None
+                    raise subprocess.TimeoutExpired(asked["words"], timeout_s) from None
                 raise
-            return subprocess.CompletedProcess(list(words), int(self._channel.recv(100)), out, err)
+            return subprocess.CompletedProcess(asked["words"], int(self._channel.recv(100)), out, err)
 
     def end(self) -> None:
         """Nothing more will be asked for."""
@@ -139,6 +149,9 @@ def serve(channel: socket.socket) -> None:
     for module in pkgutil.walk_packages(import_module("deploy").__path__, "deploy."):
         if not module.name.endswith("__main__") and (THERE or not module.name.startswith("deploy.view.")):
             import_module(module.name)
+    import_module(
+        "actors.runtime.process"
+    ).settle()  # collecting in a fork would look at all this, and copy it
     own = [place for place in sys.path if place != str(ROOT)]
     made = {name: value for name, value in os.environ.items() if name.startswith("NUMBA_")}
     while True:
@@ -177,7 +190,9 @@ def _become(
         sys.path[:] = [*([asked["cwd"]] if asked["finds_cwd"] else ()), *named, *places]
         sys.argv = [str(ROOT / "deploy" / "__main__.py"), *asked["words"]]
         invalidate_caches()
-        import_module("deploy.cli.app").main()
+        serve_warm(places)
+        import_module(asked["program"]).main()
+        code = 0
     except SystemExit as leave:
         code = leave.code
     except BaseException:  # the child must never return into the server's loop

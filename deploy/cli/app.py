@@ -1,5 +1,6 @@
 """The command line. What a command needs is imported once it is known which one it is."""
 
+import gc
 import sys
 from typing import Annotated
 
@@ -46,6 +47,7 @@ app.command(rich_help_panel=FOR_DEVELOPERS)(development.check)
 def main() -> None:
     """Run the command line; what is wrong is a line on standard error and exit code 1, or 2 for its words."""
     streams.settle()
+    gc.set_threshold(20_000, 20, 20)  # what a command imports stays: looking for garbage in it takes a tenth
     try:
         sys.exit(app(prog_name="acrc", standalone_mode=False))
     except AcrcError as error:

@@ -32,10 +32,25 @@ def run_suite(root: Path, words: Sequence[str]) -> int:
     now = "" if whole else f" and not {NIGHTLY}"
     workers = str((os.cpu_count() or 1) + 1)  # in each some tests wait while others compute
     beside = _pytest(root, ("-m", f"not {ALONE}{now}", "-n", workers, *BY_FILE))
-    alone = _pytest(root, ("-m", f"{ALONE}{now}"))
+    alone = _pytest(root, ("-m", f"{ALONE}{now}", *marked_alone(root)))
     if beside == alone == NO_TESTS:
         return NO_TESTS
     return next((code for code in (beside, alone) if code not in (0, NO_TESTS)), 0)
+
+
+def marked_alone(root: Path) -> list[str]:
+    """The files of the second half, lest pytest imports all others once more; none: it looks at all.
+
+    The marker stands in a test's own file, or tests/conftest.py refuses it.
+    """
+    folder = root / "tests" if (root / "tests").is_dir() else root
+    files = sorted(folder.rglob("test_*.py"))
+    return [str(path.relative_to(root)) for path in files if says_alone(path)]
+
+
+def says_alone(path: Path) -> bool:
+    """True if this file has tests with the marker."""
+    return f"mark.{ALONE}" in path.read_text("utf-8")
 
 
 def _pytest(root: Path, words: Sequence[str]) -> int:

@@ -12,6 +12,7 @@ is killed, see docs/decisions.
 """
 
 import contextlib
+import gc
 import importlib
 import importlib.util
 import json
@@ -237,7 +238,9 @@ def main(argv: Sequence[str]) -> int:
     _tie_to_starter(channel)
     if how == "fork":
         _show("forkserver")
+        gc.disable()  # until all is there, which stays
         importlib.import_module("deploy.processes.preload")
+        gc.enable()
     served: tuple[Enter, Share] = (enter, share) if how == "fork" else (execute, lambda module, words: None)
     server = Server(channel, *served, reap=whose == "reap")
     if sys.platform == "linux":

@@ -76,6 +76,20 @@ class Launcher(Protocol):
         """Return when a child may have ended, at the latest after `timeout_s`, with all exit codes known."""
 
 
+class Server(Protocol):
+    """The process that starts a launcher's children, a child of this one."""
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+
+    def kill(self) -> None:
+        """End it at once."""
+
+    def wait(self) -> int:
+        """Wait for its end; the exit code, or less than 0: the signal that ended it."""
+
+
 class ServedLauncher:
     """Children of a small server (`deploy.processes.forkserver`), which reaps them, and what they leave."""
 
@@ -94,15 +108,8 @@ class ServedLauncher:
     def __enter__(self) -> Self:
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
-            self._server = subprocess.Popen(
-                [*self._command, str(theirs.fileno()), self._how, "reap" if self._reap else "spare"],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                pass_fds=(theirs.fileno(),),
-                start_new_session=True,
-                cwd=REPOSITORY,
-                env=passed_on(os.environ),
-            )
+            whose = "reap" if self._reap else "spare"
+            self._server = begin([*self._command, str(theirs.fileno()), self._how, whose], theirs)
         try:
             while "ready" not in self._hear():
                 pass
@@ -187,6 +194,19 @@ class ServedLauncher:
                 there = process_table.glance(child.pid)
                 if there is None or there.state == "Z":
                     child.exit_code = -signal.SIGTERM
+
+
+def begin(command: Sequence[str], channel: socket.socket) -> Server:
+    """Start a server that has this end of the socket, in a session of its own."""
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        pass_fds=(channel.fileno(),),
+        start_new_session=True,
+        cwd=REPOSITORY,
+        env=passed_on(os.environ),
+    )
 
 
 def launcher(spawn: str, *, reap: bool = True) -> Launcher:

@@ -196,13 +196,16 @@ class MemorySwarm:
 @contextmanager
 def _settled() -> Iterator[None]:
     """No collection looks at what is made for the whole run, and few begin at all: a hundred
-    robots make thousands of small objects a step, and hardly ever a cycle."""
-    before = gc.get_threshold()
-    gc.collect()
-    gc.freeze()
+    robots make thousands of small objects a step, and hardly ever a cycle. Where a process has frozen
+    all that it began with, collections are cheap, and that stays frozen."""
+    before, cheap = gc.get_threshold(), gc.get_freeze_count() > 0
+    if not cheap:
+        gc.collect()
+        gc.freeze()
     gc.set_threshold(20_000, 20, 20)
     try:
         yield
     finally:
         gc.set_threshold(*before)
-        gc.unfreeze()
+        if not cheap:
+            gc.unfreeze()

@@ -1,5 +1,6 @@
 """`acrc test` runs the suite in two halves, and what is wrong in either is the command's exit code."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -24,7 +25,7 @@ addopts = --strict-markers -p xdist
 
 @pytest.fixture
 def suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[int, list[list[str]]]]:
-    """Runs a suite of these files as on two cores: the exit code, and what pytest was told."""
+    """Runs a suite of these files as on one core: the exit code, and what pytest was told."""
 
     def suite_of(*words: str, **files: str) -> tuple[int, list[list[str]]]:
         (tmp_path / "pytest.ini").write_text(SETTINGS)
@@ -38,7 +39,7 @@ def suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tupl
 
         run = subprocess.run
         monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # each of a run's processes would load all
-        monkeypatch.setattr("deploy.development.suite.os.cpu_count", lambda: 2)
+        monkeypatch.setattr("deploy.development.suite.os.cpu_count", lambda: 1)
         monkeypatch.setattr("deploy.development.suite.subprocess.run", noted)
         return run_suite(tmp_path, words), calls
 
@@ -59,13 +60,27 @@ def suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tupl
 def test_both_halves_decide(
     suite: Callable[..., tuple[int, list[list[str]]]], files: dict[str, str], code: int
 ) -> None:
+    marked = [f"{name}.py" for name, text in files.items() if text.startswith(MARKED)]
     assert suite(**files) == (
         code,
         [
-            ["-m", "not alone and not nightly", "-n", "3", *BY_FILE],
-            ["-m", "alone and not nightly"],
+            ["-m", "not alone and not nightly", "-n", "2", *BY_FILE],
+            ["-m", "alone and not nightly", *marked],
         ],
     )
+
+
+def test_a_marker_from_another_file_is_refused(tmp_path: Path) -> None:
+    """The second half would not find it."""
+    (tmp_path / "marks.py").write_text(MARKED)
+    (tmp_path / "test_own.py").write_text("from marks import pytestmark\n" + PASSES)
+    words = ["-p", "tests.conftest", "-c", "/dev/null", "--rootdir", ".", "."]
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", *words], cwd=tmp_path, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
+    )  # fmt: skip
+    assert done.returncode == pytest.ExitCode.USAGE_ERROR
+    assert "test_own.py::test_passes: the marker alone must stand in the test's own file" in done.stderr
 
 
 @pytest.mark.parametrize(("words", "code"), [((), 0), (("--nightly",), 1)])

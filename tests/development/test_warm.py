@@ -1,5 +1,6 @@
 """A forked command does what a command in a new interpreter does."""
 
+import json
 import os
 import subprocess
 import sys
@@ -8,6 +9,9 @@ from pathlib import Path
 import pytest
 
 from tests import warm
+
+TOLD = {"bus", "deeco", "digest", "frames", "isolation", "per_robot", "undelivered", "unread"}
+"""What a result says of the run."""
 
 
 def new(words: tuple[str, ...], cwd: Path, env: dict[str, str]) -> tuple[int, str, str]:
@@ -41,6 +45,16 @@ def test_it_has_exit_code_folder_environment_and_streams_of_its_own(
     path = os.pathsep.join((str(warm.ROOT), str(tmp_path / "path")))
     env = {**os.environ, "PYTHONPATH": path, "COLUMNS": "60"}
     assert forked(words, tmp_path, env) == new(words, tmp_path, env)
+
+
+def test_a_run_over_the_mesh_is_the_one_that_a_new_interpreter_makes(tmp_path: Path) -> None:
+    words = ("run", "--duration", "1", "--robots", "2", "--json", "--out")
+    told = []
+    for way in (new, forked):
+        code, answer, said = way((*words, str(tmp_path / way.__name__)), tmp_path, dict(os.environ))
+        assert (code, said) == (0, "")
+        told.append({key: value for key, value in json.loads(answer).items() if key in TOLD})
+    assert told[0] == told[1] and told[0].keys() == TOLD
 
 
 def test_what_is_set_for_one_command_is_not_there_for_the_next(tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ WORDS = (
 
 
 class Cluster:
-    """A scheduler and three workers, each a process of its own."""
+    """A scheduler and two workers, each a process of its own."""
 
     def __init__(self, stack: ExitStack, folder: Path) -> None:
         self._folder = folder
@@ -46,9 +46,9 @@ class Cluster:
         address = f"tcp://127.0.0.1:{self.port}"
         self.workers = [
             self._begin(f"w{number}", "dask_worker", address, "--nthreads", "1", "--no-nanny")
-            for number in range(3)
+            for number in range(2)
         ]
-        for number in range(3):
+        for number in range(2):
             self._await(f"w{number}", "Registered to")
 
     def _begin(self, name: str, program: str, *words: str) -> subprocess.Popen[bytes]:

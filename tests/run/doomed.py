@@ -1,0 +1,49 @@
+"""A run whose r2 does what the saboteur says, as a program: how it ends, and what is left of it."""
+
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+
+from actors.runtime.errors import AcrcError
+from actors.runtime.lifecycle import process_table
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.run.silence import Timeout
+from deploy.scenario.scenario_file import Overrides, load_scenario
+
+
+class Doom(msgspec.Struct, frozen=True):
+    """What r2 does, and how the run is made."""
+
+    out: str
+    behaviour: str
+    bus: str = "zenoh"
+    """zenoh, isolated or memory."""
+    spawn: str = "forkserver"
+    limits: dict[str, float] = {}
+
+
+def sentence(doom: Doom) -> str:
+    """With which the run ends; "" if it ends well. No process may be left that was not there before."""
+    before = process_table.children(os.getpid(), process_table.table())
+    overrides = Overrides(strategy=f"tests.swarm.saboteur:{doom.behaviour}", robots=2, duration=3)
+    options = RunOptions(Path(doom.out), isolate=doom.bus == "isolated")
+    plan = replace(swarm.plan(load_scenario(None, overrides), options), timeout=Timeout(**doom.limits))
+    said = ""
+    try:
+        if doom.bus == "memory":
+            swarm.run_in_memory(plan, lambda progress: None)
+        else:
+            swarm.run_processes(plan, doom.spawn, lambda progress: None)
+    except AcrcError as error:
+        said = str(error)
+    assert process_table.children(os.getpid(), process_table.table()) == before
+    return said
+
+
+def main() -> None:
+    """Print the sentence for the Doom that the only word holds, as JSON."""
+    sys.stdout.write(sentence(msgspec.json.decode(sys.argv[1], type=Doom)))

@@ -1,0 +1,83 @@
+"""The forkserver of a run that a warm command makes: a fork of the command, which has imported all of it.
+
+Importing and compiling the same a second time takes longer than most of these runs. What begins a server anew
+is shown by the tests that start `acrc` in an interpreter of its own (`tests.swarm.command.start`).
+"""
+
+import os
+import signal
+import socket
+import sys
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NoReturn
+
+from actors.runtime.lifecycle.environment import passed_on
+from deploy.processes import forkserver, launch
+from deploy.repository import REPOSITORY
+
+_BEGIN: Final = launch.begin
+
+
+class Forked:
+    """A child of this process, as subprocess.Popen is one."""
+
+    def __init__(self, pid: int) -> None:
+        self.pid = pid
+        self._code: int | None = None
+
+    def kill(self) -> None:
+        if self._code is None:
+            os.kill(self.pid, signal.SIGKILL)
+
+    def wait(self) -> int:
+        if self._code is None:
+            _, status = os.waitpid(self.pid, 0)
+            self._code = os.waitstatus_to_exitcode(status)
+        return self._code
+
+
+def serve_warm(places: Sequence[str]) -> None:
+    """Let the servers of this process that fork be forks of it; `places`: where modules are."""
+
+    def begin(command: Sequence[str], channel: socket.socket) -> launch.Server:
+        *_, how, whose = command
+        threads = len(list(Path("/proc/self/task").iterdir()))  # after a session was opened no fork would do
+        if command[0] != sys.executable or how != "fork" or threads > 1:
+            return _BEGIN(command, channel)
+        sys.stdout.flush()
+        sys.stderr.flush()
+        pid = os.fork()
+        if pid == 0:
+            _become(channel.fileno(), [how, whose], places)
+        return Forked(pid)
+
+    launch.begin = begin
+
+
+def _become(channel: int, words: Sequence[str], places: Sequence[str]) -> NoReturn:
+    """Be the server from here on, with no more of the command's than a new interpreter would have."""
+    code = 1
+    try:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_DFL)
+        os.setsid()
+        with Path(os.devnull).open("r+b", buffering=0) as nothing:
+            for stream in (0, 1):
+                os.dup2(nothing.fileno(), stream)
+        os.closerange(3, channel)
+        os.closerange(channel + 1, os.sysconf("SC_OPEN_MAX"))
+        os.chdir(REPOSITORY)
+        told = passed_on(os.environ)
+        os.environ.clear()
+        os.environ.update(told)
+        named = [place for place in told.get("PYTHONPATH", "").split(os.pathsep) if place]
+        sys.path[:] = [str(REPOSITORY), *named, *places]
+        code = forkserver.main([str(channel), *words])
+    except BaseException:  # the child must never return into the command
+        traceback.print_exc()
+    finally:
+        sys.stderr.flush()
+        os._exit(code)
