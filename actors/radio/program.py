@@ -1,6 +1,6 @@
 """The radio's process: its command line, its set-up and its core."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,10 +77,15 @@ def load_setup(path: Path) -> RadioSetup:
         raise AcrcError(f"{path}: no set-up of a radio: {str(error)[:300]}") from None
 
 
-def part(argv: Sequence[str]) -> ActorProcess:
-    """The radio that `argv` describes, with its connections."""
+def part(
+    argv: Sequence[str], settle: Callable[[RadioSetup], RadioSetup] = lambda setup: setup
+) -> ActorProcess:
+    """The radio that `argv` describes, with its connections.
+
+    `settle` is given the set-up, and says where its files are: a replay may find them elsewhere.
+    """
     options = parse(argv)
-    setup = load_setup(options.setup)
+    setup = settle(load_setup(options.setup))
     prints = fingerprints(KERNELS)
     core = build(setup)
     run = run_note("radio", argv, setup, options.client.commit, seed=setup.seed, kernels=prints)

@@ -25,6 +25,7 @@ from actors.robot.stack import Stack
 from actors.robot.sweep import Sweeps
 from actors.robot_model import RobotModel
 from actors.runtime.fingerprint import fingerprints
+from actors.runtime.recording import scans
 
 KERNELS: Final = (
     *(
@@ -130,5 +131,9 @@ def _localisation(setup: RobotSetup, model: RobotModel, field: LikelihoodField |
 
 
 def kernels() -> dict[str, str]:
-    """Fingerprint of every numeric kernel that a robot computes with, by module; also compiles them all."""
+    """Fingerprint of every numeric kernel that a robot computes with, by module; also compiles them all.
+
+    And those by which its recorder packs, which have no part in what it does.
+    """
+    scans.fingerprint()
     return fingerprints(KERNELS)

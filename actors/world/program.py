@@ -85,10 +85,15 @@ def build(setup: WorldSetup) -> WorldCore:
     return WorldCore(setup, Bodies(setup), Referee(setup.robots, setup.reach))
 
 
-def part_of(argv: Sequence[str]) -> ActorProcess:
-    """The world that `argv` describes, without a conductor's clock: for replays."""
+def part_of(
+    argv: Sequence[str], settle: Callable[[WorldSetup], WorldSetup] = lambda setup: setup
+) -> ActorProcess:
+    """The world that `argv` describes, without a conductor's clock: for replays.
+
+    `settle` is given the set-up, and says where its files are.
+    """
     options = parse(argv)
-    setup = load_setup(options.setup)
+    setup = settle(load_setup(options.setup))
     return part(build(setup), world_note(setup, argv, options.commit))
 
 

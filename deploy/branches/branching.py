@@ -21,7 +21,7 @@ from deploy.replay.swarm_replay import SCENARIO
 from deploy.results.origin import BranchOrigin
 from deploy.results.result import RunResult
 from deploy.run import swarm
-from deploy.run.foreign import beside, refuse_foreign
+from deploy.run.foreign import beside, refuse_foreign, refuse_missing
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
 from deploy.scenario.tables import Scenario
@@ -66,6 +66,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, trust: bool) ->
             f"{origin}: the run ends at {in_seconds(last * step_us):g} s; a branch must leave it before"
         )
     changed = _changed(scenario, change)
+    refuse_missing(origin / SCENARIO, entry(changed.run.strategy), beside(changed))
     if not trust:
         refuse_foreign(origin / SCENARIO, entry(changed.run.strategy), beside(changed))
     plan = swarm.plan(changed, options)

@@ -21,7 +21,8 @@ def export(
 ) -> None:
     """Write poses, estimates, goals, frames, knowledge, exchanges, places and decisions as tables.
 
-    What is not recorded is computed by executing radio and robots again.
+    What is not recorded is computed by executing radio and robots again; where the machine can, robots are
+    shut off.
     """
     if not parquet:
         raise OptionError(f"export {out}: should stand with --parquet")
@@ -32,10 +33,18 @@ def export(
         check_trust(out, actor, trust=trust)
     from deploy.export import parquet_files, rows
     from deploy.run import out_folder
+    from deploy.run.isolating import choose, warn
 
+    choice = choose(None)
+    warn(choice.warning)
     console = Console(stderr=True)
     with console.status("reading") as status:
-        found = rows.tables(out, lambda actor: status.update(f"executing {actor} again"))
+        found = rows.tables(
+            out,
+            lambda actor: status.update(f"executing {actor} again"),
+            trust=trust,
+            isolate=choice.isolate,
+        )
     where = folder or out / "tables"
     with out_folder.writing(where):
         for path, count in parquet_files.write(found, where):

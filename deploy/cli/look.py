@@ -112,8 +112,6 @@ def view(
             raise OptionError("--beside: must stand with --png or --svg, and without --html and --movie")
         _draw_beside((out, *beside), [kind for wished, kind in ((png, "png"), (svg, "svg")) if wished])
         return
-    if why and isolate:
-        raise OptionError("--why: executes robots in this process; must stand without --isolate")
     if png or svg or html or movie:
         kinds = [kind for wished, kind in ((png, "png"), (svg, "svg"), (html, "html")) if wished]
         _draw_page(out, [f"run.{kind}" for kind in kinds], movie, speed)

@@ -144,26 +144,30 @@ def explain(
 ) -> None:
     """Say why a robot decided as it did: the knowledge, the frame that brought it, and what was lost before.
 
-    The robot and the radio are executed again from their recordings.
+    The robot and the radio are executed again from their recordings, shut off where the machine can.
     """
+    from actors.runtime.errors import printable
+    from deploy.explanation import asking
     from deploy.explanation import explain as explanation
+    from deploy.run.isolating import choose, warn
 
     console = Console(soft_wrap=True, highlight=False, markup=False)
-    asked = explanation.wish(who)
+    asked, choice = explanation.wish(who), choose(None)
+    warn(choice.warning)
     if asked.at_s is None:
-        rows = explanation.listed(out, asked.robot, trust=trust)
+        rows = asking.decisions(out, asked.robot, trust=trust, isolate=choice.isolate)
         if json:
             print(explanation.as_json(rows))
             return
         for row in rows:
-            console.print(f"{row.at_s:9.3f} s  {row.words}  ({row.by})")
+            console.print(printable(f"{row.at_s:9.3f} s  {row.words}  ({row.by})"))
         if not rows:
             console.print(f"{asked.robot} never decides anything.")
         return
-    found = explanation.explain(out, asked, trust=trust)
+    found = asking.explained(out, asked, trust=trust, isolate=choice.isolate)
     if json:
         print(explanation.as_json(found))
         return
     for number, one in enumerate(found):
         for line in ([""] if number else []) + list(explanation.sentences(one)):
-            console.print(line)
+            console.print(printable(line))

@@ -23,6 +23,7 @@ from actors.task.referee import PlaceOutcome
 from actors.task.words import PlaceKey
 from actors.world.world_setup import WorldSetup
 from deploy.evidence.recorded import outcome, taken
+from deploy.replay.moved_runs import map_here
 from deploy.replay.run_recordings import recordings
 from deploy.results.result import RunResult
 
@@ -136,7 +137,7 @@ def read_run(out: Path) -> RunEvidence:
     return RunEvidence(
         out=out,
         setup=setup,
-        grid=load_map(_map(out, setup)),
+        grid=load_map(map_here(setup, out)),
         robots=robots,
         seconds=np.array([in_seconds(truth.instant) for truth in truths]),
         true=true,
@@ -211,12 +212,6 @@ def _setup(path: Path) -> WorldSetup:
         return msgspec.json.decode(run.scenario, type=WorldSetup)
     except (ValueError, RecursionError) as error:
         raise EvidenceError(f"{path}: its first record holds no world's set-up: {error}") from error
-
-
-def _map(out: Path, setup: WorldSetup) -> str:
-    """The map's file; that which lies in the folder, wherever the folder was taken."""
-    beside = out / "map" / Path(setup.map).name
-    return str(beside if beside.is_file() else setup.map)
 
 
 def _count_heard(path: Path, robot: str, counts: NDArray[np.int64], receptions: list[Reception]) -> None:

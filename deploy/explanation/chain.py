@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import msgspec
 
@@ -25,16 +25,19 @@ _LONGEST: Final = 90
 """Characters of a value."""
 
 
+Second = Annotated[float, msgspec.Meta(ge=0, le=1e9)]
+"""Simulated s; nobody lives to see more."""
+
+
 class Link(msgspec.Struct, frozen=True):
     """One cause."""
 
-    at_s: float
-    """Simulated s."""
+    at_s: Second
     kind: str
     """`order`, `goal`, `process`, `exchange`, `state`, `replica`, `frame`, `lost` or `unknown`."""
     says: str
     """A sentence without its instant."""
-    depth: int
+    depth: Annotated[int, msgspec.Meta(ge=0, le=100)]
     """How far below the decision it stands: 0 is the decision itself."""
     about: dict[str, Any] = {}
     """The same in values: names, numbers, and fields with what they were and became."""

@@ -1,4 +1,4 @@
-"""Explains decisions of one robot of a run."""
+"""Explains decisions of one robot of a run, whose strategy runs in this process; `asking` has it shut off."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -8,12 +8,11 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 from actors.instant import in_seconds
-from actors.runtime.errors import AcrcError
+from actors.runtime.errors import AcrcError, printable
 from deploy.explanation.air import Air
-from deploy.explanation.chain import Chain, Link
+from deploy.explanation.chain import Chain, Link, Second
 from deploy.explanation.retold import Made, Retold, retell
 from deploy.replay.run_recordings import recordings
-from deploy.replay.trusted_replay import check_trust
 
 _SAME_S: Final = 0.0501
 """Who asks for an instant means a decision that is no farther away: half a step."""
@@ -34,7 +33,7 @@ class Wish(NamedTuple):
 class DecisionRow(msgspec.Struct, frozen=True):
     """A decision as it is listed."""
 
-    at_s: float
+    at_s: Second
     words: str
     by: str
     """The process or exchange that changed the knowledge; "behaviour": what it told its robot."""
@@ -44,14 +43,41 @@ class Explanation(msgspec.Struct, frozen=True):
     """Why a robot decided something."""
 
     robot: str
-    asked_s: float
-    at_s: float
+    asked_s: Second
+    at_s: Second
     """When the decision was made: the nearest before `asked_s`, unless `exact`."""
     exact: bool
     decision: str
     by: str
     chain: tuple[Link, ...]
     """The decision's own link first; causes stand below, one deeper than their effects."""
+
+
+class ExplainAnswer(msgspec.Struct, frozen=True):
+    """What is answered for one robot."""
+
+    decisions: tuple[DecisionRow, ...] = ()
+    explanations: tuple[Explanation, ...] = ()
+    fault: str | None = None
+    """Why there is none of both."""
+
+
+def encode(answer: ExplainAnswer) -> bytes:
+    """For the way out of the program that is shut off."""
+    return msgspec.msgpack.encode(answer)
+
+
+def decode(robot: str, data: bytes) -> ExplainAnswer:
+    """What `encode` made of an answer for the robot. Raises ExplanationError for a fault and for all else."""
+    try:
+        answer = msgspec.msgpack.decode(data, type=ExplainAnswer)
+    except (ValueError, RecursionError) as error:
+        raise ExplanationError(f"{robot}: what it answers makes no sense: {printable(str(error))}") from None
+    if answer.fault is not None:
+        raise ExplanationError(printable(answer.fault))
+    if other := [one.robot for one in answer.explanations if one.robot != robot]:
+        raise ExplanationError(f"{robot}: what it answers makes no sense: it is about {ascii(other[0])[:80]}")
+    return answer
 
 
 def wish(text: str) -> Wish:
@@ -66,23 +92,23 @@ def wish(text: str) -> Wish:
     return Wish(robot, float(instant))
 
 
-def listed(out: Path, robot: str, *, trust: bool) -> tuple[DecisionRow, ...]:
+def listed(out: Path, robot: str) -> tuple[DecisionRow, ...]:
     """All decisions of a robot, those of its later processes behind."""
     rows: list[DecisionRow] = []
-    for actor in _actors(out, robot):
-        rows += [_row(made) for made in _retold(out, actor, trust).decisions]
+    for actor in processes(out, robot):
+        rows += [_row(made) for made in retell(out, actor).decisions]
     return tuple(rows)
 
 
-def explain(out: Path, asked: Wish, *, trust: bool) -> tuple[Explanation, ...]:
+def explain(out: Path, asked: Wish) -> tuple[Explanation, ...]:
     """Every decision that the robot made at an instant, or the one before it.
 
     Executes the robot and the radio again. Raises ExplanationError if it had decided nothing by then.
     """
     assert asked.at_s is not None
     earliest: float | None = None
-    for actor in reversed(_actors(out, asked.robot)):
-        retold = _retold(out, actor, trust)
+    for actor in reversed(processes(out, asked.robot)):
+        retold = retell(out, actor)
         found = _chosen(retold.decisions, asked.at_s)
         if found:
             return tuple(_explained(out, retold, asked, found))
@@ -92,10 +118,10 @@ def explain(out: Path, asked: Wish, *, trust: bool) -> tuple[Explanation, ...]:
     raise ExplanationError(f"{asked.robot} had decided nothing by {asked.at_s:g} s; {then}")
 
 
-def all_explained(out: Path, robot: str, *, trust: bool) -> Iterator[Explanation]:
+def all_explained(out: Path, robot: str) -> Iterator[Explanation]:
     """Every decision of a robot, in the order of the instants; executes it and the radio once more."""
-    for actor in _actors(out, robot):
-        retold = _retold(out, actor, trust)
+    for actor in processes(out, robot):
+        retold = retell(out, actor)
         chain = Chain(retold, Air(out, retold.actor))
         for made in retold.decisions:
             yield _explanation(robot, in_seconds(made.instant), made, chain)
@@ -123,8 +149,11 @@ def _explanation(robot: str, asked_s: float, made: Made, chain: Chain) -> Explan
     return Explanation(robot, asked_s, at_s, exact, made.words, made.by, tuple(chain.of(made)))
 
 
-def _actors(out: Path, robot: str) -> list[str]:
-    """The processes of a robot, or the one that is named, in the order in which they were started."""
+def processes(out: Path, robot: str) -> list[str]:
+    """The processes of a robot, or the one that is named, in the order in which they were started.
+
+    Raises ExplanationError where there is none.
+    """
     files = recordings(out)
     found = [actor for actor, path in files.items() if path.parent.name == robot] or [
         actor for actor in files if actor == robot
@@ -133,12 +162,6 @@ def _actors(out: Path, robot: str) -> list[str]:
     if not found or robot in ("world", "radio"):
         raise ExplanationError(f"{robot}: is no robot of this run; there are {', '.join(robots)}")
     return found
-
-
-def _retold(out: Path, actor: str, trust: bool) -> Retold:
-    """Raises ForeignCodeError for somebody's code, without `trust`."""
-    check_trust(out, actor, trust=trust)
-    return retell(out, actor)
 
 
 def _row(made: Made) -> DecisionRow:

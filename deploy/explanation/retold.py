@@ -9,6 +9,7 @@ from actors.instant import Instant
 from actors.robot.behaviour.decision_log import Deciding
 from actors.robot.core import RobotCore
 from actors.runtime.core import Core
+from actors.runtime.prints import nowhere
 from deeco.knowledge import Knowledge
 from deeco.onlooking import looking_on
 from deploy.evidence.knowledge_trace import KnowledgeTrace, Tracer
@@ -60,7 +61,7 @@ def retell(out: Path, actor: str) -> Retold:
         watch.attach(cast(RobotCore, core))
 
     with looking_on(tracer):
-        tracer.trace.report = replay_actor(out, actor, Onlook(prepare))
+        tracer.trace.report = replay_actor(out, actor, Onlook(prepare, prints=lambda step_us: nowhere()))
     orders, trace = tuple(watch.orders), tracer.trace
     made = sorted(
         [*_of_knowledge(trace), *_of_orders(orders, trace)], key=lambda one: (one.step, one.change is None)

@@ -8,7 +8,7 @@ import pyarrow
 from pyarrow import parquet
 
 from deploy.export.columns import TABLES, Table
-from deploy.export.rows import Row, Tables
+from deploy.export.robot_rows import Row, Tables
 
 _TYPES: Final = {
     "float": pyarrow.float64(),

@@ -10,7 +10,6 @@ if __name__ == "__main__":  # who imports this has an environment of its own
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs one thread
 
 import sys
-import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,11 +17,10 @@ from actors.instant import Duration
 from actors.robot import program
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
-from actors.runtime.process import RunNote
-from actors.runtime.recording import decoded, read_notes
 from deploy.inside.onlooker import Onlooker
-from deploy.inside.telemetry import Inside, encode
+from deploy.inside.telemetry import MOST_BYTES, Inside, encode
 from deploy.replay import shut_off
+from deploy.replay.moved_runs import run_of
 from deploy.replay.record_replay import Onlook, replay_actor
 from deploy.replay.run_recordings import recordings
 
@@ -32,15 +30,13 @@ def main(argv: Sequence[str]) -> int:
     parser = shut_off.parser("deploy.inside.inside_program")
     parser.add_argument("--period-us", type=int, required=True, help="between two looks")
     options = parser.parse_args(argv)
-    with shut_off.answering(options) as answer:
+    with shut_off.answering(options, MOST_BYTES // 1_000_000) as answer:
         try:
             inside = look_into(options.out, options.actor, Duration(options.period_us))
         except AcrcError as error:
             sys.stderr.write(f"{error}\n")
             return 2
-        data = memoryview(encode(inside))
-        while data:
-            data = data[answer.write(data) :]
+        shut_off.write_whole(answer, encode(inside))
     return 0
 
 
@@ -50,7 +46,7 @@ def look_into(out: Path, actor: str, period: Duration) -> Inside:
     Its code runs in this process. Raises an AcrcError where there is nothing to execute.
     """
     path = recordings(out)[actor]
-    options = program.parse(decoded(path, "run", read_notes(path)["run"], RunNote).argv)
+    options = program.parse(run_of(path).argv)
     sensor, setup = load_model(options.model, options.sensor).sensor, options.setup
     onlooker = Onlooker(setup.id, sensor, setup.stack.local_map.cell, period)
     fault = None
@@ -59,8 +55,7 @@ def look_into(out: Path, actor: str, period: Duration) -> Inside:
     except AcrcError as error:
         fault = str(error)
     except Exception as error:  # a strategy on another processor may go where it never went
-        traceback.print_exc()
-        fault = f"{actor}: {type(error).__name__}: {error}"
+        fault = shut_off.bug(actor, error)
     return onlooker.result(fault)
 
 

@@ -99,7 +99,7 @@ class Onlooker:
     def result(self, fault: str | None) -> Inside:
         """Everything up to now; `fault`: why the robot could not be followed any further."""
         told = self._told
-        side = told["costs"][0].shape if told["costs"] else (0, 0)
+        side = told["costs"][0].shape if told["costs"] else (1, 1)  # of none numpy cannot count the windows
         return Inside(
             robot=self._robot,
             first_step=self._first_step,

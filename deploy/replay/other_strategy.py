@@ -6,8 +6,8 @@ from pathlib import Path
 
 from actors import toml_file
 from actors.runtime.bus.replay_bus import ReplayError
-from actors.runtime.process import RunNote
-from actors.runtime.recording import RecordingError, decoded, read_notes
+from actors.runtime.recording import RecordingError
+from deploy.replay.moved_runs import run_of
 from deploy.replay.record_replay import Onlook, ReplayReport, replay_actor
 from deploy.replay.run_recordings import recordings
 from deploy.scenario.toml_text import document
@@ -22,7 +22,7 @@ def replay_otherwise(out: Path, actor: str, behaviour: str, onlook: Onlook) -> R
     path = recordings(out).get(actor)
     if path is None:
         raise RecordingError(f"{out}: no recording of {actor!r}; there are {', '.join(recordings(out))}")
-    argv = decoded(path, "run", read_notes(path)["run"], RunNote).argv
+    argv = run_of(path).argv
     if "--behaviour" not in argv:
         raise ReplayError(f"{actor}: has no strategy; must be a robot")
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:

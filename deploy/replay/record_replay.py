@@ -13,10 +13,11 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import difference, otherwise
 from actors.runtime.prints import Prints
 from actors.runtime.process import ActorProcess, RunNote
-from actors.runtime.recording import Entry, RecordingError, Unrecorded, decoded, read_notes, read_recording
+from actors.runtime.recording import Entry, RecordingError, Unrecorded, read_recording
 from actors.runtime.shell import Shell
 from actors.world import program as world_program
 from deploy.replay.debugging import EnoughError
+from deploy.replay.moved_runs import radio_here, run_of, world_here
 from deploy.replay.run_recordings import recordings
 
 
@@ -52,13 +53,10 @@ def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayRepo
     if actor not in files:
         raise RecordingError(f"{out}: no recording of {actor!r}; there are {', '.join(files)}")
     path = files[actor]
-    notes = read_notes(path)
-    if "run" not in notes:
-        raise RecordingError(f"{path}: ends before its first record")
-    run = decoded(path, "run", notes["run"], RunNote)
+    run = run_of(path)
     prints = None if onlook.prints is None else onlook.prints(run.step_us)
     with nullcontext() if prints is None else prints.during(0):
-        part = _builders().get(actor, robot_part)(_argv(run, onlook))
+        part = _builders(out).get(actor, robot_part)(_argv(run, onlook))
     if onlook.prepare is not None:
         onlook.prepare(part.core, run.step_us)
     bus = ReplayBus(path, lambda sha256: _recall(files.values(), sha256))
@@ -85,8 +83,11 @@ def _argv(run: RunNote, onlook: Onlook) -> tuple[str, ...]:
     return tuple(argv)
 
 
-def _builders() -> dict[str, Callable[[tuple[str, ...]], ActorProcess]]:
-    return {"world": world_program.part_of, "radio": radio_part}
+def _builders(out: Path) -> dict[str, Callable[[tuple[str, ...]], ActorProcess]]:
+    return {
+        "world": lambda argv: world_program.part_of(argv, lambda setup: world_here(setup, out)),
+        "radio": lambda argv: radio_part(argv, lambda setup: radio_here(setup, out)),
+    }
 
 
 def _recall(files: Iterable[Path], sha256: bytes) -> bytes | None:

@@ -10,10 +10,10 @@ if __name__ == "__main__":  # who imports this has an environment of its own
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation needs one thread
 
 import sys
-import traceback
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import Final
 
 import msgspec
 
@@ -21,6 +21,9 @@ from actors.runtime import prints
 from actors.runtime.errors import AcrcError
 from deploy.replay import shut_off
 from deploy.replay.record_replay import Onlook, ReplayReport, replay_actor
+
+_FILE_MB: Final = 64
+"""Of the answer, and of what the code prints, which is held to less by `Prints`."""
 
 
 class ReplayAnswer(msgspec.Struct, frozen=True):
@@ -33,7 +36,7 @@ class ReplayAnswer(msgspec.Struct, frozen=True):
 def main(argv: Sequence[str]) -> int:
     """Replay, and write down what came of it; the exit code."""
     options = shut_off.parser("deploy.replay.replay_program").parse_args(argv)
-    with shut_off.answering(options) as answer:
+    with shut_off.answering(options, _FILE_MB) as answer:
         answer.write(msgspec.json.encode(_replayed(options.out, options.actor)))
     return 0
 
@@ -44,8 +47,7 @@ def _replayed(out: Path, actor: str) -> ReplayAnswer:
     except AcrcError as error:
         return ReplayAnswer(fault=str(error))
     except Exception as error:
-        traceback.print_exc()
-        return ReplayAnswer(fault=f"{actor}: {type(error).__name__}: {error}")
+        return ReplayAnswer(fault=shut_off.bug(actor, error))
 
 
 if __name__ == "__main__":

@@ -1,13 +1,15 @@
 """What programs share that execute recorded code shut off like a robot: their command line, and the walls."""
 
 import os
+import traceback
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
 
 from actors.robot import assembly
+from actors.runtime.isolation.resource_limits import ProcessLimits, enforce
 from actors.runtime.isolation.sandbox import Confinement, isolate
 from actors.runtime.lifecycle.parent import die_with_parent
 
@@ -24,10 +26,11 @@ def parser(program: str) -> ArgumentParser:
 
 
 @contextmanager
-def answering(options: Namespace) -> Iterator[FileIO]:
+def answering(options: Namespace, file_mb: int) -> Iterator[FileIO]:
     """The new file for the answer, open before this process is shut off, where `--isolate` stands.
 
-    From here on it ends with its parent. OSError where the file is there already, or cannot be made.
+    From here on it ends with its parent, and neither answer nor log nor another file becomes larger than
+    `file_mb`. OSError where the file is there already, or cannot be made.
     """
     with options.answer.open("xb", buffering=0) as answer:
         parent = os.getppid()
@@ -45,4 +48,19 @@ def answering(options: Namespace) -> Iterator[FileIO]:
             )
         else:
             die_with_parent(parent)
+        enforce(ProcessLimits(file_mb=file_mb), isolated=options.isolate)
         yield answer
+
+
+def bug(actor: str, error: Exception) -> str:
+    """What is answered where the code failed; the whole traceback goes to the log, if that takes any more."""
+    with suppress(OSError):
+        traceback.print_exception(error)
+    return f"{actor}: {type(error).__name__}: {error}"
+
+
+def write_whole(answer: FileIO, data: bytes) -> None:
+    """All of it, however much a single call takes. OSError beyond what a file may have."""
+    left = memoryview(data)
+    while left:
+        left = left[answer.write(left) :]

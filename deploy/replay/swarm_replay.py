@@ -19,7 +19,7 @@ from deploy.replay.record_pass import STAMP, read_pass
 from deploy.replay.recorded_orders import OrderBus, recorded_orders
 from deploy.replay.run_recordings import recordings
 from deploy.run import swarm
-from deploy.run.foreign import beside, refuse_foreign
+from deploy.run.foreign import beside, refuse_foreign, refuse_missing
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
 
@@ -43,12 +43,13 @@ def replay_swarm(out: Path, *, trust: bool) -> SwarmReplay:
     """Make the run in the folder `out` again, and compare everything that anybody sent or took.
 
     Raises ReplayError at the first difference, naming step, message and field; ForeignCodeError for a
-    scenario that names somebody's code, without `trust`.
+    scenario that names somebody's code, without `trust`, and MissingCodeError for one whose code is not here.
     """
     if not (out / SCENARIO).is_file():
         raise ReplayError(f"{out}: has no {SCENARIO}; it should be the folder of a simulated run")
     told = check(out)
     scenario = load_scenario(out / SCENARIO)
+    refuse_missing(out / SCENARIO, entry(scenario.run.strategy), beside(scenario))
     if not trust:
         refuse_foreign(out / SCENARIO, entry(scenario.run.strategy), beside(scenario))
     files = recordings(out)

@@ -9,13 +9,12 @@ import msgspec
 
 from actors.robot.program import code_of
 from actors.runtime.bus.replay_bus import ReplayError
-from actors.runtime.process import RunNote
-from actors.runtime.recording import RecordingError, decoded, read_notes
 from deploy.processes.launch import Program, launcher
+from deploy.replay.moved_runs import run_of
 from deploy.replay.record_replay import ReplayReport, replay_actor
 from deploy.replay.replay_program import ReplayAnswer
 from deploy.replay.run_recordings import recordings
-from deploy.run.foreign import folder_of, refuse_foreign
+from deploy.run.foreign import folder_of, refuse_foreign, refuse_missing
 from deploy.run.isolating import choose, warn
 from deploy.run.preflight import said, show
 
@@ -56,17 +55,16 @@ def replay(out: Path, actor: str, *, trust: bool, isolate: bool | None) -> Repla
 def check_trust(out: Path, actor: str, *, trust: bool) -> tuple[str, tuple[Path, ...]] | None:
     """The entry of a robot's recorded code and the folders it is looked for in; None for world and radio.
 
-    They run no code but this project's. Raises ForeignCodeError for somebody's code, without `trust`.
+    They run no code but this project's. Raises ForeignCodeError for somebody's code, without `trust`, and
+    MissingCodeError for code that is not here.
     """
     files = recordings(out)
     if actor in files and _ON_DEVICES.search(actor):
         raise ReplayError(f"{actor}: is a process with devices on board; must be a robot, world or radio")
     if actor not in files or actor in {"world", "radio"}:
         return None
-    notes = read_notes(files[actor])
-    if "run" not in notes:
-        raise RecordingError(f"{files[actor]}: ends before its first record")
-    entry, folders = code_of(decoded(files[actor], "run", notes["run"], RunNote).argv)
+    entry, folders = code_of(run_of(files[actor]).argv)
+    refuse_missing(files[actor], entry, folders)
     if not trust:
         refuse_foreign(files[actor], entry, folders)
     return entry, folders

@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Sequence
 from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import find_spec
 from pathlib import Path
 
 from actors.robot.behaviour import succession
@@ -13,6 +14,25 @@ from deploy.scenario.tables import Scenario
 
 class ForeignCodeError(AcrcError):
     """Somebody else's code that the user has not said he trusts."""
+
+
+class MissingCodeError(AcrcError):
+    """Somebody's code that is not here."""
+
+
+def refuse_missing(source: Path, entry: str, folders: Sequence[Path]) -> None:
+    """Raise MissingCodeError if `entry` is to be found neither in `folders` nor on Python's path.
+
+    `source` is the file that names it. Nothing is imported.
+    """
+    for name in succession.names(entry):
+        top = name.partition(":")[0].partition(".")[0]
+        if top and found(name, folders) is None and find_spec(top) is None:
+            where = ", ".join(map(str, dict.fromkeys(folders)))
+            raise MissingCodeError(
+                f"{source} runs {name}, and there is no module {top!r} here; must be in one of {where} or on "
+                "Python's path"
+            )
 
 
 def refuse_foreign(source: Path, entry: str, folders: Sequence[Path]) -> None:

@@ -48,13 +48,14 @@ def _machine() -> str:
 def kernel_modules(*, onboard: bool = False) -> Sequence[KernelModule]:
     """Every module with kernels that a run, or only a robot, computes with; importing them takes a second."""
     from actors.robot.assembly import KERNELS as ROBOT  # noqa: PLC0415
+    from actors.runtime.recording import scans  # noqa: PLC0415
 
     if onboard:
-        return ROBOT
+        return (*ROBOT, scans)
     from actors.radio.program import KERNELS as RADIO  # noqa: PLC0415
     from actors.world.program import KERNELS as WORLD  # noqa: PLC0415
 
-    return tuple({module.__name__: module for module in (*WORLD, *RADIO, *ROBOT)}.values())
+    return tuple({module.__name__: module for module in (*WORLD, *RADIO, *ROBOT, scans)}.values())
 
 
 @contextmanager

@@ -14,10 +14,11 @@ from actors.observer.sheet import Sheet
 from actors.runtime.errors import AcrcError
 from deploy.evidence.run_evidence import read_run
 from deploy.evidence.spells import Doing, spells
-from deploy.explanation.explain import all_explained
+from deploy.explanation.asking import all_reasons
 from deploy.inside.fates import read_fates
 from deploy.inside.insides import look_into_all
 from deploy.replay.run_recordings import recordings
+from deploy.run.isolating import choose, warn
 from deploy.run.kernels import compile_kernels
 from deploy.view.collected import collected_story
 from deploy.view.painting import DETAILED, Painting, arrangement
@@ -47,7 +48,7 @@ class Wishes:
     isolate: bool | None = None
     """Shut that code off; None: where the machine can."""
     why: bool = False
-    """Tell why those robots decided what they did; for that they are executed once more, in this process."""
+    """Tell why those robots decided what they did; for that they are executed once more."""
 
 
 def read_story(out: Path) -> Story:
@@ -88,9 +89,11 @@ def _draw(
         painting.recorded()
         sheet.flush()
         say(f"first picture after {taken():.1f} s: what was recorded")
-        faults = _compute(story, painting, wishes, sheet)
+        choice = choose(wishes.isolate)
+        warn(choice.warning)
+        faults = _compute(story, painting, sheet, trust=wishes.trust, isolate=choice.isolate)
         if arranged.reasons:
-            faults += _reason(story, painting, detailed, trust=wishes.trust)
+            faults += _reason(story, painting, detailed, trust=wishes.trust, isolate=choice.isolate)
     return faults, sheet.lost
 
 
@@ -98,7 +101,7 @@ def _told(story: Story) -> str:
     return "1 robot" if len(story.robots) == 1 else f"{len(story.robots)} robots"
 
 
-def _compute(story: Story, painting: Painting, wishes: Wishes, sheet: Sheet) -> list[str]:
+def _compute(story: Story, painting: Painting, sheet: Sheet, *, trust: bool, isolate: bool) -> list[str]:
     """Execute the radio and the robots again; what could not be, in sentences."""
     faults = []
     compile_kernels()
@@ -109,7 +112,7 @@ def _compute(story: Story, painting: Painting, wishes: Wishes, sheet: Sheet) -> 
             faults.append(f"the radio could not be executed again: {error}")
         sheet.flush()
     sources = {source.actor: source for source in story.sources}
-    for glance in look_into_all(story.out, list(sources), trust=wishes.trust, isolate=wishes.isolate):
+    for glance in look_into_all(story.out, list(sources), trust=trust, isolate=isolate):
         source = sources[glance.actor]
         if glance.inside is not None:
             painting.inside(source, glance.inside)
@@ -122,14 +125,16 @@ def _compute(story: Story, painting: Painting, wishes: Wishes, sheet: Sheet) -> 
     return faults
 
 
-def _reason(story: Story, painting: Painting, robots: Sequence[str], *, trust: bool) -> list[str]:
+def _reason(
+    story: Story, painting: Painting, robots: Sequence[str], *, trust: bool, isolate: bool
+) -> list[str]:
     """Explain what robots decided; what could not be, in sentences."""
     faults = []
-    for robot in robots:
-        try:
-            painting.reasons(robot, list(all_explained(story.out, robot, trust=trust)))
-        except AcrcError as error:
-            faults.append(str(error))
+    for one in all_reasons(story.out, robots, trust=trust, isolate=isolate):
+        if one.fault is None:
+            painting.reasons(one.robot, one.explanations)
+        else:
+            faults.append(one.fault)
     return faults
 
 

@@ -88,9 +88,6 @@ def test_runs_are_drawn_beside_one_another(folder: Path, tmp_path: Path) -> None
 
 
 def test_view_says_what_it_needs(folder: Path, tmp_path: Path) -> None:
-    shut_off = acrc("view", folder, "--why", "--isolate")
-    assert shut_off.returncode == 2
-    assert shut_off.stderr == "acrc: --why: executes robots in this process; must stand without --isolate\n"
     nothing = acrc("view", tmp_path, "--png")
     assert nothing.returncode == 1
     assert nothing.stderr == f"acrc: {tmp_path}: no run's folder: there is no */*.mcap in it\n"

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from actors.runtime.isolation import sandbox
 from deploy.evidence.run_evidence import RunEvidence, read_run
 from deploy.inside.insides import Glance, look_into_all
 from deploy.inside.telemetry import Inside
@@ -37,7 +38,9 @@ def evidence(folder: Path) -> RunEvidence:
 @pytest.fixture(scope="session")
 def glances(folder: Path, evidence: RunEvidence) -> list[Glance]:
     """World and robots, each in a process of its own that is shut off where the machine can."""
-    return list(look_into_all(folder, ["world", *evidence.robots], trust=False))
+    return list(
+        look_into_all(folder, ["world", *evidence.robots], trust=False, isolate=sandbox.available() is None)
+    )
 
 
 @pytest.fixture(scope="session")

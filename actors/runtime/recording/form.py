@@ -4,8 +4,10 @@ Channel metadata `direction` is `in` or `out`; `sequence` counts the messages of
 a channel whose messages are there in full has a schema that names their fields (`description`);
 `log_time` is the instant of the message's step, ns. A channel with message encoding `sha256` holds the step
 as eight little-endian bytes and then the sha256 of the encoded message, which was too large to be kept twice
-and which its receiver recorded in full. Metadata records: `run` first, then `final` or `failure` as the last
-one before the end of data; each has its text as `json` and the text's CRC-32 as `crc32`.
+and which its receiver recorded in full; there it is packed, which the encodings `acrc-msgpack-scan` and
+`acrc-msgpack-deflate` say (`packing`). Files from before that have none of these, and are read alike.
+Metadata records: `run` first, then `final` or `failure` as the last one before the end of data; each has its
+text as `json` and the text's CRC-32 as `crc32`.
 
 The channel `seal` has the checksums: each of its messages holds the CRC-32 of the whole file before it and of
 its own head, and the step of the last message before it (-1: there is none). What no seal vouches for does
@@ -34,6 +36,10 @@ FIELDS: Final = struct.Struct("<HIQQ")
 SEAL: Final = struct.Struct("<Iq")
 """CRC-32 of the file up to it, with the seal's own head, fields and step (see `vouched`); and that step."""
 MESSAGES: Final = "acrc-msgpack"
+SCANNED: Final = "acrc-msgpack-scan"
+"""The same with its longest run of bytes, a scan, packed."""
+DEFLATED: Final = "acrc-msgpack-deflate"
+"""The same as a part of the file's one stream of deflate."""
 HASHED: Final = "sha256"
 SEALS: Final = "acrc-seal"
 

@@ -27,7 +27,6 @@ from actors.runtime.recording.form import (
     HASHED,
     HEAD,
     LARGEST_RECORD,
-    MESSAGES,
     MOST_CHANNELS,
     MOST_NOTES,
     SEAL,
@@ -39,9 +38,10 @@ from actors.runtime.recording.form import (
     RecordingError,
     vouched,
 )
+from actors.runtime.recording.packing import Unpacker
 from actors.runtime.recording.summary import sound_end
 
-FAULTS: Final = (McapError, struct.error, LookupError, ValueError, RecursionError)
+FAULTS: Final = (McapError, struct.error, zlib.error, LookupError, ValueError, RecursionError)
 """What reading damaged bytes may raise."""
 
 
@@ -70,6 +70,7 @@ class Reading:
         self._channels: dict[int, Channel] = {}
         self._unsealed: list[Entry | Note] = []
         self._notes = 0
+        self._unpacker = Unpacker()
 
     def __iter__(self) -> Iterator[Entry | Note]:
         """Everything up to the end, or to the cut. Raises RecordingError where the file is damaged."""
@@ -128,7 +129,7 @@ class Reading:
                 if self._channels[channel].message_encoding == SEALS:
                     self._check(head, body, crc)
                     return True
-                self._unsealed.append(_entry(self._channels[channel], sequence, data))
+                self._unsealed.append(self._entry(self._channels[channel], sequence, data))
             case Opcode.CHANNEL:
                 channel = Channel.read(ReadDataStream(BytesIO(body)))
                 if self._channels.setdefault(channel.id, channel) != channel:
@@ -147,6 +148,18 @@ class Reading:
             case _:
                 raise ValueError(f"a record of kind {opcode:#04x}, which a recording has not")
         return False
+
+    def _entry(self, channel: Channel, sequence: int, data: bytes) -> Entry:
+        direction = _DIRECTIONS[channel.metadata["direction"]]
+        if channel.message_encoding == HASHED:
+            if len(data) != 40:
+                raise ValueError(f"the hash of a message has {len(data)} bytes with its step, and not 40")
+            step = int.from_bytes(data[:8], "little")
+            return Entry(direction, channel.topic, step, sequence, None, data[8:])
+        payload = self._unpacker.unpacked(channel.message_encoding, data)
+        self._size += len(payload) - len(data)
+        step = _STEPS.decode(memoryview(payload)[1:]).step
+        return Entry(direction, channel.topic, step, sequence, payload, hashlib.sha256(payload).digest())
 
     def _check(self, head: bytes, body: bytes, crc: int) -> None:
         checksum, step = SEAL.unpack(body[FIELDS.size :])
@@ -198,15 +211,3 @@ def noted(body: bytes) -> Note:
     if int(record.metadata["crc32"], 16) != zlib.crc32(text.encode()):
         raise ValueError(f"the note {record.name!r} has another checksum")
     return Note(record.name, text)
-
-
-def _entry(channel: Channel, sequence: int, data: bytes) -> Entry:
-    direction = _DIRECTIONS[channel.metadata["direction"]]
-    if channel.message_encoding == HASHED:
-        if len(data) != 40:
-            raise ValueError(f"the hash of a message has {len(data)} bytes with its step, and not 40")
-        return Entry(direction, channel.topic, int.from_bytes(data[:8], "little"), sequence, None, data[8:])
-    if channel.message_encoding != MESSAGES:
-        raise ValueError(f"a message is encoded as {channel.message_encoding!r}")
-    step = _STEPS.decode(memoryview(data)[1:]).step
-    return Entry(direction, channel.topic, step, sequence, data, hashlib.sha256(data).digest())

@@ -25,6 +25,7 @@ from actors.runtime.recording.form import (
     RecordingError,
     vouched,
 )
+from actors.runtime.recording.packing import Packer
 
 
 class Journal(Protocol):
@@ -59,7 +60,8 @@ class Recorder:
         self._sealed = 0
         self._last = -1
         self._channels: dict[tuple[str, str, str], int] = {}
-        self._schemas: dict[str, int] = {}
+        self._schemas: dict[tuple[str, str], int] = {}
+        self._packer = Packer()
         self._step_ns = step_us * 1000
 
     def __enter__(self) -> Self:
@@ -90,7 +92,9 @@ class Recorder:
 
     def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
         """A message came in."""
-        self._add("in", key, MESSAGES, step, sequence, payload)
+        encoding, data = self._packer.packed(payload)
+        self._stream.unsealed += len(payload) - len(data)  # who reads it has to hold it in full
+        self._add("in", key, encoding, step, sequence, data)
 
     def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes) -> None:
         """A message went out."""
@@ -109,7 +113,7 @@ class Recorder:
     ) -> None:
         channel = self._channels.get((direction, key, encoding))
         if channel is None:
-            schema = self._schema(key) if encoding == MESSAGES else 0
+            schema = self._schema(key, encoding) if encoding != HASHED else 0
             channel = self._writer.register_channel(key, encoding, schema, {"direction": direction})
             self._channels[direction, key, encoding] = channel
             self._writer.add_message(channel, step * self._step_ns, data, step * self._step_ns, sequence)
@@ -119,15 +123,16 @@ class Recorder:
         if self._stream.unsealed > UNSEALED:
             self._seal()
 
-    def _schema(self, key: str) -> int:
-        """The number of the description of what travels on the key; 0 if there is none."""
+    def _schema(self, key: str, encoding: str) -> int:
+        """The number of the description of what travels on the key, so encoded; 0 if there is none."""
         kind = kind_on(key)
         if kind is None:
             return 0
         name = kind.__name__
-        if name not in self._schemas:
-            self._schemas[name] = self._writer.register_schema(name, DESCRIPTION, described(kind))
-        return self._schemas[name]
+        if (name, encoding) not in self._schemas:
+            number = self._writer.register_schema(name, DESCRIPTION, described(kind, encoding))
+            self._schemas[name, encoding] = number
+        return self._schemas[name, encoding]
 
     def _write(self, channel: int, step: int, sequence: int, data: bytes) -> None:
         # A message record as the library writes it, without its five calls per field: this is the place where
@@ -155,7 +160,7 @@ class _Checked:
         self._path = path
         self.crc32 = 0
         self.unsealed = 0
-        """Bytes since the last seal."""
+        """Bytes since the last seal, those of packed messages as they come back."""
         self.tell, self.fileno = stream.tell, stream.fileno
 
     def write(self, data: bytes) -> int:

@@ -1,0 +1,160 @@
+"""Programs that execute recorded code shut off: started, waited for, heard out, and ended whatever they do.
+
+What they answer is bytes, and whoever's code ran wrote them: nothing is said of these here but that they are
+not too many.
+"""
+
+import os
+import signal
+import tempfile
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from actors.runtime.errors import AcrcError
+from deploy.processes.launch import Child, Launcher, Program, launcher
+from deploy.replay.run_recordings import recordings
+from deploy.replay.trusted_replay import check_trust
+from deploy.run.foreign import folder_of
+from deploy.run.preflight import said
+
+_SHOWN: Final = 300
+"""Characters of what a program said before it failed."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What such a program may take."""
+
+    most_bytes: int
+    """Of its answer."""
+    least_s: float = 120.0
+    """So long it is waited for at least, kernels included ..."""
+    bytes_per_s: float = 4096.0
+    """... and a second longer for so many bytes of recordings: half of what a simulated second has, so that
+    even what is slower than real time comes to its end."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """What one program is to do."""
+
+    name: str
+    """Of whom it is about; no two calls have the same."""
+    actors: Sequence[str]
+    """Whose recorded code it runs."""
+    words: Sequence[str] = ()
+    """What it is told beside that."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came of a call: one of the two."""
+
+    name: str
+    data: bytes | None = None
+    fault: str | None = None
+    """A sentence that begins with the name."""
+
+
+class CallError(AcrcError):
+    """A program that cannot be called."""
+
+
+def ask(
+    out: Path, module: str, calls: Sequence[Call], bounds: Bounds, *, trust: bool, isolate: bool
+) -> Iterator[Answer]:
+    """Call a program (see `shut_off`) with each, as many at a time as there are processors.
+
+    Answers come as they are there. Of somebody's code, without `trust`, it is a fault: it was not run.
+    `isolate`: see `deploy.run.isolating`.
+    """
+    spawn = "forkserver" if len(calls) > 1 else "exec"
+    with tempfile.TemporaryDirectory(prefix="acrc") as folder, launcher(spawn) as launched:
+        home = Path(folder).resolve()
+        waiting, running = deque(calls), list[_Running]()
+        while waiting or running:
+            while waiting and len(running) < (os.cpu_count() or 1):
+                call = waiting.popleft()
+                try:
+                    words = _words(out, call, trust=trust, isolate=isolate)
+                    patience_s = _patience(out, call, bounds)
+                    running.append(_start(launched, module, home / call.name, call, words, patience_s))
+                except AcrcError as error:
+                    yield Answer(call.name, fault=str(error))
+            ended = [one for one in running if one.over()]
+            for one in ended:
+                running.remove(one)
+                yield one.answer(launched, bounds)
+            if running and not ended:
+                launched.wait(0.5)
+
+
+def _words(out: Path, call: Call, *, trust: bool, isolate: bool) -> tuple[str, ...]:
+    """What the program is told. Raises an AcrcError for code that must not run."""
+    code: dict[Path, None] = {}
+    for actor in call.actors:
+        named = check_trust(out, actor, trust=trust)
+        if named is None:
+            raise CallError(f"{actor}: is no robot")
+        if (folder := folder_of(*named)) is not None:
+            code[folder] = None
+    return (
+        *("--out", str(out.resolve()), "--actor", call.name, *call.words),
+        *(word for folder in code for word in ("--path", str(folder))),
+        *(("--isolate",) if isolate else ()),
+    )
+
+
+def _patience(out: Path, call: Call, bounds: Bounds) -> float:
+    files = recordings(out)
+    size = sum(files[actor].stat().st_size for actor in call.actors)
+    return bounds.least_s + size / bounds.bytes_per_s
+
+
+def _start(
+    launched: Launcher, module: str, stage: Path, call: Call, words: tuple[str, ...], patience_s: float
+) -> "_Running":
+    """Its process, in a folder of its own."""
+    (stage / "own").mkdir(parents=True)
+    argv = (*words, "--answer", str(stage / "answer"), "--own", str(stage / "own"))
+    child = launched.start(Program(call.name, module, argv, stage / f"{call.name}.log", None))
+    return _Running(child, stage, patience_s, time.monotonic() + patience_s)
+
+
+@dataclass(frozen=True)
+class _Running:
+    child: Child
+    stage: Path
+    patience_s: float
+    deadline: float
+
+    def over(self) -> bool:
+        """True once it has ended, or should have."""
+        return self.child.exit_code is not None or time.monotonic() > self.deadline
+
+    def answer(self, launched: Launcher, bounds: Bounds) -> Answer:
+        """What it left; it is ended, if it has not."""
+        name, hung = self.child.program.actor, self.child.exit_code is None
+        while self.child.exit_code is None:
+            self.child.send(signal.SIGKILL)
+            launched.wait(0.5)
+        if hung:
+            why = f"what it runs has not ended after {self.patience_s:.0f} s, and was ended"
+            return Answer(name, fault=f"{name}: could not be executed again: {why}")
+        data = b""
+        with suppress(OSError), (self.stage / "answer").open("rb") as file:
+            data = file.read(bounds.most_bytes + 1)
+        with suppress(OSError):
+            (self.stage / "answer").unlink()
+        if len(data) > bounds.most_bytes:
+            return Answer(name, fault=f"{name}: answers with more than {bounds.most_bytes} bytes")
+        if data and self.child.exit_code == 0:
+            return Answer(name, data)
+        last = " ".join(said(self.child.program).split())[-_SHOWN:]
+        why = f"exit code {self.child.exit_code}" + (f"; the last that it said: {last}" if last else "")
+        return Answer(name, fault=f"{name}: could not be executed again ({why})")

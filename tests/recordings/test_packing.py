@@ -1,0 +1,255 @@
+"""Large messages are packed in a recording, and come back as they were, whatever bytes they are."""
+
+import random
+import tracemalloc
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType, Writer
+
+from actors.messages import NO_ECHO_MM, Heard, Odometry, Received, Scan, Senses
+from actors.runtime.codec import encode
+from actors.runtime.recording import Entry, Reading, Recorder, RecordingError, packing, read_recording
+from actors.runtime.recording.form import DEFLATED, LARGEST_RECORD, MESSAGES, SCANNED
+from actors.runtime.recording.packing import Packer, Unpacker
+from actors.runtime.recording.reading import FAULTS
+from actors.runtime.recording.scans import LARGEST, ScanBuffers
+
+SENSES, RECEIVED = "swarm/down/r1/senses", "swarm/down/r1/received"
+
+
+def wall(rays: int, rng: np.random.Generator) -> bytes:
+    """A sweep along walls, with edges and places without an echo."""
+    ranges = 2500 + np.cumsum(rng.integers(-20, 21, rays))
+    ranges[rays // 2 :] += 1700
+    ranges[rays // 3 : rays // 3 + 20] = NO_ECHO_MM
+    return ranges.astype("<u2").tobytes()
+
+
+def senses(step: int, *scans: bytes) -> bytes:
+    seen = [Scan(step * 100_000, scan) for scan in scans]
+    odometry = Odometry(step / 7, -step / 3, 0.1 * step, 0.2, 0.0, 0.0)
+    last = seen[-1] if seen else None
+    return encode(Senses(step, step * 100_000, 1, odometry, 0, last, earlier_scans=tuple(seen[:-1])))
+
+
+def received(step: int, rng: np.random.Generator) -> bytes:
+    frames = [rng.bytes(49) for _ in range(3)] * 2
+    heard = (Heard(step, n, -60.5 - n, 200, data) for n, data in enumerate(frames))
+    return encode(Received(step, tuple(heard)))
+
+
+def payloads() -> Iterator[bytes]:
+    """Of every kind, sound and none at all, small and large."""
+    rng = np.random.default_rng(3)
+    for step in range(30):
+        yield senses(step, wall(640, rng))
+        yield received(step, rng)
+        yield senses(step)
+        yield senses(step, wall(360, rng), wall(360, rng))
+        yield senses(step, rng.bytes(1280))
+    for size in (0, 1, 127, 128, 129, 1000, 60_000, 200_000):
+        yield rng.bytes(size)
+        yield bytes(size)
+        yield b"\xc5" * size
+        for length in (size // 2 + 1 & ~1, size - 4 & ~1, size):
+            yield b"\x04" + b"\xc5" + (length & 0xFFFF).to_bytes(2) + rng.bytes(max(size - 4, 0))
+    for constant in (0, 1, 0x7FFF, 0x8000, NO_ECHO_MM):
+        yield senses(1, np.full(640, constant, "<u2").tobytes())
+    yield senses(1, np.tile([0, 0xFFFF, 0x8000, 0x7FFF], 160).astype("<u2").tobytes())
+    yield senses(1, bytes(64_800))
+
+
+def test_every_byte_comes_back() -> None:
+    packer, unpacker, ways = Packer(), Unpacker(), set()
+    for payload in payloads():
+        encoding, data = packer.packed(payload)
+        ways.add(encoding)
+        assert unpacker.unpacked(encoding, data) == payload
+    assert ways == {MESSAGES, SCANNED, DEFLATED}
+
+
+def test_scans_of_any_shape_come_back() -> None:
+    rng, buffers = np.random.default_rng(4), ScanBuffers()
+    for _ in range(2000):
+        rays, rough = int(rng.integers(0, 700)), int(rng.choice([1, 3, 30, 300, 3000, 40_000]))
+        ranges = (np.cumsum(rng.integers(-rough, rough + 1, rays)) % 65536).astype("<u2").tobytes()
+        packed = buffers.packed(ranges)
+        if packed is not None:
+            assert len(packed) <= len(ranges) and buffers.unpacked(packed, rays) == ranges
+        else:
+            assert rough > 300 or rays < 40
+
+
+def test_what_a_recording_holds_most_of_becomes_small() -> None:
+    rng, packer = np.random.default_rng(5), Packer()
+    scan, heard = senses(1, wall(640, rng)), received(1, rng)
+    packer.packed(heard)
+    assert len(packer.packed(scan)[1]) < 0.6 * len(scan)
+    assert len(packer.packed(heard)[1]) < 0.1 * len(heard)  # for the second time
+
+
+def written(path: Path) -> list[bytes]:
+    """A recording of large messages, sealed step by step; what it has been given."""
+    rng, given = np.random.default_rng(6), []
+    with Recorder(path, 100_000) as recorder:
+        for step in range(12):
+            for key, payload in ((SENSES, senses(step, wall(640, rng))), (RECEIVED, received(step, rng))):
+                recorder.received(key, step, step, payload)
+                given.append(payload)
+            recorder.flush()
+    return given
+
+
+def read(path: Path) -> list[bytes | None]:
+    return [item.payload for item in read_recording(path) if isinstance(item, Entry)]
+
+
+def test_a_cut_recording_gives_all_up_to_its_last_seal(tmp_path: Path) -> None:
+    given = written(tmp_path / "r1.mcap")
+    whole = (tmp_path / "r1.mcap").read_bytes()
+    assert read(tmp_path / "r1.mcap") == given
+    counts, cut = [], tmp_path / "cut.mcap"
+    for length in range(8, len(whole), 97):
+        cut.write_bytes(whole[:length])
+        found = read(cut)
+        assert found == given[: len(found)]
+        counts.append(len(found))
+    assert counts == sorted(counts) and counts[0] == 0 and counts[-1] == len(given)
+
+
+def test_a_damaged_recording_is_told_in_a_sentence(tmp_path: Path) -> None:
+    given = written(tmp_path / "r1.mcap")
+    whole, rng, bad = (tmp_path / "r1.mcap").read_bytes(), random.Random(7), tmp_path / "bad.mcap"
+    for _ in range(150):
+        place = rng.randrange(8, len(whole))
+        bad.write_bytes(whole[:place] + bytes([whole[place] ^ 1 << rng.randrange(8)]) + whole[place + 1 :])
+        reading, found = Reading(bad), []
+        try:
+            for item in reading:
+                assert isinstance(item, Entry)
+                found.append(item.payload)
+        except RecordingError as error:
+            assert str(error).startswith(f"{bad}: damaged ") and "\n" not in str(error)
+        else:
+            assert not reading.whole, "a length that leads beyond the file looks as if that was cut"
+        assert found == given[: len(found)]
+
+
+def test_recordings_from_before_are_read_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(packing, "WORTH", LARGEST_RECORD)
+    given = written(tmp_path / "r1.mcap")
+    assert read(tmp_path / "r1.mcap") == given
+    with (tmp_path / "r1.mcap").open("rb") as file:
+        found = {channel.message_encoding for _, channel, _ in make_reader(file).iter_messages(SENSES)}
+    assert found == {MESSAGES}
+
+
+def test_a_generic_reader_is_told_fields_and_packing(tmp_path: Path) -> None:
+    written(tmp_path / "r1.mcap")
+    with (tmp_path / "r1.mcap").open("rb") as file:
+        told = {
+            (channel.topic, channel.message_encoding): schema.data.decode()
+            for schema, channel, _ in make_reader(file).iter_messages()
+            if schema is not None
+        }
+    assert set(told) == {(SENSES, SCANNED), (RECEIVED, DEFLATED)}
+    assert '"Senses":["step",' in told[SENSES, SCANNED] and '"packing":["two bytes' in told[SENSES, SCANNED]
+    assert '"Heard":["tag' in told[RECEIVED, DEFLATED] and "RFC 1951" in told[RECEIVED, DEFLATED]
+
+
+def test_lies_about_packed_scans_are_refused() -> None:
+    payload = senses(1, wall(640, np.random.default_rng(8)))
+    _, data = Packer().packed(payload)
+    at = 2 + int.from_bytes(data[:2])
+    size, count = int.from_bytes(data[at + 1 : at + 3]), data[at + 3 : at + 5]
+    lies = {
+        "nothing": b"",
+        "no place": data[:1],
+        "a place behind its end": b"\xff\xff" + data[2:],
+        "a place where nothing is": (at + 1).to_bytes(2) + data[2:],
+        "a length behind its end": data[: at + 1] + b"\xff\xff" + data[at + 3 :],
+        "a length of nothing": data[: at + 1] + b"\x00\x00" + data[at + 3 :],
+        "a byte less": data[: at + 1] + (size - 1).to_bytes(2) + data[at + 3 :],
+        "more ranges": data[: at + 3] + b"\x7f\xff" + data[at + 5 :],
+        "more than there may be": data[: at + 3] + b"\xff\xff" + data[at + 5 :],
+        "fewer ranges": data[: at + 3] + b"\x00\x10" + data[at + 5 :],
+        "ones alone": data[: at + 5] + b"\xff" * (size - 2),
+        "other bits to the end": data[: at + 5] + b"\x00" * (size - 2),
+    }
+    assert count == (640).to_bytes(2)
+    for name, lie in lies.items():
+        with pytest.raises(FAULTS):
+            pytest.fail(f"{name}: {len(Unpacker().unpacked(SCANNED, lie))} bytes")
+
+
+def test_hostile_bits_end_the_kernel() -> None:
+    rng, buffers = np.random.default_rng(9), ScanBuffers()
+    for _ in range(3000):
+        data = rng.bytes(int(rng.integers(0, 60))) + rng.choice([b"", b"\xfe" * 40, b"\x7f" * 40])
+        try:
+            ranges = buffers.unpacked(data, int(rng.integers(0, 60)))
+        except ValueError:
+            continue
+        assert len(ranges) < 2 * 60
+    with pytest.raises(ValueError, match="which is more than may be"):
+        buffers.unpacked(bytes(LARGEST + 1), 1)
+
+
+def test_a_bomb_takes_no_more_memory_than_a_record_may() -> None:
+    deflate = zlib.compressobj(9, zlib.DEFLATED, -15)
+    parts = [deflate.compress(bytes(LARGEST_RECORD)) for _ in range(12)]
+    bomb = b"".join(parts) + deflate.flush(zlib.Z_SYNC_FLUSH)[:-4]
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match="has no end where it should have one"):
+            Unpacker().unpacked(DEFLATED, bomb)
+        assert tracemalloc.get_traced_memory()[1] < 2.5 * LARGEST_RECORD
+    finally:
+        tracemalloc.stop()
+    ended = zlib.compressobj(1, zlib.DEFLATED, -15)
+    with pytest.raises(ValueError, match="has no end"):
+        Unpacker().unpacked(DEFLATED, ended.compress(bytes(500)) + ended.flush())
+
+
+def test_many_bombs_in_one_step_are_refused(tmp_path: Path) -> None:
+    """Each is small enough; what lies unsealed is bounded by what it comes to."""
+    path, deflate = tmp_path / "r1.mcap", zlib.compressobj(9, zlib.DEFLATED, -15)
+    with path.open("wb") as file:
+        writer = Writer(
+            file, compression=CompressionType.NONE, index_types=IndexType.NONE, use_chunking=False
+        )
+        writer.start(profile="acrc", library="acrc")
+        channel = writer.register_channel(RECEIVED, DEFLATED, 0, {"direction": "in"})
+        for number in range(6):
+            data = deflate.compress(b"\x04" + msgspec.msgpack.encode([1, bytes(LARGEST_RECORD // 2)]))
+            writer.add_message(channel, 0, data + deflate.flush(zlib.Z_SYNC_FLUSH)[:-4], 0, number)
+        writer.finish()  # type: ignore[no-untyped-call]
+    tracemalloc.start()
+    try:
+        with pytest.raises(RecordingError, match="bytes without a checksum"):
+            list(read_recording(path))
+        assert tracemalloc.get_traced_memory()[1] < 5 * LARGEST_RECORD
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_file_of_another_version_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "r1.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE, use_chunking=False)
+        writer.start(profile="acrc", library="acrc")
+        channel = writer.register_channel(SENSES, "acrc-tomorrow", 0, {"direction": "in"})
+        writer.add_message(channel, 0, b"\x04\x92\x01", 0, 0)
+        writer.finish()  # type: ignore[no-untyped-call]
+    with pytest.raises(RecordingError) as caught:
+        list(read_recording(path))
+    assert str(caught.value) == (
+        f"{path}: damaged before its first step, and good up to there: a message is encoded as "
+        "'acrc-tomorrow', which this version does not read"
+    )
