@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.observer.drawing.canvas import Canvas
-from actors.observer.drawing.words import Spell
+from actors.observer.drawing.words import Event, Spell
 from actors.observer.sheet import Sheet
 from actors.runtime.errors import AcrcError
 from deploy.evidence.run_evidence import read_run
@@ -85,7 +85,7 @@ def _draw(
     arranged = arrangement(story, detailed, reasons=wishes.why and story.true)
     with Sheet(path, arranged, name=story.title, send_to=send_to) as sheet:
         painting = Painting(Canvas(sheet.recording, story.robots), story, detailed)
-        painting.recorded()
+        painting.recorded(story)
         sheet.flush()
         say(f"first picture after {taken():.1f} s: what was recorded")
         faults = _compute(story, painting, wishes, sheet)
@@ -104,7 +104,7 @@ def _compute(story: Story, painting: Painting, wishes: Wishes, sheet: Sheet) -> 
     compile_kernels()
     if story.true:
         try:
-            painting.fates(read_fates(story.out, story.robots))
+            painting.fates(read_fates(story.out, story.robots), story.end)
         except AcrcError as error:
             faults.append(f"the radio could not be executed again: {error}")
         sheet.flush()
@@ -112,10 +112,11 @@ def _compute(story: Story, painting: Painting, wishes: Wishes, sheet: Sheet) -> 
     for glance in look_into_all(story.out, list(sources), trust=wishes.trust, isolate=wishes.isolate):
         source = sources[glance.actor]
         if glance.inside is not None:
-            painting.inside(source, glance.inside)
+            painting.inside(source, glance.inside, story.end)
         else:
             fault = glance.fault or "it could not be executed again"
-            painting.outside(source, _seen(story, source), fault)
+            painting.outside(source.robot, _seen(story, source), story.end)
+            painting.tell([Event(0.0, source.robot, fault, "WARN")])
             faults.append(fault)
         sheet.flush()
     painting.ensembles()
