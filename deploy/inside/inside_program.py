@@ -18,12 +18,10 @@ from actors.instant import Duration
 from actors.robot import program
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
-from actors.runtime.process import RunNote
-from actors.runtime.recording import decoded, read_notes
 from deploy.inside.onlooker import Onlooker
 from deploy.inside.telemetry import Inside, encode
 from deploy.replay import shut_off
-from deploy.replay.record_replay import Onlook, replay_actor
+from deploy.replay.record_replay import Onlook, first_note, replay_actor
 from deploy.replay.run_recordings import recordings
 
 
@@ -49,10 +47,7 @@ def look_into(out: Path, actor: str, period: Duration) -> Inside:
 
     Its code runs in this process. Raises an AcrcError where there is nothing to execute.
     """
-    path = recordings(out)[actor]
-    options = program.parse(decoded(path, "run", read_notes(path)["run"], RunNote).argv)
-    sensor, setup = load_model(options.model, options.sensor).sensor, options.setup
-    onlooker = Onlooker(setup.id, sensor, setup.stack.local_map.cell, period)
+    onlooker = onlooker_of(out, actor, period)
     fault = None
     try:
         replay_actor(out, actor, Onlook(onlooker.attach))
@@ -62,6 +57,13 @@ def look_into(out: Path, actor: str, period: Duration) -> Inside:
         traceback.print_exc()
         fault = f"{actor}: {type(error).__name__}: {error}"
     return onlooker.result(fault)
+
+
+def onlooker_of(out: Path, actor: str, period: Duration) -> Onlooker:
+    """Who is to look into a recorded robot, once in `period`. RecordingError without a first record."""
+    options = program.parse(first_note(recordings(out)[actor]).argv)
+    sensor, setup = load_model(options.model, options.sensor).sensor, options.setup
+    return Onlooker(setup.id, sensor, setup.stack.local_map.cell, period)
 
 
 if __name__ == "__main__":

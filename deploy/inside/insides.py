@@ -19,6 +19,7 @@ from deploy.run.preflight import said
 
 PERIOD: Final = milliseconds(500)
 """Between two looks: as often as a person can follow."""
+_PROGRAM: Final = "deploy.inside.inside_program"
 _SHOWN: Final = 300
 """Characters of what a process said before it failed."""
 
@@ -58,8 +59,8 @@ def look_into_all(
             while waiting and len(running) < (os.cpu_count() or 1):
                 actor = waiting.popleft()
                 try:
-                    words = _words(out, actor, trust, choice.isolate, period)
-                    running[actor] = _start(launched, home, actor, words)
+                    words = told_words(out, actor, period, trust=trust, isolate=choice.isolate)
+                    running[actor] = start(launched, home, _PROGRAM, actor, words)
                 except AcrcError as error:
                     yield Glance(actor, fault=str(error))
             ended = [actor for actor, child in running.items() if child.exit_code is not None]
@@ -69,7 +70,7 @@ def look_into_all(
                 launched.wait(0.5)
 
 
-def _words(out: Path, actor: str, trust: bool, isolate: bool, period: Duration) -> tuple[str, ...]:
+def told_words(out: Path, actor: str, period: Duration, *, trust: bool, isolate: bool) -> tuple[str, ...]:
     """What the actor's process is told. Raises an AcrcError for code that must not run."""
     named = check_trust(out, actor, trust=trust)
     if named is None:
@@ -82,12 +83,12 @@ def _words(out: Path, actor: str, trust: bool, isolate: bool, period: Duration) 
     )
 
 
-def _start(launched: Launcher, home: Path, actor: str, words: tuple[str, ...]) -> Child:
-    """Its process, in a folder of its own."""
+def start(launched: Launcher, home: Path, module: str, actor: str, words: tuple[str, ...]) -> Child:
+    """Its process, in a folder of its own, where its `answer` will be."""
     stage = home / actor
     (stage / "own").mkdir(parents=True)
     argv = (*words, "--answer", str(stage / "answer"), "--own", str(stage / "own"))
-    return launched.start(Program(actor, "deploy.inside.inside_program", argv, stage / "inside.log", None))
+    return launched.start(Program(actor, module, argv, stage / "inside.log", None))
 
 
 def _glance(home: Path, actor: str, child: Child) -> Glance:
@@ -98,7 +99,10 @@ def _glance(home: Path, actor: str, child: Child) -> Glance:
         (home / actor / "answer").unlink()
         return Glance(actor, inside=decode(data))
     except (OSError, TelemetryError):
-        last = " ".join(said(child.program).split())[-_SHOWN:]
-        return Glance(
-            actor, fault=f"{actor}: could not be executed again (exit code {child.exit_code}): {last}"
-        )
+        return Glance(actor, fault=failed(child))
+
+
+def failed(child: Child) -> str:
+    """Why a process has left no answer, in a sentence."""
+    last = " ".join(said(child.program).split())[-_SHOWN:]
+    return f"{child.program.actor}: could not be executed again (exit code {child.exit_code}): {last}"

@@ -2,7 +2,7 @@
 
 import os
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
@@ -24,9 +24,10 @@ def parser(program: str) -> ArgumentParser:
 
 
 @contextmanager
-def answering(options: Namespace) -> Iterator[FileIO]:
+def answering(options: Namespace, readable: Sequence[Path] | None = None) -> Iterator[FileIO]:
     """The new file for the answer, open before this process is shut off, where `--isolate` stands.
 
+    `readable`: what it may read of the run; None: all, for one that has ended, where no secret is left.
     From here on it ends with its parent. OSError where the file is there already, or cannot be made.
     """
     with options.answer.open("xb", buffering=0) as answer:
@@ -37,7 +38,7 @@ def answering(options: Namespace) -> Iterator[FileIO]:
                 Confinement(
                     own=options.own,
                     hidden=(options.own.parent,),
-                    readable=(options.out,),
+                    readable=(options.out,) if readable is None else tuple(readable),
                     code=tuple(options.path),
                     descriptors=(1, 2, answer.fileno()),
                     parent=parent,

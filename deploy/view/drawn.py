@@ -116,7 +116,7 @@ def _compute(story: Story, painting: Painting, wishes: Wishes, sheet: Sheet) -> 
         else:
             fault = glance.fault or "it could not be executed again"
             painting.outside(source.robot, _seen(story, source), story.end)
-            painting.tell([Event(0.0, source.robot, fault, "WARN")])
+            painting.tell([Event(0.0, source.robot, fault.removeprefix(f"{source.robot}: "), "WARN")])
             faults.append(fault)
         sheet.flush()
     painting.ensembles()

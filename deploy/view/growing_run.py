@@ -45,7 +45,7 @@ class GrowingRun:
                 )
         self.out, self.setup = out, world_setup(files["world"])
         self.robots = tuple(body.id for body in self.setup.robots)
-        self._grid = load_map(map_of(out, self.setup))
+        self.grid = load_map(map_of(out, self.setup))
         self._stack, self._files = ExitStack(), dict[str, Growing]()
         self._said = SaidPlaces(self.setup.robots, self.setup.step_us)
         self._truths: list[Truth] = []
@@ -63,6 +63,8 @@ class GrowingRun:
         self._acts: dict[str, str] = {}
         self._since = 0.0
         self._moved = time.monotonic()
+        self._over = False
+        """The last piece has been given."""
         self.step = -1
         """The last step that a piece has told of."""
 
@@ -77,6 +79,21 @@ class GrowingRun:
         """Steps that were read, and of which no piece has told yet."""
         return len(self._truths)
 
+    def unread(self) -> int:
+        """Steps that were recorded by now, and of which no piece has told; reads what the radio recorded."""
+        if "radio" in self._files:
+            self._take("radio", "", self._files["radio"])
+        return len(self._truths)
+
+    def recorded_s(self, actor: str) -> float:
+        """Until when there is a recording of the actor that has been read, s."""
+        step = self._files[actor].reading.step
+        return in_seconds((step or 0) * self.setup.step_us)
+
+    def beginning(self) -> Story:
+        """The run before its first step."""
+        return self._piece([], last=False)
+
     def poll(self, *, last: bool = False) -> Story | None:
         """What has come since the last call; None: nothing. `last`: nothing will follow, so all of it.
 
@@ -88,8 +105,9 @@ class GrowingRun:
             self._take(actor, path.parent.name, self._files[actor])
         until = self._truths[-1].step if last and self._truths else self._complete()
         now = [truth for truth in self._truths if truth.step <= until]
-        if not now and not last:
+        if self._over or not (now or last):
             return None
+        self._over = last
         self._truths = [truth for truth in self._truths if truth.step > until]
         return self._piece(now, last=last)
 
@@ -158,7 +176,7 @@ class GrowingRun:
         story = Story(
             title=f"{len(self.robots)} robots, seed {setup.seed}",
             out=self.out,
-            grid=self._grid,
+            grid=self.grid,
             tracks={
                 robot: _track(truths, seconds, index, held[:, index], self._acts)
                 for index, robot in enumerate(self.robots)

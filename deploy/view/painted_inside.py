@@ -42,7 +42,8 @@ class RobotLane:
             before = [spell for spell in known if spell.second <= second]
             back += [before[-1]._replace(second=second)] if before else []
         self._last = known[-1] if known else None
-        self._lane.draw(words.settled(sorted((*spells, *back))))
+        if spells or back:
+            self._lane.draw(words.settled(sorted((*spells, *back))))
 
 
 class PaintedInside:

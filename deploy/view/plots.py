@@ -115,7 +115,7 @@ class Plots:
         if outcome not in self._counted:
             self._counted.add(outcome)
             words.introduce_line(self._canvas, path, name, FATES[name])
-            earlier: Floats = (np.arange(self._bins) + 0.5) * _BIN_S
+            earlier = [(bin_ + 0.5) * _BIN_S for bin_ in range(self._bins)]
             words.draw_line(self._canvas, path, earlier, np.zeros(self._bins))
         words.draw_line(self._canvas, path, middles, counts)
 
