@@ -46,7 +46,11 @@ def open_window() -> OpenViewer:
 def open_page() -> OpenViewer:
     """Serve the viewer to a browser on this machine until `process` is ended; RuntimeError if that fails."""
     port = _free_port()
-    return _start(["--serve-web", "--web-viewer-port", str(port)], f"http://127.0.0.1:{port}/?url=")
+    opened = _start(["--serve-web", "--web-viewer-port", str(port)], f"http://127.0.0.1:{port}/?url=")
+    if not _listens(port, opened.process):  # the page comes up after the port for data
+        opened.process.kill()
+        raise RuntimeError(f"rerun's viewer did not serve its page within {_PATIENCE:g} s")
+    return opened
 
 
 def open_any(say: Callable[[str], None], instead: str) -> OpenViewer | None:

@@ -20,7 +20,7 @@ from deploy.inside.insides import look_into_all
 from deploy.replay.run_recordings import recordings
 from deploy.run.kernels import compile_kernels
 from deploy.view.collected import collected_story
-from deploy.view.painting import DETAILED, Painting, arrangement
+from deploy.view.painting import Painting, arrangement, looked_into
 from deploy.view.simulated import simulated_story
 from deploy.view.story import Source, Story
 
@@ -81,7 +81,7 @@ def _draw(
     story: Story, path: Path, wishes: Wishes, send_to: str | None, taken: Callable[[], float], say: Say
 ) -> tuple[list[str], bool]:
     """Draw into `path`; what could not be computed, and whether the viewer is gone. `taken`: so far, s."""
-    detailed = [robot for robot in story.robots if robot in wishes.robots] or story.robots[:DETAILED]
+    detailed = looked_into(story.robots, wishes.robots)
     arranged = arrangement(story, detailed, reasons=wishes.why and story.true)
     with Sheet(path, arranged, name=story.title, send_to=send_to) as sheet:
         painting = Painting(Canvas(sheet.recording, story.robots), story, detailed)

@@ -22,7 +22,7 @@ from deploy.inside.following import Followed
 from deploy.inside.growing_fates import GrowingFates
 from deploy.inside.insides import PERIOD, Glance
 from deploy.view.growing_run import GrowingRun
-from deploy.view.painting import DETAILED, Painting
+from deploy.view.painting import Painting, looked_into
 from deploy.view.story import Source, Story
 
 _BUDGET_S: Final = 0.1
@@ -56,10 +56,9 @@ class Following:
     """One run that goes on, on one sheet; a context manager that ends what computes, and closes files."""
 
     def __init__(self, out: Path, robots: Sequence[str], *, trust: bool, isolate: bool) -> None:
-        """`robots`: to look into; none named: the first DETAILED. AcrcError where no run has begun."""
+        """`robots`: to look into; as `looked_into` has it. AcrcError where no run has begun."""
         self.run = GrowingRun(out)
-        named = [robot for robot in self.run.robots if robot in robots]
-        self._detailed = named or list(self.run.robots[:DETAILED])
+        self._detailed = looked_into(self.run.robots, robots)
         self._stack = ExitStack()
         self._followed = Followed(out, trust=trust, isolate=isolate)
         self._painting: Painting | None = None

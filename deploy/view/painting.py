@@ -13,6 +13,7 @@ from actors.radio.medium.state import Outcome
 from deploy.explanation.explain import Explanation
 from deploy.inside.fates import LOSSES, Fates, fate_name
 from deploy.inside.telemetry import Inside
+from deploy.usage import wrong_value
 from deploy.view.events import Happenings, name
 from deploy.view.painted_inside import PaintedInside, RobotLane
 from deploy.view.place_history import PlaceHistory
@@ -132,6 +133,17 @@ class Painting:
                 point = story.places[deed.place.owner][deed.place.place]
                 x, y = self._ways[deed.robot].at(np.array([deed.second]))[0].tolist()
                 places.draw_adoption(self._canvas, deed.robot, deed.second, (x, y), point, name(deed.place))
+
+
+def looked_into(robots: Sequence[str], wished: Sequence[str]) -> list[str]:
+    """The robots of which everything is drawn: those that are wished, else the first DETAILED.
+
+    Raises OptionError for one that is none of them.
+    """
+    for robot in wished:
+        if robot not in robots:
+            raise wrong_value("--robot", robot, f"one of {', '.join(robots)}")
+    return [robot for robot in robots if robot in wished] or list(robots[:DETAILED])
 
 
 def arrangement(story: Story, detailed: Sequence[str], *, reasons: bool = False) -> layout.Arrangement:
