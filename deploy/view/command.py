@@ -19,13 +19,13 @@ from deploy.view.writers import Standing, standing
 def save(out: Path, wishes: Wishes, path: Path, say: Say) -> None:
     """Draw the run in `out` into a view file, and show it to nobody."""
     began = time.monotonic()
-    draw(_so_far(out, say), path, wishes, send_to=None, say=say, began=began)
+    draw(so_far(out, say), path, wishes, send_to=None, say=say, began=began)
 
 
 def picture(out: Path, wishes: Wishes, path: Path, second: float | None, say: Say) -> None:
     """Draw the run, and take a picture of the window at an instant, s; None: in the middle of the run."""
     began = time.monotonic()
-    story = _so_far(out, say)
+    story = so_far(out, say)
     with tempfile.TemporaryDirectory(prefix="acrc-view-") as folder:
         view = Path(folder) / "view.rrd"
         draw(story, view, wishes, send_to=None, say=say, began=began)
@@ -44,14 +44,14 @@ def show(out: Path, wishes: Wishes, say: Say) -> None:
     if standing(out) is Standing.GOING_ON:
         _follow(out, wishes, say)
         return
-    story, path = _so_far(out, say), place(out)
-    opened = _open(say)
+    story, path = so_far(out, say), place(out)
+    shown = opened(say)
     try:
-        address = None if opened is None else opened.address
+        address = None if shown is None else shown.address
         draw(story, path, wishes, send_to=address, say=say, began=began)
-        _rest(opened, path, say)
+        rest(shown, path, say)
     finally:
-        viewer.end(opened)
+        viewer.end(shown)
 
 
 def _follow(out: Path, wishes: Wishes, say: Say) -> None:
@@ -61,17 +61,17 @@ def _follow(out: Path, wishes: Wishes, say: Say) -> None:
     compile_kernels()
     path = place(out)
     part = path.with_name(f"{path.name}.part")
-    opened = _open(say)
+    shown = opened(say)
     try:
-        live.follow(out, part, wishes.robots, opened, say, trust=wishes.trust, isolate=choice.isolate)
+        live.follow(out, part, wishes.robots, shown, say, trust=wishes.trust, isolate=choice.isolate)
         part.replace(path)
-        _rest(opened, path, say)
+        rest(shown, path, say)
     finally:
         part.unlink(missing_ok=True)
-        viewer.end(opened)
+        viewer.end(shown)
 
 
-def _so_far(out: Path, say: Say) -> Story:
+def so_far(out: Path, say: Say) -> Story:
     """What there is to draw; of a run that has not ended it is said until when."""
     how = standing(out)
     story = read_story(out)
@@ -84,20 +84,21 @@ def _so_far(out: Path, say: Say) -> Story:
     return story
 
 
-def _open(say: Say) -> OpenViewer | None:
-    opened = viewer.open_any(say, "the view goes to its file only")
-    if opened is not None and opened.page:
-        say(f"to see it, open {opened.page} in a browser on this machine; Ctrl-C ends that")
-    return opened
+def opened(say: Say) -> OpenViewer | None:
+    """The viewer that is opened here; None where none comes up, which is said."""
+    shown = viewer.open_any(say, "the view goes to its file only")
+    if shown is not None and shown.page:
+        say(f"to see it, open {shown.page} in a browser on this machine; Ctrl-C ends that")
+    return shown
 
 
-def _rest(opened: OpenViewer | None, path: Path, say: Say) -> None:
+def rest(shown: OpenViewer | None, path: Path, say: Say) -> None:
     """Say where the view is, and stay until somebody ends this program or the viewer, if that is a page."""
     say(f"the view is in {path}")
-    if opened is None or not opened.page:
+    if shown is None or not shown.page:
         return
     try:
-        opened.process.wait()
+        shown.process.wait()
     except Interrupted:
         return
-    raise AcrcError(f"the viewer has ended with exit code {opened.process.returncode}")
+    raise AcrcError(f"the viewer has ended with exit code {shown.process.returncode}")

@@ -88,7 +88,7 @@ def _draw(
         painting.recorded(story)
         sheet.flush()
         say(f"first picture after {taken():.1f} s: what was recorded")
-        faults = _compute(story, painting, wishes, sheet)
+        faults = compute(story, painting, wishes, sheet)
         if arranged.reasons:
             faults += _reason(story, painting, detailed, trust=wishes.trust)
     return faults, sheet.lost
@@ -98,7 +98,7 @@ def _told(story: Story) -> str:
     return "1 robot" if len(story.robots) == 1 else f"{len(story.robots)} robots"
 
 
-def _compute(story: Story, painting: Painting, wishes: Wishes, sheet: Sheet) -> list[str]:
+def compute(story: Story, painting: Painting, wishes: Wishes, sheet: Sheet) -> list[str]:
     """Execute the radio and the robots again; what could not be, in sentences."""
     faults = []
     compile_kernels()
@@ -142,8 +142,8 @@ def _seen(story: Story, source: Source) -> list[Spell]:
     return [Spell(one.begin, _LANES[one.doing]) for one in found if one.robot == source.robot]
 
 
-def place(out: Path) -> Path:
+def place(out: Path, name: str = FILE_NAME) -> Path:
     """Where the view of a run goes: into its folder; among temporary files where nobody may write there."""
     if os.access(out, os.W_OK):
-        return out / FILE_NAME
-    return Path(tempfile.mkdtemp(prefix="acrc-view-")) / FILE_NAME
+        return out / name
+    return Path(tempfile.mkdtemp(prefix="acrc-view-")) / name

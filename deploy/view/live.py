@@ -1,5 +1,6 @@
 """A run followed from now to its end, for `acrc view` and for `acrc run --view`."""
 
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Final
 from actors.observer.sheet import Sheet
 from actors.observer.viewer import OpenViewer
 from actors.runtime.recording import read_notes
+from deploy.processes.signals import Interrupted
 from deploy.replay.run_recordings import recordings
 from deploy.view.drawn import Say
 from deploy.view.following import Following
@@ -45,8 +47,9 @@ def follow(
             try:
                 _draw_all(out, following, sheet, opened, say)
             finally:
-                for sentence in following.lack().sentences(following.end):
-                    say(sentence)
+                if not isinstance(sys.exception(), Interrupted):  # then nothing stays of the view
+                    for sentence in following.lack().sentences(following.end):
+                        say(sentence)
 
 
 def _begun(out: Path) -> bool:

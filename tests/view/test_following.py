@@ -177,7 +177,9 @@ def test_an_actor_that_does_otherwise_is_found_out_also_before_it_was_recorded(g
     bus = GrowingBus(made_again(growing.out, "r1"))
     bus.publish("swarm/up/r1/drive", b"before it is ready")
     growing.grow(0.2)
-    with pytest.raises(ReplayError, match="sends on swarm/up/r1/drive; recorded was a message on swarm/up/r1/ready"):
+    with pytest.raises(
+        ReplayError, match="sends on swarm/up/r1/drive; recorded was a message on swarm/up/r1/ready"
+    ):
         bus.grow()
     bus.close()
 
