@@ -147,7 +147,7 @@ class _Said:
     def __init__(self, robots: tuple[str, ...], steps: int, setup: WorldSetup) -> None:
         shape = (steps, len(robots))
         self._index = {robot: index for index, robot in enumerate(robots)}
-        self.places = SaidPlaces(setup.robots, setup.step_us)
+        self.places = SaidPlaces({body.id: len(body.places) for body in setup.robots}, setup.step_us)
         self.held = np.full((*shape, 3), np.nan)
         self.sent = np.zeros(shape, np.int64)
         self.left = np.zeros(shape, np.int64)

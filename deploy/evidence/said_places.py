@@ -1,12 +1,11 @@
 """What robots say of places, step by step: what each means to visit, has cleaned, takes over, gives up."""
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from actors.instant import in_seconds
 from actors.messages import Drive
 from actors.task.words import PlaceKey
-from actors.world.world_setup import BodySetup
 
 
 class Deed(NamedTuple):
@@ -28,9 +27,10 @@ class Route(NamedTuple):
 class SaidPlaces:
     """Takes in words of robots; silence means: as before, and before the first word, its own places."""
 
-    def __init__(self, robots: Iterable[BodySetup], step_us: int) -> None:
+    def __init__(self, places: Mapping[str, int], step_us: int) -> None:
+        """`places`: how many each robot has to clean at first."""
         self._step_us = step_us
-        self._held = {body.id: {PlaceKey(body.id, n) for n in range(len(body.places))} for body in robots}
+        self._held = {robot: {PlaceKey(robot, n) for n in range(count)} for robot, count in places.items()}
         self.reported: list[Deed] = []
         self.taken_over: list[Deed] = []
         self.given_up: list[Deed] = []

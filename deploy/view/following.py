@@ -10,12 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Self
 
-import numpy as np
-
 from actors.instant import in_seconds
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement
-from actors.observer.drawing.words import Event, Spell
+from actors.observer.drawing.words import Event
 from actors.observer.sheet import Sheet
 from actors.runtime.errors import AcrcError
 from deploy.inside.following import Followed
@@ -23,6 +21,7 @@ from deploy.inside.growing_fates import GrowingFates
 from deploy.inside.insides import PERIOD, Glance
 from deploy.view.growing_run import GrowingRun
 from deploy.view.painting import Painting, looked_into
+from deploy.view.seen import Seen
 from deploy.view.story import Source, Story
 
 _BUDGET_S: Final = 0.1
@@ -31,8 +30,6 @@ _LATE_S: Final = 10.0
 """What is computed may lie so far behind what is recorded, s; then the events say so."""
 _LOOK_S: Final = 5.0
 """Between two looks at that, s of the clock on the wall."""
-_STANDS: Final = 0.02
-"""A robot that is slower stands, m/s."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +72,8 @@ class Following:
         """By actor, until when it is drawn."""
         self._met_s = 0.0
         """Until when it is drawn who has learnt from whom, s."""
-        self._outside: dict[str, str] = {}
-        """Robots that are not looked into, and what they seem to be about."""
-        self._holding: dict[str, bool] = {}
+        self._outside: dict[str, Seen] = {}
+        """Robots that are not looked into."""
         self._late: dict[str, float] = {}
         """What the events have said to be late, and by how much, s."""
         self._look = time.monotonic() + _LOOK_S
@@ -133,28 +129,13 @@ class Following:
         self._painting.recorded(piece)
         for source in piece.sources:
             if source.robot not in self._detailed:
-                self._outside.setdefault(source.robot, "")
+                self._outside.setdefault(source.robot, Seen(source.robot))
             elif source.actor not in self._sources:
                 self._sources[source.actor] = source
                 self._inside_s[source.actor] = 0.0
                 self._waiting += self._followed.follow([source.actor])
-        for route in piece.routes:
-            self._holding[route.robot] = bool(route.places)
-        for robot in self._outside:
-            self._painting.outside(robot, list(self._seen(robot, piece)), piece.end)
-
-    def _seen(self, robot: str, piece: Story) -> Iterator[Spell]:
-        """What a robot seems to be about, seen from outside, wherever that is another thing."""
-        track = piece.tracks[robot]
-        steps = np.diff(track.poses[:, :2], axis=0)
-        speeds = np.hypot(steps[:, 0], steps[:, 1]) / np.maximum(np.diff(track.seconds), 1e-6)
-        for second, speed in zip(track.seconds.tolist(), speeds.tolist(), strict=False):
-            state = "driving" if speed > _STANDS else "standing"
-            if not self._holding.get(robot, True) and state == "standing":
-                state = "idle"
-            if self._outside[robot] != state:
-                self._outside[robot] = state
-                yield Spell(second, state)
+        for robot, seen in self._outside.items():
+            self._painting.outside(robot, list(seen.of(piece.tracks[robot], piece.routes)), piece.end)
 
     def _radio(self, *, last: bool) -> bool:
         """What became of frames; True if there is anything new."""
@@ -185,7 +166,7 @@ class Following:
             if glance.fault is not None or (inside is not None and inside.fault is not None):
                 fault = glance.fault or (inside.fault if inside is not None else None) or ""
                 self._say(self._inside_s[glance.actor], source.robot, fault.removeprefix(f"{source.robot}: "))
-                self._outside.setdefault(source.robot, "")
+                self._outside.setdefault(source.robot, Seen(source.robot))
             if inside is None or not len(inside.instants):
                 continue
             until = float(source.clock(inside.instants[-1:])[0])

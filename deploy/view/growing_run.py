@@ -47,7 +47,7 @@ class GrowingRun:
         self.robots = tuple(body.id for body in self.setup.robots)
         self.grid = load_map(map_of(out, self.setup))
         self._stack, self._files = ExitStack(), dict[str, Growing]()
-        self._said = SaidPlaces(self.setup.robots, self.setup.step_us)
+        self._said = SaidPlaces({body.id: len(body.places) for body in self.setup.robots}, self.setup.step_us)
         self._truths: list[Truth] = []
         self._drives: list[tuple[str, Drive]] = []
         self._heard: list[tuple[float, int, int, float]] = []
