@@ -1,5 +1,4 @@
 """The observer: a window on a run (rerun). It takes no part in the barrier.
 
-A run waits for it before the first step, and at its end for its file; in between one that takes nothing holds
-it up by a tenth of a second, and then loses messages.
+It draws what it is given, live or from recordings, into a file and a viewer; what to draw `deploy.view` says.
 """

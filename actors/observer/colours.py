@@ -43,6 +43,7 @@ LANES: Final[Mapping[str, Colour]] = MappingProxyType(
         "idle": (70, 74, 80),
         "frozen": (110, 130, 150),
         "off": (40, 40, 44),
+        "not heard": (40, 40, 44),
     }
 )
 """What a robot may be about; white letters can be read on each."""

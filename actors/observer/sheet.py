@@ -1,15 +1,16 @@
 """What is drawn goes into a file, and to a viewer where one listens."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
 import rerun as rr
 
-from actors.observer.drawing.layout import Arrangement, layout
+from actors.observer.drawing.layout import Arrangement, beside, layout
 from actors.runtime.errors import AcrcError
 
-APPLICATION: Final = "acrc-testbed-2"
+APPLICATION: Final = "acrc-testbed-3"
 """A viewer keeps the layout that it has seen of an application: another layout, another name."""
 FLUSH: Final = 10.0
 """How long a slow viewer may take to take in what it was sent, s."""
@@ -18,8 +19,13 @@ FLUSH: Final = 10.0
 class Sheet:
     """A recording of rerun's with the layout in it; a context manager that finishes the file."""
 
-    def __init__(self, path: Path, what: Arrangement, *, name: str, send_to: str | None = None) -> None:
-        """`send_to`: a viewer's address. AcrcError if the file cannot be written."""
+    def __init__(
+        self, path: Path, what: Arrangement | Sequence[Arrangement], *, name: str, send_to: str | None = None
+    ) -> None:
+        """`what`: a run, or several beside one another. `send_to`: a viewer's address.
+
+        AcrcError if the file cannot be written.
+        """
         try:
             path.open("wb").close()
         except OSError as error:
@@ -29,8 +35,9 @@ class Sheet:
         """True once the viewer is gone; the file has everything all the same."""
         self.recording = rr.RecordingStream(APPLICATION)
         self.recording.set_log_time_enabled(False)
+        arranged = layout(what) if isinstance(what, Arrangement) else beside(what)
         viewers = [] if send_to is None else [rr.GrpcSink(send_to)]
-        self.recording.set_sinks(rr.FileSink(path), *viewers, default_blueprint=layout(what))
+        self.recording.set_sinks(rr.FileSink(path), *viewers, default_blueprint=arranged)
         self.recording.send_recording_name(name)
 
     def __enter__(self) -> Self:

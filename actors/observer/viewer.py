@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
@@ -46,7 +46,23 @@ def open_window() -> OpenViewer:
 def open_page() -> OpenViewer:
     """Serve the viewer to a browser on this machine until `process` is ended; RuntimeError if that fails."""
     port = _free_port()
-    return _start(["--serve-web", "--web-viewer-port", str(port)], f"http://127.0.0.1:{port}/?url=")
+    opened = _start(["--serve-web", "--web-viewer-port", str(port)], f"http://127.0.0.1:{port}/?url=")
+    if not _listens(port, opened.process):  # the page comes up after the port for data
+        opened.process.kill()
+        raise RuntimeError(f"rerun's viewer did not serve its page within {_PATIENCE:g} s")
+    return opened
+
+
+def open_any(say: Callable[[str], None], instead: str) -> OpenViewer | None:
+    """A window, or a page where there is no display; None where neither comes up, which is said.
+
+    `instead`: what becomes of the view then.
+    """
+    try:
+        return open_window() if has_display(os.environ, sys.platform) else open_page()
+    except (OSError, RuntimeError) as error:
+        say(f"The viewer does not open ({error}): {instead}.")
+        return None
 
 
 def open_headless(width: int, height: int) -> OpenViewer:

@@ -4,7 +4,9 @@ import contextlib
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
+
+import typer
 
 from deploy.cli.options import Endpoints, OperatorKeys
 
@@ -12,12 +14,27 @@ if TYPE_CHECKING:
     from actors.orders import Order
 
 
-def watch(endpoints: Endpoints, keys: OperatorKeys) -> None:
+def watch(
+    endpoints: Endpoints,
+    keys: OperatorKeys,
+    view: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FLEET.toml", help="Show them in the viewer, too: on the fleet's map, with its places."
+        ),
+    ] = None,
+) -> None:
     """See how robots get on, from a laptop, until Ctrl-C."""
     from deploy.fleet import watch as laptop
 
     with contextlib.suppress(KeyboardInterrupt):
-        laptop.watch(endpoints, keys)
+        if view is None:
+            laptop.watch(endpoints, keys)
+        else:
+            from deploy.fleet.fleet_file import load_fleet
+            from deploy.view import watched
+
+            watched.show(endpoints, keys, load_fleet(view))
     _leave(130)
 
 

@@ -65,7 +65,8 @@ def view(
         list[Path] | None,
         typer.Option(
             metavar="DIR",
-            help="With --png or --svg: this run, too, beside it, in OUT/beside.png or .svg; repeatable.",
+            help="This run, too, beside it, at the same instant; with --png or --svg on one picture, "
+            "OUT/beside.png. Repeatable.",
         ),
     ] = None,
     speed: Annotated[
@@ -107,18 +108,31 @@ def view(
     What was not recorded is computed: robots are executed again. With --png, --svg, --html or
     --movie, which execute nothing: floor, trails, places, meetings, radio and progress.
     """
-    if beside:
-        if html or movie or not (png or svg):
-            raise OptionError("--beside: must stand with --png or --svg, and without --html and --movie")
+    if beside and (html or movie or why):
+        raise OptionError("--beside: must stand without --html, --movie and --why")
+    if beside and (png or svg):
         _draw_beside((out, *beside), [kind for wished, kind in ((png, "png"), (svg, "svg")) if wished])
         return
     if png or svg or html or movie:
         kinds = [kind for wished, kind in ((png, "png"), (svg, "svg"), (html, "html")) if wished]
         _draw_page(out, [f"run.{kind}" for kind in kinds], movie, speed)
         return
+    wishes = (tuple(robot or ()), trust, isolate, why)
+    _show((out, *(beside or ())), wishes, save=save, screenshot=screenshot, at=at)
+
+
+def _show(
+    folders: Sequence[Path],
+    wishes: tuple[tuple[str, ...], bool, bool | None, bool],
+    *,
+    save: Path | None,
+    screenshot: Path | None,
+    at: float | None,
+) -> None:
+    """Show one run, or several beside one another; `wishes`: as in `deploy.view.drawn`."""
     from deploy.processes.signals import Interrupted, signals_as_interrupts
     from deploy.run import out_folder
-    from deploy.view import command
+    from deploy.view import beside, command
     from deploy.view.drawn import Wishes
 
     console = Console(stderr=True, soft_wrap=True, highlight=False)
@@ -126,15 +140,19 @@ def view(
     def say(sentence: str) -> None:
         console.print(sentence, markup=False)
 
-    wishes = Wishes(tuple(robot or ()), trust, isolate, why)
+    wished, one = Wishes(*wishes), folders[0]
     try:
-        with signals_as_interrupts(), out_folder.writing((save or screenshot or out).absolute().parent):
+        with signals_as_interrupts(), out_folder.writing((save or screenshot or one).absolute().parent):
             if save is not None:
-                command.save(out, wishes, save, say)
-            if screenshot is not None:
-                command.picture(out, wishes, screenshot, at, say)
+                beside.save(folders, wished, save, say) if folders[1:] else command.save(
+                    one, wished, save, say
+                )
+            if screenshot is not None and folders[1:]:
+                beside.picture(folders, wished, screenshot, at, say)
+            elif screenshot is not None:
+                command.picture(one, wished, screenshot, at, say)
             if save is None and screenshot is None:
-                command.show(out, wishes, say)
+                beside.show(folders, wished, say) if folders[1:] else command.show(one, wished, say)
     except Interrupted as interrupt:
         raise typer.Exit(interrupt.exit_code) from None
 

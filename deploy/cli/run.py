@@ -70,6 +70,13 @@ def run(
         typer.Option(metavar="NAME", help="Show what this robot's strategy prints; * for all. Repeatable."),
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show the run while it goes on.")] = False,
+    robot: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID",
+            help="With --view: show what this robot perceives; repeatable.  [default: the first eight]",
+        ),
+    ] = None,
     debug: Annotated[
         str | None,
         typer.Option(
@@ -134,8 +141,8 @@ def run(
 
         whole = {
             "SCENARIO": scenario, "--robots": robots, "--seed": seed, "--duration": duration, "--step": step,
-            "--isolate": isolate, "--view": view, "--control": control, "--debug": debug,
-            "--speed": speed, "--hardware-in-the-loop": hardware,
+            "--isolate": isolate, "--view": view, "--robot": robot, "--control": control,
+            "--debug": debug, "--speed": speed, "--hardware-in-the-loop": hardware,
             "--limit": limit, "--check": check,
         }  # fmt: skip
         others = [name for name, value in whole.items() if value]
@@ -165,6 +172,7 @@ def run(
         json=json,
         check=check,
         log=log or (),
+        followed=robot or (),
     )
     chosen = load_scenario(scenario, overrides)
 

@@ -61,12 +61,12 @@ def frame_fates(out: Path) -> list[FrameFate]:
 
     Raises ReplayError if the radio does not do again what it did, RecordingError for damaged recordings.
     """
-    watch = _Watch()
+    watch = FrameWatch()
     replay_actor(out, "radio", Onlook(watch.prepare))
     return watch.found
 
 
-class _Watch:
+class FrameWatch:
     """Looks at the medium whenever a frame has ended and its sender cannot have begun another one."""
 
     _robots: RobotMedium
@@ -103,6 +103,11 @@ class _Watch:
 
         seen = cast(Any, medium)
         seen.submit, seen.run, seen.finish_frames, seen.switch = submitted, ran, finished, switched
+
+    @property
+    def instant(self) -> int:
+        """Until when it is known what became of frames, µs."""
+        return self._medium.now_ns // 1000
 
     def _slices(self, run: Any, until_ns: int) -> Iterator[NDArray[np.void]]:
         """At once, but for while somebody has two frames to send: nothing depends on how time is cut."""

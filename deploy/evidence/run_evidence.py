@@ -23,6 +23,7 @@ from actors.task.referee import PlaceOutcome
 from actors.task.words import PlaceKey
 from actors.world.world_setup import WorldSetup
 from deploy.evidence.recorded import outcome, taken
+from deploy.evidence.said_places import Deed, Route, SaidPlaces
 from deploy.replay.moved_runs import map_here
 from deploy.replay.run_recordings import recordings
 from deploy.results.result import RunResult
@@ -34,22 +35,6 @@ _MOST_BYTES: Final = 64 * 1024 * 1024
 
 class EvidenceError(AcrcError):
     """A folder from which nobody can tell what happened."""
-
-
-class Deed(NamedTuple):
-    """Something that a robot said of a place."""
-
-    robot: str
-    second: float
-    place: PlaceKey
-
-
-class Route(NamedTuple):
-    """What a robot means to visit from an instant on."""
-
-    robot: str
-    second: float
-    places: tuple[PlaceKey, ...]
 
 
 class Reception(NamedTuple):
@@ -117,7 +102,7 @@ def read_run(out: Path) -> RunEvidence:
             raise EvidenceError(
                 f"{out}: there is no recording of the {actor}; it should be the folder of a simulated run"
             )
-    setup = _setup(files["world"])
+    setup = world_setup(files["world"])
     truths = [truth for _, truth in taken(files["radio"], TRUTH) if not truth.halt and truth.robots]
     if not truths:
         raise EvidenceError(f"{out}: the run ended before its first step")
@@ -147,11 +132,11 @@ def read_run(out: Path) -> RunEvidence:
         left=said.left,
         sent=said.sent,
         heard=heard,
-        places=_places(files["world"], setup, said.reported),
-        reported=tuple(said.reported),
-        taken_over=tuple(said.taken_over),
-        given_up=tuple(said.given_up),
-        routes=tuple(said.routes),
+        places=_places(files["world"], setup, said.places.reported),
+        reported=tuple(said.places.reported),
+        taken_over=tuple(said.places.taken_over),
+        given_up=tuple(said.places.given_up),
+        routes=tuple(said.places.routes),
         receptions=tuple(receptions),
         result=_result(out / "run.json"),
     )
@@ -163,19 +148,12 @@ class _Said:
     def __init__(self, robots: tuple[str, ...], steps: int, setup: WorldSetup) -> None:
         shape = (steps, len(robots))
         self._index = {robot: index for index, robot in enumerate(robots)}
-        self._routes = {
-            body.id: {PlaceKey(body.id, n) for n in range(len(body.places))} for body in setup.robots
-        }
-        self._step_us = setup.step_us
+        self.places = SaidPlaces({body.id: len(body.places) for body in setup.robots}, setup.step_us)
         self.held = np.full((*shape, 3), np.nan)
         self.sent = np.zeros(shape, np.int64)
         self.left = np.zeros(shape, np.int64)
         for robot, index in self._index.items():
-            self.left[:, index] = len(self._routes.get(robot, ()))
-        self.reported: list[Deed] = []
-        self.taken_over: list[Deed] = []
-        self.given_up: list[Deed] = []
-        self.routes: list[Route] = []
+            self.left[:, index] = self.places.left(robot)
 
     def take(self, robot: str, drive: Drive) -> None:
         """The robot's word of one step."""
@@ -185,25 +163,13 @@ class _Said:
         if drive.pose is not None:
             self.held[drive.step, index] = drive.pose
         self.sent[drive.step, index] = drive.transmits
-        for report in drive.reports:
-            key = PlaceKey(report.owner, report.place)
-            self.reported.append(Deed(robot, in_seconds(report.instant), key))
-        for gone in drive.given_up:
-            key = PlaceKey(gone.owner, gone.place)
-            self.given_up.append(Deed(robot, in_seconds(gone.instant), key))
+        self.places.take(robot, drive)
         if drive.route is not None:
-            route, before = set(drive.route), self._routes.get(robot, set())
-            now = in_seconds(drive.step * self._step_us)
-            self.routes.append(Route(robot, now, drive.route))
-            for key in drive.route:
-                if key not in before and key.owner != robot:
-                    self.taken_over.append(Deed(robot, now, key))
-            self._routes[robot] = route
-            self.left[drive.step :, index] = len(route)
+            self.left[drive.step :, index] = self.places.left(robot)
 
 
-def _setup(path: Path) -> WorldSetup:
-    """What the world was told."""
+def world_setup(path: Path) -> WorldSetup:
+    """What the world was told. Raises RecordingError, or EvidenceError for what is no world's recording."""
     notes = read_notes(path)
     if "run" not in notes:
         raise RecordingError(f"{path}: ends before its first record")

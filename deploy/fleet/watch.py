@@ -4,7 +4,7 @@ import queue
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from actors.runtime.bus.zenoh_bus import ZenohBus, open_session
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import Address, at
 from actors.runtime.errors import AcrcError, printable
+from actors.topic import Message
 from deploy.fleet.watch_cause import cause
 from deploy.usage import wrong_value
 
@@ -133,11 +134,8 @@ def watch(
 
     A robot that is not there, or is so no longer, is said once, and looked for until it is back.
     """
-    own, names = _checked(endpoints, keys)
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
-    for name in names:
-        listener = _Listener(name, own, lines, parameters)
-        threading.Thread(target=listener.listen, daemon=True).start()
+    listen(endpoints, keys, lines, parameters)
     end = None if seconds is None else time.monotonic() + seconds
     while end is None or time.monotonic() < end:
         try:
@@ -146,12 +144,39 @@ def watch(
             sys.stdout.flush()
 
 
+def listen(
+    endpoints: Sequence[str],
+    keys: Path,
+    lines: "queue.SimpleQueue[str]",
+    parameters: LaptopParameters = LaptopParameters(),
+    more: Sequence[Address] = (),
+    take: Callable[[str, str, Message], None] = lambda endpoint, key, message: None,
+) -> None:
+    """Put a line for every word of every robot into `lines`, from threads that end with this process.
+
+    `take` is told, with endpoint and key, every message itself, and those on the addresses `more`, of which
+    there are no lines; it must not wait. Raises an AcrcError for an endpoint or keys that make no sense.
+    """
+    own, names = _checked(endpoints, keys)
+    for name in names:
+        listener = _Listener(name, own, lines, parameters, more, take)
+        threading.Thread(target=listener.listen, daemon=True).start()
+
+
 class _Listener:
     """Says what one robot says, and whether it can be heard."""
 
     def __init__(
-        self, endpoint: str, keys: Keys, lines: "queue.SimpleQueue[str]", parameters: LaptopParameters
+        self,
+        endpoint: str,
+        keys: Keys,
+        lines: "queue.SimpleQueue[str]",
+        parameters: LaptopParameters,
+        more: Sequence[Address],
+        take: Callable[[str, str, Message], None],
     ) -> None:
+        self._addresses = (at(PROGRESS), at(BOARD), *more)
+        self._take = take
         self._endpoint = endpoint
         self._keys = keys
         self._lines = lines
@@ -169,15 +194,21 @@ class _Listener:
 
     def _session(self) -> None:
         """Pass on what comes until the session with the robot's router ends."""
-        heard: Sequence[Address] = (at(PROGRESS), at(BOARD))
         with open_session(laptop_config(self._keys, self._endpoint), 0.0) as session:
-            bus = ZenohBus(session, heard)
+            bus = ZenohBus(session, self._addresses, onlooker=len(self._addresses) > 2)
             self._state("is heard")
             while session.info.routers_zid():
-                for line in _news(bus):
-                    self._say(line)
+                for address in self._addresses:
+                    self._hear(bus, address)
                 time.sleep(self._parameters.look_s)
         self._state("is no longer heard; it is looked for")
+
+    def _hear(self, bus: ZenohBus, address: Address) -> None:
+        while (delivery := bus.poll(address.topic)) is not None:
+            message = decode(delivery.topic, delivery.key, delivery.payload)
+            self._take(self._endpoint, delivery.key, message)
+            for line in _lines(message):
+                self._say(line)
 
     def _why(self, error: Exception) -> str:
         return cause(self._endpoint, self._keys, self._parameters.cause_s) or str(error)
@@ -203,17 +234,19 @@ def _checked(endpoints: Sequence[str], keys: Path) -> tuple[Keys, list[str]]:
     return load_keys(keys), list(dict.fromkeys(endpoints))
 
 
-def _news(bus: ZenohBus) -> list[str]:
-    lines = []
-    for topic in (at(PROGRESS).topic, at(BOARD).topic):
-        while (delivery := bus.poll(topic)) is not None:
-            message = decode(delivery.topic, delivery.key, delivery.payload)
-            if isinstance(message, Progress):
-                state = "stopped" if message.finished else "paused" if message.paused else "running"
-                lines.append(
-                    f"step {message.step}: {message.places_left} places left, "
-                    f"{message.reports} reported, {', '.join((state, *map(printable, message.held)))}"
-                )
-            elif isinstance(message, Board):
-                lines += [f"{in_seconds(note.instant):.3f} {note}" for note in message.notes]
-    return lines
+def _lines(message: Message) -> list[str]:
+    """What it says, in words; nothing where it is not for people."""
+    if isinstance(message, Progress):
+        return [f"step {message.step}: {told(message)}"]
+    if isinstance(message, Board):
+        return [f"{in_seconds(note.instant):.3f} {note}" for note in message.notes]
+    return []
+
+
+def told(progress: Progress) -> str:
+    """How a robot gets on, in words."""
+    state = "stopped" if progress.finished else "paused" if progress.paused else "running"
+    return (
+        f"{progress.places_left} places left, {progress.reports} reported, "
+        f"{', '.join((state, *map(printable, progress.held)))}"
+    )

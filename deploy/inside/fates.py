@@ -1,5 +1,6 @@
 """What became of every copy of every frame, as arrays: by cause, and at which receiver."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -8,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.radio.medium.state import Outcome
-from deploy.evidence.frame_fates import frame_fates
+from deploy.evidence.frame_fates import FrameFate, frame_fates
 
 LOSSES: Final = tuple(
     one for one in Outcome if one not in (Outcome.HEARD, Outcome.FILTERED, Outcome.NOT_COUNTED)
@@ -27,17 +28,26 @@ class Fates:
     outcomes: NDArray[np.int64]
     """Of `Outcome`."""
 
+    def part(self, which: NDArray[np.bool_]) -> "Fates":
+        """Those that are wanted, (n,)."""
+        return Fates(self.seconds[which], self.senders[which], self.receivers[which], self.outcomes[which])
+
 
 def read_fates(out: Path, robots: tuple[str, ...]) -> Fates:
     """Execute a run's radio again, which is this project's own code. AcrcError where that goes wrong.
 
     `robots`: in the order of the scenario.
     """
+    return fates_of(frame_fates(out), robots)
+
+
+def fates_of(frames: Iterable[FrameFate], robots: tuple[str, ...]) -> Fates:
+    """What became of the copies of frames; `robots`: in the order of the scenario."""
     place = {robot: number for number, robot in enumerate(robots)}
     filtered = Outcome.FILTERED.name.lower()
     found = [
         (frame.ended, place[frame.robot], place[copy.robot], Outcome[copy.fate.upper()])
-        for frame in frame_fates(out)
+        for frame in frames
         for copy in frame.copies
         if copy.fate != filtered
     ]
@@ -45,10 +55,15 @@ def read_fates(out: Path, robots: tuple[str, ...]) -> Fates:
     return Fates(instants / 1e6, senders, receivers, outcomes)
 
 
-def by_outcome(fates: Fates, until: float, bin_s: float) -> NDArray[np.float64]:
-    """(bins, outcomes): copies per second by what became of them."""
-    bins = max(1, int(np.ceil(until / bin_s)))
+def by_outcome(fates: Fates, begin: float, bins: int, bin_s: float) -> NDArray[np.float64]:
+    """(bins, outcomes): copies per second from `begin` on, s, by what became of them; the last bin has what
+    is later, too."""
     table = np.zeros((bins, len(Outcome)))
-    places = np.minimum((fates.seconds / bin_s).astype(np.int64), bins - 1)
+    places = np.clip(((fates.seconds - begin) / bin_s).astype(np.int64), 0, bins - 1)
     np.add.at(table, (places, fates.outcomes), 1)
     return table / bin_s
+
+
+def fate_name(outcome: Outcome) -> str:
+    """In words: "half duplex"."""
+    return outcome.name.lower().replace("_", " ")

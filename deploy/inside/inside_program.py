@@ -45,10 +45,7 @@ def look_into(out: Path, actor: str, period: Duration) -> Inside:
 
     Its code runs in this process. Raises an AcrcError where there is nothing to execute.
     """
-    path = recordings(out)[actor]
-    options = program.parse(run_of(path).argv)
-    sensor, setup = load_model(options.model, options.sensor).sensor, options.setup
-    onlooker = Onlooker(setup.id, sensor, setup.stack.local_map.cell, period)
+    onlooker = onlooker_of(out, actor, period)
     fault = None
     try:
         replay_actor(out, actor, Onlook(onlooker.attach))
@@ -57,6 +54,13 @@ def look_into(out: Path, actor: str, period: Duration) -> Inside:
     except Exception as error:  # a strategy on another processor may go where it never went
         fault = shut_off.bug(actor, error)
     return onlooker.result(fault)
+
+
+def onlooker_of(out: Path, actor: str, period: Duration) -> Onlooker:
+    """Who is to look into a recorded robot, once in `period`. RecordingError without a first record."""
+    options = program.parse(run_of(recordings(out)[actor]).argv)
+    sensor, setup = load_model(options.model, options.sensor).sensor, options.setup
+    return Onlooker(setup.id, sensor, setup.stack.local_map.cell, period)
 
 
 if __name__ == "__main__":

@@ -38,11 +38,16 @@ _PHASES: Final = {
     GoalPhase.PAUSED: "paused",
 }
 
+_TOLD: Final = (
+    *("instants", "estimates", "covariances", "lost", "scans", "twists"),
+    *("particles_at", "particles", "plans_at", "plans", "costs_at", "costs", "corners"),
+)
+
 
 class Onlooker:
     """Takes down what one robot perceives and means, once in `period`.
 
-    `attach` it to the core before its first step; `result` is what it has seen.
+    `attach` it to the core before its first step; `result` is what it has seen, at the end or on the way.
     """
 
     def __init__(self, robot: str, sensor: RangeSensor, cell: float, period: Duration) -> None:
@@ -60,17 +65,19 @@ class Onlooker:
         self._cycle: Cycle | None = None
         self._plan: Plan | None = None
         self._cloud: object = None
-        self._told: dict[str, list[Any]] = {
-            name: []
-            for name in (
-                *("instants", "estimates", "covariances", "lost", "scans", "twists"),
-                *("particles_at", "particles", "plans_at", "plans", "costs_at", "costs", "corners"),
-            )
-        }
+        self._heard: dict[str, int] = {}
+        self._doing: Doing | None = None
+        self._known: Known | None = None
+        self._decisions = 0
+        """Of the adaptation, that have been handed out."""
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin new lists."""
+        self._told: dict[str, list[Any]] = {name: [] for name in _TOLD}
         self._doings: list[Doing] = []
         self._knowledge: list[Known] = []
         self._contacts: list[Contact] = []
-        self._heard: dict[str, int] = {}
 
     def attach(self, core: Any, step_us: int) -> None:
         """Look at every step that the core takes from now on."""
@@ -96,8 +103,14 @@ class Onlooker:
         if isinstance(driver, LocalPlanner):
             driver.witness = self._steered
 
-    def result(self, fault: str | None) -> Inside:
-        """Everything up to now; `fault`: why the robot could not be followed any further."""
+    def result(self, fault: str | None = None) -> Inside:
+        """What it has seen since the last result; `fault`: why the robot cannot be followed any further."""
+        found = self._found(fault)
+        self._decisions += len(found.learnt)
+        self._begin()
+        return found
+
+    def _found(self, fault: str | None) -> Inside:
         told = self._told
         side = told["costs"][0].shape if told["costs"] else (1, 1)  # of none numpy cannot count the windows
         return Inside(
@@ -115,7 +128,7 @@ class Onlooker:
             twists=np.array(told["twists"], np.float64).reshape(-1, 2),
             cell=self._cell,
             costs_at=np.array(told["costs_at"], np.int64),
-            costs=np.array(told["costs"], np.uint8).reshape(-1, *side),
+            costs=np.array(told["costs"], np.uint8).reshape(len(told["costs"]), *side),
             corners=np.array(told["corners"], np.float64).reshape(-1, 3),
             doings=tuple(self._doings),
             knowledge=tuple(self._knowledge),
@@ -220,8 +233,9 @@ class Onlooker:
 
     def _know(self, knowledge: Any) -> None:
         told = rows(knowledge)
-        if not self._knowledge or self._knowledge[-1].rows != told:
-            self._knowledge.append(Known(self._now, told))
+        if self._known is None or self._known.rows != told:
+            self._known = Known(self._now, told)
+            self._knowledge.append(self._known)
 
     def _do(self, knowledge: Any) -> None:
         goal = self._robot_core.navigation.goal
@@ -233,9 +247,10 @@ class Onlooker:
         activity = self._activity(goal, destination, elsewhere, callable(blocked) and bool(blocked()))
         name = "" if destination is None else in_words(destination)
         point = None if goal is None or activity == "idle" else (goal.point.x, goal.point.y)
-        last = self._doings[-1] if self._doings else None
+        last = self._doing
         if last is None or (last.activity, last.destination, last.point) != (activity, name, point):
-            self._doings.append(Doing(self._now, activity, name, point))
+            self._doing = Doing(self._now, activity, name, point)
+            self._doings.append(self._doing)
 
     def _activity(
         self, goal: Goal | None, destination: PlaceKey | None, elsewhere: Point | None, blocked: bool
@@ -255,12 +270,13 @@ class Onlooker:
         return "adopted" if destination is not None and destination.owner != self._robot else phase
 
     def _learnt(self) -> list[Learnt]:
-        """What the adaptation has decided, as the behaviour tells it."""
+        """What the adaptation has decided since the last result, as the behaviour tells it."""
         say = getattr(self._core.behaviour, "outcome", None) if self._core is not None else None
         told = say() if callable(say) else {}
         said = told.get(SUBJECT, {}).get("decisions", ()) if isinstance(told, dict) else ()
         return [
-            Learnt(one["instant"], one["by"], one["words"], one["source"], int(one["age"])) for one in said
+            Learnt(one["instant"], one["by"], one["words"], one["source"], int(one["age"]))
+            for one in said[self._decisions :]
         ]
 
 

@@ -3,6 +3,7 @@
 Whoever's code ran wrote them, so nothing is believed of them but what their types and sizes say.
 """
 
+import struct
 from typing import Any, Final
 
 import msgspec
@@ -14,6 +15,8 @@ from actors.runtime.errors import AcrcError
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Whole = NDArray[np.int64]
+PART: Final = struct.Struct("<I")
+"""Before each part of what is told while a run goes on: how many bytes it has."""
 MOST_BYTES: Final = 1 << 30
 """Of one robot's telemetry; ten minutes have 20 MB."""
 

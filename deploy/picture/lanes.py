@@ -8,7 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from deploy.evidence.run_evidence import Deed, RunEvidence
+from deploy.evidence.run_evidence import RunEvidence
+from deploy.evidence.said_places import Deed
 from deploy.evidence.spells import Doing, Spell
 from deploy.picture import style
 

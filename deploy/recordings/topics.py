@@ -139,7 +139,7 @@ def has_ended(target: Path) -> bool:
     """True once nothing will be added: there is the run's result, or all recordings were closed."""
     if (target / "run.json").is_file():
         return True
-    return all(_closed(path) for path in files(target).values())
+    return all(is_closed(path) for path in files(target).values())
 
 
 class Growing:
@@ -191,7 +191,8 @@ def _order(one: Recorded) -> int:
     return one.step
 
 
-def _closed(path: Path) -> bool:
+def is_closed(path: Path) -> bool:
+    """True if the process that wrote a recording has ended in order."""
     with opened(path) as stream:
         size = stream.seek(0, os.SEEK_END)
         stream.seek(max(0, size - len(MCAP0_MAGIC)))

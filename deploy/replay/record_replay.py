@@ -47,31 +47,65 @@ class Onlook:
     """Makes, from the length of a step, what takes the code's prints; None: they go their way."""
 
 
-def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayReport:
-    """Execute one actor again from what it received; ReplayError at the first output that differs."""
+@dataclass(frozen=True)
+class Again:
+    """An actor that is to be executed again."""
+
+    part: ActorProcess
+    run: RunNote
+    """What its recording begins with."""
+    path: Path
+    recall: Callable[[bytes], bytes | None]
+    """Gives a message of the run by its sha256."""
+
+
+def made_again(out: Path, actor: str, onlook: Onlook = Onlook(), prints: Prints | None = None) -> Again:
+    """The actor as it was before its first step. RecordingError where there is no recording of it."""
     files = recordings(out)
     if actor not in files:
         raise RecordingError(f"{out}: no recording of {actor!r}; there are {', '.join(files)}")
     path = files[actor]
     run = run_of(path)
-    prints = None if onlook.prints is None else onlook.prints(run.step_us)
     with nullcontext() if prints is None else prints.during(0):
         part = _builders(out).get(actor, robot_part)(_argv(run, onlook))
     if onlook.prepare is not None:
         onlook.prepare(part.core, run.step_us)
-    bus = ReplayBus(path, lambda sha256: _recall(files.values(), sha256))
-    shell = Shell(part.core, bus, Unrecorded(), actor=run.actor, open_to=part.open_to)
+    return Again(part, run, path, lambda sha256: _recall(files.values(), sha256))
+
+
+def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayReport:
+    """Execute one actor again from what it received; ReplayError at the first output that differs."""
+    files = recordings(out)
+    prints = None
+    if onlook.prints is not None and actor in files:
+        prints = onlook.prints(run_of(files[actor]).step_us)
+    again = made_again(out, actor, onlook, prints)
+    bus = ReplayBus(again.path, again.recall)
+    shell = shell_of(again, bus)
     shell.prints = prints
-    if part.ready is not None:
-        shell.send(part.ready)
     try:
         replay(shell, bus)
     except EnoughError:
         return ReplayReport(actor, bus.compared, whole=False)
     except ReplayError as error:
-        why = difference(run.processor, part.run.processor, otherwise(run.kernels, part.run.kernels))
-        raise ReplayError(f"{error}; {why}" if why else str(error)) from None
+        raise explained(error, again) from None
     return ReplayReport(actor, bus.compared)
+
+
+def shell_of(again: Again, bus: ReplayBus) -> Shell:
+    """The shell around an actor that is executed again; it has said that it is ready."""
+    part = again.part
+    shell = Shell(part.core, bus, Unrecorded(), actor=again.run.actor, open_to=part.open_to)
+    if part.ready is not None:
+        shell.send(part.ready)
+    return shell
+
+
+def explained(error: ReplayError, again: Again) -> ReplayError:
+    """The same, with what is otherwise here than where it was recorded."""
+    run, here = again.run, again.part.run
+    why = difference(run.processor, here.processor, otherwise(run.kernels, here.kernels))
+    return ReplayError(f"{error}; {why}") if why else error
 
 
 def _argv(run: RunNote, onlook: Onlook) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 import os
 import traceback
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
@@ -26,9 +26,10 @@ def parser(program: str) -> ArgumentParser:
 
 
 @contextmanager
-def answering(options: Namespace, file_mb: int) -> Iterator[FileIO]:
+def answering(options: Namespace, file_mb: int, readable: Sequence[Path] | None = None) -> Iterator[FileIO]:
     """The new file for the answer, open before this process is shut off, where `--isolate` stands.
 
+    `readable`: what it may read of the run; None: all, for one that has ended, where no secret is left.
     From here on it ends with its parent, and neither answer nor log nor another file becomes larger than
     `file_mb`. OSError where the file is there already, or cannot be made.
     """
@@ -40,7 +41,7 @@ def answering(options: Namespace, file_mb: int) -> Iterator[FileIO]:
                 Confinement(
                     own=options.own,
                     hidden=(options.own.parent,),
-                    readable=(options.out,),
+                    readable=(options.out,) if readable is None else tuple(readable),
                     code=tuple(options.path),
                     descriptors=(1, 2, answer.fileno()),
                     parent=parent,

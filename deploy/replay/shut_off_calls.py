@@ -81,9 +81,12 @@ def ask(
             while waiting and len(running) < (os.cpu_count() or 1):
                 call = waiting.popleft()
                 try:
-                    words = _words(out, call, trust=trust, isolate=isolate)
+                    words = told(out, call, trust=trust, isolate=isolate)
                     patience_s = _patience(out, call, bounds)
-                    running.append(_start(launched, module, home / call.name, call, words, patience_s))
+                    child = start(launched, module, home, call, words)
+                    running.append(
+                        _Running(child, home / call.name, patience_s, time.monotonic() + patience_s)
+                    )
                 except AcrcError as error:
                     yield Answer(call.name, fault=str(error))
             ended = [one for one in running if one.over()]
@@ -94,7 +97,7 @@ def ask(
                 launched.wait(0.5)
 
 
-def _words(out: Path, call: Call, *, trust: bool, isolate: bool) -> tuple[str, ...]:
+def told(out: Path, call: Call, *, trust: bool, isolate: bool) -> tuple[str, ...]:
     """What the program is told. Raises an AcrcError for code that must not run."""
     code: dict[Path, None] = {}
     for actor in call.actors:
@@ -116,14 +119,19 @@ def _patience(out: Path, call: Call, bounds: Bounds) -> float:
     return bounds.least_s + size / bounds.bytes_per_s
 
 
-def _start(
-    launched: Launcher, module: str, stage: Path, call: Call, words: tuple[str, ...], patience_s: float
-) -> "_Running":
-    """Its process, in a folder of its own."""
+def start(launched: Launcher, module: str, home: Path, call: Call, words: tuple[str, ...]) -> Child:
+    """The program's process, in a folder of the call's name in `home`, where its `answer` will be."""
+    stage = home / call.name
     (stage / "own").mkdir(parents=True)
     argv = (*words, "--answer", str(stage / "answer"), "--own", str(stage / "own"))
-    child = launched.start(Program(call.name, module, argv, stage / f"{call.name}.log", None))
-    return _Running(child, stage, patience_s, time.monotonic() + patience_s)
+    return launched.start(Program(call.name, module, argv, stage / f"{call.name}.log", None))
+
+
+def failed(child: Child) -> str:
+    """Why a program has left no answer, in a sentence."""
+    last = " ".join(said(child.program).split())[-_SHOWN:]
+    why = f"exit code {child.exit_code}" + (f"; the last that it said: {last}" if last else "")
+    return f"{child.program.actor}: could not be executed again ({why})"
 
 
 @dataclass(frozen=True)
@@ -155,6 +163,4 @@ class _Running:
             return Answer(name, fault=f"{name}: answers with more than {bounds.most_bytes} bytes")
         if data and self.child.exit_code == 0:
             return Answer(name, data)
-        last = " ".join(said(self.child.program).split())[-_SHOWN:]
-        why = f"exit code {self.child.exit_code}" + (f"; the last that it said: {last}" if last else "")
-        return Answer(name, fault=f"{name}: could not be executed again ({why})")
+        return Answer(name, fault=failed(self.child))

@@ -59,6 +59,8 @@ class RunOptions:
     """Execute every actor again afterwards, and compare."""
     log: tuple[str, ...] = ()
     """Robots of which it is shown what their code prints; `*` for all."""
+    followed: tuple[str, ...] = ()
+    """Robots that the view looks into; none named: as many as it does by itself."""
 
 
 def run_options(  # one for each option of the command line
@@ -79,6 +81,7 @@ def run_options(  # one for each option of the command line
     json: bool = False,
     check: bool = False,
     log: Sequence[str] = (),
+    followed: Sequence[str] = (),
 ) -> RunOptions:
     """The options as they stand on the command line, checked. Raises OptionError."""
     if bus not in get_args(Bus):
@@ -89,8 +92,7 @@ def run_options(  # one for each option of the command line
         raise OptionError(
             "--isolate: --bus memory has one process for all robots; must stand with --bus zenoh"
         )
-    if view and bus == "memory":
-        raise OptionError("--view: --bus memory has no mesh to look on; must stand with --bus zenoh")
+    _check_view(bus, followed, view=view)
     _check_terminal(debug, hardware=hardware)
     _check_control(control, bus, hardware=hardware)
     if hardware and (bus == "memory" or view or _speed(speed) not in {"max", "1"}):
@@ -128,6 +130,7 @@ def run_options(  # one for each option of the command line
         json,
         check,
         tuple(log),
+        tuple(followed),
     )
 
 
@@ -135,6 +138,15 @@ def folder_name(scenario: Path) -> str:
     """What a run's folder is called: after the scenario, and the time in UTC."""
     stem = re.sub(r"[^\w.-]", "-", scenario.stem)  # "#" and "?" could not be part of the path of a socket
     return f"{stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
+
+
+def _check_view(bus: str, followed: Sequence[str], *, view: bool) -> None:
+    if view and bus == "memory":
+        raise OptionError(
+            "--view: --bus memory is one process, and starts none that looks on; must stand with --bus zenoh"
+        )
+    if followed and not view:
+        raise OptionError(f"--robot: {followed[0]!r}; must stand with --view")
 
 
 def _check_terminal(debug: str | None, *, hardware: bool) -> None:

@@ -59,6 +59,8 @@ class Plan:
     hidden: tuple[Path, ...] = ()
     """Files beside the strategy's code that a robot must not see: the scenario."""
     view: bool = False
+    followed: tuple[str, ...] = ()
+    """Robots that the view looks into; none named: as many as it does by itself."""
     debug: Debugged | None = None
     """The robot at whose breakpoints the run stops; None: as Python has it."""
     control: bool = False
@@ -95,8 +97,6 @@ def lay_out(plan: Plan) -> None:
     for actor, setup in (("world", plan.world), ("radio", plan.radio)):
         plan.folder(actor).mkdir()
         (plan.folder(actor) / "setup.json").write_bytes(msgspec.json.format(msgspec.json.encode(setup)))
-    places = {robot.id: robot.places for robot in plan.world.robots}
-    (plan.folder("world") / "places.json").write_bytes(msgspec.json.encode(places))
     for robot in plan.world.robots:
         lay_out_robot(plan, robot)
 
@@ -222,14 +222,12 @@ def remove_credentials(plan: Plan) -> None:
 
 
 def observer_program(plan: Plan) -> Program:
-    """The observer's program."""
-    folder = plan.folder("world").resolve()
+    """The observer's program, which reads what the others record, and needs nothing of the mesh."""
     argv = (
-        *("--out", str(plan.out), "--map", plan.world.map, "--places", str(folder / "places.json")),
-        *("--router", unix_endpoint(folder / "router.sock")),
-        *("--credentials", str(folder / "observer.credentials"), "--with-parent"),
+        *("--out", str(plan.out), *(word for robot in plan.followed for word in ("--robot", robot))),
+        *(("--isolate",) if plan.isolate and plan.debug is None else ()),
     )
-    return Program("observer", "actors.observer", argv, plan.out / "view.log", None)
+    return Program("observer", "deploy.view", argv, plan.out / "view.log", None)
 
 
 CONTROL_ADDRESS: Final = "control.url"

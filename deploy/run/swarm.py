@@ -113,9 +113,18 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
         timeout=Timeout(step_s=options.timeout_s if options.debug is None else math.inf),
         hidden=options.hidden,
         view=options.view,
+        followed=_followed(settled, options),
         control=options.control,
         debug=_debugged(settled, options),
     )
+
+
+def _followed(settled: ResolvedScenario, options: RunOptions) -> tuple[str, ...]:
+    robots = [robot.id for robot in settled.world.robots]
+    for robot in options.followed:
+        if robot not in robots:
+            raise wrong_value("--robot", robot, f"one of {', '.join(robots)}")
+    return options.followed
 
 
 def _debugged(settled: ResolvedScenario, options: RunOptions) -> Debugged | None:

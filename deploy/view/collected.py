@@ -13,7 +13,7 @@ from actors.geometry import Point
 from actors.messages import RECEIVED, Heard
 from actors.task.words import PlaceKey
 from deploy.evidence.recorded import taken
-from deploy.evidence.run_evidence import Deed, Route
+from deploy.evidence.said_places import Deed, Route
 from deploy.field_trial.aligned_clocks import AlignedClocks
 from deploy.field_trial.recordings import FieldTrial, read_field_trial
 from deploy.field_trial.reported_places import reported_places

@@ -1,7 +1,5 @@
 """What `acrc view` does: it draws a run, and shows it in a window, in a browser, or as a picture."""
 
-import os
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -10,19 +8,24 @@ from actors.observer import screenshot, viewer
 from actors.observer.viewer import OpenViewer
 from actors.runtime.errors import AcrcError
 from deploy.processes.signals import Interrupted
+from deploy.run.isolating import choose, warn
+from deploy.run.kernels import compile_kernels
+from deploy.view import live
 from deploy.view.drawn import Say, Wishes, draw, place, read_story
+from deploy.view.story import Story
+from deploy.view.writers import Standing, standing
 
 
 def save(out: Path, wishes: Wishes, path: Path, say: Say) -> None:
     """Draw the run in `out` into a view file, and show it to nobody."""
     began = time.monotonic()
-    draw(read_story(out), path, wishes, send_to=None, say=say, began=began)
+    draw(so_far(out, say), path, wishes, send_to=None, say=say, began=began)
 
 
 def picture(out: Path, wishes: Wishes, path: Path, second: float | None, say: Say) -> None:
     """Draw the run, and take a picture of the window at an instant, s; None: in the middle of the run."""
     began = time.monotonic()
-    story = read_story(out)
+    story = so_far(out, say)
     with tempfile.TemporaryDirectory(prefix="acrc-view-") as folder:
         view = Path(folder) / "view.rrd"
         draw(story, view, wishes, send_to=None, say=say, began=began)
@@ -32,41 +35,70 @@ def picture(out: Path, wishes: Wishes, path: Path, second: float | None, say: Sa
 
 
 def show(out: Path, wishes: Wishes, say: Say) -> None:
-    """Draw the run into its view file, and show it while that happens.
+    """Draw the run into its view file, and show it while that happens; one that goes on is followed.
 
     In a window if there is a display. Else it is served to a browser on this machine until Interrupted, which
     before it is drawn is passed on.
     """
     began = time.monotonic()
-    story, path = read_story(out), place(out)
-    opened = _open(say)
+    if standing(out) is Standing.GOING_ON:
+        _follow(out, wishes, say)
+        return
+    story, path = so_far(out, say), place(out)
+    shown = opened(say)
     try:
-        if opened is not None and opened.page:
-            say(f"to see it, open {opened.page} in a browser on this machine; Ctrl-C ends that")
-        address = None if opened is None else opened.address
+        address = None if shown is None else shown.address
         draw(story, path, wishes, send_to=address, say=say, began=began)
-        say(f"the view is in {path}")
-        if opened is not None and opened.page:
-            _wait(opened)
+        rest(shown, path, say)
     finally:
-        viewer.end(opened)
+        viewer.end(shown)
 
 
-def _open(say: Say) -> OpenViewer | None:
-    """The window, or the page where there is no display; None where neither comes up."""
+def _follow(out: Path, wishes: Wishes, say: Say) -> None:
+    """Show a run that goes on until it has ended, or its window was closed."""
+    choice = choose(wishes.isolate)
+    warn(choice.warning)
+    compile_kernels()
+    path = place(out)
+    part = path.with_name(f"{path.name}.part")
+    shown = opened(say)
     try:
-        if viewer.has_display(os.environ, sys.platform):
-            return viewer.open_window()
-        return viewer.open_page()
-    except (OSError, RuntimeError) as error:
-        say(f"the viewer does not open: {error}")
-        return None
+        live.follow(out, part, wishes.robots, shown, say, trust=wishes.trust, isolate=choice.isolate)
+        part.replace(path)
+        rest(shown, path, say)
+    finally:
+        part.unlink(missing_ok=True)
+        viewer.end(shown)
 
 
-def _wait(opened: OpenViewer) -> None:
-    """Until somebody ends this program or the viewer."""
+def so_far(out: Path, say: Say) -> Story:
+    """What there is to draw; of a run that has not ended it is said until when."""
+    how = standing(out)
+    story = read_story(out)
+    if how is Standing.GOING_ON:
+        say(f"the run is going on: it is drawn as far as it was recorded, up to {story.end:g} s")
+    elif how is Standing.DIED:
+        say(
+            f"the run has died without a result: it is drawn as far as it was recorded, up to {story.end:g} s"
+        )
+    return story
+
+
+def opened(say: Say) -> OpenViewer | None:
+    """The viewer that is opened here; None where none comes up, which is said."""
+    shown = viewer.open_any(say, "the view goes to its file only")
+    if shown is not None and shown.page:
+        say(f"to see it, open {shown.page} in a browser on this machine; Ctrl-C ends that")
+    return shown
+
+
+def rest(shown: OpenViewer | None, path: Path, say: Say) -> None:
+    """Say where the view is, and stay until somebody ends this program or the viewer, if that is a page."""
+    say(f"the view is in {path}")
+    if shown is None or not shown.page:
+        return
     try:
-        opened.process.wait()
+        shown.process.wait()
     except Interrupted:
         return
-    raise AcrcError(f"the viewer has ended with exit code {opened.process.returncode}")
+    raise AcrcError(f"the viewer has ended with exit code {shown.process.returncode}")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.observer.drawing.canvas import Canvas
-from actors.observer.drawing.words import Spell
+from actors.observer.drawing.words import Event, Spell
 from actors.observer.sheet import Sheet
 from actors.runtime.errors import AcrcError
 from deploy.evidence.run_evidence import read_run
@@ -21,7 +21,7 @@ from deploy.replay.run_recordings import recordings
 from deploy.run.isolating import choose, warn
 from deploy.run.kernels import compile_kernels
 from deploy.view.collected import collected_story
-from deploy.view.painting import DETAILED, Painting, arrangement
+from deploy.view.painting import Painting, arrangement, looked_into
 from deploy.view.simulated import simulated_story
 from deploy.view.story import Source, Story
 
@@ -82,16 +82,16 @@ def _draw(
     story: Story, path: Path, wishes: Wishes, send_to: str | None, taken: Callable[[], float], say: Say
 ) -> tuple[list[str], bool]:
     """Draw into `path`; what could not be computed, and whether the viewer is gone. `taken`: so far, s."""
-    detailed = [robot for robot in story.robots if robot in wishes.robots] or story.robots[:DETAILED]
+    detailed = looked_into(story.robots, wishes.robots)
     arranged = arrangement(story, detailed, reasons=wishes.why and story.true)
     with Sheet(path, arranged, name=story.title, send_to=send_to) as sheet:
         painting = Painting(Canvas(sheet.recording, story.robots), story, detailed)
-        painting.recorded()
+        painting.recorded(story)
         sheet.flush()
         say(f"first picture after {taken():.1f} s: what was recorded")
         choice = choose(wishes.isolate)
         warn(choice.warning)
-        faults = _compute(story, painting, sheet, trust=wishes.trust, isolate=choice.isolate)
+        faults = compute(story, painting, sheet, trust=wishes.trust, isolate=choice.isolate)
         if arranged.reasons:
             faults += _reason(story, painting, detailed, trust=wishes.trust, isolate=choice.isolate)
     return faults, sheet.lost
@@ -101,13 +101,13 @@ def _told(story: Story) -> str:
     return "1 robot" if len(story.robots) == 1 else f"{len(story.robots)} robots"
 
 
-def _compute(story: Story, painting: Painting, sheet: Sheet, *, trust: bool, isolate: bool) -> list[str]:
+def compute(story: Story, painting: Painting, sheet: Sheet, *, trust: bool, isolate: bool) -> list[str]:
     """Execute the radio and the robots again; what could not be, in sentences."""
     faults = []
     compile_kernels()
     if story.true:
         try:
-            painting.fates(read_fates(story.out, story.robots))
+            painting.fates(read_fates(story.out, story.robots), story.end)
         except AcrcError as error:
             faults.append(f"the radio could not be executed again: {error}")
         sheet.flush()
@@ -115,10 +115,11 @@ def _compute(story: Story, painting: Painting, sheet: Sheet, *, trust: bool, iso
     for glance in look_into_all(story.out, list(sources), trust=trust, isolate=isolate):
         source = sources[glance.actor]
         if glance.inside is not None:
-            painting.inside(source, glance.inside)
+            painting.inside(source, glance.inside, story.end)
         else:
             fault = glance.fault or "it could not be executed again"
-            painting.outside(source, _seen(story, source), fault)
+            painting.outside(source.robot, _seen(story, source), story.end)
+            painting.tell([Event(0.0, source.robot, fault.removeprefix(f"{source.robot}: "), "WARN")])
             faults.append(fault)
         sheet.flush()
     painting.ensembles()
@@ -146,8 +147,8 @@ def _seen(story: Story, source: Source) -> list[Spell]:
     return [Spell(one.begin, _LANES[one.doing]) for one in found if one.robot == source.robot]
 
 
-def place(out: Path) -> Path:
+def place(out: Path, name: str = FILE_NAME) -> Path:
     """Where the view of a run goes: into its folder; among temporary files where nobody may write there."""
     if os.access(out, os.W_OK):
-        return out / FILE_NAME
-    return Path(tempfile.mkdtemp(prefix="acrc-view-")) / FILE_NAME
+        return out / name
+    return Path(tempfile.mkdtemp(prefix="acrc-view-")) / name

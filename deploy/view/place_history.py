@@ -18,42 +18,63 @@ class _Word(NamedTuple):
     places: tuple[PlaceKey, ...]
 
 
-def draw_place_history(canvas: Canvas, story: Story) -> None:
-    """Draw the places of each owner whenever one of them stands otherwise."""
-    states = {
-        PlaceKey(owner, number): PlaceState(x, y, holders=(owner,))
-        for owner, places in story.places.items()
-        for number, (x, y) in enumerate(places)
-    }
-    to_come = {key for key in states if key.place >= story.begun_with[key.owner]}
-    held = {
-        owner: frozenset(key for key in states.keys() - to_come if key.owner == owner)
-        for owner in story.places
-    }
-    shown = {key: state for key, state in states.items() if key not in to_come}
-    _draw(canvas, 0.0, shown, set(story.places))
-    for word in _words(story):
-        touched = set(word.places)
-        if word.what == "route":
-            now = frozenset(word.places)
-            touched = set(now ^ held.get(word.robot, frozenset()))
-            held[word.robot] = now
-        changed = set()
-        for key in touched & states.keys():
-            new = _after(states[key], key, word.what, held, story.robots)
-            if new != shown.get(key):
-                states[key] = shown[key] = new
-                changed.add(key.owner)
-        _draw(canvas, word.second, shown, changed)
+class PlaceHistory:
+    """Draws the places of each owner whenever one of them stands otherwise."""
 
+    def __init__(self, canvas: Canvas) -> None:
+        self._canvas = canvas
+        self._states: dict[PlaceKey, PlaceState] = {}
+        self._shown: dict[PlaceKey, PlaceState] = {}
+        """Those that somebody has spoken of, and those that were there from the beginning."""
+        self._held: dict[str, frozenset[PlaceKey]] = {}
 
-def _after(
-    state: PlaceState, key: PlaceKey, what: str, held: dict[str, frozenset[PlaceKey]], robots: tuple[str, ...]
-) -> PlaceState:
-    """How a place stands once something was said of it."""
-    if what == "route":
-        return state._replace(holders=tuple(robot for robot in robots if key in held.get(robot, ())))
-    return state._replace(done=True) if what == "done" else state._replace(given_up=True)
+    def extend(self, story: Story) -> None:
+        """Take in a story, or its next piece."""
+        self._come(story)
+        for word in _words(story):
+            touched = set(word.places)
+            if word.what == "route":
+                now = frozenset(word.places)
+                touched = set(now ^ self._held.get(word.robot, frozenset()))
+                self._held[word.robot] = now
+            changed = set()
+            for key in touched & self._states.keys():
+                new = self._after(key, word.what)
+                if new != self._shown.get(key):
+                    self._states[key] = self._shown[key] = new
+                    changed.add(key.owner)
+            self._draw(word.second, changed)
+
+    def _come(self, story: Story) -> None:
+        """The places that are new: shown at once if they are of the beginning, else once spoken of."""
+        owners = set()
+        for owner, places in story.places.items():
+            for number, (x, y) in enumerate(places):
+                key = PlaceKey(owner, number)
+                if key in self._states:
+                    continue
+                self._states[key] = PlaceState(x, y, holders=(owner,))
+                if number < story.begun_with[owner]:
+                    self._shown[key] = self._states[key]
+                    self._held[owner] = self._held.get(owner, frozenset()) | {key}
+                    owners.add(owner)
+        self._draw(0.0, owners)
+
+    def _after(self, key: PlaceKey, what: str) -> PlaceState:
+        """How a place stands once something was said of it."""
+        state = self._states[key]
+        if what == "route":
+            robots = self._canvas.robots
+            return state._replace(
+                holders=tuple(robot for robot in robots if key in self._held.get(robot, ()))
+            )
+        return state._replace(done=True) if what == "done" else state._replace(given_up=True)
+
+    def _draw(self, second: float, owners: set[str]) -> None:
+        for owner in sorted(owners):
+            mine = [state for key, state in self._shown.items() if key.owner == owner]
+            if mine:
+                draw_places(self._canvas, owner, second, mine)
 
 
 def _words(story: Story) -> list[_Word]:
@@ -62,10 +83,3 @@ def _words(story: Story) -> list[_Word]:
     said += [_Word(deed.second, deed.robot, "given_up", (deed.place,)) for deed in story.given_up]
     said += [_Word(route.second, route.robot, "route", route.places) for route in story.routes]
     return sorted(said, key=lambda word: (word.second, word.what))
-
-
-def _draw(canvas: Canvas, second: float, states: dict[PlaceKey, PlaceState], owners: set[str]) -> None:
-    for owner in sorted(owners):
-        mine = [state for key, state in states.items() if key.owner == owner]
-        if mine:
-            draw_places(canvas, owner, second, mine)

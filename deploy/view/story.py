@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.floor.grid import OccupancyGrid
-from deploy.evidence.run_evidence import Deed, Route
+from deploy.evidence.said_places import Deed, Route
 
 Floats = NDArray[np.float64]
 Clock = Callable[[NDArray[np.int64]], Floats]
@@ -40,7 +40,7 @@ class Source(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Story:
-    """What is drawn."""
+    """What is drawn: a whole run, or the next piece of one that goes on."""
 
     title: str
     out: Path
@@ -59,12 +59,14 @@ class Story:
     heard: Floats
     """(k, 4): instant, s, index of sender and of receiver, RSSI, dBm, in order of the instants."""
     end: float
-    """s"""
+    """Until when it tells, s; of a run that goes on, the beginning of the last step that is known."""
     true: bool
     """False: nobody knows where robots were."""
     sources: tuple[Source, ...]
     notes: tuple[str, ...] = ()
     """What is missing or not known, a sentence each."""
+    since: float = 0.0
+    """From when on it tells, s: later pieces of a run that goes on have what is new only, but for places."""
 
     @property
     def robots(self) -> tuple[str, ...]:

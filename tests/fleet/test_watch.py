@@ -1,5 +1,6 @@
 """Orders to several robots at once over TLS, some of which are not there, silent, or somebody else's."""
 
+import queue
 import socket
 import subprocess
 import sys
@@ -12,9 +13,11 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from actors.messages import CONTROL, PROGRESS, Control, Progress
+from actors.messages import CONTROL, DRIVE, PROGRESS, Control, Drive, Progress
 from actors.orders import Order, Pause, Resume, Stop
 from actors.runtime.codec import decode, encode
+from actors.runtime.core import at
+from actors.topic import Message
 from deploy.fleet import watch
 from deploy.fleet.certificates import SERVER
 from deploy.fleet.watch import WatchAnswer
@@ -197,3 +200,28 @@ def test_watching_lives_on_without_one_of_the_robots_and_finds_it_again(
         finally:
             watcher.kill()
             watcher.wait()
+
+
+def test_whoever_draws_robots_hears_what_they_hold_and_never_holds_a_listener_up(
+    robots: list[Robot], keys: Path
+) -> None:
+    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+    taken: list[tuple[str, str, Message]] = []
+    drive = Drive(7, 0.1, 0.0, 0.0, 0, pose=(1.0, 2.0, 0.5))
+    with robots[0].router() as session:
+        watch.listen(
+            [robots[0].endpoint],
+            keys,
+            lines,
+            more=(at(DRIVE, "*"),),
+            take=lambda *words: taken.append(words),
+        )
+        deadline = time.monotonic() + 20.0
+        while len(taken) < 2 and time.monotonic() < deadline:
+            session.put(DRIVE.key("r1"), encode(drive))
+            session.put(PROGRESS.key(), encode(Progress(3, 0, 2, 0, False)))
+            time.sleep(0.05)
+    assert (robots[0].endpoint, DRIVE.key("r1"), drive) in taken
+    said = [lines.get_nowait() for _ in range(lines.qsize())]
+    assert f"{robots[0].endpoint}  is heard" in said
+    assert any(line.endswith("step 3: 2 places left, 0 reported, running") for line in said)

@@ -47,7 +47,12 @@ def test_options_that_do_not_go_together(tmp_path: Path) -> None:
     )
     with pytest.raises(OptionError) as caught:
         run_options(tmp_path, bus="memory", view=True)
-    assert str(caught.value) == "--view: --bus memory has no mesh to look on; must stand with --bus zenoh"
+    assert str(caught.value) == (
+        "--view: --bus memory is one process, and starts none that looks on; must stand with --bus zenoh"
+    )
+    with pytest.raises(OptionError) as caught:
+        run_options(tmp_path, followed=("r2",))
+    assert str(caught.value) == "--robot: 'r2'; must stand with --view"
     assert run_options(tmp_path, bus="memory", isolate=False).isolate is False
 
 

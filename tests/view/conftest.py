@@ -14,7 +14,9 @@ from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 
-collect_ignore = [] if find_spec("rerun") else ["test_drawn.py", "test_window.py"]
+collect_ignore = (
+    [] if find_spec("rerun") else ["test_drawn.py", "test_following.py", "test_watched.py", "test_window.py"]
+)
 
 
 @pytest.fixture(scope="session")

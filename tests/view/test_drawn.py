@@ -12,11 +12,12 @@ from rerun.chunk import RrdReader
 
 from actors.observer import colours
 from actors.observer.sheet import APPLICATION
+from actors.runtime.errors import AcrcError
 from deploy.evidence.run_evidence import RunEvidence
 from deploy.explanation.explain import listed
 from deploy.inside.insides import Glance
 from deploy.inside.telemetry import Inside
-from deploy.view import drawn
+from deploy.view import beside, drawn
 from deploy.view.drawn import Wishes, draw, place, read_story
 
 Rows = dict[str, list[dict[str, Any]]]
@@ -103,6 +104,25 @@ def test_the_layout_is_saved_in_the_file_and_robots_may_be_chosen(
     found = rows(path)
     assert "/inside/r2/scan" in found and "/inside/r1/scan" not in found
     assert {"/states/r1", "/knowledge/r1", "/world/intent/r1"} <= set(found)
+
+
+def test_two_runs_stand_beside_one_another_on_one_timeline(
+    folder: Path, computed: None, tmp_path: Path
+) -> None:
+    copytree(folder, tmp_path / "branch")
+    said: list[str] = []
+    path = tmp_path / "beside.rrd"
+    beside.save((folder, tmp_path / "branch"), Wishes(), path, said.append)
+    assert [sentence.partition(" after ")[0] for sentence in said] == ["first picture", "all of it"]
+    draw(read_story(folder), tmp_path / "one.rrd", Wishes(), send_to=None, say=lambda sentence: None)
+    one, both = rows(tmp_path / "one.rrd"), rows(path)
+    drawn_there = {entity for entity in one if entity != "/__properties"}
+    assert set(both) - {"/__properties"} == {f"/{n}{entity}" for n in (1, 2) for entity in drawn_there}
+    for entity in ("/world/robots/r1", "/inside/r2/scan", "/states/r1", "/world/radio/losses"):
+        whens = [[row.get("sim_time") for row in some] for some in (one[entity], both[f"/2{entity}"])]
+        assert whens[0] == whens[1]
+    with pytest.raises(AcrcError):
+        beside.save((folder, tmp_path / "nowhere"), Wishes(), path, said.append)
 
 
 def test_a_robot_that_cannot_be_executed_again_is_drawn_from_outside(

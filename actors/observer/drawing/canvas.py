@@ -34,9 +34,10 @@ CIRCLE: Final = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
 class Canvas:
     """Takes pictures over time."""
 
-    def __init__(self, recording: rr.RecordingStream, robots: Sequence[str]) -> None:
-        """`robots`: in the scenario's order, which gives their colours."""
+    def __init__(self, recording: rr.RecordingStream, robots: Sequence[str], root: str = "") -> None:
+        """`robots`: in the scenario's order, which gives their colours. `root`: as in `Arrangement`."""
         self.recording = recording
+        self._root = root
         self.robots = tuple(robots)
         self._index = {robot: number for number, robot in enumerate(robots)}
 
@@ -47,18 +48,18 @@ class Canvas:
 
     def still(self, path: str, drawn: Any) -> None:
         """Draw what is there from the beginning to the end."""
-        self.recording.log(path, drawn, static=True)
+        self.recording.log(f"{self._root}/{path}", drawn, static=True)
 
     def at(self, second: float, path: str, drawn: Any) -> None:
         """Draw something anew at an instant, s."""
         self.recording.set_time(TIMELINE, duration=_instants([second])[0])
-        self.recording.log(path, drawn)
+        self.recording.log(f"{self._root}/{path}", drawn)
 
     def columns(self, path: str, seconds: Sequence[float] | NDArray[np.float64], columns: Any) -> None:
         """Draw something anew at many instants, in s: a row of the columns for each."""
         if len(seconds):
             when = rr.TimeColumn(TIMELINE, duration=_instants(seconds))
-            self.recording.send_columns(path, [when], columns)
+            self.recording.send_columns(f"{self._root}/{path}", [when], columns)
 
     def strips(
         self,

@@ -19,6 +19,8 @@ _FIELD_OF_VIEW: Final = math.radians(55.0)
 """Of the viewer's camera, vertically; with it the height is chosen so that the map just fits."""
 _ASPECT: Final = 1.75
 """Width over height of the floor's view in a usual window."""
+_NARROW: Final = 1.4
+"""The same of one of two runs beside one another."""
 _OWN_HEIGHT: Final = 6.3
 """From how high one looks at a robot's own view, m."""
 _SPEED: Final = 4.0
@@ -41,6 +43,10 @@ class Arrangement:
     """False: nobody knows where robots were, and what is drawn is what they held."""
     reasons: bool = False
     """Why robots decided what they did is told beside what they know."""
+    root: str = ""
+    """Below which everything lies, as in "/1", where several runs are shown beside one another ..."""
+    name: str = ""
+    """... and how the run is called then."""
 
 
 def layout(what: Arrangement) -> rrb.Blueprint:
@@ -61,27 +67,46 @@ def layout(what: Arrangement) -> rrb.Blueprint:
     )
 
 
-def _swarm(what: Arrangement) -> rrb.Spatial3DView:
+def beside(runs: Sequence[Arrangement]) -> rrb.Blueprint:
+    """Several runs next to one another, at the same instant; side panels closed."""
+    columns: list[Any] = []
+    for run in runs:
+        below = rrb.Tabs(_lanes(run), _plots(run), _reading(run), active_tab=0)
+        columns.append(
+            rrb.Vertical(_swarm(run, 2 * _NARROW / len(runs)), below, row_shares=[1.6, 1], name=run.name)
+        )
+    return rrb.Blueprint(
+        rrb.Horizontal(*columns),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="paused", playback_speed=_SPEED),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _swarm(what: Arrangement, aspect: float = _ASPECT) -> rrb.Spatial3DView:
     """The whole floor from above, north up."""
     grid = what.grid
     width, height = grid.corner.x - grid.origin.x, grid.corner.y - grid.origin.y
     x, y = grid.origin.x + width / 2, grid.origin.y + height / 2
-    altitude = 1.04 * max(height, width / _ASPECT) / 2 / math.tan(_FIELD_OF_VIEW / 2)
+    altitude = 1.04 * max(height, width / aspect) / 2 / math.tan(_FIELD_OF_VIEW / 2)
     to_cursor = rrb.TimeRangeBoundary.cursor_relative()
     recent = rrb.VisibleTimeRange(
         TIMELINE, start=rrb.TimeRangeBoundary.cursor_relative(seconds=-RECENT_S), end=to_cursor
     )
     ever = rrb.VisibleTimeRange(TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=to_cursor)
     trails: dict[Any, Any] = {
-        f"/world/trails/{robot}": [rrb.VisibleTimeRanges([recent])] for robot in what.robots
+        f"{what.root}/world/trails/{robot}": [rrb.VisibleTimeRanges([recent])] for robot in what.robots
     }
     history: dict[Any, Any] = {
-        f"/world/history/{robot}": [rrb.VisibleTimeRanges([ever])] for robot in what.robots
+        f"{what.root}/world/history/{robot}": [rrb.VisibleTimeRanges([ever])] for robot in what.robots
     }
+    truth = "Swarm, ground truth" if what.true else "Swarm, as the robots held it"
     return rrb.Spatial3DView(
-        origin="/world",
-        name="Swarm, ground truth" if what.true else "Swarm, as the robots held it",
-        contents=["/world/**"],
+        origin=f"{what.root}/world",
+        name=f"{what.name}: {truth}" if what.name else truth,
+        contents=[f"{what.root}/world/**"],
         background=_GROUND,
         line_grid=False,
         eye_controls=_eye(x, y, altitude),
@@ -101,20 +126,23 @@ def _eye(x: float, y: float, altitude: float) -> rrb.EyeControls3D:
 
 def _own(robot: str, what: Arrangement) -> rrb.Vertical:
     """One robot's view, with itself in the middle and north up, and what it knows."""
-    own = f"/world/robots/{robot}"
-    bodies = [f"/world/robots/{other}/turn/**" for other in what.robots]
+    own = f"{what.root}/world/robots/{robot}"
+    bodies = [f"{what.root}/world/robots/{other}/turn/**" for other in what.robots]
     view = rrb.Spatial3DView(
         origin=own,
         name=f"{robot}: what it sees and plans",
-        contents=["/world/map", "/world/places/**", *bodies, f"/inside/{robot}/**"],
+        contents=[
+            *(f"{what.root}/world/{part}" for part in ("map", "places/**")),
+            *(*bodies, f"{what.root}/inside/{robot}/**"),
+        ],
         background=_GROUND,
         line_grid=False,
         eye_controls=_eye(0.0, 0.0, _OWN_HEIGHT),
     )
-    knowledge = rrb.TextDocumentView(origin=f"/knowledge/{robot}", name=f"{robot}: knowledge")
+    knowledge = rrb.TextDocumentView(origin=f"{what.root}/knowledge/{robot}", name=f"{robot}: knowledge")
     below: Any = knowledge
     if what.reasons:
-        why = rrb.TextDocumentView(origin=f"/why/{robot}", name=f"{robot}: why")
+        why = rrb.TextDocumentView(origin=f"{what.root}/why/{robot}", name=f"{robot}: why")
         below = rrb.Tabs(knowledge, why, active_tab=1)
     return rrb.Vertical(view, below, row_shares=[3, 2], name=robot)
 
@@ -122,31 +150,31 @@ def _own(robot: str, what: Arrangement) -> rrb.Vertical:
 def _reading(what: Arrangement) -> Any:
     """What is on the right."""
     columns = rrb.TextLogColumns(text_log_columns=["body"])
-    events: Any = rrb.TextLogView(origin="/events", name="Events", columns=columns)
+    events: Any = rrb.TextLogView(origin=f"{what.root}/events", name="Events", columns=columns)
     if not what.looked_into:
         return events
-    below = rrb.Tabs(events, rrb.GraphView(origin="/ensembles", name="Ensembles"), active_tab=0)
+    below = rrb.Tabs(events, rrb.GraphView(origin=f"{what.root}/ensembles", name="Ensembles"), active_tab=0)
     tabs = rrb.Tabs(*(_own(robot, what) for robot in what.looked_into), active_tab=0, name="Robots")
-    return rrb.Vertical(tabs, below, row_shares=[3, 1])
+    return rrb.Vertical(tabs, below, row_shares=[3, 1], name="Robots and events")
 
 
 def _lanes(what: Arrangement) -> rrb.StateTimelineView:
-    return rrb.StateTimelineView(origin="/states", name="What each robot does", time_view=_whole(what))
+    return rrb.StateTimelineView(
+        origin=f"{what.root}/states", name="What each robot does", time_view=_whole(what)
+    )
 
 
 def _plots(what: Arrangement) -> rrb.Tabs:
     axis = _whole(what)
 
     def plot(path: str, name: str, **more: Any) -> rrb.TimeSeriesView:
-        return rrb.TimeSeriesView(origin=f"/plots/{path}", name=name, axis_x=axis, **more)
+        return rrb.TimeSeriesView(origin=f"{what.root}/plots/{path}", name=name, axis_x=axis, **more)
 
     hidden = rrb.PlotLegend(visible=False)
     done = plot("places", "Places done", plot_legend=hidden)
     tabs: list[Any] = [plot("speed", "Speed, m/s", plot_legend=hidden)]
     if what.true:
         tabs.insert(0, plot("error", "Pose error, m", plot_legend=hidden))
-    if what.end is None:
-        return rrb.Tabs(done, *tabs, active_tab=0, name="Plots")
     copies = plot("copies", "Copies of frames per second, by fate", plot_legend=rrb.Corner2D.LeftTop)
     first = rrb.Vertical(done, copies, name="Progress and radio")
     rssi = plot("rssi", "RSSI, dBm", axis_y=rrb.ScalarAxis(range=(-100, -30)), plot_legend=hidden)

@@ -13,7 +13,7 @@ from actors.observer.drawing.canvas import FEW, NOSE, Canvas, lifted, ring
 from actors.observer.drawing.canvas import LINK as HEIGHT
 
 Floats = NDArray[np.float64]
-_LASTING: Final = 2.5
+LASTING: Final = 2.5
 """So long a link fades, s: somewhat longer than robots take to publish twice."""
 _WEAKEST: Final = -95.0
 _STRONGEST: Final = -45.0
@@ -59,7 +59,7 @@ def draw_links(canvas: Canvas, seconds: Floats, positions: Floats, heard: Floats
         one, other = sorted(mine[0, 1:3].astype(np.int64).tolist())
         last = np.searchsorted(mine[:, 0], seconds, side="right") - 1
         since = np.where(last >= 0, seconds - mine[last, 0], np.inf)
-        for k in np.flatnonzero(since < _LASTING).tolist():
+        for k in np.flatnonzero(since < LASTING).tolist():
             links[k].append(_Link(float(mine[last[k], 3]), float(since[k]), one, other))
     if len(canvas.robots) > FEW:
         links = [_strongest(some) for some in links]
@@ -84,7 +84,16 @@ def _strongest(links: Sequence[_Link]) -> list[_Link]:
 
 def _brightness(rssi_dbm: float, since: float) -> Colour:
     strong = min(1.0, max(0.0, (rssi_dbm - _WEAKEST) / (_STRONGEST - _WEAKEST)))
-    return faded(LINK, (0.35 + 0.6 * strong) * max(0.15, 1 - since / _LASTING))
+    return faded(LINK, (0.35 + 0.6 * strong) * max(0.15, 1 - since / LASTING))
+
+
+def shown_s(canvas: Canvas) -> float:
+    """So long the mark of a loss is seen, s."""
+    return _shown(canvas) * period(canvas)
+
+
+def _shown(canvas: Canvas) -> int:
+    return 5 if len(canvas.robots) <= FEW else 1
 
 
 def draw_losses(
@@ -92,19 +101,21 @@ def draw_losses(
     seconds: Floats,
     positions: Floats,
     losses: Sequence[tuple[float, int, str]],
+    since: float = 0.0,
 ) -> None:
     """A ring at the receiver of each lost copy, (instant, s, receiver, cause), from the next of `seconds` on
-    for a while; `positions`: as for `draw_links`."""
-    shown = 5 if len(canvas.robots) <= FEW else 1
+    for a while; `positions`: as for `draw_links`. What is earlier than `since`, s, is drawn already."""
+    shown = _shown(canvas)
     marks: list[dict[int, str]] = [{} for _ in seconds]
     for second, receiver, cause in losses:
         if cause in SHOWN:
             first = int(np.searchsorted(seconds, second))
             for mark in marks[first : first + shown]:
                 mark[receiver] = cause
+    new = int(np.searchsorted(seconds, since - 1e-9))
     rows = [
         [ring(positions[k, who, 0], positions[k, who, 1], 0.34, NOSE) for who in mark]
         for k, mark in enumerate(marks)
-    ]
-    colours = [[FATES[cause] for cause in mark.values()] for mark in marks]
-    canvas.strips("world/radio/losses", seconds, rows, colours)
+    ][new:]
+    colours = [[FATES[cause] for cause in mark.values()] for mark in marks[new:]]
+    canvas.strips("world/radio/losses", seconds[new:], rows, colours)

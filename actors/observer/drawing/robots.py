@@ -67,9 +67,8 @@ def draw_pieces(canvas: Canvas, robot: str, seconds: Sequence[float], pieces: ND
         canvas.columns(f"world/{path}/{robot}", seconds, rr.LineStrips3D.columns(strips=pieces))
 
 
-def draw_trail(canvas: Canvas, robot: str, seconds: Floats, places: Floats) -> None:
-    """A robot's whole way: (n,) s and (n, 2) m."""
-    trail = Trail()
+def draw_trail(canvas: Canvas, robot: str, seconds: Floats, places: Floats, trail: "Trail") -> None:
+    """A robot's way, (n,) s and (n, 2) m, from where the trail ends."""
     found = [
         (second, piece)
         for second, x, y in zip(seconds.tolist(), *places.T.tolist(), strict=True)

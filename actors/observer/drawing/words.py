@@ -37,31 +37,22 @@ class Event(NamedTuple):
     """INFO, WARN or ERROR."""
 
 
-def draw_lane(canvas: Canvas, robot: str, spells: Sequence[Spell]) -> None:
+class Lane:
     """What a robot does over time, with where it heads for in the label."""
-    shown = settled(spells)
-    kinds = {_label(spell): LANES[spell.activity] for spell in shown}
-    canvas.still(
-        f"states/{robot}",
-        rr.StateConfiguration(values=list(kinds), labels=list(kinds), colors=list(kinds.values())),
-    )
-    canvas.columns(
-        f"states/{robot}",
-        [spell.second for spell in shown],
-        rr.StateChange.columns(state=[_label(spell) for spell in shown]),
-    )
 
+    def __init__(self, canvas: Canvas, robot: str) -> None:
+        self._canvas, self._path = canvas, f"states/{robot}"
+        self._kinds: dict[str, Colour] = {}
 
-def introduce_lane(canvas: Canvas, robot: str) -> None:
-    """A lane that is continued while a run goes on."""
-    names = list(LANES)
-    style = rr.StateConfiguration(values=names, labels=names, colors=list(LANES.values()))
-    canvas.still(f"states/{robot}", style)
-
-
-def continue_lane(canvas: Canvas, robot: str, second: float, activity: str) -> None:
-    """What a robot is about from an instant on."""
-    canvas.at(second, f"states/{robot}", rr.StateChange(state=activity))
+    def draw(self, spells: Sequence[Spell]) -> None:
+        """Draw spells, each of which lasts to the next one, whenever that comes."""
+        canvas, known = self._canvas, len(self._kinds)
+        self._kinds |= {_label(spell): LANES[spell.activity] for spell in spells}
+        if len(self._kinds) > known:
+            values, colours = list(self._kinds), list(self._kinds.values())
+            canvas.still(self._path, rr.StateConfiguration(values=values, labels=values, colors=colours))
+        states = [_label(spell) for spell in spells]
+        canvas.columns(self._path, [spell.second for spell in spells], rr.StateChange.columns(state=states))
 
 
 def settled(spells: Sequence[Spell]) -> list[Spell]:
@@ -165,9 +156,9 @@ class Exchange(NamedTuple):
     learner: str
 
 
-def draw_ensembles(canvas: Canvas, exchanges: Sequence[Exchange], lasting: float) -> None:
+def draw_ensembles(canvas: Canvas, exchanges: Sequence[Exchange], lasting: float, since: float = 0.0) -> None:
     """The robots in a circle, and between them each ensemble that has exchanged something within `lasting`
-    s: from whom to whom."""
+    s: from whom to whom. What is earlier than `since`, s, is drawn already."""
     where = _circle(canvas.robots)
     canvas.still(
         "ensembles/robots",
@@ -181,7 +172,7 @@ def draw_ensembles(canvas: Canvas, exchanges: Sequence[Exchange], lasting: float
     )
     known = [one for one in exchanges if one.source in where and one.learner in where]
     moments = sorted({0.0, *(at for one in known for at in (one.second, one.second + lasting))})
-    for second in moments:
+    for second in [one for one in moments if one >= since]:
         now = [one for one in known if one.second <= second < one.second + lasting]
         names = {f"{one.ensemble}: {one.source} > {one.learner}": one for one in now}
         canvas.at(second, "ensembles/exchanges", _between(names, where))

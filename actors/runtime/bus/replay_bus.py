@@ -3,7 +3,7 @@
 import contextlib
 import functools
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from hashlib import sha256
 from pathlib import Path
 from typing import Final
@@ -14,7 +14,7 @@ from actors.runtime.codec import decode
 from actors.runtime.difference import first_difference
 from actors.runtime.errors import AcrcError
 from actors.runtime.message_counts import is_telemetry
-from actors.runtime.recording import Entry, read_recording
+from actors.runtime.recording import Entry, Note, read_recording
 from actors.runtime.shell import Shell, run_shell
 from actors.topic import Message, Topic
 
@@ -33,9 +33,19 @@ class RecordingEnds(Exception):  # noqa: N818  # no error: the recorded process 
 class ReplayBus:
     """Gives the inputs of a recording in their order and compares every output with the recorded one."""
 
-    def __init__(self, path: Path, recall: Callable[[bytes], bytes | None] = lambda sha256: None) -> None:
-        """`recall` gives a message by its sha256, where only that was kept; asked for at a difference."""
-        entries = [item for item in read_recording(path) if isinstance(item, Entry)]
+    def __init__(
+        self,
+        path: Path,
+        recall: Callable[[bytes], bytes | None] = lambda sha256: None,
+        items: Iterable[Entry | Note] | None = None,
+    ) -> None:
+        """`recall` gives a message by its sha256, where only that was kept; asked for at a difference.
+
+        `items`: of the recording; None: all that it holds.
+        """
+        entries = [
+            item for item in (read_recording(path) if items is None else items) if isinstance(item, Entry)
+        ]
         self._path = path
         self._recall = recall
         self._inputs = deque(entry for entry in entries if entry.direction == "in")

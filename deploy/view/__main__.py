@@ -1,0 +1,50 @@
+"""The view of a run while it goes on, as a program: `python -m deploy.view --out FOLDER`, for `--view`."""
+
+import os
+import sys
+from argparse import ArgumentParser
+from collections.abc import Sequence
+from pathlib import Path
+
+from actors.observer import viewer
+from actors.runtime.errors import AcrcError
+from actors.runtime.lifecycle.parent import die_with_parent, leave_in_order
+from deploy.view import live
+from deploy.view.drawn import FILE_NAME
+
+_NICE = 10
+"""The run comes first."""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Show a run until it has ended, into FOLDER/view.rrd; the exit code."""
+    leave_in_order()
+    parser = ArgumentParser(prog="python -m deploy.view")
+    parser.add_argument("--out", type=Path, required=True, help="the run's folder")
+    parser.add_argument("--robot", action="append", default=[], help="to look into")
+    parser.add_argument("--isolate", action="store_true", help="shut the robots' code off")
+    options = parser.parse_args(argv)
+    die_with_parent(os.getppid())
+    os.nice(_NICE)
+    path = options.out / FILE_NAME
+    opened = viewer.open_any(_say, f"the view goes to {path} only")
+    try:
+        if opened is not None and opened.page:
+            _say(f"{viewer.WHILE_IT_GOES_ON}, open {opened.page} in a browser on this machine.")
+        # whoever started the run runs its strategies, too
+        live.follow(options.out, path, options.robot, opened, _say, trust=True, isolate=options.isolate)
+    except AcrcError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    finally:
+        viewer.end(opened)
+    return 0
+
+
+def _say(sentence: str) -> None:
+    sys.stdout.write(f"{sentence}\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

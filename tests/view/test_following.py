@@ -1,0 +1,198 @@
+"""A run that goes on is drawn as it grows, and in the end there is what is drawn of the finished one."""
+
+import shutil
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from actors.observer.sheet import Sheet
+from actors.runtime.bus.replay_bus import ReplayError
+from deploy.inside import following_program
+from deploy.inside.insides import Glance
+from deploy.inside.telemetry import Inside
+from deploy.replay.growing_replay import GrowingBus
+from deploy.replay.record_replay import made_again
+from deploy.repository import REPOSITORY
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
+from deploy.usage import OptionError
+from deploy.view import command, drawn
+from deploy.view.drawn import Wishes, draw, read_story
+from deploy.view.following import Following
+from deploy.view.growing_run import GrowingRun
+from deploy.view.writers import Standing, standing
+
+MORE = {f"/{what}/{robot}" for what in ("plots/places", "world/heading", "states") for robot in ("r1", "r2")}
+"""Where a piece ends or begins something may be said once more, or what was short cannot be left out."""
+LESS = {"/plots/ages/r1_at_r2", "/plots/ages/r2_at_r1"}
+"""They end with what was computed, and not with the run."""
+
+
+class Growing:
+    """A copy of a run's folder that has its recordings up to a share of their bytes."""
+
+    def __init__(self, whole: Path, out: Path) -> None:
+        self._whole, self.out = whole, out
+        shutil.copytree(whole, out, ignore=shutil.ignore_patterns("*.mcap", "run.json"))
+
+    def grow(self, share: float) -> None:
+        for path in self._whole.glob("*/*.mcap"):
+            data = path.read_bytes()
+            (self.out / path.relative_to(self._whole)).write_bytes(data[: round(share * len(data))])
+
+
+@pytest.fixture
+def growing(folder: Path, tmp_path: Path) -> Growing:
+    return Growing(folder, tmp_path / "growing")
+
+
+def drawn_at(path: Path) -> dict[str, set[Any]]:
+    """By entity the instants at which something was drawn."""
+    found: dict[str, set[Any]] = {}
+    for chunk in RrdReader(str(path)).stream():
+        rows = chunk.to_record_batch().to_pylist()
+        found.setdefault(str(chunk.entity_path), set()).update(row.get("sim_time") for row in rows)
+    return found
+
+
+def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
+    growing: Growing,
+    folder: Path,
+    insides: dict[str, Inside],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    glances = [Glance(actor, inside=inside) for actor, inside in insides.items()]
+    monkeypatch.setattr(drawn, "look_into_all", lambda *words, **more: iter(glances))
+    draw(read_story(folder), tmp_path / "whole.rrd", Wishes(), send_to=None, say=lambda sentence: None)
+    growing.grow(0.31)
+    with (
+        Following(growing.out, (), trust=False, isolate=False) as following,
+        Sheet(tmp_path / "grown.rrd", following.arrangement, name="it goes on") as sheet,
+    ):
+        following.begin(sheet)
+        following.draw()
+        assert 5.0 < following.end < 12.0
+        lack = following.lack()
+        assert [what for what, _ in lack.computed] == [
+            f"what {robot} perceived and meant" for robot in ("r1", "r2")
+        ]
+        growing.grow(0.74)
+        time.sleep(1.2)  # robots' words of a step are waited for so long where they are cut off
+        following.draw()
+        growing.grow(1.0)
+        deadline = time.monotonic() + 60.0
+        while not following.complete or following.end < 30.0:
+            following.draw(last=following.run.behind == 0 and following.end > 29.85)
+            assert time.monotonic() < deadline, list(following.lack().sentences(following.end))
+            time.sleep(0.05)
+        assert list(following.lack().sentences(following.end)) == []
+    grown, whole = drawn_at(tmp_path / "grown.rrd"), drawn_at(tmp_path / "whole.rrd")
+    assert set(grown) - {"/events/run/view"} == set(whole)
+    for entity, instants in whole.items():
+        if entity in LESS:
+            assert grown[entity] >= set(sorted(instants - {None})[:-2]), entity
+        elif entity in MORE:
+            assert grown[entity] >= instants, entity
+        else:
+            assert grown[entity] == instants, entity
+
+
+def test_pieces_of_a_run_come_to_the_whole(growing: Growing, folder: Path) -> None:
+    with GrowingRun(folder) as run:
+        whole = run.poll(last=True)
+    assert whole is not None
+    growing.grow(0.3)
+    pieces = []
+    with GrowingRun(growing.out) as run:
+        for share in (0.3, 0.55, 0.8, 1.0):
+            growing.grow(share)
+            pieces.append(run.poll(last=share == 1.0))
+        assert run.poll(last=True) is None
+    told = [piece for piece in pieces if piece is not None]
+    assert len(told) == 4
+    for name in ("routes", "reported", "taken_over", "given_up"):
+        assert sum((getattr(piece, name) for piece in told), ()) == getattr(whole, name)
+    for robot, track in whole.tracks.items():
+        for name in ("seconds", "poses", "held"):
+            parts = [getattr(piece.tracks[robot], name) for piece in told]
+            np.testing.assert_array_equal(np.concatenate(parts), getattr(track, name))
+    heard = np.concatenate([piece.heard for piece in told])
+    assert sorted(map(tuple, heard.tolist())) == sorted(map(tuple, whole.heard.tolist()))
+    assert told[-1].places == whole.places and told[-1].end == whole.end == 30.0
+
+
+def test_places_that_come_while_it_goes_on_are_known(tmp_path: Path) -> None:
+    shipped = (REPOSITORY / "scenarios" / "head_on.toml").read_text()
+    give = '\n[[event]]\nat = 1.0\ngive = "r2"\nplaces = [[9.0, 12.0]]\n'
+    scenario = tmp_path / "given.toml"
+    scenario.write_text(shipped.replace("../maps", str(REPOSITORY / "maps")) + give)
+    settled = load_scenario(scenario, Overrides(duration=2.0))
+    out = tmp_path / "run"
+    swarm.run_in_memory(swarm.plan(settled, RunOptions(out, bus="memory")), lambda progress: None)
+    with GrowingRun(out) as run:
+        story = run.poll(last=True)
+    assert story is not None
+    assert story.places["r2"][-1] == (9.0, 12.0)
+    assert len(story.places["r2"]) == story.begun_with["r2"] + 1
+
+
+def test_whether_a_run_goes_on_is_told_from_who_writes(growing: Growing, folder: Path) -> None:
+    assert standing(folder) is Standing.ENDED
+    growing.grow(0.5)
+    assert standing(growing.out) is Standing.DIED
+    with (growing.out / "world" / "world.mcap").open("ab") as file:
+        writer = subprocess.Popen(["sleep", "60"], stdout=file)
+    assert standing(growing.out) is Standing.GOING_ON
+    writer.kill()
+    writer.wait()
+    assert standing(growing.out) is Standing.DIED
+    growing.grow(1.0)
+    assert standing(growing.out) is Standing.ENDED
+
+
+def test_what_is_saved_of_a_run_without_an_end_says_until_when(
+    growing: Growing, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(drawn, "look_into_all", lambda *words, **more: iter(()))
+    growing.grow(0.5)
+    for how, begins in (
+        (Standing.DIED, "the run has died without a result: it is drawn as far as it was recorded, up to "),
+        (Standing.GOING_ON, "the run is going on: it is drawn as far as it was recorded, up to "),
+    ):
+        monkeypatch.setattr(command, "standing", lambda out, how=how: how)
+        said: list[str] = []
+        command.save(growing.out, Wishes(), tmp_path / "cut.rrd", said.append)
+        assert said[0].startswith(begins) and 10.0 < float(said[0].split()[-2]) < 20.0
+
+
+def test_an_actor_that_does_otherwise_is_found_out_also_before_it_was_recorded(growing: Growing) -> None:
+    growing.grow(0.02)
+    bus = GrowingBus(made_again(growing.out, "r1"))
+    bus.publish("swarm/up/r1/drive", b"before it is ready")
+    growing.grow(0.2)
+    with pytest.raises(
+        ReplayError, match="sends on swarm/up/r1/drive; recorded was a message on swarm/up/r1/ready"
+    ):
+        bus.grow()
+    bus.close()
+
+
+def test_who_follows_a_robot_reads_neither_its_password_nor_its_socket(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "r1", tmp_path / "r1")
+    for name in ("credentials", "router.sock"):
+        (tmp_path / "r1" / name).write_text("a secret")
+    shown = {path.name for path in following_program._readable(tmp_path / "r1" / "r1.mcap")}
+    assert {"r1.mcap", "map.yaml", "places.toml", "adaptation.toml", "navigation.toml"} <= shown
+    assert not {"credentials", "router.sock", "r1.log"} & shown
+
+
+def test_a_robot_that_is_not_there_is_not_looked_into(folder: Path) -> None:
+    with pytest.raises(OptionError, match="--robot: r9; must be one of r1, r2"):
+        draw(read_story(folder), folder / "no.rrd", Wishes(("r9",)), send_to=None, say=lambda sentence: None)
