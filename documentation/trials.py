@@ -42,13 +42,14 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
     "./acrc run --robots 8 --seed 3 --duration 300": Reduced("--duration 5"),
     "./acrc run --bus memory --json": Reduced("--duration 5"),
     "./acrc run --strategy my_study.lease:behaviour": Reduced("--duration 5"),
-    "./acrc run my_scenario.toml --speed 4 --view": Elsewhere("tests/observer/test_view.py"),
+    "./acrc run my_scenario.toml --speed 4 --view": Elsewhere("tests/swarm/test_onlooker.py"),
     "./acrc view runs/NAME": Elsewhere("tests/view/test_window.py"),
     "./acrc view runs/chapter": Elsewhere("tests/view/test_window.py"),
     "./acrc view runs/chapter --save chapter.rrd": Elsewhere("tests/view/test_drawn.py"),
     "./acrc view runs/chapter --screenshot view.png --at 172 --robot r3":
         Elsewhere("tests/view/test_window.py"),
-    "./acrc run scenarios/head_on.toml --speed 4 --view": Elsewhere("tests/observer/test_view.py"),
+    "./acrc run scenarios/head_on.toml --speed 4 --view --robot r2":
+        Elsewhere("tests/swarm/test_onlooker.py"),
     "./acrc run scenarios/head_on.toml --speed 1 --out runs/mine": Elsewhere("tests/swarm/test_orders.py"),
     "./acrc run scenarios/head_on.toml --control": Elsewhere("tests/control/test_page.py"),
     "./acrc run scenarios/head_on.toml --strategy my_study.lease:behaviour --debug r2":
@@ -77,6 +78,7 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
     "./acrc view runs/chapter --html --movie run.gif --speed 40":
         Elsewhere("tests/pictures/test_pictures.py"),
     "./acrc view runs/branch --beside runs/without --png": Elsewhere("tests/pictures/test_pictures.py"),
+    "./acrc view runs/branch --beside runs/without --save beside.rrd": Elsewhere("tests/view/test_drawn.py"),
     "./acrc run scenarios/head_on.toml --strategy chapter --out runs/tables":
         Elsewhere("tests/recordings/test_export.py"),
     "./acrc export runs/tables --parquet": Elsewhere("tests/recordings/test_export.py"),
