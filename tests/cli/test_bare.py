@@ -29,11 +29,15 @@ ACTORS = ("actors.world.__main__", "actors.radio.__main__", "actors.robot.__main
 ON_BOARD = ("firmware_bridge.onboard.base", "firmware_bridge.onboard.bridge", "serial")
 STARTS = {
     "run": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
-    "run --view": ("deploy.run.swarm", "actors.observer.__main__"),
+    "run --view": ("deploy.run.swarm", "deploy.view.__main__"),
+    "fleet watch --view": ("deploy.fleet.fleet_file", "deploy.view.watched"),
     "run --control": ("deploy.run.swarm", "deploy.control.__main__"),
     "run --hardware-in-the-loop": ("firmware_bridge.laboratory.__main__", *ACTORS[2:], *ON_BOARD),
     "record replay": ACTORS,
-    "view": ("deploy.inside.inside_program", "deploy.processes.forkserver", *ACTORS),
+    "view": (
+        *("deploy.view.command", "deploy.view.beside", "deploy.inside.following_program"),
+        *("deploy.inside.inside_program", "deploy.processes.forkserver", *ACTORS),
+    ),
     "view --png": ("deploy.evidence.run_evidence", "deploy.picture.run_page"),
     "view --html": ("deploy.picture.run_html", "deploy.picture.moving"),
     "fleet onboard": ("actors.robot.__main__", *ON_BOARD),
