@@ -31,11 +31,16 @@ def watch(
         if view is None:
             laptop.watch(endpoints, keys)
         else:
-            from deploy.fleet.fleet_file import load_fleet
-            from deploy.view import watched
-
-            watched.show(endpoints, keys, load_fleet(view))
+            _show(endpoints, keys, view)
     _leave(130)
+
+
+def _show(endpoints: list[str], keys: Path, fleet: Path) -> None:
+    """What `--view` alone needs."""
+    from deploy.fleet.fleet_file import load_fleet
+    from deploy.view import watched
+
+    watched.show(endpoints, keys, load_fleet(fleet))
 
 
 def stop(endpoints: Endpoints, keys: OperatorKeys) -> None:

@@ -180,6 +180,10 @@ def _draw_page(out: Path, names: Sequence[str], movie: Path | None, speed: float
     if movie is not None:
         moving.check(movie)
     run = read_run(out)
+    if run.result is None:
+        Console(stderr=True, soft_wrap=True, highlight=False).print(
+            f"the run is going on, or was cut off: it is drawn up to {run.end:g} s"
+        )
     console = Console(soft_wrap=True, highlight=False)
     for name in names:
         with out_folder.writing(out):

@@ -29,15 +29,15 @@ ACTORS = ("actors.world.__main__", "actors.radio.__main__", "actors.robot.__main
 ON_BOARD = ("firmware_bridge.onboard.base", "firmware_bridge.onboard.bridge", "serial")
 STARTS = {
     "run": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
-    "run --view": ("deploy.run.swarm", "actors.observer.__main__"),
+    "run --view": ("deploy.run.swarm", "deploy.view.__main__"),
+    "fleet watch --view": ("deploy.fleet.fleet_file", "deploy.view.watched"),
     "run --control": ("deploy.run.swarm", "deploy.control.__main__"),
     "run --hardware-in-the-loop": ("firmware_bridge.laboratory.__main__", *ACTORS[2:], *ON_BOARD),
     "record replay": ACTORS,
     "view": (
-        "deploy.inside.inside_program",
-        "deploy.explanation.explain_program",
-        "deploy.processes.forkserver",
-        *ACTORS,
+        *("deploy.view.command", "deploy.view.beside", "deploy.inside.following_program"),
+        *("deploy.inside.inside_program", "deploy.explanation.explain_program"),
+        *("deploy.processes.forkserver", *ACTORS),
     ),
     "explain": ("deploy.explanation.explain_program", "deploy.processes.forkserver", *ACTORS),
     "export": ("deploy.export.export_program", "deploy.processes.forkserver", *ACTORS),
