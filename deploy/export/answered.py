@@ -12,8 +12,8 @@ from deploy.export.columns import TABLES, Column
 from deploy.export.robot_rows import EXECUTED, Tables
 from deploy.replay.shut_off_calls import Answer, Bounds
 
-FILE_MB: Final = 1000
-"""Of an answer; ten minutes of a robot among twenty have 40."""
+FILE_MB: Final = 256
+"""Of an answer; ten minutes of a robot among twenty have one."""
 BOUNDS: Final = Bounds(FILE_MB * 1_000_000)
 _WHOLE: Final = 2**63
 _ADDED: Final = ("robot", "process")

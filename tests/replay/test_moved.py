@@ -33,6 +33,20 @@ preset = "odometry"
 preset = "golden"
 per_robot = 1
 """
+STRATEGY = """
+from actors.robot.behaviour.ports import Decision
+
+class Goes:
+    def __init__(self, start):
+        self.goal = start.places[0]
+
+    def advance(self, view, until):
+        goal, self.goal = self.goal, None
+        return Decision() if goal is None else Decision(goal)
+
+def behaviour(start):
+    return Goes(start)
+"""
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +57,7 @@ def moved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (there / "code").mkdir()
     for file in (REPOSITORY / "maps").glob("corridor.*"):
         shutil.copy(file, there / "floor")
-    shutil.copy(REPOSITORY / "examples" / "courteous.py", there / "code" / "moved_strategy.py")
+    (there / "code" / "moved_strategy.py").write_text(STRATEGY)
     shutil.copy(REPOSITORY / "actors" / "models" / "turtlebot2.toml", there / "mine.toml")
     (there / "study.toml").write_text(SCENARIO)
     settled = load_scenario(there / "study.toml")
