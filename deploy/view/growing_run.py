@@ -220,7 +220,7 @@ class GrowingRun:
     def _sources(self) -> Iterator[Source]:
         for actor, growing in self._files.items():
             robot = growing.reading.path.parent.name
-            if robot in self.robots:
+            if robot in self.robots and growing.run is not None:
                 yield Source(actor, robot, _seconds)
 
 

@@ -82,9 +82,9 @@ def test_runs_are_drawn_beside_one_another(folder: Path, tmp_path: Path) -> None
     shutil.copytree(folder, out)
     done = acrc("view", out, "--beside", folder, "--svg")
     assert (done.returncode, done.stdout) == (0, f"{out / 'beside.svg'}\n"), done.stderr
-    alone = acrc("view", out, "--beside", folder)
-    assert alone.returncode == 2
-    assert alone.stderr == "acrc: --beside: must stand with --png or --svg, and without --html and --movie\n"
+    page = acrc("view", out, "--beside", folder, "--html")
+    assert page.returncode == 2
+    assert page.stderr == "acrc: --beside: must stand without --html, --movie and --why\n"
 
 
 def test_view_says_what_it_needs(folder: Path, tmp_path: Path) -> None:

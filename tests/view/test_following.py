@@ -173,7 +173,7 @@ def test_what_is_saved_of_a_run_without_an_end_says_until_when(
 
 
 def test_an_actor_that_does_otherwise_is_found_out_also_before_it_was_recorded(growing: Growing) -> None:
-    growing.grow(0.02)
+    growing.grow(0.05)
     bus = GrowingBus(made_again(growing.out, "r1"))
     bus.publish("swarm/up/r1/drive", b"before it is ready")
     growing.grow(0.2)
