@@ -107,9 +107,9 @@ def test_whatever_is_wrong_with_the_words_is_said_in_one_form(words: str, senten
 
 
 def test_an_unknown_option_is_told_from_the_known_ones() -> None:
-    code, out, err = acrc("run", "--robot", "3")
+    code, out, err = acrc("run", "--robos", "3")
     assert (code, out) == (2, "")
-    assert err == "acrc: --robot: is no option of acrc run; did you mean --robots?\n"
+    assert err == "acrc: --robos: is no option of acrc run; did you mean --robots?\n"
 
 
 def test_help_names_every_option_of_run() -> None:
