@@ -8,7 +8,8 @@ from typing import Any, Final, NamedTuple
 from actors.geometry import Point
 from actors.instant import Instant
 from actors.robot.behaviour.goal import Goal, GoalOrder, GoalStatus
-from actors.robot.behaviour.ports import Decision, View
+from actors.robot.behaviour.node_host import ensembles_of
+from actors.robot.behaviour.ports import Behaviour, Decision, View
 from actors.robot.core import RobotCore
 
 SETS_OFF: Final = "sets off for"
@@ -37,16 +38,19 @@ class OrderWatch:
     """Takes down the orders of one core's behaviour."""
 
     orders: list[Order] = field(default_factory=list)
-    ensembles: tuple[object, ...] = ()
-    """Those of its node; empty without one."""
     followed: bool = False
     """False: the behaviour is an object that nobody can look at."""
     _heading: Point | None = None
+    _behaviour: Behaviour | None = None
+
+    @property
+    def ensembles(self) -> tuple[object, ...]:
+        """Those of its node, the last one of several; empty without one."""
+        return ensembles_of(self._behaviour)
 
     def attach(self, core: RobotCore) -> None:
         """Look at every step that the behaviour takes from now on."""
-        behaviour = core.behaviour
-        self.ensembles = tuple(getattr(behaviour, "ensembles", ()))
+        behaviour = self._behaviour = core.behaviour
         advance = behaviour.advance
 
         def watched(view: View, until: Instant) -> Decision:

@@ -12,6 +12,7 @@ from actors.messages import DRIVE, NO_ECHO_MM, SENSES, Drive
 from actors.portable import arrays
 from actors.robot.behaviour.decision_log import SUBJECT
 from actors.robot.behaviour.goal import Goal, GoalPhase, GoalStatus
+from actors.robot.behaviour.node_host import node_of
 from actors.robot.behaviour.plan import Plan
 from actors.robot.core import RobotCore
 from actors.robot.localisation import Estimate
@@ -142,9 +143,9 @@ class Onlooker:
 
     def _step(self, outputs: Sequence[Output]) -> None:
         """What happens seldom is looked for in every step, the rest where it is due."""
-        node = getattr(self._robot_core.behaviour, "node", None)
+        node = node_of(self._robot_core.behaviour)
         knowledge: Any = None
-        if isinstance(node, Node):
+        if node is not None:
             with suppress(KeyError):  # a component of another name than its robot's
                 knowledge = node.knowledge(self._robot)
             self._meet(node)

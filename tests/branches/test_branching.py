@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from actors.instant import milliseconds, seconds
 from actors.messages import TRANSMIT, Transmit
 from actors.runtime.codec import decode
 from actors.runtime.core import at
@@ -12,6 +13,7 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_recording
 from deploy.branches.branching import BranchError
 from deploy.branches.change import Change, event
+from deploy.inside.inside_program import look_into
 from deploy.replay.run_recordings import recordings
 from deploy.replay.swarm_replay import replay_swarm
 from tests.branches.conftest import Leave
@@ -43,6 +45,11 @@ def test_another_strategy_begins_at_its_instant_and_can_be_replayed(leave: Leave
     )
     assert other.result.origin.strategy == "chapter>none@8.0"
     assert replay_swarm(Path(other.result.out), trust=False).digest == other.result.digest
+    inside = look_into(Path(other.result.out), "r1", milliseconds(500))
+    known = [one.instant for one in inside.knowledge]
+    assert min(known) < seconds(8) < max(known), "of both strategies"
+    assert {"state" in dict(one.rows) for one in inside.knowledge if one.instant < seconds(8)} == {True}
+    assert inside.doings[0].destination == "r1/0"
 
 
 def test_an_event_is_an_order_that_is_recorded_and_can_be_replayed(leave: Leave) -> None:

@@ -69,6 +69,18 @@ def take_over(heir: Behaviour, former: Behaviour, name: str) -> None:
         )
 
 
+def node_of(behaviour: object) -> Node | None:
+    """The node that a behaviour runs on at present, for those who look into a robot; None without one."""
+    hosted = _hosted(behaviour)
+    return None if hosted is None else hosted.node
+
+
+def ensembles_of(behaviour: object) -> tuple[object, ...]:
+    """The ensembles of that node, for the same people."""
+    hosted = _hosted(behaviour)
+    return () if hosted is None else hosted.ensembles
+
+
 def _hosted(behaviour: object) -> "_Hosted | None":
     """The node's host in a behaviour, or in what that has laid around it and calls `hosted`."""
     while behaviour is not None and not isinstance(behaviour, _Hosted):

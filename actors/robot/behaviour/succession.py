@@ -90,6 +90,11 @@ class _Succession:
         self._paused = False
         self._masked = False
 
+    @property
+    def hosted(self) -> Behaviour:
+        """The one whose turn it is."""
+        return self._present
+
     def advance(self, view: View, until: Instant) -> Decision:
         """As the one whose turn it is."""
         relieved = False
