@@ -55,9 +55,8 @@ def print_viewer(out: Path) -> None:
 
 
 def print_view(out: Path) -> None:
-    """Say on standard error what the observer had to say, and how to see the run again."""
-    told = [line for line in _view_log(out) if not line.startswith(WHILE_IT_GOES_ON)]
-    _print_lines([*told, f"To see it again, and what each robot perceived: acrc view {out}"])
+    """Say on standard error what the observer had to say at its end."""
+    _print_lines([line for line in _view_log(out) if not line.startswith(WHILE_IT_GOES_ON)])
 
 
 def _view_log(out: Path) -> list[str]:
