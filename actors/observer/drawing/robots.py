@@ -52,7 +52,7 @@ def draw_name(canvas: Canvas, robot: str, second: float, state: str = "") -> Non
     name = f"{robot} ({state})" if state else robot
     few = len(canvas.robots) <= FEW
     label = rr.Points3D(
-        [(0.0, 0.7, LABEL)],
+        [(0.0, 1.1, LABEL)],
         labels=[name],
         colors=[canvas.colour(robot)],
         radii=[0.0],
