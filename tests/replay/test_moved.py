@@ -43,7 +43,9 @@ def moved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (there / "code").mkdir()
     for file in (REPOSITORY / "maps").glob("corridor.*"):
         shutil.copy(file, there / "floor")
-    shutil.copy(REPOSITORY / "examples" / "courteous.py", there / "code" / "moved_strategy.py")
+    courteous = (REPOSITORY / "examples" / "courteous.py").read_text()
+    # Under a name of its own on the air: other tests of this process may have the example itself.
+    (there / "code" / "moved_strategy.py").write_text(courteous.replace("Offering", "OfferingAway"))
     shutil.copy(REPOSITORY / "actors" / "models" / "turtlebot2.toml", there / "mine.toml")
     (there / "study.toml").write_text(SCENARIO)
     settled = load_scenario(there / "study.toml")
