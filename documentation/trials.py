@@ -72,7 +72,6 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
     "./acrc add pandas": NotRun("wants a network, and changes the environment"),
     "./acrc bench failures": Reduced("--seeds 1 --robots 2 --duration 10"),
     "./acrc bench steps": Reduced("--robots 1 --duration 1"),
-    "./acrc run scenarios/head_on.toml --strategy chapter --json": Reduced("--duration 20"),
     "./acrc run scenarios/head_on.toml --out runs/seen": Reduced("--duration 20"),
     "./acrc run scenarios/head_on.toml --log r2 --out runs/said": Reduced("--duration 20"),
     "./acrc bench navigation --log cycles.zip --map maps/corridor.yaml --robots 4 --seed 7":

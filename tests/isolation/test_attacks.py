@@ -22,8 +22,8 @@ from benchmarks.attacks.attacks import ATTACKS
 from benchmarks.attacks.swarm import MODES, Swarm
 from benchmarks.attacks.table import table
 
-pytestmark = pytest.mark.alone
-
+SEEN_BY_ALL = ("page cache", "common file")
+"""Attacks by way of a file that nobody else may open meanwhile; each name has one of these words."""
 WHY_NOT = cache(available)
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "isolation.md"
 
@@ -74,8 +74,12 @@ def need_means(attack: Attack) -> None:
         pytest.skip(reason)
 
 
+def marks(attack: Attack) -> tuple[pytest.MarkDecorator, ...]:
+    return (pytest.mark.alone,) if any(word in attack.name for word in SEEN_BY_ALL) else ()
+
+
 CASES = [
-    pytest.param(index, mode, id=f"{mode}: {attack.name}")
+    pytest.param(index, mode, id=f"{mode}: {attack.name}", marks=marks(attack))
     for mode in MODES
     for index, attack in enumerate(ATTACKS)
     if mode == "open" or (mode == "unguarded" and attack.layer <= Layer.RULES)
@@ -102,6 +106,7 @@ def test_the_documentation_has_the_table_of_attacks() -> None:
     assert table() in DOCUMENT.read_text("utf-8"), "python -m benchmarks.attacks.table prints the table"
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.name)
 def test_an_attack_on_isolated_robots_gets_through_only_if_nothing_closes_its_way(
     attack: Attack, benched: Benched
@@ -113,6 +118,7 @@ def test_an_attack_on_isolated_robots_gets_through_only_if_nothing_closes_its_wa
     assert benched.verdicts[attack.name].outcome == ("through" if attack.layer == Layer.REMAINS else "held")
 
 
+@pytest.mark.alone
 def test_the_benchmark_prints_what_it_found(benched: Benched) -> None:
     assert json.loads(benched.printed) == [asdict(verdict) for verdict in benched.verdicts.values()]
     assert len(benched.verdicts) == sum(attack.layer != Layer.NONE for attack in ATTACKS)
