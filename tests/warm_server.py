@@ -43,7 +43,7 @@ def serve_warm(places: Sequence[str]) -> None:
 
     def begin(command: Sequence[str], channel: socket.socket) -> launch.Server:
         *_, how, whose = command
-        # Who did not ask for new interpreters has them only because one is made sooner than a server that forks.
+        # Who did not ask for new interpreters has one only as it is there sooner than a server that forks.
         forks = how == "fork" or (whose == "reap" and "--spawn" not in sys.argv)
         threads = len(list(Path("/proc/self/task").iterdir()))  # after a session was opened no fork would do
         if command[0] != sys.executable or not forks or threads > 1:

@@ -14,7 +14,7 @@ Stages = tuple[Stage, ...]
 
 
 def sending(send: Callable[[SwarmMember, str], Any]) -> Stages:
-    """r1 sends once r2 is known to listen; it is reached if r2 hears it or the world takes it for another's."""
+    """r1 sends once r2 is known to listen; reached if r2 hears it or the world takes it for another's."""
 
     def act(member: SwarmMember, note: Note) -> None:
         send(member, note["token"])

@@ -121,9 +121,7 @@ def test_all_its_events_tell(eventful: Run) -> None:
     ],
     ids=lambda words: " ".join(map(str, words)) or "-",
 )
-def test_one_digest(
-    eventful: Run, tmp_path: Path, words: tuple[str, ...], cores: tuple[int, ...]
-) -> None:
+def test_one_digest(eventful: Run, tmp_path: Path, words: tuple[str, ...], cores: tuple[int, ...]) -> None:
     if "--view" in words:
         pytest.importorskip("rerun", reason="`./acrc run --view` installs what shows a run")
     scenario, reference = eventful
