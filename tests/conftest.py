@@ -29,6 +29,7 @@ LONGEST: Final = (
     "onboard/test_hardware_in_the_loop.py",
     "onboard/test_without_network.py",
     "swarm_bench/test_full_swarm.py",
+    "isolation/test_attacks.py",
     "swarm/test_processors.py",
     "swarm_bench/test_endings.py",
     "development/test_suite.py",

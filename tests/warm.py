@@ -60,15 +60,17 @@ def run(
     *,
     finds_cwd: bool,
     program: str = ACRC,
+    cores: Sequence[int] = (),
 ) -> subprocess.CompletedProcess[str]:
     """What `python -m deploy WORDS…` does in this folder and environment; `finds_cwd`: without `-P`.
 
-    `program`: another module with a `main`, for an environment that a fork heeds.
+    In an environment that a fork heeds, there can be another `program`, a module with a `main`, and `cores`,
+    the only ones that it and what it starts may run on.
     """
     if heeds(env):
         asked = {"words": words, "cwd": str(cwd), "env": dict(env), "finds_cwd": finds_cwd}
-        return _waiting().run({**asked, "program": program}, timeout_s)
-    assert program == ACRC
+        return _waiting().run({**asked, "program": program, "cores": cores}, timeout_s)
+    assert program == ACRC and not cores
     flags = () if finds_cwd else ("-P",)
     return subprocess.run(
         [sys.executable, *flags, "-m", "deploy", *words],
@@ -184,6 +186,7 @@ def _become(
         for descriptor in descriptors:
             os.close(descriptor)
         os.chdir(asked["cwd"])
+        os.sched_setaffinity(0, asked["cores"] or os.sched_getaffinity(0))
         os.environ.clear()
         os.environ.update({**made, **asked["env"]})
         named = [place for place in asked["env"].get("PYTHONPATH", "").split(os.pathsep) if place]

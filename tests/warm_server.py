@@ -43,14 +43,16 @@ def serve_warm(places: Sequence[str]) -> None:
 
     def begin(command: Sequence[str], channel: socket.socket) -> launch.Server:
         *_, how, whose = command
+        # Who did not ask for new interpreters has one only as it is there sooner than a server that forks.
+        forks = how == "fork" or (whose == "reap" and "--spawn" not in sys.argv)
         threads = len(list(Path("/proc/self/task").iterdir()))  # after a session was opened no fork would do
-        if command[0] != sys.executable or how != "fork" or threads > 1:
+        if command[0] != sys.executable or not forks or threads > 1:
             return _BEGIN(command, channel)
         sys.stdout.flush()
         sys.stderr.flush()
         pid = os.fork()
         if pid == 0:
-            _become(channel.fileno(), [how, whose], places)
+            _become(channel.fileno(), ["fork", whose], places)
         return Forked(pid)
 
     launch.begin = begin

@@ -14,13 +14,18 @@ Stages = tuple[Stage, ...]
 
 
 def sending(send: Callable[[SwarmMember, str], Any]) -> Stages:
-    """r1 sends; it is reached if r2 hears it or the world takes it for somebody else's."""
+    """r1 sends once r2 is known to listen; reached if r2 hears it or the world takes it for another's."""
 
     def act(member: SwarmMember, note: Note) -> None:
         send(member, note["token"])
         mark(member, note)
 
-    return (("r2", eavesdrop), ("r1", act), ("world", relay_mark), ("r2", has_heard))
+    return (*listening(), ("r1", act), ("world", relay_mark), ("r2", has_heard))
+
+
+def listening() -> Stages:
+    """r2 listens to everything, and the router knows."""
+    return (("r2", eavesdrop), *greet("r2"))
 
 
 def putting(key: str) -> Stages:
@@ -63,7 +68,7 @@ def put_in_mode(mode: str) -> Stages:
         session.put(SECRET_KEY, note["token"])
         session.put("swarm/up/r1/drive", f"mark {note['token']}")
 
-    return (("r2", eavesdrop), ("r1", act), ("world", relay_mark), ("r2", has_heard))
+    return (*listening(), ("r1", act), ("world", relay_mark), ("r2", has_heard))
 
 
 def overhearing(key: str, secret_key: str, speaker: str, *, second: bool = False) -> Stages:
@@ -255,7 +260,7 @@ BUS_ATTACKS = (
     rule("put through a declared publisher on r2's key", sending(publish)),
     rule(
         "delete on r2's key",
-        (*sending(delete)[:3], ("r2", heard_delete)),
+        (*sending(delete)[:-1], ("r2", heard_delete)),
     ),
     overheard("swarm/down/r2/senses", "swarm/down/r2/senses", "world"),
     overheard("swarm/down/*/senses", "swarm/down/r2/senses", "world"),

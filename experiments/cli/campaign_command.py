@@ -96,9 +96,10 @@ def _carried_out(
 
 @contextmanager
 def _bar(*, quiet: bool) -> Iterator[campaign.OnProgress]:
+    console = Console(stderr=True)
     bar = Progress(
         TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[left]}"),
-        console=Console(stderr=True), disable=quiet,
+        console=console, disable=quiet, auto_refresh=console.is_terminal,  # no thread where nobody looks
     )  # fmt: skip
     with bar:
         task = bar.add_task("runs", total=None, left="")

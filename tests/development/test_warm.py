@@ -66,6 +66,13 @@ def test_what_is_set_for_one_command_is_not_there_for_the_next(tmp_path: Path) -
     assert "found on the path" in there[2] and "there is no module 'further'" in gone[2]
 
 
+def test_it_may_be_held_to_some_cores(tmp_path: Path) -> None:
+    (tmp_path / "told.py").write_text("import os\ndef main(): print(os.sched_getaffinity(0))\n")
+    for cores, there in (((), os.sched_getaffinity(0)), ((0,), {0}), ((), os.sched_getaffinity(0))):
+        done = warm.run((), tmp_path, os.environ, 60.0, finds_cwd=True, program="told", cores=cores)
+        assert done.stdout == f"{there}\n"
+
+
 def test_what_an_interpreter_reads_at_its_beginning_needs_a_new_one() -> None:
     assert warm.heeds(dict(os.environ)) and warm.heeds({"COLUMNS": "60", "PYTHONPATH": "/nowhere"})
     for name in ("NPY_DISABLE_CPU_FEATURES", "GLIBC_TUNABLES", "NUMBA_DISABLE_JIT", "PYTHONHASHSEED"):

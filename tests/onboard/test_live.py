@@ -35,11 +35,13 @@ range = "{links}/range"
 """
 
 
-@pytest.fixture
-def links(tmp_path: Path) -> Iterator[Path]:
-    """Where emulated devices are plugged in: a Kobuki and a lidar in an empty room, and two boards."""
-    folder = tmp_path / "links"
-    folder.mkdir()
+@pytest.fixture(scope="module")
+def links(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Where emulated devices are plugged in: a Kobuki and a lidar in an empty room, and two boards.
+
+    They stay on, as real ones do, while one run on board after the other ends.
+    """
+    folder = tmp_path_factory.mktemp("links")
     devices = [
         subprocess.Popen([sys.executable, "-m", *words], cwd=ROOT, stdout=subprocess.DEVNULL)
         for words in (

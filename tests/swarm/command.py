@@ -15,24 +15,15 @@ ACRC = (sys.executable, "-m", "deploy")
 
 
 def acrc(
-    *words: object, before: Sequence[str] = (), timeout_s: float = 100.0
+    *words: object, timeout_s: float = 100.0, cores: Sequence[int] = ()
 ) -> subprocess.CompletedProcess[str]:
-    """`acrc WORDS…` to its end, whatever that is."""
-    if not before:
-        return warm.run([*map(str, words)], ROOT, os.environ, timeout_s, finds_cwd=True)
-    return subprocess.run(
-        [*before, *ACRC, *map(str, words)],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        timeout=timeout_s,
-        check=False,
-    )
+    """`acrc WORDS…` to its end, whatever that is; `cores`: the only ones that it may run on."""
+    return warm.run([*map(str, words)], ROOT, os.environ, timeout_s, finds_cwd=True, cores=cores)
 
 
-def run(out: Path, *words: object, before: Sequence[str] = ()) -> dict[str, Any]:
+def run(out: Path, *words: object, cores: Sequence[int] = ()) -> dict[str, Any]:
     """The result of `acrc run WORDS… --out OUT --json`, which must succeed and print nothing else."""
-    done = acrc("run", *words, "--out", out, "--json", before=before)
+    done = acrc("run", *words, "--out", out, "--json", cores=cores)
     assert done.returncode == 0, done.stderr
     result: dict[str, Any] = json.loads(done.stdout)
     return result

@@ -14,25 +14,43 @@ from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.swarm.command import ROOT, acrc, leftovers, processes_of, run
 
 CROWD = Path(__file__).parent / "crowd.toml"
-ONE_CORE = ("taskset", "-c", "0")
-EVENTFUL = (CROWD, "--duration", 32)
-"""Until all its events have come; the robots' exchanges are in the runs of its whole length."""
+ONE_CORE = (0,)
 SHORT_S = 5.0
 """What differs in so short a run does so in any longer one: a digest is over all messages."""
 TOLD = ("digest", "places_done", "places_lost", "contacts", "frames", "deeco", "per_robot")
 """What a result says of the run, and not of how it was made."""
+EVENTS = """
+[[event]]
+at = 4.0
+jam = [14.5, 11.0]
+radius = 4.0
+duration = 2.0
+[[event]]
+at = 6.0
+kill = "r8"
+[[event]]
+at = 9.0
+restart = "r8"
+[[event]]
+at = 10.0
+freeze = "r2"
+[[event]]
+at = 12.0
+thaw = "r2"
+"""
+"""The crowd's in quick succession; the robots' exchanges are in the runs of its whole length."""
 RESTART = f"""
 map = "{ROOT}/maps/corridor.yaml"
 [run]
-duration = 30.0
+duration = 8.0
 strategy = "chapter"
 [robots]
 count = 2
 [[event]]
-at = 5.0
+at = 3.0
 kill = "r2"
 [[event]]
-at = 10.0
+at = 5.0
 restart = "r2"
 """
 
@@ -42,14 +60,26 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
     return run(tmp_path_factory.mktemp("memory") / "out", CROWD, "--bus", "memory")
 
 
-@pytest.fixture(scope="module")
-def eventful(tmp_path_factory: pytest.TempPathFactory) -> dict[str, object]:
-    return run(tmp_path_factory.mktemp("eventful") / "out", *EVENTFUL, "--bus", "memory")
-
-
 class Run(NamedTuple):
     out: Path
     result: dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def eventful(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The crowd with all that can happen to it within 14 s, and its result in memory."""
+    folder = tmp_path_factory.mktemp("eventful")
+    crowd = CROWD.read_text().partition("[[event]]")[0]
+    for told, meant in (
+        ("duration = 50.0", "duration = 14.0"),
+        ("../../maps", f"{ROOT}/maps"),
+        ("blind.toml", f"{CROWD.parent}/blind.toml"),
+    ):
+        assert told in crowd
+        crowd = crowd.replace(told, meant)
+    scenario = folder / "eventful.toml"
+    scenario.write_text(crowd + EVENTS)
+    return Run(scenario, run(folder / "memory", scenario, "--bus", "memory"))
 
 
 @pytest.fixture(scope="module")
@@ -75,28 +105,34 @@ def test_the_scenario_is_hard_enough(reference: dict[str, object]) -> None:
     assert min(model["exchanges"].values()) > 5 and len(model["exchanges"]) == 2
 
 
+def test_all_its_events_tell(eventful: Run) -> None:
+    frames = eventful.result["frames"]
+    assert frames["copies_lost_disturbed"] > 0 and frames["copies_lost_collision"] > 0
+    assert eventful.result["contacts"] > 40 and eventful.result["deeco"]["counters"]["relayed"] > 100
+
+
 @pytest.mark.parametrize(
-    ("words", "before"),
+    ("words", "cores"),
     [
         (("--bus", "memory"), ONE_CORE),
         (("--isolate",), ONE_CORE),
         (("--speed", "20"), ()),
         (("--view",), ()),
     ],
-    ids=lambda words: " ".join(words) or "-",
+    ids=lambda words: " ".join(map(str, words)) or "-",
 )
-def test_one_digest(
-    eventful: dict[str, object], tmp_path: Path, words: tuple[str, ...], before: tuple[str, ...]
-) -> None:
+def test_one_digest(eventful: Run, tmp_path: Path, words: tuple[str, ...], cores: tuple[int, ...]) -> None:
     if "--view" in words:
         pytest.importorskip("rerun", reason="`./acrc run --view` installs what shows a run")
+    scenario, reference = eventful
     out = tmp_path / "out"
-    check_one_digest(eventful, Run(out, run(out, *EVENTFUL, *words, before=before)))
+    check_one_digest(reference, Run(out, run(out, scenario, *words, cores=cores)))
 
 
-def test_one_digest_where_robots_are_not_isolated(reference: dict[str, object], tmp_path: Path) -> None:
+def test_one_digest_where_robots_are_not_isolated(eventful: Run, tmp_path: Path) -> None:
+    scenario, reference = eventful
     out = tmp_path / "out"
-    check_one_digest(reference, Run(out, run(out, CROWD, "--no-isolate")))
+    check_one_digest(reference, Run(out, run(out, scenario, "--no-isolate")))
 
 
 def test_one_digest_where_robots_are_isolated(reference: dict[str, object], recorded: Run) -> None:
@@ -124,9 +160,10 @@ def test_one_digest_where_every_process_is_started_anew(
     assert (out / "r2" / "r2.1.mcap").is_file()
 
 
-def test_one_digest_beside_a_hog(eventful: dict[str, object], tmp_path: Path) -> None:
+def test_one_digest_beside_a_hog(eventful: Run, tmp_path: Path) -> None:
+    scenario, reference = eventful
     with busy(os.cpu_count() or 1):
-        assert run(tmp_path / "out", *EVENTFUL)["digest"] == eventful["digest"]
+        assert run(tmp_path / "out", scenario)["digest"] == reference["digest"]
 
 
 def test_the_pace_changes_nothing(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import pytest
 
 from tests.swarm.command import leftovers, processes_of, run, start
 
+pytest.importorskip("rerun", reason="`./acrc run --view` installs what shows a run")
 pytestmark = pytest.mark.alone
 WORDS = ("--robots", 2, "--duration", 100, "--no-isolate", "--speed", 20)
 
@@ -26,7 +27,6 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 @pytest.fixture
 def watched(tmp_path: Path) -> Iterator[tuple[Popen[str], Path, int]]:
     """A run that is looked at and has begun, its folder, and the observer's process."""
-    pytest.importorskip("rerun", reason="`./acrc run --view` installs what shows a run")
     out = tmp_path / "out"
     process = start("run", *WORDS, "--view", "--json", "--out", out)
     try:
