@@ -58,7 +58,7 @@ def test_orders_as_typed(words: str, order: Order) -> None:
         (
             "shout r1",
             "VERB: shout; must be one of: kill ROBOT, freeze ROBOT, thaw ROBOT, restart ROBOT, "
-            "move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, obstacle X Y RADIUS, "
+            "move ROBOT X Y HEADING, jam X Y RADIUS SECONDS, lose ROBOT SENDER, obstacle X Y RADIUS, "
             "wall X Y TO_X TO_Y, give ROBOT X Y, close X Y, open X Y, pause, resume, step [N], speed X|max, "
             "stop",
         ),
