@@ -27,7 +27,7 @@ def export(
     if not parquet:
         raise OptionError(f"export {out}: should stand with --parquet")
     from deploy.replay.run_recordings import recordings
-    from deploy.replay.trusted_replay import check_trust
+    from deploy.replay.trust import check_trust
 
     for actor in recordings(out):
         check_trust(out, actor, trust=trust)

@@ -106,10 +106,11 @@ def _one(
     from cleaning.strategies import entry
     from deploy.replay import debugging, other_strategy, trusted_replay
     from deploy.replay.record_replay import Onlook, replay_actor
+    from deploy.replay.trust import check_trust
 
     if stop is None and end is None and strategy is None:
         return trusted_replay.replay(out, robot, trust=trust, isolate=None)
-    trusted_replay.check_trust(out, robot, trust=trust)
+    check_trust(out, robot, trust=trust)
     stretch, reached = debugging.Stretch(begin, end), list[bool]()
 
     def stopping() -> None:

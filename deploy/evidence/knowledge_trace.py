@@ -1,6 +1,6 @@
 """What a robot knew, change by change, and what each change came of; from executing the robot again.
 
-Runs the strategy that the recording names, in this process: ask `deploy.replay.trusted_replay.check_trust`
+Runs the strategy that the recording names, in this process: ask `deploy.replay.trust.check_trust`
 first where that may be somebody else's.
 """
 

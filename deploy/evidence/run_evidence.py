@@ -17,14 +17,12 @@ from actors.floor.map_file import load_map
 from actors.instant import in_seconds
 from actors.messages import DRIVE, RECEIVED, TRUTH, Drive, Heard
 from actors.runtime.errors import AcrcError
-from actors.runtime.process import RunNote
-from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.task.referee import PlaceOutcome
 from actors.task.words import PlaceKey
 from actors.world.world_setup import WorldSetup
 from deploy.evidence.recorded import outcome, taken
 from deploy.evidence.said_places import Deed, Route, SaidPlaces
-from deploy.replay.moved_runs import map_here
+from deploy.replay.moved_runs import map_here, run_of
 from deploy.replay.run_recordings import recordings
 from deploy.results.result import RunResult
 
@@ -170,10 +168,7 @@ class _Said:
 
 def world_setup(path: Path) -> WorldSetup:
     """What the world was told. Raises RecordingError, or EvidenceError for what is no world's recording."""
-    notes = read_notes(path)
-    if "run" not in notes:
-        raise RecordingError(f"{path}: ends before its first record")
-    run = decoded(path, "run", notes["run"], RunNote)
+    run = run_of(path)
     try:
         return msgspec.json.decode(run.scenario, type=WorldSetup)
     except (ValueError, RecursionError) as error:

@@ -14,12 +14,12 @@ from actors.messages import RECEIVED, TRANSMIT, Heard
 from actors.radio.frame import airtime_us
 from actors.radio.medium.state import Outcome
 from actors.radio.radio_setup import RadioSetup
-from actors.runtime.process import RunNote
-from actors.runtime.recording import RecordingError, decoded, read_notes
+from actors.runtime.recording import RecordingError
 from deeco.replication.fragments import HEADER
 from deploy.evidence.knowledge_trace import Arrival
 from deploy.evidence.recorded import taken
 from deploy.inside.fates import Fates, read_fates
+from deploy.replay.moved_runs import run_of
 from deploy.replay.run_recordings import recordings
 
 _TOGETHER_US: Final = 2_000_000
@@ -115,11 +115,9 @@ class Air:
         if not self.simulated:
             return {}
         path = self._files["radio"]
-        notes = read_notes(path)
-        if "run" not in notes:
-            raise RecordingError(f"{path}: ends before its first record")
+        run = run_of(path)
         try:
-            setup = msgspec.json.decode(decoded(path, "run", notes["run"], RunNote).scenario, type=RadioSetup)
+            setup = msgspec.json.decode(run.scenario, type=RadioSetup)
         except (ValueError, RecursionError) as error:
             raise RecordingError(f"{path}: its first record holds no radio's set-up: {error}") from error
         return {address: robot for robot, address in setup.robots}

@@ -12,11 +12,10 @@ import msgspec
 
 from actors.instant import in_seconds
 from actors.robot.behaviour.decision_log import Deciding
-from actors.runtime.process import RunNote
-from actors.runtime.recording import decoded, read_notes
 from deeco.knowledge import Knowledge
 from deploy.evidence.drive_trace import DriveTrace
 from deploy.evidence.knowledge_trace import ABSENT, KnowledgeChange, KnowledgeTrace, trace_knowledge
+from deploy.replay.moved_runs import run_of
 from deploy.replay.run_recordings import recordings
 
 Row = tuple[Any, ...]
@@ -31,8 +30,7 @@ def robot_rows(out: Path, actor: str) -> Tables:
 
     Raises ReplayError if it does not do again what it did, RecordingError for a damaged recording.
     """
-    path, drive = recordings(out)[actor], DriveTrace()
-    step_us = decoded(path, "run", read_notes(path)["run"], RunNote).step_us
+    step_us, drive = run_of(recordings(out)[actor]).step_us, DriveTrace()
     trace = trace_knowledge(out, actor, prepare=drive.prepare)
     return {
         "estimates": list(_estimates(drive, step_us)),

@@ -18,7 +18,7 @@ from typing import Final
 from actors.runtime.errors import AcrcError
 from deploy.processes.launch import Child, Launcher, Program, launcher
 from deploy.replay.run_recordings import recordings
-from deploy.replay.trusted_replay import check_trust
+from deploy.replay.trust import check_trust
 from deploy.run.foreign import folder_of
 from deploy.run.preflight import said
 
@@ -59,6 +59,8 @@ class Answer:
     data: bytes | None = None
     fault: str | None = None
     """A sentence that begins with the name."""
+    said: str = ""
+    """The end of what its code printed."""
 
 
 class CallError(AcrcError):
@@ -153,14 +155,18 @@ class _Running:
             launched.wait(0.5)
         if hung:
             why = f"what it runs has not ended after {self.patience_s:.0f} s, and was ended"
-            return Answer(name, fault=f"{name}: could not be executed again: {why}")
+            return self._answered(fault=f"{name}: could not be executed again: {why}")
         data = b""
         with suppress(OSError), (self.stage / "answer").open("rb") as file:
             data = file.read(bounds.most_bytes + 1)
         with suppress(OSError):
             (self.stage / "answer").unlink()
         if len(data) > bounds.most_bytes:
-            return Answer(name, fault=f"{name}: answers with more than {bounds.most_bytes} bytes")
+            return self._answered(fault=f"{name}: answers with more than {bounds.most_bytes} bytes")
         if data and self.child.exit_code == 0:
-            return Answer(name, data)
-        return Answer(name, fault=failed(self.child))
+            return self._answered(data)
+        return self._answered(fault=failed(self.child))
+
+    def _answered(self, data: bytes | None = None, fault: str | None = None) -> Answer:
+        program = self.child.program
+        return Answer(program.actor, data, fault, said(program))

@@ -10,7 +10,7 @@ from actors.observer import viewer
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent, leave_in_order
 from deploy.view import live
-from deploy.view.drawn import FILE_NAME
+from deploy.view.drawn import FILE_NAME, say_at_once
 
 _NICE = 10
 """The run comes first."""
@@ -27,23 +27,20 @@ def main(argv: Sequence[str]) -> int:
     die_with_parent(os.getppid())
     os.nice(_NICE)
     path = options.out / FILE_NAME
-    opened = viewer.open_any(_say, f"the view goes to {path} only")
+    opened = viewer.open_any(say_at_once, f"the view goes to {path} only")
     try:
         if opened is not None and opened.page:
-            _say(f"{viewer.WHILE_IT_GOES_ON}, open {opened.page} in a browser on this machine.")
+            say_at_once(f"{viewer.WHILE_IT_GOES_ON}, open {opened.page} in a browser on this machine.")
         # whoever started the run runs its strategies, too
-        live.follow(options.out, path, options.robot, opened, _say, trust=True, isolate=options.isolate)
+        live.follow(
+            options.out, path, options.robot, opened, say_at_once, trust=True, isolate=options.isolate
+        )
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2
     finally:
         viewer.end(opened)
     return 0
-
-
-def _say(sentence: str) -> None:
-    sys.stdout.write(f"{sentence}\n")
-    sys.stdout.flush()
 
 
 if __name__ == "__main__":

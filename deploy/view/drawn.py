@@ -1,6 +1,7 @@
 """A run drawn into a view file: at once what was recorded, then, as it is computed, what was not."""
 
 import os
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -35,6 +36,12 @@ _LANES: Final = {
 }
 """What a robot seems to be about, seen from outside."""
 Say = Callable[[str], None]
+
+
+def say_at_once(sentence: str) -> None:
+    """Say it on standard output, also where that is a file that somebody follows."""
+    sys.stdout.write(f"{sentence}\n")
+    sys.stdout.flush()
 
 
 @dataclass(frozen=True)

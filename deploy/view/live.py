@@ -18,6 +18,8 @@ from deploy.view.writers import Standing, standing
 _POLL_S: Final = 0.1
 _LOOK_S: Final = 1.0
 """Between two looks at whether the run goes on, and whether the viewer keeps up, s."""
+_STUCK_S: Final = 120.0
+"""What is executed again has to come on within so long, s, or it is not waited for: a strategy may hang."""
 _SETTLING_S: Final = 0.5
 """So long recordings may still grow when world and radio have closed theirs, s."""
 
@@ -75,6 +77,9 @@ def _draw_all(out: Path, following: Following, sheet: Sheet, opened: OpenViewer 
     while time.monotonic() < settled and following.draw():
         time.sleep(_POLL_S)
     following.draw(last=True)
-    while not following.complete:
-        if not following.draw(last=True):
+    moved = time.monotonic()
+    while not following.complete and time.monotonic() < moved + _STUCK_S:
+        if following.draw(last=True):
+            moved = time.monotonic()
+        else:
             time.sleep(_POLL_S)

@@ -1,5 +1,9 @@
-"""What a robot seems to be about, seen from outside."""
+"""What a robot seems to be about, seen from outside, at once: a run that goes on has no later steps to ask.
 
+Of a finished run `deploy.evidence.spells` judges better, as it looks at what came before and after.
+"""
+
+from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import Final
 
@@ -22,16 +26,21 @@ class Seen:
         self._holds = True
         """There are places that it means to visit."""
         self._last: tuple[float, float, float] | None = None
-        """When, s, and where, m, it was seen last."""
+        """When, s, and where, m, it was seen last, if it acted then."""
+        self._acts = True
+        """False: it is frozen or off, which others tell."""
 
     def of(self, track: Track, routes: Iterable[Route]) -> Iterator[Spell]:
         """What it seems to be about, wherever that becomes another thing."""
         for route in routes:
             if route.robot == self._robot:
                 self._holds = bool(route.places)
+        acts = deque(track.acts)
         for second, (x, y, _) in zip(track.seconds.tolist(), track.poses.tolist(), strict=True):
-            before, self._last = self._last, (second, x, y)
-            if before is None or second <= before[0]:
+            while acts and acts[0][0] <= second:
+                self._acts = not acts.popleft()[1]
+            before, self._last = self._last, (second, x, y) if self._acts else None
+            if before is None or self._last is None or second <= before[0]:
                 continue
             speed = np.hypot(x - before[1], y - before[2]) / (second - before[0])
             state = "driving" if speed > _STANDS else "standing" if self._holds else "idle"

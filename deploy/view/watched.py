@@ -4,7 +4,6 @@ Time is the laptop's, from when it began to listen, and what is said is drawn at
 """
 
 import queue
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -29,6 +28,7 @@ from deploy.evidence.said_places import Deed, Route, SaidPlaces
 from deploy.field_trial.robot_log import FRAME_OUTCOMES
 from deploy.fleet import watch
 from deploy.fleet.fleet_file import Fleet
+from deploy.view.drawn import say_at_once
 from deploy.view.painting import Painting
 from deploy.view.seen import Seen
 from deploy.view.story import Story, Track
@@ -224,10 +224,10 @@ def show(endpoints: Sequence[str], keys: Path, fleet: Fleet, seconds: float | No
     inbox, lines = Inbox(), queue.SimpleQueue[str]()
     grid = load_map(fleet.map)
     watch.listen(endpoints, keys, lines, more=(at(DRIVE, "*"), at(RECEIVED, "*")), take=inbox.take)
-    opened = viewer.open_any(_say, "words are printed only")
+    opened = viewer.open_any(say_at_once, "words are printed only")
     try:
         if opened is not None and opened.page:
-            _say(f"to see them, open {opened.page} in a browser on this machine; Ctrl-C ends that")
+            say_at_once(f"to see them, open {opened.page} in a browser on this machine; Ctrl-C ends that")
         with tempfile.TemporaryDirectory(prefix="acrc-view-") as folder:
             arranged = Arrangement(grid, [robot.id for robot in fleet.robots], true=False)
             address = None if opened is None else opened.address
@@ -236,7 +236,7 @@ def show(endpoints: Sequence[str], keys: Path, fleet: Fleet, seconds: float | No
                 while seconds is None or inbox.now < seconds:
                     watched.draw(inbox.all(), inbox.now, inbox.missed)
                     while not lines.empty():
-                        _say(lines.get())
+                        say_at_once(lines.get())
                     time.sleep(_PERIOD_S)
     finally:
         viewer.end(opened)
@@ -246,8 +246,3 @@ def _robot(key: str) -> str:
     """Whose key it is, `swarm/up/ID/…` or `swarm/down/ID/…`; empty if nobody's."""
     parts = key.split("/")
     return parts[2] if len(parts) == 4 and key not in (PROGRESS.pattern, BOARD.pattern) else ""
-
-
-def _say(sentence: str) -> None:
-    sys.stdout.write(f"{sentence}\n")
-    sys.stdout.flush()

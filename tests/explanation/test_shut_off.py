@@ -5,6 +5,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.isolation import sandbox
 from deploy.explanation.asking import decisions, explained
 from deploy.explanation.explain import ExplanationError, decode, wish
@@ -12,6 +13,7 @@ from deploy.export.answered import ExportError, read_answer
 from deploy.export.robot_rows import EXECUTED
 from deploy.export.rows import tables
 from deploy.replay.shut_off_calls import Answer, Bounds
+from deploy.replay.trusted_replay import replay
 from deploy.repository import REPOSITORY
 from deploy.run import swarm
 from deploy.run.options import RunOptions
@@ -56,6 +58,23 @@ def fault(out: Path, mood: str, least_s: float = 120.0) -> str:
 def test_one_that_hangs_is_ended(hostile: Path) -> None:
     said = fault(hostile, "hang", least_s=2.0)
     assert said == "r1: could not be executed again: what it runs has not ended after 2 s, and was ended"
+
+
+def test_one_that_hangs_while_it_is_replayed_is_ended(hostile: Path) -> None:
+    (hostile / "mood").write_text("hang")
+    bounds = Bounds(1000, least_s=2.0, bytes_per_s=1e9)
+    with pytest.raises(ReplayError) as caught:
+        replay(hostile, "r1", trust=True, isolate=ABLE or None, bounds=bounds)
+    assert str(caught.value) == (
+        "r1: could not be executed again: what it runs has not ended after 2 s, and was ended"
+    )
+    assert processes_of(hostile) == []
+
+
+def test_a_replay_that_lies_is_told(hostile: Path) -> None:
+    (hostile / "mood").write_text("much")
+    with pytest.raises(ReplayError, match=r"^r1: what it answers makes no sense$"):
+        replay(hostile, "r1", trust=True, isolate=ABLE or None)
 
 
 def test_a_flood_ends_where_a_file_may_be_no_larger(hostile: Path) -> None:

@@ -22,10 +22,12 @@ from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.usage import OptionError
-from deploy.view import command, drawn
+from deploy.view import command, drawn, live
 from deploy.view.drawn import Wishes, draw, read_story
 from deploy.view.following import Following
 from deploy.view.growing_run import GrowingRun
+from deploy.view.seen import Seen
+from deploy.view.story import Track
 from deploy.view.writers import Standing, standing
 
 MORE = {f"/{what}/{robot}" for what in ("plots/places", "world/heading", "states") for robot in ("r1", "r2")}
@@ -195,3 +197,32 @@ def test_who_follows_a_robot_reads_neither_its_password_nor_its_socket(folder: P
 def test_a_robot_that_is_not_there_is_not_looked_into(folder: Path) -> None:
     with pytest.raises(OptionError, match="--robot: r9; must be one of r1, r2"):
         draw(read_story(folder), folder / "no.rrd", Wishes(("r9",)), send_to=None, say=lambda sentence: None)
+
+
+def test_who_hangs_is_not_waited_for(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    class Hung:
+        complete, drawn = False, 0
+
+        def draw(self, *, last: bool = False) -> bool:
+            self.drawn += 1
+            return False
+
+        def flush(self) -> None:
+            pass
+
+    hung: Any = Hung()
+    for name in ("_SETTLING_S", "_STUCK_S"):
+        monkeypatch.setattr(live, name, 0.2)
+    began = time.monotonic()
+    live._draw_all(folder, hung, hung, None, lambda sentence: None)
+    assert hung.drawn > 2 and time.monotonic() - began > 0.2
+
+
+def test_who_is_off_seems_to_be_about_nothing() -> None:
+    seconds = np.arange(8, dtype=np.float64)
+    poses = np.column_stack((np.array([0, 1, 2, 2, 2, 2, 2, 3.0]), np.zeros(8), np.zeros(8)))
+    seen = Seen("r1")
+    first = Track(seconds[:4], poses[:4], poses[:4], ((0.0, ""), (3.0, "off")))
+    assert [(one.second, one.activity) for one in seen.of(first, ())] == [(0.0, "driving")]
+    later = Track(seconds[4:], poses[4:], poses[4:], ((5.0, ""),))
+    assert [(one.second, one.activity) for one in seen.of(later, ())] == [(5.0, "standing"), (6.0, "driving")]
