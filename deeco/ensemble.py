@@ -21,7 +21,7 @@ from typing import Any, Final, NamedTuple, Protocol, TypeVar, dataclass_transfor
 
 from deeco.errors import DefinitionError
 from deeco.immutability import describe
-from deeco.instant import Duration, Instant
+from deeco.instant import Duration, Instant, duration_fault
 from deeco.knowledge import Knowledge, is_component, is_role
 from deeco.process import Fact, has_fact, ports
 
@@ -107,11 +107,13 @@ def ensemble(
     facts = on_change if isinstance(on_change, tuple) else (on_change,)
     if every is None and not facts:
         raise DefinitionError("@ensemble() should say when: every=seconds(3), on_change=a fact, or both")
-    if (every is not None and every <= 0) or offset < 0 or (max_age is not None and max_age <= 0):
-        raise DefinitionError(
-            f"@ensemble(every={every}, offset={offset}, max_age={max_age}), in µs: "
-            "every and max_age should be above 0 and offset at least 0"
-        )
+    fault = (
+        (None if every is None else duration_fault("every", every))
+        or duration_fault("offset", offset, may_be_none=True)
+        or (None if max_age is None else duration_fault("max_age", max_age))
+    )
+    if fault:
+        raise DefinitionError(f"@ensemble: {fault}")
 
     def tagged(cls: type[T]) -> type[T]:
         made = dataclass(frozen=True)(cls)

@@ -20,6 +20,25 @@ def milliseconds(value: float) -> Duration:
     return Duration(round(value * 1_000))
 
 
+LEAST: Final = milliseconds(1)
+"""The shortest period, delay or age but none: what is shorter was meant in other units."""
+
+
+def duration_fault(name: str, value: object, *, may_be_none: bool = False) -> str | None:
+    """What is wrong with a duration that is an argument `name`, in words; None: nothing.
+
+    `may_be_none`: 0 is right, too.
+    """
+    if isinstance(value, int) and not isinstance(value, bool):
+        if value >= LEAST or (may_be_none and value == 0):
+            return None
+        return (
+            f"{name}={value} is {value} µs, and should be {'0 or ' if may_be_none else ''}at least "
+            f"{LEAST} µs; seconds(1) is a second"
+        )
+    return f"{name}={value!r} is no duration, and should be one, such as seconds(1)"
+
+
 def in_seconds(value: int) -> float:
     """An instant or a duration as a number of seconds, for formulas and for people."""
     return value / 1_000_000

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Final, TypeVar, get_type_hints
 
 from deeco.errors import DefinitionError
-from deeco.instant import Duration
+from deeco.instant import Duration, duration_fault
 from deeco.knowledge import Knowledge
 
 F = TypeVar("F", bound=Callable[..., Knowledge])
@@ -57,11 +57,13 @@ class Process:
 
 
 def periodic(*, every: Duration, offset: Duration = _NONE, order: int = 0) -> Callable[[F], F]:
-    """Run the method every so often, without drift, from the node's start + `offset` on."""
-    if every <= 0 or offset < 0:
-        raise DefinitionError(
-            f"@periodic(every={every} µs, offset={offset} µs): every should be above 0 and offset at least 0"
-        )
+    """Run the method every so often, without drift, from the node's start + `offset` on.
+
+    Raises DefinitionError for what is no duration, or one below a millisecond.
+    """
+    fault = duration_fault("every", every) or duration_fault("offset", offset, may_be_none=True)
+    if fault:
+        raise DefinitionError(f"@periodic: {fault}")
     return _tag(Periodic(every, offset, order))
 
 

@@ -1,5 +1,11 @@
 """`python -m deploy` is the command line."""
 
-from deploy.cli.app import main
+import sys
 
-main()
+try:
+    from deploy.cli.app import main
+
+    main()
+except KeyboardInterrupt:  # before `main` minds the signals, or after
+    sys.stderr.write("acrc: ended from outside\n")
+    sys.exit(130)

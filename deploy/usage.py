@@ -1,11 +1,21 @@
 """What is wrong with a command, before anything has run."""
 
 import shlex
+from pathlib import Path
 
 from actors.runtime.errors import AcrcError
+from deploy.repository import REPOSITORY
 
 _LONGEST = 60
 """Characters of a value that a sentence shows."""
+
+
+def command() -> str:
+    """How the command line is called from where the user stands, in words for a shell."""
+    script = REPOSITORY / "acrc"
+    if not script.is_file():
+        return "acrc"  # an installed package has it on the PATH
+    return "./acrc" if script.parent == Path.cwd() else shlex.quote(str(script))
 
 
 class OptionError(AcrcError):

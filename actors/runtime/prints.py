@@ -142,8 +142,8 @@ class _Desk(io.TextIOBase):
         return len(text)
 
     def flush(self) -> None:
-        """Of what stood there, unless it is somebody's turn."""
-        if _turn.prints is None and self.behind is not None:
+        """Of what stood there, unless it is somebody's turn; at Python's end that may be closed already."""
+        if _turn.prints is None and self.behind is not None and not self.behind.closed:
             self.behind.flush()
 
 

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import typer
 from rich.console import Console
 
 from actors.runtime.errors import AcrcError
@@ -13,7 +12,6 @@ from deploy.branches.branching import branch
 from deploy.branches.change import Change, event, strategy_settings
 from deploy.branches.change import place as place_of
 from deploy.branches.divergence import Divergence
-from deploy.processes.signals import Interrupted
 from deploy.results import summary
 from deploy.run import out_folder
 from deploy.run.kernels import compile_kernels
@@ -49,12 +47,9 @@ def continue_run(
 
     if out is None:
         options = replace(options, out=out_folder.claim(options.out.parent, name))
-    try:
-        with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
-            compile_kernels(quiet=json)
-            branched = branch(origin, change, options, trust=trust)
-    except Interrupted as interrupt:
-        raise typer.Exit(interrupt.exit_code) from None
+    with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
+        compile_kernels(quiet=json)
+        branched = branch(origin, change, options, trust=trust)
     summary.print_result(branched.result, json=json)
     console = Console(stderr=True, soft_wrap=True, highlight=False)
     changes = "; ".join(change.words) or "nothing changed"

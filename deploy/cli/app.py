@@ -14,6 +14,7 @@ from deploy.cli.groups import FOR_DEVELOPERS, Root
 from deploy.cli.lists.commands import app as listing
 from deploy.cli.record import app as record
 from deploy.cli.topic import app as topic
+from deploy.processes.signals import Interrupted, signals_as_interrupts
 from deploy.usage import OptionError
 
 app = typer.Typer(
@@ -49,13 +50,21 @@ def main() -> None:
     streams.settle()
     gc.set_threshold(20_000, 20, 20)  # what a command imports stays: looking for garbage in it takes a tenth
     try:
-        sys.exit(app(prog_name="acrc", standalone_mode=False))
+        with signals_as_interrupts():
+            sys.exit(app(prog_name="acrc", standalone_mode=False))
+    except Interrupted as interrupt:
+        _say("acrc: ended from outside" + _kept(interrupt))
+        sys.exit(interrupt.exit_code)
     except AcrcError as error:
         _say(f"acrc: {error}")
         sys.exit(2 if isinstance(error, OptionError) else 1)
     except typer.TyperException as error:
         _say(usage_errors.text(error))
         sys.exit(error.exit_code)
+
+
+def _kept(interrupt: Interrupted) -> str:
+    return f"; what was recorded is in {interrupt.recorded}" if interrupt.recorded else ""
 
 
 def _say(text: str) -> None:

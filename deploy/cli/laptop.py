@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 from deploy.cli.options import Endpoints, OperatorKeys
+from deploy.processes.signals import Interrupted
 
 if TYPE_CHECKING:
     from actors.orders import Order
@@ -27,7 +28,7 @@ def watch(
     """See how robots get on, from a laptop, until Ctrl-C."""
     from deploy.fleet import watch as laptop
 
-    with contextlib.suppress(KeyboardInterrupt):
+    with contextlib.suppress(Interrupted):
         if view is None:
             laptop.watch(endpoints, keys)
         else:

@@ -22,7 +22,6 @@ def demo(
     """Show the problem and its cure: two robots meet in a doorway, without adaptation and with it."""
     from deploy.evidence.run_evidence import read_run
     from deploy.picture import side_by_side
-    from deploy.processes.signals import Interrupted
     from deploy.run import demonstration, out_folder
     from deploy.run.kernels import compile_kernels
     from deploy.run.options import folder_name, run_options
@@ -31,12 +30,9 @@ def demo(
     options = run_options(out or Path("runs", name))
     if out is None:
         options = replace(options, out=out_folder.claim(options.out.parent, name))
-    try:
-        with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
-            compile_kernels(quiet=False)
-            shown = list(demonstration.demonstrate(options))
-    except Interrupted as interrupt:
-        raise typer.Exit(interrupt.exit_code) from None
+    with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
+        compile_kernels(quiet=False)
+        shown = list(demonstration.demonstrate(options))
     runs = [read_run(options.out / one.strategy) for one in shown]
     pictures = [options.out / "demo.png", options.out / "demo.svg"]
     with out_folder.writing(options.out):
@@ -130,7 +126,6 @@ def _show(
     at: float | None,
 ) -> None:
     """Show one run, or several beside one another; `wishes`: as in `deploy.view.drawn`."""
-    from deploy.processes.signals import Interrupted, signals_as_interrupts
     from deploy.run import out_folder
     from deploy.view import beside, command
     from deploy.view.drawn import Wishes
@@ -141,20 +136,15 @@ def _show(
         console.print(sentence, markup=False)
 
     wished, one = Wishes(*wishes), folders[0]
-    try:
-        with signals_as_interrupts(), out_folder.writing((save or screenshot or one).absolute().parent):
-            if save is not None:
-                beside.save(folders, wished, save, say) if folders[1:] else command.save(
-                    one, wished, save, say
-                )
-            if screenshot is not None and folders[1:]:
-                beside.picture(folders, wished, screenshot, at, say)
-            elif screenshot is not None:
-                command.picture(one, wished, screenshot, at, say)
-            if save is None and screenshot is None:
-                beside.show(folders, wished, say) if folders[1:] else command.show(one, wished, say)
-    except Interrupted as interrupt:
-        raise typer.Exit(interrupt.exit_code) from None
+    with out_folder.writing((save or screenshot or one).absolute().parent):
+        if save is not None:
+            beside.save(folders, wished, save, say) if folders[1:] else command.save(one, wished, save, say)
+        if screenshot is not None and folders[1:]:
+            beside.picture(folders, wished, screenshot, at, say)
+        elif screenshot is not None:
+            command.picture(one, wished, screenshot, at, say)
+        if save is None and screenshot is None:
+            beside.show(folders, wished, say) if folders[1:] else command.show(one, wished, say)
 
 
 def _draw_beside(folders: Sequence[Path], kinds: Sequence[str]) -> None:

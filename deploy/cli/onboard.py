@@ -37,21 +37,14 @@ def onboard(
     """Be a robot: drive the TurtleBot and the radio board that are plugged in, until told to stop."""
     from deploy.fleet import onboard_run
     from deploy.fleet.fleet_file import load_fleet
-    from deploy.processes.signals import Interrupted
     from deploy.run import out_folder
     from deploy.run.kernels import compile_kernels
 
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
     loaded = load_fleet(fleet)
-    if out is not None:
-        out_folder.check(out, mesh=True)
-    folder = out.absolute() if out else onboard_run.new_folder(Path("runs"))
+    folder = out_folder.checked(out, mesh=True) if out else onboard_run.new_folder(Path("runs"))
     options = onboard_run.OnboardOptions(folder, isolate, debugpy, at)
-    try:
-        with out_folder.dropped_if_empty(folder):
-            prepared = onboard_run.prepare(loaded, robot, options, console.print)
-            compile_kernels(onboard=True)  # else it would seem to hang for a minute, or five on a small board
-            onboard_run.run(prepared, console.print)
-    except Interrupted as interrupt:
-        console.print(f"acrc: ended from outside; what was recorded is in {folder}")
-        raise typer.Exit(interrupt.exit_code) from None
+    with out_folder.dropped_if_empty(folder):
+        prepared = onboard_run.prepare(loaded, robot, options, console.print)
+        compile_kernels(onboard=True)  # else it would seem to hang for a minute, or five on a small board
+        onboard_run.run(prepared, console.print)

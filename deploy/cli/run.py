@@ -182,28 +182,21 @@ def run(
     if not trust:
         foreign.refuse_foreign(scenario or DEFAULT_SCENARIO, behaviour, foreign.beside(chosen))
 
-    from deploy.processes.signals import Interrupted
     from deploy.results import deliveries, summary
     from deploy.run import out_folder, swarm
     from deploy.run.kernels import compile_kernels
 
     if out is None:
         options = replace(options, out=out_folder.claim(options.out.parent, name))
-    try:
-        with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
-            compile_kernels(quiet=json)
-            if hardware:
-                from deploy.field_trial import trial_summary
-                from deploy.laboratory import hardware_in_the_loop
+    with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
+        compile_kernels(quiet=json)
+        if hardware:
+            from deploy.field_trial import trial_summary
+            from deploy.laboratory import hardware_in_the_loop
 
-                trial_summary.print_field_trial(hardware_in_the_loop.run(chosen, options), json=json)
-                return
-            result = swarm.run(chosen, options)
-    except Interrupted as interrupt:
-        Console(stderr=True, soft_wrap=True, highlight=False).print(
-            f"acrc: ended from outside; what was recorded is in {options.out}"
-        )
-        raise typer.Exit(interrupt.exit_code) from None
+            trial_summary.print_field_trial(hardware_in_the_loop.run(chosen, options), json=json)
+            return
+        result = swarm.run(chosen, options)
     summary.print_result(result, json=json)
     if not json:
         summary.print_next(options.out, adapted=scenario is None and chosen.run.strategy != "none")

@@ -28,7 +28,7 @@ from deploy.run.isolating import choose
 from deploy.run.out_folder import claim, writing
 from deploy.run.plan import Plan
 from deploy.run.scenario_copy import ScenarioCopy
-from deploy.usage import wrong_value
+from deploy.usage import command, wrong_value
 from deploy.version import software
 from firmware_bridge.onboard import last_pose
 
@@ -60,7 +60,7 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
     if options.debug_port is not None and importlib.util.find_spec("debugpy") is None:
         raise OnboardError(
             f"--debugpy: {options.debug_port} needs the Python package debugpy, which is not installed; "
-            "`./acrc add debugpy` brings it"
+            f"`{command()} add debugpy` brings it"
         )
     pose_file = options.out.parent / f"{name}.pose"
     robot = fleet.robot(name)

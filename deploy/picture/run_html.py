@@ -132,7 +132,7 @@ def _origin(run: RunEvidence) -> Iterator[str]:
     origin = result.origin
     what = f"Scenario {origin.scenario}, strategy {origin.strategy}, seed {result.seed}"
     yield f"{what}, commit {origin.commit}: digest {result.digest}."
-    yield "./acrc replay OUT, OUT being the run's folder, makes it again and compares every message."
+    yield "acrc replay OUT, OUT being the run's folder, makes it again and compares every message."
 
 
 def _table(

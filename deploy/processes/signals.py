@@ -5,6 +5,7 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 from typing import Final
 
@@ -13,7 +14,7 @@ _CLEARANCE_S: Final = 10.0
 
 
 class Interrupted(BaseException):  # what a person or the system asked for is no error
-    """The run was ended from outside; `exit_code` is 128 + the signal's number.
+    """The command was ended from outside; `exit_code` is 128 + the signal's number.
 
     No Exception, so that a strategy in this process, which may catch those, does not keep it to itself.
     """
@@ -21,6 +22,8 @@ class Interrupted(BaseException):  # what a person or the system asked for is no
     def __init__(self, exit_code: int) -> None:
         super().__init__(exit_code)
         self.exit_code = exit_code
+        self.recorded: Path | None = None
+        """The folder with what a run has recorded up to then; None if there is none."""
 
 
 @contextmanager

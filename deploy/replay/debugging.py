@@ -9,6 +9,7 @@ from typing import Any, cast
 from actors.instant import Instant, seconds
 from actors.runtime.core import Core, Inputs, Output
 from actors.runtime.debugger import DebuggerError, UserPdb
+from deploy.usage import command
 
 
 class EnoughError(Exception):
@@ -60,7 +61,7 @@ def debugpy_at(port: int) -> Callable[[], None]:
     if importlib.util.find_spec("debugpy") is None:
         raise DebuggerError(
             f"--debugpy {port}: needs the Python package debugpy, which is not installed; "
-            "`./acrc add debugpy` brings it"
+            f"`{command()} add debugpy` brings it"
         )
     debugpy: Any = importlib.import_module("debugpy")
     debugpy.listen(("127.0.0.1", port))

@@ -13,6 +13,7 @@ from rich.table import Table
 from actors.observer.viewer import WHILE_IT_GOES_ON
 from actors.runtime.errors import printable
 from deploy.results.result import RobotResult, RunResult
+from deploy.usage import command
 
 
 def print_result(result: RunResult, *, json: bool) -> None:
@@ -43,10 +44,11 @@ def sentences(result: RunResult) -> Iterator[str]:
 def print_next(out: Path, *, adapted: bool) -> None:
     """Say on standard output what to look at now; `adapted`: also how to run the same without adaptation."""
     console = Console(highlight=False, markup=False, soft_wrap=True)
-    console.print(f"See it on one page: ./acrc view {shlex.quote(str(out))} --png")
-    console.print(f"See it with all that robots perceived: ./acrc view {shlex.quote(str(out))}")
+    acrc, folder = command(), shlex.quote(str(out))
+    console.print(f"See it on one page: {acrc} view {folder} --png")
+    console.print(f"See it with all that robots perceived: {acrc} view {folder}")
     if adapted:
-        console.print("The same without adaptation: ./acrc run --strategy none")
+        console.print(f"The same without adaptation: {acrc} run --strategy none")
 
 
 def print_viewer(out: Path) -> None:

@@ -112,9 +112,8 @@ def run_options(  # one for each option of the command line
         raise wrong_value(
             "--timeout", f"{timeout:g}", f"more than the {slowest:g} s of a step at --speed {speed}"
         )
-    out_folder.check(out, mesh=bus == "zenoh")
     return RunOptions(
-        out.absolute(),
+        out_folder.checked(out, mesh=bus == "zenoh"),
         _speed(speed),
         cast(Bus, bus),
         cast(Spawn, spawn),

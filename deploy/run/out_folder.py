@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.runtime.errors import AcrcError
+from deploy.processes.signals import Interrupted
 from deploy.usage import OptionError
 
 _OF_THE_MACHINE: Final = frozenset({
@@ -26,12 +27,12 @@ class OutFolderError(AcrcError):
 
 
 def claim(parent: Path, name: str) -> Path:
-    """Make a folder `name` in `parent`, or `name-2` and so on where that exists; its absolute path.
+    """Make a folder `name` in `parent`, or `name-2` and so on where that exists; its path as of `checked`.
 
     To make it is to claim it, so two that ask in the same instant get two. Raises OutFolderError.
     """
     for number in count(1):
-        folder = parent.absolute() / (name if number == 1 else f"{name}-{number}")
+        folder = Path(os.path.realpath(parent)) / (name if number == 1 else f"{name}-{number}")
         try:
             folder.mkdir(parents=True)
         except OSError as error:
@@ -44,30 +45,40 @@ def claim(parent: Path, name: str) -> Path:
 
 @contextmanager
 def dropped_if_empty(folder: Path) -> Iterator[None]:
-    """Whatever is raised takes the folder along if nothing has been written to it yet."""
+    """Whatever is raised takes the folder along if nothing has been written to it yet.
+
+    Where something has, and the cause is Interrupted, that names the folder.
+    """
     try:
         yield
-    except BaseException:
+    except BaseException as error:
         with suppress(OSError):
             folder.rmdir()
+        if isinstance(error, Interrupted) and folder.is_dir():
+            error.recorded = folder
         raise
 
 
-def check(out: Path, *, mesh: bool) -> None:
-    """Raise OptionError for a folder that can be seen to be of no use; `mesh`: sockets will lie in it."""
+def checked(out: Path, *, mesh: bool) -> Path:
+    """The folder's absolute path, without links: a sandbox has none of those that lead to it.
+
+    `mesh`: sockets will lie in it. Raises OptionError for a folder that can be seen to be of no use.
+    """
     try:
         if out.exists() and not out.is_dir():
             raise OptionError(f"--out: {out} is a file; must be a folder that is new or empty")
+        real = Path(os.path.realpath(out))
     except OSError as error:
         raise OptionError(
             f"--out: {_short(out)} cannot be used: {_reason(error)}; must be a folder that is new or empty"
         ) from None
-    mark = next((mark for mark in _ENDPOINT_MARKS if mark in str(out.absolute())), None)
+    mark = next((mark for mark in _ENDPOINT_MARKS if mark in str(real)), None)
     if mesh and mark is not None:
         raise OptionError(
-            f'--out: {out.absolute()} has a "{mark}", which cannot be part of a socket\'s address; must be a '
+            f'--out: {real} has a "{mark}", which cannot be part of a socket\'s address; must be a '
             "folder without one, or stand with --bus memory"
         )
+    return real
 
 
 def make_folder(out: Path) -> None:

@@ -32,6 +32,7 @@ from actors.runtime.lifecycle.failure import FailureNote
 from actors.runtime.prints import taken_by
 from actors.runtime.recording import RecordingError, read_notes
 from deploy.processes.launch import Child, Launcher, Program
+from deploy.run.household import exits_caught
 from deploy.run.plan import Debugged, Plan, lay_out_robot, robot_program
 from deploy.scenario.resolve import ResolvedScenario
 
@@ -99,7 +100,7 @@ def preflight_here(settled: ResolvedScenario, text: str, modules: Sequence[Path]
     floor = assembly.floor(load_map(settled.world.map), model, behaviour.stack)
     start = assembly.start(behaviour, model, floor)
     # --json leaves nothing else there; and a module is imported once, so what it keeps hold of is kept here
-    with _found(modules), contextlib.redirect_stdout(sys.stderr), taken_by(None):
+    with _found(modules), contextlib.redirect_stdout(sys.stderr), taken_by(None), exits_caught():
         try:
             rehearse(settled.behaviour, start)
         except AcrcError:

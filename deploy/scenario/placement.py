@@ -148,11 +148,12 @@ def places(
 ) -> tuple[tuple[float, float], ...]:
     """The robot's places: its own, or those that the preset means."""
     if figure.own.places is not None:
-        return _checked(grid, figure, figure.own.places)
+        return _checked(grid, figure, figure.own.places, f"of {scenario.map}")
     index = scenario.ids.index(figure.id)
     count = spacing.per_robot if scenario.places.per_robot is None else scenario.places.per_robot
     if scenario.places.preset == "golden" and index < len(GOLDEN):
-        return _checked(grid, figure, _golden(index, count))
+        where = f'of {scenario.map}; places.preset "golden" is made for the map corridor'
+        return _checked(grid, figure, _golden(index, count), where)
     if count == 0:
         return ()
     chosen = areas.for_places(scenario)
@@ -188,11 +189,12 @@ def _golden(index: int, count: int) -> Sequence[tuple[float, float]]:
 
 
 def _checked(
-    grid: OccupancyGrid, figure: RobotSpec, points: Sequence[tuple[float, float]]
+    grid: OccupancyGrid, figure: RobotSpec, points: Sequence[tuple[float, float]], where: str
 ) -> tuple[tuple[float, float], ...]:
+    """The points; SpotError for one that is not on free floor, `where` that should be."""
     for index, (x, y) in enumerate(points):
         if not grid.is_free(Point(x, y)):
             raise SpotError(
-                f"place {index} of robot {figure.id} is at ({x:g}, {y:g}), but must be on free floor"
+                f"place {index} of robot {figure.id} is at ({x:g}, {y:g}), but must be on free floor {where}"
             )
     return tuple((x, y) for x, y in points)

@@ -98,7 +98,8 @@ def compare(
     metric: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="Only this one: places, completion, settled, lexicographic, contacts, radio."
+            metavar="NAME",
+            help="Only this one: places, contacts, radio, driven, completion, settled, lexicographic.",
         ),
     ] = None,
     json: Json = False,

@@ -11,8 +11,10 @@ from rich.console import Console
 
 from actors.world.whereabouts import PoseError
 from cleaning.strategies import STRATEGIES
+from deploy import usage
 from deploy.cli.groups import MOVED
 from deploy.development.checks import Check, run_checks
+from deploy.repository import REPOSITORY
 from deploy.results import summary
 from deploy.results.deeco_result import DeecoResult
 from deploy.results.navigation_result import NavigationResult
@@ -253,7 +255,10 @@ def test_what_was_done_and_what_the_radio_lost_are_sentences(capsys: pytest.Capt
     assert lines[-5] == "No robot touched anything."
 
 
-def test_a_run_says_what_shows_it(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_says_what_shows_it(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(REPOSITORY)
     summary.print_next(Path("/o/my run"), adapted=True)
     assert capsys.readouterr().out.splitlines() == [
         "See it on one page: ./acrc view '/o/my run' --png",
@@ -262,6 +267,21 @@ def test_a_run_says_what_shows_it(capsys: pytest.CaptureFixture[str]) -> None:
     ]
     summary.print_next(Path("/o"), adapted=False)
     assert "without adaptation" not in capsys.readouterr().out
+
+
+def test_a_hint_names_the_command_as_it_can_be_typed_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert usage.command() == str(REPOSITORY / "acrc")
+    monkeypatch.setattr(usage, "REPOSITORY", tmp_path / "site-packages")
+    assert usage.command() == "acrc"
+    (clone := tmp_path / "my clone").mkdir()
+    (clone / "acrc").touch()
+    monkeypatch.setattr(usage, "REPOSITORY", clone)
+    assert usage.command() == f"'{clone}/acrc'"
+    monkeypatch.chdir(clone)
+    assert usage.command() == "./acrc"
 
 
 def test_messages_that_were_not_read_are_said_loudly(capsys: pytest.CaptureFixture[str]) -> None:

@@ -63,3 +63,15 @@ def test_a_signal_that_comes_while_a_class_is_made_is_one_all_the_same() -> None
     with pytest.raises(Interrupted) as caught, signals_as_interrupts():
         type("Made", (), {"attribute": Interrupting()})
     assert caught.value.exit_code == 128 + signal.SIGTERM
+
+
+def test_python_that_closes_standard_output_before_what_stands_there_ends_without_a_word() -> None:
+    program = (
+        "import sys; from actors.runtime.prints import taken_by\n"
+        "with taken_by(None): pass\n"
+        "sys.stdout.close(); sys.stderr.flush()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-X", "dev", "-c", program], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

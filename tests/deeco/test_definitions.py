@@ -151,14 +151,26 @@ CLASSES = {
 }
 
 PROCESSES = {
-    "@periodic(every=0 µs, offset=0 µs): every should be above 0 and offset at least 0": """
+    "@periodic: every=0 is 0 µs, and should be at least 1000 µs; seconds(1) is a second": """
         periodic(every=seconds(0))
         """,
-    "@periodic(every=-1000 µs, offset=0 µs): every should be above 0 and offset at least 0": """
+    "@periodic: every=-1000 is -1000 µs, and should be at least 1000 µs; seconds(1) is a second": """
         periodic(every=milliseconds(-1))
         """,
-    "@periodic(every=1000000 µs, offset=-1000 µs): every should be above 0 and offset at least 0": """
+    "@periodic: offset=-1000 is -1000 µs, and should be 0 or at least 1000 µs; seconds(1) is a second": """
         periodic(every=seconds(1), offset=milliseconds(-1))
+        """,
+    "@periodic: every=1 is 1 µs, and should be at least 1000 µs; seconds(1) is a second": """
+        periodic(every=1)
+        """,
+    "@periodic: every=0.5 is no duration, and should be one, such as seconds(1)": """
+        periodic(every=0.5)
+        """,
+    "@periodic: every=True is no duration, and should be one, such as seconds(1)": """
+        periodic(every=True)
+        """,
+    "@periodic: offset=2 is 2 µs, and should be 0 or at least 1000 µs; seconds(1) is a second": """
+        periodic(every=seconds(1), offset=2)
         """,
     "@on_change() should name a fact, such as Cleaner.is_blocked": """
         on_change()
@@ -209,16 +221,19 @@ ENSEMBLES = {
     "@ensemble() should say when: every=seconds(3), on_change=a fact, or both": """
         ensemble()
         """,
-    "@ensemble(every=0, offset=0, max_age=None), in µs: "
-    "every and max_age should be above 0 and offset at least 0": """
+    "@ensemble: every=0 is 0 µs, and should be at least 1000 µs; seconds(1) is a second": """
         ensemble(every=seconds(0))
         """,
-    "@ensemble(every=1000000, offset=-1000000, max_age=None), in µs: "
-    "every and max_age should be above 0 and offset at least 0": """
-        ensemble(every=seconds(1), offset=seconds(-1))
+    "@ensemble: offset=-1000 is -1000 µs, and should be 0 or at least 1000 µs; seconds(1) is a second": """
+        ensemble(every=seconds(1), offset=milliseconds(-1))
         """,
-    "@ensemble(every=None, offset=0, max_age=0), in µs: "
-    "every and max_age should be above 0 and offset at least 0": """
+    "@ensemble: every=3 is 3 µs, and should be at least 1000 µs; seconds(1) is a second": """
+        ensemble(every=3)
+        """,
+    "@ensemble: max_age=10 is 10 µs, and should be at least 1000 µs; seconds(1) is a second": """
+        ensemble(every=seconds(3), max_age=10)
+        """,
+    "@ensemble: max_age=0 is 0 µs, and should be at least 1000 µs; seconds(1) is a second": """
         ensemble(on_change=Vehicle.is_moving, max_age=seconds(0))
         """,
     "ensemble Convoy has no membership(self, coordinator, member)": """

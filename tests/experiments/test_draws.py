@@ -120,7 +120,7 @@ def test_one_run_of_a_campaign_can_be_repeated_from_what_was_kept(tmp_path: Path
     (row,) = results_table.rows(kept)
     words = [f"{key}={inline(value)}" for key, value in [*short, *record.drawn.items()]]
     typed = shlex.split(str(row["command"]))
-    assert typed[:3] == ["./acrc", "run", str(CORRIDOR)]
+    assert typed[:3] == ["acrc", "run", str(CORRIDOR)]
     assert [word for flag, word in pairwise(typed) if flag == "--set"] == words
     overrides = Overrides(seed=1, strategy="chapter", settings=settings(words))
     alone = swarm.plan(load_scenario(CORRIDOR, overrides), RunOptions(tmp_path / "alone", bus="memory"))

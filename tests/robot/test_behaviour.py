@@ -75,9 +75,28 @@ def test_errors_of_the_users_own_code_are_passed_on(tmp_path: Path, monkeypatch:
         load_behaviour("study_without_library:behaviour", START)
     assert str(refused.value) == (
         "behaviour 'study_without_library:behaviour': study_without_library imports 'no_such_library', which "
-        "is not installed; `./acrc add NAME` installs a package for good, by the name that pip knows it by"
+        "is not installed; `acrc add NAME` installs a package for good, by the name that pip knows it by"
     )
     (tmp_path / "study_of_a_part.py").write_text("import json.no_such_part\n")
     with pytest.raises(ModuleNotFoundError) as caught:
         load_behaviour("study_of_a_part:behaviour", START)
     assert caught.value.name == "json.no_such_part"
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("def behaviour(start):\n    return 1 +\n", "{file}:2: invalid syntax: return 1 +"),
+        ("import sys\nsys.exit('no')\n", "its code called sys.exit('no') ({file.name}:2)"),
+        ("def behaviour(start):\n    exit(3)\n", "its code called sys.exit(3) ({file.name}:2)"),
+    ],
+)
+def test_code_that_is_no_python_or_ends_its_process_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, fault: str
+) -> None:
+    file = tmp_path / f"study_{abs(hash(text))}.py"
+    file.write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(BehaviourError) as caught:
+        load_behaviour(f"{file.stem}:behaviour", START)
+    assert str(caught.value) == f"behaviour '{file.stem}:behaviour': {fault.format(file=file)}"

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from actors.runtime.errors import AcrcError
+from deploy.processes.signals import Interrupted
 from deploy.run import out_folder
 from deploy.run.options import folder_name, run_options
 from deploy.run.out_folder import OutFolderError, claim, make_folder, writing
@@ -58,6 +59,26 @@ def test_marks_that_end_the_address_of_a_socket_are_refused_over_the_mesh_only(
     assert run_options(out, bus="memory").out == out
 
 
+def test_a_run_below_a_link_or_a_step_back_is_recorded_where_that_leads(tmp_path: Path) -> None:
+    (tmp_path / "far").mkdir()
+    (tmp_path / "link").symlink_to("far")
+    for number, way in enumerate(("link", "far/../link", "link/../far")):
+        done = acrc("run", "--robots", 1, "--duration", 1, "--out", tmp_path / way / str(number))
+        assert done.returncode == 0, done.stderr
+        assert f"\nrecorded in {tmp_path}/far/{number}\n" in done.stdout
+    assert claim(tmp_path / "link", "one") == tmp_path / "far" / "one"
+
+
+def test_what_was_recorded_is_named_by_what_ends_a_run_if_it_is_there(tmp_path: Path) -> None:
+    for content in ((), ("world.mcap",)):
+        folder = claim(tmp_path, "one")
+        with pytest.raises(Interrupted) as caught, out_folder.dropped_if_empty(folder):
+            for name in content:
+                (folder / name).touch()
+            raise Interrupted(130)
+        assert caught.value.recorded == (folder if content else None)
+
+
 @pytest.mark.parametrize(
     ("below", "sentence"),
     [
@@ -74,7 +95,7 @@ def test_what_can_be_no_folder_is_refused_before_anything_starts(
     out = tmp_path / below
     shown = str(out) if len(str(out)) <= 200 else f"{str(out)[:200]}…"
     with pytest.raises(AcrcError) as caught:
-        out_folder.check(out, mesh=True)
+        out_folder.checked(out, mesh=True)
         make_folder(out)
     assert str(caught.value).startswith(f"--out: {shown} ")
     assert str(caught.value).removeprefix(f"--out: {shown} ") in (

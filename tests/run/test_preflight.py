@@ -97,6 +97,12 @@ def test_the_first_robot_is_made_as_it_will_be(
             "behavior",
             "behaviour 'study_entry:behavior': module 'study_entry' has no 'behavior'",
         ),
+        (
+            "study_gone",
+            "import os\ndef gone(start):\n    os._exit(0)",
+            "gone",
+            "behaviour 'study_gone:gone': its code called os._exit(0) (study_gone.py:3)",
+        ),
     ],
 )
 def test_what_does_not_fit_is_one_sentence(
@@ -170,7 +176,7 @@ MADE = "strategy 'hostile:{}', made for r1 before the run: "
 @pytest.mark.parametrize(
     ("function", "sentence"),
     [
-        ("leaves", MADE + "its process ended with exit code 0"),
+        ("leaves", "behaviour 'hostile:leaves': its code called sys.exit(0) (hostile.py:10)"),
         ("vanishes", MADE + "its process ended with exit code 0"),
         ("dies", MADE + "its process was ended by signal SIGKILL"),
         ("hangs", MADE + "is not done after 1 s; it is at hostile.py:19"),

@@ -177,7 +177,12 @@ def test_what_does_not_fit_is_refused() -> None:
         "event[0] would open a door at 1 s, which is open then"
     )
     assert refusal('[[robot]]\nid = "r2"\nplaces = [[12, 5], [5, 12.5]]') == (
-        "place 1 of robot r2 is at (5, 12.5), but must be on free floor"
+        f"place 1 of robot r2 is at (5, 12.5), but must be on free floor of {REPOSITORY}/maps/corridor.yaml"
+    )
+    maze = REPOSITORY / "maps" / "maze.yaml"
+    assert refusal('[places]\npreset = "golden"', head=f'map = "{maze}"\n') == (
+        f"place 0 of robot r1 is at (21.216, 11.918), but must be on free floor of {maze}; "
+        'places.preset "golden" is made for the map corridor'
     )
     assert refusal('[places]\npreset = "golden"\nper_robot = 11') == (
         'places.per_robot is 11, but must be at most 10 where places.preset is "golden"'

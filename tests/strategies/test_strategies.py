@@ -87,7 +87,7 @@ def test_installed_strategies_are_listed_beside_the_shipped_ones(site: Path) -> 
     )
     assert everyone["broken", "sad_study 1.2"]["error"] == (
         "behaviour 'broken:behaviour': broken imports 'no_such_library', which is not installed; "
-        "`./acrc add NAME` installs a package for good, by the name that pip knows it by"
+        "`acrc add NAME` installs a package for good, by the name that pip knows it by"
     )
     table = acrc("list", "strategies")
     assert table.returncode == 0

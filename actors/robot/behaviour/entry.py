@@ -7,6 +7,7 @@ from typing import Any, cast
 
 from actors.robot.behaviour.ports import Behaviour, Start
 from actors.runtime.errors import AcrcError
+from actors.runtime.lifecycle.failure import failure_note
 from deeco import DeecoError
 
 
@@ -20,10 +21,13 @@ def load_behaviour(entry: str, start: Start) -> Behaviour:
     Raises BehaviourError if there is no such function or if what it gives is no behaviour. An error inside
     of the user's module or function is his own and is passed on.
     """
+    function = entry_function(entry)
     try:
-        made = entry_function(entry)(start)
+        made = function(start)
     except DeecoError as error:
         raise BehaviourError(f"behaviour {entry!r}: {error}") from error
+    except SystemExit as error:
+        raise BehaviourError(f"behaviour {entry!r}: {failure_note('', 0, error).cause}") from None
     if not callable(getattr(made, "advance", None)):
         raise BehaviourError(
             f"behaviour {entry!r} gives a {type(made).__name__}, which has no method advance(view, until)"
@@ -47,13 +51,20 @@ def entry_function(entry: str) -> Callable[[Start], Any]:
                 raise  # the module is there, and imports a part of a package that the package has not
             raise BehaviourError(
                 f"behaviour {entry!r}: {module_name} imports {missing!r}, which is not installed; "
-                "`./acrc add NAME` installs a package for good, by the name that pip knows it by"
+                "`acrc add NAME` installs a package for good, by the name that pip knows it by"
             ) from None
         raise BehaviourError(
             f"behaviour {entry!r}: there is no module {missing!r} on Python's path"
         ) from None
     except DeecoError as error:
         raise BehaviourError(f"behaviour {entry!r}: {error}") from error
+    except SyntaxError as error:  # the traceback would show the importer's lines, and not one of the user's
+        line = (error.text or "").strip()
+        raise BehaviourError(
+            f"behaviour {entry!r}: {error.filename}:{error.lineno}: {error.msg}{line and f': {line}'}"
+        ) from None
+    except SystemExit as error:
+        raise BehaviourError(f"behaviour {entry!r}: {failure_note('', 0, error).cause}") from None
     function = getattr(module, name, None)
     if function is None:
         raise BehaviourError(f"behaviour {entry!r}: module {module_name!r} has no {name!r}")
