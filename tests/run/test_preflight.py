@@ -16,6 +16,7 @@ from deploy.run.preflight import Bounds, PreflightError, preflight
 from tests.scenario.faults import scenario
 
 STUDY = """
+import os
 from dataclasses import dataclass
 from actors.instant import Duration, Instant, seconds
 from actors.robot.behaviour.ports import Behaviour, Decision, Start, View
@@ -42,6 +43,9 @@ def undeployed(start: Start) -> Behaviour:
 
 def buggy(start: Start) -> Behaviour:
     return Own(1 / 0)
+
+def gone(start: Start) -> Behaviour:
+    os._exit(0)
 """
 
 
@@ -99,9 +103,9 @@ def test_the_first_robot_is_made_as_it_will_be(
         ),
         (
             "study_gone",
-            "import os\ndef gone(start):\n    os._exit(0)",
+            "",
             "gone",
-            "behaviour 'study_gone:gone': its code called os._exit(0) (study_gone.py:3)",
+            "behaviour 'study_gone:gone': its code called os._exit(0) (study_gone.py:31)",
         ),
     ],
 )
