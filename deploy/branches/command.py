@@ -16,6 +16,7 @@ from deploy.branches.divergence import Divergence
 from deploy.processes.signals import Interrupted
 from deploy.results import summary
 from deploy.run import out_folder
+from deploy.run.foreign import Permit
 from deploy.run.kernels import compile_kernels
 from deploy.run.options import folder_name, run_options
 from deploy.scenario.scenario_file import settings as settings_of
@@ -30,7 +31,7 @@ def continue_run(
     out: Path | None,
     others: Sequence[str],
     *,
-    trust: bool,
+    permit: Permit,
     json: bool,
 ) -> None:
     """Carry the branch out and say what came of it; `others`: options that belong to whole runs only."""
@@ -40,8 +41,7 @@ def continue_run(
     try:
         changed = strategy_settings(settings_of(settings))
         change = Change(at_s, strategy, changed, tuple(event(text, at_s) for text in events))
-        if strategy is not None:
-            entry(strategy)
+        typed = "" if strategy is None else entry(strategy)
     except StrategyError as error:
         raise OptionError(f"--strategy: {error}") from None
     name = f"{folder_name(Path(origin.name))}-branch"
@@ -52,7 +52,7 @@ def continue_run(
     try:
         with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
             compile_kernels(quiet=json)
-            branched = branch(origin, change, options, trust=trust)
+            branched = branch(origin, change, options, permit=replace(permit, typed=typed))
     except Interrupted as interrupt:
         raise typer.Exit(interrupt.exit_code) from None
     summary.print_result(branched.result, json=json)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from deploy.cli.options import FleetFile
+from deploy.cli.options import FleetFile, Modules
 
 
 def onboard(
@@ -33,12 +33,14 @@ def onboard(
             "[default: about where it last was, which it first makes sure of; `start` the first time]",
         ),
     ] = None,
+    modules: Modules = None,
 ) -> None:
     """Be a robot: drive the TurtleBot and the radio board that are plugged in, until told to stop."""
     from deploy.fleet import onboard_run
     from deploy.fleet.fleet_file import load_fleet
     from deploy.processes.signals import Interrupted
     from deploy.run import out_folder
+    from deploy.run.foreign import permit_of
     from deploy.run.kernels import compile_kernels
 
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
@@ -46,7 +48,7 @@ def onboard(
     if out is not None:
         out_folder.check(out, mesh=True)
     folder = out.absolute() if out else onboard_run.new_folder(Path("runs"))
-    options = onboard_run.OnboardOptions(folder, isolate, debugpy, at)
+    options = onboard_run.OnboardOptions(folder, isolate, debugpy, at, permit_of(modules).modules)
     try:
         with out_folder.dropped_if_empty(folder):
             prepared = onboard_run.prepare(loaded, robot, options, console.print)
