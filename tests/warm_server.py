@@ -76,7 +76,7 @@ def _become(channel: int, words: Sequence[str], places: Sequence[str]) -> NoRetu
         os.environ.clear()
         os.environ.update(told)
         named = [place for place in told.get("PYTHONPATH", "").split(os.pathsep) if place]
-        sys.path[:] = [str(REPOSITORY), *named, *places]
+        sys.path[:] = [*named, *places]
         code = forkserver.main([str(channel), *words])
     except BaseException:  # the child must never return into the command
         traceback.print_exc()

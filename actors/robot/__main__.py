@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from actors.robot import assembly, program
+from actors.robot.behaviour.modules import look_in
 from actors.runtime import debugger, prints
 from actors.runtime.access.rules import client_config
 from actors.runtime.client_options import own_folder
@@ -78,6 +79,7 @@ def main(argv: Sequence[str]) -> int:
             debugger.refuse_breakpoints(options.setup.id)
         if options.limits is not None:
             enforce(options.limits, isolated=options.isolate)
+        look_in(options.path)
         if options.preflight_s is not None:
             return preflight(lambda: program.part_of(options, argv), recorder, options.preflight_s)
         config = client_config(options.client.credentials, options.client.router)

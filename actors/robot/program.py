@@ -3,16 +3,18 @@
 import argparse
 import math
 import re
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import msgspec
+
 from actors.floor.map_file import load_map
 from actors.geometry import Pose, wrap
 from actors.messages import READY, Ready
 from actors.robot.assembly import CommonGround, RobotSetup, common_ground, kernels, robot
+from actors.robot.behaviour import modules
 from actors.robot.behaviour.adaptation import Adaptation, load_adaptation
 from actors.robot.behaviour.places import load_places
 from actors.robot.core import RobotCore
@@ -42,7 +44,7 @@ class RobotOptions:
     model: str
     sensor: str | None
     path: tuple[Path, ...]
-    """Folders to look for the behaviour's module in, the first one first, before Python's own."""
+    """Folders to look for the behaviour's module in, the first one first, behind Python's own."""
     limits: ProcessLimits | None
     """What its process may have; None: whatever there is."""
     isolate: bool
@@ -78,17 +80,19 @@ def share(map_file: str, model: str, sensor: str, navigation: str) -> CommonGrou
 
 def part(argv: Sequence[str]) -> ActorProcess:
     """The robot that `argv` describes, with its connections. Raises an AcrcError if anything is wrong."""
-    return part_of(parse(argv), argv)
+    options = parse(argv)
+    modules.look_in(options.path)
+    return part_of(options, argv)
 
 
 def part_of(options: RobotOptions, argv: Sequence[str]) -> ActorProcess:
-    """As `part`, from what `parse` made of `argv`."""
-    look_in(options.path)
+    """As `part`, from what `parse` made of `argv`; its code is looked for where this process looks."""
     core, setup = build(options), options.setup
     prints = kernels()
     run = run_note(
         options.client.record.stem, argv, setup, options.client.commit, seed=setup.seed, kernels=prints
     )
+    run = msgspec.structs.replace(run, code=modules.FOLDERS.hashes() or None)
     ready = to(READY, Ready(setup.first_step, setup.id, setup.epoch, combined(prints)), setup.id)
     return ActorProcess(
         core=core,
@@ -96,6 +100,7 @@ def part_of(options: RobotOptions, argv: Sequence[str]) -> ActorProcess:
         run=run,
         ready=ready,
         outcome=core.outcome,
+        code=modules.FOLDERS.hashes,
         spans=options.client.spans,
     )
 
@@ -135,16 +140,9 @@ def parse(argv: Sequence[str]) -> RobotOptions:
 
 
 def code_of(argv: Sequence[str]) -> tuple[str, tuple[Path, ...]]:
-    """The entry of the behaviour in `argv`, and the folders that it is looked for in first; reads no file."""
+    """The entry of the behaviour in `argv`, and the folders that it was looked for in; reads no file."""
     given = _parser().parse_args(argv)
     return given.behaviour, tuple(given.path)
-
-
-def look_in(folders: Sequence[Path]) -> None:
-    """Let Python find modules in these folders, too."""
-    for folder in reversed(folders):
-        if str(folder) not in sys.path:
-            sys.path.insert(0, str(folder))
 
 
 def _parser() -> argparse.ArgumentParser:

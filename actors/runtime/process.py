@@ -48,6 +48,9 @@ class RunNote(msgspec.Struct, frozen=True):
     """Fingerprint of each numeric kernel on fixed inputs, by module or function."""
     processor: Processor = Processor("")
     """What it ran on."""
+    code: dict[str, str] | None = None
+    """Sha256 of each module that it had loaded from a folder, and not from what is installed, by its place
+    there; None: it had loaded none, or this was recorded before it was noted."""
 
 
 class Setup(Protocol):
@@ -94,6 +97,8 @@ class FinalNote(msgspec.Struct, frozen=True):
     """Messages received from other actors, by key, whether the core took them or not."""
     outcome: dict[str, msgspec.Raw] = {}
     """What the actor has to say about the run, by subject."""
+    code: dict[str, str] = {}
+    """As in the first record, with what was loaded later."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +114,8 @@ class ActorProcess:
     """Which kind of bus `drive` waits on."""
     drive: Callable[[Shell, Any], None] = run_shell
     outcome: Callable[[], dict[str, object]] = dict
+    code: Callable[[], dict[str, str]] = dict
+    """The modules that were loaded so far, as in RunNote."""
     spans: Window | None = None
     """Steps in which what the process does is noted, span by span; None: nothing is."""
     prints: Prints | None = None
@@ -194,4 +201,5 @@ def final_note(shell: Shell, part: ActorProcess, cpu_s: float) -> FinalNote:
         sent=dict(shell.tally.sent),
         arrived=dict(shell.tally.arrived),
         outcome={name: msgspec.Raw(msgspec.json.encode(value)) for name, value in part.outcome().items()},
+        code=part.code(),
     )

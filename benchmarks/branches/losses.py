@@ -10,6 +10,7 @@ from actors.orders import Lose
 from deploy.branches.branching import branch
 from deploy.branches.change import Change, Event
 from deploy.evidence.frame_fates import frame_fates
+from deploy.run.foreign import INSTALLED
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
 
@@ -44,7 +45,7 @@ def named(origin: Path, copy: Copy, out: Path) -> bool:
     at_s = in_seconds(copy.step * milliseconds(load_scenario(origin / "scenario.toml").run.step_ms))
     order = Event(Lose(copy.receiver, copy.sender), at_s, f"lose {copy.receiver} {copy.sender}")
     change, options = Change(at_s, events=(order,)), RunOptions(out, bus="memory")
-    parted = branch(origin, change, options, trust=False).divergence
+    parted = branch(origin, change, options, permit=INSTALLED).divergence
     if parted is None:
         return False
     there = (parted.step, parted.key) == (copy.step + 1, RECEIVED.key(copy.receiver))

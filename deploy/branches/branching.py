@@ -1,7 +1,7 @@
 """Carries a branch out: the run once more from its start in memory, and from an instant on with a change."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
@@ -21,7 +21,7 @@ from deploy.replay.swarm_replay import SCENARIO
 from deploy.results.origin import BranchOrigin
 from deploy.results.result import RunResult
 from deploy.run import swarm
-from deploy.run.foreign import beside, refuse_foreign, refuse_missing
+from deploy.run.foreign import Permit, admitted, beside
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
 from deploy.scenario.tables import Scenario
@@ -44,12 +44,12 @@ class Branched:
     """A sentence for each event that the world refused, or that came behind the end."""
 
 
-def branch(origin: Path, change: Change, options: RunOptions, *, trust: bool) -> Branched:
+def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit) -> Branched:
     """Continue the run in the folder `origin`, simulated or a branch itself, into `options.out`.
 
     Up to the change everything is as it was, and all orders that the run was given later are given again.
     Raises BranchError for an instant that the run has not come to, and where the part before it does not come
-    out the same; ForeignCodeError for somebody's code, without `trust`.
+    out the same; ForeignCodeError for code that the permit does not cover.
     """
     if not (origin / SCENARIO).is_file():
         raise BranchError(f"{origin}: has no {SCENARIO}; it should be the folder of a simulated run")
@@ -66,10 +66,8 @@ def branch(origin: Path, change: Change, options: RunOptions, *, trust: bool) ->
             f"{origin}: the run ends at {in_seconds(last * step_us):g} s; a branch must leave it before"
         )
     changed = _changed(scenario, change)
-    refuse_missing(origin / SCENARIO, entry(changed.run.strategy), beside(changed))
-    if not trust:
-        refuse_foreign(origin / SCENARIO, entry(changed.run.strategy), beside(changed))
-    plan = swarm.plan(changed, options)
+    modules = admitted(origin / SCENARIO, entry(changed.run.strategy), beside(changed), permit)
+    plan = swarm.plan(changed, replace(options, modules=modules))
     orders = OrderBus(with_events(recorded_orders(files["world"]), change.events, step_us))
     watch = _Watch(first)
     result = swarm.run_in_memory(plan, watch.follow, orders)

@@ -14,6 +14,7 @@ from deploy.branches.change import place as place_of
 from deploy.branches.divergence import Divergence
 from deploy.results import summary
 from deploy.run import out_folder
+from deploy.run.foreign import Permit
 from deploy.run.kernels import compile_kernels
 from deploy.run.options import folder_name, run_options
 from deploy.scenario.scenario_file import settings as settings_of
@@ -28,7 +29,7 @@ def continue_run(
     out: Path | None,
     others: Sequence[str],
     *,
-    trust: bool,
+    permit: Permit,
     json: bool,
 ) -> None:
     """Carry the branch out and say what came of it; `others`: options that belong to whole runs only."""
@@ -38,8 +39,7 @@ def continue_run(
     try:
         changed = strategy_settings(settings_of(settings))
         change = Change(at_s, strategy, changed, tuple(event(text, at_s) for text in events))
-        if strategy is not None:
-            entry(strategy)
+        typed = "" if strategy is None else entry(strategy)
     except StrategyError as error:
         raise OptionError(f"--strategy: {error}") from None
     name = f"{folder_name(Path(origin.name))}-branch"
@@ -49,7 +49,7 @@ def continue_run(
         options = replace(options, out=out_folder.claim(options.out.parent, name))
     with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
         compile_kernels(quiet=json)
-        branched = branch(origin, change, options, trust=trust)
+        branched = branch(origin, change, options, permit=replace(permit, typed=typed))
     summary.print_result(branched.result, json=json)
     console = Console(stderr=True, soft_wrap=True, highlight=False)
     changes = "; ".join(change.words) or "nothing changed"

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from deploy.cli.options import Modules, Trust
 from deploy.usage import OptionError
 
 
@@ -15,9 +16,8 @@ def export(
     folder: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Where to.  [default: OUT/tables]")
     ] = None,
-    trust: Annotated[
-        bool, typer.Option("--trust", help="Run the code that the recordings name, whoever wrote it.")
-    ] = False,
+    modules: Modules = None,
+    trust: Trust = False,
 ) -> None:
     """Write poses, estimates, goals, frames, knowledge, exchanges, places and decisions as tables.
 
@@ -28,9 +28,11 @@ def export(
         raise OptionError(f"export {out}: should stand with --parquet")
     from deploy.replay.run_recordings import recordings
     from deploy.replay.trust import check_trust
+    from deploy.run.foreign import permit_of
 
+    permit = permit_of(modules, trust=trust)
     for actor in recordings(out):
-        check_trust(out, actor, trust=trust)
+        check_trust(out, actor, permit)
     from deploy.export import parquet_files, rows
     from deploy.run import out_folder
     from deploy.run.isolating import choose, warn
@@ -42,7 +44,7 @@ def export(
         found = rows.tables(
             out,
             lambda actor: status.update(f"executing {actor} again"),
-            trust=trust,
+            permit=permit,
             isolate=choice.isolate,
         )
     where = folder or out / "tables"

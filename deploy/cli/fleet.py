@@ -11,7 +11,7 @@ from rich.console import Console
 from deploy.cli.collect import collect
 from deploy.cli.laptop import pause, resume, stop, watch
 from deploy.cli.onboard import onboard
-from deploy.cli.options import FleetFile, Json
+from deploy.cli.options import FleetFile, Json, Modules
 from deploy.repository import REPOSITORY
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ def units(
         str | None,
         typer.Option(metavar="NAME", help="Who the robot runs as.  [default: owner of this clone]"),
     ] = None,
+    modules: Modules = None,
 ) -> None:
     """Write the systemd service of a robot and the udev rules of its devices.
 
@@ -35,10 +36,16 @@ def units(
     """
     from deploy.fleet import units as unit_files
     from deploy.fleet.fleet_file import load_fleet
+    from deploy.run.foreign import permit_of
 
     loaded = load_fleet(fleet)
     written = unit_files.write(
-        loaded, loaded.robot(robot), out, program=REPOSITORY / "acrc", user=user or REPOSITORY.owner()
+        loaded,
+        loaded.robot(robot),
+        out,
+        program=REPOSITORY / "acrc",
+        user=user or REPOSITORY.owner(),
+        modules=permit_of(modules).modules,
     )
     service, rules = written.service_file, written.rules_file
     _console().print(
@@ -103,6 +110,7 @@ def doctor(
     robot: Annotated[
         str | None, typer.Option(metavar="ID", help="Which of the robots this computer is.")
     ] = None,
+    modules: Modules = None,
     json: Json = False,
 ) -> None:
     """Say what is wrong with this computer, and how to put it right; exit code 1 if anything is.
@@ -111,8 +119,9 @@ def doctor(
     but compiles numeric kernels that were not compiled yet.
     """
     from deploy.fleet.doctor import consultation
+    from deploy.run.foreign import permit_of
 
-    if not consultation.consult(fleet, robot, json=json):
+    if not consultation.consult(fleet, robot, permit_of(modules), json=json):
         raise typer.Exit(1)
 
 

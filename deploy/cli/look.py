@@ -3,14 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
 from deploy.cli import completion
-from deploy.cli.options import Robots, Seed, Setting
+from deploy.cli.options import Modules, Robots, Seed, Setting, Trust
 from deploy.usage import OptionError, wrong_value
+
+if TYPE_CHECKING:
+    from deploy.run.foreign import Permit
 
 
 def demo(
@@ -91,9 +94,8 @@ def view(
             "--why", help="Tell beside it why robots decided what they did; executes them once more."
         ),
     ] = False,
-    trust: Annotated[
-        bool, typer.Option("--trust", help="Execute the code that the recordings name, whoever wrote it.")
-    ] = False,
+    modules: Modules = None,
+    trust: Trust = False,
     isolate: Annotated[
         bool | None,
         typer.Option("--isolate/--no-isolate", help="Shut that code off.  [default: where the machine can]"),
@@ -113,13 +115,15 @@ def view(
         kinds = [kind for wished, kind in ((png, "png"), (svg, "svg"), (html, "html")) if wished]
         _draw_page(out, [f"run.{kind}" for kind in kinds], movie, speed)
         return
-    wishes = (tuple(robot or ()), trust, isolate, why)
+    from deploy.run.foreign import permit_of
+
+    wishes = (tuple(robot or ()), permit_of(modules, trust=trust), isolate, why)
     _show((out, *(beside or ())), wishes, save=save, screenshot=screenshot, at=at)
 
 
 def _show(
     folders: Sequence[Path],
-    wishes: tuple[tuple[str, ...], bool, bool | None, bool],
+    wishes: "tuple[tuple[str, ...], Permit, bool | None, bool]",
     *,
     save: Path | None,
     screenshot: Path | None,

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from deploy.cli.options import FleetFile
+from deploy.cli.options import FleetFile, Modules
 
 
 def onboard(
@@ -33,17 +33,20 @@ def onboard(
             "[default: about where it last was, which it first makes sure of; `start` the first time]",
         ),
     ] = None,
+    modules: Modules = None,
 ) -> None:
     """Be a robot: drive the TurtleBot and the radio board that are plugged in, until told to stop."""
     from deploy.fleet import onboard_run
     from deploy.fleet.fleet_file import load_fleet
     from deploy.run import out_folder
+    from deploy.run.foreign import permit_of
     from deploy.run.kernels import compile_kernels
 
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
     loaded = load_fleet(fleet)
+    named = permit_of(modules).modules
     folder = out_folder.checked(out, mesh=True) if out else onboard_run.new_folder(Path("runs"))
-    options = onboard_run.OnboardOptions(folder, isolate, debugpy, at)
+    options = onboard_run.OnboardOptions(folder, isolate, debugpy, at, named)
     with out_folder.dropped_if_empty(folder):
         prepared = onboard_run.prepare(loaded, robot, options, console.print)
         compile_kernels(onboard=True)  # else it would seem to hang for a minute, or five on a small board

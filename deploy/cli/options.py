@@ -22,6 +22,16 @@ Endpoints = Annotated[
     list[str],
     typer.Argument(metavar="ENDPOINT…", help="Where robots listen, such as tls/192.168.1.12:7447."),
 ]
+Modules = Annotated[
+    list[Path] | None,
+    typer.Option("--modules", metavar="DIR", help="Load strategies from this folder, too. Repeatable."),
+]
+Trust = Annotated[
+    bool,
+    typer.Option(
+        "--trust", help="Run the code that the file names, wherever it lies and whatever it is now."
+    ),
+]
 Robots = Annotated[str | None, typer.Option(metavar="N", help="How many robots.")]
 Seed = Annotated[str | None, typer.Option(metavar="N", help="From which all that is random follows.")]
 Setting = Annotated[

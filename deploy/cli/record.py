@@ -6,6 +6,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from deploy.cli.options import Modules, Trust
+
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 _Out = Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")]
 
@@ -69,9 +71,8 @@ def check(out: _Target) -> None:
 def replay(
     out: _Out,
     actor: Annotated[str, typer.Argument(metavar="ACTOR", help="world, radio, r1, or r1.1 once restarted.")],
-    trust: Annotated[
-        bool, typer.Option("--trust", help="Run the code that the recording names, whoever wrote it.")
-    ] = False,
+    modules: Modules = None,
+    trust: Trust = False,
     isolate: Annotated[
         bool | None,
         typer.Option(
@@ -82,8 +83,10 @@ def replay(
 ) -> None:
     """Execute one actor again from what it received, and compare everything it sends."""
     from deploy.replay import trusted_replay
+    from deploy.run.foreign import permit_of
 
-    report = trusted_replay.replay(out, actor, trust=trust, isolate=isolate)
+    permit = permit_of(modules, trust=trust)
+    report = trusted_replay.replay(out, actor, permit=permit, isolate=isolate)
     Console(soft_wrap=True, highlight=False).print(
         f"{report.actor}: {report.outputs} messages sent again, all equal to the recorded ones"
     )

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,7 +11,7 @@ import typer
 from rich.console import Console
 
 from deploy.cli import completion
-from deploy.cli.options import Json
+from deploy.cli.options import Json, Modules, Trust
 from deploy.usage import OptionError
 
 if TYPE_CHECKING:
@@ -48,9 +49,8 @@ def replay(
             autocompletion=completion.strategies,
         ),
     ] = None,
-    trust: Annotated[
-        bool, typer.Option("--trust", help="Run the code that the recording names, whoever wrote it.")
-    ] = False,
+    modules: Modules = None,
+    trust: Trust = False,
 ) -> None:
     """Make a simulated run again, and compare every message; with --robot, execute that one alone again."""
     options = {
@@ -66,8 +66,9 @@ def replay(
         if alone:
             raise OptionError(f"{alone[0]}: is about one robot; must stand with --robot")
         from deploy.replay.swarm_replay import replay_swarm
+        from deploy.run.foreign import permit_of
 
-        again = replay_swarm(out, trust=trust)
+        again = replay_swarm(out, permit=permit_of(modules, trust=trust))
         orders = "" if not again.orders else f", with {again.orders} orders from outside"
         whole = "" if again.complete else ", as far as it was recorded"
         console.print(f"identical: {again.messages} messages{orders}{whole}; digest {again.digest}")
@@ -78,7 +79,8 @@ def replay(
         raise OptionError("--from: is where a debugger stops; must stand with --pdb or --debugpy")
     if begin is not None and end is not None and begin > end:
         raise OptionError(f"--from: is {begin:g}; must be at most {end:g}, which is --to")
-    report = _one(out, robot, begin or 0.0, end, _debugger(pdb, debugpy), strategy, trust=trust)
+    words = (modules, trust)
+    report = _one(out, robot, begin or 0.0, end, _debugger(pdb, debugpy), strategy, words)
     until = "" if report.whole else " so far" if end is None else f" up to {end:g} s"
     console.print(f"{report.actor}: identical: {report.outputs} outputs{until}")
 
@@ -98,19 +100,25 @@ def _one(
     end: float | None,
     stop: Callable[[], None] | None,
     strategy: str | None,
-    *,
-    trust: bool,
+    words: tuple[list[Path] | None, bool],
 ) -> "ReplayReport":
+    from actors.robot.behaviour.modules import look_in
     from actors.runtime.debugger import DebuggerError
     from actors.runtime.prints import on
     from cleaning.strategies import entry
     from deploy.replay import debugging, other_strategy, trusted_replay
     from deploy.replay.record_replay import Onlook, replay_actor
     from deploy.replay.trust import check_trust
+    from deploy.run.foreign import admitted, permit_of
 
+    permit = permit_of(words[0], trust=words[1])
     if stop is None and end is None and strategy is None:
-        return trusted_replay.replay(out, robot, trust=trust, isolate=None)
-    check_trust(out, robot, trust=trust)
+        return trusted_replay.replay(out, robot, permit=permit, isolate=None)
+    if strategy is None:
+        folders = check_trust(out, robot, permit) or ()
+    else:
+        folders = admitted(out, entry(strategy), (), replace(permit, typed=entry(strategy)))
+    look_in(folders, any_content=permit.trust)
     stretch, reached = debugging.Stretch(begin, end), list[bool]()
 
     def stopping() -> None:
@@ -139,9 +147,8 @@ def explain(
         ),
     ],
     json: Json = False,
-    trust: Annotated[
-        bool, typer.Option("--trust", help="Run the code that the recording names, whoever wrote it.")
-    ] = False,
+    modules: Modules = None,
+    trust: Trust = False,
 ) -> None:
     """Say why a robot decided as it did: the knowledge, the frame that brought it, and what was lost before.
 
@@ -150,13 +157,15 @@ def explain(
     from actors.runtime.errors import printable
     from deploy.explanation import asking
     from deploy.explanation import explain as explanation
+    from deploy.run.foreign import permit_of
     from deploy.run.isolating import choose, warn
 
+    permit = permit_of(modules, trust=trust)
     console = Console(soft_wrap=True, highlight=False, markup=False)
     asked, choice = explanation.wish(who), choose(None)
     warn(choice.warning)
     if asked.at_s is None:
-        rows = asking.decisions(out, asked.robot, trust=trust, isolate=choice.isolate)
+        rows = asking.decisions(out, asked.robot, permit=permit, isolate=choice.isolate)
         if json:
             print(explanation.as_json(rows))
             return
@@ -165,7 +174,7 @@ def explain(
         if not rows:
             console.print(f"{asked.robot} never decides anything.")
         return
-    found = asking.explained(out, asked, trust=trust, isolate=choice.isolate)
+    found = asking.explained(out, asked, permit=permit, isolate=choice.isolate)
     if json:
         print(explanation.as_json(found))
         return

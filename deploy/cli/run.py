@@ -9,7 +9,7 @@ from rich.console import Console
 
 from actors.runtime.errors import AcrcError
 from deploy.cli import completion
-from deploy.cli.options import Json, Robots, ScenarioFile, Seed, Setting
+from deploy.cli.options import Json, Modules, Robots, ScenarioFile, Seed, Setting, Trust
 from deploy.usage import OptionError
 
 
@@ -94,9 +94,8 @@ def run(
             "--hardware-in-the-loop", help="Robots as on board, their devices emulated; in wall time."
         ),
     ] = False,
-    trust: Annotated[
-        bool, typer.Option("--trust", help="Run the code that the scenario names, whoever wrote it.")
-    ] = False,
+    modules: Modules = None,
+    trust: Trust = False,
     limit: Annotated[
         list[str] | None,
         typer.Option(
@@ -136,6 +135,9 @@ def run(
     ] = False,
 ) -> None:
     """Run a swarm and say what came of it. Options replace what the scenario says."""
+    from deploy.run import foreign
+
+    permit = foreign.permit_of(modules, trust=trust)
     if origin is not None:
         from deploy.branches.command import continue_run
 
@@ -146,7 +148,7 @@ def run(
             "--limit": limit, "--check": check,
         }  # fmt: skip
         others = [name for name, value in whole.items() if value]
-        continue_run(origin, strategy, setting or (), event or (), out, others, trust=trust, json=json)
+        continue_run(origin, strategy, setting or (), event or (), out, others, permit=permit, json=json)
         return
     if event:
         raise OptionError(f"--event: {event[0]!r}; must stand with --from")
@@ -175,12 +177,10 @@ def run(
         followed=robot or (),
     )
     chosen = load_scenario(scenario, overrides)
-
-    from deploy.run import foreign
-
     behaviour = _behaviour(chosen.run.strategy, by_option=strategy is not None)
-    if not trust:
-        foreign.refuse_foreign(scenario or DEFAULT_SCENARIO, behaviour, foreign.beside(chosen))
+    permit = replace(permit, typed=behaviour if strategy is not None else "")
+    folders = foreign.admitted(scenario or DEFAULT_SCENARIO, behaviour, foreign.beside(chosen), permit)
+    options = replace(options, modules=folders)
 
     from deploy.results import deliveries, summary
     from deploy.run import out_folder, swarm
@@ -204,14 +204,14 @@ def run(
         summary.print_view(options.out)
     deliveries.demand_all(result.undelivered, result.not_delivered)
     if check:
-        _check_again(options.out)
+        _check_again(options.out, options.modules)
 
 
-def _check_again(out: Path) -> None:
+def _check_again(out: Path, modules: tuple[Path, ...]) -> None:
     """Execute a run's actors again; what comes out stands on standard error, beside the result."""
     from deploy.replay.recheck import recheck
 
-    again = recheck(out)
+    again = recheck(out, modules)
     Console(stderr=True, soft_wrap=True, highlight=False).print(
         f"checked: {again.actors} actors executed again, all {again.outputs} messages equal"
     )

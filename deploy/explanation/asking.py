@@ -18,6 +18,7 @@ from deploy.explanation.explain import (
     processes,
 )
 from deploy.replay.shut_off_calls import Answer, Bounds, Call, ask
+from deploy.run.foreign import Permit
 
 _PROGRAM: Final = "deploy.explanation.explain_program"
 _FILE_MB: Final = 64
@@ -35,26 +36,26 @@ class Reasons:
 
 
 def decisions(
-    out: Path, robot: str, *, trust: bool, isolate: bool, bounds: Bounds = BOUNDS
+    out: Path, robot: str, *, permit: Permit, isolate: bool, bounds: Bounds = BOUNDS
 ) -> tuple[DecisionRow, ...]:
     """All decisions of a robot, those of its later processes behind. Raises ExplanationError."""
-    return _one(out, _call(out, robot), trust, isolate, bounds).decisions
+    return _one(out, _call(out, robot), permit, isolate, bounds).decisions
 
 
 def explained(
-    out: Path, asked: Wish, *, trust: bool, isolate: bool, bounds: Bounds = BOUNDS
+    out: Path, asked: Wish, *, permit: Permit, isolate: bool, bounds: Bounds = BOUNDS
 ) -> tuple[Explanation, ...]:
     """Every decision that the robot made at an instant, or the one before it. Raises ExplanationError."""
     call = _call(out, asked.robot, "--at", repr(asked.at_s))
-    return _one(out, call, trust, isolate, bounds).explanations
+    return _one(out, call, permit, isolate, bounds).explanations
 
 
 def all_reasons(
-    out: Path, robots: Sequence[str], *, trust: bool, isolate: bool, bounds: Bounds = BOUNDS
+    out: Path, robots: Sequence[str], *, permit: Permit, isolate: bool, bounds: Bounds = BOUNDS
 ) -> Iterator[Reasons]:
     """Every decision of several robots explained, each robot as it is done."""
     calls = [_call(out, robot, "--every") for robot in robots]
-    for answer in ask(out, _PROGRAM, calls, bounds, trust=trust, isolate=isolate):
+    for answer in ask(out, _PROGRAM, calls, bounds, permit=permit, isolate=isolate):
         try:
             yield Reasons(answer.name, _read(answer).explanations)
         except ExplanationError as error:
@@ -65,8 +66,8 @@ def _call(out: Path, robot: str, *words: str) -> Call:
     return Call(robot, processes(out, robot), (*words, "--file-mb", str(_FILE_MB)))
 
 
-def _one(out: Path, call: Call, trust: bool, isolate: bool, bounds: Bounds) -> ExplainAnswer:
-    (answer,) = ask(out, _PROGRAM, [call], bounds, trust=trust, isolate=isolate)
+def _one(out: Path, call: Call, permit: Permit, isolate: bool, bounds: Bounds) -> ExplainAnswer:
+    (answer,) = ask(out, _PROGRAM, [call], bounds, permit=permit, isolate=isolate)
     return _read(answer)
 
 

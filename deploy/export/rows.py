@@ -15,6 +15,7 @@ from deploy.export.answered import BOUNDS, ExportError, read_answer, words
 from deploy.export.robot_rows import EXECUTED, Row, Tables
 from deploy.replay.run_recordings import recordings
 from deploy.replay.shut_off_calls import Bounds, Call, ask
+from deploy.run.foreign import Permit
 
 
 class _RadioSetup(msgspec.Struct):
@@ -27,7 +28,7 @@ def tables(
     out: Path,
     on_actor: Callable[[str], object] = lambda actor: None,
     *,
-    trust: bool,
+    permit: Permit,
     isolate: bool,
     bounds: Bounds = BOUNDS,
 ) -> Tables:
@@ -48,7 +49,7 @@ def tables(
     calls = [Call(actor, (actor,), words()) for actor in robots]
     on_actor("robots")
     executed: dict[str, Tables] = {}
-    for answer in ask(out, "deploy.export.export_program", calls, bounds, trust=trust, isolate=isolate):
+    for answer in ask(out, "deploy.export.export_program", calls, bounds, permit=permit, isolate=isolate):
         executed[answer.name] = read_answer(answer)
         on_actor(f"robots ({len(executed)} of {len(calls)} are done)")
     for actor, robot in robots.items():

@@ -21,9 +21,11 @@ from deploy.fleet.epochs import EpochCounter
 from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.fleet.onboard import Onboard, Ports
 from deploy.fleet.onboard_supervisor import OnboardError, OnboardSupervisor
+from deploy.fleet.own_code import own_code
 from deploy.fleet.service_notice import ServiceNotice
 from deploy.processes.launch import launcher
 from deploy.processes.signals import signals_as_interrupts
+from deploy.run.foreign import Permit
 from deploy.run.isolating import choose
 from deploy.run.out_folder import claim, writing
 from deploy.run.plan import Plan
@@ -50,6 +52,8 @@ class OnboardOptions:
     debug_port: int | None = None
     at: str | None = None
     """Where it is told to be: AT_START, or X,Y,HEADING; None: it may have moved since it last knew."""
+    modules: tuple[Path, ...] = ()
+    """Folders in which a strategy of one's own may be looked for."""
 
 
 def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str], None]) -> Onboard:
@@ -147,7 +151,7 @@ def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> Plan:
         world=WorldSetup(str(fleet.map), fleet.seed, step_us, FOREVER, (body,)),
         radio=RadioSetup(fleet.seed, step_us, ((robot.id, robot.address),), "beeclick"),
         behaviour=entry(fleet.run.strategy),
-        modules=(Path(fleet.run.modules),) if fleet.run.modules else (),
+        modules=own_code(fleet, Permit(options.modules)),
         adaptation=fleet.adaptation,
         navigation=fleet.navigation,
         scenario=ScenarioCopy("", ()),

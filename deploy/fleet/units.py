@@ -4,6 +4,7 @@ Source: systemd.unit(5), systemd.service(5), systemd.exec(5), systemd.resource-c
 """
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -52,10 +53,13 @@ class Units:
     rules_file: Path
 
 
-def write(fleet: Fleet, robot: FleetRobot, out: Path, *, program: Path, user: str) -> Units:
+def write(
+    fleet: Fleet, robot: FleetRobot, out: Path, *, program: Path, user: str, modules: Sequence[Path] = ()
+) -> Units:
     """Write service and rules into the folder `out`, made if need be; files that are there are replaced.
 
-    `program`: the script acrc on the robot. `user`: who the robot runs as. Raises UnitsError or OptionError.
+    `program`: the script acrc on the robot. `user`: who the robot runs as. `modules`: where its strategy may
+    be loaded from. Raises UnitsError or OptionError.
     """
     if not _USER.fullmatch(user):
         raise wrong_value("--user", user, "the name of a user of this computer")
@@ -64,7 +68,7 @@ def write(fleet: Fleet, robot: FleetRobot, out: Path, *, program: Path, user: st
     written = Units(out / f"acrc-{robot.id}.service", out / RULES_FILE)
     try:
         out.mkdir(parents=True, exist_ok=True)
-        written.service_file.write_text(service(fleet, robot, program=program, user=user))
+        written.service_file.write_text(service(fleet, robot, program=program, user=user, modules=modules))
         written.rules_file.write_text(rules(robot))
     except OSError as error:
         raise UnitsError(f"{out}: the units cannot be written: {error.strerror}") from None
@@ -77,12 +81,16 @@ def service(
     *,
     program: Path,
     user: str,
+    modules: Sequence[Path] = (),
     parameters: ServiceParameters = ServiceParameters(),
 ) -> str:
     """The text of the service's file."""
     sections = {
         "Unit": _unit(fleet, robot, parameters),
-        "Service": [*_service(fleet, robot, program, user, parameters), *_sandbox(robot, program.parent)],
+        "Service": [
+            *_service(_onboard(fleet, robot, program, modules), robot, program, user, parameters),
+            *_sandbox(robot, program.parent),
+        ],
         "Install": [("WantedBy", "multi-user.target")],
     }
     parts = [
@@ -116,10 +124,14 @@ def _unit(fleet: Fleet, robot: FleetRobot, parameters: ServiceParameters) -> Lin
     ]
 
 
+def _onboard(fleet: Fleet, robot: FleetRobot, program: Path, modules: Sequence[Path]) -> tuple[str, ...]:
+    own = (word for folder in modules for word in ("--modules", str(folder)))
+    return (str(program), "fleet", "onboard", str(fleet.path), "--robot", robot.id, *own)
+
+
 def _service(
-    fleet: Fleet, robot: FleetRobot, program: Path, user: str, parameters: ServiceParameters
+    words: Sequence[str], robot: FleetRobot, program: Path, user: str, parameters: ServiceParameters
 ) -> Lines:
-    words = (str(program), "fleet", "onboard", str(fleet.path), "--robot", robot.id)
     return [
         ("Type", "notify"),
         ("NotifyAccess", "main"),

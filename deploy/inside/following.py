@@ -14,6 +14,7 @@ from deploy.inside.insides import PERIOD, Glance
 from deploy.inside.telemetry import PART, Inside, TelemetryError, decode
 from deploy.processes.launch import Child, Launcher, launcher
 from deploy.replay.shut_off_calls import Call, failed, start, told
+from deploy.run.foreign import Permit
 
 _PROGRAM: Final = "deploy.inside.following_program"
 _MOST_BYTES: Final = 64 * 1024 * 1024
@@ -26,9 +27,9 @@ class Followed:
     What they tell lies in files until it is fetched, so nobody waits for anybody.
     """
 
-    def __init__(self, out: Path, *, trust: bool, isolate: bool) -> None:
+    def __init__(self, out: Path, *, permit: Permit, isolate: bool) -> None:
         """`isolate`: shut the robots' code off."""
-        self._out, self._trust, self._isolate = out, trust, isolate
+        self._out, self._permit, self._isolate = out, permit, isolate
         self._stack = ExitStack()
         self._launched: Launcher | None = None
         self._home = Path()
@@ -58,7 +59,7 @@ class Followed:
                 continue
             try:
                 call = Call(actor, (actor,), ("--period-us", str(PERIOD)))
-                words = told(self._out, call, trust=self._trust, isolate=self._isolate)
+                words = told(self._out, call, permit=self._permit, isolate=self._isolate)
                 if self._launched is None:
                     self._launched = self._stack.enter_context(launcher("forkserver"))
                 child = start(self._launched, _PROGRAM, self._home, call, words)

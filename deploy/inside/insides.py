@@ -8,6 +8,7 @@ from typing import Final
 from actors.instant import Duration, milliseconds
 from deploy.inside.telemetry import MOST_BYTES, Inside, TelemetryError, decode
 from deploy.replay.shut_off_calls import Answer, Bounds, Call, ask
+from deploy.run.foreign import Permit
 
 PERIOD: Final = milliseconds(500)
 """Between two looks: as often as a person can follow."""
@@ -23,7 +24,7 @@ class Glance:
 
 
 def look_into_all(
-    out: Path, actors: Sequence[str], *, trust: bool, isolate: bool, period: Duration = PERIOD
+    out: Path, actors: Sequence[str], *, permit: Permit, isolate: bool, period: Duration = PERIOD
 ) -> Iterator[Glance]:
     """Execute robots again from their recordings, and give each as it is done.
 
@@ -32,7 +33,7 @@ def look_into_all(
     """
     calls = [Call(actor, (actor,), ("--period-us", str(period))) for actor in actors]
     bounds = Bounds(MOST_BYTES)
-    for answer in ask(out, "deploy.inside.inside_program", calls, bounds, trust=trust, isolate=isolate):
+    for answer in ask(out, "deploy.inside.inside_program", calls, bounds, permit=permit, isolate=isolate):
         yield _glance(answer)
 
 

@@ -185,8 +185,8 @@ def share(module: str, words: Sequence[str]) -> object:
 
 
 def execute(module: str, argv: Sequence[str]) -> int:
-    """Become `python -m MODULE ARGV…`."""
-    os.execv(sys.executable, [sys.executable, "-m", module, *argv])
+    """Become `python -P -m MODULE ARGV…`: what lies where it begins is no code."""
+    os.execv(sys.executable, [sys.executable, "-P", "-m", module, *argv])
 
 
 def _program(module: str) -> str:

@@ -98,7 +98,7 @@ class ServedLauncher:
         must end in exec. `reap`: end what children leave running; not on board, where the base leaves the
         last word to a process of its own."""
         self._reap = reap
-        self._command = [*before, sys.executable, "-m", "deploy.processes.forkserver"]
+        self._command = [*before, sys.executable, "-P", "-m", "deploy.processes.forkserver"]
         self._how = how
         self._children: dict[int, Child] = {}
         self._ended: dict[int, tuple[int, int]] = {}

@@ -1,7 +1,8 @@
 """A run executed once more from its recordings, each actor in a new process with another hash seed.
 
 What follows more than what it is told differs there: a clock, random numbers of its own, the order of a set,
-an id(). `python -m deploy.replay.recheck OUT ACTOR…` writes a line of JSON for each actor.
+an id(). `python -m deploy.replay.recheck N DIR… OUT ACTOR…`, with N folders for modules, writes a line of
+JSON for each actor.
 """
 
 import importlib
@@ -16,6 +17,7 @@ from typing import Final
 
 import msgspec
 
+from actors.robot.behaviour.modules import look_in
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.environment import passed_on
 from actors.runtime.lifecycle.parent import die_with_parent
@@ -51,13 +53,17 @@ class Recheck:
     """Messages sent again, over all actors."""
 
 
-def recheck(out: Path) -> Recheck:
-    """Compare a run's recordings, and execute every actor again; RecheckError, with everyone's fault."""
+def recheck(out: Path, modules: Sequence[Path] = ()) -> Recheck:
+    """Compare a run's recordings, and execute every actor again; RecheckError, with everyone's fault.
+
+    `modules`: the folders that the run's own strategy was loaded from.
+    """
     check(out)
     actors = tuple(recordings(out))
+    words = (*map(str, modules), str(out), *actors)
     other = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
     with subprocess.Popen(
-        [sys.executable, "-m", "deploy.replay.recheck", str(out), *actors],
+        [sys.executable, "-P", "-m", "deploy.replay.recheck", str(len(modules)), *words],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         cwd=REPOSITORY,
@@ -88,7 +94,9 @@ def recheck(out: Path) -> Recheck:
 def main(argv: Sequence[str]) -> int:
     """Execute the actors again, as many at a time as there are processors."""
     die_with_parent(os.getppid())
-    out, *actors = argv
+    count, *words = argv
+    look_in([Path(folder) for folder in words[: int(count)]])
+    out, *actors = words[int(count) :]
     importlib.import_module("deploy.processes.preload")
     for again in _all(Path(out), actors):
         sys.stdout.write(msgspec.json.encode(again).decode() + "\n")

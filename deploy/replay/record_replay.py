@@ -1,19 +1,21 @@
 """Actors executed again from what they received."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from actors.radio.program import part as radio_part
-from actors.robot.program import part as robot_part
+from actors.robot.behaviour.adaptation import load_adaptation
+from actors.robot.behaviour.modules import Recorded, expect
+from actors.robot.program import parse, part_of
 from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.core import Core
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import difference, otherwise
 from actors.runtime.prints import Prints
-from actors.runtime.process import ActorProcess, RunNote
-from actors.runtime.recording import Entry, RecordingError, Unrecorded, read_recording
+from actors.runtime.process import ActorProcess, FinalNote, RunNote
+from actors.runtime.recording import Entry, RecordingError, Unrecorded, decoded, read_notes, read_recording
 from actors.runtime.shell import Shell
 from actors.world import program as world_program
 from deploy.replay.debugging import EnoughError
@@ -60,14 +62,20 @@ class Again:
 
 
 def made_again(out: Path, actor: str, onlook: Onlook = Onlook(), prints: Prints | None = None) -> Again:
-    """The actor as it was before its first step. RecordingError where there is no recording of it."""
+    """The actor as it was before its first step. RecordingError where there is no recording of it.
+
+    Its code is looked for where this process looks (`modules.look_in`), not where a recording says that it
+    lay. ModuleError for a module that is not the recorded one.
+    """
     files = recordings(out)
     if actor not in files:
         raise RecordingError(f"{out}: no recording of {actor!r}; there are {', '.join(files)}")
     path = files[actor]
     run = run_of(path)
     with nullcontext() if prints is None else prints.during(0):
-        part = _builders(out).get(actor, robot_part)(_argv(run, onlook))
+        expect(None if run.code is None or onlook.behaviour is not None else _recorded(path, run.code))
+        build = _builders(out).get(actor)
+        part = _robot(run.argv, onlook) if build is None else build(run.argv)
     if onlook.prepare is not None:
         onlook.prepare(part.core, run.step_us)
     return Again(part, run, path, lambda sha256: _recall(files.values(), sha256))
@@ -108,13 +116,34 @@ def explained(error: ReplayError, again: Again) -> ReplayError:
     return ReplayError(f"{error}; {why}") if why else error
 
 
-def _argv(run: RunNote, onlook: Onlook) -> tuple[str, ...]:
-    """What the process was started with, but for what is to decide instead."""
-    argv = list(run.argv)
-    for option, value in (("--behaviour", onlook.behaviour), ("--adaptation", onlook.adaptation)):
-        if value is not None and option in argv:
-            argv[argv.index(option) + 1] = str(value)
-    return tuple(argv)
+def _recorded(path: Path, code: dict[str, str]) -> Recorded:
+    """What the recorded process had loaded in the end, as far as is known."""
+    notes = read_notes(path)
+    if "final" not in notes:
+        return Recorded(code, whole=False)
+    return Recorded(code | decoded(path, "final", notes["final"], FinalNote).code)
+
+
+def recorded_code(out: Path) -> Recorded | None:
+    """What the robots of a run had loaded; None if that was not recorded of any."""
+    files = recordings(out)
+    runs = [(path, run_of(path)) for actor, path in files.items() if actor not in {"world", "radio"}]
+    known = [_recorded(path, run.code) for path, run in runs if run.code is not None]
+    if not known:
+        return None
+    hashes = {name: sha256 for one in known for name, sha256 in one.hashes.items()}
+    return Recorded(hashes, all(one.whole for one in known))
+
+
+def _robot(argv: Sequence[str], onlook: Onlook) -> ActorProcess:
+    """The recorded robot, but for what is to decide instead."""
+    options = parse(argv)
+    setup = options.setup
+    if onlook.behaviour is not None:
+        setup = replace(setup, behaviour=onlook.behaviour)
+    if onlook.adaptation is not None:
+        setup = replace(setup, adaptation=load_adaptation(onlook.adaptation))
+    return part_of(replace(options, setup=setup), argv)
 
 
 def _builders(out: Path) -> dict[str, Callable[[tuple[str, ...]], ActorProcess]]:

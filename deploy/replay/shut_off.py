@@ -9,6 +9,7 @@ from io import FileIO
 from pathlib import Path
 
 from actors.robot import assembly
+from actors.robot.behaviour.modules import look_in
 from actors.runtime.isolation.resource_limits import ProcessLimits, enforce
 from actors.runtime.isolation.sandbox import Confinement, isolate
 from actors.runtime.lifecycle.parent import die_with_parent
@@ -21,6 +22,7 @@ def parser(program: str) -> ArgumentParser:
         options.add_argument(name, type=Path, required=True)
     options.add_argument("--actor", required=True)
     options.add_argument("--path", type=Path, action="append", default=[], help="folder with code")
+    options.add_argument("--any-content", action="store_true", help="which need not be what was recorded")
     options.add_argument("--isolate", action="store_true")
     return options
 
@@ -49,6 +51,7 @@ def answering(options: Namespace, file_mb: int, readable: Sequence[Path] | None 
             )
         else:
             die_with_parent(parent)
+        look_in(options.path, any_content=options.any_content)
         enforce(ProcessLimits(file_mb=file_mb), isolated=options.isolate)
         yield answer
 

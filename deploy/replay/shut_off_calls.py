@@ -19,7 +19,7 @@ from actors.runtime.errors import AcrcError
 from deploy.processes.launch import Child, Launcher, Program, launcher
 from deploy.replay.run_recordings import recordings
 from deploy.replay.trust import check_trust
-from deploy.run.foreign import folder_of
+from deploy.run.foreign import Permit
 from deploy.run.preflight import said
 
 _SHOWN: Final = 300
@@ -68,11 +68,11 @@ class CallError(AcrcError):
 
 
 def ask(
-    out: Path, module: str, calls: Sequence[Call], bounds: Bounds, *, trust: bool, isolate: bool
+    out: Path, module: str, calls: Sequence[Call], bounds: Bounds, *, permit: Permit, isolate: bool
 ) -> Iterator[Answer]:
     """Call a program (see `shut_off`) with each, as many at a time as there are processors.
 
-    Answers come as they are there. Of somebody's code, without `trust`, it is a fault: it was not run.
+    Answers come as they are there. Of code that the permit does not cover it is a fault: it was not run.
     `isolate`: see `deploy.run.isolating`.
     """
     spawn = "forkserver" if len(calls) > 1 else "exec"
@@ -83,7 +83,7 @@ def ask(
             while waiting and len(running) < (os.cpu_count() or 1):
                 call = waiting.popleft()
                 try:
-                    words = told(out, call, trust=trust, isolate=isolate)
+                    words = told(out, call, permit=permit, isolate=isolate)
                     patience_s = _patience(out, call, bounds)
                     child = start(launched, module, home, call, words)
                     running.append(
@@ -99,18 +99,18 @@ def ask(
                 launched.wait(0.5)
 
 
-def told(out: Path, call: Call, *, trust: bool, isolate: bool) -> tuple[str, ...]:
+def told(out: Path, call: Call, *, permit: Permit, isolate: bool) -> tuple[str, ...]:
     """What the program is told. Raises an AcrcError for code that must not run."""
     code: dict[Path, None] = {}
     for actor in call.actors:
-        named = check_trust(out, actor, trust=trust)
-        if named is None:
+        folders = check_trust(out, actor, permit)
+        if folders is None:
             raise CallError(f"{actor}: is no robot")
-        if (folder := folder_of(*named)) is not None:
-            code[folder] = None
+        code |= dict.fromkeys(folders)
     return (
         *("--out", str(out.resolve()), "--actor", call.name, *call.words),
         *(word for folder in code for word in ("--path", str(folder))),
+        *(("--any-content",) if permit.trust else ()),
         *(("--isolate",) if isolate else ()),
     )
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from actors.robot.behaviour.modules import Recorded
 from actors.runtime.bus.replay_bus import ReplayError, topic_of
 from actors.runtime.codec import decode
 from actors.runtime.difference import first_difference
@@ -16,10 +17,13 @@ from cleaning.strategies import entry
 from deploy.processes.robot_logs import EVERYBODY, shown
 from deploy.replay.record_check import check
 from deploy.replay.record_pass import STAMP, read_pass
+from deploy.replay.record_replay import recorded_code
 from deploy.replay.recorded_orders import OrderBus, recorded_orders
 from deploy.replay.run_recordings import recordings
+from deploy.replay.trust import unhashed
 from deploy.run import swarm
-from deploy.run.foreign import beside, refuse_foreign, refuse_missing
+from deploy.run.foreign import Permit, admitted, beside
+from deploy.run.isolating import warn
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
 
@@ -39,19 +43,18 @@ class SwarmReplay:
     """False: the recorded run did not end as planned; all that it has recorded came out the same."""
 
 
-def replay_swarm(out: Path, *, trust: bool) -> SwarmReplay:
+def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     """Make the run in the folder `out` again, and compare everything that anybody sent or took.
 
     Raises ReplayError at the first difference, naming step, message and field; ForeignCodeError for a
-    scenario that names somebody's code, without `trust`, and MissingCodeError for one whose code is not here.
+    scenario that names code that the permit does not cover, MissingCodeError for one whose code is not here,
+    ModuleError for code that is not what the robots have recorded.
     """
     if not (out / SCENARIO).is_file():
         raise ReplayError(f"{out}: has no {SCENARIO}; it should be the folder of a simulated run")
     told = check(out)
     scenario = load_scenario(out / SCENARIO)
-    refuse_missing(out / SCENARIO, entry(scenario.run.strategy), beside(scenario))
-    if not trust:
-        refuse_foreign(out / SCENARIO, entry(scenario.run.strategy), beside(scenario))
+    modules = admitted(out / SCENARIO, entry(scenario.run.strategy), beside(scenario), permit)
     files = recordings(out)
     missing = [actor for actor in ("world", "radio") if actor not in files]
     if missing:
@@ -59,7 +62,9 @@ def replay_swarm(out: Path, *, trust: bool) -> SwarmReplay:
     orders = OrderBus(recorded_orders(files["world"]))
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         again = Path(folder) / "again"
-        plan = swarm.plan(scenario, RunOptions(again, bus="memory", json=True))
+        recorded = _recorded(out, modules, permit)
+        options = RunOptions(again, bus="memory", json=True, modules=modules, recorded=recorded)
+        plan = swarm.plan(scenario, options)
         with shown(again, (EVERYBODY,)) as look:
             result = swarm.run_in_memory(plan, lambda progress: look(), orders)
         if not told.complete or result.digest != told.digest:
@@ -68,6 +73,16 @@ def replay_swarm(out: Path, *, trust: bool) -> SwarmReplay:
             if told.complete:
                 raise ReplayError(f"{out}: its digest is {told.digest}; made again it is {result.digest}")
     return SwarmReplay(told.digest, told.messages, orders.given, told.complete)
+
+
+def _recorded(out: Path, modules: tuple[Path, ...], permit: Permit) -> Recorded | None:
+    """What the code must be: what the robots have recorded, where they have, and nobody trusts any other."""
+    if permit.trust or not modules:
+        return None
+    recorded = recorded_code(out)
+    if recorded is None:
+        warn(unhashed(out))
+    return recorded
 
 
 def _compare(recorded: Mapping[str, Path], again: Mapping[str, Path], good_until: int) -> None:

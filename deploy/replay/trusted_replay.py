@@ -5,12 +5,14 @@ from typing import Final
 
 import msgspec
 
+from actors.robot.behaviour.modules import look_in
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.errors import printable
 from deploy.replay.record_replay import ReplayReport, replay_actor
 from deploy.replay.replay_program import ReplayAnswer
 from deploy.replay.shut_off_calls import Answer, Bounds, Call, ask
 from deploy.replay.trust import check_trust
+from deploy.run.foreign import Permit
 from deploy.run.isolating import choose, warn
 from deploy.run.preflight import show
 
@@ -19,22 +21,24 @@ BOUNDS: Final = Bounds(1 << 16)
 
 
 def replay(
-    out: Path, actor: str, *, trust: bool, isolate: bool | None, bounds: Bounds = BOUNDS
+    out: Path, actor: str, *, permit: Permit, isolate: bool | None, bounds: Bounds = BOUNDS
 ) -> ReplayReport:
     """Execute one actor again; a robot in a process that is shut off, where the machine can and `isolate`
     lets it.
 
     World and radio run no code but this project's. Raises ForeignCodeError for a robot whose recording names
-    somebody's code, without `trust`; ReplayError at the first output that differs.
+    code that the permit does not cover; ReplayError at the first output that differs.
     """
-    if check_trust(out, actor, trust=trust) is None:
+    folders = check_trust(out, actor, permit)
+    if folders is None:
         return replay_actor(out, actor)
     choice = choose(isolate)
     warn(choice.warning)
     if isolate is False:
+        look_in(folders, any_content=permit.trust)
         return replay_actor(out, actor)  # in this process, where a debugger may be
     calls = [Call(actor, (actor,))]
-    (answer,) = ask(out, "deploy.replay.replay_program", calls, bounds, trust=trust, isolate=choice.isolate)
+    (answer,) = ask(out, "deploy.replay.replay_program", calls, bounds, permit=permit, isolate=choice.isolate)
     show(answer.said)
     return _report(answer)
 

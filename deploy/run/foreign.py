@@ -1,85 +1,128 @@
-"""Somebody else's code: named to the user before it runs, and not run without a word of his."""
+"""Whose code runs: what is installed, what the command line names, and nothing else without the user's trust.
 
+A scenario, a study, a fleet or a recording names a strategy's module, and may have come from anybody. Where
+it says that the module lies is a hint for the user, and no reason to load it from there.
+"""
+
+import os
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.machinery import ModuleSpec, PathFinder
-from importlib.util import find_spec
 from pathlib import Path
+from typing import Final
 
 from actors.robot.behaviour import succession
+from actors.robot.behaviour.modules import located, own_spec, prefixes
 from actors.runtime.errors import AcrcError
-from deploy.repository import REPOSITORY
+from deploy.repository import PACKAGES, REPOSITORY
 from deploy.scenario.tables import Scenario
+from deploy.usage import wrong_value
 
 
 class ForeignCodeError(AcrcError):
-    """Somebody else's code that the user has not said he trusts."""
+    """Somebody's code that the user has not said may run."""
 
 
 class MissingCodeError(AcrcError):
     """Somebody's code that is not here."""
 
 
-def refuse_missing(source: Path, entry: str, folders: Sequence[Path]) -> None:
-    """Raise MissingCodeError if `entry` is to be found neither in `folders` nor on Python's path.
+@dataclass(frozen=True)
+class Permit:
+    """What a command line says of code that is not installed."""
 
-    `source` is the file that names it. Nothing is imported.
+    modules: tuple[Path, ...] = ()
+    """Folders that it may be loaded from."""
+    typed: str = ""
+    """An entry that the command line itself names: its module may lie where the user stands."""
+    trust: bool = False
+    """It may also be loaded from where a file says that it lies, and need not be as it was recorded."""
+
+
+INSTALLED: Final = Permit()
+"""Nothing but what is installed."""
+
+
+def permit_of(modules: Sequence[Path] | None, *, trust: bool = False, typed: str = "") -> Permit:
+    """What the options say. Raises OptionError."""
+    for folder in modules or ():
+        if not folder.is_dir():
+            raise wrong_value("--modules", str(folder), "a folder")
+    return Permit(tuple(folder.resolve() for folder in modules or ()), typed, trust)
+
+
+def admitted(source: Path, entry: str, hints: Sequence[Path], permit: Permit) -> tuple[Path, ...]:
+    """The folders in which an entry's modules may be looked for, behind what is installed; none if all are.
+
+    `source` is the file that names it, `hints` are the folders that it says they lie in. Nothing is imported.
+    Raises ForeignCodeError for what the permit does not cover, MissingCodeError for what is not here.
     """
+    typed = succession.names(permit.typed) if permit.typed else ()
+    used: list[Path] = []
     for name in succession.names(entry):
-        top = name.partition(":")[0].partition(".")[0]
-        if top and found(name, folders) is None and find_spec(top) is None:
-            where = ", ".join(map(str, dict.fromkeys(folders)))
-            raise MissingCodeError(
-                f"{source} runs {name}, and there is no module {top!r} here; must be in one of {where} or on "
-                "Python's path"
-            )
-
-
-def refuse_foreign(source: Path, entry: str, folders: Sequence[Path]) -> None:
-    """Raise ForeignCodeError if `entry` (module:function), looked for in `folders` first, is somebody's code.
-
-    That is code found neither in this project nor among what is installed nor below the working directory.
-    `source` is the file that names it. Nothing is imported.
-    """
-    for name in succession.names(entry):
-        file = found(name, folders)
-        if file is None or any(file.is_relative_to(home) for home in _homes()):
+        module = name.partition(":")[0]
+        if is_installed(module):
             continue
-        raise ForeignCodeError(
-            f"{source} runs code from {file}, which is neither this project's nor installed nor below the "
-            "folder where you stand; read it, and say --trust if it may run"
-        )
+        own = (Path.cwd().resolve(),) if name in typed else ()
+        known = tuple(Path(os.path.normpath(folder.absolute())) for folder in hints)
+        named = (*permit.modules, *own, *(known if permit.trust else ()))
+        folder = _holder(module, named)
+        if folder is None:
+            _refuse(source, name, module, (*known, Path.cwd()))
+        else:
+            used.append(folder)
+    return tuple(dict.fromkeys(used))
 
 
-def found(entry: str, folders: Sequence[Path]) -> Path | None:
-    """The file or folder that an entry's top-level module would come from; None if there is none."""
-    spec = _spec(entry, [*map(str, folders), *sys.path])
-    if spec is None:
-        return None
-    places = list(spec.submodule_search_locations or ())
-    origin = spec.origin if spec.has_location else (places[0] if places else None)
-    return None if origin is None else Path(origin).resolve()
+def is_installed(module: str) -> bool:
+    """Whether Python itself finds every part of a module, in its library, what is installed or this project.
+
+    What merely lies beside this project's packages is none of it, although it may lie on Python's path.
+    """
+    names = prefixes(module)
+    spec = own_spec(names[0]) or PathFinder.find_spec(names[0]) if names else None
+    if spec is None or not _is_home(spec):
+        return False
+    for name in names[1:]:
+        spec = PathFinder.find_spec(name, list(spec.submodule_search_locations or ()))
+        if spec is None:
+            return False
+    return spec.origin is not None
+
+
+def _is_home(spec: ModuleSpec) -> bool:
+    """False for what lies in this repository and is not its code, and for a folder that is not installed."""
+    if spec.loader is None:  # a folder without `__init__.py`
+        places = [Path(one) for one in spec.submodule_search_locations or ()]
+        return all(one.is_relative_to(sys.prefix) or one.is_relative_to(sys.base_prefix) for one in places)
+    if not spec.has_location:
+        return True  # built into Python
+    place = Path(spec.origin or "").absolute()
+    home = place.parent.parent if spec.submodule_search_locations else place.parent
+    return home.resolve() != REPOSITORY or REPOSITORY.is_relative_to(sys.prefix) or spec.name in PACKAGES
 
 
 def beside(scenario: Scenario) -> tuple[Path, ...]:
-    """Where a strategy of one's own may lie: beside the scenario, and where one stands."""
-    own = (Path(scenario.run.modules),) if scenario.run.modules else ()
-    return tuple(dict.fromkeys((*own, Path.cwd())))
+    """Where a scenario says that its strategy lies."""
+    return (Path(scenario.run.modules),) if scenario.run.modules else ()
 
 
-def folder_of(entry: str, folders: Sequence[Path]) -> Path | None:
-    """The first of the folders in which the top-level module of an entry, or of one in it, lies."""
-    names = succession.names(entry)
-    return next((path for path in folders if any(_spec(name, [str(path)]) for name in names)), None)
+def _holder(module: str, folders: Sequence[Path]) -> Path | None:
+    return next((folder for folder in folders if located(module, folder) is not None), None)
 
 
-def _spec(entry: str, folders: Sequence[str]) -> ModuleSpec | None:
-    """Where the top-level module of an entry is, without importing it."""
-    name = entry.partition(":")[0].partition(".")[0]
-    sound = [folder for folder in folders if "\0" not in folder]
-    return PathFinder.find_spec(name, sound) if name else None
-
-
-def _homes() -> list[Path]:
-    installed = {sys.prefix, sys.base_prefix, *(path for path in sys.path if path)}
-    return [Path.cwd().resolve(), REPOSITORY.resolve(), *(Path(path).resolve() for path in installed)]
+def _refuse(source: Path, name: str, module: str, folders: Sequence[Path]) -> None:
+    """Say where it lies, if it does."""
+    folder = _holder(module, folders)
+    if folder is None:
+        where = " and ".join(map(str, dict.fromkeys(folders)))
+        raise MissingCodeError(
+            f"{source} names the strategy {name}, and there is no module {module!r} here, nor in {where}; "
+            "must be installed or lie in a folder that --modules DIR names"
+        )
+    word = "." if folder == Path.cwd() else str(folder)
+    raise ForeignCodeError(
+        f"{source} names the strategy {name}, whose code {located(module, folder)} is neither installed nor "
+        f"in a folder that you have named; read it, then say --modules {word}, or --trust"
+    )

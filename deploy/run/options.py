@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, cast, get_args
 
+from actors.robot.behaviour.modules import Recorded
 from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, limits
 from deploy.run import out_folder
 from deploy.run.silence import Timeout
@@ -61,6 +62,10 @@ class RunOptions:
     """Robots of which it is shown what their code prints; `*` for all."""
     followed: tuple[str, ...] = ()
     """Robots that the view looks into; none named: as many as it does by itself."""
+    modules: tuple[Path, ...] = ()
+    """Folders in which a strategy of one's own is looked for, as `deploy.run.foreign` has admitted them."""
+    recorded: Recorded | None = None
+    """What must be in them, for a run in memory; None: whatever is."""
 
 
 def run_options(  # one for each option of the command line

@@ -42,7 +42,7 @@ class Plan:
     behaviour: str
     """Entry string `module:function` of the robots' behaviour."""
     modules: tuple[Path, ...]
-    """Folders in which a strategy of the user's own is looked for, the first one first."""
+    """Folders in which a strategy of the user's own is looked for, the first one first, as was admitted."""
     adaptation: str
     """What every robot reads about its strategy and exchange, as TOML."""
     navigation: str
@@ -225,6 +225,7 @@ def observer_program(plan: Plan) -> Program:
     """The observer's program, which reads what the others record, and needs nothing of the mesh."""
     argv = (
         *("--out", str(plan.out), *(word for robot in plan.followed for word in ("--robot", robot))),
+        *(word for path in plan.modules for word in ("--modules", str(path))),
         *(("--isolate",) if plan.isolate and plan.debug is None else ()),
     )
     return Program("observer", "deploy.view", argv, plan.out / "view.log", None)

@@ -10,7 +10,7 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -24,8 +24,8 @@ from actors.messages import ProcessOrder
 from actors.randomness import derived_seed
 from actors.robot import assembly
 from actors.robot.behaviour.adaptation import adaptation
+from actors.robot.behaviour.modules import look_in
 from actors.robot.behaviour.succession import rehearse
-from actors.robot.program import look_in
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.lifecycle.failure import FailureNote
@@ -100,7 +100,8 @@ def preflight_here(settled: ResolvedScenario, text: str, modules: Sequence[Path]
     floor = assembly.floor(load_map(settled.world.map), model, behaviour.stack)
     start = assembly.start(behaviour, model, floor)
     # --json leaves nothing else there; and a module is imported once, so what it keeps hold of is kept here
-    with _found(modules), contextlib.redirect_stdout(sys.stderr), taken_by(None), exits_caught():
+    look_in(modules)
+    with contextlib.redirect_stdout(sys.stderr), taken_by(None), exits_caught():
         try:
             rehearse(settled.behaviour, start)
         except AcrcError:
@@ -164,14 +165,3 @@ def show(told: str) -> None:
     """Show on standard error what a process said, if it said anything."""
     if told.strip():
         Console(stderr=True, soft_wrap=True).print(told.rstrip("\n"), markup=False, highlight=False)
-
-
-@contextlib.contextmanager
-def _found(modules: Sequence[Path]) -> Iterator[None]:
-    """Python finds modules in these folders, too, for as long as it lasts."""
-    before = sys.path[:]
-    look_in(modules)
-    try:
-        yield
-    finally:
-        sys.path[:] = before

@@ -1,7 +1,7 @@
 """The scenario that lies beside a result: it runs again from wherever the folder is taken.
 
-Its map and its robot models lie in the folder, too. A strategy of one's own does not: `run.modules` leads to
-where it was found, from the folder; nothing else in the file leads out of it.
+Its map and its robot models lie in the folder, too. A strategy of one's own does not: `run.modules` says
+where it lay, seen from the folder, for whoever looks for it; nothing else in the file leads out of it.
 """
 
 import os
@@ -40,8 +40,8 @@ def beside(settled: ResolvedScenario, options: RunOptions) -> ScenarioCopy:
     def moved(model: str | None) -> str | None:
         return model if model is None else places.get(model, model)
 
-    own = ":" in scenario.run.strategy
-    modules = os.path.relpath(scenario.run.modules, out) if own and scenario.run.modules else None
+    lay = options.modules[0] if options.modules else scenario.run.modules
+    modules = os.path.relpath(lay, out) if ":" in scenario.run.strategy and lay else None
     here = scenario.model_copy(
         update={
             "map": f"{MAP}/map.yaml",

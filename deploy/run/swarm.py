@@ -6,13 +6,13 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Final
 
 import msgspec
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.orders import Give
+from actors.robot.behaviour.modules import expect
 from actors.runtime.access import rules
 from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.zenoh_bus import open_mesh
@@ -25,7 +25,6 @@ from deploy.results.place_table import write_table
 from deploy.results.result import Circumstances, RunResult, gather
 from deploy.run import progress, scenario_copy
 from deploy.run.disk_use import DiskWatch
-from deploy.run.foreign import beside, folder_of
 from deploy.run.isolating import IsolationChoice, choose, warn
 from deploy.run.memory_swarm import MemorySwarm
 from deploy.run.options import RunOptions
@@ -92,16 +91,16 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
     """
     choice = IsolationChoice(False) if options.bus == "memory" else choose(options.isolate)
     settled = resolve(scenario)
-    modules = module_folders(settled.behaviour, settled.scenario)
     told = adaptation(settled.scenario)
     if options.bus == "memory":
-        preflight_here(settled, told, modules)
+        expect(options.recorded)
+        preflight_here(settled, told, options.modules)
     return Plan(
         out=options.out,
         world=settled.world,
         radio=settled.radio,
         behaviour=settled.behaviour,
-        modules=modules,
+        modules=options.modules,
         adaptation=told,
         navigation=navigation(settled.scenario),
         scenario=scenario_copy.beside(settled, options),
@@ -195,15 +194,6 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
         supervisor.end_all()
         remove_credentials(plan)
     return supervisor
-
-
-def module_folders(behaviour: str, scenario: Scenario) -> tuple[Path, ...]:
-    """Where the behaviour's module is looked for before all else, if it is there.
-
-    Nowhere for one that is shipped or installed: then nothing beside a scenario can take a library's place.
-    """
-    folders = beside(scenario)
-    return folders if folder_of(behaviour, folders) else ()
 
 
 def _say(sentence: str) -> None:

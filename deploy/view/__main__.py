@@ -9,6 +9,7 @@ from pathlib import Path
 from actors.observer import viewer
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent, leave_in_order
+from deploy.run.foreign import Permit
 from deploy.view import live
 from deploy.view.drawn import FILE_NAME, say_at_once
 
@@ -22,6 +23,7 @@ def main(argv: Sequence[str]) -> int:
     parser = ArgumentParser(prog="python -m deploy.view")
     parser.add_argument("--out", type=Path, required=True, help="the run's folder")
     parser.add_argument("--robot", action="append", default=[], help="to look into")
+    parser.add_argument("--modules", type=Path, action="append", default=[], help="folder with code")
     parser.add_argument("--isolate", action="store_true", help="shut the robots' code off")
     options = parser.parse_args(argv)
     die_with_parent(os.getppid())
@@ -31,9 +33,9 @@ def main(argv: Sequence[str]) -> int:
     try:
         if opened is not None and opened.page:
             say_at_once(f"{viewer.WHILE_IT_GOES_ON}, open {opened.page} in a browser on this machine.")
-        # whoever started the run runs its strategies, too
+        permit = Permit(tuple(options.modules))
         live.follow(
-            options.out, path, options.robot, opened, say_at_once, trust=True, isolate=options.isolate
+            options.out, path, options.robot, opened, say_at_once, permit=permit, isolate=options.isolate
         )
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")

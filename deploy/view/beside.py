@@ -69,7 +69,7 @@ def _draw(stories: Sequence[Story], path: Path, wishes: Wishes, send_to: str | N
             choice = choose(wishes.isolate)
             warn(choice.warning)
             for story, painting in zip(stories, paintings, strict=True):
-                for fault in compute(story, painting, sheet, trust=wishes.trust, isolate=choice.isolate):
+                for fault in compute(story, painting, sheet, permit=wishes.permit, isolate=choice.isolate):
                     say(f"{story.out.name}: {fault}")
         part.replace(path)
     finally:

@@ -63,7 +63,7 @@ def _follow(out: Path, wishes: Wishes, say: Say) -> None:
     part = path.with_name(f"{path.name}.part")
     shown = opened(say)
     try:
-        live.follow(out, part, wishes.robots, shown, say, trust=wishes.trust, isolate=choice.isolate)
+        live.follow(out, part, wishes.robots, shown, say, permit=wishes.permit, isolate=choice.isolate)
         part.replace(path)
         rest(shown, path, say)
     finally:

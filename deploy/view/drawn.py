@@ -19,6 +19,7 @@ from deploy.explanation.asking import all_reasons
 from deploy.inside.fates import read_fates
 from deploy.inside.insides import look_into_all
 from deploy.replay.run_recordings import recordings
+from deploy.run.foreign import INSTALLED, Permit
 from deploy.run.isolating import choose, warn
 from deploy.run.kernels import compile_kernels
 from deploy.view.collected import collected_story
@@ -50,8 +51,8 @@ class Wishes:
 
     robots: Sequence[str] = ()
     """Of these everything is drawn; none named: of the first DETAILED."""
-    trust: bool = False
-    """Execute the code that a recording names, whoever wrote it."""
+    permit: Permit = INSTALLED
+    """What code may be executed that is not installed."""
     isolate: bool | None = None
     """Shut that code off; None: where the machine can."""
     why: bool = False
@@ -98,9 +99,9 @@ def _draw(
         say(f"first picture after {taken():.1f} s: what was recorded")
         choice = choose(wishes.isolate)
         warn(choice.warning)
-        faults = compute(story, painting, sheet, trust=wishes.trust, isolate=choice.isolate)
+        faults = compute(story, painting, sheet, permit=wishes.permit, isolate=choice.isolate)
         if arranged.reasons:
-            faults += _reason(story, painting, detailed, trust=wishes.trust, isolate=choice.isolate)
+            faults += _reason(story, painting, detailed, permit=wishes.permit, isolate=choice.isolate)
     return faults, sheet.lost
 
 
@@ -108,7 +109,7 @@ def _told(story: Story) -> str:
     return "1 robot" if len(story.robots) == 1 else f"{len(story.robots)} robots"
 
 
-def compute(story: Story, painting: Painting, sheet: Sheet, *, trust: bool, isolate: bool) -> list[str]:
+def compute(story: Story, painting: Painting, sheet: Sheet, *, permit: Permit, isolate: bool) -> list[str]:
     """Execute the radio and the robots again; what could not be, in sentences."""
     faults = []
     compile_kernels()
@@ -119,7 +120,7 @@ def compute(story: Story, painting: Painting, sheet: Sheet, *, trust: bool, isol
             faults.append(f"the radio could not be executed again: {error}")
         sheet.flush()
     sources = {source.actor: source for source in story.sources}
-    for glance in look_into_all(story.out, list(sources), trust=trust, isolate=isolate):
+    for glance in look_into_all(story.out, list(sources), permit=permit, isolate=isolate):
         source = sources[glance.actor]
         if glance.inside is not None:
             painting.inside(source, glance.inside, story.end)
@@ -134,11 +135,11 @@ def compute(story: Story, painting: Painting, sheet: Sheet, *, trust: bool, isol
 
 
 def _reason(
-    story: Story, painting: Painting, robots: Sequence[str], *, trust: bool, isolate: bool
+    story: Story, painting: Painting, robots: Sequence[str], *, permit: Permit, isolate: bool
 ) -> list[str]:
     """Explain what robots decided; what could not be, in sentences."""
     faults = []
-    for one in all_reasons(story.out, robots, trust=trust, isolate=isolate):
+    for one in all_reasons(story.out, robots, permit=permit, isolate=isolate):
         if one.fault is None:
             painting.reasons(one.robot, one.explanations)
         else:

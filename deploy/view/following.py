@@ -19,6 +19,7 @@ from actors.runtime.errors import AcrcError
 from deploy.inside.following import Followed
 from deploy.inside.growing_fates import GrowingFates
 from deploy.inside.insides import PERIOD, Glance
+from deploy.run.foreign import Permit
 from deploy.view.growing_run import GrowingRun
 from deploy.view.painting import Painting, looked_into
 from deploy.view.seen import Seen
@@ -52,12 +53,12 @@ class Lack:
 class Following:
     """One run that goes on, on one sheet; a context manager that ends what computes, and closes files."""
 
-    def __init__(self, out: Path, robots: Sequence[str], *, trust: bool, isolate: bool) -> None:
+    def __init__(self, out: Path, robots: Sequence[str], *, permit: Permit, isolate: bool) -> None:
         """`robots`: to look into; as `looked_into` has it. AcrcError where no run has begun."""
         self.run = GrowingRun(out)
         self._detailed = looked_into(self.run.robots, robots)
         self._stack = ExitStack()
-        self._followed = Followed(out, trust=trust, isolate=isolate)
+        self._followed = Followed(out, permit=permit, isolate=isolate)
         self._painting: Painting | None = None
         self._sheet: Sheet | None = None
         self._fates: GrowingFates | None = None

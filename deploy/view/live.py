@@ -11,6 +11,7 @@ from actors.observer.viewer import OpenViewer
 from actors.runtime.recording import read_notes
 from deploy.processes.signals import Interrupted
 from deploy.replay.run_recordings import recordings
+from deploy.run.foreign import Permit
 from deploy.view.drawn import Say
 from deploy.view.following import Following
 from deploy.view.writers import Standing, standing
@@ -31,7 +32,7 @@ def follow(
     opened: OpenViewer | None,
     say: Say,
     *,
-    trust: bool,
+    permit: Permit,
     isolate: bool,
 ) -> None:
     """Draw a run that goes on into `path` and to a viewer, until it has ended and all is drawn.
@@ -42,7 +43,7 @@ def follow(
     """
     while standing(out) is Standing.GOING_ON and not _begun(out):
         time.sleep(_POLL_S)
-    with Following(out, robots, trust=trust, isolate=isolate) as following:
+    with Following(out, robots, permit=permit, isolate=isolate) as following:
         address = None if opened is None else opened.address
         with Sheet(path, following.arrangement, name="a run that goes on", send_to=address) as sheet:
             following.begin(sheet)

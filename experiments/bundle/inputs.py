@@ -8,8 +8,11 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from actors.floor.map_file import load_map
+from actors.robot.behaviour import succession
+from actors.robot.behaviour.modules import located
 from actors.runtime.errors import AcrcError
-from deploy.run.foreign import found
+from deploy.run.foreign import is_installed
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
 from experiments.study.study import Study
@@ -70,6 +73,7 @@ def _named(study: Study) -> Iterator[Path]:
 def _files(scenario: Scenario, strategy: str) -> Iterator[Path]:
     """Of the map also the image; of a strategy of one's own its module, or all of its package."""
     described = Path(scenario.map)
+    load_map(described)  # what is no map does not travel under its name
     yield described
     yield described.parent / yaml.safe_load(described.read_text())["image"]
     for model in (scenario.robots.model, *(robot.model for robot in scenario.robot)):
@@ -80,8 +84,18 @@ def _files(scenario: Scenario, strategy: str) -> Iterator[Path]:
 
 
 def _modules(strategy: str, folder: Path) -> Iterator[Path]:
-    module = found(strategy, [folder])
-    if module is None or not module.is_relative_to(folder.resolve()):
-        raise BundleError(f"{strategy}: its module lies in {module}; must lie in {folder} to be bundled")
-    whole = module.name == "__init__.py" or module.is_dir()
-    yield from sorted((module if module.is_dir() else module.parent).rglob("*.py")) if whole else [module]
+    for name in succession.names(strategy):
+        module = name.partition(":")[0]
+        if is_installed(module):
+            continue
+        top = located(module.partition(".")[0], folder)
+        if top is None:
+            raise BundleError(f"{name}: its module does not lie in {folder}; must do so to be bundled")
+        whole = top.name == "__init__.py" or top.is_dir()
+        files = sorted((top if top.is_dir() else top.parent).rglob("*.py")) if whole else [top]
+        for file in files:
+            if not file.is_file() or not file.resolve().is_relative_to(folder.resolve()):
+                raise BundleError(
+                    f"{file}: leads out of {folder}, or is no file; must lie there to be bundled"
+                )
+        yield from files

@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from deploy.processes.launch import launcher
@@ -29,6 +30,8 @@ class CampaignOptions:
     """Every so many trials, from the first on, one is repeated as real processes over Zenoh; 0: none."""
     on: str | None = None
     """Address of a cluster that runs the trials, `dask://host:port`; None: this computer."""
+    modules: tuple[Path, ...] = ()
+    """Where strategies of one's own are looked for, as `deploy.run.foreign` has admitted it."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +72,12 @@ def _pool(store: Store, options: CampaignOptions) -> Iterator[Pool]:
     if options.on is not None:
         from experiments.campaign.dask_pool import DaskPool  # noqa: PLC0415 - the extra `cluster`
 
-        with DaskPool(store, options.on, options.jobs, options.patience_s) as cluster:
+        with DaskPool(store, options.on, options.jobs, options.patience_s, options.modules) as cluster:
             yield cluster
         return
     compile_kernels(quiet=True)
     with launcher("forkserver") as launched:
-        yield LocalPool(store, launched, options.jobs, options.patience_s)
+        yield LocalPool(store, launched, options.jobs, options.patience_s, options.modules)
 
 
 class _Campaign:

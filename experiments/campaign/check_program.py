@@ -1,4 +1,4 @@
-"""One trial once more, as real processes over Zenoh: `python -m … STUDY.json NUMBER RECORD OUT`."""
+"""One trial once more, as real processes over Zenoh: `python -m … STUDY.json NUMBER RECORD OUT DIR…`."""
 
 import os
 import sys
@@ -21,17 +21,18 @@ from experiments.study.study import Study, Trial
 def main(argv: Sequence[str]) -> int:
     """Repeat the trial whose record is given, and write down whether it gives the same; the exit code."""
     die_with_parent(os.getppid())
-    study_file, number, before, out = argv
+    study_file, number, before, out, *modules = argv
     study, trial = trial_of(Path(study_file), int(number))
-    keep(Path(out), repeated(study, trial, msgspec.json.decode(Path(before).read_bytes(), type=TrialRecord)))
+    first = msgspec.json.decode(Path(before).read_bytes(), type=TrialRecord)
+    keep(Path(out), repeated(study, trial, first, tuple(map(Path, modules))))
     return 0
 
 
-def repeated(study: Study, trial: Trial, before: TrialRecord) -> CheckRecord:
+def repeated(study: Study, trial: Trial, before: TrialRecord, modules: tuple[Path, ...] = ()) -> CheckRecord:
     """The trial over Zenoh beside what it was in memory; it must have a result."""
     first = before.result
     assert first is not None
-    again, failure = attempted(lambda: _run(study, trial, before))
+    again, failure = attempted(lambda: _run(study, trial, before, modules))
     here = CheckRecord(
         trial.strategy, trial.seed, before.variant, first.digest, first.real_time_factor, failure=failure
     )
@@ -40,10 +41,12 @@ def repeated(study: Study, trial: Trial, before: TrialRecord) -> CheckRecord:
     return msgspec.structs.replace(here, over_zenoh=again.digest, over_zenoh_speed=again.real_time_factor)
 
 
-def _run(study: Study, trial: Trial, before: TrialRecord) -> RunResult:
+def _run(study: Study, trial: Trial, before: TrialRecord, modules: tuple[Path, ...]) -> RunResult:
     path = Path(study.scenario)
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
-        options = RunOptions(Path(folder) / "out", bus="zenoh", json=True, scenario=path.name, hidden=(path,))
+        options = RunOptions(
+            Path(folder) / "out", bus="zenoh", json=True, scenario=path.name, hidden=(path,), modules=modules
+        )
         return swarm.run(load_scenario(path, overrides_of(study, trial, before.drawn)), options)
 
 

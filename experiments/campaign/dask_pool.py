@@ -2,6 +2,8 @@
 
 import logging
 import time
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Final, Self
 
 import msgspec
@@ -21,9 +23,12 @@ _PATIENCE_S: Final = 10.0
 class DaskPool:
     """One trial per thread of the cluster's workers, each in a process of its own."""
 
-    def __init__(self, store: Store, address: str, jobs: int, patience_s: float) -> None:
+    def __init__(
+        self, store: Store, address: str, jobs: int, patience_s: float, modules: Sequence[Path] = ()
+    ) -> None:
         """`address`: dask://HOST:PORT of the scheduler. `jobs`: at once; 0: as many as there are threads."""
         self._store = store
+        self._modules = tuple(map(str, modules))
         self._address = address
         self._jobs = jobs
         self._patience_s = patience_s
@@ -72,6 +77,7 @@ class DaskPool:
             store.commit,
             str(REPOSITORY),
             self._patience_s,
+            self._modules,
         )
         future = self._client.submit(remote.carry_out, order, pure=False)
         self._running[future] = (pending, time.monotonic())

@@ -3,6 +3,8 @@
 import os
 import signal
 import time
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Final, NamedTuple, Protocol, Self
 
 from deploy.processes.launch import Child, Launcher, Program
@@ -46,8 +48,13 @@ class Pool(Protocol):
 class LocalPool:
     """Processes of this computer, one per core."""
 
-    def __init__(self, store: Store, launched: Launcher, jobs: int, patience_s: float) -> None:
-        """`jobs`: at once; 0: one per core. `patience_s`: what takes longer is ended, and has failed."""
+    def __init__(
+        self, store: Store, launched: Launcher, jobs: int, patience_s: float, modules: Sequence[Path] = ()
+    ) -> None:
+        """`jobs`: at once; 0: one per core. `patience_s`: what takes longer is ended, and has failed.
+
+        `modules`: where strategies of one's own are looked for."""
+        self._modules = tuple(map(str, modules))
         self._store = store
         self._launched = launched
         self._patience_s = patience_s
@@ -71,7 +78,7 @@ class LocalPool:
         log = store.log(trial, check=check)
         log.unlink(missing_ok=True)  # of a process that was ended with the campaign
         words = (str(store.study_file), str(pending.number), str(store.path(trial)))
-        argv = (*words, str(store.check_path(trial))) if check else words
+        argv = (*words, *((str(store.check_path(trial)),) if check else ()), *self._modules)
         name = f"{'check' if check else 'trial'} {pending.number}"
         child = self._launched.start(Program(name, _CHECK if check else _TRIAL, argv, log, None))
         self._running[child.pid] = (child, pending, time.monotonic())

@@ -34,6 +34,8 @@ class Order(NamedTuple):
     repository: str
     """Where the one who asks has this software: paths in it are meant in the worker's own."""
     patience_s: float
+    modules: tuple[str, ...] = ()
+    """Folders in which strategies of one's own are looked for: there, too."""
 
 
 class Answer(NamedTuple):
@@ -60,6 +62,7 @@ def carry_out(order: Order) -> Answer:
         if order.before is not None:
             before.write_bytes(order.before)
             words.insert(2, str(before))
+        words += [_here(folder, order.repository) for folder in order.modules]
         program = _TRIAL if order.before is None else _CHECK
         try:
             done = subprocess.run(
@@ -76,8 +79,7 @@ def carry_out(order: Order) -> Answer:
 def _moved(study: bytes, repository: str) -> bytes:
     """The study, its files looked for in this clone if they lie in the clone of the one who asks."""
     known = msgspec.json.decode(study, type=Study)
-    scenario, where = (_here(path, repository) for path in (known.scenario, known.where))
-    return msgspec.json.encode(msgspec.structs.replace(known, scenario=scenario, where=where))
+    return msgspec.json.encode(msgspec.structs.replace(known, scenario=_here(known.scenario, repository)))
 
 
 def _here(path: str, repository: str) -> str:

@@ -1,4 +1,4 @@
-"""One trial in a process of its own: `python -m … STUDY.json NUMBER OUT`.
+"""One trial in a process of its own: `python -m … STUDY.json NUMBER OUT DIR…`, DIR with modules.
 
 The record is written at the end and at once; a process that dies leaves none.
 """
@@ -39,27 +39,25 @@ T = TypeVar("T")
 def main(argv: Sequence[str]) -> int:
     """Run the trial, and write down what came of it; the exit code."""
     die_with_parent(os.getppid())
-    study_file, number, out = argv
+    study_file, number, out, *modules = argv
     study, trial = trial_of(Path(study_file), int(number))
-    keep(Path(out), record(study, trial))
+    keep(Path(out), record(study, trial, tuple(map(Path, modules))))
     return 0
 
 
 def trial_of(study_file: Path, number: int) -> tuple[Study, Trial]:
-    """The study in the file, and its trial of this number; from now on this process is where it began."""
+    """The study in the file, and its trial of this number."""
     study = msgspec.json.decode(study_file.read_bytes(), type=Study)
-    if study.where:
-        os.chdir(study.where)
     return study, next(islice(study.trials(), number, None))
 
 
-def record(study: Study, trial: Trial) -> TrialRecord:
-    """The trial, run here; whatever goes wrong in it is what the record says."""
+def record(study: Study, trial: Trial, modules: tuple[Path, ...] = ()) -> TrialRecord:
+    """The trial, run here; whatever goes wrong in it is what the record says. `modules`: as for a run."""
     settings, fault = attempted(lambda: drawn(study, trial))
     done: tuple[RunResult, TimeSpent, str] | None = None
     if settings is not None:
         of_all = settings
-        done, fault = attempted(lambda: _run(study, trial, of_all))
+        done, fault = attempted(lambda: _run(study, trial, of_all, modules))
     result, time, trace = done or (None, None, "")
     variant = dict(trial.variant)
     return TrialRecord(trial.strategy, trial.seed, variant, result, fault, time, settings or {}, trace)
@@ -88,10 +86,14 @@ def overrides_of(study: Study, trial: Trial, settings: dict[str, Any]) -> Overri
     )
 
 
-def _run(study: Study, trial: Trial, settings: dict[str, Any]) -> tuple[RunResult, TimeSpent, str]:
+def _run(
+    study: Study, trial: Trial, settings: dict[str, Any], modules: tuple[Path, ...]
+) -> tuple[RunResult, TimeSpent, str]:
     path = Path(study.scenario)
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
-        options = RunOptions(Path(folder) / "out", bus="memory", json=True, scenario=path.name)
+        options = RunOptions(
+            Path(folder) / "out", bus="memory", json=True, scenario=path.name, modules=modules
+        )
         plan = swarm.plan(load_scenario(path, overrides_of(study, trial, settings)), options)
         bus = MemoryBus()
         trace = Trace(bus)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from deploy.cli import completion
-from deploy.cli.options import Json, Robots, Setting
+from deploy.cli.options import Json, Modules, Robots, Setting, Trust
 
 
 def campaign(
@@ -67,9 +67,12 @@ def campaign(
     jobs: Annotated[
         int, typer.Option(metavar="N", min=0, max=1024, help="Runs at once; 0: one per core.")
     ] = 0,
+    modules: Modules = None,
+    trust: Trust = False,
     json: Json = False,
 ) -> None:
     """Run every strategy in every variant of a scenario with the same seeds; what is interrupted goes on."""
+    from deploy.run.foreign import permit_of
     from experiments.campaign.campaign import CampaignOptions
     from experiments.cli import campaign_command
     from experiments.cli.study_wishes import Wishes
@@ -78,7 +81,8 @@ def campaign(
         study, preset, scenario, strategies, seeds, robots, duration, tuple(setting or ()), tuning
     )
     options = CampaignOptions(jobs, check_every=check_every, on=on)
-    campaign_command.run(wishes, out, options, until_decided=until_decided, json_output=json)
+    permit = permit_of(modules, trust=trust)
+    campaign_command.run(wishes, out, options, permit, until_decided=until_decided, json_output=json)
 
 
 def causes(

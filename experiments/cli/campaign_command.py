@@ -4,6 +4,7 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -12,11 +13,12 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from deploy.processes.signals import Interrupted
+from deploy.run.foreign import Permit
 from experiments.campaign import campaign, results_table, store
 from experiments.campaign.campaign import CampaignOptions
 from experiments.campaign.cluster_address import tcp
 from experiments.cli.campaign_lines import causes, checked, differing
-from experiments.cli.study_wishes import Wishes, check, study_of
+from experiments.cli.study_wishes import Wishes, check, path_of, study_of
 from experiments.comparison import decision
 from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
@@ -24,13 +26,20 @@ from experiments.comparison.summary import summaries
 
 
 def run(
-    wishes: Wishes, out: Path | None, options: CampaignOptions, *, until_decided: bool, json_output: bool
+    wishes: Wishes,
+    out: Path | None,
+    options: CampaignOptions,
+    permit: Permit,
+    *,
+    until_decided: bool,
+    json_output: bool,
 ) -> None:
     """Carry the study out, and say how it stands. Exit code 1 if a repeated run gave another digest."""
     if options.on is not None:
         tcp(options.on)  # what is no address is said before anything is written
     study = study_of(wishes)
-    hints = check(study)
+    hints, modules = check(study, permit, path_of(wishes))
+    options = replace(options, modules=modules)
     folder = out or Path("campaigns", study.name + ("-tuning" if study.tuning else ""))
     kept = store.create(folder.absolute(), study)
     watch = decision.Watch(kept) if until_decided else None

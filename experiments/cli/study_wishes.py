@@ -1,12 +1,13 @@
 """The study that a command line means, and whatever every trial of it would stumble over."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
 
 from deploy.repository import REPOSITORY
+from deploy.run.foreign import Permit, admitted, beside
 from deploy.scenario.scenario_file import Overrides, load_scenario, settings
 from deploy.usage import OptionError, wrong_value
 from experiments.study.draws import drawn
@@ -37,17 +38,11 @@ class Wishes:
 
 def study_of(wishes: Wishes) -> Study:
     """The study in the file, or the one that the command line describes, with its wishes laid over."""
-    study = _plain(wishes)
-    own = any(":" in strategy for strategy in study.strategies)
-    return msgspec.structs.replace(study, where=str(Path.cwd())) if own else study
-
-
-def _plain(wishes: Wishes) -> Study:
     own: list[tuple[str, Any]] = list(settings(wishes.settings))
     for key, text in (("robots.count", wishes.robots), ("run.duration", wishes.duration)):
         if text is not None:
             own += settings((f"{key}={text}",))
-    path = _path(wishes)
+    path = path_of(wishes)
     if path is not None:
         study = load_study(path, tuning=wishes.tuning)
         return msgspec.structs.replace(
@@ -65,7 +60,7 @@ def _plain(wishes: Wishes) -> Study:
     )
 
 
-def _path(wishes: Wishes) -> Path | None:
+def path_of(wishes: Wishes) -> Path | None:
     """Of the study's file; None: there is none."""
     if wishes.preset is not None and wishes.preset not in PRESETS:
         raise wrong_value("--preset", wishes.preset, f"one of {', '.join(PRESETS)}")
@@ -79,18 +74,23 @@ def _path(wishes: Wishes) -> Path | None:
     return path
 
 
-def check(study: Study) -> list[str]:
+def check(study: Study, permit: Permit, source: Path | None) -> tuple[list[str], tuple[Path, ...]]:
     """Say whatever every trial would stumble over before the first: scenario, keys, strategies, draws.
 
-    Gives what a person should know about the places, a sentence each.
+    Gives what a person should know about the places, a sentence each, and the folders in which strategies are
+    to be looked for. `source`: the study's file; None: the command line itself names the strategies. Raises
+    as `deploy.run.foreign.admitted` does.
     """
     from cleaning.strategies import entry
 
-    said: dict[str, None] = {}
+    said, modules = dict[str, None](), dict[Path, None]()
     for trial in study.trials_of(study.first_seed):
         own = (*study.settings, *trial.variant, *drawn(study, trial).items())
         overrides = Overrides(seed=trial.seed, strategy=trial.strategy, settings=own)
         scenario = load_scenario(Path(study.scenario), overrides)
-        entry(trial.strategy)
+        named = entry(trial.strategy)
+        own_permit = permit if source is not None else replace(permit, typed=named)
+        folders = admitted(source or Path(study.scenario), named, beside(scenario), own_permit)
+        modules |= dict.fromkeys(folders)
         said |= dict.fromkeys(close_places(scenario))
-    return list(said)
+    return list(said), tuple(modules)

@@ -59,8 +59,6 @@ class Study(msgspec.Struct, frozen=True):
     distributions: tuple[Distribution, ...] = ()
     primary_metric: str = "lexicographic"
     """By which the primary comparisons are decided where a campaign stops early."""
-    where: str = ""
-    """The folder in which a strategy of one's own is looked for if it does not lie beside the scenario."""
 
     @property
     def primary_pairs(self) -> tuple[tuple[str, str], ...]:

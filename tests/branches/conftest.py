@@ -10,6 +10,7 @@ from deploy.branches.branching import Branched, branch
 from deploy.branches.change import Change
 from deploy.repository import REPOSITORY
 from deploy.run import swarm
+from deploy.run.foreign import INSTALLED
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 
@@ -34,6 +35,6 @@ def leave(origin: Path, tmp_path: Path) -> Leave:
 
     def carry_out(change: Change) -> Branched:
         out = tmp_path / f"branch-{next(number)}"
-        return branch(origin, change, RunOptions(out, bus="memory"), trust=False)
+        return branch(origin, change, RunOptions(out, bus="memory"), permit=INSTALLED)
 
     return carry_out

@@ -16,6 +16,7 @@ from deploy.branches.change import Change, event
 from deploy.inside.inside_program import look_into
 from deploy.replay.run_recordings import recordings
 from deploy.replay.swarm_replay import replay_swarm
+from deploy.run.foreign import INSTALLED
 from tests.branches.conftest import Leave
 from tests.swarm.command import acrc
 
@@ -44,7 +45,7 @@ def test_another_strategy_begins_at_its_instant_and_can_be_replayed(leave: Leave
         ("strategy none from 8 s on",),
     )
     assert other.result.origin.strategy == "chapter>none@8.0"
-    assert replay_swarm(Path(other.result.out), trust=False).digest == other.result.digest
+    assert replay_swarm(Path(other.result.out), permit=INSTALLED).digest == other.result.digest
     inside = look_into(Path(other.result.out), "r1", milliseconds(500))
     known = [one.instant for one in inside.knowledge]
     assert min(known) < seconds(8) < max(known), "of both strategies"
@@ -60,7 +61,7 @@ def test_an_event_is_an_order_that_is_recorded_and_can_be_replayed(leave: Leave)
         == "step 60: swarm/down/r2/senses: Senses.halt is True; in the run it was False"
     )
     assert ended.divergence.robots["r2"] == 6.0
-    assert replay_swarm(Path(ended.result.out), trust=False).orders == 1
+    assert replay_swarm(Path(ended.result.out), permit=INSTALLED).orders == 1
 
 
 def test_one_frame_that_nobody_hears_is_named_with_who_missed_it(origin: Path, leave: Leave) -> None:
@@ -93,7 +94,7 @@ def test_another_setting_of_the_same_strategy(leave: Leave) -> None:
     assert other.result.origin.strategy == 'chapter>chapter{"reach":0.7}@8.0'
     told = other.result.origin.branch
     assert told is not None and told.changes == ("strategy.reach=0.7 from 8 s on",)
-    assert replay_swarm(Path(other.result.out), trust=False).digest == other.result.digest
+    assert replay_swarm(Path(other.result.out), permit=INSTALLED).digest == other.result.digest
 
 
 def test_settings_that_it_does_not_have_are_said_before_anything_runs(leave: Leave, tmp_path: Path) -> None:

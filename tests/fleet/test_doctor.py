@@ -15,6 +15,7 @@ from deploy.fleet.doctor.findings import Finding, well, wrong
 from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels, Machine, UsbPort
 from deploy.fleet.doctor.this_machine import ThisMachine
 from deploy.fleet.fleet_file import load_fleet
+from deploy.run.foreign import INSTALLED, Permit
 from firmware_bridge.kobuki.port import KOBUKI
 from firmware_bridge.pseudo_terminal import PseudoTerminal
 from tests.fleet.patient import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2, Patient
@@ -227,7 +228,7 @@ def test_a_camera_must_be_usable_and_see_as_far_round_as_the_model_says() -> Non
 
 def test_map_start_places_and_behaviour_of_every_shipped_robot_are_well() -> None:
     for one in OFFICE_FLEET.robots:
-        found = [*robot_checks.floor(OFFICE_FLEET, one), *robot_checks.behaviour(OFFICE_FLEET, one)]
+        found = [*robot_checks.floor(OFFICE_FLEET, one), *robot_checks.behaviour(OFFICE_FLEET, one, INSTALLED)]
         assert [(finding.subject, finding.ok) for finding in found] == [
             ("map", True),
             ("start", True),
@@ -257,12 +258,12 @@ def test_a_start_in_a_wall_or_in_another_robot_and_a_place_in_a_wall_are_wrong()
 
 def test_a_strategy_that_cannot_be_made_is_told_why(tmp_path: Path) -> None:
     unknown = fleet('[run]\nstrategy = "chaptr"' + robot(1))
-    assert only(robot_checks.behaviour(unknown, unknown.robot("r1"))).text.startswith(
+    assert only(robot_checks.behaviour(unknown, unknown.robot("r1"), INSTALLED)).text.startswith(
         "strategy 'chaptr' is not known; it should be one of "
     )
     (tmp_path / "broken_strategy.py").write_text("def made(start):\n    raise KeyError('reach')\n")
     own = fleet(f'[run]\nstrategy = "broken_strategy:made"\nmodules = "{tmp_path}"' + robot(1))
-    assert only(robot_checks.behaviour(own, own.robot("r1"))) == wrong(
+    assert only(robot_checks.behaviour(own, own.robot("r1"), Permit((tmp_path,)))) == wrong(
         "behaviour", "strategy 'broken_strategy:made' fails with KeyError: 'reach'; mend its code"
     )
 

@@ -14,6 +14,7 @@ from deploy.replay.run_recordings import recordings
 from deploy.replay.swarm_replay import replay_swarm
 from deploy.repository import REPOSITORY
 from deploy.run import swarm
+from deploy.run.foreign import Permit
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
 from tests.swarm.command import acrc
@@ -72,7 +73,7 @@ def moved(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_actor_is_the_same_again(moved: Path) -> None:
     for actor in ("world", "radio", "r1", "r2"):
         assert replay_actor(moved, actor).outputs > 20
-    assert replay_swarm(moved, trust=True).complete
+    assert replay_swarm(moved, permit=Permit(trust=True)).complete
     assert read_run(moved).grid.cells.any()
     assert listed(moved, "r1")
 

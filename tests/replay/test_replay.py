@@ -15,6 +15,7 @@ from deploy.replay import debugging
 from deploy.replay.other_strategy import replay_otherwise
 from deploy.replay.record_replay import Onlook, replay_actor
 from deploy.replay.swarm_replay import replay_swarm
+from deploy.run.foreign import INSTALLED
 from tests.swarm.command import acrc
 
 
@@ -30,7 +31,7 @@ def test_another_start_is_found_and_named(copy: Path) -> None:
     assert "start = [12.44, 4.4, 1.57]" in text
     file.write_text(text.replace("start = [12.44, 4.4, 1.57]", "start = [12.44, 4.5, 1.57]"))
     with pytest.raises(ReplayError, match=r"^step 0: swarm/(up|down|infra)/.* is .*; recorded was "):
-        replay_swarm(copy, trust=False)
+        replay_swarm(copy, permit=INSTALLED)
 
 
 def test_what_is_no_simulated_run_is_told(tmp_path: Path, recorded: Path) -> None:
@@ -94,7 +95,7 @@ def test_without_a_recording_of_the_world_there_is_nothing_to_compare_with(copy:
     shutil.rmtree(copy / "world")
     (copy / "run.json").unlink()
     with pytest.raises(ReplayError, match="there is no recording of the world, with which to compare"):
-        replay_swarm(copy, trust=False)
+        replay_swarm(copy, permit=INSTALLED)
 
 
 def test_without_the_editors_debugger_it_says_how_to_get_it(recorded: Path) -> None:

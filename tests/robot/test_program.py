@@ -12,7 +12,8 @@ from actors.messages import READY, SENSES, Ready
 from actors.robot.assembly import kernels
 from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.behaviour.places import load_places
-from actors.robot.program import build, look_in, parse, part
+from actors.robot.behaviour.modules import FOLDERS, look_in
+from actors.robot.program import build, parse, part
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined
@@ -69,12 +70,9 @@ def test_the_adaptation_is_read_from_its_file(argv: dict[str, str], tmp_path: Pa
     assert json.loads(robot.run.scenario)["adaptation"]["settings"] == {"lease": 3}
 
 
-def test_the_folder_that_is_named_first_goes_first(
-    argv: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys, "path", sys.path[:])
+def test_the_folder_that_is_named_first_goes_first(argv: dict[str, str]) -> None:
     look_in(parse([*flat(argv), "--path", "/one", "--path", "/two"]).path)
-    assert sys.path[:2] == ["/one", "/two"]
+    assert FOLDERS.folders == (Path("/one"), Path("/two"))
 
 
 def test_the_core_begins_with_the_step_and_listens_to_its_own_keys(argv: dict[str, str]) -> None:

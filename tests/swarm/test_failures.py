@@ -21,6 +21,7 @@ from actors.runtime.recording import Entry, read_notes, read_recording
 from deploy.replay.record_replay import replay_actor
 from deploy.replay.swarm_replay import replay_swarm
 from deploy.run import swarm
+from deploy.run.foreign import INSTALLED
 from deploy.run.options import RunOptions
 from deploy.run.silence import Timeout
 from deploy.run.supervisor import RunFailedError
@@ -286,7 +287,7 @@ def test_a_folder_that_is_not_empty_is_left_alone(tmp_path: Path) -> None:
 def test_a_run_that_was_cut_can_be_replayed_up_to_the_cut(r2_killed: Death) -> None:
     for actor in ("r1", "r2", "world", "radio"):
         assert replay_actor(r2_killed.out, actor).outputs > 0
-    again = replay_swarm(r2_killed.out, trust=False)
+    again = replay_swarm(r2_killed.out, permit=INSTALLED)
     assert again.messages > 0 and not again.complete
 
 

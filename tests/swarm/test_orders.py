@@ -24,6 +24,7 @@ from actors.orders import (
 from deploy.replay.record_replay import replay_actor
 from deploy.replay.swarm_replay import replay_swarm
 from deploy.run import orders
+from deploy.run.foreign import INSTALLED
 from deploy.usage import OptionError
 from tests.swarm.command import ROOT, acrc, leftovers, processes_of, start
 from tests.swarm.test_failures import stepping, until
@@ -122,7 +123,7 @@ def test_a_run_is_paused_changed_resumed_stopped_and_replayed(tmp_path: Path) ->
     for actor in ("world", "r1", "r2", "r2.1", "radio"):
         assert replay_actor(out, actor).outputs > 0
     assert acrc("record", "check", out).returncode == 0
-    again = replay_swarm(out, trust=False)
+    again = replay_swarm(out, permit=INSTALLED)
     assert (again.digest, again.orders, again.complete) == (result["digest"], 6, True)
 
 

@@ -11,6 +11,7 @@ from deploy.inside.insides import Glance, look_into_all
 from deploy.inside.telemetry import Inside
 from deploy.repository import REPOSITORY
 from deploy.run import swarm
+from deploy.run.foreign import INSTALLED
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 
@@ -41,7 +42,9 @@ def evidence(folder: Path) -> RunEvidence:
 def glances(folder: Path, evidence: RunEvidence) -> list[Glance]:
     """World and robots, each in a process of its own that is shut off where the machine can."""
     return list(
-        look_into_all(folder, ["world", *evidence.robots], trust=False, isolate=sandbox.available() is None)
+        look_into_all(
+            folder, ["world", *evidence.robots], permit=INSTALLED, isolate=sandbox.available() is None
+        )
     )
 
 

@@ -19,6 +19,7 @@ from deploy.replay.growing_replay import GrowingBus
 from deploy.replay.record_replay import made_again
 from deploy.repository import REPOSITORY
 from deploy.run import swarm
+from deploy.run.foreign import INSTALLED
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.usage import OptionError
@@ -75,7 +76,7 @@ def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
     draw(read_story(folder), tmp_path / "whole.rrd", Wishes(), send_to=None, say=lambda sentence: None)
     growing.grow(0.31)
     with (
-        Following(growing.out, (), trust=False, isolate=False) as following,
+        Following(growing.out, (), permit=INSTALLED, isolate=False) as following,
         Sheet(tmp_path / "grown.rrd", following.arrangement, name="it goes on") as sheet,
     ):
         following.begin(sheet)

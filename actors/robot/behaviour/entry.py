@@ -5,6 +5,7 @@ import importlib.util
 from collections.abc import Callable
 from typing import Any, cast
 
+from actors.robot.behaviour.modules import is_name
 from actors.robot.behaviour.ports import Behaviour, Start
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.failure import failure_note
@@ -38,7 +39,7 @@ def load_behaviour(entry: str, start: Start) -> Behaviour:
 def entry_function(entry: str) -> Callable[[Start], Any]:
     """The function that the entry string names."""
     module_name, colon, name = entry.partition(":")
-    if not (colon and module_name and name) or module_name.startswith("."):
+    if not (colon and is_name(module_name) and name):
         raise BehaviourError(
             f"behaviour {entry!r} is no entry; it should look like 'package.module:function'"
         )

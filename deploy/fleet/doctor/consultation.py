@@ -15,6 +15,7 @@ from deploy.fleet.doctor.machine import Machine
 from deploy.fleet.doctor.this_machine import ThisMachine
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet
 from deploy.repository import REPOSITORY
+from deploy.run.foreign import INSTALLED, Permit
 from deploy.usage import OptionError
 
 
@@ -26,7 +27,14 @@ class Report(msgspec.Struct, frozen=True):
     findings: tuple[Finding, ...]
 
 
-def consult(path: Path | None, name: str | None, *, json: bool, machine: Machine | None = None) -> bool:
+def consult(
+    path: Path | None,
+    name: str | None,
+    permit: Permit = INSTALLED,
+    *,
+    json: bool,
+    machine: Machine | None = None,
+) -> bool:
     """Check this computer, or as the robot `name` of the fleet in the file, and print; True if all is well.
 
     Raises OptionError if only one of both is given, and FleetError for a file that cannot be used.
@@ -41,7 +49,7 @@ def consult(path: Path | None, name: str | None, *, json: bool, machine: Machine
         raise OptionError(f"--robot: is missing; must say which of the robots this computer is: {known}")
     robot = fleet.robot(name) if fleet is not None and name is not None else None
     found: list[Finding] = []
-    for finding in findings(machine or ThisMachine(), fleet, robot):
+    for finding in findings(machine or ThisMachine(), fleet, robot, permit):
         found.append(finding)
         if not json:
             _print(finding)
@@ -54,7 +62,9 @@ def consult(path: Path | None, name: str | None, *, json: bool, machine: Machine
     return report.ok
 
 
-def findings(machine: Machine, fleet: Fleet | None, robot: FleetRobot | None) -> Iterator[Finding]:
+def findings(
+    machine: Machine, fleet: Fleet | None, robot: FleetRobot | None, permit: Permit = INSTALLED
+) -> Iterator[Finding]:
     """What all checks find, the quick ones first."""
     constraints = (REPOSITORY / "constraints.txt").read_text("utf-8")
     needed = ("base",) if robot is None else ("base", "hardware")
@@ -69,7 +79,7 @@ def findings(machine: Machine, fleet: Fleet | None, robot: FleetRobot | None) ->
     yield from ports.ports(machine, robot)
     yield from ports.camera(machine, robot)
     yield from robot_checks.floor(fleet, robot)
-    yield from robot_checks.behaviour(fleet, robot)
+    yield from robot_checks.behaviour(fleet, robot, permit)
     yield from robot_checks.keys(machine, fleet, robot)
 
 

@@ -3,7 +3,6 @@
 import contextlib
 import sys
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 
 from actors.floor.grid import OccupancyGrid
 from actors.floor.map_file import load_map
@@ -13,7 +12,7 @@ from actors.instant import milliseconds
 from actors.randomness import derived_seed
 from actors.robot import assembly
 from actors.robot.behaviour.adaptation import adaptation
-from actors.robot.program import look_in
+from actors.robot.behaviour.modules import look_in
 from actors.robot.stack import parse
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.access.tls import load_keys
@@ -22,6 +21,8 @@ from cleaning.strategies import entry
 from deploy.fleet.doctor.findings import Finding, well, wrong
 from deploy.fleet.doctor.machine import Machine
 from deploy.fleet.fleet_file import Fleet, FleetRobot
+from deploy.fleet.own_code import own_code
+from deploy.run.foreign import Permit
 
 
 def floor(fleet: Fleet, robot: FleetRobot) -> Iterator[Finding]:
@@ -40,11 +41,10 @@ def floor(fleet: Fleet, robot: FleetRobot) -> Iterator[Finding]:
     yield _places(robot, grid)
 
 
-def behaviour(fleet: Fleet, robot: FleetRobot) -> Iterator[Finding]:
+def behaviour(fleet: Fleet, robot: FleetRobot, permit: Permit) -> Iterator[Finding]:
     """Whether the robot can be made, with its strategy; runs the strategy's code once."""
-    before = sys.path[:]
-    look_in([Path(fleet.run.modules or fleet.path.parent)])
     try:
+        look_in(own_code(fleet, permit))
         with contextlib.redirect_stdout(sys.stderr):  # --json leaves nothing else there
             _make(fleet, robot)
     except AcrcError as error:
@@ -56,8 +56,6 @@ def behaviour(fleet: Fleet, robot: FleetRobot) -> Iterator[Finding]:
         )
     else:
         yield well("behaviour", f"strategy {fleet.run.strategy!r} makes a behaviour of its settings")
-    finally:
-        sys.path[:] = before
 
 
 def keys(machine: Machine, fleet: Fleet, robot: FleetRobot) -> Iterator[Finding]:
