@@ -58,6 +58,11 @@ class Onboard:
         return self.last_pose or self.folder(BASE) / "last.pose"
 
     @property
+    def router(self) -> Path:
+        """The router file, in the base's folder."""
+        return self.folder(BASE) / router_file.NAME
+
+    @property
     def robot(self) -> BodySetup:
         """The one robot."""
         (robot,) = self.plan.world.robots
@@ -108,13 +113,13 @@ def issue(onboard: Onboard) -> Credentials:
     """Draw new passwords: the robot's lies in its folder, all others in the base's."""
     plan = onboard.plan
     issued = credentials.issue({onboard.robot.id: plan.folder(onboard.robot.id)}, onboard.folder(BASE))
-    router_file.write(onboard.folder(BASE) / router_file.NAME, issued)
+    router_file.write(onboard.router, issued)
     return issued
 
 
 def withdraw(onboard: Onboard) -> None:
     """Remove what is left of passwords and sockets."""
-    router_file.remove(onboard.folder(BASE) / router_file.NAME)
+    router_file.remove(onboard.router)
 
 
 def base_program(onboard: Onboard, start: int) -> Program:
@@ -122,7 +127,7 @@ def base_program(onboard: Onboard, start: int) -> Program:
     plan, folder = onboard.plan, onboard.folder(BASE)
     name = _numbered(folder.name, start)
     argv = (
-        *("--setup", str(folder / "setup.json"), "--router", str(folder / router_file.NAME)),
+        *("--setup", str(folder / "setup.json"), "--router", str(onboard.router)),
         *("--record", str(folder / f"{name}.mcap"), "--commit", plan.commit, "--with-parent"),
     )
     log, record = folder / f"{name}.log", folder / f"{name}.mcap"

@@ -4,7 +4,7 @@ import importlib.util
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -65,7 +65,7 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
     pose_file = options.out.parent / f"{name}.pose"
     robot = fleet.robot(name)
     if options.at is not None:
-        robot = replace(robot, start=_told(options.at, robot))
+        robot = robot.model_copy(update={"start": _told(options.at, robot)})
     model = load_model(robot.model, robot.sensor)
     check_pose(load_map(str(fleet.map)), Point(*robot.start[:2]), model.footprint.circumradius, name)
     ports = Ports(

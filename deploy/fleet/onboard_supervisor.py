@@ -61,6 +61,7 @@ class OnboardSupervisor:
 
     def start(self) -> None:
         """Start base, bridge and robot."""
+        self._launcher.withdraw(self._onboard.router)
         issued = layout.issue(self._onboard)
         self._start(layout.BASE)
         socket = issued.sockets[layout.BRIDGE]

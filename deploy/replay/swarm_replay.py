@@ -1,6 +1,5 @@
 """A whole simulated run made again, in memory, from its scenario, its seed and the orders it was given."""
 
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from deploy.run import swarm
 from deploy.run.foreign import beside, refuse_foreign, refuse_missing
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
+from deploy.scratch import scratch_folder
 
 SCENARIO: Final = "scenario.toml"
 _FOREVER: Final = 1 << 62
@@ -57,8 +57,8 @@ def replay_swarm(out: Path, *, trust: bool) -> SwarmReplay:
     if missing:
         raise ReplayError(f"{out}: there is no recording of the {missing[0]}, with which to compare")
     orders = OrderBus(recorded_orders(files["world"]))
-    with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
-        again = Path(folder) / "again"
+    with scratch_folder() as folder:
+        again = folder / "again"
         plan = swarm.plan(scenario, RunOptions(again, bus="memory", json=True))
         with shown(again, (EVERYBODY,)) as look:
             result = swarm.run_in_memory(plan, lambda progress: look(), orders)

@@ -15,6 +15,7 @@ class Robot:
     """Stands for what is laid out; nothing of it is on the disk."""
 
     id = "r1"
+    router = Path("router.json")
 
 
 class Played:
@@ -24,6 +25,9 @@ class Played:
         self.started: list[str] = []
         self.children: dict[str, Child] = {}
         self.ends: list[dict[str, int]] = []
+
+    def withdraw(self, router: Path) -> None:
+        """Nothing is laid out."""
 
     def start(self, program: Program) -> Child:
         self.started.append(program.actor)
