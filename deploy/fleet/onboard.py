@@ -1,4 +1,7 @@
-"""A robot's own processes: base, bridge, and the robot program with the argv that simulation gives it."""
+"""A robot's own processes: base, bridge, and the robot program with the argv that simulation gives it.
+
+One word more lets it go on where the disk takes no record.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -51,6 +54,8 @@ class Onboard:
 
     last_pose: Path | None = None
     """File with where the robot last held itself to be; None: one in the base's folder, not there yet."""
+    link_fault: Callable[[], str] = str
+    """What keeps a laptop from watching it, in a sentence; empty if nothing does."""
 
     @property
     def pose_file(self) -> Path:
@@ -155,7 +160,7 @@ def onboard_robot_program(onboard: Onboard, start: int) -> Program:
         doubt = ("--doubt", f"{last.spread!r}")
     order = ProcessOrder(robot.id, onboard.epochs())
     program = robot_program(onboard.plan, robot, order, first_step=0, name=_numbered(robot.id, start))
-    program = replace(program, argv=(*program.argv, *doubt))
+    program = replace(program, argv=(*program.argv, "--spare-record", *doubt))
     if onboard.debug_port is None:
         return program
     waiting = ("--listen", str(onboard.debug_port), "-m", program.module)

@@ -8,8 +8,8 @@ compiled everything once, and forks from there; `exec`: it is small, and every c
 `{"share": [module, words]}`, which nothing answers, a server that forks makes what `share(*words)` of the
 module gives and holds it, so that children find it in memory. `{"withdraw": path}` names a router file: the
 passwords and sockets of a run, which the server removes at its end if they are still there. It ends, and its
-children, when the other end of the socket closes. The standard library's forkserver leaves a socket file and keeps running when its parent
-is killed, see docs/decisions.
+children, when the other end of the socket closes. The standard library's forkserver leaves a socket file and
+keeps running when its parent is killed, see docs/decisions.
 """
 
 import contextlib

@@ -41,8 +41,8 @@ from deploy.run.plan import (
     observer_program,
     radio_program,
     remove_credentials,
-    router_of,
     robot_program,
+    router_of,
     world_program,
 )
 from deploy.run.preflight import preflight, preflight_here

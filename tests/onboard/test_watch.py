@@ -15,7 +15,6 @@ class Robot:
     """Stands for what is laid out; nothing of it is on the disk."""
 
     id = "r1"
-    router = Path("router.json")
 
 
 class Played:
@@ -52,7 +51,7 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupe
     monkeypatch.setattr(layout, "base_program", program(layout.BASE))
     monkeypatch.setattr(layout, "bridge_program", program(layout.BRIDGE))
     monkeypatch.setattr(layout, "onboard_robot_program", program("r1"))
-    onboard: Onboard = type("One", (), {"robot": Robot})()
+    onboard: Onboard = type("One", (), {"robot": Robot, "router": Path("router.json")})()
     launcher = Played()
     watch = OnboardSupervisor(onboard, launcher, lambda _line: None)  # type: ignore[arg-type]
     watch.start()
