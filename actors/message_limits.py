@@ -121,8 +121,8 @@ def is_heading(heading: float) -> bool:
 
 
 def _frame_fault(frame: Outgoing, earliest: int, end: int) -> str | None:
-    if not 0 < len(frame.data) <= FRAME_DATA_LIMIT:
-        return f"sends a frame of {len(frame.data)} bytes; it should have 1 to {FRAME_DATA_LIMIT}"
+    if len(frame.data) > FRAME_DATA_LIMIT:
+        return f"sends a frame of {len(frame.data)} bytes; it should have at most {FRAME_DATA_LIMIT}"
     if type(frame.instant) is not int:
         return f"sends a frame at {brief(frame.instant)} µs; it should be a whole number"
     if not earliest <= frame.instant < end:

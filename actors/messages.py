@@ -104,7 +104,7 @@ class Outgoing(MessagePart, frozen=True):
     instant: int
     """When the robot hands the frame to its transceiver; within the step."""
     data: bytes
-    """1 to FRAME_DATA_LIMIT bytes."""
+    """At most FRAME_DATA_LIMIT bytes; a frame may also be without data (IEEE 802.15.4-2006, 7.2.2.2)."""
 
 
 class Transmit(Message, frozen=True):

@@ -3,7 +3,6 @@
 import io
 import re
 import shutil
-import tempfile
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,6 +12,7 @@ from sphinx.errors import SphinxError
 from actors.runtime.errors import AcrcError
 from deploy import version
 from deploy.repository import REPOSITORY
+from deploy.scratch import scratch_folder
 from deploy.usage import OptionError
 from documentation import commands, contents, trials
 from documentation.markdown import Page
@@ -58,12 +58,12 @@ def build(out: Path) -> Path:
     """
     _check_out(out)
     said = io.StringIO()
-    with tempfile.TemporaryDirectory() as scratch:
-        fresh = Path(scratch) / "site"
+    with scratch_folder() as scratch:
+        fresh = scratch / "site"
         overrides = {**_SETTINGS, "release": version.release()}
         try:
             app = Sphinx(
-                DOCS, None, fresh, Path(scratch) / "trees", "html", overrides,
+                DOCS, None, fresh, scratch / "trees", "html", overrides,
                 status=None, warning=said, freshenv=True,
             )  # fmt: skip
             app.build()

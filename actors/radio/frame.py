@@ -17,6 +17,6 @@ def airtime_us(data_bytes: int) -> int:
 
 def size_fault(data_bytes: int) -> str:
     """One sentence on why a frame cannot carry so many data bytes; empty if it can."""
-    if 1 <= data_bytes <= FRAME_DATA_LIMIT:
+    if 0 <= data_bytes <= FRAME_DATA_LIMIT:
         return ""
-    return f"The frame has {data_bytes} data bytes; it must have 1 to {FRAME_DATA_LIMIT}."
+    return f"The frame has {data_bytes} data bytes; it must have 0 to {FRAME_DATA_LIMIT}."

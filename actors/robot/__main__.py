@@ -18,6 +18,7 @@ from actors.robot import assembly, program
 from actors.robot.behaviour.modules import look_in
 from actors.runtime import debugger, prints
 from actors.runtime.access.rules import client_config
+from actors.runtime.background import SparingRecorder
 from actors.runtime.client_options import own_folder
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.resource_limits import enforce
@@ -56,7 +57,8 @@ def main(argv: Sequence[str]) -> int:
     try:
         options = program.parse(argv)
         assembly.kernels()  # compiled while the cache can still be written
-        recorder = Recorder(options.client.record, options.setup.step_us)  # in a folder that is closed later
+        kind = SparingRecorder if options.client.spares_record else Recorder
+        recorder = kind(options.client.record, options.setup.step_us)  # in a folder that is closed later
         if options.isolate:
             folder = options.client.record.resolve().parent
             isolate(

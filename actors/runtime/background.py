@@ -4,13 +4,14 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Final
 
 import msgspec
 
-from actors.runtime.recording import Recorder
+from actors.runtime.recording import Recorder, UnwritableError
 
 _FAREWELL_S: Final = 5.0
 """How long a slow disk is waited for in the end; own choice, as long as a process may take to end."""
@@ -71,8 +72,58 @@ class Background:
             return self._tasks.popleft()
 
 
-class BackgroundRecorder(Recorder):
-    """A recorder whose disk cannot hold up the process: what it cannot take is lost, counted, and said.
+class SparingRecorder(Recorder):
+    """A recorder that its process does not stop for: what the disk does not take is lost, counted, and said.
+
+    Of what comes after the first loss nothing is recorded.
+    """
+
+    def __init__(self, path: Path, step_us: int) -> None:
+        super().__init__(path, step_us)
+        self.lost = 0
+        """Records so far."""
+        self._unflushed = 0
+        """Records since the last flush; no seal vouches for them yet."""
+        self._full: UnwritableError | None = None
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._attempt(lambda: super(SparingRecorder, self).__exit__(kind, error, trace), 0)
+        if self._full is not None:
+            to_stderr(f"{self._full}; {self.lost} records are missing\n")
+
+    def note(self, name: str, content: msgspec.Struct) -> None:
+        """As in Recorder."""
+        self._attempt(lambda: super(SparingRecorder, self).note(name, content), 1)
+
+    def received(self, key: str, step: int, sequence: int, payload: bytes) -> None:
+        """As in Recorder."""
+        self._attempt(lambda: super(SparingRecorder, self).received(key, step, sequence, payload), 1)
+
+    def sent(self, key: str, step: int, sequence: int, payload: bytes, sha256: bytes) -> None:
+        """As in Recorder."""
+        self._attempt(lambda: super(SparingRecorder, self).sent(key, step, sequence, payload, sha256), 1)
+
+    def flush(self) -> None:
+        """As in Recorder."""
+        self._attempt(super().flush, 0)
+        self._unflushed = 0
+
+    def _attempt(self, task: Callable[[], None], records: int) -> None:
+        if self._full is not None:
+            self.lost += records
+            return
+        self._unflushed += records
+        try:
+            task()
+        except UnwritableError as error:
+            self._full, self.lost = error, self._unflushed
+            to_stderr(f"{error}; records are lost from here on\n")
+
+
+class BackgroundRecorder(SparingRecorder):
+    """A sparing recorder whose disk cannot hold up the process either.
 
     What was recorded last may be missing after the death of the process.
     """
@@ -85,21 +136,15 @@ class BackgroundRecorder(Recorder):
     @property
     def dropped(self) -> int:
         """Records that were lost so far."""
-        return self._background.dropped
+        return self._background.dropped + self.lost
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        wrote = self._background.close()
-        failure = self._background.error
-        if wrote:
-            try:
-                super().__exit__(kind, error, trace)
-            except OSError as late:
-                failure = late
-        if failure is not None or not wrote:
-            why = "the disk is too slow" if failure is None else failure.strerror
-            sys.stderr.write(f"{self._path}: {self.dropped} records are missing: {why}\n")
+        if self._background.close():
+            super().__exit__(kind, error, trace)
+        else:
+            to_stderr(f"{self._path}: the disk is too slow; {self.dropped} records are missing\n")
 
     def note(self, name: str, content: msgspec.Struct) -> None:
         """As in Recorder, later."""
@@ -137,6 +182,7 @@ class Log:
 
 
 def to_stderr(text: str) -> None:
-    """Write text to standard error, at once."""
-    sys.stderr.write(text)
-    sys.stderr.flush()
+    """Write text to standard error, at once; where that is a log on a full disk, it is lost."""
+    with suppress(OSError):
+        sys.stderr.write(text)
+        sys.stderr.flush()

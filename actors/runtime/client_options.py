@@ -38,6 +38,8 @@ class ClientOptions:
     """End as soon as the process that started this one has ended."""
     spans: Window | None = None
     """Steps in which what it does is noted, span by span."""
+    spares_record: bool = False
+    """Go on where the disk takes no record any more: on board, where stopping would cost more."""
 
     @property
     def patience_s(self) -> float:
@@ -60,6 +62,7 @@ def add_client_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--record", required=True, type=Path, help="MCAP file to write")
     parser.add_argument("--commit", default="", help="version of the software, for the first record")
     parser.add_argument("--with-parent", action="store_true", help="end when the starting process ends")
+    parser.add_argument("--spare-record", action="store_true", help="go on where the disk is full")
     add_span_option(parser)
 
 
@@ -72,4 +75,5 @@ def client_options(options: argparse.Namespace) -> ClientOptions:
         options.commit,
         options.with_parent,
         options.spans,
+        options.spare_record,
     )

@@ -8,7 +8,7 @@ import io
 import os
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final, TextIO
 
@@ -103,8 +103,17 @@ def in_file(path: Path, step_us: int) -> Prints:
 
 
 def on(stream: TextIO, step_us: int) -> Prints:
-    """Prints on a stream that is there."""
-    return Prints(step_us, stream.write, stream.flush)
+    """Prints on a stream that is there; what a full disk does not take is lost."""
+
+    def write(text: str) -> None:
+        with suppress(OSError):
+            stream.write(text)
+
+    def flush() -> None:
+        with suppress(OSError):
+            stream.flush()
+
+    return Prints(step_us, write, flush)
 
 
 def nowhere() -> Prints:

@@ -18,8 +18,7 @@ import zenoh
 
 from actors.runtime.bus.zenoh_bus import ZenohBus, open_session
 from actors.runtime.core import Address, Core, Output
-from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.failure import failure_note
+from actors.runtime.lifecycle.failure import failure_note, in_words
 from actors.runtime.lifecycle.keeper import cpu_s
 from actors.runtime.lifecycle.leftovers import LeftoverError, fault
 from actors.runtime.lifecycle.parent import Ended
@@ -160,9 +159,12 @@ def play(
         except Ended:
             raise
         except BaseException as error:  # a strategy may call sys.exit, which is no Exception
-            recorder.note("failure", failure_note(part.run.actor, part.core.step, error))
-            if not isinstance(error, AcrcError):
+            note = failure_note(part.run.actor, part.core.step, error)
+            if note.expected:
+                sys.stderr.write(f"{in_words(note)}\n")
+            else:
                 traceback.print_exc()  # a bug: the whole story, into the process's log
+            recorder.note("failure", note)
             return 1
     return 0
 

@@ -39,7 +39,7 @@ app.add_typer(topic, name="topic", help="Show what was said on a key of a run, a
 app.add_typer(listing, name="list", help="List strategies, presets, robot models, scenarios and maps.")
 app.add_typer(fleet, name="fleet", help="Robots made of computers: set them up, drive, watch, collect.")
 app.command(
-    context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []},
+    context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     rich_help_panel=FOR_DEVELOPERS,
 )(development.test)
 app.command(rich_help_panel=FOR_DEVELOPERS)(development.check)

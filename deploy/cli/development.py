@@ -12,7 +12,7 @@ from deploy.repository import REPOSITORY
 
 
 def test(context: typer.Context) -> None:
-    """Run the tests, or those of your own that you name; whatever follows goes to pytest."""
+    """Run the tests, or those of your own that you name; whatever follows goes to pytest (-h: its help)."""
     words = [_absolute(word) for word in context.args]
     here = str(Path.cwd())
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (here, os.environ.get("PYTHONPATH"))))

@@ -25,26 +25,30 @@ def units(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write them.")] = Path("units"),
     user: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Who the robot runs as.  [default: owner of this clone]"),
+        typer.Option(metavar="NAME", help="Who the robot runs as.  [default: the clone's owner, not root]"),
     ] = None,
     modules: Modules = None,
 ) -> None:
     """Write the systemd service of a robot and the udev rules of its devices.
 
-    To be run on the robot's own computer, for the service holds the paths of this clone and of the fleet
-    file. Installs nothing: prints the commands that do.
+    To be run on the robot's own computer with all devices plugged in: the service holds the paths of this
+    clone and of the fleet file, the rules the serial numbers of the devices. Installs nothing: prints the
+    commands that do.
     """
     from deploy.fleet import units as unit_files
     from deploy.fleet.fleet_file import load_fleet
+    from deploy.fleet.usb_ports import usb_ports
     from deploy.run.foreign import permit_of
 
     loaded = load_fleet(fleet)
+    runs_as, program = user or unit_files.everyday_user(REPOSITORY), REPOSITORY / "acrc"
     written = unit_files.write(
         loaded,
         loaded.robot(robot),
         out,
-        program=REPOSITORY / "acrc",
-        user=user or REPOSITORY.owner(),
+        program=program,
+        user=runs_as,
+        plugged=usb_ports(),
         modules=permit_of(modules).modules,
     )
     service, rules = written.service_file, written.rules_file
@@ -59,6 +63,8 @@ def units(
         f"Then `journalctl -fu {service.name}` shows what the robot says, and `acrc fleet doctor` what is "
         "wrong."
     )
+    for sentence in written.unnamed:
+        sys.stderr.write(f"acrc: {sentence}\n")
 
 
 def keys(

@@ -1,4 +1,7 @@
-"""A robot's own processes: base, bridge, and the robot program with the argv that simulation gives it."""
+"""A robot's own processes: base, bridge, and the robot program with the argv that simulation gives it.
+
+One word more lets it go on where the disk takes no record.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -51,11 +54,18 @@ class Onboard:
 
     last_pose: Path | None = None
     """File with where the robot last held itself to be; None: one in the base's folder, not there yet."""
+    link_fault: Callable[[], str] = str
+    """What keeps a laptop from watching it, in a sentence; empty if nothing does."""
 
     @property
     def pose_file(self) -> Path:
         """As `last_pose`."""
         return self.last_pose or self.folder(BASE) / "last.pose"
+
+    @property
+    def router(self) -> Path:
+        """The router file, in the base's folder."""
+        return self.folder(BASE) / router_file.NAME
 
     @property
     def robot(self) -> BodySetup:
@@ -108,13 +118,13 @@ def issue(onboard: Onboard) -> Credentials:
     """Draw new passwords: the robot's lies in its folder, all others in the base's."""
     plan = onboard.plan
     issued = credentials.issue({onboard.robot.id: plan.folder(onboard.robot.id)}, onboard.folder(BASE))
-    router_file.write(onboard.folder(BASE) / router_file.NAME, issued)
+    router_file.write(onboard.router, issued)
     return issued
 
 
 def withdraw(onboard: Onboard) -> None:
     """Remove what is left of passwords and sockets."""
-    router_file.remove(onboard.folder(BASE) / router_file.NAME)
+    router_file.remove(onboard.router)
 
 
 def base_program(onboard: Onboard, start: int) -> Program:
@@ -122,7 +132,7 @@ def base_program(onboard: Onboard, start: int) -> Program:
     plan, folder = onboard.plan, onboard.folder(BASE)
     name = _numbered(folder.name, start)
     argv = (
-        *("--setup", str(folder / "setup.json"), "--router", str(folder / router_file.NAME)),
+        *("--setup", str(folder / "setup.json"), "--router", str(onboard.router)),
         *("--record", str(folder / f"{name}.mcap"), "--commit", plan.commit, "--with-parent"),
     )
     log, record = folder / f"{name}.log", folder / f"{name}.mcap"
@@ -150,7 +160,7 @@ def onboard_robot_program(onboard: Onboard, start: int) -> Program:
         doubt = ("--doubt", f"{last.spread!r}")
     order = ProcessOrder(robot.id, onboard.epochs())
     program = robot_program(onboard.plan, robot, order, first_step=0, name=_numbered(robot.id, start))
-    program = replace(program, argv=(*program.argv, *doubt))
+    program = replace(program, argv=(*program.argv, "--spare-record", *doubt))
     if onboard.debug_port is None:
         return program
     waiting = ("--listen", str(onboard.debug_port), "-m", program.module)

@@ -1,10 +1,11 @@
 """A robot on board: from the fleet file to running processes, until it is told to stop."""
 
+import functools
 import importlib.util
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -17,6 +18,8 @@ from actors.robot_model import load_model
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
 from deploy.fleet import onboard as layout
+from deploy.fleet.doctor.robot import keys
+from deploy.fleet.doctor.this_machine import ThisMachine
 from deploy.fleet.epochs import EpochCounter
 from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.fleet.onboard import Onboard, Ports
@@ -69,7 +72,7 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
     pose_file = options.out.parent / f"{name}.pose"
     robot = fleet.robot(name)
     if options.at is not None:
-        robot = replace(robot, start=_told(options.at, robot))
+        robot = robot.model_copy(update={"start": _told(options.at, robot)})
     model = load_model(robot.model, robot.sensor)
     check_pose(load_map(str(fleet.map)), Point(*robot.start[:2]), model.footprint.circumradius, name)
     ports = Ports(
@@ -85,33 +88,66 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
     counter = EpochCounter(name, options.out.parent, say)
     if options.at is not None:
         pose_file.unlink(missing_ok=True)
-    return Onboard(_plan(fleet, robot, options), ports, counter.claim, options.debug_port, pose_file)
+    return Onboard(
+        _plan(fleet, robot, options),
+        ports,
+        counter.claim,
+        options.debug_port,
+        pose_file,
+        functools.partial(_link_fault, fleet, robot),
+    )
 
 
 def run(prepared: Onboard, say: Callable[[str], None]) -> None:
     """Run until the operator stops it, a signal comes (Interrupted), or the budget of restarts is used up."""
     if prepared.plan.warning:
         say(prepared.plan.warning)
-    with writing(prepared.plan.out):
+    with writing(prepared.plan.out), signals_as_interrupts(), launcher("exec", reap=False) as launched:
         layout.lay_out(prepared)
-    with signals_as_interrupts(), launcher("exec", reap=False) as launched:
         service, in_doubt = ServiceNotice(), last_pose.read(prepared.pose_file) is not None
+        operator = OperatorLink(prepared.link_fault, say)
         watch = OnboardSupervisor(prepared, launched, say, lives=service.lives)
         try:
             watch.start()
             service.ready()
             say(f"{prepared.robot.id} is running; it records into {prepared.plan.out}")
+            operator.look()
             if in_doubt:
                 say(
                     f"{prepared.robot.id} is in doubt about where it is, and stands until its scans say "
                     "that it is where it last was; `--at start` or `--at X,Y,HEADING` tells it"
                 )
             while watch.look(_LOOK_S):
-                pass
+                operator.look()
             say(f"{prepared.robot.id} was told to stop")
         finally:
             watch.end()
             layout.withdraw(prepared)
+
+
+def _link_fault(fleet: Fleet, robot: FleetRobot) -> str:
+    """What is wrong with the keys with which a laptop may watch the robot; empty if nothing is."""
+    return next((found.text for found in keys(ThisMachine(), fleet, robot) if not found.ok), "")
+
+
+class OperatorLink:
+    """Says why no laptop can watch the robot, as soon as that is so: keys also end while it drives."""
+
+    PERIOD_S: Final = 600.0
+    """Between two looks at the keys."""
+
+    def __init__(self, fault: Callable[[], str], say: Callable[[str], None]) -> None:
+        self._fault, self._say = fault, say
+        self._next, self._said = 0.0, ""
+
+    def look(self) -> None:
+        """Look, if it is time to; to be called again and again."""
+        if (now := time.monotonic()) < self._next:
+            return
+        self._next = now + self.PERIOD_S
+        if (fault := self._fault()) and fault != self._said:
+            self._say(f"no laptop can watch or stop it: {fault}")
+        self._said = fault
 
 
 def _told(at: str, robot: FleetRobot) -> tuple[float, float, float]:

@@ -5,6 +5,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from actors.runtime.errors import AcrcError
 from deploy.fleet import onboard as layout
@@ -51,6 +52,8 @@ class OnboardSupervisor:
         self._starts: deque[float] = deque()
         self._count = {layout.BASE: 0, layout.BRIDGE: 0, onboard.robot.id: 0}
         self._children: dict[str, Child] = {}
+        self._losses: dict[Path, str] = {}
+        """What was said of recordings that are not whole."""
         self.programs: list[Program] = []
         """Every program that was started, in order."""
 
@@ -61,6 +64,7 @@ class OnboardSupervisor:
 
     def start(self) -> None:
         """Start base, bridge and robot."""
+        self._launcher.withdraw(self._onboard.router)
         issued = layout.issue(self._onboard)
         self._start(layout.BASE)
         socket = issued.sockets[layout.BRIDGE]
@@ -82,6 +86,7 @@ class OnboardSupervisor:
         """
         self._launcher.wait(patience_s)
         self._lives()
+        self._tell_losses()
         ended = [name for name, child in self._children.items() if child.exit_code is not None]
         if not ended:
             return True
@@ -91,7 +96,7 @@ class OnboardSupervisor:
             self.end()
             return False
         for name in ended:
-            self._say(f"{name} has ended: {_cause(self._children[name])}")
+            self._say(f"{name} has ended {_cause(self._children[name])}")
         self._spend(ended[0])
         if layout.BASE in ended:
             self.end()
@@ -113,6 +118,7 @@ class OnboardSupervisor:
             for child in running:
                 child.send(number)
             self._await(running)
+        self._tell_losses()
 
     def _start(self, name: str) -> None:
         number = self._count[name]
@@ -134,10 +140,17 @@ class OnboardSupervisor:
         if len(self._starts) > self._budget.starts:
             self.end()
             raise OnboardError(
-                f"{self._onboard.robot.id}: {name} has ended once more; its processes may be started "
-                f"{self._budget.starts} times within {self._budget.within_s:g} s. "
-                f"{_cause(self._children[name])}"
+                f"{self._onboard.robot.id}: its processes were started {self._budget.starts} times within "
+                f"{self._budget.within_s:g} s, and {name} has ended once more {_cause(self._children[name])}"
             )
+
+    def _tell_losses(self) -> None:
+        """Say which recordings the disk does not take, as each process says it of its own in its log."""
+        for name, child in self._children.items():
+            last, record = last_line(child.program.log), child.program.record
+            if record is not None and last.startswith(f"{record}: ") and self._losses.get(record) != last:
+                self._losses[record] = last
+                self._say(f"{name}: {last}")
 
     def _await(self, children: list[Child]) -> None:
         deadline = time.monotonic() + self.GRACE_S
@@ -147,8 +160,8 @@ class OnboardSupervisor:
 
 
 def _cause(child: Child) -> str:
-    """Why a process has ended, as far as it can be told."""
+    """How a process has ended, and why, as far as it says."""
     last = last_line(child.program.log)
     code = child.exit_code or 0
     how = f"by signal {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
-    return f"{how}{f', {last}' if last else ''}"
+    return f"{how}{f': {last}' if last else ''}"

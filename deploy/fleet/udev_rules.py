@@ -5,9 +5,11 @@ Sources: udev(7); Linux, drivers ftdi_sio (attribute latency_timer) and cp210x; 
 """
 
 import re
+from collections.abc import Sequence
 from typing import Final
 
 from deploy.fleet.fleet_file import FleetRobot
+from deploy.fleet.usb_ports import UsbPort, may_be
 from firmware_bridge.beeclick.port import BOARD
 from firmware_bridge.kobuki.port import KOBUKI
 from firmware_bridge.onboard.onboard_setup import OPENNI
@@ -17,13 +19,18 @@ from firmware_bridge.serial_port import Device
 GROUP: Final = "dialout"
 """Who may open serial ports; Debian's and Ubuntu's name for it."""
 _FAST: Final = 'ATTR{device/latency_timer}="1", '
+_SERIAL: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 _NAME: Final = re.compile(
     r"/dev/((?!tty|pts/|serial/|bus/)[A-Za-z0-9][A-Za-z0-9_.+-]*(?:/[A-Za-z0-9][A-Za-z0-9_.+-]*)*)"
 )
 
 
-def rules(robot: FleetRobot) -> str:
-    """The text of the robot's rules file; a port that has its kernel's name gets no other one."""
+def rules(robot: FleetRobot, plugged: Sequence[UsbPort]) -> str:
+    """The text of the robot's rules file; a port that has its kernel's name gets no other one.
+
+    `plugged`: what this computer has. Board and lidar have chips that other devices have, too: the one that
+    is there, and no other, gets the name. Where there is none, or more than one, none gets it (`unnamed`).
+    """
     parts = [
         f"# Ports of robot {robot.id}, written by `acrc fleet units`.",
         "",
@@ -33,15 +40,66 @@ def rules(robot: FleetRobot) -> str:
         "# Kobuki: its own FTDI chip, told from others by its serial number. FTDI chips hold bytes back for",
         "# 16 ms unless told otherwise; a Kobuki reports every 20.",
         _rule(f'{_of(KOBUKI)}, ATTRS{{serial}}=="kobuki*"', robot.base, _FAST),
-        "",
-        "# BEE click: any other FTDI chip, in the USB UART of the board it sits on. If yours has another,",
-        "# `udevadm info --attribute-walk /dev/ttyUSB0` shows its idVendor and idProduct.",
-        _rule(_of(BOARD), robot.radio, _FAST),
     ]
-    if robot.range is not None and robot.range != OPENNI:
-        parts += ["", "# RPLIDAR: the CP2102 of its USB adapter.", _rule(_of(RPLIDAR), robot.range)]
+    for device, port, more in _shared(robot):
+        there = _there(device, plugged)
+        parts += ["", f"# {device.name}: {_which(device, port, there)}."]
+        if given_name(port) is not None and len(there) == 1:
+            parts.append(_rule(f"{_of(device)}, {_only(there[0])}", port, more))
+        parts.append(_rule(_of(device), "", more))
     parts += ["", 'LABEL="acrc_end"', ""]
     return "\n".join(parts)
+
+
+def unnamed(robot: FleetRobot, plugged: Sequence[UsbPort]) -> list[str]:
+    """Why a device gets no name, in a sentence for each, and what is to be done."""
+    found = [(device, port, _there(device, plugged)) for device, port, _ in _shared(robot)]
+    return [
+        f"{port}: {_which(device, port, there)}"
+        for device, port, there in found
+        if given_name(port) is not None and len(there) != 1
+    ]
+
+
+def _shared(robot: FleetRobot) -> list[tuple[Device, str, str]]:
+    """The devices whose chips others have, too: with their ports, and what their rules set besides."""
+    lidar = [] if robot.range is None or robot.range == OPENNI else [(RPLIDAR, robot.range, "")]
+    return [(BOARD, robot.radio, _FAST), *lidar]
+
+
+def _there(device: Device, plugged: Sequence[UsbPort]) -> list[UsbPort]:
+    return [port for port in plugged if may_be(device, port)]
+
+
+def _which(device: Device, port: str, there: Sequence[UsbPort]) -> str:
+    """Which of the chips that are plugged in is the device's, in words."""
+    if given_name(port) is None:
+        return f"{port} is no name that a rule can give"
+    if not there:
+        return (
+            f"no {device.name} is plugged in, so nothing gets this name; plug it in and write the units again"
+        )
+    if len(there) > 1:
+        them = " and ".join(f"{one.path} ({_trait(one)})" for one in there)
+        return (
+            f"{them} could each be the {device.name}, so nothing gets this name; unplug all others and write "
+            "the units again"
+        )
+    return f"the one with {_trait(there[0])}, which was at {there[0].path}"
+
+
+def _only(port: UsbPort) -> str:
+    """What a rule asks for, so that it is this chip: its own serial number, or else its USB port."""
+    return f'ATTRS{{serial}}=="{port.serial}"' if _is_own(port) else f'KERNELS=="{port.socket}"'
+
+
+def _trait(port: UsbPort) -> str:
+    return f"serial number {port.serial}" if _is_own(port) else f"USB port {port.socket}"
+
+
+def _is_own(port: UsbPort) -> bool:
+    """True for a serial number that no other chip has; a CP2102 comes with 0001 from the factory."""
+    return _SERIAL.fullmatch(port.serial) is not None and port.serial.strip("0") != "1"
 
 
 def given_name(port: str) -> str | None:

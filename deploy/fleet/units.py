@@ -3,6 +3,7 @@
 Source: systemd.unit(5), systemd.service(5), systemd.exec(5), systemd.resource-control(5).
 """
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +12,8 @@ from typing import Final
 
 from actors.runtime.errors import AcrcError
 from deploy.fleet.fleet_file import Fleet, FleetRobot
-from deploy.fleet.udev_rules import GROUP, rules
+from deploy.fleet.udev_rules import GROUP, rules, unnamed
+from deploy.fleet.usb_ports import UsbPort
 from deploy.usage import OptionError, wrong_value
 from firmware_bridge.onboard.onboard_setup import OPENNI
 
@@ -51,28 +53,52 @@ class Units:
 
     service_file: Path
     rules_file: Path
+    unnamed: Sequence[str]
+    """Why a device gets no name, a sentence for each."""
 
 
 def write(
-    fleet: Fleet, robot: FleetRobot, out: Path, *, program: Path, user: str, modules: Sequence[Path] = ()
+    fleet: Fleet,
+    robot: FleetRobot,
+    out: Path,
+    *,
+    program: Path,
+    user: str,
+    plugged: Sequence[UsbPort],
+    modules: Sequence[Path] = (),
 ) -> Units:
     """Write service and rules into the folder `out`, made if need be; files that are there are replaced.
 
-    `program`: the script acrc on the robot. `user`: who the robot runs as. `modules`: where its strategy may
-    be loaded from. Raises UnitsError or OptionError.
+    `program`: the script acrc on the robot. `user`: who the robot runs as. `plugged`: see `rules`. `modules`:
+    where its strategy may be loaded from. Raises UnitsError or OptionError.
     """
     if not _USER.fullmatch(user):
         raise wrong_value("--user", user, "the name of a user of this computer")
     if out.exists() and not out.is_dir():
         raise OptionError(f"--out: {out} is a file; must be a folder")
-    written = Units(out / f"acrc-{robot.id}.service", out / RULES_FILE)
+    written = Units(out / f"acrc-{robot.id}.service", out / RULES_FILE, unnamed(robot, plugged))
     try:
         out.mkdir(parents=True, exist_ok=True)
         written.service_file.write_text(service(fleet, robot, program=program, user=user, modules=modules))
-        written.rules_file.write_text(rules(robot))
+        written.rules_file.write_text(rules(robot, plugged))
     except OSError as error:
         raise UnitsError(f"{out}: the units cannot be written: {error.strerror}") from None
     return written
+
+
+def everyday_user(clone: Path) -> str:
+    """Who a robot of this clone runs as: its owner, or who became root by sudo; never root. OptionError."""
+    try:
+        owner = clone.owner()
+    except KeyError:  # a number without a name
+        owner = ""
+    names = [name for name in (owner, os.environ.get("SUDO_USER", "")) if name not in {"", "root"}]
+    if not names:
+        raise OptionError(
+            "--user: is missing; must say who the robot runs as, for this clone belongs to root, and a robot "
+            "should run without root's rights"
+        )
+    return names[0]
 
 
 def service(

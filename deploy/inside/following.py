@@ -2,7 +2,6 @@
 
 import os
 import signal
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from io import FileIO
@@ -15,6 +14,7 @@ from deploy.inside.telemetry import PART, Inside, TelemetryError, decode
 from deploy.processes.launch import Child, Launcher, launcher
 from deploy.replay.shut_off_calls import Call, failed, start, told
 from deploy.run.foreign import Permit
+from deploy.scratch import scratch_folder
 
 _PROGRAM: Final = "deploy.inside.following_program"
 _MOST_BYTES: Final = 64 * 1024 * 1024
@@ -37,8 +37,7 @@ class Followed:
         """By actor; None: it is not followed any more."""
 
     def __enter__(self) -> Self:
-        folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix="acrc"))
-        self._home = Path(folder).resolve()
+        self._home = self._stack.enter_context(scratch_folder())
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -6,9 +6,10 @@ the end of a child is told as `{"ended": pid, "code": code, "strays": n}`: n pro
 started outlived it and have been ended (`reap`; `spare` leaves them alone). `fork`: it has imported and
 compiled everything once, and forks from there; `exec`: it is small, and every child begins anew. To
 `{"share": [module, words]}`, which nothing answers, a server that forks makes what `share(*words)` of the
-module gives and holds it, so that children find it in memory. It ends, and its children, when the other end
-of the socket closes. The standard library's forkserver leaves a socket file and keeps running when its parent
-is killed, see docs/decisions.
+module gives and holds it, so that children find it in memory. `{"withdraw": path}` names a router file: the
+passwords and sockets of a run, which the server removes at its end if they are still there. It ends, and its
+children, when the other end of the socket closes. The standard library's forkserver leaves a socket file and
+keeps running when its parent is killed, see docs/decisions.
 """
 
 import contextlib
@@ -53,6 +54,8 @@ class Server:
         self._reaps = reap
         self._actors: dict[int, str] = {}
         """The log of each child that runs, by process id."""
+        self._withdrawn: list[Path] = []
+        """Router files; what they name is removed at the end if nobody has done so."""
         self._alarm_out, self._alarm_in = os.pipe()
 
     def serve(self) -> None:
@@ -70,6 +73,7 @@ class Server:
                     pass
             finally:
                 self._end_all()
+                self._withdraw()
 
     def _answer(self, descriptor: int) -> bool:
         """Do what is asked for; False once nobody is there to ask."""
@@ -84,6 +88,9 @@ class Server:
         if not request:
             return False
         asked = json.loads(request)
+        if "withdraw" in asked:
+            self._withdrawn.append(Path(asked["withdraw"]))
+            return True
         if "share" in asked:
             with contextlib.suppress(AcrcError):  # whoever needs it makes it, and says what is wrong
                 self._shared.append(self._share(*asked["share"]))
@@ -161,6 +168,14 @@ class Server:
             os.kill(pid, signal.SIGKILL)
         if self._reaps:
             process_table.end_orphans(process_table.children(os.getpid(), process_table.table()))
+
+    def _withdraw(self) -> None:
+        """Remove passwords and sockets that the router and whoever started it were killed too fast to."""
+        from actors.runtime.access import router_file  # noqa: PLC0415  # a server that executes stays small
+
+        for file in self._withdrawn:
+            with contextlib.suppress(AcrcError):
+                router_file.remove(file)
 
     def _tell(self, message: dict[str, Any]) -> None:
         try:

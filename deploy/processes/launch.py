@@ -69,6 +69,9 @@ class Launcher(Protocol):
     def share(self, module: str, words: Sequence[str]) -> None:
         """Let programs that are started later find what `share(*words)` of the module gives."""
 
+    def withdraw(self, router: Path) -> None:
+        """Remove what a router file names at the end, also when everybody else has been killed by then."""
+
     def start(self, program: Program) -> Child:
         """Start one program."""
 
@@ -130,6 +133,10 @@ class ServedLauncher:
     def share(self, module: str, words: Sequence[str]) -> None:
         """Let programs that are started later find what `share(*words)` of the module gives, if it forks."""
         self._ask({"share": [module, list(words)]})
+
+    def withdraw(self, router: Path) -> None:
+        """Remove what a router file names at the end, also when everybody else has been killed by then."""
+        self._ask({"withdraw": str(router)})
 
     def start(self, program: Program) -> Child:
         """Start one program."""

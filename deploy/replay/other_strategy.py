@@ -1,6 +1,5 @@
 """A robot's recorded senses and frames, and another strategy: where would it have decided otherwise?"""
 
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from deploy.replay.moved_runs import run_of
 from deploy.replay.record_replay import Onlook, ReplayReport, replay_actor
 from deploy.replay.run_recordings import recordings
 from deploy.scenario.toml_text import document
+from deploy.scratch import scratch_folder
 
 
 def replay_otherwise(out: Path, actor: str, behaviour: str, onlook: Onlook) -> ReplayReport:
@@ -25,10 +25,10 @@ def replay_otherwise(out: Path, actor: str, behaviour: str, onlook: Onlook) -> R
     argv = run_of(path).argv
     if "--behaviour" not in argv:
         raise ReplayError(f"{actor}: has no strategy; must be a robot")
-    with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
+    with scratch_folder() as folder:
         adaptation = None
         if "--adaptation" in argv:
-            adaptation = Path(folder) / "adaptation.toml"
+            adaptation = folder / "adaptation.toml"
             adaptation.write_text(_without_settings(Path(argv[argv.index("--adaptation") + 1])))
         return replay_actor(out, actor, replace(onlook, behaviour=behaviour, adaptation=adaptation))
 

@@ -6,7 +6,6 @@ not too many.
 
 import os
 import signal
-import tempfile
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -21,6 +20,7 @@ from deploy.replay.run_recordings import recordings
 from deploy.replay.trust import check_trust
 from deploy.run.foreign import Permit
 from deploy.run.preflight import said
+from deploy.scratch import scratch_folder
 
 _SHOWN: Final = 300
 """Characters of what a program said before it failed."""
@@ -76,8 +76,7 @@ def ask(
     `isolate`: see `deploy.run.isolating`.
     """
     spawn = "forkserver" if len(calls) > 1 else "exec"
-    with tempfile.TemporaryDirectory(prefix="acrc") as folder, launcher(spawn) as launched:
-        home = Path(folder).resolve()
+    with scratch_folder() as home, launcher(spawn) as launched:
         waiting, running = deque(calls), list[_Running]()
         while waiting or running:
             while waiting and len(running) < (os.cpu_count() or 1):

@@ -1,6 +1,5 @@
 """A whole simulated run made again, in memory, from its scenario, its seed and the orders it was given."""
 
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +25,7 @@ from deploy.run.foreign import Permit, admitted, beside
 from deploy.run.isolating import warn
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
+from deploy.scratch import scratch_folder
 
 SCENARIO: Final = "scenario.toml"
 _FOREVER: Final = 1 << 62
@@ -60,8 +60,8 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     if missing:
         raise ReplayError(f"{out}: there is no recording of the {missing[0]}, with which to compare")
     orders = OrderBus(recorded_orders(files["world"]))
-    with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
-        again = Path(folder) / "again"
+    with scratch_folder() as folder:
+        again = folder / "again"
         recorded = _recorded(out, modules, permit)
         options = RunOptions(again, bus="memory", json=True, modules=modules, recorded=recorded)
         plan = swarm.plan(scenario, options)

@@ -1,7 +1,6 @@
 """The folder for what a run writes: one that is asked for, or a new one that no other run takes."""
 
 import errno
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import count
@@ -10,6 +9,7 @@ from typing import Final
 
 from actors.runtime.errors import AcrcError
 from deploy.processes.signals import Interrupted
+from deploy.scratch import reason, write_fault
 from deploy.usage import OptionError
 
 _OF_THE_MACHINE: Final = frozenset({
@@ -19,7 +19,6 @@ _OF_THE_MACHINE: Final = frozenset({
 """What is wrong with a disk or a path, and not with this program."""
 _ENDPOINT_MARKS: Final = "?#"
 """What ends the path of a socket in the address that Zenoh takes."""
-_PROBE_BYTES: Final = 65536
 
 
 class OutFolderError(AcrcError):
@@ -70,7 +69,7 @@ def checked(out: Path, *, mesh: bool) -> Path:
         real = Path(os.path.realpath(out))
     except OSError as error:
         raise OptionError(
-            f"--out: {_short(out)} cannot be used: {_reason(error)}; must be a folder that is new or empty"
+            f"--out: {_short(out)} cannot be used: {reason(error)}; must be a folder that is new or empty"
         ) from None
     mark = next((mark for mark in _ENDPOINT_MARKS if mark in str(real)), None)
     if mesh and mark is not None:
@@ -112,36 +111,16 @@ def writing(out: Path) -> Iterator[None]:
         if error.errno not in _OF_THE_MACHINE:
             raise
         where = error.filename if isinstance(error.filename, str) else out
-        raise OutFolderError(f"{where}: cannot be written: {_reason(error)}") from error
+        raise OutFolderError(f"{where}: cannot be written: {reason(error)}") from error
     except AcrcError as error:
-        why = _fault(out)
+        why = write_fault(out)
         if why is None or why in str(error):
             raise
         raise OutFolderError(f"{error}; {out}: cannot be written: {why}") from error
 
 
-def _fault(out: Path) -> str | None:
-    """Why nothing can be written there, found out by trying; None if something can, or there is no folder."""
-    if not out.is_dir():
-        return None
-    probe = out / f".probe-{os.getpid()}"
-    try:
-        with probe.open("xb") as file:
-            file.write(bytes(_PROBE_BYTES))
-    except OSError as error:
-        return _reason(error)
-    finally:
-        with suppress(OSError):
-            probe.unlink()
-    return None
-
-
 def _unusable(out: Path, error: OSError) -> OutFolderError:
-    return OutFolderError(f"--out: {_short(out)} cannot be made: {_reason(error)}; choose another place")
-
-
-def _reason(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()
+    return OutFolderError(f"--out: {_short(out)} cannot be made: {reason(error)}; choose another place")
 
 
 def _short(path: Path) -> str:

@@ -125,7 +125,7 @@ def world_program(plan: Plan) -> Program:
     """The world's program."""
     folder = plan.folder("world")
     argv = (
-        *("--setup", str(folder / "setup.json"), "--router", str(folder / router_file.NAME)),
+        *("--setup", str(folder / "setup.json"), "--router", str(router_of(plan))),
         *("--record", str(folder / "world.mcap"), "--commit", plan.commit),
         *("--speed", plan.speed, "--with-parent", *span_words(plan.spans)),
     )
@@ -207,18 +207,23 @@ def _model(plan: Plan, robot: BodySetup) -> str:
     return str(own) if own.exists() else robot.model
 
 
+def router_of(plan: Plan) -> Path:
+    """The run's router file."""
+    return plan.folder("world") / router_file.NAME
+
+
 def issue_credentials(plan: Plan) -> Credentials:
     """Draw the run's passwords; the robots' lie in their folders, all others in the world's."""
     issued = credentials.issue(
         {robot.id: plan.folder(robot.id) for robot in plan.world.robots}, plan.folder("world")
     )
-    router_file.write(plan.folder("world") / router_file.NAME, issued)
+    router_file.write(router_of(plan), issued)
     return issued
 
 
 def remove_credentials(plan: Plan) -> None:
     """Remove what the run has left of passwords and sockets, if the world has not done so."""
-    router_file.remove(plan.folder("world") / router_file.NAME)
+    router_file.remove(router_of(plan))
 
 
 def observer_program(plan: Plan) -> Program:

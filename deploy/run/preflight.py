@@ -8,7 +8,6 @@ import contextlib
 import re
 import signal
 import sys
-import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -35,6 +34,7 @@ from deploy.processes.launch import Child, Launcher, Program
 from deploy.run.household import exits_caught
 from deploy.run.plan import Debugged, Plan, lay_out_robot, robot_program
 from deploy.scenario.resolve import ResolvedScenario
+from deploy.scratch import scratch_folder
 
 _HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL | re.MULTILINE)
 """What faulthandler writes of the place where the main thread was."""
@@ -62,8 +62,8 @@ def preflight(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None
     Raises RehearsalError where that fails, hangs or ends; a bug's traceback is shown first.
     """
     robot = plan.world.robots[0]
-    with tempfile.TemporaryDirectory(prefix="acrc") as folder:
-        stage = replace(plan, out=Path(folder).resolve(), debug=plan.debug and Debugged("", ""))
+    with scratch_folder() as folder:
+        stage = replace(plan, out=folder, debug=plan.debug and Debugged("", ""))
         lay_out_robot(stage, robot)
         program = robot_program(stage, robot, ProcessOrder(robot.id, 0), 0)
         program = replace(program, argv=(*program.argv, "--preflight", f"{bounds.patience_s:g}"))

@@ -41,6 +41,7 @@ from deploy.run.plan import (
     radio_program,
     remove_credentials,
     robot_program,
+    router_of,
     world_program,
 )
 from deploy.run.preflight import preflight, preflight_here
@@ -160,6 +161,7 @@ def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
 
 def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Supervisor:
     """Start the processes, and stay until they have ended."""
+    launched.withdraw(router_of(plan))
     issued = issue_credentials(plan)
     robots = {robot.id: robot for robot in plan.world.robots}
     supervisor = Supervisor(

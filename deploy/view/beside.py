@@ -1,6 +1,5 @@
 """Several runs beside one another in one viewer, at the same instant: a run and its branches."""
 
-import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,6 +10,7 @@ from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement
 from actors.observer.sheet import Sheet
 from deploy.run.isolating import choose, warn
+from deploy.scratch import scratch_folder
 from deploy.view.command import opened, rest, so_far
 from deploy.view.drawn import Say, Wishes, compute, place
 from deploy.view.painting import Painting, arrangement, looked_into
@@ -27,8 +27,8 @@ def save(folders: Sequence[Path], wishes: Wishes, path: Path, say: Say) -> None:
 def picture(folders: Sequence[Path], wishes: Wishes, path: Path, second: float | None, say: Say) -> None:
     """Draw the runs, and take a picture of the window at an instant, s; None: half-way through."""
     stories = [so_far(folder, say) for folder in folders]
-    with tempfile.TemporaryDirectory(prefix="acrc-view-") as folder:
-        view = Path(folder) / FILE_NAME
+    with scratch_folder() as folder:
+        view = folder / FILE_NAME
         _draw(stories, view, wishes, None, say)
         shot = screenshot.take(view, _end(stories) / 2 if second is None else second)
     path.write_bytes(shot.png)

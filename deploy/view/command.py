@@ -1,6 +1,5 @@
 """What `acrc view` does: it draws a run, and shows it in a window, in a browser, or as a picture."""
 
-import tempfile
 import time
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from actors.runtime.errors import AcrcError
 from deploy.processes.signals import Interrupted
 from deploy.run.isolating import choose, warn
 from deploy.run.kernels import compile_kernels
+from deploy.scratch import scratch_folder
 from deploy.view import live
 from deploy.view.drawn import Say, Wishes, draw, place, read_story
 from deploy.view.story import Story
@@ -26,8 +26,8 @@ def picture(out: Path, wishes: Wishes, path: Path, second: float | None, say: Sa
     """Draw the run, and take a picture of the window at an instant, s; None: in the middle of the run."""
     began = time.monotonic()
     story = so_far(out, say)
-    with tempfile.TemporaryDirectory(prefix="acrc-view-") as folder:
-        view = Path(folder) / "view.rrd"
+    with scratch_folder() as folder:
+        view = folder / "view.rrd"
         draw(story, view, wishes, send_to=None, say=say, began=began)
         shot = screenshot.take(view, story.end / 2 if second is None else second)
     path.write_bytes(shot.png)

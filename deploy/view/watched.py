@@ -4,7 +4,6 @@ Time is the laptop's, from when it began to listen, and what is said is drawn at
 """
 
 import queue
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -28,6 +27,7 @@ from deploy.evidence.said_places import Deed, Route, SaidPlaces
 from deploy.field_trial.robot_log import FRAME_OUTCOMES
 from deploy.fleet import watch
 from deploy.fleet.fleet_file import Fleet
+from deploy.scratch import scratch_folder
 from deploy.view.drawn import say_at_once
 from deploy.view.painting import Painting
 from deploy.view.seen import Seen
@@ -228,10 +228,10 @@ def show(endpoints: Sequence[str], keys: Path, fleet: Fleet, seconds: float | No
     try:
         if opened is not None and opened.page:
             say_at_once(f"to see them, open {opened.page} in a browser on this machine; Ctrl-C ends that")
-        with tempfile.TemporaryDirectory(prefix="acrc-view-") as folder:
+        with scratch_folder() as folder:
             arranged = Arrangement(grid, [robot.id for robot in fleet.robots], true=False)
             address = None if opened is None else opened.address
-            with Sheet(Path(folder) / "view.rrd", arranged, name="a fleet", send_to=address) as sheet:
+            with Sheet(folder / "view.rrd", arranged, name="a fleet", send_to=address) as sheet:
                 watched = WatchedFleet(fleet, sheet)
                 while seconds is None or inbox.now < seconds:
                     watched.draw(inbox.all(), inbox.now, inbox.missed)

@@ -3,7 +3,6 @@
 import csv
 import io
 import subprocess
-import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
@@ -11,6 +10,7 @@ from typing import Final
 import msgspec
 
 from deploy.repository import REPOSITORY
+from deploy.scratch import scratch_folder
 from experiments.bundle import archive
 from experiments.bundle.inputs import BundleError, inputs
 from experiments.bundle.papers import About, citation, readme
@@ -70,9 +70,9 @@ def _results(kept: store.Store) -> Iterator[tuple[str, bytes]]:
 
 
 def _report(folder: Path) -> Iterator[tuple[str, bytes]]:
-    with tempfile.TemporaryDirectory(prefix="acrc-") as made:
-        report.write([folder], Path(made))
-        for path in sorted(Path(made).iterdir()):
+    with scratch_folder() as made:
+        report.write([folder], made)
+        for path in sorted(made.iterdir()):
             yield f"report/{path.name}", path.read_bytes()
 
 

@@ -2,7 +2,6 @@
 
 import os
 import sys
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from deploy.results.result import RunResult
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
+from deploy.scratch import scratch_folder
 from experiments.campaign.trial_program import attempted, overrides_of, trial_of
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
 from experiments.study.study import Study, Trial
@@ -43,9 +43,9 @@ def repeated(study: Study, trial: Trial, before: TrialRecord, modules: tuple[Pat
 
 def _run(study: Study, trial: Trial, before: TrialRecord, modules: tuple[Path, ...]) -> RunResult:
     path = Path(study.scenario)
-    with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
+    with scratch_folder() as folder:
         options = RunOptions(
-            Path(folder) / "out", bus="zenoh", json=True, scenario=path.name, hidden=(path,), modules=modules
+            folder / "out", bus="zenoh", json=True, scenario=path.name, hidden=(path,), modules=modules
         )
         return swarm.run(load_scenario(path, overrides_of(study, trial, before.drawn)), options)
 

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -10,6 +9,7 @@ import msgspec
 
 from actors.runtime.errors import AcrcError
 from deploy.repository import REPOSITORY
+from deploy.scratch import scratch_folder
 from deploy.version import software
 from experiments.study.study import Study
 
@@ -54,8 +54,7 @@ def carry_out(order: Order) -> Answer:
     here = software()
     if here != order.commit:
         raise OtherSoftwareError(f"a worker has {here}, this is {order.commit}; their results do not compare")
-    with tempfile.TemporaryDirectory(prefix="acrc-") as name:
-        folder = Path(name)
+    with scratch_folder() as folder:
         study, before, out = folder / "study.json", folder / "before.json", folder / "record.json"
         study.write_bytes(_moved(order.study, order.repository))
         words = [str(study), str(order.number), str(out)]

@@ -8,7 +8,6 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a run has its own idea of processes
 
 import sys
-import tempfile
 import traceback
 from collections.abc import Callable, Sequence
 from itertools import islice
@@ -26,6 +25,7 @@ from deploy.results.result import RunResult
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
+from deploy.scratch import scratch_folder
 from experiments.accounting.account import account
 from experiments.accounting.time_spent import TimeSpent
 from experiments.campaign.trace import Trace
@@ -90,10 +90,8 @@ def _run(
     study: Study, trial: Trial, settings: dict[str, Any], modules: tuple[Path, ...]
 ) -> tuple[RunResult, TimeSpent, str]:
     path = Path(study.scenario)
-    with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
-        options = RunOptions(
-            Path(folder) / "out", bus="memory", json=True, scenario=path.name, modules=modules
-        )
+    with scratch_folder() as folder:
+        options = RunOptions(folder / "out", bus="memory", json=True, scenario=path.name, modules=modules)
         plan = swarm.plan(load_scenario(path, overrides_of(study, trial, settings)), options)
         bus = MemoryBus()
         trace = Trace(bus)

@@ -133,7 +133,7 @@ class Link:
     def send(self, now: Instant, tag: int, data: bytes) -> list[Event]:
         """Broadcast `data`, in its turn; `tag` comes back in exactly one PacketEnd, if not at once.
 
-        Refused if it has not 1 to 118 bytes, Overflow if too many wait; then it is out of it.
+        Refused if it has more than 118 bytes, Overflow if too many wait; then it is out of it.
         """
         if fault := size_fault(len(data)):
             self._end(Refused(now, tag, fault), "refused")

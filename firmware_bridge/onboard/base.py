@@ -105,7 +105,6 @@ class Base:
         try:
             conduct(shell, bus, core, self, self._clock, lambda: core.wake, self._timely)
         except AcrcError as error:
-            self._log.say(str(error))
             if self._keeper is not None and isinstance(error, MotionUnknownError):
                 self._vehicle.close()
                 self._keeper.doubt(UNHEARD)

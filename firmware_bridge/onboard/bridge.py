@@ -10,14 +10,13 @@ from pathlib import Path
 from actors.instant import Instant
 from actors.messages import RADIO_READY, Ready
 from actors.runtime.access.rules import client_config
-from actors.runtime.background import to_stderr
+from actors.runtime.background import SparingRecorder, to_stderr
 from actors.runtime.bus.waking_bus import WakingBus
 from actors.runtime.client_options import ArgumentParser, ClientOptions, add_client_options, client_options
 from actors.runtime.core import to
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent
 from actors.runtime.process import ActorProcess, play, run_note
-from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell
 from firmware_bridge.beeclick.link import Link
 from firmware_bridge.beeclick.parameters import BoardSettings
@@ -116,7 +115,7 @@ def main(argv: Sequence[str]) -> int:
         bridge = Bridge(setup, Clock())
         process = part(bridge, setup, argv, options.client.commit)
         config = client_config(options.client.credentials, options.client.router)
-        return play(process, Recorder(options.client.record, setup.step_us), config)
+        return play(process, SparingRecorder(options.client.record, setup.step_us), config)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

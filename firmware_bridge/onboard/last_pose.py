@@ -51,13 +51,26 @@ def read(path: Path) -> LastPose | None:
 
 
 def write(path: Path, last: LastPose) -> None:
-    """Replace the file; after a loss of power it is the old one or the new one. Raises OSError."""
-    fresh = path.with_suffix(".new")
-    with fresh.open("wb") as file:
-        file.write(msgspec.json.encode(last))
+    """Replace the file; after a loss of power it is the old one or the new one. Raises OSError.
+
+    On a full disk the file is written over: an old pose would be believed at the next start.
+    """
+    fresh, text = path.with_suffix(".new"), msgspec.json.encode(last)
+    try:
+        _write(fresh, "wb", text)
+    except OSError:
+        fresh.unlink(missing_ok=True)
+        _write(path, "r+b", text)
+    else:
+        fresh.replace(path)
+
+
+def _write(path: Path, mode: str, text: bytes) -> None:
+    with path.open(mode) as file:
+        file.write(text)
+        file.truncate()
         file.flush()
         os.fsync(file.fileno())
-    fresh.replace(path)
 
 
 class PoseKeeper:

@@ -52,6 +52,17 @@ def test_robots_hear_one_another() -> None:
         }
 
 
+def test_a_packet_without_data_goes_through_two_boards_and_the_air() -> None:
+    room = lab(2)
+    room.run(milliseconds(50))
+    sender, hearer = room.desks
+    sender.send(room.now, 7, b"")
+    sender.send(room.now, 8, b"x")
+    room.run(milliseconds(50))
+    assert ends(sender) == [("Sent", 7), ("Sent", 8)]
+    assert [(e.sender, e.data) for e in hearer.events if isinstance(e, Heard)] == [(1, b""), (1, b"x")]
+
+
 def test_a_restarted_board_is_set_up_again_and_its_packets_are_unconfirmed() -> None:
     room = lab(2)
     desk = room.desks[0]

@@ -193,6 +193,15 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
         (("deploy", "keys", "fleet.toml"), []),
         (("onboard", "fleet.toml"), []),
         (("order", "out", "stop"), []),
+        (("campaign", "--help"), []),
+        (("campaign", "study.toml", "--on", "dask://HOST", "--help"), []),
+        (("run", "--view", "--help"), []),
+        (("bench", "onboard", "--help"), []),
+        (("view", "--help"), []),
+        (("docs", "--help"), []),
+        (("test", "--help"), []),
+        (("check", "--help"), []),
+        (("fleet", "onboard", "--help"), []),
     ],
 )
 def test_a_command_installs_what_it_needs_and_nothing_else(

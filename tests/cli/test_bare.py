@@ -192,3 +192,27 @@ def test_what_is_installed_for_a_command_is_all_that_it_imports(present: tuple[s
         cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
+
+
+HELP = """
+import json, sys
+blocked = json.loads(sys.argv[1])
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in blocked:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Absent())
+from documentation.commands import tree
+for words, command in tree().items():
+    if command.get_help(command.make_context(words, [], resilient_parsing=True)):
+        print(words)
+"""
+
+
+def test_the_help_of_every_command_needs_the_base_alone() -> None:
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", HELP, json.dumps(list(MODULES))],
+        cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert {f"acrc {name}".strip() for name in functions()} <= {*done.stdout.splitlines()}

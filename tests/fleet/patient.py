@@ -5,12 +5,13 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels, UsbPort
+from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels
+from deploy.fleet.usb_ports import UsbPort
 from firmware_bridge.serial_port import Device
 
-KOBUKI_AT_0 = UsbPort("/dev/ttyUSB0", "0403", "6001", "kobuki_A1B2")
-BOARD_AT_1 = UsbPort("/dev/ttyUSB1", "0403", "6001", "A50285BI")
-LIDAR_AT_2 = UsbPort("/dev/ttyUSB2", "10c4", "ea60", "0001")
+KOBUKI_AT_0 = UsbPort("/dev/ttyUSB0", "0403", "6001", "kobuki_A1B2", "1-1.1")
+BOARD_AT_1 = UsbPort("/dev/ttyUSB1", "0403", "6001", "A50285BI", "1-1.2")
+LIDAR_AT_2 = UsbPort("/dev/ttyUSB2", "10c4", "ea60", "0001", "1-1.3")
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,10 @@ import pytest
 from deploy.fleet.doctor import computer, consultation, ports
 from deploy.fleet.doctor import robot as robot_checks
 from deploy.fleet.doctor.findings import Finding, well, wrong
-from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels, Machine, UsbPort
+from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels, Machine
 from deploy.fleet.doctor.this_machine import ThisMachine
 from deploy.fleet.fleet_file import load_fleet
+from deploy.fleet.usb_ports import UsbPort
 from deploy.run.foreign import INSTALLED, Permit
 from firmware_bridge.kobuki.port import KOBUKI
 from firmware_bridge.pseudo_terminal import PseudoTerminal
@@ -48,9 +49,9 @@ def only(found: Iterable[Finding]) -> Finding:
 
 def test_a_healthy_computer_is_told_so() -> None:
     assert list(computer.packages(HEALTHY, PINS, ("base", "hardware"))) == [
-        well("packages base", "all 2 are those that were tested"),
+        well("packages base", "2 packages, as they were tested"),
         well("packages sim", "not all installed, and not needed here"),
-        well("packages hardware", "all 2 are those that were tested"),
+        well("packages hardware", "2 packages, as they were tested"),
     ]
     assert only(computer.clock(HEALTHY)) == well(
         "clock", "2030-05-01 12:00 UTC, synchronised, off by at most 12 ms"
@@ -74,7 +75,7 @@ def test_packages_that_are_missing_or_others_than_those_tested_are_named() -> No
             "numpy is 2.2.5, but was tested as 2.2.6; remove .venv, and the next ./acrc makes it anew",
         ),
         well("packages sim", "not all installed, and not needed here"),
-        wrong("packages hardware", "cryptography missing; `./acrc fleet keys --help` installs what is"),
+        wrong("packages hardware", "cryptography missing; `./acrc fleet units` installs what is"),
     ]
 
 
@@ -102,7 +103,7 @@ def test_the_pins_of_this_project_are_all_read() -> None:
             "dev",
         ]
     ]
-    assert sections["packages hardware"] == "all 4 are those that were tested"
+    assert sections["packages hardware"] == "4 packages, as they were tested"
 
 
 def test_a_clock_that_was_never_set_or_that_nothing_keeps_right_is_wrong() -> None:
@@ -228,7 +229,10 @@ def test_a_camera_must_be_usable_and_see_as_far_round_as_the_model_says() -> Non
 
 def test_map_start_places_and_behaviour_of_every_shipped_robot_are_well() -> None:
     for one in OFFICE_FLEET.robots:
-        found = [*robot_checks.floor(OFFICE_FLEET, one), *robot_checks.behaviour(OFFICE_FLEET, one, INSTALLED)]
+        found = [
+            *robot_checks.floor(OFFICE_FLEET, one),
+            *robot_checks.behaviour(OFFICE_FLEET, one, INSTALLED),
+        ]
         assert [(finding.subject, finding.ok) for finding in found] == [
             ("map", True),
             ("start", True),
@@ -355,11 +359,12 @@ def test_what_was_found_is_printed_and_the_answer_is_whether_all_is_well(
     well_off = HEALTHY.but(versions=versions)
     assert consultation.consult(None, None, json=False, machine=well_off)
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "ok     packages base      all 21 are those that were tested"
+    assert "packages experiments " in {line[7:28] for line in lines}
+    assert lines[0] == "ok     packages base        21 packages, as they were tested"
     assert lines[-1] == "all 14 are well"
     assert not consultation.consult(OFFICE, "r2", json=False, machine=well_off.but(free=0))
     lines = capsys.readouterr().out.splitlines()
-    assert "wrong  disk               0.0 GB are free at /home/robot, but 2.0 should be" in lines[11]
+    assert "wrong  disk                 0.0 GB are free at /home/robot, but 2.0 should be" in lines[11]
     assert lines[-1] == "2 of 23 are wrong"  # the disk, and keys that were never made
     assert not consultation.consult(OFFICE, "r2", json=True, machine=well_off)
     report = msgspec.json.decode(capsys.readouterr().out, type=consultation.Report)

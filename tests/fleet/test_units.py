@@ -8,15 +8,26 @@ import pytest
 
 from actors.runtime.errors import AcrcError
 from deploy.fleet.fleet_file import load_fleet
-from deploy.fleet.udev_rules import rules
-from deploy.fleet.units import service, write
+from deploy.fleet.udev_rules import rules, unnamed
+from deploy.fleet.units import everyday_user, service, write
+from deploy.fleet.usb_ports import UsbPort, usb_ports
+from deploy.usage import OptionError
+from tests.cli.test_cli import acrc
+from tests.fleet.patient import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2
 from tests.fleet.texts import OFFICE, ROOT, fleet, robot
 from tests.fleet.unit_file import effect, read_rules, read_unit, words
 
 ACRC = ROOT / "acrc"
-KOBUKI = {"SUBSYSTEM": "tty", "idVendor": "0403", "idProduct": "6001", "serial": "kobuki_A1B2"}
-FTDI = {"SUBSYSTEM": "tty", "idVendor": "0403", "idProduct": "6001"}
-CP2102 = {"SUBSYSTEM": "tty", "idVendor": "10c4", "idProduct": "ea60", "serial": "0001"}
+ALL = (KOBUKI_AT_0, BOARD_AT_1, LIDAR_AT_2)
+
+
+def seen(port: UsbPort) -> dict[str, str]:
+    """A port as udev shows it to the rules."""
+    found = {"SUBSYSTEM": "tty", "idVendor": port.vendor, "idProduct": port.product, "KERNELS": port.socket}
+    return found | ({"serial": port.serial} if port.serial else {})
+
+
+KOBUKI, FTDI, CP2102 = map(seen, ALL)
 MINE = {"GROUP=": "dialout", "MODE=": "0660", "TAG+=": "systemd"}
 FAST = {"ATTR{device/latency_timer}=": "1"}
 
@@ -108,7 +119,7 @@ def test_paths_with_all_that_means_something_to_systemd_stay_what_they_are() -> 
 def test_a_user_must_be_one(tmp_path: Path) -> None:
     office = load_fleet(OFFICE)
     with pytest.raises(AcrcError) as caught:
-        write(office, office.robot("r1"), tmp_path, program=ACRC, user="me\nExecStart=/bin/sh")
+        write(office, office.robot("r1"), tmp_path, program=ACRC, user="me\nExecStart=/bin/sh", plugged=())
     assert str(caught.value) == "--user: 'me\nExecStart=/bin/sh'; must be the name of a user of this computer"
 
 
@@ -116,7 +127,7 @@ def test_a_folder_that_cannot_be_written_to_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     office = load_fleet(OFFICE)
     with pytest.raises(AcrcError) as caught:
-        write(office, office.robot("r1"), tmp_path / "file", program=ACRC, user="robot")
+        write(office, office.robot("r1"), tmp_path / "file", program=ACRC, user="robot", plugged=())
     assert str(caught.value) == f"--out: {tmp_path}/file is a file; must be a folder"
 
 
@@ -125,26 +136,28 @@ def test_a_folder_that_cannot_be_written_to_is_named(tmp_path: Path) -> None:
     [
         (KOBUKI, MINE | FAST | {"SYMLINK+=": "kobuki"}),
         (FTDI, MINE | FAST | {"SYMLINK+=": "beeclick"}),
-        (FTDI | {"serial": "A50285BI"}, MINE | FAST | {"SYMLINK+=": "beeclick"}),
+        (FTDI | {"serial": "A50285BJ"}, MINE | FAST),
+        (FTDI | {"KERNELS": "1-1.4"}, MINE | FAST | {"SYMLINK+=": "beeclick"}),
         (CP2102, MINE | {"SYMLINK+=": "rplidar"}),
+        (CP2102 | {"KERNELS": "1-1.4"}, MINE),
         ({"SUBSYSTEM": "tty", "idVendor": "2341", "idProduct": "0043"}, {}),
         ({"SUBSYSTEM": "tty"}, {}),
         (KOBUKI | {"SUBSYSTEM": "usb"}, {}),
     ],
 )
 def test_every_device_gets_its_name_and_no_other(device: dict[str, str], expected: dict[str, str]) -> None:
-    made = read_rules(rules(load_fleet(OFFICE).robot("r2")))
+    made = read_rules(rules(load_fleet(OFFICE).robot("r2"), ALL))
     assert effect(made, device) == expected
     assert effect(made, device, action="remove") == {}
 
 
 def test_a_port_with_the_kernels_name_gets_none_and_a_lidar_that_is_not_there_no_rule() -> None:
     one = fleet(robot(1, 'base = "/dev/ttyUSB0"\nradio = "/dev/robot/bee"')).robot("r1")
-    made = read_rules(rules(one))
+    made = read_rules(rules(one, ALL))
     assert effect(made, KOBUKI) == MINE | FAST
     assert effect(made, FTDI) == MINE | FAST | {"SYMLINK+=": "robot/bee"}
     assert effect(made, CP2102) == {}
-    assert effect(read_rules(rules(fleet(robot(1, 'range = "openni"')).robot("r1"))), CP2102) == {}
+    assert effect(read_rules(rules(fleet(robot(1, 'range = "openni"')).robot("r1"), ALL)), CP2102) == {}
 
 
 @pytest.mark.parametrize(
@@ -152,8 +165,97 @@ def test_a_port_with_the_kernels_name_gets_none_and_a_lidar_that_is_not_there_no
     ["/dev/ttyACM0", "/dev/pts/3", "/dev/serial/by-id/x", "/dev/bus/usb/001", "/tmp/kobuki", "/dev/a b"],
 )
 def test_what_a_rule_cannot_or_must_not_name_it_does_not(port: str) -> None:
-    text = rules(fleet(robot(1, f'base = "{port}"')).robot("r1"))
+    text = rules(fleet(robot(1, f'base = "{port}"')).robot("r1"), ALL)
     assert [rule["SYMLINK+="] for rule in read_rules(text) if "SYMLINK+=" in rule] == ["beeclick"]
+
+
+R2 = load_fleet(OFFICE).robot("r2")
+SECOND = UsbPort("/dev/ttyUSB3", "0403", "6001", "B1", "1-1.4")
+AGAIN = "so nothing gets this name; unplug all others and write the units again"
+
+
+@pytest.mark.parametrize(
+    ("plugged", "said"),
+    [
+        (
+            (KOBUKI_AT_0, LIDAR_AT_2),
+            "/dev/beeclick: no BEE-click board is plugged in, so nothing gets this name; plug it in and "
+            "write the units again",
+        ),
+        (
+            (*ALL, SECOND),
+            "/dev/beeclick: /dev/ttyUSB1 (serial number A50285BI) and /dev/ttyUSB3 (serial number B1) could "
+            f"each be the BEE-click board, {AGAIN}",
+        ),
+        (
+            (*ALL, LIDAR_AT_2._replace(path="/dev/ttyUSB4", socket="2-1")),
+            "/dev/rplidar: /dev/ttyUSB2 (USB port 1-1.3) and /dev/ttyUSB4 (USB port 2-1) could each be the "
+            f"RPLIDAR, {AGAIN}",
+        ),
+    ],
+)
+def test_a_chip_that_is_not_alone_or_not_there_gets_no_name(plugged: tuple[UsbPort, ...], said: str) -> None:
+    assert unnamed(R2, ALL) == [] and unnamed(R2, plugged) == [said]
+    name = said.partition(":")[0].removeprefix("/dev/")
+    made = read_rules(text := rules(R2, plugged))
+    assert said.partition(": ")[2] in text
+    names = [effect(made, seen(port)).get("SYMLINK+=") for port in (*plugged, BOARD_AT_1, LIDAR_AT_2)]
+    assert name not in names and len({*names} - {None}) == 2, "the others have theirs"
+
+
+@pytest.mark.parametrize("serial", ["", "0001", '*", RUN+="/bin/sh', "A?", "a b"])
+def test_a_chip_without_a_serial_number_of_its_own_is_known_by_its_place(serial: str) -> None:
+    made = read_rules(rules(R2, (board := BOARD_AT_1._replace(serial=serial),)))
+    assert effect(made, seen(board)) == MINE | FAST | {"SYMLINK+=": "beeclick"}
+    assert effect(made, seen(SECOND)) == MINE | FAST
+
+
+class Clone:
+    """A folder and its owner."""
+
+    def __init__(self, owner: str) -> None:
+        self._owner = owner
+
+    def owner(self) -> str:
+        if self._owner:
+            return self._owner
+        raise KeyError("uid not found")
+
+
+@pytest.mark.parametrize(
+    ("owner", "sudo", "user"),
+    [("robot", None, "robot"), ("root", "ada", "ada"), ("", "ada", "ada"), ("robot", "ada", "robot")],
+)
+def test_a_robot_never_runs_as_root_by_default(
+    owner: str, sudo: str | None, user: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("SUDO_USER", raising=False)
+    if sudo is not None:
+        monkeypatch.setenv("SUDO_USER", sudo)
+    assert everyday_user(Clone(owner)) == user  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("owner", "sudo"), [("root", ""), ("root", "root"), ("", "")])
+def test_who_can_only_be_root_is_asked_for_a_user(
+    owner: str, sudo: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SUDO_USER", sudo)
+    with pytest.raises(OptionError) as caught:
+        everyday_user(Clone(owner))  # type: ignore[arg-type]
+    assert str(caught.value) == (
+        "--user: is missing; must say who the robot runs as, for this clone belongs to root, and a robot "
+        "should run without root's rights"
+    )
+
+
+def test_the_command_says_which_device_has_no_name_yet(tmp_path: Path) -> None:
+    plugged = usb_ports()
+    code, out, err = acrc(
+        *("fleet", "units", str(OFFICE), "--robot", "r2", "--user", "ada"), *("--out", str(tmp_path / "u"))
+    )
+    assert code == 0 and out.startswith(f"{tmp_path}/u/acrc-r2.service\n{tmp_path}/u/60-acrc.rules\n")
+    assert err == "".join(f"acrc: {said}\n" for said in unnamed(R2, plugged))
+    assert "\nUser=ada\n" in (tmp_path / "u" / "acrc-r2.service").read_text()
 
 
 @pytest.mark.parametrize("name", ["r1", "r2"])
@@ -163,7 +265,7 @@ def test_systemds_own_verifiers_have_nothing_to_say_where_they_are_installed(
     loaded = fleet(
         robot(1, 'range = "/dev/rplidar"') + robot(2, 'listen = "tls/10.0.0.2:7447"\nrange = "openni"')
     )
-    written = write(loaded, loaded.robot(name), tmp_path, program=ACRC, user="root")
+    written = write(loaded, loaded.robot(name), tmp_path, program=ACRC, user="root", plugged=ALL)
     read_unit(written.service_file.read_text())
     read_rules(written.rules_file.read_text())
     if shutil.which("systemd-analyze"):

@@ -23,6 +23,7 @@ _OPERATORS = {
     "ACTION": {"==", "!="},
     "SUBSYSTEM": {"==", "!="},
     "ATTRS": {"==", "!="},
+    "KERNELS": {"=="},
     "ATTR": {"="},
     "GROUP": {"="},
     "MODE": {"="},

@@ -3,6 +3,7 @@
 import itertools
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -16,6 +17,7 @@ import pytest
 from actors.messages import SENSES, Senses
 from actors.runtime.codec import decode
 from actors.runtime.recording import Note, read_notes, read_recording
+from tests.small_disk import on_small_disk
 from tests.swarm.command import ACRC, ROOT, acrc, leftovers, processes_of
 
 pytestmark = pytest.mark.timeout(300)  # all in real time, beside whatever else there is to do
@@ -133,8 +135,8 @@ def test_a_robot_that_dies_is_started_again_and_a_base_takes_all_along(links: Pa
     finally:
         running.kill()
     lines = said.splitlines()
-    assert "r1 has ended: by signal SIGKILL" in lines
-    assert any(line.startswith("base has ended: by signal SIGKILL") for line in lines)
+    assert "r1 has ended by signal SIGKILL" in lines
+    assert any(line.startswith("base has ended by signal SIGKILL") for line in lines)
     assert processes_of(out) == [] and leftovers(out) == []
 
 
@@ -176,6 +178,43 @@ def test_the_operator_watches_and_stops_it_over_tls(links: Path, tmp_path: Path)
     assert said.splitlines()[-1] == "r1 was told to stop"
     assert senses(out / "r1" / "r1.mcap")[-1].halt
     assert processes_of(out) == [] and leftovers(out) == []
+
+
+def test_a_full_disk_costs_records_that_are_counted_and_no_stop(links: Path, tmp_path: Path) -> None:
+    fleet, disk = tmp_path / "fleet.toml", tmp_path / "disk"
+    fleet.write_text(FLEET.format(root=ROOT, links=links))
+    out = disk / "one"
+    words = [*ACRC, "fleet", "onboard", str(fleet), "--robot", "r1", "--out", str(out)]
+    running = subprocess.Popen(
+        on_small_disk(disk, "192k", words),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
+    full = "cannot be written: no space left on device"
+    records = {"base": out / "r1.base" / "r1.base.mcap", "r1": out / "r1" / "r1.mcap"}
+    said, missing = (
+        [],
+        {f"{name}: {path}: {full}; records are lost from here on\n" for name, path in records.items()},
+    )
+    try:
+        assert running.stderr is not None
+        while missing - {*said}:
+            said.append(line := running.stderr.readline())
+            assert line, said
+        time.sleep(3)  # it drives on
+        os.kill(running.pid, signal.SIGTERM)
+        _, rest = running.communicate(timeout=30)
+    finally:
+        running.kill()
+    assert running.returncode == 128 + signal.SIGTERM, rest
+    assert "has ended" not in "".join(said) + rest
+    for name, path in records.items():
+        counted = re.search(
+            rf"^{name}: {re.escape(f'{path}: {full}; ')}(\d+) records are missing$", rest, re.M
+        )
+        assert counted is not None and int(counted[1]) > 40, "ten steps a second went on"
 
 
 def kill(module: str, out: Path) -> None:

@@ -25,6 +25,9 @@ class Played:
         self.children: dict[str, Child] = {}
         self.ends: list[dict[str, int]] = []
 
+    def withdraw(self, router: Path) -> None:
+        """Nothing is laid out."""
+
     def start(self, program: Program) -> Child:
         self.started.append(program.actor)
         self.children[program.actor] = Child(program, pid=2**22 + len(self.started))
@@ -48,7 +51,7 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupe
     monkeypatch.setattr(layout, "base_program", program(layout.BASE))
     monkeypatch.setattr(layout, "bridge_program", program(layout.BRIDGE))
     monkeypatch.setattr(layout, "onboard_robot_program", program("r1"))
-    onboard: Onboard = type("One", (), {"robot": Robot})()
+    onboard: Onboard = type("One", (), {"robot": Robot, "router": Path("router.json")})()
     launcher = Played()
     watch = OnboardSupervisor(onboard, launcher, lambda _line: None)  # type: ignore[arg-type]
     watch.start()

@@ -29,7 +29,7 @@ from tests.radio.test_stories import three
 def test_a_wrong_frame_is_refused_with_a_sentence() -> None:
     swarm = three()
     frames = [
-        Frame(10, "a", 1, b""),
+        Frame(10, "a", 1, bytes(120)),
         Frame(20, "a", 2, bytes(119)),
         Frame(STEP, "a", 3),
         Frame(-1, "a", 4),
@@ -37,8 +37,8 @@ def test_a_wrong_frame_is_refused_with_a_sentence() -> None:
     ]
     assert swarm.run(frames)["a"] == [
         Refused(0, 4, "The frame's instant -1 µs lies outside step 0; it must be 0 to 99999 µs."),
-        Refused(10, 1, "The frame has 0 data bytes; it must have 1 to 118."),
-        Refused(20, 2, "The frame has 119 data bytes; it must have 1 to 118."),
+        Refused(10, 1, "The frame has 120 data bytes; it must have 0 to 118."),
+        Refused(20, 2, "The frame has 119 data bytes; it must have 0 to 118."),
         Sent(1039, 5),
         Refused(99_999, 3, "The frame's instant 100000 µs lies outside step 0; it must be 0 to 99999 µs."),
     ]

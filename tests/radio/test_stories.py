@@ -36,6 +36,13 @@ def test_a_frame_is_heard_when_its_last_symbol_ends() -> None:
     assert swarm.core.counters()["copies_heard"] == 2
 
 
+def test_a_frame_without_data_is_sent_and_heard() -> None:
+    swarm = three()
+    events = swarm.run([Frame(5, "a", tag=7, data=b"")])
+    assert events["a"] == [Sent(677, 7)]
+    assert events["b"] == [Heard(677, 100, -72.8, 255, b"")]
+
+
 def test_a_loss_that_was_ordered_takes_the_next_frame_of_that_sender_that_would_have_been_heard() -> None:
     swarm = Swarm({"a": Robot(0.0), "b": Robot(1.0), "c": Robot(8.0), "far": Robot(30.0)})
     silence = swarm.run(losses=[Loss("c", "a"), Loss("far", "a"), Loss("c", "nobody")])

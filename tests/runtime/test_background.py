@@ -1,7 +1,5 @@
 """A disk that is slow, full or dead holds up nobody, and what it has not taken is said."""
 
-import errno
-import os
 import threading
 import time
 from pathlib import Path
@@ -10,7 +8,7 @@ import msgspec
 import pytest
 
 from actors.runtime.background import Background, BackgroundRecorder, Log
-from actors.runtime.recording import Recorder
+from actors.runtime.recording import Recorder, UnwritableError
 
 
 class Final(msgspec.Struct):
@@ -37,13 +35,14 @@ def test_the_file_is_that_of_a_recorder_that_waits(tmp_path: Path) -> None:
 def test_a_slow_disk_holds_up_nobody_and_a_full_one_is_said_in_the_end(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    slow, full = threading.Event(), OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    path = tmp_path / "base.mcap"
+    slow, full = threading.Event(), UnwritableError(f"{path}: cannot be written: no space left on device")
 
     def flush(self: Recorder) -> None:
         slow.wait(10)
         raise full
 
-    recorder = BackgroundRecorder(tmp_path / "base.mcap", 100_000)
+    recorder = BackgroundRecorder(path, 100_000)
     monkeypatch.setattr(Recorder, "flush", flush)
     with recorder:
         begun = time.monotonic()
@@ -53,7 +52,8 @@ def test_a_slow_disk_holds_up_nobody_and_a_full_one_is_said_in_the_end(
         assert time.monotonic() - begun < 0.5
         slow.set()
     assert capsys.readouterr().err == (
-        f"{tmp_path / 'base.mcap'}: 19 records are missing: No space left on device\n"
+        f"{path}: cannot be written: no space left on device; records are lost from here on\n"
+        f"{path}: cannot be written: no space left on device; 10 records are missing\n"
     )
 
 

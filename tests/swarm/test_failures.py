@@ -274,6 +274,17 @@ def test_nothing_is_left_when_acrc_itself_is_killed(tmp_path: Path, spawn: str) 
     until(lambda: gone(out), timeout_s=5.0)
 
 
+@pytest.mark.parametrize("spawn", SPAWNS)
+def test_no_password_is_left_when_world_and_acrc_are_killed(tmp_path: Path, spawn: str) -> None:
+    out = tmp_path / "out"
+    process = started(out, "--spawn", spawn)
+    process.send_signal(signal.SIGSTOP)  # else it might tidy up after the world
+    os.kill(process_of(out, "world"), signal.SIGKILL)
+    process.kill()
+    process.wait()
+    until(lambda: gone(out), timeout_s=10.0)
+
+
 def test_a_folder_that_is_not_empty_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
     done = acrc("run", "--out", tmp_path)

@@ -41,6 +41,7 @@ _MOUNT_ATTR_NOSUID: Final = 0x2
 _SYS_PIVOT_ROOT: Final = {"x86_64": 155, "aarch64": 41}
 
 MNT_DETACH: Final = 0x2
+_FALLOC_FL_KEEP_SIZE: Final = 0x1
 
 PR_SET_PDEATHSIG: Final = 1
 _PR_SET_NAME: Final = 15
@@ -116,6 +117,14 @@ def set_tree_readonly(path: str | Path) -> None:
         ctypes.c_ulong(ctypes.sizeof(attributes)),
     )
     _checked(result, f"mount_setattr on {path}")
+
+
+def reserve(descriptor: int, size: int) -> None:
+    """Have the first `size` bytes of a file on the disk, whatever the file's length (fallocate(2))."""
+    result = _libc().fallocate(
+        descriptor, _FALLOC_FL_KEEP_SIZE, ctypes.c_longlong(0), ctypes.c_longlong(size)
+    )
+    _checked(result, "fallocate")
 
 
 def prctl(option: int, argument: int = 0, more: int | ctypes.c_void_p = 0) -> None:

@@ -2,12 +2,23 @@
 
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
+from typing import Final
+
+from actors.runtime.lifecycle.linux import reserve
+
+RESERVE: Final = 8192
+"""Bytes that a log has on the disk from the start: once that is full, why a process ends still finds room."""
 
 
 def create_log(path: Path) -> int:
     """A descriptor of a new file to append to; FileExistsError where anything lies there, a link too."""
-    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_APPEND, 0o644)
+    log = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_APPEND, 0o644)
+    if sys.platform == "linux":
+        with suppress(OSError):  # a file system that cannot, or has no room any more
+            reserve(log, RESERVE)
+    return log
 
 
 def write_to(log: int) -> None:

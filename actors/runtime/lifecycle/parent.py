@@ -4,6 +4,7 @@ import faulthandler
 import os
 import signal
 import sys
+from contextlib import suppress
 from types import FrameType
 from typing import NoReturn
 
@@ -38,9 +39,10 @@ def leave_in_order() -> None:
 
 
 def leave(code: int) -> NoReturn:
-    """End this process now: what threads of a user's own do is not waited for."""
-    sys.stdout.flush()
-    sys.stderr.flush()
+    """End this process now: what threads of a user's own do is not waited for, nor what a full disk keeps."""
+    with suppress(OSError):
+        sys.stdout.flush()
+        sys.stderr.flush()
     os._exit(code)
 
 

@@ -1,6 +1,6 @@
 """Recordings: what one process received, sent and noted, in an append-only MCAP file with checksums."""
 
-from actors.runtime.recording.form import LARGE, Direction, Entry, Note, RecordingError
+from actors.runtime.recording.form import LARGE, Direction, Entry, Note, RecordingError, UnwritableError
 from actors.runtime.recording.notes import decoded, read_notes
 from actors.runtime.recording.reading import Reading, read_recording
 from actors.runtime.recording.recorder import Journal, Recorder, Unrecorded
@@ -15,6 +15,7 @@ __all__ = [
     "Recorder",
     "RecordingError",
     "Unrecorded",
+    "UnwritableError",
     "decoded",
     "read_notes",
     "read_recording",

@@ -50,6 +50,10 @@ class RecordingError(AcrcError):
     """A recording that cannot be written or read."""
 
 
+class UnwritableError(RecordingError):
+    """A recording of which the disk takes no more."""
+
+
 class Entry(NamedTuple):
     """One recorded message; `payload` is None where only its hash was kept."""
 

@@ -23,6 +23,7 @@ from actors.runtime.recording.form import (
     UNSEALED,
     Direction,
     RecordingError,
+    UnwritableError,
     vouched,
 )
 from actors.runtime.recording.packing import Packer
@@ -153,7 +154,7 @@ class Recorder:
 
 
 class _Checked:
-    """A file that knows the CRC-32 of what was written to it; RecordingError where the disk takes no more."""
+    """A file that knows the CRC-32 of what was written; UnwritableError where the disk takes no more."""
 
     def __init__(self, stream: IO[bytes], path: Path) -> None:
         self._stream = stream
@@ -186,8 +187,8 @@ class _Checked:
         except OSError as error:
             raise self._full(error) from None
 
-    def _full(self, error: OSError) -> RecordingError:
-        return RecordingError(f"{self._path}: cannot be written: {(error.strerror or str(error)).lower()}")
+    def _full(self, error: OSError) -> UnwritableError:
+        return UnwritableError(f"{self._path}: cannot be written: {(error.strerror or str(error)).lower()}")
 
 
 class Unrecorded:

@@ -11,14 +11,8 @@ from deploy.fleet.doctor.machine import Machine
 _PIN: Final = re.compile(
     r"(?P<name>[A-Za-z0-9_.-]+)==(?P<version>\S+?)(?:; python_version (?P<order><|>=) \"3\.(?P<minor>\d+)\")?"
 )
-_BRINGS: Final = {
-    "hardware": "acrc fleet keys",
-    "sim": "acrc run",
-    "observe": "acrc run --view",
-    "control": "acrc run --control",
-    "dev": "acrc test",
-}
-"""A command for which ./acrc installs an extra."""
+_BRINGS: Final = {"base": "acrc", "hardware": "acrc fleet units"}
+"""The command for which ./acrc installs what a robot needs."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +41,10 @@ def packages(machine: Machine, constraints: str, needed: tuple[str, ...]) -> Ite
                 "./acrc makes it anew",
             )
         elif not missing:
-            yield well(subject, f"all {len(pins)} are those that were tested")
+            said = "1 package, as it was" if len(pins) == 1 else f"{len(pins)} packages, as they were"
+            yield well(subject, f"{said} tested")
         elif extra in needed:
-            command = _BRINGS.get(extra, "acrc")
-            yield wrong(subject, f"{', '.join(missing)} missing; `./{command} --help` installs what is")
+            yield wrong(subject, f"{', '.join(missing)} missing; `./{_BRINGS[extra]}` installs what is")
         else:
             yield well(subject, "not all installed, and not needed here")
 

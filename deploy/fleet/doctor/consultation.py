@@ -58,7 +58,8 @@ def consult(
         sys.stdout.write(msgspec.json.encode(report).decode() + "\n")
     else:
         bad = sum(not finding.ok for finding in found)
-        _console().print(f"{bad} of {len(found)} are wrong" if bad else f"all {len(found)} are well")
+        count = f"{bad} of {len(found)} {'is' if bad == 1 else 'are'} wrong"
+        _console().print(count if bad else f"all {len(found)} are well")
     return report.ok
 
 
@@ -85,7 +86,7 @@ def findings(
 
 def _print(finding: Finding) -> None:
     line = Text("ok     " if finding.ok else "wrong  ", style="green" if finding.ok else "bold red")
-    line.append(f"{finding.subject:<19}", style="bold").append(finding.text, style="default")
+    line.append(f"{finding.subject:<20} ", style="bold").append(finding.text, style="default")
     _console().print(line)
 
 

@@ -5,20 +5,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Protocol
 
+from deploy.fleet.usb_ports import UsbPort
 from firmware_bridge.serial_port import Device
-
-
-@dataclass(frozen=True)
-class UsbPort:
-    """A serial port that is a USB device."""
-
-    path: str
-    """The kernel's name, such as /dev/ttyUSB0."""
-    vendor: str
-    """Four hexadecimal digits."""
-    product: str
-    serial: str
-    """Empty if it has none."""
 
 
 @dataclass(frozen=True)

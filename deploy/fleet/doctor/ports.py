@@ -6,9 +6,10 @@ from typing import Final
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from deploy.fleet.doctor.findings import Finding, well, wrong
-from deploy.fleet.doctor.machine import Machine, UsbPort
+from deploy.fleet.doctor.machine import Machine
 from deploy.fleet.fleet_file import FleetRobot
 from deploy.fleet.udev_rules import GROUP, given_name
+from deploy.fleet.usb_ports import is_kobuki, may_be
 from firmware_bridge.beeclick.port import BOARD
 from firmware_bridge.kobuki.port import KOBUKI
 from firmware_bridge.onboard.onboard_setup import OPENNI
@@ -61,7 +62,7 @@ def _port(machine: Machine, subject: str, path: str, device: Device) -> Finding:
     if not machine.exists(path):
         return wrong(subject, f"{path}: {_missing(machine, path, device)}")
     usb = machine.usb_port(path)
-    if usb is not None and device is KOBUKI and not _is_kobuki(usb):
+    if usb is not None and device is KOBUKI and not is_kobuki(usb):
         return wrong(
             subject,
             f"{path}: {usb.vendor}:{usb.product} is plugged in there, which is no {name}; the name of the "
@@ -83,7 +84,7 @@ def _port(machine: Machine, subject: str, path: str, device: Device) -> Finding:
 
 
 def _missing(machine: Machine, path: str, device: Device) -> str:
-    plugged = [port.path for port in machine.usb_ports() if _may_be_at(device, port)]
+    plugged = [port.path for port in machine.usb_ports() if may_be(device, port)]
     if not plugged:
         return f"there is no such port, and no {device.name} is seen; plug it in and switch it on"
     if given_name(path) is None:
@@ -92,13 +93,3 @@ def _missing(machine: Machine, path: str, device: Device) -> str:
         f"there is no such port, but {plugged[0]} looks like the {device.name}; install the udev rules that "
         "`acrc fleet units` writes, then plug it in again"
     )
-
-
-def _may_be_at(device: Device, port: UsbPort) -> bool:
-    if (port.vendor, port.product) != device.chip:
-        return False
-    return device not in {KOBUKI, BOARD} or _is_kobuki(port) is (device is KOBUKI)
-
-
-def _is_kobuki(port: UsbPort) -> bool:
-    return port.serial.startswith("kobuki")

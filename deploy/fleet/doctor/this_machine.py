@@ -18,12 +18,12 @@ from numba.core.dispatcher import Dispatcher
 
 from actors.robot import assembly as robot_setup
 from actors.runtime.isolation import sandbox
+from deploy.fleet import usb_ports
 from deploy.fleet.doctor.kernel_clock import clock_error
-from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels, UsbPort
+from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels
+from deploy.fleet.usb_ports import UsbPort
 from firmware_bridge.range_sensors.openni import CameraError, find_library
 from firmware_bridge.serial_port import Device, PortError, SerialPort
-
-_TERMINALS = Path("/sys/class/tty")
 
 
 class ThisMachine:
@@ -40,18 +40,11 @@ class ThisMachine:
 
     def usb_port(self, path: str) -> UsbPort | None:
         """As Machine says."""
-        name = Path(path).resolve().name
-        folder = (_TERMINALS / name / "device").resolve()
-        for parent in (folder, *folder.parents):
-            if (parent / "idVendor").is_file():
-                return UsbPort(f"/dev/{name}", *(_attribute(parent, key) for key in _USB_KEYS))
-        return None
+        return usb_ports.usb_port(path)
 
     def usb_ports(self) -> list[UsbPort]:
         """As Machine says."""
-        names = sorted(path.name for path in _TERMINALS.iterdir()) if _TERMINALS.is_dir() else []
-        found = (self.usb_port(f"/dev/{name}") for name in names)
-        return [port for port in found if port is not None]
+        return usb_ports.usb_ports()
 
     def holders(self, path: str) -> list[str]:
         """As Machine says."""
@@ -135,16 +128,6 @@ class ThisMachine:
     def isolation_fault(self) -> str | None:
         """As Machine says."""
         return sandbox.available()
-
-
-_USB_KEYS = ("idVendor", "idProduct", "serial")
-
-
-def _attribute(device: Path, key: str) -> str:
-    try:
-        return (device / key).read_text().strip()
-    except OSError:
-        return ""
 
 
 def _can_write(folder: Path) -> bool:
