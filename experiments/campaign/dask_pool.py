@@ -13,7 +13,7 @@ from experiments.campaign import remote
 from experiments.campaign.cluster_address import ClusterError, tcp
 from experiments.campaign.pool import Ended
 from experiments.campaign.store import Pending, Store
-from experiments.campaign.trial_record import keep_bytes
+from experiments.campaign.trial_order import order_of
 
 _PATIENCE_S: Final = 10.0
 
@@ -64,16 +64,10 @@ class DaskPool:
 
     def start(self, pending: Pending) -> None:
         """Hand it to the cluster."""
-        store, trial = self._store, pending.trial
-        order = remote.Order(
-            msgspec.json.encode(store.study),
-            pending.number,
-            store.path(trial).read_bytes() if pending.check else None,
-            store.commit,
-            str(REPOSITORY),
-            self._patience_s,
-        )
-        future = self._client.submit(remote.carry_out, order, pure=False)
+        store = self._store
+        order = order_of(store.study, pending.trial, repeated=pending.check)
+        errand = remote.Errand(msgspec.json.encode(order), store.commit, str(REPOSITORY), self._patience_s)
+        future = self._client.submit(remote.carry_out, errand, pure=False)
         self._running[future] = (pending, time.monotonic())
 
     def wait(self, timeout_s: float) -> list[Ended]:
@@ -96,23 +90,18 @@ class DaskPool:
 
     def _ended(self, future: Future[Any]) -> Ended:
         pending, began = self._running.pop(future)
-        trial, check = pending.trial, pending.check
         answer = self._answer(future)
-        self._store.log(trial, check=check).write_bytes(answer.said)
-        if answer.record is not None:
-            path = self._store.check_path(trial) if check else self._store.path(trial)
-            keep_bytes(path, answer.record)
-        return Ended(pending, time.monotonic() - began, answer.cause)
+        return Ended(pending, time.monotonic() - began, answer.record, answer.cause, answer.said)
 
     def _answer(self, future: Future[Any]) -> remote.Answer:
         if future.status == "finished":
-            found: remote.Answer = future.result()
-            return found
+            answer = remote.checked(future.result())
+            if answer.refusal:
+                raise ClusterError(f"--on {self._address}: {answer.refusal}")
+            return answer
         error: Any = future.exception() if future.status == "error" else None
         if isinstance(error, KilledWorker):
             return remote.Answer(None, "every worker that ran it died", b"")
-        if isinstance(error, remote.OtherSoftwareError):
-            raise ClusterError(f"--on {self._address}: {error}")
         raise self._gone(error or future.status)
 
     def _gone(self, error: object) -> ClusterError:

@@ -57,9 +57,17 @@ def campaign(
     check_every: Annotated[
         int,
         typer.Option(
-            metavar="N", min=0, help="Repeat every so many runs as real processes over Zenoh; 0: none."
+            metavar="N",
+            min=0,
+            help="Repeat one run in N of each strategy, drawn at the end, and as many odd ones; 0: none.",
         ),
     ] = 20,
+    isolate: Annotated[
+        bool,
+        typer.Option(
+            "--isolate", help="Make every run as isolated processes: for strategies that you have not read."
+        ),
+    ] = False,
     on: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="Run them on a cluster: dask://HOST:PORT.  [default: here]"),
@@ -75,7 +83,7 @@ def campaign(
     from experiments.cli.study_wishes import Wishes
 
     wishes = Wishes(
-        study, preset, scenario, strategies, seeds, robots, duration, tuple(setting or ()), tuning
+        study, preset, scenario, strategies, seeds, robots, duration, tuple(setting or ()), tuning, isolate
     )
     options = CampaignOptions(jobs, check_every=check_every, on=on)
     campaign_command.run(wishes, out, options, until_decided=until_decided, json_output=json)

@@ -33,11 +33,14 @@ class Wishes:
     duration: str | None = None
     settings: tuple[str, ...] = ()
     tuning: bool = False
+    isolate: bool = False
 
 
 def study_of(wishes: Wishes) -> Study:
     """The study in the file, or the one that the command line describes, with its wishes laid over."""
     study = _plain(wishes)
+    if wishes.isolate:
+        study = msgspec.structs.replace(study, isolated=True)
     own = any(":" in strategy for strategy in study.strategies)
     return msgspec.structs.replace(study, where=str(Path.cwd())) if own else study
 

@@ -61,6 +61,8 @@ class Study(msgspec.Struct, frozen=True):
     """By which the primary comparisons are decided where a campaign stops early."""
     where: str = ""
     """The folder in which a strategy of one's own is looked for if it does not lie beside the scenario."""
+    isolated: bool = False
+    """True: every run is made as isolated processes, for strategies that nobody vouches for."""
 
     @property
     def primary_pairs(self) -> tuple[tuple[str, str], ...]:
