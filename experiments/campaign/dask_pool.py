@@ -1,6 +1,7 @@
 """Trials on a Dask cluster: what a worker that dies had begun is begun again on another."""
 
 import logging
+import sys
 import time
 from typing import Any, Final, Self
 
@@ -10,7 +11,8 @@ from distributed import wait as wait_for
 
 from deploy.repository import REPOSITORY
 from experiments.campaign import remote
-from experiments.campaign.cluster_address import ClusterError, tcp
+from experiments.campaign.cluster_address import PAGE, ClusterError, is_safe
+from experiments.campaign.cluster_tls import security
 from experiments.campaign.pool import Ended
 from experiments.campaign.store import Pending, Store
 from experiments.campaign.trial_order import order_of
@@ -22,7 +24,10 @@ class DaskPool:
     """One trial per thread of the cluster's workers, each in a process of its own."""
 
     def __init__(self, store: Store, address: str, jobs: int, patience_s: float) -> None:
-        """`address`: dask://HOST:PORT of the scheduler. `jobs`: at once; 0: as many as there are threads."""
+        """`address`: tls://HOST:PORT of the scheduler, or tcp:// of one on this computer.
+
+        `jobs`: at once; 0: as many as there are threads.
+        """
         self._store = store
         self._address = address
         self._jobs = jobs
@@ -34,18 +39,38 @@ class DaskPool:
         """Raises ClusterError where there is no cluster, or none with workers."""
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it says there is raised as well
         try:
-            self._client = Client(tcp(self._address), timeout=_PATIENCE_S)
+            given = security(self._address, _PATIENCE_S) if self._address.startswith("tls://") else None
+            self._client = Client(self._address, timeout=_PATIENCE_S, security=given)
         except (OSError, ValueError) as error:
             reason = str(error).splitlines()[0]
             raise ClusterError(f"--on {self._address}: no Dask scheduler answers there: {reason}") from None
-        self._count()
-        if not self._slots:
-            self._client.close()
-            raise ClusterError(
-                f"--on {self._address}: has no workers; must have one at least, such as by "
-                f".venv/bin/python -m distributed.cli.dask_worker {tcp(self._address)} --nthreads 1"
-            )
+        try:
+            self._refuse_open()
+            self._count()
+            if not self._slots:
+                raise ClusterError(
+                    f"--on {self._address}: has no workers; must have one at least, such as by "
+                    f".venv/bin/python -m distributed.cli.dask_worker {self._address} --nthreads 1"
+                )
+        except ClusterError:
+            self._client.close(timeout=_PATIENCE_S)
+            raise
         return self
+
+    def _refuse_open(self) -> None:
+        """Raise ClusterError where somebody from outside could give the cluster work."""
+        about = self._client.scheduler_info(n_workers=-1)
+        for who in (str(about["address"]), *map(str, about["workers"])):
+            if not is_safe(who):
+                raise ClusterError(
+                    f"--on {self._address}: listens at {who} without TLS, and runs whatever comes from "
+                    f"whoever reaches it; must have TLS, or listen at 127.0.0.1 ({PAGE})"
+                )
+        if self._address.startswith("tcp://"):
+            sys.stderr.write(
+                f"acrc: --on {self._address}: has no TLS: whoever has an account on this computer can run "
+                f"code as you there\n"
+            )
 
     def __exit__(self, *error: object) -> None:
         for future in self._running:

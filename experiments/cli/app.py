@@ -70,7 +70,7 @@ def campaign(
     ] = False,
     on: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Run them on a cluster: dask://HOST:PORT.  [default: here]"),
+        typer.Option(metavar="ADDRESS", help="Run them on a Dask cluster: tls://HOST:PORT.  [default: here]"),
     ] = None,
     jobs: Annotated[
         int, typer.Option(metavar="N", min=0, max=1024, help="Runs at once; 0: one per core.")

@@ -15,7 +15,7 @@ from deploy.processes.signals import Interrupted
 from deploy.run.isolating import choose
 from experiments.campaign import campaign, results_table, store
 from experiments.campaign.campaign import CampaignOptions
-from experiments.campaign.cluster_address import tcp
+from experiments.campaign.cluster_address import check as check_address
 from experiments.campaign.trust import differing, protection
 from experiments.cli.study_wishes import Wishes, check, study_of
 from experiments.comparison import decision
@@ -29,7 +29,7 @@ def run(
 ) -> None:
     """Carry the study out, and say how it stands. Exit code 1 if a repeated run gave another digest."""
     if options.on is not None:
-        tcp(options.on)  # what is no address is said before anything is written
+        check_address(options.on)  # what is no address is said before anything is written
     study = study_of(wishes)
     if study.isolated and options.on is None:
         choose(True)  # refused here, not run by run
