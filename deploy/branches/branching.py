@@ -3,15 +3,15 @@
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import msgspec
 
 from actors.instant import in_seconds, milliseconds
 from actors.messages import Progress
-from actors.robot.behaviour import succession
-from actors.robot.behaviour.succession import Turn
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import entry
+from deploy.branches import settings_changed
 from deploy.branches.change import Change, boundary, with_events
 from deploy.branches.divergence import Divergence, divergence
 from deploy.replay.record_check import check
@@ -32,6 +32,15 @@ class BranchError(AcrcError):
 
 
 @dataclass(frozen=True)
+class Beside:
+    """The control of a branch with other settings: the same strategy made anew there, with its own values."""
+
+    digest: str
+    divergence: Divergence | None
+    """Where the branch parts from it; None: the values make no difference."""
+
+
+@dataclass(frozen=True)
 class Branched:
     """A branch that was carried out."""
 
@@ -42,6 +51,10 @@ class Branched:
     """Wall clock that the part up to the branch took, s."""
     undone: tuple[str, ...] = ()
     """A sentence for each event that the world refused, or that came behind the end."""
+    control: Beside | None = None
+    """None: no setting was changed, or another strategy took over."""
+    unchanged: bool = False
+    """True: strategy and settings were asked for as they were, so nothing was made anew."""
 
 
 def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit) -> Branched:
@@ -65,23 +78,46 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
         raise BranchError(
             f"{origin}: the run ends at {in_seconds(last * step_us):g} s; a branch must leave it before"
         )
-    changed = _changed(scenario, change)
+    chosen = change.strategy is not None or bool(change.settings)
+    changed = settings_changed.changed(scenario, change) if chosen else scenario
     modules = admitted(origin / SCENARIO, entry(changed.run.strategy), beside(changed), permit)
-    plan = swarm.plan(changed, replace(options, modules=modules))
-    orders = OrderBus(with_events(recorded_orders(files["world"]), change.events, step_us))
+    options = replace(options, modules=modules)
+    anew = settings_changed.control(scenario, change) if chosen else None
+    unchanged = anew is not None and settings_changed.same(changed, anew)
+    if unchanged:
+        changed, anew = scenario, None
+
+    def carry_out(of: Scenario, into: RunOptions, watch: _Watch) -> RunResult:
+        orders = OrderBus(with_events(recorded_orders(files["world"]), change.events, step_us))
+        return swarm.run_in_memory(swarm.plan(of, into), watch.follow, orders)
+
     watch = _Watch(first)
-    result = swarm.run_in_memory(plan, watch.follow, orders)
+    result = carry_out(changed, options, watch)
     parted = None if result.digest == told.digest else divergence(origin, options.out, step_us)
     if parted is not None and parted.step < first:
         raise BranchError(
             f"{origin}: does not come out the same up to {change.at_s:g} s, so there is nothing to continue: "
             f"{parted.words}; `acrc replay {origin}` says more"
         )
+    control: Beside | None = None
+    if anew is not None:
+        with TemporaryDirectory(prefix="acrc-") as name:
+            into = replace(options, out=Path(name) / "control")
+            digest = carry_out(anew, into, _Watch(first)).digest
+            apart = None if digest == result.digest else divergence(into.out, options.out, step_us, "control")
+            control = Beside(digest, apart)
     about = BranchOrigin(
-        str(origin.absolute()), told.digest, change.at_s, change.words, "" if parted is None else parted.words
+        str(origin.absolute()),
+        told.digest,
+        change.at_s,
+        change.events_words if unchanged else change.words,
+        "" if parted is None else parted.words,
+        "" if control is None else control.digest,
+        "" if control is None or control.divergence is None else control.divergence.words,
     )
     result = _with_origin(result, about, options.out)
-    return Branched(result, parted, watch.again_s, _undone(change, step_us, result, done))
+    undone = _undone(change, step_us, result, done)
+    return Branched(result, parted, watch.again_s, undone, control, unchanged)
 
 
 class _Watch:
@@ -96,21 +132,6 @@ class _Watch:
         """Progress comes once a simulated second."""
         if not self.again_s and progress.step >= self._step:
             self.again_s = time.monotonic() - self._began
-
-
-def _changed(scenario: Scenario, change: Change) -> Scenario:
-    """The scenario beside the branch, with the other strategy, or settings of it, from the instant on."""
-    if change.strategy is None and not change.settings:
-        return scenario
-    first, turns = succession.split(scenario.run.strategy)
-    kept = [turn for turn in turns if turn.at_s < change.at_s]
-    present = kept[-1] if kept else Turn(0.0, first, scenario.strategy)
-    settings = change.settings
-    if change.strategy is None:
-        settings = {**present.settings, **settings}
-    turn = Turn(change.at_s, change.strategy or present.name, settings)
-    strategy = succession.joined(first, [*kept, turn])
-    return scenario.model_copy(update={"run": scenario.run.model_copy(update={"strategy": strategy})})
 
 
 class _Outcome(msgspec.Struct):

@@ -6,7 +6,6 @@ from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final
 
 from actors.instant import seconds
 from actors.messages import CONTROL, Control
@@ -47,7 +46,12 @@ class Change:
         from_then = f"from {self.at_s:g} s on"
         changed = () if self.strategy is None else (f"strategy {self.strategy} {from_then}",)
         settings = tuple(f"strategy.{name}={value} {from_then}" for name, value in self.settings.items())
-        return (*changed, *settings, *(f"{event.words} at {event.at_s:g} s" for event in self.events))
+        return (*changed, *settings, *self.events_words)
+
+    @property
+    def events_words(self) -> tuple[str, ...]:
+        """The same of the events alone."""
+        return tuple(f"{event.words} at {event.at_s:g} s" for event in self.events)
 
 
 def place(text: str) -> tuple[Path, float]:
@@ -79,21 +83,6 @@ def event(text: str, branch_s: float) -> Event:
     if isinstance(order, Pause | Resume | Step | Speed | Stop):
         raise wrong_value("--event", text, "an order that changes what happens; pause, speed and stop do not")
     return Event(order, at_s, " ".join(words))
-
-
-_STRATEGY: Final = "strategy."
-
-
-def strategy_settings(given: Iterable[tuple[str, Any]]) -> Mapping[str, Setting]:
-    """The strategy's settings that a command line changes, by name. Raises OptionError for others."""
-    found: dict[str, Setting] = {}
-    for key, value in given:
-        if not key.startswith(_STRATEGY) or key == _STRATEGY:
-            raise wrong_value(
-                "--set", key, "strategy.NAME with --from; all else is as the run had it, or no branch of it"
-            )
-        found[key.removeprefix(_STRATEGY)] = value
-    return found
 
 
 def with_events(

@@ -8,10 +8,12 @@ from rich.console import Console
 
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import StrategyError, entry
-from deploy.branches.branching import branch
-from deploy.branches.change import Change, event, strategy_settings
+from deploy.branches.branching import Branched, branch
+from deploy.branches.change import Change, event
 from deploy.branches.change import place as place_of
 from deploy.branches.divergence import Divergence
+from deploy.branches.settings_changed import strategy_settings
+from deploy.replay.swarm_replay import SCENARIO
 from deploy.results import summary
 from deploy.run import out_folder
 from deploy.run.foreign import Permit
@@ -37,7 +39,7 @@ def continue_run(
         raise OptionError(f"{others[0]}: a branch is as its run was; must stand without --from")
     origin, at_s = place_of(place)
     try:
-        changed = strategy_settings(settings_of(settings))
+        changed = strategy_settings(settings_of(settings), origin / SCENARIO)
         change = Change(at_s, strategy, changed, tuple(event(text, at_s) for text in events))
         typed = "" if strategy is None else entry(strategy)
     except StrategyError as error:
@@ -52,7 +54,7 @@ def continue_run(
         branched = branch(origin, change, options, permit=replace(permit, typed=typed))
     summary.print_result(branched.result, json=json)
     console = Console(stderr=True, soft_wrap=True, highlight=False)
-    changes = "; ".join(change.words) or "nothing changed"
+    changes = "; ".join(change.events_words if branched.unchanged else change.words) or "nothing changed"
     console.print(
         f"branch of {origin} at {at_s:g} s: {changes}; up to there again in {branched.again_s:.1f} s",
         markup=False,
@@ -62,9 +64,26 @@ def continue_run(
         console.print(f"identical: the digest of {origin}", markup=False)
     else:
         _print_parted(console, parted)
+    _print_control(console, branched, at_s)
     if branched.undone:
         undone = "; ".join(branched.undone)
         raise AcrcError(f"{branched.result.out}: a branch without what was asked: {undone}")
+
+
+def _print_control(console: Console, branched: Branched, at_s: float) -> None:
+    """What of the difference is the new values' doing, and what the strategy's, which was made anew."""
+    if branched.unchanged:
+        console.print(
+            "the strategy and its settings are those it had: it goes on as it was, and is not made anew"
+        )
+    control = branched.control
+    if control is None:
+        return
+    beside = f"beside the control, the same strategy made anew at {at_s:g} s with the values it had: "
+    if control.divergence is None:
+        console.print(f"{beside}identical, so the new values make no difference", markup=False)
+    else:
+        console.print(f"{beside}first difference: {control.divergence.words}", markup=False)
 
 
 def _print_parted(console: Console, parted: Divergence) -> None:

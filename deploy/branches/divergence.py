@@ -67,8 +67,8 @@ class _Trails:
         return None
 
 
-def divergence(one: Path, other: Path, step_us: int) -> Divergence | None:
-    """Where the recordings of `other` part from those of `one`; None: never.
+def divergence(one: Path, other: Path, step_us: int, name: str = "run") -> Divergence | None:
+    """Where the recordings of `other` part from those of `one`, which is called `name`; None: never.
 
     That a jammer is switched on, or a loss ordered, is a change that somebody made, not what follows from it.
     """
@@ -84,7 +84,7 @@ def divergence(one: Path, other: Path, step_us: int) -> Divergence | None:
         if robot is not None:
             robots.setdefault(robot, in_seconds(place.step * step_us))
     for place in places:
-        words = _words(place, first, second)
+        words = _words(place, first, second, name)
         if words is not None:
             return Divergence(place.step, place.key, f"step {place.step}: {place.key}: {words}", robots)
     return None
@@ -103,7 +103,7 @@ def _places(
                 return
 
 
-def _words(place: _Place, first: _Trails, second: _Trails) -> str | None:
+def _words(place: _Place, first: _Trails, second: _Trails, name: str) -> str | None:
     """What differs; None if it is a jammer or an ordered loss alone."""
     topic = topic_of(place.key)
     robot = place.key.split("/")[2]
@@ -116,7 +116,7 @@ def _words(place: _Place, first: _Trails, second: _Trails) -> str | None:
     if place.one is None:
         return f"only in the branch: {brief(now)}"
     if place.other is None:
-        return f"only in the run: {brief(then)}"
+        return f"only in the {name}: {brief(then)}"
     if isinstance(now, Truth) and isinstance(then, Truth):
         now, then = (msgspec.structs.replace(truth, jams=(), losses=()) for truth in (now, then))
         if now == then:
@@ -124,4 +124,4 @@ def _words(place: _Place, first: _Trails, second: _Trails) -> str | None:
     found_at = None if now is None or then is None else first_difference(now, then)
     if found_at is None:
         return "other bytes"
-    return f"{found_at.field} is {brief(found_at.one)}; in the run it was {brief(found_at.other)}"
+    return f"{found_at.field} is {brief(found_at.one)}; in the {name} it was {brief(found_at.other)}"

@@ -24,6 +24,10 @@ class BranchOrigin(msgspec.Struct, frozen=True):
     """What was changed, as it was typed."""
     difference: str = ""
     """The first message that came out otherwise: step, key, field, both values; empty if none did."""
+    control: str = ""
+    """Digest of the control, for a branch with other settings: its strategy made anew with its own values."""
+    control_difference: str = ""
+    """The first message that came out otherwise than in the control; empty if none did, or without one."""
 
 
 class Origin(msgspec.Struct, frozen=True):

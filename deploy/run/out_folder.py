@@ -1,6 +1,7 @@
 """The folder for what a run writes: one that is asked for, or a new one that no other run takes."""
 
 import errno
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import count

@@ -64,7 +64,9 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
 
 
 def _results(kept: store.Store) -> Iterator[tuple[str, bytes]]:
-    for path in (kept.about_file, *(kept.path(trial) for trial in kept.study.trials())):
+    trials = list(kept.study.trials())
+    records = (part(trial) for part in (kept.path, kept.check_path) for trial in trials)
+    for path in (kept.about_file, kept.draws_file, *records):
         if path.exists():
             yield f"results/{path.relative_to(kept.folder).as_posix()}", path.read_bytes()
 

@@ -13,7 +13,8 @@ from deploy.run.kernels import compile_kernels
 from experiments.campaign.pool import Ended, LocalPool, Pool
 from experiments.campaign.store import Pending, Store
 from experiments.campaign.time_to_go import TimeToGo
-from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
+from experiments.campaign.trial_order import received
+from experiments.campaign.trial_record import compared, keep
 
 _LOOK_S: Final = 1.0
 
@@ -27,9 +28,10 @@ class CampaignOptions:
     patience_s: float = 3600.0
     """A trial that takes longer has failed."""
     check_every: int = 0
-    """Every so many trials, from the first on, one is repeated as real processes over Zenoh; 0: none."""
+    """Of each strategy one trial in so many, drawn after all have ended, and as many odd ones, are repeated
+    as real processes over Zenoh; 0: none."""
     on: str | None = None
-    """Address of a cluster that runs the trials, `dask://host:port`; None: this computer."""
+    """Address of a cluster that runs the trials, `tls://host:port`; None: this computer."""
     modules: tuple[Path, ...] = ()
     """Where strategies of one's own are looked for, as `deploy.run.foreign` has admitted it."""
 
@@ -76,8 +78,8 @@ def _pool(store: Store, options: CampaignOptions) -> Iterator[Pool]:
             yield cluster
         return
     compile_kernels(quiet=True)
-    with launcher("forkserver") as launched:
-        yield LocalPool(store, launched, options.jobs, options.patience_s, options.modules)
+    with scratch_folder() as folder, launcher("forkserver") as launched:
+        yield LocalPool(store.study, launched, folder, options.jobs, options.patience_s, options.modules)
 
 
 class _Campaign:
@@ -90,12 +92,12 @@ class _Campaign:
         enough: Callable[[], bool],
     ) -> None:
         self._store = store
-        self._every = options.check_every
+        self._every = 0 if store.study.isolated else options.check_every
         self._pool = pool
         self._follow = follow
         self._asked_enough = enough
         self._trials = deque(store.pending())
-        self._checks = deque(store.unchecked(self._every))
+        self._checks = deque[Pending]()
         self._total = sum(1 for _ in store.study.trials())
         self._before = self._total - len(self._trials)
         self._failed = 0
@@ -106,29 +108,39 @@ class _Campaign:
 
     def _take_in_what_is_there(self) -> None:
         """Count the failures of earlier calls, and learn from them how long a trial takes."""
-        for number, trial in enumerate(self._store.study.trials()):
+        for trial in self._store.study.trials():
             if not self._store.path(trial).exists():
                 continue
             result = self._store.record(trial).result
             if result is None:
                 self._failed += 1
             else:
-                self._time.learn(Pending(number, trial), result.startup_s + result.wall_s)
+                self._time.learn(Pending(trial), result.startup_s + result.wall_s)
 
     def run(self) -> Progress:
         self._ask()
         self._follow(self._progress())
-        while self._trials or self._checks or self._pool.running:
-            while (self._trials or self._checks) and len(self._pool.running) < self._pool.slots:
-                self._pool.start((self._checks or self._trials).popleft())
+        self._work(self._trials)
+        if self._every:  # not before every trial has ended: none can have seen what is drawn now
+            self._store.draw_again(self._every)
+            self._checks.extend(self._store.unchecked())
+            self._work(self._checks)
+        return self._progress()
+
+    def _work(self, waiting: deque[Pending]) -> None:
+        """Have all of them run to their ends."""
+        while waiting or self._pool.running:
+            while waiting and len(self._pool.running) < self._pool.slots:
+                pending = waiting.popleft()
+                self._store.log(pending.trial, check=pending.check).write_bytes(b"")
+                self._pool.start(pending)
             ended = self._pool.wait(_LOOK_S)
             for one in ended:
                 self._time.learn(one.pending, one.took_s)
-                self._note_check(one) if one.pending.check else self._note(one)
+                self._note(one)
             if ended:
                 self._ask()
             self._follow(self._progress())
-        return self._progress()
 
     def _ask(self) -> None:
         if not self._enough and self._asked_enough():
@@ -136,31 +148,17 @@ class _Campaign:
             self._trials.clear()
 
     def _note(self, ended: Ended) -> None:
-        """Count a trial that has ended; one without a record has failed."""
+        """Keep what came of it; whatever a process has left is checked here."""
+        trial, check = ended.pending
+        store = self._store
+        store.log(trial, check=check).write_bytes(ended.said)
+        record = received(ended.record, trial, ended.cause)
+        if check:
+            keep(store.check_path(trial), compared(store.record(trial), record))
+            return
         self._ended += 1
-        number, trial, _ = ended.pending
-        path = self._store.path(trial)
-        if not path.exists():
-            self._failed += 1
-            keep(path, TrialRecord(trial.strategy, trial.seed, dict(trial.variant), failure=ended.cause))
-            return
-        failed = self._store.record(trial).failure is not None
-        self._failed += failed
-        if self._every and number % self._every == 0 and not failed:
-            self._checks.append(Pending(number, trial, check=True))
-
-    def _note_check(self, ended: Ended) -> None:
-        trial = ended.pending.trial
-        path = self._store.check_path(trial)
-        if path.exists():
-            return
-        result = self._store.record(trial).result
-        assert result is not None
-        failed = CheckRecord(
-            trial.strategy, trial.seed, dict(trial.variant), result.digest, result.real_time_factor,
-            failure=ended.cause,
-        )  # fmt: skip
-        keep(path, failed)
+        self._failed += record.failure is not None
+        keep(store.path(trial), record)
 
     def _progress(self) -> Progress:
         waiting = (*self._trials, *self._checks)

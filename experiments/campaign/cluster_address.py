@@ -1,21 +1,45 @@
-"""The address of a cluster as a person types it."""
+"""The address of a cluster as a person types it: with TLS, or on this computer."""
 
+import ipaddress
 import re
 from typing import Final
 
 from actors.runtime.errors import AcrcError
-from deploy.usage import wrong_value
+from deploy.usage import OptionError, wrong_value
 
-_ADDRESS: Final = re.compile(r"dask://(?P<host>[\w.-]+|\[[0-9A-Fa-f:]+\]):(?P<port>[0-9]{1,5})")
+_ADDRESS: Final = re.compile(r"(?P<how>tls|tcp)://(?P<host>[\w.-]+|\[[0-9A-Fa-f:]+\]):(?P<port>[0-9]{1,5})")
+PAGE: Final = "docs/experiments.md, On other computers"
 
 
 class ClusterError(AcrcError):
     """A cluster that is not there, or not of use."""
 
 
-def tcp(address: str) -> str:
-    """The address of the scheduler as its library has it. Raises OptionError for what is none."""
+def check(address: str) -> None:
+    """Raise OptionError for what is no scheduler's address, or one that anybody could give work to."""
     found = _ADDRESS.fullmatch(address)
     if found is None or not 0 < int(found["port"]) < 65536:
-        raise wrong_value("--on", address, "the address of a scheduler, such as dask://192.168.1.5:8786")
-    return f"tcp://{found['host']}:{found['port']}"
+        raise wrong_value("--on", address, "the address of a scheduler, such as tls://192.168.1.5:8786")
+    if not is_safe(address):
+        raise OptionError(
+            f"--on: {address}; must be tls:// anywhere but on this computer, for without TLS a cluster runs "
+            f"whatever comes from whoever reaches it ({PAGE})"
+        )
+
+
+def host_and_port(address: str) -> tuple[str, int]:
+    """Both of an address that `check` lets pass."""
+    host, _, port = address.partition("://")[2].rpartition(":")
+    return host.strip("[]"), int(port)
+
+
+def is_safe(address: str) -> bool:
+    """True if it has TLS, or can be reached from this computer only."""
+    how, _, place = address.partition("://")
+    host = place.rpartition(":")[0].strip("[]")
+    if how in {"tls", "inproc"} or host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

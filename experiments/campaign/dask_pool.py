@@ -1,6 +1,7 @@
 """Trials on a Dask cluster: what a worker that dies had begun is begun again on another."""
 
 import logging
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,10 +13,11 @@ from distributed import wait as wait_for
 
 from deploy.repository import REPOSITORY
 from experiments.campaign import remote
-from experiments.campaign.cluster_address import ClusterError, tcp
+from experiments.campaign.cluster_address import PAGE, ClusterError, is_safe
+from experiments.campaign.cluster_tls import security
 from experiments.campaign.pool import Ended
 from experiments.campaign.store import Pending, Store
-from experiments.campaign.trial_record import keep_bytes
+from experiments.campaign.trial_order import order_of
 
 _PATIENCE_S: Final = 10.0
 
@@ -26,9 +28,12 @@ class DaskPool:
     def __init__(
         self, store: Store, address: str, jobs: int, patience_s: float, modules: Sequence[Path] = ()
     ) -> None:
-        """`address`: dask://HOST:PORT of the scheduler. `jobs`: at once; 0: as many as there are threads."""
+        """`address`: tls://HOST:PORT of the scheduler, or tcp:// of one on this computer.
+
+        `jobs`: at once; 0: as many as there are threads. `modules`: folders with strategies of one's own.
+        """
+        self._modules = tuple(modules)
         self._store = store
-        self._modules = tuple(map(str, modules))
         self._address = address
         self._jobs = jobs
         self._patience_s = patience_s
@@ -39,18 +44,38 @@ class DaskPool:
         """Raises ClusterError where there is no cluster, or none with workers."""
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it says there is raised as well
         try:
-            self._client = Client(tcp(self._address), timeout=_PATIENCE_S)
+            given = security(self._address, _PATIENCE_S) if self._address.startswith("tls://") else None
+            self._client = Client(self._address, timeout=_PATIENCE_S, security=given)
         except (OSError, ValueError) as error:
             reason = str(error).splitlines()[0]
             raise ClusterError(f"--on {self._address}: no Dask scheduler answers there: {reason}") from None
-        self._count()
-        if not self._slots:
-            self._client.close()
-            raise ClusterError(
-                f"--on {self._address}: has no workers; must have one at least, such as by "
-                f".venv/bin/python -m distributed.cli.dask_worker {tcp(self._address)} --nthreads 1"
-            )
+        try:
+            self._refuse_open()
+            self._count()
+            if not self._slots:
+                raise ClusterError(
+                    f"--on {self._address}: has no workers; must have one at least, such as by "
+                    f".venv/bin/python -m distributed.cli.dask_worker {self._address} --nthreads 1"
+                )
+        except ClusterError:
+            self._client.close(timeout=_PATIENCE_S)
+            raise
         return self
+
+    def _refuse_open(self) -> None:
+        """Raise ClusterError where somebody from outside could give the cluster work."""
+        about = self._client.scheduler_info(n_workers=-1)
+        for who in (str(about["address"]), *map(str, about["workers"])):
+            if not is_safe(who):
+                raise ClusterError(
+                    f"--on {self._address}: listens at {who} without TLS, and runs whatever comes from "
+                    f"whoever reaches it; must have TLS, or listen at 127.0.0.1 ({PAGE})"
+                )
+        if self._address.startswith("tcp://"):
+            sys.stderr.write(
+                f"acrc: --on {self._address}: has no TLS: whoever has an account on this computer can run "
+                f"code as you there\n"
+            )
 
     def __exit__(self, *error: object) -> None:
         for future in self._running:
@@ -69,17 +94,10 @@ class DaskPool:
 
     def start(self, pending: Pending) -> None:
         """Hand it to the cluster."""
-        store, trial = self._store, pending.trial
-        order = remote.Order(
-            msgspec.json.encode(store.study),
-            pending.number,
-            store.path(trial).read_bytes() if pending.check else None,
-            store.commit,
-            str(REPOSITORY),
-            self._patience_s,
-            self._modules,
-        )
-        future = self._client.submit(remote.carry_out, order, pure=False)
+        store = self._store
+        order = order_of(store.study, pending.trial, self._modules, repeated=pending.check)
+        errand = remote.Errand(msgspec.json.encode(order), store.commit, str(REPOSITORY), self._patience_s)
+        future = self._client.submit(remote.carry_out, errand, pure=False)
         self._running[future] = (pending, time.monotonic())
 
     def wait(self, timeout_s: float) -> list[Ended]:
@@ -102,23 +120,18 @@ class DaskPool:
 
     def _ended(self, future: Future[Any]) -> Ended:
         pending, began = self._running.pop(future)
-        trial, check = pending.trial, pending.check
         answer = self._answer(future)
-        self._store.log(trial, check=check).write_bytes(answer.said)
-        if answer.record is not None:
-            path = self._store.check_path(trial) if check else self._store.path(trial)
-            keep_bytes(path, answer.record)
-        return Ended(pending, time.monotonic() - began, answer.cause)
+        return Ended(pending, time.monotonic() - began, answer.record, answer.cause, answer.said)
 
     def _answer(self, future: Future[Any]) -> remote.Answer:
         if future.status == "finished":
-            found: remote.Answer = future.result()
-            return found
+            answer = remote.checked(future.result())
+            if answer.refusal:
+                raise ClusterError(f"--on {self._address}: {answer.refusal}")
+            return answer
         error: Any = future.exception() if future.status == "error" else None
         if isinstance(error, KilledWorker):
             return remote.Answer(None, "every worker that ran it died", b"")
-        if isinstance(error, remote.OtherSoftwareError):
-            raise ClusterError(f"--on {self._address}: {error}")
         raise self._gone(error or future.status)
 
     def _gone(self, error: object) -> ClusterError:

@@ -1,26 +1,35 @@
 """Where trials are run: one protocol for this computer and for others."""
 
 import os
+import shutil
 import signal
+import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol, Self
 
-from deploy.processes.launch import Child, Launcher, Program
-from experiments.campaign.store import Pending, Store
+import msgspec
 
-_TRIAL: Final = "experiments.campaign.trial_program"
-_CHECK: Final = "experiments.campaign.check_program"
+from deploy.processes.launch import Child, Launcher, Program
+from experiments.campaign.store import Pending
+from experiments.campaign.trial_order import MOST_BYTES, MOST_SAID, ORDER, RECORD, left, order_of
+from experiments.study.study import Study
+
+TRIAL: Final = "experiments.campaign.trial_program"
 
 
 class Ended(NamedTuple):
-    """A trial, or its repetition, whose process has ended; with a record in the store unless it died."""
+    """A trial, or its repetition, whose process has ended; what it has left is not checked yet."""
 
     pending: Pending
     took_s: float
+    record: bytes | None
+    """JSON, or whatever stands in its place; None: it has left none."""
     cause: str
     """Why there may be no record."""
+    said: bytes = b""
+    """What the process said, the end of it."""
 
 
 class Pool(Protocol):
@@ -46,19 +55,27 @@ class Pool(Protocol):
 
 
 class LocalPool:
-    """Processes of this computer, one per core."""
+    """Processes of this computer, one per core, each in a folder that says nothing of the campaign."""
 
     def __init__(
-        self, store: Store, launched: Launcher, jobs: int, patience_s: float, modules: Sequence[Path] = ()
+        self,
+        study: Study,
+        launched: Launcher,
+        folder: Path,
+        jobs: int,
+        patience_s: float,
+        modules: Sequence[Path] = (),
     ) -> None:
         """`jobs`: at once; 0: one per core. `patience_s`: what takes longer is ended, and has failed.
 
-        `modules`: where strategies of one's own are looked for."""
-        self._modules = tuple(map(str, modules))
-        self._store = store
+        `folder`: for what lies there while it runs. `modules`: where strategies of one's own are looked for.
+        """
+        self._modules = tuple(modules)
+        self._study = study
         self._launched = launched
+        self._folder = folder
         self._patience_s = patience_s
-        self._running: dict[int, tuple[Child, Pending, float]] = {}
+        self._running: dict[int, tuple[Child, Path, Pending, float]] = {}
         self.slots = jobs or os.cpu_count() or 1
 
     def __enter__(self) -> Self:
@@ -70,24 +87,21 @@ class LocalPool:
     @property
     def running(self) -> list[tuple[Pending, float]]:
         """What has been started and not ended, and since when, s."""
-        return [(pending, time.monotonic() - began) for _, pending, began in self._running.values()]
+        return [(pending, time.monotonic() - began) for _, _, pending, began in self._running.values()]
 
     def start(self, pending: Pending) -> None:
         """Fork a process for it."""
-        store, trial, check = self._store, pending.trial, pending.check
-        log = store.log(trial, check=check)
-        log.unlink(missing_ok=True)  # of a process that was ended with the campaign
-        words = (str(store.study_file), str(pending.number), str(store.path(trial)))
-        argv = (*words, *((str(store.check_path(trial)),) if check else ()), *self._modules)
-        name = f"{'check' if check else 'trial'} {pending.number}"
-        child = self._launched.start(Program(name, _CHECK if check else _TRIAL, argv, log, None))
-        self._running[child.pid] = (child, pending, time.monotonic())
+        folder = Path(tempfile.mkdtemp(prefix="", dir=self._folder))
+        order = order_of(self._study, pending.trial, self._modules, repeated=pending.check)
+        (folder / ORDER).write_bytes(msgspec.json.encode(order))
+        child = self._launched.start(Program("trial", TRIAL, (str(folder),), folder / "trial.log", None))
+        self._running[child.pid] = (child, folder, pending, time.monotonic())
 
     def wait(self, timeout_s: float) -> list[Ended]:
         """What has ended; what takes too long is ended here."""
         self._launched.wait(timeout_s)
         ended = []
-        for pid, (child, pending, began) in list(self._running.items()):
+        for pid, (child, folder, pending, began) in list(self._running.items()):
             took_s = time.monotonic() - began
             if child.exit_code is None and took_s <= self._patience_s:
                 continue
@@ -96,5 +110,7 @@ class LocalPool:
                 cause = f"took longer than {self._patience_s:g} s"
                 child.send(signal.SIGKILL)
             del self._running[pid]
-            ended.append(Ended(pending, took_s, cause))
+            record, said = left(folder / RECORD, MOST_BYTES), left(folder / "trial.log", MOST_SAID, end=True)
+            ended.append(Ended(pending, took_s, record, cause, said or b""))
+            shutil.rmtree(folder, ignore_errors=True)
         return ended

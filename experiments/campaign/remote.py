@@ -7,35 +7,26 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from actors.runtime.errors import AcrcError
+from actors.runtime.errors import printable
+from actors.runtime.isolation import sandbox
 from deploy.repository import REPOSITORY
 from deploy.scratch import scratch_folder
 from deploy.version import software
-from experiments.study.study import Study
+from experiments.campaign.pool import TRIAL
+from experiments.campaign.trial_order import MOST_BYTES, MOST_SAID, ORDER, RECORD, TrialOrder, left
 
-_TRIAL: Final = "experiments.campaign.trial_program"
-_CHECK: Final = "experiments.campaign.check_program"
-
-
-class OtherSoftwareError(AcrcError):
-    """A worker whose results would not compare with the others'."""
+_MOST_WORDS: Final = 500
 
 
-class Order(NamedTuple):
+class Errand(NamedTuple):
     """Everything that a worker need know."""
 
-    study: bytes
-    """JSON of the study."""
-    number: int
-    """Of the trial."""
-    before: bytes | None
-    """JSON of the trial's record if it is to be repeated; None: it is to be run."""
+    order: bytes
+    """JSON of the trial's order."""
     commit: str
     repository: str
     """Where the one who asks has this software: paths in it are meant in the worker's own."""
     patience_s: float
-    modules: tuple[str, ...] = ()
-    """Folders in which strategies of one's own are looked for: there, too."""
 
 
 class Answer(NamedTuple):
@@ -47,38 +38,59 @@ class Answer(NamedTuple):
     """Why there is none."""
     said: bytes
     """What the process said."""
+    refusal: str = ""
+    """Why this worker runs no trial of the campaign; empty if it does."""
 
 
-def carry_out(order: Order) -> Answer:
-    """Run the trial in a process of its own. Raises OtherSoftwareError if this is another commit."""
+def carry_out(errand: Errand) -> Answer:
+    """Run the trial in a process of its own, or say why not."""
     here = software()
-    if here != order.commit:
-        raise OtherSoftwareError(f"a worker has {here}, this is {order.commit}; their results do not compare")
+    if here != errand.commit:
+        return _refused(f"a worker has {here}, this is {errand.commit}; their results do not compare")
+    order = _moved(errand)
+    reason = sandbox.available() if order.isolate else None
+    if reason is not None:
+        return _refused(f"a worker cannot isolate robots, as the study wants: {reason}")
     with scratch_folder() as folder:
-        study, before, out = folder / "study.json", folder / "before.json", folder / "record.json"
-        study.write_bytes(_moved(order.study, order.repository))
-        words = [str(study), str(order.number), str(out)]
-        if order.before is not None:
-            before.write_bytes(order.before)
-            words.insert(2, str(before))
-        words += [_here(folder, order.repository) for folder in order.modules]
-        program = _TRIAL if order.before is None else _CHECK
-        try:
-            done = subprocess.run(
-                [sys.executable, "-P", "-m", program, *words],
-                cwd=REPOSITORY, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                timeout=order.patience_s, check=False,
-            )  # fmt: skip
-        except subprocess.TimeoutExpired as error:
-            return Answer(None, f"took longer than {order.patience_s:g} s", error.stdout or b"")
-        cause = f"its process ended with exit code {done.returncode} without a result"
-        return Answer(out.read_bytes() if out.exists() else None, cause, done.stdout)
+        (folder / ORDER).write_bytes(msgspec.json.encode(order))
+        cause = ""
+        with (folder / "trial.log").open("wb") as log:
+            try:
+                done = subprocess.run(
+                    [sys.executable, "-P", "-m", TRIAL, str(folder)],
+                    cwd=REPOSITORY, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
+                    timeout=errand.patience_s, check=False,
+                )  # fmt: skip
+                cause = f"its process ended with exit code {done.returncode} without a result"
+            except subprocess.TimeoutExpired:
+                cause = f"took longer than {errand.patience_s:g} s"
+        record, said = left(folder / RECORD, MOST_BYTES), left(folder / "trial.log", MOST_SAID, end=True)
+        return Answer(record, cause, said or b"")
 
 
-def _moved(study: bytes, repository: str) -> bytes:
-    """The study, its files looked for in this clone if they lie in the clone of the one who asks."""
-    known = msgspec.json.decode(study, type=Study)
-    return msgspec.json.encode(msgspec.structs.replace(known, scenario=_here(known.scenario, repository)))
+def _refused(why: str) -> Answer:
+    return Answer(None, "", b"", why)
+
+
+def checked(answer: object) -> Answer:
+    """What a worker has answered, if it is an answer at all; its record is not looked into here."""
+    if not isinstance(answer, Answer):
+        return Answer(None, "a worker has answered something else", b"")
+    kinds = (bytes | None, str, bytes, str)
+    if not all(isinstance(part, kind) for part, kind in zip(answer, kinds, strict=True)):
+        return Answer(None, "a worker has answered something else", b"")
+    record, cause, said, refusal = answer
+    if record is not None and len(record) > MOST_BYTES:
+        return Answer(None, f"a worker has answered more than {MOST_BYTES} octets", b"")
+    return Answer(record, printable(cause[:_MOST_WORDS]), said[-MOST_SAID:], printable(refusal[:_MOST_WORDS]))
+
+
+def _moved(errand: Errand) -> TrialOrder:
+    """The order, its files looked for in this clone if they lie in the clone of the one who asks."""
+    order = msgspec.json.decode(errand.order, type=TrialOrder)
+    scenario, *modules = (_here(path, errand.repository) for path in (order.study.scenario, *order.modules))
+    study = msgspec.structs.replace(order.study, scenario=scenario)
+    return msgspec.structs.replace(order, study=study, modules=tuple(modules))
 
 
 def _here(path: str, repository: str) -> str:

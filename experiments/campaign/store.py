@@ -1,5 +1,8 @@
 """The folder of a campaign: its study, and a file for each trial that has ended."""
 
+import hashlib
+import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple, TypeVar
@@ -8,7 +11,8 @@ import msgspec
 
 from actors.runtime.errors import AcrcError
 from deploy.version import software
-from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
+from experiments.campaign.draw import Draw, Run, draw
+from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep, keep_bytes
 from experiments.study.study import Study, Trial
 
 T = TypeVar("T")
@@ -18,6 +22,8 @@ _TRIALS: Final = "trials"
 _CHECKS: Final = "checks"
 _LOGS: Final = "logs"
 _LOOKS: Final = "looks.json"
+_DRAWS: Final = "draws.json"
+_ENTROPY_BYTES: Final = 32
 _OWN: Final = frozenset({_ABOUT, _TRIALS, _CHECKS, _LOGS, "campaign.new", "study.new"})
 """What lies in a folder whose campaign was ended before it had begun."""
 
@@ -43,8 +49,6 @@ class Looks(msgspec.Struct, frozen=True):
 class Pending(NamedTuple):
     """A trial that is to be run, or to be repeated over Zenoh."""
 
-    number: int
-    """Its place in the study's order."""
     trial: Trial
     check: bool = False
     """True: to be repeated."""
@@ -65,22 +69,66 @@ class Store:
 
     def pending(self) -> list[Pending]:
         """The trials that have no record yet, in the study's order."""
-        trials = enumerate(self.study.trials())
-        return [Pending(number, trial) for number, trial in trials if not self.path(trial).exists()]
+        return [Pending(trial) for trial in self.study.trials() if not self.path(trial).exists()]
 
-    def unchecked(self, every: int) -> list[Pending]:
-        """Every so many trials, from the first on, those that have a result and were not repeated yet.
+    def draw_again(self, every: int) -> bool:
+        """Draw among the runs that were in no draw as close as this one; False if there are none.
 
-        None if `every` is 0.
+        All trials must have ended: what is drawn comes from the system only now.
         """
-        trials = enumerate(self.study.trials())
+        fresh = [run for run in self._runs() if not self._was_among(run, every)]
+        if fresh:
+            for run in fresh:
+                if not self._was_among(run):  # nobody has repeated it, whatever lies there
+                    self.check_path(run.trial).unlink(missing_ok=True)
+            made = (*self.draws, draw(fresh, every, os.urandom(_ENTROPY_BYTES)))
+            keep_bytes(self.draws_file, msgspec.json.format(msgspec.json.encode(made)))
+        return bool(fresh)
+
+    def _was_among(self, run: Run, every: float = math.inf) -> bool:
+        name = run.trial.name
+        return any(one.every <= every and one.among.get(name) == run.sha256 for one in self.draws)
+
+    def _runs(self) -> list[Run]:
+        """Those with a result, which may be repeated."""
+        found = []
+        for trial in self.study.trials():
+            if self.path(trial).exists():
+                record = self.record(trial)
+                if record.result is not None:
+                    found.append(Run(trial, record, record.result, self._sha256(trial)))
+        return found
+
+    def _sha256(self, trial: Trial) -> str:
+        return hashlib.sha256(self.path(trial).read_bytes()).hexdigest()
+
+    @property
+    def draws_file(self) -> Path:
+        """Where the draws are kept once there is one."""
+        return self.folder / _DRAWS
+
+    @property
+    def draws(self) -> tuple[Draw, ...]:
+        """Which runs were drawn to be repeated, and from what, in the order of time."""
+        path = self.draws_file
+        return _decoded(path, tuple[Draw, ...]) if path.exists() else ()
+
+    def unchecked(self) -> list[Pending]:
+        """What was drawn, and not repeated yet."""
+        drawn = {name for one in self.draws for name in one.names}
         return [
-            Pending(number, trial, check=True)
-            for number, trial in trials
-            if every
-            and number % every == 0
-            and not self.check_path(trial).exists()
-            and self._has_result(trial)
+            Pending(trial, check=True)
+            for trial in self.study.trials()
+            if trial.name in drawn and not self.check_path(trial).exists() and self._has_result(trial)
+        ]
+
+    def changed(self) -> list[Trial]:
+        """Those whose record is another than when it was last drawn among."""
+        last = {name: known for one in self.draws for name, known in one.among.items()}
+        return [
+            trial
+            for trial in self.study.trials()
+            if trial.name in last and self.path(trial).exists() and self._sha256(trial) != last[trial.name]
         ]
 
     def _has_result(self, trial: Trial) -> bool:

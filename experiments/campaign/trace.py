@@ -2,38 +2,30 @@
 
 import hashlib
 import struct
+from pathlib import Path
 from typing import Final
 
-from actors.messages import TRUTH, Truth
-from actors.runtime.bus.memory_bus import MemoryBus
-from actors.runtime.bus_interface import Delivery
-from actors.runtime.codec import decode
-from actors.runtime.core import at
+from actors.messages import TRUTH
+from deploy.evidence.recorded import taken
+from deploy.replay.run_recordings import recordings
 
 DIGITS: Final = 8
 """Hexadecimal digits of each second: two states look alike once in 4 000 million."""
 
 
-class Trace:
-    """Takes down what passes over the bus of a run in memory."""
+def trace(out: Path) -> str:
+    """DIGITS for each whole simulated second of the run in the folder `out`, from 0 on.
 
-    def __init__(self, bus: MemoryBus) -> None:
-        self._seconds: list[str] = []
-        bus.listen(at(TRUTH), self._take)
-
-    @property
-    def text(self) -> str:
-        """DIGITS for each whole simulated second so far, from 0 on."""
-        return "".join(self._seconds)
-
-    def _take(self, delivery: Delivery) -> None:
-        truth = decode(delivery.topic, delivery.key, delivery.payload)
-        assert isinstance(truth, Truth)
-        if truth.halt or truth.instant < len(self._seconds) * 1_000_000:
-            return
+    Raises RecordingError for a damaged one.
+    """
+    seconds: list[str] = []
+    for _, truth in taken(recordings(out)["radio"], TRUTH):
+        if truth.halt or truth.instant < len(seconds) * 1_000_000:
+            continue
         poses = [value for robot in truth.robots for value in (robot.x, robot.y, robot.heading)]
         state = struct.pack(f"<{len(poses)}d", *poses)
-        self._seconds.append(hashlib.blake2b(state, digest_size=DIGITS // 2).hexdigest())
+        seconds.append(hashlib.blake2b(state, digest_size=DIGITS // 2).hexdigest())
+    return "".join(seconds)
 
 
 def coincide_s(one: str, other: str) -> int:

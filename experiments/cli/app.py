@@ -57,12 +57,20 @@ def campaign(
     check_every: Annotated[
         int,
         typer.Option(
-            metavar="N", min=0, help="Repeat every so many runs as real processes over Zenoh; 0: none."
+            metavar="N",
+            min=0,
+            help="Repeat one run in N of each strategy, drawn at the end, and as many odd ones; 0: none.",
         ),
     ] = 20,
+    isolate: Annotated[
+        bool,
+        typer.Option(
+            "--isolate", help="Make every run as isolated processes: for strategies that you have not read."
+        ),
+    ] = False,
     on: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Run them on a cluster: dask://HOST:PORT.  [default: here]"),
+        typer.Option(metavar="ADDRESS", help="Run them on a Dask cluster: tls://HOST:PORT.  [default: here]"),
     ] = None,
     jobs: Annotated[
         int, typer.Option(metavar="N", min=0, max=1024, help="Runs at once; 0: one per core.")
@@ -78,7 +86,7 @@ def campaign(
     from experiments.cli.study_wishes import Wishes
 
     wishes = Wishes(
-        study, preset, scenario, strategies, seeds, robots, duration, tuple(setting or ()), tuning
+        study, preset, scenario, strategies, seeds, robots, duration, tuple(setting or ()), tuning, isolate
     )
     options = CampaignOptions(jobs, check_every=check_every, on=on)
     permit = permit_of(modules, trust=trust)

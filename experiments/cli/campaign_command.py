@@ -14,10 +14,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from deploy.processes.signals import Interrupted
 from deploy.run.foreign import Permit
+from deploy.run.isolating import choose
 from experiments.campaign import campaign, results_table, store
 from experiments.campaign.campaign import CampaignOptions
-from experiments.campaign.cluster_address import tcp
-from experiments.cli.campaign_lines import causes, checked, differing
+from experiments.campaign.cluster_address import check as check_address
+from experiments.campaign.trust import differing, protection
 from experiments.cli.study_wishes import Wishes, check, path_of, study_of
 from experiments.comparison import decision
 from experiments.comparison.coincidence import coincidences
@@ -36,8 +37,10 @@ def run(
 ) -> None:
     """Carry the study out, and say how it stands. Exit code 1 if a repeated run gave another digest."""
     if options.on is not None:
-        tcp(options.on)  # what is no address is said before anything is written
+        check_address(options.on)  # what is no address is said before anything is written
     study = study_of(wishes)
+    if study.isolated and options.on is None:
+        choose(True)  # refused here, not run by run
     hints, modules = check(study, permit, path_of(wishes))
     options = replace(options, modules=modules)
     folder = out or Path("campaigns", study.name + ("-tuning" if study.tuning else ""))
@@ -72,9 +75,9 @@ def _lines(
     kept: store.Store, folder: Path, progress: campaign.Progress, watch: decision.Watch | None
 ) -> Iterator[str]:
     """What is said at the end."""
-    yield from causes(kept)
+    yield from protection(kept)
+    yield from _causes(kept)
     yield from summaries(kept.records())
-    yield from checked(kept)
     yield from coincidences_told(coincidences(kept.records()))
     if watch is not None:
         yield from decision.told(watch.verdicts(), watch.rule, kept.study.primary_metric)
@@ -84,10 +87,21 @@ def _lines(
     )
 
 
+def _causes(kept: store.Store) -> list[str]:
+    """Why runs failed, a line for each cause."""
+    found: dict[str, list[str]] = {}
+    for record in kept.records():
+        if record.failure is not None:
+            found.setdefault(record.failure, []).append(f"{record.strategy} with seed {record.seed}")
+    return [f"failed: {cause} ({len(who)} runs, first {who[0]})" for cause, who in found.items()]
+
+
 def _print_json(kept: store.Store, folder: Path, progress: campaign.Progress) -> None:
     told = {
         "out": str(folder),
         **msgspec.to_builtins(progress),
+        "protection": protection(kept),
+        "differing": differing(kept),
         "checks": [msgspec.to_builtins(one) | {"agrees": one.agrees} for one in kept.checks()],
         "coincide": [msgspec.to_builtins(one) for one in coincidences(kept.records())],
     }

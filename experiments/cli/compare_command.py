@@ -3,34 +3,57 @@
 import dataclasses
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 
+import typer
 from rich.console import Console
 from rich.table import Table
 
 from deploy.usage import wrong_value
 from experiments.campaign import store
-from experiments.cli.campaign_lines import differing
+from experiments.campaign.trust import differing, protection
 from experiments.comparison import decision, metrics
 from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
-from experiments.comparison.comparison import Comparison, compare, samples
+from experiments.comparison.comparison import Comparison, Sample, compare, samples
 from experiments.comparison.sentences import chapter_order, sentence, too_few
 
 
 def run(folder: Path, metric: str | None, *, json_output: bool) -> None:
-    """Compare every pair of strategies of a campaign, and print what comes of it."""
+    """Compare every pair of strategies of a campaign, and print what comes of it.
+
+    Exit code 1 if a repeated run was another one in memory: then it says so before and after all else.
+    """
     if metric is not None and metric not in metrics.NAMES:
         raise wrong_value("--metric", metric, f"one of {', '.join(metrics.NAMES)}")
     kept = store.load(folder)
     found = samples(kept.records(), kept.study.primary_pairs)
     made = compare(found, metric)
+    different = differing(kept)
+    _warn(different)
     if json_output:
         sys.stdout.write(json.dumps([dataclasses.asdict(one) for one in made]) + "\n")
-        return
+    else:
+        _print(kept, found, made, metric)
+        _warn(different)
+    if different:
+        raise typer.Exit(1)
+
+
+def _warn(different: Sequence[str]) -> None:
+    console = Console(stderr=True, soft_wrap=True, highlight=False)
+    for line in different:
+        console.print(f"acrc: {line}", style="bold red", markup=False)
+
+
+def _print(
+    kept: store.Store, found: Sequence[Sample], made: Sequence[Comparison], metric: str | None
+) -> None:
     console = Console(soft_wrap=True, highlight=False)
+    for line in protection(kept):
+        console.print(line, markup=False)
     for line in too_few(found):
         console.print(line, markup=False)
     declared = set(kept.study.primary_pairs)
@@ -56,7 +79,6 @@ def _about(kept: store.Store) -> Iterator[str]:
         yield from decision.told(watch.verdicts(), watch.rule, kept.study.primary_metric)
         yield "The p-values above are of all runs there are; for the primary comparisons the looks decide."
     yield from coincidences_told(coincidences(kept.records()))
-    yield from differing(kept)
     if kept.study.tuning:
         yield "These are seeds for tuning: what was chosen with them is to be judged by others."
 

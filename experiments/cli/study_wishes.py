@@ -34,10 +34,16 @@ class Wishes:
     duration: str | None = None
     settings: tuple[str, ...] = ()
     tuning: bool = False
+    isolate: bool = False
 
 
 def study_of(wishes: Wishes) -> Study:
     """The study in the file, or the one that the command line describes, with its wishes laid over."""
+    study = _plain(wishes)
+    return msgspec.structs.replace(study, isolated=True) if wishes.isolate else study
+
+
+def _plain(wishes: Wishes) -> Study:
     own: list[tuple[str, Any]] = list(settings(wishes.settings))
     for key, text in (("robots.count", wishes.robots), ("run.duration", wishes.duration)):
         if text is not None:

@@ -14,6 +14,7 @@ from deploy.results.result import RunResult
 from experiments.accounting.time_spent import TimeSpent
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord
+from experiments.campaign.trust import differing, protection
 from experiments.study.study import Study
 
 Outcome = RunResult | TrialResult
@@ -55,6 +56,10 @@ class Source:
     pending: int
     """Trials of the campaign that have not ended."""
     cases: tuple[Case, ...]
+    protection: tuple[str, ...] = ()
+    """What is protected in a campaign's runs and what is not."""
+    differing: tuple[str, ...] = ()
+    """Which of its runs are not what they were as processes."""
 
 
 def read(folders: Sequence[Path]) -> tuple[Source, ...]:
@@ -86,7 +91,10 @@ def _campaign(kept: store.Store, name: str, *, several: bool) -> Source:
         cases.append(
             Case(condition, record.strategy, record.seed, record.result, record.failure, record.time)
         )
-    return Source(name, kept.study, kept.about().commit, records, len(kept.pending()), tuple(cases))
+    return Source(
+        name, kept.study, kept.about().commit, records, len(kept.pending()), tuple(cases),
+        tuple(protection(kept)), tuple(differing(kept)),
+    )  # fmt: skip
 
 
 def _single(folder: Path, name: str) -> Source:

@@ -56,8 +56,8 @@ def compose(sources: Sequence[Source]) -> Page:
     failed = findings.failures(sources)
     return Page(
         title="Report on " + ", ".join(one.name for one in sources),
-        asked=findings.asked(sources),
-        found=_found(found),
+        asked=[*findings.asked(sources), *dict.fromkeys(line for one in sources for line in one.protection)],
+        found=[*(f"{one.name}: {line}." for one in sources for line in one.differing), *_found(found)],
         found_tables=[table for one in found for table in one.tables()],
         cautions=cautions(sources, found, view),
         sections=[

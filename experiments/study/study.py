@@ -59,6 +59,8 @@ class Study(msgspec.Struct, frozen=True):
     distributions: tuple[Distribution, ...] = ()
     primary_metric: str = "lexicographic"
     """By which the primary comparisons are decided where a campaign stops early."""
+    isolated: bool = False
+    """True: every run is made as isolated processes, for strategies that nobody vouches for."""
 
     @property
     def primary_pairs(self) -> tuple[tuple[str, str], ...]:

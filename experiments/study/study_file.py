@@ -122,6 +122,8 @@ class StudyTable(Table):
     """The comparisons that the study is for, declared before it is carried out."""
     primary_metric: Annotated[str, Field(min_length=1), Right('a metric, such as "places"')] = "lexicographic"
     """By which these are decided where the campaign stops early."""
+    isolated: bool = False
+    """Every run is made as isolated processes, for strategies of strangers."""
 
 
 def load_study(path: Path, *, tuning: bool = False) -> Study:
@@ -148,6 +150,7 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
         primary=table.primary,
         distributions=tuple(_distribution(one) for one in table.vary if one.distribution),
         primary_metric=table.primary_metric,
+        isolated=table.isolated,
     )
 
 

@@ -11,12 +11,15 @@ from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_recording
+from cleaning.parameters import CleaningParameters
 from deploy.branches.branching import BranchError
 from deploy.branches.change import Change, event
+from deploy.branches.settings_changed import strategy_settings
 from deploy.inside.inside_program import look_into
 from deploy.replay.run_recordings import recordings
-from deploy.replay.swarm_replay import replay_swarm
+from deploy.replay.swarm_replay import SCENARIO, replay_swarm
 from deploy.run.foreign import INSTALLED
+from deploy.usage import OptionError
 from tests.branches.conftest import Leave
 from tests.swarm.command import acrc
 
@@ -94,6 +97,16 @@ def test_another_setting_of_the_same_strategy(leave: Leave) -> None:
     assert other.result.origin.strategy == 'chapter>chapter{"reach":0.7}@8.0'
     told = other.result.origin.branch
     assert told is not None and told.changes == ("strategy.reach=0.7 from 8 s on",)
+    control = other.control
+    assert control is not None
+    assert (told.control, told.control_difference) == (
+        control.digest,
+        "" if control.divergence is None else control.divergence.words,
+    )
+    assert control.digest == other.result.digest, "what differs from the run is that it was made anew"
+    matters = leave(Change(8.0, settings={"reach": 6.0})).control
+    assert matters is not None and matters.divergence is not None
+    assert "in the control it was" in matters.divergence.words
     assert replay_swarm(Path(other.result.out), permit=INSTALLED).digest == other.result.digest
 
 
@@ -157,3 +170,71 @@ def test_the_command_says_what_came_of_it(origin: Path, tmp_path: Path) -> None:
     ):
         refused = acrc("run", *words, "--out", tmp_path / "none")
         assert (refused.returncode, sentence in refused.stderr) == (2, True), refused.stderr
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        Change(8.0, settings={"reach": CleaningParameters().reach}),
+        Change(8.0, settings={"adoption_backoff": 10, "still_checks": 3}),
+        Change(8.0, "chapter"),
+        Change(8.0, "cleaning.strategies.chapter:behaviour", {"reach": 0.5}),
+    ],
+)
+def test_a_setting_that_has_its_value_already_changes_nothing(
+    origin: Path, leave: Leave, change: Change
+) -> None:
+    """A default that is said, a whole number for a float, the strategy's own name, or its entry."""
+    same = leave(change)
+    assert (same.result.digest, same.divergence, same.unchanged) == (_digest(origin), None, True)
+    assert same.control is None
+    told = same.result.origin.branch
+    assert told is not None and (told.changes, told.control) == ((), "")
+
+
+def test_a_new_value_is_compared_with_the_same_strategy_made_anew(leave: Leave) -> None:
+    """Whatever a value that cannot matter here seems to change, being made anew has changed."""
+    other = leave(Change(8.0, settings={"most_adopted": 11}))
+    assert other.divergence is not None and not other.unchanged
+    assert other.control is not None and other.control.divergence is None
+
+
+def test_the_command_tells_what_is_the_value_s_doing(origin: Path, tmp_path: Path) -> None:
+    words = ("run", "--from", f"{origin}@11", "--set")
+    done = acrc(*words, "strategy.reach=0.50", "--set", "deeco.publish=1", "--out", tmp_path / "same")
+    assert done.returncode == 0, done.stderr
+    assert f"branch of {origin} at 11 s: nothing changed; up to there again in " in done.stderr
+    assert done.stderr.endswith(
+        f"identical: the digest of {origin}\n"
+        "the strategy and its settings are those it had: it goes on as it was, and is not made anew\n"
+    )
+    done = acrc(*words, "strategy.most_adopted=11", "--out", tmp_path / "other")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.endswith(
+        "beside the control, the same strategy made anew at 11 s with the values it had: identical, so the "
+        "new values make no difference\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("key", "had", "other"),
+    [
+        ("deeco.publish", 1, 2.0),
+        ("radio.preset", "chapter", "beeclick"),
+        ("localisation.preset", "odometry", "chapter"),
+        ("dwa.max_speed", 0.5, 0.4),
+        ("run.duration", 12, 13),
+        ("uncertainty.dropout", 0, 0.1),
+    ],
+)
+def test_other_keys_may_be_said_with_the_value_that_the_run_had(
+    origin: Path, key: str, had: object, other: object
+) -> None:
+    file = origin / SCENARIO
+    assert strategy_settings([(key, had), ("strategy.reach", 1)], file) == {"reach": 1}
+    with pytest.raises(OptionError) as caught:
+        strategy_settings([(key, other)], file)
+    assert str(caught.value) == (
+        f"--set: {key}; must be strategy.NAME with --from, or the value that the run had; with another "
+        "one it is no branch"
+    )

@@ -59,7 +59,7 @@ STARTS = {
     "fleet keys": ("deploy.fleet.certificates",),
     "campaign --on x": ("experiments.campaign.dask_pool", "experiments.campaign.remote"),
     "campaign": (
-        "experiments.campaign.check_program",
+        "experiments.campaign.trial_program",
         "experiments.campaign.results_table",
         "deploy.processes.forkserver",
         *ACTORS,

@@ -3,18 +3,34 @@
 import os
 import signal
 import socket
+import ssl
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import dask
 import pytest
+import yaml
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import NameOID
 
+from deploy.usage import OptionError
 from experiments.campaign import store
 from experiments.campaign.campaign import CampaignOptions, carry_out
-from experiments.campaign.cluster_address import tcp
+from experiments.campaign.cluster_address import ClusterError, check, is_safe
+from experiments.campaign.cluster_tls import security
+from experiments.campaign.dask_pool import DaskPool
+from experiments.campaign.remote import Answer, checked
+from experiments.campaign.trial_order import MOST_BYTES
 from experiments.study.study import Study
 from tests import warm
 
@@ -33,19 +49,45 @@ WORDS = (
 )
 
 
+MAKE_KEY = (
+    "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 365 "
+    "-subj /CN=cluster -keyout cluster.key -out cluster.pem"
+)
+"""As the page has it."""
+
+
+def make_key(folder: Path) -> Path:
+    """A key and a certificate, and Dask's configuration with them, as the page has it; its folder."""
+    folder.mkdir()
+    subprocess.run(MAKE_KEY.split(), cwd=folder, check=True, capture_output=True)
+    return configure(folder, folder / "cluster.pem", folder / "cluster.pem", folder / "cluster.key")
+
+
+def configure(folder: Path, authority: Path, certificate: Path, key: Path) -> Path:
+    role = f"{{cert: {certificate}, key: {key}}}"
+    (folder / "cluster.yaml").write_text(
+        "distributed:\n  comm:\n    require-encryption: true\n    tls:\n"
+        f"      ca-file: {authority}\n"
+        f"      scheduler: {role}\n      worker: {role}\n      client: {role}\n"
+    )
+    return folder
+
+
 class Cluster:
-    """A scheduler and two workers, each a process of its own."""
+    """A scheduler and two workers, each a process of its own, with TLS."""
 
     def __init__(self, stack: ExitStack, folder: Path) -> None:
         self._folder = folder
+        self._environment = os.environ | {"DASK_CONFIG": str(make_key(folder / "keys"))}
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
         self._stack = stack
-        self._begin("scheduler", "dask_scheduler", "--host", "127.0.0.1", "--port", str(self.port))
-        address = f"tcp://127.0.0.1:{self.port}"
+        place = ("--protocol", "tls", "--host", "127.0.0.1", "--port", str(self.port))
+        self._begin("scheduler", "dask_scheduler", *place)
+        self.address = f"tls://127.0.0.1:{self.port}"
         self.workers = [
-            self._begin(f"w{number}", "dask_worker", address, "--nthreads", "1", "--no-nanny")
+            self._begin(f"w{number}", "dask_worker", self.address, "--nthreads", "1", "--no-nanny")
             for number in range(2)
         ]
         for number in range(2):
@@ -54,7 +96,7 @@ class Cluster:
     def _begin(self, name: str, program: str, *words: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", f"distributed.cli.{program}", *words, "--no-dashboard"]
         log = self._stack.enter_context((self._folder / f"{name}.log").open("wb"))
-        process = subprocess.Popen(command, cwd=self._folder, stdout=log, stderr=log)
+        process = subprocess.Popen(command, cwd=self._folder, stdout=log, stderr=log, env=self._environment)
         self._stack.callback(process.wait)
         self._stack.callback(process.kill)
         return process
@@ -66,16 +108,16 @@ class Cluster:
             time.sleep(0.1)
         raise AssertionError((self._folder / f"{name}.log").read_text())
 
+    def campaign(self, *words: str) -> subprocess.Popen[str]:
+        command = [sys.executable, "-m", "deploy", *WORDS, "--on", self.address, *words]
+        pipe = subprocess.PIPE
+        return subprocess.Popen(command, cwd=ROOT, stdout=pipe, stderr=pipe, text=True, env=self._environment)
+
 
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[Cluster]:
     with ExitStack() as stack:
         yield Cluster(stack, tmp_path)
-
-
-def campaign(*words: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "deploy", *WORDS, *words]
-    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def digests(folder: Path) -> dict[tuple[str, int], str | None]:
@@ -89,7 +131,7 @@ def digests(folder: Path) -> dict[tuple[str, int], str | None]:
 def test_a_worker_that_is_killed_loses_and_changes_nothing(cluster: Cluster, tmp_path: Path) -> None:
     alone, there = tmp_path / "alone", tmp_path / "there"
     carry_out(store.create(alone, STUDY), CampaignOptions(jobs=2))
-    with campaign("--on", f"dask://127.0.0.1:{cluster.port}", "--out", str(there)) as process:
+    with cluster.campaign("--out", str(there)) as process:
         while process.poll() is None and not list(there.glob("trials/*.json")):
             time.sleep(0.05)
         os.kill(cluster.workers[0].pid, signal.SIGKILL)
@@ -102,19 +144,156 @@ def test_a_worker_that_is_killed_loses_and_changes_nothing(cluster: Cluster, tmp
 @pytest.mark.parametrize(
     ("address", "sentence"),
     [
-        ("dask://nowhere", "--on: dask://nowhere; must be the address of a scheduler, such as dask://192"),
-        ("tcp://127.0.0.1:8786", "--on: tcp://127.0.0.1:8786; must be the address of a scheduler"),
-        ("dask://127.0.0.1:1", "--on dask://127.0.0.1:1: no Dask scheduler answers there"),
+        (
+            "tls://nowhere",
+            "--on: tls://nowhere; must be the address of a scheduler, such as tls://192.168.1.5:8786",
+        ),
+        (
+            "dask://127.0.0.1:8786",
+            "--on: dask://127.0.0.1:8786; must be the address of a scheduler, such as tls://192.168.1.5:8786",
+        ),
+        (
+            "tcp://192.168.1.5:8786",
+            "--on: tcp://192.168.1.5:8786; must be tls:// anywhere but on this computer, for without TLS a "
+            "cluster runs whatever comes from whoever reaches it (docs/experiments.md, On other computers)",
+        ),
+        (
+            "tls://127.0.0.1:1",
+            "--on tls://127.0.0.1:1: there is no distributed.comm.tls.ca-file in Dask's configuration; must "
+            "name a file in PEM (docs/experiments.md, On other computers)",
+        ),
     ],
 )
 def test_a_wrong_address_is_one_sentence(address: str, sentence: str, tmp_path: Path) -> None:
     words = [*WORDS, "--on", address, "--out", str(tmp_path / "out")]
-    done = warm.run(words, tmp_path, os.environ, 60.0, finds_cwd=False)
+    done = warm.run(words, tmp_path, os.environ | {"DASK_CONFIG": str(tmp_path)}, 60.0, finds_cwd=False)
     assert done.returncode in {1, 2} and done.stdout == ""
-    (line,) = done.stderr.splitlines()
-    assert line.startswith(f"acrc: {sentence}")
+    assert done.stderr == f"acrc: {sentence}\n"
 
 
-def test_addresses() -> None:
-    assert tcp("dask://cluster.example-1.org:8786") == "tcp://cluster.example-1.org:8786"
-    assert tcp("dask://[::1]:8786") == "tcp://[::1]:8786"
+def test_without_tls_a_cluster_is_one_of_this_computer() -> None:
+    for address in ("tls://cluster.example-1.org:8786", "tcp://[::1]:8786", "tcp://localhost:1"):
+        check(address)
+    for address in (
+        "tcp://0.0.0.0:8786",
+        "tcp://10.0.0.1:1",
+        "tcp://[fe80::1]:1",
+        "tcp://127.0.0.1.evil.org:1",
+    ):
+        assert not is_safe(address)
+        with pytest.raises(OptionError, match="must be tls:// anywhere but on this computer"):
+            check(address)
+
+
+def test_a_scheduler_that_listens_to_all_is_refused_though_reached_on_this_computer() -> None:
+    pool = DaskPool(store.Store(Path("x"), STUDY), "tcp://127.0.0.1:8786", 1, 1.0)
+    pool._client = SimpleNamespace(  # type: ignore[assignment]
+        scheduler_info=lambda n_workers: {
+            "address": "tcp://127.0.0.1:8786",
+            "workers": {"tcp://127.0.0.1:4": {}, "tcp://192.168.1.5:8786": {}},
+        }
+    )
+    with pytest.raises(ClusterError) as caught:
+        pool._refuse_open()
+    assert str(caught.value) == (
+        "--on tcp://127.0.0.1:8786: listens at tcp://192.168.1.5:8786 without TLS, and runs whatever comes "
+        "from whoever reaches it; must have TLS, or listen at 127.0.0.1 (docs/experiments.md, On other "
+        "computers)"
+    )
+
+
+class Server:
+    """Has TLS as a scheduler has it: asks for a certificate, and speaks first."""
+
+    def __init__(self, keys: Path | None) -> None:
+        self._context = None
+        if keys is not None:
+            self._context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH, cafile=keys / "cluster.pem")
+            self._context.load_cert_chain(keys / "cluster.pem", keys / "cluster.key")
+            self._context.verify_mode = ssl.CERT_REQUIRED
+        self._socket = socket.create_server(("127.0.0.1", 0))
+        self.address = f"tls://127.0.0.1:{self._socket.getsockname()[1]}"
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        plain, _ = self._socket.accept()
+        with plain, suppress(OSError):
+            if self._context is None:
+                plain.sendall(b"\0" * 16)
+                plain.recv(1)
+                return
+            with self._context.wrap_socket(plain, server_side=True) as encrypted:
+                encrypted.sendall(b"hello")
+
+    def close(self) -> None:
+        self._thread.join(10.0)
+        self._socket.close()
+
+
+def expired(folder: Path) -> Path:
+    """Keys as those of the page, from last year."""
+    folder.mkdir()
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "cluster")])
+    begin = datetime(2020, 1, 1, tzinfo=UTC)
+    builder = x509.CertificateBuilder(name, name, key.public_key(), x509.random_serial_number())
+    builder = builder.not_valid_before(begin).not_valid_after(begin + timedelta(days=365))
+    certificate = builder.add_extension(x509.BasicConstraints(True, None), True).sign(key, hashes.SHA256())
+    pem = serialization.Encoding.PEM
+    (folder / "cluster.pem").write_bytes(certificate.public_bytes(pem))
+    (folder / "cluster.key").write_bytes(
+        key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+    )
+    return configure(folder, folder / "cluster.pem", folder / "cluster.pem", folder / "cluster.key")
+
+
+def reason(keys: Path, server: Path | None) -> str:
+    """Why a client with these keys does not come to a scheduler with those; empty if it does."""
+    there = Server(server)
+    try:
+        tls = yaml.safe_load((keys / "cluster.yaml").read_text())["distributed"]["comm"]["tls"]
+        with dask.config.set({f"distributed.comm.tls.{name}": value for name, value in tls.items()}):
+            security(there.address, 10.0)
+    except ClusterError as error:
+        return str(error).removeprefix(f"--on {there.address}: ")
+    finally:
+        there.close()
+    return ""
+
+
+def test_what_is_wrong_with_a_certificate_is_one_sentence(tmp_path: Path) -> None:
+    own, other, old = make_key(tmp_path / "own"), make_key(tmp_path / "other"), expired(tmp_path / "old")
+    page = "(docs/experiments.md, On other computers)"
+    signed = f"must be signed by the ca-file {own / 'cluster.pem'}, and valid now {page}"
+    refused = f"the scheduler does not accept the certificate {own / 'cluster.pem'}, or has no TLS"
+    assert reason(own, own) == ""
+    assert reason(own, other) == (
+        f"the scheduler's certificate is not accepted: self-signed certificate; {signed}"
+    )
+    assert reason(old, old) == (
+        "the scheduler's certificate is not accepted: certificate has expired; "
+        f"{signed.replace('/own/', '/old/')}"
+    )
+    assert reason(own, None) == f"{refused}: wrong version number {page}"
+    mixed = tmp_path / "mixed"  # takes the scheduler's word, and has another key of its own
+    mixed.mkdir()
+    configure(mixed, other / "cluster.pem", own / "cluster.pem", own / "cluster.key")
+    assert reason(mixed, other) == f"{refused}: tlsv1 alert unknown ca {page}"
+    configure(mixed, own / "cluster.pem", own / "cluster.pem", other / "cluster.key")
+    assert "cannot be used as authority, certificate and its key: " in reason(mixed, own)
+    configure(mixed, own / "cluster.pem", own / "cluster.pem", mixed / "nothing")
+    assert f"client.key in Dask's configuration is {mixed / 'nothing'}; must be a file" in reason(mixed, own)
+
+
+def test_what_a_worker_answers_is_bounded_and_of_its_types() -> None:
+    good = Answer(b"{}", "cause", b"said")
+    assert checked(good) == good
+    wrong: list[Any] = [{"record": b""}, None, ("text", "", b"", ""), (None, 3, b"", ""), (None, "", "x", "")]
+    for each in (*wrong, *(Answer(*one) for one in wrong[2:])):
+        assert checked(each) == Answer(None, "a worker has answered something else", b"")
+    large = checked(Answer(bytes(MOST_BYTES + 1), "", b""))
+    assert large.record is None and large.cause == f"a worker has answered more than {MOST_BYTES} octets"
+    noisy = checked(Answer(None, "\x1b[2J" + "x" * 9999, b"y" * (2 << 20), "z" * 9999))
+    assert len(noisy.cause) < 2000 and "\x1b" not in noisy.cause and len(noisy.refusal) == 500
+    assert len(noisy.said) == 1 << 20

@@ -1,0 +1,76 @@
+"""What can be trusted of a campaign: how its runs were made, and whether repetitions were the same."""
+
+from collections.abc import Iterator, Sequence
+from statistics import median
+from typing import Final
+
+from deploy.results.result import RunResult
+from experiments.campaign.store import Store
+from experiments.campaign.trial_record import CheckRecord
+
+IN_MEMORY: Final = (
+    "Made in memory: there a strategy can reach the world, the referee and its own result, so this is for "
+    "strategies that you trust; `acrc campaign --isolate` makes every run as isolated processes."
+)
+ISOLATED: Final = (
+    "Every run was made as isolated processes: no strategy could reach the world, the referee or its result."
+)
+_MOST_TOLD: Final = 3
+
+
+def protection(kept: Store) -> list[str]:
+    """What is protected in these runs and what is not, in sentences that come before all others."""
+    results = [record.result for record in kept.records() if record.result is not None]
+    if kept.study.isolated:
+        open_ = sum(result.isolation != "full" for result in results)
+        return (
+            [f"{open_} of {len(results)} runs were NOT isolated, as the study wants."]
+            if open_
+            else [ISOLATED]
+        )
+    return [IN_MEMORY, *_repeated(kept, results)]
+
+
+def _repeated(kept: Store, results: Sequence[RunResult]) -> Iterator[str]:
+    """How many runs were repeated as processes, how those were shut off, and both speeds."""
+    if not results:
+        return
+    checks, left = list(kept.checks()), len(kept.unchecked())
+    speed = f"{median(result.real_time_factor for result in results):.3g} x real time"
+    waits = f", {left} more are still to be" if left else ""
+    if not checks:
+        yield f"Of {len(results)} runs none was repeated as processes{waits}; in memory {speed} (median)."
+        return
+    shut_off = sum(check.isolation == "full" for check in checks)
+    speeds = [check.over_zenoh_speed for check in checks if check.over_zenoh_speed is not None]
+    over = f", as processes {median(speeds):.3g} x" if speeds else ""
+    same = sum(check.agrees for check in checks)
+    yield (
+        f"Of {len(results)} runs {len(checks)}, drawn after all had ended, were repeated as processes "
+        f"({shut_off} isolated){waits}: {same} gave the same; in memory {speed} "
+        f"(median){over}."
+    )
+
+
+def differing(kept: Store) -> list[str]:
+    """A sentence for each run whose repetition was not the same, or whose record changed after the draw."""
+    changed = [
+        f"{trial.strategy} with seed {trial.seed}: its record {kept.path(trial).name} was changed after the "
+        "repetitions were drawn; its digest and its numbers are somebody's word"
+        for trial in kept.changed()
+    ]
+    return [*(_difference(check) for check in kept.checks() if not check.agrees), *changed]
+
+
+def _difference(check: CheckRecord) -> str:
+    run = f"{check.strategy} with seed {check.seed}"
+    if check.failure is not None:
+        return f"{run} came to its end in memory, but not over Zenoh: {check.failure}"
+    what = f"digest {check.in_memory} in memory, {check.over_zenoh} there"
+    if check.in_memory == check.over_zenoh:
+        what = "; ".join(check.differs[:_MOST_TOLD])
+        what += f"; and {len(check.differs) - _MOST_TOLD} more" if len(check.differs) > _MOST_TOLD else ""
+    return (
+        f"{run} is another run over Zenoh than in memory: {what}; nothing that this campaign shows can be "
+        "trusted before it is known why"
+    )
