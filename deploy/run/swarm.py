@@ -24,7 +24,6 @@ from deploy.results import summary
 from deploy.results.place_table import write_table
 from deploy.results.result import Circumstances, RunResult, gather
 from deploy.run import progress, scenario_copy
-from deploy.run.disk_use import DiskWatch
 from deploy.run.foreign import beside, folder_of
 from deploy.run.isolating import IsolationChoice, choose, warn
 from deploy.run.memory_swarm import MemorySwarm
@@ -45,6 +44,7 @@ from deploy.run.plan import (
     world_program,
 )
 from deploy.run.preflight import preflight, preflight_here
+from deploy.run.resource_watch import ResourceWatch
 from deploy.run.silence import Timeout
 from deploy.run.supervisor import Supervisor
 from deploy.scenario.resolve import ResolvedScenario, resolve
@@ -168,7 +168,7 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
         lambda order, step: robot_program(plan, robots[order.robot], order, step),
         on_progress,
         plan.timeout,
-        DiskWatch(plan.limits),
+        ResourceWatch(plan.limits),
         _say,
     )
     try:
