@@ -20,6 +20,7 @@ from deploy.replay.run_recordings import recordings
 from deploy.replay.swarm_replay import SCENARIO
 from deploy.results.origin import BranchOrigin
 from deploy.results.result import RunResult
+from deploy.results.seal import seal
 from deploy.run import swarm
 from deploy.run.foreign import beside, refuse_foreign, refuse_missing
 from deploy.run.options import RunOptions
@@ -83,6 +84,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, trust: bool) ->
         str(origin.absolute()), told.digest, change.at_s, change.words, "" if parted is None else parted.words
     )
     result = _with_origin(result, about, options.out)
+    seal(options.out)
     return Branched(result, parted, watch.again_s, _undone(change, step_us, result, done))
 
 

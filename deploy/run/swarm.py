@@ -23,6 +23,7 @@ from deploy.processes.signals import signals_as_interrupts
 from deploy.results import summary
 from deploy.results.place_table import write_table
 from deploy.results.result import Circumstances, RunResult, gather
+from deploy.results.seal import seal
 from deploy.run import progress, scenario_copy
 from deploy.run.foreign import beside, folder_of
 from deploy.run.isolating import IsolationChoice, choose, warn
@@ -61,7 +62,7 @@ OnProgress = Callable[[Progress], None]
 def run(scenario: Scenario, options: RunOptions) -> RunResult:
     """Run the scenario; AcrcError if it cannot be run to its end.
 
-    The result also stands in run.json, and what became of every place in places.csv.
+    The result also stands in run.json, and what became of every place in places.csv; the folder is sealed.
     """
     prepared = plan(scenario, options)
     warn(prepared.warning)
@@ -80,8 +81,11 @@ def run(scenario: Scenario, options: RunOptions) -> RunResult:
             look()
 
         if options.bus == "memory":
-            return run_in_memory(prepared, on_progress)
-        return run_processes(prepared, options.spawn, on_progress)
+            result = run_in_memory(prepared, on_progress)
+        else:
+            result = run_processes(prepared, options.spawn, on_progress)
+    seal(options.out)
+    return result
 
 
 def plan(scenario: Scenario, options: RunOptions) -> Plan:

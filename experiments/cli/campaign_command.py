@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from deploy.processes.signals import Interrupted
+from deploy.results.seal import seal
 from experiments.campaign import campaign, results_table, store
 from experiments.campaign.campaign import CampaignOptions
 from experiments.campaign.cluster_address import tcp
@@ -46,6 +47,7 @@ def run(
         raise typer.Exit(interrupt.exit_code) from None
     finally:
         results_table.write(kept)
+        seal(kept.folder)
     different = differing(kept)
     if json_output:
         _print_json(kept, folder, progress)

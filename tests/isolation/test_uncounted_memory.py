@@ -74,11 +74,11 @@ WAYS = {
     "pages in a pipe by splice": ('spliced("splice")', "ENOSYS"),
     "pages in a pipe by tee": ('spliced("tee")', "ENOSYS"),
     "pages in a pipe by sendfile": ("sent()", "ENOSYS"),
-    "files in /tmp": ('[Path("/tmp", f"acrc-hoard-{n}").touch() for n in range(600)]', "ENOSPC"),
-    "links in /dev/shm": ('[Path("/dev/shm", f"acrc-hoard-{n}").symlink_to("x") for n in range(600)]', "ENOSPC"),
-    "bytes in /run": ('Path("/run/acrc-hoard").write_bytes(bytes(2 << 20))', "ENOSPC"),
+    "files in /tmp": ('[Path("/tmp", f"hoard-acrc-{n}").touch() for n in range(600)]', "ENOSPC"),
+    "links in /dev/shm": ('[os.symlink("x", f"/dev/shm/hoard-acrc-{n}") for n in range(600)]', "ENOSPC"),
+    "bytes in /run": ('Path("/run/hoard-acrc").write_bytes(bytes(2 << 20))', "ENOSPC"),
 }  # fmt: skip
-CLEAN = 'for path in ("/tmp", "/dev/shm", "/run"): [f.unlink() for f in Path(path).glob("acrc-hoard*")]'
+CLEAN = 'for path in ("/tmp", "/dev/shm", "/run"): [f.unlink() for f in Path(path).glob("hoard-acrc*")]'
 TRIED = f"""
 try:
     {{}}

@@ -124,7 +124,8 @@ def test_all_processes_of_a_robot_count(tmp_path: Path, where: str) -> None:
     name = tmp_path.name
     assert faults == [
         None,
-        f"{name} has taken more than 200 MB of memory with all its processes; --limit memory_mb=N allows more",
+        f"{name} has taken more than 200 MB of memory with all its processes; "
+        "--limit memory_mb=N allows more",
         f"{name} has more than 1 processes and threads; --limit processes=N allows more",
     ]
     assert process_table.held(robot.pid) == (0, 0), "it has ended"
