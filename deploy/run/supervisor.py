@@ -62,6 +62,11 @@ class Supervisor:
         return tuple(child.program for child in self._children)
 
     @property
+    def cpu_s(self) -> float:
+        """CPU time of all that record, once they have ended, s."""
+        return sum(child.cpu_s for child in self._children if child.program.record)
+
+    @property
     def running(self) -> bool:
         """True while at least one process has not ended."""
         return bool(self._running())

@@ -5,7 +5,6 @@ import os
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -147,7 +146,8 @@ def run_in_memory(plan: Plan, on_progress: OnProgress, bus: MemoryBus | None = N
     swarm = MemorySwarm(plan, bus or MemoryBus(), on_progress)
     with signals_as_interrupts():
         swarm.run()
-    return _finish(plan, swarm.programs, _circumstances(plan, began, "memory", swarm.rosters))
+    about = _circumstances(plan, began, "memory", swarm.rosters, time.process_time())
+    return _finish(plan, swarm.programs, about)
 
 
 def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
@@ -158,8 +158,8 @@ def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
         preflight(plan, launched)
         lay_out(plan)
         supervisor = _supervise(plan, launched, on_progress)
-    about = _circumstances(plan, began, "zenoh", supervisor.rosters)
-    about = replace(about, parent_cpu_s=time.process_time())
+    cpu_s = supervisor.cpu_s + time.process_time()
+    about = _circumstances(plan, began, "zenoh", supervisor.rosters, cpu_s)
     return _finish(plan, supervisor.programs, about)
 
 
@@ -221,7 +221,7 @@ def _finish(plan: Plan, programs: Sequence[Program], about: Circumstances) -> Ru
     return result
 
 
-def _circumstances(plan: Plan, began: float, bus: str, rosters: int) -> Circumstances:
+def _circumstances(plan: Plan, began: float, bus: str, rosters: int, cpu_s: float) -> Circumstances:
     isolation_kind = (
         "none" if bus == "memory" else "full" if plan.isolate and plan.debug is None else "credentials"
     )
@@ -234,6 +234,6 @@ def _circumstances(plan: Plan, began: float, bus: str, rosters: int) -> Circumst
         bus=bus,
         origin=plan.scenario.origin,
         began_s=began,
-        parent_cpu_s=0.0,
+        cpu_s=cpu_s,
         parent_received=rosters,
     )

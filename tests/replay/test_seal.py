@@ -10,7 +10,7 @@ import pytest
 
 from actors.runtime.errors import AcrcError
 from deploy.replay.record_check import check
-from deploy.results.seal import SUMS, SealError, check_seal, seal, sentence
+from deploy.results.seal import SUMS, Sealed, SealError, check_seal, seal, sentence
 from tests.swarm.command import acrc
 
 FLIPS_PER_FILE = 12
@@ -195,7 +195,7 @@ def test_what_a_strategy_leaves_cannot_hold_up_the_seal(tmp_path: Path) -> None:
     seal(tmp_path)
     found = check_seal(tmp_path)
     assert found is not None
-    assert found == (1, ("r1/own", "r2/own/link", "r2/own/pipe"), ())
+    assert found == Sealed(1, ("r1/own", "r2/own/link", "r2/own/pipe"), ())
     assert sentence(tmp_path, found) == (
         "sealed: all 1 files are as they were when SHA256SUMS was written; "
         "not sealed: 3 (r1/own, r2/own/link, r2/own/pipe)"
