@@ -20,6 +20,7 @@ from deploy.replay.run_recordings import recordings
 from deploy.replay.swarm_replay import SCENARIO
 from deploy.results.origin import BranchOrigin
 from deploy.results.result import RunResult
+from deploy.results.seal import seal
 from deploy.run import swarm
 from deploy.run.foreign import Permit, admitted, beside
 from deploy.run.options import RunOptions
@@ -83,7 +84,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     modules = admitted(origin / SCENARIO, entry(changed.run.strategy), beside(changed), permit)
     options = replace(options, modules=modules)
     anew = settings_changed.control(scenario, change) if chosen else None
-    unchanged = anew is not None and settings_changed.same(changed, anew)
+    unchanged = anew is not None and settings_changed.same(changed, anew, modules)
     if unchanged:
         changed, anew = scenario, None
 
@@ -116,6 +117,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
         "" if control is None or control.divergence is None else control.divergence.words,
     )
     result = _with_origin(result, about, options.out)
+    seal(options.out)
     undone = _undone(change, step_us, result, done)
     return Branched(result, parted, watch.again_s, undone, control, unchanged)
 

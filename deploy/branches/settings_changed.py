@@ -5,7 +5,7 @@ itself. So a branch with a changed value is not compared with its run alone, but
 strategy made anew at the same instant, with the values that it had.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -70,10 +70,10 @@ def same(branch: Scenario, beside: Scenario, modules: Sequence[Path]) -> bool:
     """True if all strategies have the same values in both, whichever of them are said and how.
 
     That is what `from_settings` makes of them. Of a strategy that reads a setting by itself the values must
-    be the same as they stand there. The strategies' code runs.
+    be the same as they stand there. The strategies' code runs, from `modules` if it is not installed.
     """
     given = [[turn.settings for turn in succession.split(one.run.strategy)[1]] for one in (branch, beside)]
-    here, there = _made(branch), _made(beside)
+    here, there = _made(branch, modules), _made(beside, modules)
     known = {name for one in (*here, *there) for name in one.names}
     if all(name in known for settings in (*given[0], *given[1]) for name in settings) and (here or there):
         return [one.parameters for one in here] == [one.parameters for one in there]
@@ -86,12 +86,10 @@ def _exact(settings: Mapping[str, Setting]) -> list[tuple[str, str, Setting]]:
     return [(name, type(value).__name__, value) for name, value in sorted(settings.items())]
 
 
-def _made(scenario: Scenario) -> list[Made]:
+def _made(scenario: Scenario, modules: Sequence[Path]) -> list[Made]:
     settled = resolve(scenario)
     with made_meanwhile() as made:
-        preflight_here(
-            settled, adaptation(settled.scenario), module_folders(settled.behaviour, settled.scenario)
-        )
+        preflight_here(settled, adaptation(settled.scenario), modules)
     return made
 
 

@@ -44,16 +44,20 @@ def merge(
 
 @app.command()
 def check(out: _Target) -> None:
-    """Compare the recordings with their checksums, with one another and with the result.
+    """Compare recordings with their checksums, one another and the result, and all files with the seal.
 
     Of one file alone, also a merged one, say whether it is as it was written, and what it is.
     """
     from deploy.recordings import merged_file
     from deploy.replay import record_check
+    from deploy.results import seal
 
     console = Console(soft_wrap=True, highlight=False)
     if out.is_file():
         console.print(merged_file.sentence(out), markup=False)
+        return
+    if not any(out.glob("*/*.mcap")) and (sealed := seal.check_seal(out)) is not None:
+        console.print(seal.sentence(out, sealed), markup=False)
         return
     report = record_check.check(out)
     console.print(f"digest {report.digest} over {report.messages} messages")
@@ -65,6 +69,7 @@ def check(out: _Target) -> None:
             "the run did not end as planned: this is the digest of what was recorded until then; every "
             f"recording is good up {until}"
         )
+    console.print(seal.sentence(out, report.sealed), markup=False)
 
 
 @app.command()

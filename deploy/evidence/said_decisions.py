@@ -2,33 +2,33 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import msgspec
 
-from deploy.results.outcome import told
+from deploy.results.outcome import MOST_LISTED, Count, Metres, Name, Words, told
 
 _SUBJECT: Final = "adaptation"
 
 
-class SaidDecision(msgspec.Struct, frozen=True):
+class SaidDecision(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A decision of a robot's adaptation, as it has told it; instants and ages in µs."""
 
-    instant: int
-    by: str
-    words: str
-    source: str
-    age: int
-    old: tuple[float, float] | None
-    new: tuple[float, float] | None
+    instant: Count
+    by: Name
+    words: Words
+    source: Name
+    age: Count
+    old: tuple[Metres, Metres] | None
+    new: tuple[Metres, Metres] | None
 
 
-class Adaptation(msgspec.Struct, frozen=True):
+class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """All that one process said; instants in µs."""
 
-    decisions: tuple[SaidDecision, ...]
-    decisions_unlisted: int
-    blocked: tuple[tuple[int, int | None], ...] | None
+    decisions: Annotated[tuple[SaidDecision, ...], msgspec.Meta(max_length=MOST_LISTED)]
+    decisions_unlisted: Count
+    blocked: Annotated[tuple[tuple[Count, Count | None], ...], msgspec.Meta(max_length=MOST_LISTED)] | None
     """Spells in which it held itself to be blocked; None if it never asks."""
 
 

@@ -11,6 +11,7 @@ from deploy.field_trial.recordings import read_field_trial
 from deploy.field_trial.reported_places import reported_places
 from deploy.field_trial.trial_result import TrialResult, trial_result
 from deploy.results.place_table import write_table
+from deploy.results.seal import seal
 from deploy.run.out_folder import make_folder
 
 
@@ -18,7 +19,7 @@ def collect(folders: Sequence[Path], out: Path | None = None, truth: Path | None
     """The result of a field trial from its robots' folders; AcrcError if they do not make up one field trial.
 
     With `out`, a new or empty folder, it also stands there in run.json, and what became of every place in
-    places.csv. `truth`: the result of the laboratory that the robots were in.
+    places.csv; it is sealed. `truth`: the result of the laboratory that the robots were in.
     """
     true = None if truth is None else read_truth(truth)
     trial = read_field_trial(folders)
@@ -31,4 +32,5 @@ def collect(folders: Sequence[Path], out: Path | None = None, truth: Path | None
         make_folder(out)
         write_table(told.places, out / "places.csv")
         (out / "run.json").write_bytes(msgspec.json.format(msgspec.json.encode(result)) + b"\n")
+        seal(out)
     return result

@@ -28,6 +28,7 @@ from deploy.fleet.onboard_supervisor import OnboardSupervisor
 from deploy.laboratory import loop_limits
 from deploy.processes.launch import Child, Launcher, Program, launcher
 from deploy.processes.signals import signals_as_interrupts
+from deploy.results.seal import seal
 from deploy.run import progress, swarm
 from deploy.run.isolating import warn
 from deploy.run.options import RunOptions
@@ -66,7 +67,9 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     with progress.shown(plan.world.duration_us, places, quiet=options.json) as follow:
         _run_processes(plan, launched or launcher(options.spawn, reap=False), follow)
     folders = [plan.folder(robot.id) for robot in plan.world.robots]
-    return collect(folders, truth=plan.folder(LABORATORY) / "result.json", out=plan.out / "result")
+    result = collect(folders, truth=plan.folder(LABORATORY) / "result.json", out=plan.out / "result")
+    seal(plan.out)
+    return result
 
 
 def _lay_out(plan: Plan) -> None:

@@ -2,8 +2,9 @@
 
 `python -m deploy.processes.forkserver FD fork|exec reap|spare` serves on a socket: `{"start": [module,
 argv, log]}` is answered by `{"started": pid}`, or by `{"refused": why}` where the log is no new file, and
-the end of a child is told as `{"ended": pid, "code": code, "strays": n}`: n processes that the child had
-started outlived it and have been ended (`reap`; `spare` leaves them alone). `fork`: it has imported and
+the end of a child is told as `{"ended": pid, "code": code, "strays": n, "cpu_s": s}`: n processes that the
+child had started outlived it and have been ended (`reap`; `spare` leaves them alone), and s is the CPU time
+that the system charged for it and for what it has waited for. `fork`: it has imported and
 compiled everything once, and forks from there; `exec`: it is small, and every child begins anew. To
 `{"share": [module, words]}`, which nothing answers, a server that forks makes what `share(*words)` of the
 module gives and holds it, so that children find it in memory. `{"withdraw": path}` names a router file: the
@@ -137,7 +138,7 @@ class Server:
     def _reap(self) -> None:
         while True:
             try:
-                pid, status = os.waitpid(-1, os.WNOHANG)
+                pid, status, usage = os.wait4(-1, os.WNOHANG)
             except ChildProcessError:
                 return
             if pid == 0:
@@ -146,7 +147,8 @@ class Server:
             if log is not None:
                 strays = process_table.end_orphans(self._orphans(pid, log)) if self._reaps else 0
                 code = os.waitstatus_to_exitcode(status)
-                self._tell({"ended": pid, "code": code, "strays": strays})
+                cpu_s = usage.ru_utime + usage.ru_stime
+                self._tell({"ended": pid, "code": code, "strays": strays, "cpu_s": cpu_s})
 
     def _orphans(self, actor: int, log: str) -> set[int]:
         """What `actor`, which has ended, had started and has fallen to this process."""

@@ -47,6 +47,8 @@ class Child:
     """None while it runs; negative: the signal that ended it."""
     strays: int = 0
     """Processes that it had started, that ran on when it ended, and that have been ended since."""
+    cpu_s: float = 0.0
+    """Once it has ended: CPU time that the system charged for it, and for those that it has waited for."""
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal; one that has ended already is left alone."""
@@ -104,8 +106,8 @@ class ServedLauncher:
         self._command = [*before, sys.executable, "-P", "-m", "deploy.processes.forkserver"]
         self._how = how
         self._children: dict[int, Child] = {}
-        self._ended: dict[int, tuple[int, int]] = {}
-        """Exit code and strays of children whose start has not been answered yet."""
+        self._ended: dict[int, tuple[int, int, float]] = {}
+        """Exit code, strays and CPU time of children whose start has not been answered yet."""
         self._lost = False
 
     def __enter__(self) -> Self:
@@ -147,7 +149,7 @@ class ServedLauncher:
             raise LaunchError(f"{program.actor} is not started; {answer['refused']}")
         child = Child(program, answer["started"])
         if child.pid in self._ended:
-            child.exit_code, child.strays = self._ended.pop(child.pid)
+            child.exit_code, child.strays, child.cpu_s = self._ended.pop(child.pid)
         self._children[child.pid] = child
         return child
 
@@ -180,12 +182,12 @@ class ServedLauncher:
             raise self._loss()
         message: dict[str, Any] = json.loads(text)
         if "ended" in message:
-            end = (message["code"], message["strays"])
+            end = (message["code"], message["strays"], message["cpu_s"])
             child = self._children.get(message["ended"])
             if child is None:
                 self._ended[message["ended"]] = end
             else:
-                child.exit_code, child.strays = end
+                child.exit_code, child.strays, child.cpu_s = end
         return message
 
     def _loss(self) -> LaunchError:

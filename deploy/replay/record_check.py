@@ -14,6 +14,7 @@ from actors.runtime.message_counts import is_from_outside, run_digest
 from actors.runtime.recording import Direction, RecordingError
 from deploy.replay.record_pass import STAMP, CheckError, Pass, read_pass
 from deploy.replay.run_recordings import recordings
+from deploy.results.seal import Sealed, check_seal
 
 _LARGEST_RESULT: Final = 64 * 1024 * 1024
 
@@ -31,27 +32,33 @@ class CheckReport:
     """Where it is not complete: the step up to which every recording is there; None: not even the first."""
     unreceived: int
     """Messages that their receiver never took, because it had ended."""
+    sealed: Sealed | None
+    """What its seal says, with which everything agrees; None: it has none."""
 
 
 def check(out: Path) -> CheckReport:
-    """Read all recordings of a run, and compare; CheckError or RecordingError where they do not agree."""
+    """Read all recordings of a run, and compare, also with its seal.
+
+    CheckError, RecordingError or SealError where they do not agree.
+    """
     passes = [read_pass(actor, path) for actor, path in recordings(out).items()]
     blank = [told for told in passes if told.blank]
     if blank and all(told.final is not None for told in passes if not told.blank):
         raise CheckError(f"{blank[0].path}: ends before its first record")
     unreceived = sum(_compare(key, passes) for key in _keys(passes))
     complete = all(told.final is not None and told.whole for told in passes)
-    report = CheckReport(
-        run_digest(told.digest for told in passes),
+    digest = run_digest(told.digest for told in passes)
+    _compare_result(out, digest, passes)
+    return CheckReport(
+        digest,
         sum(told.digest.count for told in passes),
         complete,
         min((told.step for told in passes if told.step is not None), default=None)
         if all(told.step is not None for told in passes)
         else None,
         unreceived,
+        check_seal(out),
     )
-    _compare_result(out, report, passes)
-    return report
 
 
 def _keys(passes: Sequence[Pass]) -> list[str]:
@@ -121,7 +128,7 @@ def _stamps(trail: bytes) -> Iterator[tuple[int, bytes]]:
     yield from STAMP.iter_unpack(trail)
 
 
-def _compare_result(out: Path, report: CheckReport, passes: Sequence[Pass]) -> None:
+def _compare_result(out: Path, digest: str, passes: Sequence[Pass]) -> None:
     """A result stands only beside recordings that are whole, and has their digest."""
     result = out / "run.json"
     if not result.is_file():
@@ -138,8 +145,8 @@ def _compare_result(out: Path, report: CheckReport, passes: Sequence[Pass]) -> N
         raise CheckError(
             f"{cut.path}: ends after {until}, although the run has a result; it was cut or damaged"
         )
-    if claimed != report.digest:
-        raise CheckError(f"{result}: another digest than the recordings give, which is {report.digest}")
+    if claimed != digest:
+        raise CheckError(f"{result}: another digest than the recordings give, which is {digest}")
 
 
 class _Claim(msgspec.Struct):

@@ -2,29 +2,31 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Final
 
 import msgspec
 
-from deploy.results.outcome import told
+from deploy.results.outcome import MOST_LISTED, MOST_NAMES, Count, Name, told
 
 SUBJECT: Final = "deeco"
 """Under which a robot's last record holds what its node counted."""
 _BIN_MS: Final = 50
 """Width of the bins that `deeco.statistics` counts the ages of replicas in."""
-_Count = Annotated[int, msgspec.Meta(ge=0)]
-_Bound = Annotated[int, msgspec.Meta(gt=0, multiple_of=_BIN_MS)]
+_MOST_PER_STEP: Final = 10_000
+"""Anything that a node counts happens no more often in a step; own choice, with room for many robots."""
+_Bound = Annotated[int, msgspec.Meta(gt=0, le=1 << 53, multiple_of=_BIN_MS)]
+_Counts = Annotated[dict[Name, Count], msgspec.Meta(max_length=MOST_NAMES)]
 
 
-class NodeOutcome(msgspec.Struct, frozen=True):
+class NodeOutcome(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What one node counted, from the start of its process to its end."""
 
-    counters: dict[str, _Count]
-    exchanges: dict[str, _Count]
+    counters: _Counts
+    exchanges: _Counts
     """By ensemble: exchanges that changed the local knowledge."""
-    replica_age_ms: dict[_Bound, _Count]
+    replica_age_ms: Annotated[dict[_Bound, Count], msgspec.Meta(max_length=MOST_LISTED)]
     """Time since each replica was heard, at each own publication: count by the bin's upper bound, ms."""
 
 
@@ -47,6 +49,28 @@ class DeecoResult(msgspec.Struct, frozen=True):
 def node_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NodeOutcome | None:
     """What a process's last record says about its node; None if it says nothing."""
     return told(record, outcome, SUBJECT, NodeOutcome, "a node")
+
+
+def impossible(said: NodeOutcome, steps: int) -> str | None:
+    """Why a node cannot have done this in a run of so many steps; None if it can."""
+    most = _MOST_PER_STEP * steps
+    samples = {"samples of replicas' age": sum(said.replica_age_ms.values())}
+    for name, count in {**said.counters, **said.exchanges, **samples}.items():
+        if count > most:
+            return f"{count} {name} in {steps} steps"
+    return None
+
+
+def contradicted(nodes: Sequence[NodeOutcome], frames: Mapping[str, int]) -> str | None:
+    """What the nodes of one robot say otherwise than the radio, which counted `frames`; None if nothing."""
+    for name, counted, what in (
+        ("frames_sent", "frames_sent", "frames sent"),
+        ("packets", "copies_heard", "packets heard"),
+    ):
+        said = sum(node.counters.get(name, 0) for node in nodes)
+        if counted in frames and said > frames[counted]:
+            return f"{said} {what}; the radio counted {frames[counted]} frames"
+    return None
 
 
 def deeco_result(nodes: Iterable[NodeOutcome]) -> DeecoResult:

@@ -1,52 +1,56 @@
 """What the robots' navigation has been through in a run, from what each robot's process said at its end."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, Literal, TypeVar
 
 import msgspec
 
-from deploy.results.outcome import told
+from actors.robot.behaviour.goal import AbortReason
+from deploy.results.outcome import MOST_LISTED, MOST_NAMES, Count, Metres, Name, told
 
 SUBJECT: Final = "navigation"
 """Under which a robot's last record holds what its navigation counted."""
-_Count = Annotated[int, msgspec.Meta(ge=0)]
+T = TypeVar("T")
+_Listed = Annotated[tuple[T, ...], msgspec.Meta(max_length=MOST_LISTED)]
+_MOST_PER_STEP: Final = 20
+"""Recoveries or retreats in a step, with room: navigation acts every 50 ms or less often."""
 
 
-class GivenGoal(msgspec.Struct, frozen=True):
+class GivenGoal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One goal that a behaviour gave to navigation; instants in µs."""
 
-    begin: _Count
+    begin: Count
     """The start of the step in which it was given."""
-    x: float
-    y: float
+    x: Metres
+    y: Metres
     """Where, m, map frame."""
-    end: _Count | None = None
+    end: Count | None = None
     """The start of the step in which it ended; None: pursued at the end of the process."""
-    how: str = ""
+    how: Name = ""
     """`succeeded`, `replaced`, `cancelled`, or why navigation gave it up."""
 
 
-class NavigationOutcome(msgspec.Struct, frozen=True):
+class NavigationOutcome(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What one robot's navigation counted, from the start of its process to its end."""
 
-    goals: _Count
-    succeeded: _Count
-    cancelled: _Count
-    recoveries: _Count
-    retreats: _Count
-    aborted: dict[str, _Count]
+    goals: Count
+    succeeded: Count
+    cancelled: Count
+    recoveries: Count
+    retreats: Count
+    aborted: Annotated[dict[str, Count], msgspec.Meta(max_length=MOST_NAMES)]
     """By reason."""
-    no_valid_trajectory: tuple[tuple[_Count, _Count, str], ...]
+    no_valid_trajectory: _Listed[tuple[Count, Count, Literal["itself", "abort", "order", "run"]]]
     """Spells in which the driver found none: begin and end, µs, and how each ended."""
-    no_valid_trajectory_unlisted: _Count
+    no_valid_trajectory_unlisted: Count
     """Further ones."""
-    given: tuple[GivenGoal, ...] = ()
+    given: _Listed[GivenGoal] = ()
     """Goals, in their order."""
-    given_unlisted: _Count = 0
+    given_unlisted: Count = 0
     """Further ones."""
-    without_plan: tuple[tuple[_Count, _Count], ...] = ()
+    without_plan: _Listed[tuple[Count, Count]] = ()
     """Spells in which no way was found to one goal after the other: begin and end, µs."""
 
 
@@ -74,6 +78,34 @@ class NavigationResult(msgspec.Struct, frozen=True):
 def navigation_outcome(record: Path, outcome: Mapping[str, msgspec.Raw]) -> NavigationOutcome | None:
     """What a process's last record says about its navigation; None if it says nothing."""
     return told(record, outcome, SUBJECT, NavigationOutcome, "a robot's navigation")
+
+
+def impossible(said: NavigationOutcome, steps: int, step_us: int) -> str | None:
+    """Why a robot cannot have been through this in a run of so many steps; None if it can."""
+    return next(_contradictions(said, steps, steps * step_us), None)
+
+
+def _contradictions(said: NavigationOutcome, steps: int, last_us: int) -> Iterator[str]:
+    if said.goals + said.cancelled > steps:
+        yield f"{said.goals} goals given and {said.cancelled} taken back in {steps} steps"
+    ended = said.succeeded + sum(said.aborted.values())
+    if ended > said.goals:
+        yield f"{ended} goals reached or given up, of {said.goals}"
+    if len(said.given) + said.given_unlisted > said.goals:
+        yield f"{len(said.given) + said.given_unlisted} goals listed, of {said.goals}"
+    if unknown := said.aborted.keys() - {reason.value for reason in AbortReason}:
+        yield f"goals given up for {min(unknown)[:40]!r}, which is no reason"
+    for name in ("recoveries", "retreats", "no_valid_trajectory_unlisted"):
+        if getattr(said, name) > _MOST_PER_STEP * steps:
+            yield f"{getattr(said, name)} {name} in {steps} steps"
+    spells = [
+        *((goal.begin, goal.begin if goal.end is None else goal.end) for goal in said.given),
+        *((begin, end) for begin, end, _ in said.no_valid_trajectory),
+        *said.without_plan,
+    ]
+    for begin, end in spells:
+        if not begin <= end <= last_us:
+            yield f"something from {begin} to {end} µs, in a run of {last_us} µs"
 
 
 def navigation_result(outcomes: Iterable[NavigationOutcome]) -> NavigationResult:

@@ -2,13 +2,22 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, Final, TypeVar
 
 import msgspec
 
 from actors.runtime.errors import AcrcError
 
 T = TypeVar("T")
+Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
+"""Of anything; also an instant, µs."""
+Metres = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
+Name = Annotated[str, msgspec.Meta(max_length=200)]
+Words = Annotated[str, msgspec.Meta(max_length=20_000)]
+MOST_LISTED: Final = 10_000
+"""Entries of a list that a process may leave; its own lists have a tenth at most."""
+MOST_NAMES: Final = 500
+"""Names that counts may have."""
 
 
 class OutcomeError(AcrcError):

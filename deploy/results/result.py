@@ -17,16 +17,12 @@ from actors.runtime.recording import decoded, read_notes
 from actors.task.referee import PlaceOutcome
 from actors.world.whereabouts import PoseError
 from deploy.processes.launch import Program
-from deploy.results.deeco_result import DeecoResult, NodeOutcome, deeco_result, node_outcome
+from deploy.results.deeco_result import DeecoResult
 from deploy.results.deliveries import gaps
-from deploy.results.navigation_result import (
-    NavigationOutcome,
-    NavigationResult,
-    navigation_outcome,
-    navigation_result,
-)
+from deploy.results.navigation_result import NavigationResult
 from deploy.results.origin import UNKNOWN, Origin
 from deploy.results.place_table import counted
+from deploy.results.robot_reports import OWN_WORD, Seen, robot_reports
 
 
 class ResultError(AcrcError):
@@ -64,7 +60,7 @@ class RunResult(msgspec.Struct, frozen=True):
     startup_s: float
     """From the start of the command to the first step, s."""
     cpu_s: float
-    """Of all processes, from their start to their end, s."""
+    """Of all processes, from their start to their end, s; what the system charged for them."""
     real_time_factor: float
     places_total: int
     places_done: int
@@ -120,6 +116,11 @@ class RunResult(msgspec.Struct, frozen=True):
     on, the copies at one, and what the others lost before it was sent, add up to all frames of the others."""
     driven_m: float | None = None
     """How far all robots truly came, m; None in results from before this was measured."""
+    reported_by_robots: tuple[str, ...] = ()
+    """The keys of this result that are what the robots' processes say of themselves: a strategy may have
+    written it there. World, radio and parent count all else. Empty in results from before this was said."""
+    refused_reports: tuple[str, ...] = ()
+    """What robots said of themselves that cannot be, a sentence each; it is not counted."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,8 @@ class Circumstances:
     bus: str
     began_s: float
     """Wall clock when the command began, s since the epoch."""
-    parent_cpu_s: float
+    cpu_s: float
+    """CPU time of all processes, as the system has told their parent."""
     parent_received: int
     origin: Origin = UNKNOWN
 
@@ -172,7 +174,9 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
     wall = max(world.ended_s - world.started_s, 1e-9)
     missing = gaps([(program.actor, final) for program, final in finals], about.parent_received)
     frames = msgspec.json.decode(radio.outcome["frames"], type=dict[str, int])
+    frames_by_robot = msgspec.json.decode(radio.outcome["frames_by_robot"], type=dict[str, dict[str, int]])
     pairs = {name: frames.pop(name) for name in ("pairs", "pairs_in_reach")}
+    said = robot_reports(_of_robots(finals), Seen(outcome.steps, about.step_us, frames_by_robot))
     places = counted(outcome.places)
     result = RunResult(
         digest=run_digest([final.digest for _, final in finals]),
@@ -181,7 +185,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         simulated_s=simulated,
         wall_s=round(wall, 3),
         startup_s=round(world.started_s - about.began_s, 3),
-        cpu_s=round(sum(final.cpu_s for _, final in finals) + about.parent_cpu_s, 3),
+        cpu_s=round(about.cpu_s, 3),
         real_time_factor=round(simulated / wall, 2),
         places_total=places.total,
         places_done=places.done,
@@ -194,15 +198,17 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         per_robot={robot: _robot_result(robot, outcome) for robot in about.robots},
         undelivered=sum(abs(gap.sent - gap.arrived) for gap in missing),
         not_delivered=tuple(map(str, missing)),
-        unread=sum(final.unread for _, final in finals),
+        unread=world.unread + radio.unread + said.unread,
         contacts=outcome.contacts,
         refused_orders=outcome.refused_orders,
         frames=frames,
         radio_bytes_per_robot_s=rate(frames["bytes_sent"], len(about.robots) * simulated),
         direct_reach=share(pairs),
-        frames_by_robot=msgspec.json.decode(radio.outcome["frames_by_robot"], type=dict[str, dict[str, int]]),
-        deeco=deeco_result(_nodes(finals)),
-        navigation=navigation_result(_navigations(finals)),
+        frames_by_robot=frames_by_robot,
+        deeco=said.deeco,
+        navigation=said.navigation,
+        reported_by_robots=OWN_WORD,
+        refused_reports=said.refused,
         isolation=about.isolation,
         bus=about.bus,
         out=str(about.out),
@@ -220,22 +226,12 @@ def _robot_result(robot: str, outcome: WorldOutcome) -> RobotResult:
     return RobotResult(own.total, own.done, own.claimed, own.given_up, own.completion_s, error, way)
 
 
-def _nodes(finals: Iterable[tuple[Program, FinalNote]]) -> Iterator[NodeOutcome]:
-    """What the robots' processes, those of restarted robots too, say about their nodes."""
+def _of_robots(finals: Iterable[tuple[Program, FinalNote]]) -> Iterator[tuple[str, Path, FinalNote]]:
+    """The last records of the robots' processes, those of restarted robots too."""
     for program, final in finals:
         assert program.record is not None
-        node = None if program.actor in ("world", "radio") else node_outcome(program.record, final.outcome)
-        if node is not None:
-            yield node
-
-
-def _navigations(finals: Iterable[tuple[Program, FinalNote]]) -> Iterator[NavigationOutcome]:
-    """What the robots' processes, those of restarted robots too, say about their navigation."""
-    for program, final in finals:
-        assert program.record is not None
-        said = navigation_outcome(program.record, final.outcome)
-        if said is not None:
-            yield said
+        if program.actor not in ("world", "radio"):
+            yield program.actor, program.record, final
 
 
 def rate(count: int, robot_seconds: float) -> float:

@@ -27,6 +27,8 @@ def print_result(result: RunResult, *, json: bool) -> None:
         console.print(sentence)
     for sentence in result.refused_orders:
         console.print(f"order refused {printable(sentence)}", style="bold red")
+    for sentence in result.refused_reports:
+        console.print(printable(sentence), style="bold red")
     if result.unread:
         console.print(f"messages delivered and not read: {result.unread}", style="bold red")
     console.print(f"digest {result.digest}\nrecorded in {result.out}")

@@ -16,7 +16,7 @@ from actors.runtime.lifecycle.process_table import glance
 from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.topic import Message, Topic
 from deploy.processes.launch import Child, Launcher, LaunchError, Program
-from deploy.run.disk_use import DiskWatch
+from deploy.run.resource_watch import ResourceWatch
 from deploy.run.silence import Timeout
 from deploy.run.vigil import Vigil
 
@@ -40,14 +40,14 @@ class Supervisor:
         restart: Callable[[ProcessOrder, int], Program],
         on_progress: Callable[[Progress], None],
         timeout: Timeout,
-        disk: DiskWatch,
+        resources: ResourceWatch,
         say: Callable[[str], None] = lambda sentence: None,
     ) -> None:
         """`say` is told what the person at the terminal should know while the run goes on."""
         self._launcher = launcher
         self._restart = restart
         self._on_progress = on_progress
-        self._disk = disk
+        self._resources = resources
         self._vigil = Vigil(timeout, launcher.wait, say)
         self._children: list[Child] = []
         self._complete: set[int] = set()
@@ -60,6 +60,11 @@ class Supervisor:
     def programs(self) -> tuple[Program, ...]:
         """Every program that was started, in order."""
         return tuple(child.program for child in self._children)
+
+    @property
+    def cpu_s(self) -> float:
+        """CPU time of all that record, once they have ended, s."""
+        return sum(child.cpu_s for child in self._children if child.program.record)
 
     @property
     def running(self) -> bool:
@@ -108,7 +113,7 @@ class Supervisor:
             fault = self._vigil.look_for_ends(running, f"{_names(running)} did not end after the last step")
         else:
             fault = self._vigil.look(running, world.program.record)
-        fault = fault or self._disk.fault(child.program for child in running)
+        fault = fault or self._resources.fault(running)
         if fault is not None:
             self.check()  # what has just ended says more
             raise RunFailedError(fault)

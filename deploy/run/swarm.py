@@ -5,7 +5,6 @@ import os
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Final
 
 import msgspec
@@ -23,8 +22,8 @@ from deploy.processes.signals import signals_as_interrupts
 from deploy.results import summary
 from deploy.results.place_table import write_table
 from deploy.results.result import Circumstances, RunResult, gather
+from deploy.results.seal import seal
 from deploy.run import progress, scenario_copy
-from deploy.run.disk_use import DiskWatch
 from deploy.run.isolating import IsolationChoice, choose, warn
 from deploy.run.memory_swarm import MemorySwarm
 from deploy.run.options import RunOptions
@@ -45,6 +44,7 @@ from deploy.run.plan import (
     world_program,
 )
 from deploy.run.preflight import preflight, preflight_here
+from deploy.run.resource_watch import ResourceWatch
 from deploy.run.silence import Timeout
 from deploy.run.supervisor import Supervisor
 from deploy.scenario.resolve import ResolvedScenario, resolve
@@ -61,7 +61,7 @@ OnProgress = Callable[[Progress], None]
 def run(scenario: Scenario, options: RunOptions) -> RunResult:
     """Run the scenario; AcrcError if it cannot be run to its end.
 
-    The result also stands in run.json, and what became of every place in places.csv.
+    The result also stands in run.json, and what became of every place in places.csv; the folder is sealed.
     """
     prepared = plan(scenario, options)
     warn(prepared.warning)
@@ -80,8 +80,11 @@ def run(scenario: Scenario, options: RunOptions) -> RunResult:
             look()
 
         if options.bus == "memory":
-            return run_in_memory(prepared, on_progress)
-        return run_processes(prepared, options.spawn, on_progress)
+            result = run_in_memory(prepared, on_progress)
+        else:
+            result = run_processes(prepared, options.spawn, on_progress)
+    seal(options.out)
+    return result
 
 
 def plan(scenario: Scenario, options: RunOptions) -> Plan:
@@ -143,7 +146,8 @@ def run_in_memory(plan: Plan, on_progress: OnProgress, bus: MemoryBus | None = N
     swarm = MemorySwarm(plan, bus or MemoryBus(), on_progress)
     with signals_as_interrupts():
         swarm.run()
-    return _finish(plan, swarm.programs, _circumstances(plan, began, "memory", swarm.rosters))
+    about = _circumstances(plan, began, "memory", swarm.rosters, time.process_time())
+    return _finish(plan, swarm.programs, about)
 
 
 def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
@@ -154,8 +158,8 @@ def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
         preflight(plan, launched)
         lay_out(plan)
         supervisor = _supervise(plan, launched, on_progress)
-    about = _circumstances(plan, began, "zenoh", supervisor.rosters)
-    about = replace(about, parent_cpu_s=time.process_time())
+    cpu_s = supervisor.cpu_s + time.process_time()
+    about = _circumstances(plan, began, "zenoh", supervisor.rosters, cpu_s)
     return _finish(plan, supervisor.programs, about)
 
 
@@ -169,7 +173,7 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
         lambda order, step: robot_program(plan, robots[order.robot], order, step),
         on_progress,
         plan.timeout,
-        DiskWatch(plan.limits),
+        ResourceWatch(plan.limits),
         _say,
     )
     try:
@@ -209,7 +213,7 @@ def _finish(plan: Plan, programs: Sequence[Program], about: Circumstances) -> Ru
     return result
 
 
-def _circumstances(plan: Plan, began: float, bus: str, rosters: int) -> Circumstances:
+def _circumstances(plan: Plan, began: float, bus: str, rosters: int, cpu_s: float) -> Circumstances:
     isolation_kind = (
         "none" if bus == "memory" else "full" if plan.isolate and plan.debug is None else "credentials"
     )
@@ -222,6 +226,6 @@ def _circumstances(plan: Plan, began: float, bus: str, rosters: int) -> Circumst
         bus=bus,
         origin=plan.scenario.origin,
         began_s=began,
-        parent_cpu_s=0.0,
+        cpu_s=cpu_s,
         parent_received=rosters,
     )

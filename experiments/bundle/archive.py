@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-SUMS: Final = "SHA256SUMS"
+from deploy.results.seal import SUMS, lines
+
 _BEGIN: Final = (1980, 1, 1, 0, 0, 0)
 """The earliest instant that the format knows."""
 _UNIX: Final = 3
@@ -17,7 +18,8 @@ def write(path: Path, top: str, files: Mapping[str, bytes]) -> None:
 
     What ends in `.sh` can be executed. The file is there whole or not at all.
     """
-    whole = {**files, SUMS: _sums(files)}
+    sums = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
+    whole = {**files, SUMS: lines(sums)}
     path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_name(path.name + ".new")
     with zipfile.ZipFile(new, "w") as archive:
@@ -28,9 +30,3 @@ def write(path: Path, top: str, files: Mapping[str, bytes]) -> None:
             info.compress_type = zipfile.ZIP_DEFLATED
             archive.writestr(info, whole[name], compresslevel=9)
     new.replace(path)
-
-
-def _sums(files: Mapping[str, bytes]) -> bytes:
-    """As sha256sum writes and checks them."""
-    lines = [f"{hashlib.sha256(content).hexdigest()}  {name}\n" for name, content in sorted(files.items())]
-    return "".join(lines).encode()

@@ -10,6 +10,7 @@ from typing import Final
 from deploy.processes.launch import launcher
 from deploy.processes.signals import signals_as_interrupts
 from deploy.run.kernels import compile_kernels
+from deploy.scratch import scratch_folder
 from experiments.campaign.pool import Ended, LocalPool, Pool
 from experiments.campaign.store import Pending, Store
 from experiments.campaign.time_to_go import TimeToGo

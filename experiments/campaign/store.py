@@ -10,6 +10,7 @@ from typing import Final, NamedTuple, TypeVar
 import msgspec
 
 from actors.runtime.errors import AcrcError
+from deploy.results.seal import SUMS, check_seal
 from deploy.version import software
 from experiments.campaign.draw import Draw, Run, draw
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep, keep_bytes
@@ -192,7 +193,8 @@ class Store:
 def create(folder: Path, study: Study) -> Store:
     """The store in a new folder, or the one that this study, or the same with fewer seeds, has begun there.
 
-    Raises CampaignError if the folder holds something else, or what other software has begun.
+    Raises CampaignError if the folder holds something else, or what other software has begun, and SealError
+    if it is not as it was left.
     """
     store, about = Store(folder, study), About(software())
     if store.study_file.exists():
@@ -211,6 +213,8 @@ def create(folder: Path, study: Study) -> Store:
             raise CampaignError(
                 f"{folder}: was begun with {commit}, this is {about.commit}; their results do not compare"
             )
+        check_seal(folder)
+        (folder / SUMS).unlink(missing_ok=True)  # what it covers is about to change
         keep(store.study_file, study)  # with more seeds it goes on
         return store
     if folder.exists() and {path.name for path in folder.iterdir()} - _OWN:
@@ -228,9 +232,10 @@ def holds(folder: Path) -> bool:
 
 
 def load(folder: Path) -> Store:
-    """The store in a folder. Raises CampaignError if there is none."""
+    """The store in a folder. Raises CampaignError if there is none, SealError if it is not as it was left."""
     if not holds(folder):
         raise CampaignError(f"{folder}: holds no campaign; must be a folder that acrc campaign has made")
+    check_seal(folder)
     return Store(folder, _decoded(folder / _STUDY, Study))
 
 

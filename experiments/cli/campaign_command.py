@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from deploy.processes.signals import Interrupted
+from deploy.results.seal import seal
 from deploy.run.foreign import Permit
 from deploy.run.isolating import choose
 from experiments.campaign import campaign, results_table, store
@@ -58,6 +59,7 @@ def run(
         raise typer.Exit(interrupt.exit_code) from None
     finally:
         results_table.write(kept)
+        seal(kept.folder)
     different = differing(kept)
     if json_output:
         _print_json(kept, folder, progress)

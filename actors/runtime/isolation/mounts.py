@@ -35,7 +35,8 @@ READABLE: Final = (Path("/sys/devices/system/cpu"),)
 
 _STAGE: Final = Path("/dev")
 """Where the new tree is built; a folder that every system has."""
-_DEVICES: Final = ("null", "zero", "full", "random", "urandom")
+_DEVICES: Final = ("null", "full", "random", "urandom")
+"""Not zero: mapped and shared, it is memory that nothing counts."""
 _DEVICE_LINKS: Final = (("fd", "/proc/self/fd"), ("stdin", "fd/0"), ("stdout", "fd/1"), ("stderr", "fd/2"))
 _PROC_FILES: Final = ("cpuinfo", "meminfo", "version", "sys/vm/overcommit_memory", "sys/kernel/cap_last_cap")
 _PROC_LINKS: Final = (("mounts", "self/mounts"), ("net", "self/net"))
@@ -52,6 +53,8 @@ class FileView(NamedTuple):
     """Files and folders that can be read; what is not there is left out."""
     scratch_bytes: int
     """Size of each private scratch folder, B."""
+    scratch_files: int
+    """Files and folders in each."""
 
 
 def enter(view: FileView) -> None:
@@ -66,7 +69,7 @@ def enter(view: FileView) -> None:
     sealed = {place for path in view.sealed if _is_folder(path) for place in _places(path)}
     for folder in (*SCRATCH, *sorted(path for path in sealed - {*SCRATCH} if _is_under(path, SCRATCH))):
         _new(folder).mkdir(parents=True, exist_ok=True)
-        options = f"size={view.scratch_bytes},mode=0755"
+        options = f"size={view.scratch_bytes},nr_inodes={view.scratch_files},mode=0755"
         linux.mount("tmpfs", _new(folder), "tmpfs", MS_NOSUID | MS_NODEV, options)
     for place in sorted(handles, key=lambda path: len(path.parts)):
         _bind(handles[place], _new(place))

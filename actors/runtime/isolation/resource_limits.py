@@ -7,6 +7,8 @@ from typing import Final
 from actors.runtime.errors import AcrcError
 
 _MB: Final = 1_000_000
+_STACK: Final = 64 * 1024 * 1024
+"""What the first thread's stack may grow to, B; own choice, eight times what most systems give."""
 
 
 class LimitError(AcrcError):
@@ -19,7 +21,7 @@ class ProcessLimits:
 
     memory_mb: int = 4096
     """Its data, MB (RLIMIT_DATA); what it asks for beyond is a MemoryError in the strategy's line. A robot
-    itself has about 300."""
+    itself has about 300. All its processes together are looked at twice a second."""
     open_files: int = 256
     """Open files (RLIMIT_NOFILE)."""
     file_mb: int = 16_384
@@ -30,8 +32,8 @@ class ProcessLimits:
     disk_files: int = 100_000
     """Files and folders there."""
     processes: int = 64
-    """Processes and threads (RLIMIT_NPROC); isolated robots only, for else the system counts all of the
-    user's."""
+    """Processes and threads (RLIMIT_NPROC, which is none for root; looked at twice a second); isolated robots
+    only, for else the system counts all of the user's."""
 
 
 def limits(words: tuple[str, ...]) -> ProcessLimits:
@@ -68,11 +70,14 @@ def enforce(chosen: ProcessLimits, *, isolated: bool) -> None:
     _lower(resource.RLIMIT_NOFILE, chosen.open_files)
     _lower(resource.RLIMIT_FSIZE, chosen.file_mb * _MB)
     _lower(resource.RLIMIT_CORE, 0)
+    _lower(resource.RLIMIT_STACK, _STACK)  # it is not among the data
     if isolated and hasattr(resource, "RLIMIT_NPROC"):
         _lower(resource.RLIMIT_NPROC, chosen.processes)
 
 
 def _lower(kind: int, most: int) -> None:
-    hard = resource.getrlimit(kind)[1]
+    """New threads' stacks are as large as the soft limit of the stack, so that one stays where it is less."""
+    soft, hard = resource.getrlimit(kind)
     allowed = most if hard == resource.RLIM_INFINITY else min(most, hard)
-    resource.setrlimit(kind, (allowed, allowed))
+    keeps = kind == resource.RLIMIT_STACK and soft != resource.RLIM_INFINITY
+    resource.setrlimit(kind, (min(soft, allowed) if keeps else allowed, allowed))

@@ -54,6 +54,8 @@ class Confinement:
     """Open descriptors to keep; none may be a folder. All others become /dev/null."""
     scratch_bytes: int = 64 * 1024 * 1024
     """Size of each private scratch folder (/tmp, /var/tmp, /run, /dev/shm), B."""
+    scratch_files: int = 10_000
+    """Files and folders in each; one takes the kernel about a kilobyte."""
     parent: int | None = None
     """End when this process ends, which must be the parent; None: outlive it."""
 
@@ -87,7 +89,7 @@ def isolate(plan: Confinement) -> None:
 def separate(plan: Confinement) -> None:
     """The first part of `isolate`: own descriptors, namespaces and file tree; capabilities are kept."""
     sealed = (*plan.hidden, *_code(plan))
-    view = mounts.FileView(plan.own, sealed, tuple(_shown(plan)), plan.scratch_bytes)
+    view = mounts.FileView(plan.own, sealed, tuple(_shown(plan)), plan.scratch_bytes, plan.scratch_files)
     _shed_descriptors(plan)
     user, group = os.getuid(), os.getgid()
     linux.unshare(_NAMESPACES)

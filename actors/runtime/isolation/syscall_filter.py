@@ -3,7 +3,7 @@
 Namespaces hide what has a name. What is left hangs on files that everyone may read (locks, watches, leases,
 hints, futexes, what of them is in memory), on the user (key rings) or on the kernel (its log), or is a socket
 family that knows no network namespaces (vsock). One seccomp filter (seccomp(2), mode FILTER) refuses these,
-and new namespaces, mounts and set-user-ID files with them.
+and new namespaces, mounts and set-user-ID files with them; and memory that no limit of a process counts.
 """
 
 import ctypes
@@ -47,15 +47,21 @@ _NUMBERS: Final = {
     "ioprio_set": (251, 30),
     "kcmp": (312, 272),
     "keyctl": (250, 219),
+    "landlock_create_ruleset": (444, 444),
     "madvise": (28, 233),
+    "memfd_create": (319, 279),
+    "memfd_secret": (447, 447),
     "migrate_pages": (256, 238),
     "mincore": (27, 232),
     "mknod": (133, None),
     "mknodat": (259, 33),
+    "mmap": (9, 222),
     "mount": (165, 40),
     "mount_setattr": (442, 442),
     "move_mount": (429, 429),
     "move_pages": (279, 239),
+    "mq_open": (240, 180),
+    "msgget": (68, 186),
     "open": (2, None),
     "open_by_handle_at": (304, 265),
     "open_tree": (428, 428),
@@ -77,12 +83,18 @@ _NUMBERS: Final = {
     "sched_setattr": (314, 274),
     "sched_setparam": (142, 118),
     "sched_setscheduler": (144, 119),
+    "semget": (64, 190),
+    "sendfile": (40, 71),
     "setns": (308, 268),
     "setpriority": (141, 140),
+    "shmget": (29, 194),
     "socket": (41, 198),
+    "splice": (275, 76),
     "syslog": (103, 116),
+    "tee": (276, 77),
     "umount2": (166, 39),
     "unshare": (272, 97),
+    "vmsplice": (278, 75),
 }
 _NO_SUCH_CALL: Final = (
     "clone3", "futex_requeue", "futex_wait", "futex_waitv", "futex_wake",
@@ -91,6 +103,12 @@ _NO_SUCH_CALL: Final = (
 """They take their arguments from memory, where a filter cannot look (clone3, openat2, futex_requeue,
 futex_waitv), set up calls that do (io_setup, io_uring_setup), or are other names, a few years old, for what
 `futex` does (futex_wait, futex_wake). Whoever finds them missing falls back on the older call."""
+_UNCOUNTED: Final = (
+    "landlock_create_ruleset", "memfd_create", "memfd_secret", "mq_open", "msgget", "semget", "sendfile",
+    "shmget", "splice", "tee", "vmsplice",
+)  # fmt: skip
+"""They hold memory that neither setrlimit(2) nor a process's resident size counts: files and segments in
+memory, queues, semaphores, rules, and pages that only a pipe still refers to. Libraries do without them."""
 _MODE_AT: Final = {
     "chmod": 1,
     "creat": 1,
@@ -124,6 +142,10 @@ _IOCTL_REFUSED: Final = (0x8901, 0x8902, 0x5412)
 """FIOSETOWN, SIOCSPGRP: whom SIGIO goes to; TIOCSTI: typing into a terminal."""
 _MADVISE_REFUSED: Final = (12, 20, 21)
 """MADV_MERGEABLE, MADV_COLD, MADV_PAGEOUT (mman.h): they act on pages that others have, too."""
+_MAP_SHARED: Final = 0x1
+_MAP_ANONYMOUS: Final = 0x20
+_MAP_REFUSED: Final = 0x4_0100
+"""MAP_HUGETLB, MAP_GROWSDOWN (mman.h): RLIMIT_DATA counts neither."""
 _FADVISE_REFUSED: Final = (4,)
 """POSIX_FADV_DONTNEED: takes a file out of everybody's memory."""
 _FUTEX_PRIVATE: Final = 0x80
@@ -197,6 +219,7 @@ def _bodies() -> dict[str, list[Instruction]]:
     """What is looked at for each call, the most frequent calls first."""
     often: dict[str, list[Instruction]] = {
         "futex": _futex(),
+        "mmap": _mapping(),
         "madvise": _none_of(2, _MADVISE_REFUSED, EINVAL),
         "fcntl": _one_of(1, _FCNTL_ALLOWED, EPERM),
         "ioctl": _none_of(1, _IOCTL_REFUSED, EPERM),
@@ -211,7 +234,7 @@ def _bodies() -> dict[str, list[Instruction]]:
         "pwritev2": _one_of(5, (0,), EOPNOTSUPP),
     }
     seldom |= {name: _no_bit_of(mode, _SET_ID_BITS) for name, mode in _MODE_AT.items()}
-    seldom |= {name: [_refuse(ENOSYS)] for name in _NO_SUCH_CALL}
+    seldom |= {name: [_refuse(ENOSYS)] for name in (*_NO_SUCH_CALL, *_UNCOUNTED)}
     rest = _NUMBERS.keys() - often.keys() - seldom.keys()
     return often | seldom | {name: [_refuse(EPERM)] for name in sorted(rest)}
 
@@ -233,6 +256,18 @@ def _futex() -> list[Instruction]:
         _refuse(ENOSYS),
         _ALLOWED,
         _refuse(EAGAIN),
+    ]
+
+
+def _mapping() -> list[Instruction]:
+    """No memory that is shared without a file: what no process has mapped any more would still be there."""
+    return [
+        _argument(3),
+        Instruction(_IF_ANY_BIT, 3, 0, _MAP_REFUSED),
+        Instruction(_IF_ANY_BIT, 0, 1, _MAP_SHARED),
+        Instruction(_IF_ANY_BIT, 1, 0, _MAP_ANONYMOUS),
+        _ALLOWED,
+        _refuse(EPERM),
     ]
 
 

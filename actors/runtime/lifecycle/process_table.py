@@ -13,6 +13,8 @@ from typing import Final, NamedTuple
 
 _PROC: Final = Path("/proc")
 _TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
+_HELD: Final = ("RssAnon", "RssShmem", "VmPTE", "VmSwap", "HugetlbPages", "Threads")
+"""Lines of /proc/PID/status; sizes in KiB."""
 _LONGEST_SWEEP_S: Final = 5.0
 """How long something that starts processes as fast as they are ended is run after."""
 
@@ -33,6 +35,15 @@ class Glance(NamedTuple):
         return self.state in ("T", "t")
 
 
+class Holding(NamedTuple):
+    """What one process has of the machine, from /proc/PID/status (proc_pid_status(5))."""
+
+    memory: int
+    """Bytes that no file backs: its data and stacks, what it shares in memory, page tables, what is swapped
+    out. What it shares with its parent since it was forked is counted for both."""
+    threads: int
+
+
 def table() -> dict[int, Glance]:
     """Every process of the machine by its id, as far as it can be seen."""
     if not (_PROC / "self/stat").exists():
@@ -51,6 +62,18 @@ def glance(pid: int) -> Glance | None:
     words = text.rpartition(")")[2].split()
     cpu_ticks = sum(map(int, words[11:15]))
     return Glance(int(words[1]), int(words[3]), words[0], cpu_ticks / _TICKS_PER_S)
+
+
+def held(pid: int) -> Holding:
+    """What a process has; nothing if there is none."""
+    try:
+        text = (_PROC / str(pid) / "status").read_text(errors="replace")
+    except OSError:
+        return Holding(0, 0)
+    fields = dict(line.split(":", 1) for line in text.splitlines() if ":" in line)
+    numbers = {name: int(value.split()[0]) for name, value in fields.items() if name in _HELD}
+    threads = numbers.pop("Threads", 0)
+    return Holding(1024 * sum(numbers.values()), threads)
 
 
 def children(of: int, among: Mapping[int, Glance]) -> set[int]:

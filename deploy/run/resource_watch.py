@@ -1,17 +1,20 @@
-"""What each robot has written to disk, and the sentence for one that has written too much."""
+"""What each robot has taken of disk and memory, and the sentence for one that has taken too much."""
 
 import os
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from actors.runtime.isolation.resource_limits import ProcessLimits
-from deploy.processes.launch import Program
+from actors.runtime.lifecycle import process_table
+from deploy.processes.launch import Child, Program
 
 _MB: Final = 1_000_000
 _BLOCK: Final = 512
 """stat(2) counts in such blocks, bytes."""
+_KEEPERS: Final = 2
+"""Processes that isolation adds to a robot's own."""
 
 
 class Use(NamedTuple):
@@ -23,32 +26,35 @@ class Use(NamedTuple):
     """Files, folders and links."""
 
 
-class DiskWatch:
-    """Looks into the robots' folders from time to time."""
+class ResourceWatch:
+    """Looks from time to time at what the system's own limits do not bound: a robot's folder, and all its
+    processes together."""
 
     LOOK_S: Final = 0.5
-    """Time between two looks; own choice: a fast disk takes a GB in it."""
-    SHARE: Final = 20
-    """A look may take the n-th part of the time at most: the next one is put off accordingly."""
+    """Time between two looks; own choice: a fast disk takes a GB in it, and so does memory."""
+    SHARE: Final = 2
+    """The next look is put off by so many times the last one's duration, if that is more: robots that have
+    made very many files must not win time by it."""
 
     def __init__(self, limits: ProcessLimits, clock: Callable[[], float] = time.monotonic) -> None:
         self._limits = limits
         self._clock = clock
         self._next_s = clock() + self.LOOK_S
 
-    def fault(self, programs: Iterable[Program]) -> str | None:
-        """A sentence on the first robot that has written too much; None if nobody has, or it is not time."""
+    def fault(self, children: Iterable[Child]) -> str | None:
+        """A sentence on the first robot that has taken too much; None if nobody has, or it is not time."""
         began_s = self._clock()
         if began_s < self._next_s:
             return None
-        found = next(
-            (fault for one in programs if one.module == "actors.robot" and (fault := self._judge(one))), None
-        )
+        robots = [child for child in children if child.program.module == "actors.robot"]
+        known = process_table.table() if robots else {}
+        faults = (self._on_disk(child.program) or self._in_memory(child, known) for child in robots)
+        found = next((fault for fault in faults if fault), None)
         now_s = self._clock()
         self._next_s = now_s + max(self.LOOK_S, self.SHARE * (now_s - began_s))
         return found
 
-    def _judge(self, program: Program) -> str | None:
+    def _on_disk(self, program: Program) -> str | None:
         folder, limits = program.log.parent, self._limits
         use = used(folder, limits.disk_mb * _MB, limits.disk_files)
         if use.size > limits.disk_mb * _MB:
@@ -60,6 +66,27 @@ class DiskWatch:
             return (
                 f"{program.actor} has made more than {limits.disk_files} files in {folder}; "
                 "--limit disk_files=N allows more"
+            )
+        return None
+
+    def _in_memory(self, child: Child, known: Mapping[int, process_table.Glance]) -> str | None:
+        """Of the robot's process, its keeper and all that it has started, also what has left the family."""
+        robot, limits = child.program.actor, self._limits
+        session = {pid for pid, one in known.items() if one.session == child.pid}
+        holdings = [
+            process_table.held(pid) for pid in process_table.descendants({child.pid, *session}, known)
+        ]
+        if sum(one.memory for one in holdings) > limits.memory_mb * _MB:
+            return (
+                f"{robot} has taken more than {limits.memory_mb} MB of memory with all its processes; "
+                "--limit memory_mb=N allows more"
+            )
+        if "--isolate" in child.program.argv and sum(one.threads for one in holdings) > (
+            limits.processes + _KEEPERS
+        ):
+            return (
+                f"{robot} has more than {limits.processes} processes and threads; "
+                "--limit processes=N allows more"
             )
         return None
 

@@ -1,0 +1,219 @@
+"""The seal of a folder with results: the SHA-256 of every file that was in it when it was finished.
+
+SHA256SUMS has the form that `sha256sum -c` reads, and a comment at its end with the sum of its own lines. It
+shows that nothing was changed by mistake, in part, or on the way; whoever can write to the folder can seal
+it anew.
+"""
+
+import errno
+import hashlib
+import os
+import re
+import stat
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from io import BufferedReader
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from actors.runtime.errors import AcrcError, printable
+
+SUMS: Final = "SHA256SUMS"
+_OWN: Final = "own"
+_OWN_BYTES: Final = 1_000_000_000
+"""What a robot's strategy may leave in its own folder to be sealed, bytes; own choice: a second's hashing."""
+_OWN_FILES: Final = 10_000
+_LARGEST: Final = 64 * 1024 * 1024
+"""Of a file with sums, bytes."""
+_NAMED: Final = 5
+"""So many files are named in a sentence."""
+_VIEWS: Final = ".rrd"
+"""How the views end that are drawn into a run's folder, anew each time."""
+_LINE: Final = re.compile(r"(\\?)([0-9a-f]{64})  (.+)")
+_LEFT_OUT: Final = "# not sealed: "
+_END: Final = "# SHA-256 of the lines above: "
+
+
+class SealError(AcrcError):
+    """A folder that is not as it was when it was sealed."""
+
+
+class Sealed(NamedTuple):
+    """A folder in which every sealed file is as it was."""
+
+    files: int
+    left_out: tuple[str, ...]
+    """What was there and not sealed: links, and what a strategy left that is too large."""
+    added: tuple[str, ...]
+    """Files that came later, such as pictures."""
+
+
+def lines(sums: Mapping[str, str], left_out: Iterable[str] = ()) -> bytes:
+    """The content of SHA256SUMS for these sums by name, relative to its folder."""
+    text = b"".join(
+        [_line(sums[name], name) for name in sorted(sums)]
+        + [os.fsencode(f"{_LEFT_OUT}{_escaped(name)}\n") for name in sorted(left_out)]
+    )
+    return text + f"{_END}{hashlib.sha256(text).hexdigest()}\n".encode()
+
+
+def seal(folder: Path) -> None:
+    """Write SHA256SUMS over all that lies in the folder now. OSError where it cannot be written."""
+    sums: dict[str, str] = {}
+    left_out: list[str] = []
+    for name, is_file in _entries(folder):
+        found = _sum(folder / name) if is_file else None
+        if found is None:
+            left_out.append(name)
+        else:
+            sums[name] = found
+    (folder / SUMS).write_bytes(lines(sums, left_out))
+
+
+def check_seal(folder: Path) -> Sealed | None:
+    """Compare the folder with its seal; None if it has none. Raises SealError, which names the first file."""
+    path = folder / SUMS
+    if not os.path.lexists(path):
+        return None
+    sums, left_out = _read(path)
+    present = dict(_entries(folder))
+    for name, was in sums.items():
+        place = _place(folder, name)
+        if name not in present:
+            raise SealError(f"{place}: is missing; it was there when {SUMS} was written")
+        found = _sum(folder / name) if present[name] else None
+        if found is None:
+            raise SealError(f"{place}: is no file that can be read; it was one when {SUMS} was written")
+        if found != was:
+            raise SealError(f"{place}: was changed; its SHA-256 is not the one in {SUMS}")
+    parts = {name.partition("/")[0] for name in (*sums, *left_out) if "/" in name}
+    added = []
+    for name in present.keys() - sums.keys():
+        if any(name == one or name.startswith(f"{one}/") for one in left_out):
+            continue
+        top, inside, _ = name.partition("/")
+        if inside and (top in parts or name.endswith(".mcap")):
+            raise SealError(
+                f"{_place(folder, name)}: was added; {SUMS} does not list it, and it lies among the "
+                "run's own files"
+            )
+        added.append(name)
+    return Sealed(len(sums), tuple(left_out), tuple(sorted(added)))
+
+
+def sentence(folder: Path, sealed: Sealed | None) -> str:
+    """What `check_seal` has found, in one line."""
+    if sealed is None:
+        return (
+            f"not sealed: {folder} has no {SUMS}, as after a run that was killed or is of an older version; "
+            "changes to files beside the recordings cannot be seen"
+        )
+    told = f"sealed: all {sealed.files} files are as they were when {SUMS} was written"
+    for words, names in (("not sealed", sealed.left_out), ("added since", sealed.added)):
+        if names:
+            more = ", …" if len(names) > _NAMED else ""
+            told += f"; {words}: {len(names)} ({printable(', '.join(map(_escaped, names[:_NAMED])))}{more})"
+    return told
+
+
+def _read(path: Path) -> tuple[dict[str, str], list[str]]:
+    """The sums, and what was left out. Raises SealError for what `lines` would not have written."""
+    content = _content(path)
+    body, mark, end = content.rpartition(_END.encode())
+    if not mark or end != f"{hashlib.sha256(body).hexdigest()}\n".encode():
+        raise SealError(f"{path}: is damaged or was cut: the sum of its own lines, at its end, is another")
+    sums: dict[str, str] = {}
+    left_out = []
+    for line in os.fsdecode(body).split("\n")[:-1]:
+        entry = _LINE.fullmatch(line)
+        if entry:
+            sums[_plain(entry[3]) if entry[1] else entry[3]] = entry[2]
+        elif line.startswith(_LEFT_OUT):
+            left_out.append(_plain(line.removeprefix(_LEFT_OUT)))
+        else:
+            raise SealError(f"{path}: has a line that is none of a sum: {printable(line[:80])!r}")
+    return sums, left_out
+
+
+def _content(path: Path) -> bytes:
+    with suppress(OSError), _opened(path) as file:
+        content = file.read(min(os.fstat(file.fileno()).st_size, _LARGEST) + 1)
+        if len(content) <= _LARGEST:
+            return content
+    raise SealError(f"{path}: should be a file of at most {_LARGEST} bytes, and no link")
+
+
+def _entries(folder: Path) -> Iterator[tuple[str, bool]]:
+    """Everything below the folder but folders, SHA256SUMS and views, by relative name; True for files.
+
+    A strategy's own folder that is too large, or has more than can be looked at, is one entry.
+    """
+    waiting = [""]
+    while waiting:
+        inside = waiting.pop()
+        try:
+            with os.scandir(folder / inside) as listed:
+                entries = sorted(listed, key=lambda entry: entry.name)
+        except OSError:  # closed, or gone
+            yield inside, False
+            continue
+        for entry in entries:
+            name = f"{inside}/{entry.name}" if inside else entry.name
+            if not entry.is_dir(follow_symlinks=False):
+                if name != SUMS and not (not inside and name.endswith(_VIEWS)):
+                    yield name, entry.is_file(follow_symlinks=False)
+            elif entry.name == _OWN and name.count("/") == 1 and _is_too_large(folder / name):
+                yield name, False
+            else:
+                waiting.append(name)
+
+
+def _is_too_large(folder: Path) -> bool:
+    size = files = 0
+    waiting = [folder]
+    while waiting and size <= _OWN_BYTES and files <= _OWN_FILES:
+        with suppress(OSError), os.scandir(waiting.pop()) as entries:
+            for entry in entries:
+                files += 1
+                if entry.is_dir(follow_symlinks=False):
+                    waiting.append(Path(entry.path))
+                elif entry.is_file(follow_symlinks=False):
+                    size += entry.stat(follow_symlinks=False).st_size
+                if files > _OWN_FILES:
+                    break
+    return size > _OWN_BYTES or files > _OWN_FILES
+
+
+def _sum(path: Path) -> str | None:
+    """The file's SHA-256; None if it is none that can be read."""
+    with suppress(OSError), _opened(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+    return None
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[BufferedReader]:
+    """A regular file, and no link; OSError for anything else, which is not waited for."""
+    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError(errno.EINVAL, "no regular file")
+        yield file
+
+
+def _place(folder: Path, name: str) -> str:
+    return printable(f"{folder}/{_escaped(name)}")
+
+
+def _line(found: str, name: str) -> bytes:
+    """As sha256sum writes it."""
+    escaped = _escaped(name)
+    return os.fsencode(f"{'' if escaped == name else chr(92)}{found}  {escaped}\n")
+
+
+def _escaped(name: str) -> str:
+    return name.replace("\\", "\\\\").replace("\n", "\\n").replace("\r", "\\r")
+
+
+def _plain(name: str) -> str:
+    signs = {"\\\\": "\\", "\\n": "\n", "\\r": "\r"}
+    return re.sub(r"\\[\\nr]", lambda found: signs[found.group()], name)
