@@ -164,7 +164,7 @@ def take_space(member: SwarmMember, _: Note) -> Note:
 def faults_of_child(path: Path) -> int:
     """How often a disk had to be read for a child to touch the file (wait4(2))."""
     reading = "import mmap, sys; f = open(sys.argv[1], 'rb'); mmap.mmap(f.fileno(), 0, prot=1)[0]"
-    found = []
+    found = list[int]()
     for _ in range(2):  # the first one also reads Python
         child = subprocess.Popen([sys.executable, "-S", "-c", reading, str(path if found else os.devnull)])
         found.append(os.wait4(child.pid, 0)[2].ru_majflt)
@@ -185,7 +185,7 @@ def at_limit(take: Callable[[SwarmMember], None], most: int) -> tuple[Stage, ...
 
     def every(member: SwarmMember, _: Note) -> None:
         with suppress(OSError):
-            for _ in range(most):
+            for _times in range(most):
                 take(member)
 
     def none_left(member: SwarmMember, _: Note) -> Note:
@@ -289,13 +289,13 @@ def drawn(number: Callable[[], int], batch: int) -> tuple[Stage, ...]:
     """r1 draws many numbers of a common counter, and r2 sees its own have become larger by that."""
 
     def mine(_: SwarmMember, note: Note) -> Note:
-        for _ in range(batch):  # what this processor has in store
+        for _times in range(batch):  # what this processor has in store
             last = number()
         step = last - note.get("number", last)
         return {"number": last, "reached": step > batch * MUCH // 2}
 
     def many(_: SwarmMember, __: Note) -> None:
-        for _ in range(batch * MUCH):
+        for _times in range(batch * MUCH):
             number()
 
     return (("r2", mine), ("r1", many), ("r2", mine))

@@ -28,8 +28,8 @@ _SHARED_BY_USER: Final = (
     if sys.platform == "linux"
     else ()
 )
-"""What the kernel counts over all processes of a user, and the little that a robot gets of it: who takes all of
-his share leaves enough for every other one (timers and queued signals), or there is none."""
+"""What the kernel counts over all processes of a user, and the little that a robot gets of it: who takes
+all of his share leaves enough for every other one (timers and queued signals), or there is none."""
 ADVICE: Final = "allow unprivileged user namespaces on this machine, or run with --no-isolate"
 """How each IsolationError's sentence ends."""
 _PROJECT: Final = Path(__file__).resolve().parents[3]
