@@ -2,7 +2,6 @@
 
 import ctypes
 import gc
-import resource
 import sys
 import threading
 import time
@@ -86,7 +85,6 @@ class FinalNote(msgspec.Struct, frozen=True):
     """From the process's start to its end."""
     startup_cpu_s: float
     """The share of it before the first step."""
-    memory_peak_mb: float
     started_s: float
     """Wall clock when the first step began, s since the epoch."""
     ended_s: float
@@ -197,7 +195,6 @@ def final_note(shell: Shell, part: ActorProcess, cpu_s: float) -> FinalNote:
         unread=shell.unread,
         cpu_s=cpu_s,
         startup_cpu_s=shell.began.cpu_s,
-        memory_peak_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         started_s=shell.began.wall_s,
         ended_s=time.time(),
         sent=dict(shell.tally.sent),

@@ -159,6 +159,8 @@ def watch(member: SwarmMember, _: Note) -> None:
     """Watch the common file (inotify(7))."""
     libc = ctypes.CDLL(None, use_errno=True)
     handle = libc.inotify_init1(os.O_NONBLOCK)
+    if handle == -1:
+        raise OSError(ctypes.get_errno(), "inotify_init1")
     member.keep(os.fdopen(handle, "rb", buffering=0))
     if libc.inotify_add_watch(handle, os.fsencode(COMMON_FILE), IN_OPEN) == -1:
         raise OSError(ctypes.get_errno(), "inotify_add_watch")

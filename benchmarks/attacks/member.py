@@ -1,7 +1,6 @@
 """A member of the swarm under attack: its session, what it hears, and what it must let go of afterwards."""
 
 import json
-import re
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -55,17 +54,13 @@ class SwarmMember:
     name: str
     swarm: Description
     session: zenoh.Session
+    pid: int = 0
+    """This process's number as the system knows it, which is another one than in its own namespace."""
     heard: list[Overheard] = field(default_factory=list)
     ordinary: list[Any] = field(default_factory=list)
     ears: list[Any] = field(default_factory=list)
     kept: list[Any] = field(default_factory=list)
     signals: list[int] = field(default_factory=list)
-
-    @property
-    def pid(self) -> int:
-        """This process's number as the system knows it, which is another one than in its own namespace."""
-        (line,) = re.findall(r"^NSpid:\s+(\d+)", Path("/proc/self/status").read_text(), re.MULTILINE)
-        return int(line)
 
     @property
     def folder(self) -> Path:

@@ -69,6 +69,7 @@ def obey(member: SwarmMember, order: Note) -> Note:
     if order.get("forget"):
         member.forget()
         return {}
+    member.pid = order["pid"]
     _, act = ATTACKS[order["attack"]].stages[order["stage"]]
     try:
         return act(member, order["note"]) or {}

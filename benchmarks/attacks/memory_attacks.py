@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.attacks.attack import Attack, Layer
 from benchmarks.attacks.file_attacks import FILTER
 from benchmarks.attacks.member import Note, SwarmMember
 from benchmarks.attacks.network_attacks import REPOSITORY, process
@@ -153,11 +152,12 @@ MEMORY_ATTACKS = (
         ("r1", clear_common_pages),
         ("world", miss_pages),
     ),
-    Attack(
+    process(
         "page cache by counting page faults",
-        Layer.REMAINS,
-        "nothing",
-        (("world", clear_pages), ("r1", read_pages), ("r2", count_faults)),
+        FILTER,
+        ("world", clear_pages),
+        ("r1", read_pages),
+        ("r2", count_faults),
     ),
     process("futex in a common file", FILTER, ("r2", wait_at_file), ("r1", wake_at_file), ("r2", woken)),
 )

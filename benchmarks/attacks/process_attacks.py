@@ -21,7 +21,7 @@ from benchmarks.attacks.network_attacks import REPOSITORY, process
 LIBC = ctypes.CDLL(None, use_errno=True)
 LIBC.shmat.restype = ctypes.c_void_p
 IPC = "IPC namespace"
-PROCESSES = "private /proc"
+PROCESSES = "no /proc"
 PIDS = "process namespace"
 PROCESS_CLOCK = 2
 """CPUCLOCK_SCHED of a whole process (posix-timers.h)."""

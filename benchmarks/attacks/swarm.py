@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import IO, NamedTuple
 
 from actors.runtime.access.credentials import issue
-from actors.runtime.lifecycle import environment
+from actors.runtime.lifecycle import environment, process_table
 from benchmarks.attacks.attack import Layer
 from benchmarks.attacks.attacks import ATTACKS
 from benchmarks.attacks.member import Description, Note
@@ -97,7 +97,8 @@ class Swarm:
         """Carry out one attack of the table, then let everyone forget it."""
         note: Note = {"token": secrets.token_hex(8)}
         for stage, (name, _) in enumerate(ATTACKS[index].stages):
-            note |= self._ask(name, {"attack": index, "stage": stage, "note": note})
+            order = {"attack": index, "stage": stage, "note": note, "pid": self._pid(name)}
+            note |= self._ask(name, order)
             if "refused" in note:
                 break
             self._litter.update(note.pop("litter", ()))
@@ -117,6 +118,13 @@ class Swarm:
             pass_fds=self._inherited,
         )
         self._write(name, self.description._asdict())
+
+    def _pid(self, name: str) -> int:
+        """Of the member itself; an isolated one was started later than process 1 beside it."""
+        outer = self._members[name].pid
+        if self.description.mode != "isolated" or name == "world":
+            return outer
+        return max(process_table.children(outer, process_table.table()))
 
     def _environment(self) -> dict[str, str]:
         """What the members are told: everything the user's shell knows, or what launchers let through."""

@@ -4,6 +4,7 @@ Everything here runs in a new mount namespace of a new user namespace, so nothin
 """
 
 import os
+import re
 import stat
 from collections.abc import Iterable, Iterator, Sequence
 from errno import EACCES, EINVAL, ENOENT, ENOSYS
@@ -30,16 +31,19 @@ SYSTEM: Final = tuple(
 """The operating system: programs, libraries, their settings."""
 NEVER: Final = (Path("/proc"), Path("/sys"), Path("/dev"))
 """Trees with what all processes share; of each, little is shown."""
-READABLE: Final = (Path("/sys/devices/system/cpu"),)
-"""What libraries look up in a tree that is not shown: how many processors there are."""
 
 _STAGE: Final = Path("/dev")
 """Where the new tree is built; a folder that every system has."""
 _DEVICES: Final = ("null", "full", "random", "urandom")
 """Not zero: mapped and shared, it is memory that nothing counts."""
-_DEVICE_LINKS: Final = (("fd", "/proc/self/fd"), ("stdin", "fd/0"), ("stdout", "fd/1"), ("stderr", "fd/2"))
-_PROC_FILES: Final = ("cpuinfo", "meminfo", "version", "sys/vm/overcommit_memory", "sys/kernel/cap_last_cap")
-_PROC_LINKS: Final = (("mounts", "self/mounts"), ("net", "self/net"))
+_STATIC: Final = (
+    *(f"/sys/devices/system/cpu/{name}" for name in ("online", "possible", "present", "kernel_max")),
+    *(f"/proc/{name}" for name in ("cpuinfo", "meminfo", "version", "sys/vm/overcommit_memory")),
+)
+"""What libraries look up about the machine. The robot gets copies: procfs and sysfs are not mounted, for they
+show what all processes do (/proc/self/pagemap tells who else has a page of a common file in memory)."""
+_LIVE: Final = re.compile(r"^(cpu MHz|(?!MemTotal|SwapTotal|Hugepagesize)\w+(\(\w+\))?:).*\n", re.MULTILINE)
+"""Lines of them that change from one moment to the next."""
 
 
 class FileView(NamedTuple):
@@ -74,10 +78,9 @@ def enter(view: FileView) -> None:
     for place in sorted(handles, key=lambda path: len(path.parts)):
         _bind(handles[place], _new(place))
         os.close(handles[place])
-    links |= {Path("/dev", name): Path(target) for name, target in _DEVICE_LINKS}
-    links |= {
-        Path("/proc", name): Path(target) for name, target in (*_PROC_LINKS, ("self", str(os.getpid())))
-    }
+    for path, text in _machine().items():
+        _new(path).parent.mkdir(parents=True, exist_ok=True)
+        _new(path).write_text(text)
     for path, target in links.items():
         _new(path).symlink_to(target)
     make_readonly(_STAGE)
@@ -89,10 +92,10 @@ def enter(view: FileView) -> None:
 
 def _handles(view: FileView, system: Sequence[Path]) -> dict[Path, int]:
     """By the place where it is to be seen, what is to be seen there."""
-    shown = {place: path for path in (*view.shown, *READABLE) for place in _places(path)}
+    shown = {place: path for path in view.shown for place in _places(path)}
     outside = {place: shown[place] for place in _outermost(shown) if not _is_under(place, SYSTEM)}
     own = dict.fromkeys(_places(view.own), view.own)
-    sources = dict((*_devices(), *_processes())) | dict(zip(system, system, strict=True)) | outside | own
+    sources = dict(_devices()) | dict(zip(system, system, strict=True)) | outside | own
     return {
         place: os.open(source, os.O_PATH | os.O_CLOEXEC)
         for place, source in sources.items()
@@ -115,13 +118,10 @@ def _devices() -> Iterator[tuple[Path, Path]]:
     return ((Path("/dev", name), Path("/dev", name)) for name in _DEVICES)
 
 
-def _processes() -> Iterator[tuple[Path, Path]]:
-    """This process only: the others' names and states would be a blackboard for everyone.
-
-    It has another number outside of its namespace, where the present /proc was mounted.
-    """
-    yield Path("/proc", str(os.getpid())), Path("/proc").joinpath(Path("/proc/self").readlink())
-    yield from ((Path("/proc", name), Path("/proc", name)) for name in _PROC_FILES)
+def _machine() -> dict[Path, str]:
+    """What the machine is, as it is when the robot starts."""
+    found = {Path(name): Path(name) for name in _STATIC if _is_there(Path(name))}
+    return {place: _LIVE.sub("", path.read_text(errors="replace")) for place, path in found.items()}
 
 
 def make_readonly(tree: Path) -> None:

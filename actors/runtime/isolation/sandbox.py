@@ -6,6 +6,7 @@ is closed.
 """
 
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -22,6 +23,13 @@ _NAMESPACES: Final = (
     linux.CLONE_NEWUSER | linux.CLONE_NEWNET | linux.CLONE_NEWNS | linux.CLONE_NEWIPC | linux.CLONE_NEWPID
 )
 _TRIAL: Final = "import sys; from actors.runtime.isolation.sandbox import trial; trial(sys.argv[1])"
+_SHARED_BY_USER: Final = (
+    ((resource.RLIMIT_MEMLOCK, 0), (resource.RLIMIT_MSGQUEUE, 0), (resource.RLIMIT_SIGPENDING, 64))
+    if sys.platform == "linux"
+    else ()
+)
+"""What the kernel counts over all processes of a user, and the little that a robot gets of it: who takes
+all of his share leaves enough for every other one (timers and queued signals), or there is none."""
 ADVICE: Final = "allow unprivileged user namespaces on this machine, or run with --no-isolate"
 """How each IsolationError's sentence ends."""
 _PROJECT: Final = Path(__file__).resolve().parents[3]
@@ -78,12 +86,19 @@ def isolate(plan: Confinement) -> None:
     plan.own.resolve(strict=True)  # A missing folder is the caller's mistake and not the machine's.
     try:
         separate(plan)
-        linux.drop_capabilities()
-        syscall_filter.install()
+        close_ways_out()
     except OSError as error:
         raise IsolationError(
             _sentence(f"robots cannot be isolated on this machine: {_said(error)}")
         ) from error
+
+
+def close_ways_out() -> None:
+    """The last part of `isolate`: no capabilities, nothing of what the user's processes share, the filter."""
+    for kind, most in _SHARED_BY_USER:
+        resource.setrlimit(kind, (most, most))
+    linux.drop_capabilities()
+    syscall_filter.install()
 
 
 def separate(plan: Confinement) -> None:

@@ -4,6 +4,7 @@ Each raises OSError with what was tried in its text. Numbers are those of the ke
 (sched.h, mount.h, prctl.h, capability.h).
 """
 
+import contextlib
 import ctypes
 import os
 from functools import cache
@@ -52,6 +53,8 @@ _PR_SET_NO_NEW_PRIVS: Final = 38
 _PR_CAP_AMBIENT: Final = 47
 _PR_CAP_AMBIENT_CLEAR_ALL: Final = 4
 _CAPABILITY_VERSION_3: Final = 0x2008_0522
+_CAPABILITIES: Final = 64
+"""So many have room in version 3."""
 
 
 @cache
@@ -149,9 +152,9 @@ def set_title(title: str) -> None:
 
 def drop_capabilities() -> None:
     """Give up every capability, also for programs that this process executes later (capabilities(7))."""
-    last = int(Path("/proc/sys/kernel/cap_last_cap").read_text())
-    for capability in range(last + 1):
-        prctl(_PR_CAPBSET_DROP, capability)
+    for capability in range(_CAPABILITIES):
+        with contextlib.suppress(OSError):  # EINVAL beyond the last one that this kernel knows
+            prctl(_PR_CAPBSET_DROP, capability)
     prctl(_PR_CAP_AMBIENT, _PR_CAP_AMBIENT_CLEAR_ALL)
     header = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION_3, 0)
     nothing = (ctypes.c_uint32 * 6)()
