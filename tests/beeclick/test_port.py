@@ -210,7 +210,6 @@ def converse(ports: list[BoardPort]) -> None:
     [
         (["--boards", "0"], "There cannot be 0 boards; it must be 1 to 100."),
         (["--boards", "101"], "There cannot be 101 boards; it must be 1 to 100."),
-        (["--loss", "2"], "A share of 2 of the frames cannot be lost; it must be 0 to 1."),
     ],
 )
 def test_nonsense_on_the_command_line_is_told(

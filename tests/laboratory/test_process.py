@@ -109,7 +109,7 @@ def test_boards_hear_each_other_and_come_back_after_the_cable_was_out(tmp_path: 
         (1, 26, 0),
         (2, 26, 1),
     ]
-    assert result.air["frames"] == 4
+    assert result.frames["frames_sent"] == 4
 
 
 def test_time_that_cannot_be_made_up_is_left_out_and_counted(tmp_path: Path) -> None:
