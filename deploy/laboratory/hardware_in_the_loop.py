@@ -37,7 +37,7 @@ from deploy.run.preflight import preflight
 from deploy.scenario.tables import Scenario
 from deploy.usage import wrong_value
 from firmware_bridge.beeclick.parameters import BoardSettings
-from firmware_bridge.laboratory.laboratory import DEVICES
+from firmware_bridge.laboratory.laboratory import BASE, RADIO, RANGE
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 
 LABORATORY: Final = "laboratory"
@@ -159,7 +159,9 @@ def _robot(plan: Plan, index: int, folder: Path, *, board: bool = True) -> Onboa
     links = folder / "links" / robot.id
     settings = BoardSettings(plan.address(robot.id), radio_model(plan.radio).parameters.channel)
     ports = Ports(
-        *(str(links / device) for device in DEVICES),
+        str(links / BASE),
+        str(links / RADIO),
+        str(links / RANGE),
         settings.pan,
         settings.channel,
         settings.power_dbm,

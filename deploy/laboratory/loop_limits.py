@@ -1,4 +1,4 @@
-"""What a scenario may ask for and a run in real time cannot do: refused by name, never left out in silence."""
+"""What a scenario may ask for and a run in real time cannot do: refused by name, not left out in silence."""
 
 from typing import Final
 
@@ -7,7 +7,7 @@ from deploy.scenario.tables import Scenario
 from deploy.usage import OptionError
 
 ACTIONS: Final = ("jam", "lose", "obstacle")
-"""Of events: what happens to the air and the floor. The others are orders to the conductor of a simulated run."""
+"""Of events: what happens to air and floor. The others are orders to the conductor of a simulated run."""
 _CONDUCTOR: Final = "robots that run by their own clocks have nobody who conducts them"
 _ODOMETRY: Final = "emulated bases have the errors of a Kobuki, or none"
 

@@ -105,7 +105,7 @@ def run_options(  # one for each option of the command line
             "must stand without --bus memory, --view, and a --speed other than 1"
         )
     if boards and not hardware:
-        raise OptionError(f"--board: {boards[0]!r}; must stand with --hardware-in-the-loop")
+        raise OptionError(f"--board: {boards[0]}; must stand with --hardware-in-the-loop")
     if hardware and log:
         raise OptionError("--log: shows simulated robots; must stand without --hardware-in-the-loop")
     if hardware and check:

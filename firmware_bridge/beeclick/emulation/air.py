@@ -15,6 +15,7 @@ from actors.instant import START, Instant
 from actors.messages import Heard, Jam, RadioEvent, RobotTruth
 from actors.radio.frame_codec import DataFrame
 from actors.radio.frame_outcomes import FrameOutcomes
+from actors.radio.presets import preset
 from actors.radio.radio_model import RadioModel, radio_model
 from actors.radio.radio_setup import RadioSetup
 from actors.radio.robot_medium import Handed, RobotMedium
@@ -90,6 +91,10 @@ class Air:
         self._jams: list[Jam] = []
         self._since = START
         self._states: Sequence[State] = [(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * len(addresses)
+
+    def prepare(self, channel: int) -> None:
+        """Make the medium of a channel, 11 to 26, before the time runs: a map is to be read for it."""
+        self._channel(channel - FIRST_CHANNEL)
 
     def add(self, device: Device) -> None:
         """Put there the next device, made with this air as its radio."""
@@ -201,5 +206,6 @@ def air(setup: RadioSetup) -> Air:
     def model(channel: int) -> RadioModel:
         return radio_model(msgspec.structs.replace(setup, channel=channel))
 
-    radio_model(setup)
-    return Air([address for _, address in setup.robots], model, setup.seed)
+    made = Air([address for _, address in setup.robots], model, setup.seed)
+    made.prepare(setup.channel or preset(setup.preset).channel)
+    return made
