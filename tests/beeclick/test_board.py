@@ -274,7 +274,7 @@ def test_overlapping_packets_collide() -> None:
     for number in (1, 2):
         bench.tell(SendPacket(1, b"hello"), board=number)
     assert bench.said() == []
-    assert bench.air.counters()["copies_lost_collision"] == 1
+    assert bench.air.counters()["copies_lost_collision"] == 2  # of both, at the first
 
 
 def test_a_stronger_board_reaches_farther() -> None:

@@ -197,10 +197,10 @@ def converse(ports: list[BoardPort]) -> None:
     for link in links:
         link.connect(Instant(time.monotonic_ns() // 1000))
     wait_for(all_are(lambda n: links[n].phase is LinkPhase.READY))
-    for number, link in enumerate(links):
+    for number, link in enumerate(links):  # one after the other: at once they may collide
         link.send(Instant(0), number, bytes([number]) * 118)
+        wait_for(all_are(lambda _: any(isinstance(e, Heard) for e in events[1 - number])))  # noqa: B023
     wait_for(all_are(lambda n: any(isinstance(e, Sent) for e in events[n])))
-    wait_for(all_are(lambda n: any(isinstance(e, Heard) for e in events[n])))
     heard = [[(e.sender, e.data) for e in found if isinstance(e, Heard)] for found in events]
     assert heard == [[(2, b"\x01" * 118)], [(1, b"\x00" * 118)]]
 
