@@ -8,6 +8,7 @@ from actors.task.referee import PlaceOutcome
 from deploy.field_trial.aligned_clocks import AlignedClocks
 from deploy.field_trial.recordings import FieldTrialError
 from deploy.field_trial.reported_places import ReportedPlaces
+from deploy.field_trial.trial_result import TrialResult
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
 
 
@@ -48,3 +49,16 @@ def _judged(told: PlaceOutcome, true: PlaceOutcome | None, ahead: int) -> PlaceO
     said = msgspec.structs.asdict(told)
     reached = None if true.reached_at is None else true.reached_at + ahead
     return PlaceOutcome(**said | {"reached_at": reached, "reached_by": true.reached_by})
+
+
+def with_true_frames(result: TrialResult, truth: LaboratoryResult) -> TrialResult:
+    """The result with what truly became of all frames, by the causes of a simulated run.
+
+    It counts more than the robots' word, which stands where the air knows nothing: of frames that a board
+    never gave it.
+    """
+    robots = {
+        robot: msgspec.structs.replace(part, frames=part.frames | truth.frames_by_robot.get(robot, {}))
+        for robot, part in result.per_robot.items()
+    }
+    return msgspec.structs.replace(result, frames=result.frames | truth.frames, per_robot=robots)

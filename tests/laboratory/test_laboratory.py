@@ -13,6 +13,7 @@ from actors.instant import START, Instant
 from actors.runtime.errors import AcrcError
 from actors.world.physics import SUBSTEP
 from actors.world.uncertainty import Uncertainty
+from firmware_bridge.beeclick.commands import SendPacket, Synchronise, encode
 from firmware_bridge.kobuki import frame
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.motion import base_control
@@ -47,6 +48,9 @@ def driven(round_ms: int, dose: Uncertainty = USUAL) -> tuple[Laboratory, Wire]:
     laboratory, wire = Laboratory(msgspec.structs.replace(room, world=world)), Wire()
     laboratory.take(Jack("r1", BASE), START, FAST)
     laboratory.take(Jack("r1", RANGE), START, LidarRequest.SCAN.bytes)
+    for robot in ("r1", "r2"):
+        packets = b"".join(encode(SendPacket(number, bytes(118))) for number in range(4))
+        laboratory.take(Jack(robot, RADIO), START, b"\xff" + encode(Synchronise()) + packets)
     for at in range(0, 2001, round_ms):
         laboratory.advance(Instant(1000 * at), wire)
     return laboratory, wire
@@ -58,6 +62,8 @@ def test_what_happens_does_not_depend_on_how_often_one_looks() -> None:
     assert often.pose("r1") == seldom.pose("r1")
     assert by_often.bytes == by_seldom.bytes
     assert len(by_often.bytes[Jack("r1", RANGE)]) == 7 + 5 * 3960
+    assert often.air.counters() == seldom.air.counters()
+    assert often.air.counters()["frames_sent"] == 8
 
 
 def echoes(wire: Wire) -> float:
