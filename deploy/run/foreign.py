@@ -112,7 +112,7 @@ def _is_taken(module: str) -> bool:
 
 
 def _check_name(source: Path, name: str, permit: Permit) -> None:
-    """Raise MissingCodeError where the user means a module of his own, or what is installed has no such part."""
+    """Raise MissingCodeError where the user means a module of his own, or what is installed has no such."""
     module = name.partition(":")[0]
     top = module.partition(".")[0]
     spec = own_spec(top)
@@ -121,8 +121,8 @@ def _check_name(source: Path, name: str, permit: Permit) -> None:
         own = located(top, folder)
         if own is not None and own.resolve() != there:
             raise MissingCodeError(
-                f"{source} names the strategy {name}, but {own} has the name of what is installed, {top!r}; a "
-                "module of your own must have a name of its own"
+                f"{source} names the strategy {name}, but {own} has the name of what is installed, {top!r}; "
+                "a module of your own must have a name of its own"
             )
     if not is_installed(module):
         raise MissingCodeError(

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
+from actors.runtime import regular_file
+
 SUMS: Final = "SHA256SUMS"
 _BEGIN: Final = (1980, 1, 1, 0, 0, 0)
 """The earliest instant that the format knows."""
@@ -19,15 +21,13 @@ def write(path: Path, top: str, files: Mapping[str, bytes]) -> None:
     """
     whole = {**files, SUMS: _sums(files)}
     path.parent.mkdir(parents=True, exist_ok=True)
-    new = path.with_name(path.name + ".new")
-    with zipfile.ZipFile(new, "w") as archive:
+    with regular_file.replaced(path) as new, zipfile.ZipFile(new, "w") as archive:
         for name in sorted(whole):
             info = zipfile.ZipInfo(f"{top}/{name}", _BEGIN)
             info.create_system = _UNIX
             info.external_attr = (0o100755 if name.endswith(".sh") else 0o100644) << 16
             info.compress_type = zipfile.ZIP_DEFLATED
             archive.writestr(info, whole[name], compresslevel=9)
-    new.replace(path)
 
 
 def _sums(files: Mapping[str, bytes]) -> bytes:

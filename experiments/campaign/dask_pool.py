@@ -10,6 +10,7 @@ import msgspec
 from distributed import Client, Future, KilledWorker
 from distributed import wait as wait_for
 
+from actors.runtime import regular_file
 from deploy.repository import REPOSITORY
 from experiments.campaign import remote
 from experiments.campaign.cluster_address import ClusterError, tcp
@@ -104,7 +105,7 @@ class DaskPool:
         pending, began = self._running.pop(future)
         trial, check = pending.trial, pending.check
         answer = self._answer(future)
-        self._store.log(trial, check=check).write_bytes(answer.said)
+        regular_file.write(self._store.log(trial, check=check), answer.said)
         if answer.record is not None:
             path = self._store.check_path(trial) if check else self._store.path(trial)
             keep_bytes(path, answer.record)

@@ -2,7 +2,6 @@
 
 import json
 import math
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,8 +10,8 @@ from actors.geometry import Point, Pose
 from actors.messages import READY, SENSES, Ready
 from actors.robot.assembly import kernels
 from actors.robot.behaviour.adaptation import Adaptation
-from actors.robot.behaviour.places import load_places
 from actors.robot.behaviour.modules import FOLDERS, look_in
+from actors.robot.behaviour.places import load_places
 from actors.robot.program import build, parse, part
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError

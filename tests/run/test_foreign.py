@@ -1,4 +1,4 @@
-"""Whose code runs: a module is installed, or lies where the command line says, or is named and does not run."""
+"""Whose code runs: a module is installed, or lies where the command line says, or does not run."""
 
 import hashlib
 import sys
@@ -96,7 +96,7 @@ def test_what_is_installed_needs_no_folder(study: Path) -> None:
     [
         "no_such_module:behaviour", "cleaning.none_such:behaviour", ":", "..study.strategy:behaviour",
         "../study/strategy:behaviour", "/study/strategy:behaviour", "strategy/:behaviour", "strategy\n:x",
-        "a\0b:behaviour", "str ategy:behaviour", "stratеgy:behaviour", "STRATEGY:behaviour",
+        "a\0b:behaviour", "str ategy:behaviour", "strat\u0435gy:behaviour", "STRATEGY:behaviour",
     ],
 )  # fmt: skip
 def test_what_is_nowhere_is_missing(study: Path, entry: str) -> None:
@@ -108,8 +108,9 @@ def test_it_is_said_where_it_was_looked_for(study: Path) -> None:
     with pytest.raises(MissingCodeError) as caught:
         admitted(SOURCE, "no_such_module:behaviour", [study], INSTALLED)
     assert str(caught.value) == (
-        "bold.toml names the strategy no_such_module:behaviour, and there is no module 'no_such_module' here, "
-        f"nor in {study} and {Path.cwd()}; must be installed or lie in a folder that --modules DIR names"
+        "bold.toml names the strategy no_such_module:behaviour, and there is no module 'no_such_module' "
+        f"here, nor in {study} and {Path.cwd()}; must be installed or lie in a folder that --modules DIR "
+        "names"
     )
 
 
@@ -163,8 +164,8 @@ def test_a_module_of_ones_own_has_a_name_of_its_own(study: Path) -> None:
     with pytest.raises(MissingCodeError) as caught:
         admitted(SOURCE, "code:behaviour", [], Permit((study,)))
     assert str(caught.value) == (
-        f"bold.toml names the strategy code:behaviour, but {study}/code.py has the name of what is installed, "
-        "'code'; a module of your own must have a name of its own"
+        f"bold.toml names the strategy code:behaviour, but {study}/code.py has the name of what is "
+        "installed, 'code'; a module of your own must have a name of its own"
     )
     with pytest.raises(MissingCodeError) as caught:
         admitted(SOURCE, "json.evil:behaviour", [study], INSTALLED)

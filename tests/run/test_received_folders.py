@@ -1,4 +1,4 @@
-"""Folders that a stranger has sent: whatever command looks at one, no code in it runs without a word of the user.
+"""Folders that a stranger has sent: no command that looks at one runs code in it without a word of the user.
 
 Each attack is a run that was recorded honestly and then forged. What it plants leaves a mark where it runs.
 """
@@ -208,8 +208,8 @@ def test_a_typed_strategy_lets_no_other_one_in(received: Received) -> None:
     received.plant("mine.py")
     file = received.plant("evil.py")
     received.forge("evil:behaviour")
-    words = ("run", "--from", f"{received.run}@0.5", "--strategy", "mine:behaviour", "--out", received.here / "o")
-    assert received.refuses(*words, cwd=received.folder) == sentence(
+    words = ("--from", f"{received.run}@0.5", "--strategy", "mine:behaviour", "--out", received.here / "o")
+    assert received.refuses("run", *words, cwd=received.folder) == sentence(
         received.run / "scenario.toml", "evil:behaviour", file, "."
     )
 
@@ -283,8 +283,8 @@ def test_with_a_word_it_runs(received: Received) -> None:
         assert done.stderr == (
             ""
             if word == ("--trust",)
-            else f"acrc: {received.run}: was recorded without the hashes of its strategy's modules, which may "
-            "be others here\n"
+            else f"acrc: {received.run}: was recorded without the hashes of its strategy's modules, which "
+            "may be others here\n"
         )
     done = received.acrc("replay", received.run, "--modules", ".", cwd=received.folder)
     assert done.returncode == 0 and received.mark.exists()
