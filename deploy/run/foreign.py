@@ -66,7 +66,7 @@ def admitted(source: Path, entry: str, hints: Sequence[Path], permit: Permit) ->
             _check_name(source, name, permit)
             continue
         own = (Path.cwd().resolve(),) if name in typed else ()
-        known = tuple(Path(os.path.normpath(folder.absolute())) for folder in hints)
+        known = tuple(Path(os.path.realpath(folder)) for folder in hints if "\0" not in str(folder))
         named = (*permit.modules, *own, *(known if permit.trust else ()))
         folder = _holder(module, named)
         if folder is None:

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 from actors.runtime import regular_file
-from tests.experiments.made_up import made_up_campaign
+from experiments.campaign import results_table, store
+from experiments.campaign.trial_record import TrialRecord, keep
+from experiments.study.study import Study
 from tests.swarm.command import acrc
-from tests.warm import THERE
 
 SECRET = "what the user has in his home folder\n"
 
@@ -23,9 +24,6 @@ def victim(tmp_path: Path) -> Path:
     file.parent.mkdir()
     file.write_text(SECRET)
     return file
-
-
-VIEWS = [pytest.param("view.rrd", (), marks=pytest.mark.skipif(not THERE, reason="draws into the viewer"))]
 
 
 @pytest.mark.parametrize(
@@ -41,7 +39,9 @@ VIEWS = [pytest.param("view.rrd", (), marks=pytest.mark.skipif(not THERE, reason
         ("report/origin.csv", ("report", "{out}")),
     ],
 )
-def test_what_is_written_takes_a_links_place(copy: Path, victim: Path, name: str, words: tuple[str, ...]) -> None:
+def test_what_is_written_takes_a_links_place(
+    copy: Path, victim: Path, name: str, words: tuple[str, ...]
+) -> None:
     link = copy / name
     link.parent.mkdir(exist_ok=True)
     link.symlink_to(victim)
@@ -50,7 +50,7 @@ def test_what_is_written_takes_a_links_place(copy: Path, victim: Path, name: str
     assert victim.read_text() == SECRET
     if name != "report/origin.csv":
         assert link.is_file() and not link.is_symlink() and link.stat().st_size > 100
-    assert not [path for path in copy.rglob(".*")]
+    assert not list(copy.rglob(".*"))
 
 
 @pytest.mark.parametrize(("name", "command"), [("tables", "export"), ("report", "report")])
@@ -139,16 +139,18 @@ def test_what_is_no_file_or_has_no_end_is_one_sentence(
 
 
 def test_a_campaigns_folder_is_not_left_either(tmp_path: Path, victim: Path) -> None:
-    kept = made_up_campaign(tmp_path / "received")
+    study = Study("received", "/nowhere/scenario.toml", ("none", "chapter"), 2)
+    kept = store.create(tmp_path / "received", study)
+    for trial in study.trials():
+        keep(kept.path(trial), TrialRecord(trial.strategy, trial.seed, {}, failure="it never was"))
     for name in ("results.csv", "results.parquet", "results.new", "study.new"):
         (kept.folder / name).unlink(missing_ok=True)
         (kept.folder / name).symlink_to(victim)
-    from experiments.campaign import results_table, store  # noqa: PLC0415
-
     results_table.write(kept)
     store.create(kept.folder, kept.study)
     assert victim.read_text() == SECRET
-    assert (kept.folder / "results.csv").stat().st_size > 100 and not (kept.folder / "results.csv").is_symlink()
+    table = kept.folder / "results.csv"
+    assert table.stat().st_size > 100 and not table.is_symlink()
     shutil.rmtree(kept.folder / "trials")
     (kept.folder / "trials").symlink_to(victim.parent)
     with pytest.raises(store.CampaignError) as caught:

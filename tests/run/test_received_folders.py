@@ -249,6 +249,21 @@ def test_what_python_would_run_by_itself_does_not_run(received: Received) -> Non
         assert not received.mark.exists(), words
 
 
+def test_an_empty_entry_of_pythonpath_is_not_the_folder_where_one_stands(received: Received) -> None:
+    for name in ("sitecustomize.py", "typer.py", "evil.py"):
+        received.plant(name)
+    received.forge("evil:behaviour")
+    env = {**os.environ, "PYTHONPATH": f":.:{received.here}:runs:"}
+    done = subprocess.run(
+        [REPOSITORY / "acrc", "replay", received.run, "--robot", "r1"],
+        cwd=received.folder, capture_output=True, text=True, check=False, env=env,
+    )  # fmt: skip
+    assert done.returncode == 1 and not received.mark.exists(), done.stderr
+    assert done.stderr == sentence(
+        received.run / "r1" / "r1.mcap", "evil:behaviour", received.folder / "evil.py", "."
+    )
+
+
 def test_looking_at_a_scenario_runs_nothing(received: Received) -> None:
     received.plant("evil.py")
     received.forge("evil:behaviour")
