@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 
 LARGEST_FILE: Final = 1_000_000
@@ -24,7 +25,7 @@ _TOKENS: Final = re.compile(
 def read(path: Path, kind: str, fault: type[AcrcError], most: int = LARGEST_FILE) -> str:
     """The text of a file of that kind, such as "scenario", with at most so many bytes. Raises `fault`."""
     try:
-        with path.open("rb") as file:
+        with regular_file.opened(path) as file:
             content = file.read(most + 1)
         if len(content) > most:
             raise fault(f"{path}: the {kind} file may have at most {most} bytes, but has more")

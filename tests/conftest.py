@@ -54,6 +54,8 @@ _SKIPPED: list[str] = []
 
 def pytest_configure() -> None:
     """What a shell starts in the background ignores Ctrl-C, and what the tests start would inherit that."""
+    # Programs and strategies of the tests lie beside the project, where no process of it looks by itself.
+    os.environ.setdefault("PYTHONPATH", str(Path(__file__).parents[1]))
     gc.disable()  # all that modules and tests are made of stays: looking for garbage in it finds none
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)

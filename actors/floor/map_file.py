@@ -16,6 +16,7 @@ from PIL import Image, UnidentifiedImageError
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.floor.sharing import Shared
 from actors.geometry import Point
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 
 KEYS: Final = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
@@ -114,7 +115,7 @@ def _header(path: Path, limits: MapLimits) -> _Header:
 def _fields(path: Path, limits: MapLimits) -> dict[Any, Any]:
     """The mapping in the YAML file."""
     try:
-        with path.open("rb") as file:
+        with regular_file.opened(path) as file:
             text = file.read(limits.yaml_bytes + 1)
     except OSError as error:
         raise MapError(f"{path}: the map cannot be read: {error.strerror}.") from error
@@ -160,7 +161,7 @@ def _origin(path: Path, fields: dict[Any, Any]) -> Point:
 def _image(path: Path, limits: MapLimits) -> bytes:
     """The image's file."""
     try:
-        with path.open("rb") as file:
+        with regular_file.opened(path) as file:
             content = file.read(limits.image_bytes + 1)
     except OSError as error:
         raise MapError(f"{path}: the map's image cannot be read: {error.strerror}.") from error

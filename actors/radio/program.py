@@ -15,6 +15,7 @@ from actors.radio.medium import medium
 from actors.radio.propagation import indoor
 from actors.radio.radio_model import radio_model
 from actors.radio.radio_setup import RadioSetup
+from actors.runtime import regular_file
 from actors.runtime.bus.quota_bus import QuotaBus
 from actors.runtime.client_options import ArgumentParser, ClientOptions, add_client_options, client_options
 from actors.runtime.core import at, to
@@ -72,7 +73,7 @@ def parse(argv: Sequence[str]) -> RadioOptions:
 def load_setup(path: Path) -> RadioSetup:
     """The set-up in a JSON file; AcrcError if there is none."""
     try:
-        return msgspec.json.decode(path.read_bytes(), type=RadioSetup)
+        return msgspec.json.decode(regular_file.content(path), type=RadioSetup)
     except (OSError, ValueError, RecursionError) as error:
         raise AcrcError(f"{path}: no set-up of a radio: {str(error)[:300]}") from None
 

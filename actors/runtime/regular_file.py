@@ -1,8 +1,14 @@
-"""Files that somebody else may have laid out: only regular ones are read, and only so much of them."""
+"""Files in folders that somebody else may have laid out: read if they are regular, and written beside links.
+
+What is no regular file would keep a reader waiting for ever, and a link leads a writer out of the folder.
+"""
 
 import errno
 import os
+import secrets
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, Final
 
@@ -10,9 +16,13 @@ LARGEST: Final = 64_000_000
 """Bytes of what a run or a campaign writes beside its recordings; a result of 1000 robots has 1 MB."""
 
 
-def opened(path: Path) -> BinaryIO:
-    """The file, open for reading. OSError, at once, for a pipe, socket, device or folder."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+def opened(path: Path, *, links: bool = True) -> BinaryIO:
+    """The file, open for reading. OSError, at once, for a pipe, socket, device or folder.
+
+    `links`: follow one; else that is an OSError, too.
+    """
+    follow = 0 if links else os.O_NOFOLLOW
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC | follow)
     try:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise OSError(errno.EINVAL, "is no regular file", str(path))
@@ -31,9 +41,33 @@ def content(path: Path, most: int = LARGEST) -> bytes:
     return data
 
 
-def text(path: Path, most: int = LARGEST) -> str:
-    """The same as text. OSError, also for what is not UTF-8."""
+@contextmanager
+def replaced(path: Path) -> Iterator[Path]:
+    """A new file beside `path`, to be written, that then takes its name and the place of whatever has it.
+
+    It has the same ending. A link at `path` is replaced, and what it leads to stays as it is.
+    """
+    part = path.with_name(f".{path.stem[:100]}.{secrets.token_hex(8)}{path.suffix}")
     try:
-        return content(path, most).decode()
-    except UnicodeDecodeError as error:
-        raise OSError(errno.EILSEQ, f"byte {error.start} is not UTF-8", str(path)) from None
+        os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666))
+        yield part
+        part.replace(path)
+    except OSError as error:
+        if error.filename == str(part):
+            error.filename, error.filename2 = str(path), None
+        raise
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write(path: Path, data: bytes) -> None:
+    """Write a file anew, as `replaced` does."""
+    with replaced(path) as part:
+        part.write_bytes(data)
+
+
+def no_link(folder: Path) -> Path:
+    """The folder, or where it is to be. OSError where a link lies there."""
+    if folder.is_symlink():
+        raise OSError(errno.ELOOP, "is a link, through which nothing is written", str(folder))
+    return folder

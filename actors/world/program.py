@@ -11,6 +11,7 @@ import msgspec
 from actors.floor import distance, flood
 from actors.messages import PROGRESS
 from actors.portable import arrays, draws, foundations
+from actors.runtime import regular_file
 from actors.runtime.bus.quota_bus import QuotaBus
 from actors.runtime.bus_interface import Bus
 from actors.runtime.client_options import ArgumentParser
@@ -75,7 +76,7 @@ def parse(argv: Sequence[str]) -> WorldOptions:
 def load_setup(path: Path) -> WorldSetup:
     """The set-up in a JSON file."""
     try:
-        return msgspec.json.decode(path.read_bytes(), type=WorldSetup)
+        return msgspec.json.decode(regular_file.content(path), type=WorldSetup)
     except (OSError, ValueError, RecursionError) as error:
         raise SetupError(f"{path}: no set-up of a world: {str(error)[:300]}") from None
 

@@ -9,6 +9,7 @@ import msgspec
 
 from actors.instant import in_seconds, milliseconds
 from actors.messages import Progress
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import entry
 from deploy.branches import settings_changed
@@ -145,7 +146,7 @@ class _Outcome(msgspec.Struct):
 
 def _outcome(origin: Path) -> _Outcome | None:
     path = origin / "run.json"
-    return msgspec.json.decode(path.read_bytes(), type=_Outcome) if path.is_file() else None
+    return msgspec.json.decode(regular_file.content(path), type=_Outcome) if path.is_file() else None
 
 
 def _undone(change: Change, step_us: int, result: RunResult, done: _Outcome | None) -> tuple[str, ...]:

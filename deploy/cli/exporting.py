@@ -26,6 +26,7 @@ def export(
     """
     if not parquet:
         raise OptionError(f"export {out}: should stand with --parquet")
+    from actors.runtime import regular_file
     from deploy.replay.run_recordings import recordings
     from deploy.replay.trust import check_trust
     from deploy.run.foreign import permit_of
@@ -47,7 +48,7 @@ def export(
             permit=permit,
             isolate=choice.isolate,
         )
-    where = folder or out / "tables"
-    with out_folder.writing(where):
+    with out_folder.writing(folder or out):
+        where = folder or regular_file.no_link(out / "tables")
         for path, count in parquet_files.write(found, where):
             print(f"{path}: {count} rows")

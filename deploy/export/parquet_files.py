@@ -7,6 +7,7 @@ from typing import Any, Final
 import pyarrow
 from pyarrow import parquet
 
+from actors.runtime import regular_file
 from deploy.export.columns import TABLES, Table
 from deploy.export.robot_rows import Row, Tables
 
@@ -27,7 +28,8 @@ def write(rows: Tables, folder: Path) -> list[tuple[Path, int]]:
     written = []
     for table in TABLES:
         path = folder / f"{table.name}.parquet"
-        parquet.write_table(_columns(table, rows[table.name]), path)
+        with regular_file.replaced(path) as part:
+            parquet.write_table(_columns(table, rows[table.name]), part)
         written.append((path, len(rows[table.name])))
     return written
 

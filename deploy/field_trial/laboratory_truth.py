@@ -4,6 +4,7 @@ from pathlib import Path
 
 import msgspec
 
+from actors.runtime import regular_file
 from actors.task.referee import PlaceOutcome
 from deploy.field_trial.aligned_clocks import AlignedClocks
 from deploy.field_trial.recordings import FieldTrialError
@@ -15,7 +16,7 @@ from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
 def read_truth(path: Path) -> LaboratoryResult:
     """A laboratory's result. Raises FieldTrialError."""
     try:
-        return msgspec.json.decode(path.read_bytes(), type=LaboratoryResult)
+        return msgspec.json.decode(regular_file.content(path), type=LaboratoryResult)
     except (OSError, ValueError, RecursionError) as error:
         raise FieldTrialError(f"--truth: {path} is no result of a laboratory: {error}") from None
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from actors.instant import in_seconds
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.task.words import PlaceKey
 from deploy.evidence.run_evidence import Floats, RunEvidence
@@ -56,7 +57,11 @@ def write(run: RunEvidence, path: Path, speed: float) -> None:
     with look.applied(style.LOOK):
         scene = _Scene(run)
         pictures = (scene.picture(step) for step in instants(run, speed))
-        (_write_gif if path.suffix == _GIF else _write_mp4)(pictures, path)
+        with regular_file.replaced(path) as part:
+            if path.suffix == _GIF:
+                _write_gif(pictures, part)
+            else:
+                _write_mp4(pictures, part, path)
 
 
 def _write_gif(pictures: Iterator[Pixels], path: Path) -> None:
@@ -66,13 +71,13 @@ def _write_gif(pictures: Iterator[Pixels], path: Path) -> None:
     first.save(path, save_all=True, append_images=others, duration=1000 // _FRAMES_PER_S, loop=0)
 
 
-def _write_mp4(pictures: Iterator[Pixels], path: Path) -> None:
-    """Raises MovieError with what ffmpeg says."""
+def _write_mp4(pictures: Iterator[Pixels], part: Path, path: Path) -> None:
+    """Into `part`, which will be called `path`. Raises MovieError with what ffmpeg says."""
     first = next(pictures)
     high, wide = (side // 2 * 2 for side in first.shape[:2])  # the codec wants even sides
     words = [
         *("ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"),
-        *("-s", f"{wide}x{high}", "-r", str(_FRAMES_PER_S), "-i", "-", "-pix_fmt", "yuv420p", str(path)),
+        *("-s", f"{wide}x{high}", "-r", str(_FRAMES_PER_S), "-i", "-", "-pix_fmt", "yuv420p", str(part)),
     ]
     with tempfile.TemporaryFile() as said:
         with subprocess.Popen(words, stdin=subprocess.PIPE, stderr=said) as ffmpeg:

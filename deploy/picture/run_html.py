@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.instant import in_seconds
+from actors.runtime import regular_file
 from actors.task.referee import PlaceOutcome
 from deploy.evidence.recorded import outcomes
 from deploy.evidence.run_evidence import RunEvidence
@@ -29,7 +30,7 @@ def write(run: RunEvidence, path: Path) -> None:
     """The page as a file that needs nothing beside itself."""
     with look.applied(style.LOOK):
         drawn = style.svg(run_page.draw(run))
-    path.write_text(html(run, drawn), encoding="utf-8")
+    regular_file.write(path, html(run, drawn).encode())
 
 
 def html(run: RunEvidence, drawn: bytes) -> str:

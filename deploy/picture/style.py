@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from actors.observer import colours
+from actors.runtime import regular_file
 from deploy.evidence.run_evidence import RunEvidence
 from deploy.evidence.spells import Doing
 
@@ -93,4 +94,5 @@ def svg(figure: Figure) -> bytes:
 def save(figure: Figure, path: Path) -> None:
     """Write a PNG or an SVG, by the file's ending, without anything that differs from day to day."""
     dates = {"Date": None} if path.suffix == ".svg" else {"Software": None}
-    figure.savefig(path, metadata=dates)
+    with regular_file.replaced(path) as part:
+        figure.savefig(part, metadata=dates)

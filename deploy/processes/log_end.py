@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 from typing import Final
 
+from actors.runtime import regular_file
 from actors.runtime.errors import printable
 
 _TAIL: Final = 8192
@@ -13,7 +14,7 @@ _TAIL: Final = 8192
 def last_line(path: Path) -> str:
     """The last line that is not empty, or as much of it as is read, for a terminal; "" if there is none."""
     try:
-        with path.open("rb") as log:
+        with regular_file.opened(path) as log:
             log.seek(max(0, log.seek(0, os.SEEK_END) - _TAIL))
             lines = log.read(_TAIL).decode("utf-8", "replace").split("\n")
     except OSError:

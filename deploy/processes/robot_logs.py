@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Final
 
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError, printable
 
 EVERYBODY: Final = "*"
@@ -15,7 +16,7 @@ _START: Final = re.compile(r"(?:\.[0-9]{1,9})?\.log")
 
 
 class LogError(AcrcError):
-    """A robot that a run has not."""
+    """A robot that a run has not, or a log that cannot be read."""
 
 
 def logs(out: Path, robot: str) -> list[Path]:
@@ -59,7 +60,10 @@ class LogTail:
 
     def _new(self, path: Path) -> Iterator[str]:
         if path not in self._open:
-            self._open[path], self._rest[path] = path.open("rb"), b""
+            try:
+                self._open[path], self._rest[path] = regular_file.opened(path), b""
+            except OSError as error:
+                raise LogError(f"{path}: cannot be read: {error.strerror}") from None
         while piece := self._open[path].read(1 << 16):
             *lines, self._rest[path] = (self._rest[path] + piece).split(b"\n")
             for line in lines:

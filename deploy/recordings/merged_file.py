@@ -31,6 +31,7 @@ from actors.messages import (
     TRANSMIT,
     TRUTH,
 )
+from actors.runtime import regular_file
 from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
@@ -185,7 +186,7 @@ def check_merged(file: Path) -> Merged:
     Raises RecordingError for one that is not as it was written.
     """
     try:
-        with file.open("rb") as stream:
+        with regular_file.opened(file) as stream:
             return _checked(stream)
     except (AcrcError, *FAULTS) as error:
         why = str(error)[:300] or "it ends before its end"

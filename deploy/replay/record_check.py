@@ -9,6 +9,7 @@ from typing import Final
 import msgspec
 
 from actors.messages import ROSTER
+from actors.runtime import regular_file
 from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.message_counts import is_from_outside, run_digest
 from actors.runtime.recording import Direction, RecordingError
@@ -133,7 +134,7 @@ def _compare_result(out: Path, digest: str, passes: Sequence[Pass]) -> None:
     result = out / "run.json"
     if not result.is_file():
         return
-    with result.open("rb") as file:
+    with regular_file.opened(result) as file:
         text = file.read(_LARGEST_RESULT + 1)
     try:
         claimed = msgspec.json.decode(text, type=_Claim).digest

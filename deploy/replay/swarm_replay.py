@@ -19,10 +19,9 @@ from deploy.replay.record_pass import STAMP, read_pass
 from deploy.replay.record_replay import recorded_code
 from deploy.replay.recorded_orders import OrderBus, recorded_orders
 from deploy.replay.run_recordings import recordings
-from deploy.replay.trust import unhashed
+from deploy.replay.trust import say_unhashed
 from deploy.run import swarm
 from deploy.run.foreign import Permit, admitted, beside
-from deploy.run.isolating import warn
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
 from deploy.scratch import scratch_folder
@@ -81,7 +80,7 @@ def _recorded(out: Path, modules: tuple[Path, ...], permit: Permit) -> Recorded 
         return None
     recorded = recorded_code(out)
     if recorded is None:
-        warn(unhashed(out))
+        say_unhashed(out)
     return recorded
 
 

@@ -1,6 +1,7 @@
 """Whether the code that a recording names may run here: it is found without running it, and named first."""
 
 import re
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -30,10 +31,11 @@ def check_trust(out: Path, actor: str, permit: Permit) -> tuple[Path, ...] | Non
     entry, recorded = code_of(run.argv)
     folders = admitted(files[actor], entry, recorded, permit)
     if folders and run.code is None and not permit.trust:
-        warn(unhashed(files[actor]))
+        say_unhashed(files[actor])
     return folders
 
 
-def unhashed(file: Path) -> str:
-    """That nobody can tell whether a strategy is the recorded one."""
-    return f"{file}: was recorded without the hashes of its strategy's modules, which may be others here"
+@cache
+def say_unhashed(place: Path) -> None:
+    """Say once on standard error that nobody can tell whether a strategy is the recorded one."""
+    warn(f"{place}: was recorded without the hashes of its strategy's modules, which may be others here")

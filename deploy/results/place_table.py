@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.instant import in_seconds
+from actors.runtime import regular_file
 from actors.task.referee import PlaceOutcome, Verdict
 
 COLUMNS: Final = (
@@ -57,7 +58,7 @@ def counted(places: Sequence[PlaceOutcome]) -> PlaceCounts:
 
 def write_table(places: Iterable[PlaceOutcome], path: Path) -> None:
     """Write all places as CSV: COLUMNS first, instants in simulated s, an empty field where there is none."""
-    with path.open("w", encoding="utf-8", newline="") as file:
+    with regular_file.replaced(path) as part, part.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         writer.writerows(_rows(places))

@@ -5,17 +5,15 @@ shows that nothing was changed by mistake, in part, or on the way; whoever can w
 it anew.
 """
 
-import errno
 import hashlib
 import os
 import re
-import stat
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from io import BufferedReader
+from contextlib import suppress
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError, printable
 
 SUMS: Final = "SHA256SUMS"
@@ -67,7 +65,7 @@ def seal(folder: Path) -> None:
             left_out.append(name)
         else:
             sums[name] = found
-    (folder / SUMS).write_bytes(lines(sums, left_out))
+    regular_file.write(folder / SUMS, lines(sums, left_out))
 
 
 def check_seal(folder: Path) -> Sealed | None:
@@ -136,7 +134,7 @@ def _read(path: Path) -> tuple[dict[str, str], list[str]]:
 
 
 def _content(path: Path) -> bytes:
-    with suppress(OSError), _opened(path) as file:
+    with suppress(OSError), regular_file.opened(path, links=False) as file:
         content = file.read(min(os.fstat(file.fileno()).st_size, _LARGEST) + 1)
         if len(content) <= _LARGEST:
             return content
@@ -186,18 +184,9 @@ def _is_too_large(folder: Path) -> bool:
 
 def _sum(path: Path) -> str | None:
     """The file's SHA-256; None if it is none that can be read."""
-    with suppress(OSError), _opened(path) as file:
+    with suppress(OSError), regular_file.opened(path, links=False) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
     return None
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[BufferedReader]:
-    """A regular file, and no link; OSError for anything else, which is not waited for."""
-    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise OSError(errno.EINVAL, "no regular file")
-        yield file
 
 
 def _place(folder: Path, name: str) -> str:

@@ -17,7 +17,7 @@ from actors.robot.behaviour.modules import located, own_spec, prefixes
 from actors.runtime.errors import AcrcError
 from deploy.repository import PACKAGES, REPOSITORY
 from deploy.scenario.tables import Scenario
-from deploy.usage import wrong_value
+from deploy.usage import OptionError
 
 
 class ForeignCodeError(AcrcError):
@@ -48,7 +48,7 @@ def permit_of(modules: Sequence[Path] | None, *, trust: bool = False, typed: str
     """What the options say. Raises OptionError."""
     for folder in modules or ():
         if not folder.is_dir():
-            raise wrong_value("--modules", str(folder), "a folder")
+            raise OptionError(f"--modules: {folder} is no folder; must be one with modules")
     return Permit(tuple(folder.resolve() for folder in modules or ()), typed, trust)
 
 
@@ -62,10 +62,11 @@ def admitted(source: Path, entry: str, hints: Sequence[Path], permit: Permit) ->
     used: list[Path] = []
     for name in succession.names(entry):
         module = name.partition(":")[0]
-        if is_installed(module):
+        if is_installed(module) or _is_taken(module):
+            _check_name(source, name, permit)
             continue
         own = (Path.cwd().resolve(),) if name in typed else ()
-        known = tuple(Path(os.path.normpath(folder.absolute())) for folder in hints)
+        known = tuple(Path(os.path.realpath(folder)) for folder in hints if "\0" not in str(folder))
         named = (*permit.modules, *own, *(known if permit.trust else ()))
         folder = _holder(module, named)
         if folder is None:
@@ -101,6 +102,32 @@ def _is_home(spec: ModuleSpec) -> bool:
     place = Path(spec.origin or "").absolute()
     home = place.parent.parent if spec.submodule_search_locations else place.parent
     return home.resolve() != REPOSITORY or REPOSITORY.is_relative_to(sys.prefix) or spec.name in PACKAGES
+
+
+def _is_taken(module: str) -> bool:
+    """Whether what is installed has the name of the package, which no folder can have beside it."""
+    names = prefixes(module)
+    spec = own_spec(names[0]) if names else None
+    return spec is not None and _is_home(spec)
+
+
+def _check_name(source: Path, name: str, permit: Permit) -> None:
+    """Raise MissingCodeError where the user means a module of his own, or what is installed has no such."""
+    module = name.partition(":")[0]
+    top = module.partition(".")[0]
+    spec = own_spec(top)
+    there = None if spec is None or not spec.has_location else Path(spec.origin or "").resolve()
+    for folder in permit.modules:
+        own = located(top, folder)
+        if own is not None and own.resolve() != there:
+            raise MissingCodeError(
+                f"{source} names the strategy {name}, but {own} has the name of what is installed, {top!r}; "
+                "a module of your own must have a name of its own"
+            )
+    if not is_installed(module):
+        raise MissingCodeError(
+            f"{source} names the strategy {name}, and {top!r}, which is installed, has no such module"
+        )
 
 
 def beside(scenario: Scenario) -> tuple[Path, ...]:

@@ -9,6 +9,7 @@ from actors.observer import screenshot, viewer
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement
 from actors.observer.sheet import Sheet
+from actors.runtime import regular_file
 from deploy.run.isolating import choose, warn
 from deploy.scratch import scratch_folder
 from deploy.view.command import opened, rest, so_far
@@ -31,7 +32,7 @@ def picture(folders: Sequence[Path], wishes: Wishes, path: Path, second: float |
         view = folder / FILE_NAME
         _draw(stories, view, wishes, None, say)
         shot = screenshot.take(view, _end(stories) / 2 if second is None else second)
-    path.write_bytes(shot.png)
+    regular_file.write(path, shot.png)
     say(str(path))
 
 
@@ -48,32 +49,27 @@ def show(folders: Sequence[Path], wishes: Wishes, say: Say) -> None:
 
 def _draw(stories: Sequence[Story], path: Path, wishes: Wishes, send_to: str | None, say: Say) -> None:
     """Draw into `path`, which takes its name once it is whole, and to a viewer."""
-    began = time.monotonic()
-    part, end = path.with_name(f"{path.name}.part"), _end(stories)
+    began, end = time.monotonic(), _end(stories)
     detailed = [looked_into(story.robots, wishes.robots) for story in stories]
     arranged = [
         _arranged(story, robots, number, end)
         for number, (story, robots) in enumerate(zip(stories, detailed, strict=True), 1)
     ]
     name = " beside ".join(one.name for one in arranged)
-    try:
-        with Sheet(part, arranged, name=name, send_to=send_to) as sheet:
-            paintings = [
-                Painting(Canvas(sheet.recording, story.robots, what.root), story, robots)
-                for story, what, robots in zip(stories, arranged, detailed, strict=True)
-            ]
-            for story, painting in zip(stories, paintings, strict=True):
-                painting.recorded(story)
-            sheet.flush()
-            say(f"first picture after {time.monotonic() - began:.1f} s: what was recorded")
-            choice = choose(wishes.isolate)
-            warn(choice.warning)
-            for story, painting in zip(stories, paintings, strict=True):
-                for fault in compute(story, painting, sheet, permit=wishes.permit, isolate=choice.isolate):
-                    say(f"{story.out.name}: {fault}")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with regular_file.replaced(path) as part, Sheet(part, arranged, name=name, send_to=send_to) as sheet:
+        paintings = [
+            Painting(Canvas(sheet.recording, story.robots, what.root), story, robots)
+            for story, what, robots in zip(stories, arranged, detailed, strict=True)
+        ]
+        for story, painting in zip(stories, paintings, strict=True):
+            painting.recorded(story)
+        sheet.flush()
+        say(f"first picture after {time.monotonic() - began:.1f} s: what was recorded")
+        choice = choose(wishes.isolate)
+        warn(choice.warning)
+        for story, painting in zip(stories, paintings, strict=True):
+            for fault in compute(story, painting, sheet, permit=wishes.permit, isolate=choice.isolate):
+                say(f"{story.out.name}: {fault}")
     say(f"all of it after {time.monotonic() - began:.1f} s")
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from actors.observer import screenshot, viewer
 from actors.observer.viewer import OpenViewer
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from deploy.processes.signals import Interrupted
 from deploy.run.isolating import choose, warn
@@ -30,7 +31,7 @@ def picture(out: Path, wishes: Wishes, path: Path, second: float | None, say: Sa
         view = folder / "view.rrd"
         draw(story, view, wishes, send_to=None, say=say, began=began)
         shot = screenshot.take(view, story.end / 2 if second is None else second)
-    path.write_bytes(shot.png)
+    regular_file.write(path, shot.png)
     say(str(path))
 
 
@@ -60,14 +61,12 @@ def _follow(out: Path, wishes: Wishes, say: Say) -> None:
     warn(choice.warning)
     compile_kernels()
     path = place(out)
-    part = path.with_name(f"{path.name}.part")
     shown = opened(say)
     try:
-        live.follow(out, part, wishes.robots, shown, say, permit=wishes.permit, isolate=choice.isolate)
-        part.replace(path)
+        with regular_file.replaced(path) as part:
+            live.follow(out, part, wishes.robots, shown, say, permit=wishes.permit, isolate=choice.isolate)
         rest(shown, path, say)
     finally:
-        part.unlink(missing_ok=True)
         viewer.end(shown)
 
 

@@ -12,6 +12,7 @@ from typing import Final
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.words import Event, Spell
 from actors.observer.sheet import Sheet
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from deploy.evidence.run_evidence import read_run
 from deploy.evidence.spells import Doing, spells
@@ -73,12 +74,8 @@ def draw(
     The file takes its name once it is whole. `began`: when somebody began to wait, by the monotonic clock.
     """
     began = time.monotonic() if began is None else began
-    part = path.with_name(f"{path.name}.part")
-    try:
+    with regular_file.replaced(path) as part:
         faults, lost = _draw(story, part, wishes, send_to, lambda: time.monotonic() - began, say)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
     for fault in faults:
         say(fault)
     say(f"all of it after {time.monotonic() - began:.1f} s, with what {_told(story)} perceived and meant")

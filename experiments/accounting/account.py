@@ -9,6 +9,7 @@ import numpy as np
 from actors.floor.map_file import load_map
 from actors.instant import in_seconds
 from actors.robot_model import load_model
+from actors.runtime import regular_file
 from actors.world.world_setup import WorldSetup
 from deploy.evidence.recorded import outcome
 from deploy.replay.run_recordings import recordings
@@ -63,7 +64,7 @@ def _robots(tracks: Tracks, classified: Classified) -> dict[str, dict[str, float
 def _setup(out: Path) -> WorldSetup:
     file = out / "world" / "setup.json"
     try:
-        return msgspec.json.decode(file.read_bytes(), type=WorldSetup)
+        return msgspec.json.decode(regular_file.content(file), type=WorldSetup)
     except OSError:
         raise TracksError(
             f"{out}: has no {file.relative_to(out)}; must be a simulated run's folder"

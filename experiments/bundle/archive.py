@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
+from actors.runtime import regular_file
 from deploy.results.seal import SUMS, lines
 
 _BEGIN: Final = (1980, 1, 1, 0, 0, 0)
@@ -21,12 +22,10 @@ def write(path: Path, top: str, files: Mapping[str, bytes]) -> None:
     sums = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
     whole = {**files, SUMS: lines(sums)}
     path.parent.mkdir(parents=True, exist_ok=True)
-    new = path.with_name(path.name + ".new")
-    with zipfile.ZipFile(new, "w") as archive:
+    with regular_file.replaced(path) as new, zipfile.ZipFile(new, "w") as archive:
         for name in sorted(whole):
             info = zipfile.ZipInfo(f"{top}/{name}", _BEGIN)
             info.create_system = _UNIX
             info.external_attr = (0o100755 if name.endswith(".sh") else 0o100644) << 16
             info.compress_type = zipfile.ZIP_DEFLATED
             archive.writestr(info, whole[name], compresslevel=9)
-    new.replace(path)

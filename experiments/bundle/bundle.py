@@ -9,6 +9,7 @@ from typing import Final
 
 import msgspec
 
+from actors.runtime import regular_file
 from deploy.repository import REPOSITORY
 from deploy.scratch import scratch_folder
 from experiments.bundle import archive
@@ -51,7 +52,7 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
         "digests.csv": _digests(records),
         "constraints.txt": (REPOSITORY / "constraints.txt").read_bytes(),
         **{name: (_HERE / name).read_bytes() for name in ("reproduce.sh", "check_digests.py")},
-        **{f"{_INPUTS}/{name}": path.read_bytes() for name, path in read.files.items()},
+        **{f"{_INPUTS}/{name}": regular_file.content(path) for name, path in read.files.items()},
         **dict(_results(kept)),
         **dict(_report(folder)),
     }
@@ -68,7 +69,7 @@ def _results(kept: store.Store) -> Iterator[tuple[str, bytes]]:
     records = (part(trial) for part in (kept.path, kept.check_path) for trial in trials)
     for path in (kept.about_file, kept.draws_file, *records):
         if path.exists():
-            yield f"results/{path.relative_to(kept.folder).as_posix()}", path.read_bytes()
+            yield f"results/{path.relative_to(kept.folder).as_posix()}", regular_file.content(path)
 
 
 def _report(folder: Path) -> Iterator[tuple[str, bytes]]:

@@ -11,6 +11,7 @@ import yaml
 from actors.floor.map_file import load_map
 from actors.robot.behaviour import succession
 from actors.robot.behaviour.modules import located
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from deploy.run.foreign import is_installed
 from deploy.scenario.scenario_file import Overrides, load_scenario
@@ -39,7 +40,11 @@ def inputs(study: Study) -> Inputs:
     scenario = Path(os.path.realpath(study.scenario))
     if not scenario.is_file():
         raise BundleError(f"{scenario}: is no file any more, but the campaign's runs have read it")
-    told = (tomllib.loads(scenario.read_text()), study.settings, [one.values for one in study.factors])
+    told = (
+        tomllib.loads(regular_file.content(scenario).decode()),
+        study.settings,
+        [one.values for one in study.factors],
+    )
     for text in _texts(told):
         if Path(text).is_absolute():
             raise BundleError(
@@ -75,7 +80,7 @@ def _files(scenario: Scenario, strategy: str) -> Iterator[Path]:
     described = Path(scenario.map)
     load_map(described)  # what is no map does not travel under its name
     yield described
-    yield described.parent / yaml.safe_load(described.read_text())["image"]
+    yield described.parent / yaml.safe_load(regular_file.content(described))["image"]
     for model in (scenario.robots.model, *(robot.model for robot in scenario.robot)):
         if model is not None and model.endswith(".toml"):
             yield Path(model)

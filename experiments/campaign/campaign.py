@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from actors.runtime import regular_file
 from deploy.processes.launch import launcher
 from deploy.processes.signals import signals_as_interrupts
 from deploy.run.kernels import compile_kernels
@@ -133,7 +134,7 @@ class _Campaign:
         while waiting or self._pool.running:
             while waiting and len(self._pool.running) < self._pool.slots:
                 pending = waiting.popleft()
-                self._store.log(pending.trial, check=pending.check).write_bytes(b"")
+                regular_file.write(self._store.log(pending.trial, check=pending.check), b"")
                 self._pool.start(pending)
             ended = self._pool.wait(_LOOK_S)
             for one in ended:
@@ -152,7 +153,7 @@ class _Campaign:
         """Keep what came of it; whatever a process has left is checked here."""
         trial, check = ended.pending
         store = self._store
-        store.log(trial, check=check).write_bytes(ended.said)
+        regular_file.write(store.log(trial, check=check), ended.said)
         record = received(ended.record, trial, ended.cause)
         if check:
             keep(store.check_path(trial), compared(store.record(trial), record))

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple, TypeVar
 
 import msgspec
 
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from deploy.results.seal import SUMS, check_seal
 from deploy.version import software
@@ -215,15 +216,25 @@ def create(folder: Path, study: Study) -> Store:
             )
         check_seal(folder)
         (folder / SUMS).unlink(missing_ok=True)  # what it covers is about to change
+        _check_parts(folder)
         keep(store.study_file, study)  # with more seeds it goes on
         return store
     if folder.exists() and {path.name for path in folder.iterdir()} - _OWN:
         raise CampaignError(f"{folder}: holds something that is no campaign; must be new or empty")
-    for part in (_TRIALS, _CHECKS, _LOGS):
-        (folder / part).mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    _check_parts(folder)
     keep(folder / _ABOUT, about)
     keep(store.study_file, study)
     return store
+
+
+def _check_parts(folder: Path) -> None:
+    """Make what is missing. Raises CampaignError for a link in its place."""
+    for part in (_TRIALS, _CHECKS, _LOGS):
+        try:
+            regular_file.no_link(folder / part).mkdir(exist_ok=True)
+        except OSError as error:
+            raise CampaignError(f"{folder / part}: {error.strerror}") from None
 
 
 def holds(folder: Path) -> bool:
@@ -246,6 +257,6 @@ def _differs(one: Study, other: Study) -> str:
 
 def _decoded(path: Path, kind: type[T]) -> T:
     try:
-        return msgspec.json.decode(path.read_bytes(), type=kind)
+        return msgspec.json.decode(regular_file.content(path), type=kind)
     except (OSError, msgspec.DecodeError, msgspec.ValidationError) as error:
         raise CampaignError(f"{path}: cannot be read: {error}") from None

@@ -106,8 +106,9 @@ def keep(path: Path, told: msgspec.Struct) -> None:
 
 def keep_bytes(path: Path, content: bytes) -> None:
     """The same of what is encoded already."""
-    new = path.with_suffix(".new")  # one process writes it, and a later one what that has left
-    with new.open("wb") as file:
+    new = path.with_suffix(".new")  # one process writes it, and a later one removes what that has left
+    new.unlink(missing_ok=True)
+    with os.fdopen(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666), "wb") as file:
         file.write(content)
         file.flush()
         os.fsync(file.fileno())

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from actors.runtime import regular_file
 from deploy.run import out_folder
 from experiments.report import report
 
@@ -13,7 +14,7 @@ def run(folders: Sequence[Path], out: Path | None) -> None:
     """Write the report beside the first folder's content, or where it is asked for."""
     target = out or folders[0] / "report"
     with out_folder.writing(target):
-        page = report.write(folders, target)
+        page = report.write(folders, out or regular_file.no_link(target))
     Console(soft_wrap=True, highlight=False).print(
         f"written to {page}, with its pictures and tables beside it"
     )

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from deploy.field_trial.trial_result import TrialResult
 from deploy.results.result import RunResult
@@ -115,7 +116,7 @@ def _single(folder: Path, name: str) -> Source:
 
 def _outcome(path: Path) -> Outcome:
     try:
-        content = path.read_bytes()
+        content = regular_file.content(path)
         try:
             return msgspec.json.decode(content, type=RunResult)
         except msgspec.ValidationError:

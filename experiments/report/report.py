@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
+from actors.runtime import regular_file
 from experiments.report import cost_sections, findings, outcome_sections, style, time_sections
 from experiments.report.cases import Source, read
 from experiments.report.cautions import cautions
@@ -43,8 +44,8 @@ def write(folders: Sequence[Path], out: Path) -> Path:
         pictures = [section.picture for section in page.sections if section.picture is not None]
         drawn = {one.name: style.save(one.figure, out, one.name) for one in pictures}
         for table in tables(page):
-            (out / f"{table.name}.csv").write_text(_csv(table))
-        (out / PAGE).write_text(html(page, drawn), encoding="utf-8")
+            regular_file.write(out / f"{table.name}.csv", _csv(table).encode())
+        regular_file.write(out / PAGE, html(page, drawn).encode())
     return out / PAGE
 
 

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from actors.runtime import regular_file
 from actors.runtime.errors import printable
 from deploy.picture.look import applied as settings_applied
 
@@ -126,6 +127,6 @@ def save(figure: Figure, folder: Path, name: str) -> bytes:
     """Write both, and give the SVG."""
     drawn = svg(figure)
     figure.set_layout_engine("none")  # once is enough: all keeps its place
-    (folder / f"{name}.png").write_bytes(png(figure))
-    (folder / f"{name}.svg").write_bytes(drawn)
+    regular_file.write(folder / f"{name}.png", png(figure))
+    regular_file.write(folder / f"{name}.svg", drawn)
     return drawn

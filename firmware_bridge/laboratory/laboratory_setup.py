@@ -5,6 +5,7 @@ from pathlib import Path
 import msgspec
 
 from actors.radio.radio_setup import RadioSetup
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome
 from actors.world.world_setup import WorldSetup
@@ -82,7 +83,7 @@ class LaboratoryResult(msgspec.Struct, frozen=True):
 def load(path: Path) -> LaboratorySetup:
     """The set-up in a JSON file. Raises LaboratorySetupError."""
     try:
-        return msgspec.json.decode(path.read_bytes(), type=LaboratorySetup)
+        return msgspec.json.decode(regular_file.content(path), type=LaboratorySetup)
     except OSError as error:
         raise LaboratorySetupError(f"{path}: cannot be read ({error.strerror}); give a JSON file") from None
     except (ValueError, RecursionError) as error:

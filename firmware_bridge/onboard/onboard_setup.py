@@ -5,6 +5,7 @@ from typing import Final, TypeVar
 
 import msgspec
 
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 
 OPENNI: Final = "openni"
@@ -58,6 +59,6 @@ class BridgeSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def load(path: Path, kind: type[S]) -> S:
     """The set-up in a JSON file. Raises AcrcError."""
     try:
-        return msgspec.json.decode(path.read_bytes(), type=kind)
+        return msgspec.json.decode(regular_file.content(path), type=kind)
     except (OSError, ValueError, RecursionError) as error:
         raise AcrcError(f"{path}: no {kind.__name__}: {error}") from None

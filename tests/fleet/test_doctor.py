@@ -229,10 +229,8 @@ def test_a_camera_must_be_usable_and_see_as_far_round_as_the_model_says() -> Non
 
 def test_map_start_places_and_behaviour_of_every_shipped_robot_are_well() -> None:
     for one in OFFICE_FLEET.robots:
-        found = [
-            *robot_checks.floor(OFFICE_FLEET, one),
-            *robot_checks.behaviour(OFFICE_FLEET, one, INSTALLED),
-        ]
+        made = robot_checks.behaviour(OFFICE_FLEET, one, INSTALLED)
+        found = [*robot_checks.floor(OFFICE_FLEET, one), *made]
         assert [(finding.subject, finding.ok) for finding in found] == [
             ("map", True),
             ("start", True),

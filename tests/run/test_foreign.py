@@ -1,12 +1,22 @@
-"""Code that the user has neither written nor installed is named to him, and does not run without his word."""
+"""Whose code runs: a module is installed, or lies where the command line says, or does not run."""
 
+import hashlib
+import sys
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from deploy.run import foreign, swarm
-from deploy.run.foreign import ForeignCodeError
-from tests.scenario.faults import scenario
+from actors.robot.behaviour.modules import FOLDERS, ModuleError, Recorded, expect, located, look_in
+from deploy.repository import PACKAGES, REPOSITORY
+from deploy.run import foreign
+from deploy.run.foreign import INSTALLED, ForeignCodeError, MissingCodeError, Permit, admitted
+from deploy.usage import OptionError
+
+SOURCE = Path("bold.toml")
+RECORDED, CHANGED, GROWN = "import json\n", "raise AssertionError\n", "from package import more\n"
+NOT_IMPORTED = "raise AssertionError('nothing is imported')"
 
 
 @pytest.fixture
@@ -15,12 +25,34 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "study"
     (folder / "package").mkdir(parents=True)
     (folder / "namespace").mkdir()
-    (folder / "package" / "__init__.py").write_text("raise AssertionError('nothing is imported')")
-    (folder / "namespace" / "strategy.py").write_text("raise AssertionError('nothing is imported')")
-    (folder / "strategy.py").write_text("raise AssertionError('nothing is imported')")
+    (folder / "package" / "__init__.py").write_text(NOT_IMPORTED)
+    (folder / "namespace" / "strategy.py").write_text(NOT_IMPORTED)
+    (folder / "strategy.py").write_text(NOT_IMPORTED)
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     return folder
+
+
+@pytest.fixture
+def looked() -> Iterator[None]:
+    """Afterwards Python finds modules where it did before."""
+    before = set(sys.modules)
+    yield
+    look_in(())
+    expect(None)
+    for name in set(sys.modules) - before:
+        del sys.modules[name]
+
+
+def sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def foreign_sentence(name: str, file: Path, folder: object) -> str:
+    return (
+        f"bold.toml names the strategy {name}, whose code {file} is neither installed nor in a folder that "
+        f"you have named; read it, then say --modules {folder}, or --trust"
+    )
 
 
 @pytest.mark.parametrize(
@@ -28,47 +60,186 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     [
         ("strategy:behaviour", "strategy.py"),
         ("package.deep:behaviour", "package/__init__.py"),
-        ("namespace.strategy:behaviour", "namespace"),
+        ("namespace.strategy:behaviour", "namespace/strategy.py"),
+        ('none_such>strategy:behaviour{"reach":0.5}@60', "strategy.py"),
     ],
 )
-def test_code_from_elsewhere_is_named(study: Path, entry: str, file: str) -> None:
+def test_code_from_where_a_file_says_is_named(study: Path, entry: str, file: str) -> None:
+    entry = entry.replace("none_such", "cleaning.strategies.none:behaviour")
+    name = "strategy:behaviour" if ">" in entry else entry
     with pytest.raises(ForeignCodeError) as caught:
-        foreign.refuse_foreign(Path("bold.toml"), entry, [study])
+        admitted(SOURCE, entry, [study], INSTALLED)
+    assert str(caught.value) == foreign_sentence(name, study / file, study)
+    assert admitted(SOURCE, entry, [study], Permit((study,))) == (study,)
+    assert admitted(SOURCE, entry, [study], Permit(trust=True)) == (study,)
+
+
+def test_where_one_stands_counts_for_what_one_types(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(study)
+    with pytest.raises(ForeignCodeError) as caught:
+        admitted(SOURCE, "strategy:behaviour", [study], INSTALLED)
+    assert str(caught.value) == foreign_sentence("strategy:behaviour", study / "strategy.py", ".")
+    assert admitted(SOURCE, "strategy:behaviour", [], Permit(typed="strategy:behaviour")) == (study,)
+    with pytest.raises(ForeignCodeError):  # that the other one is typed says nothing of this one
+        admitted(SOURCE, "package:evil>strategy:behaviour@3", [], Permit(typed="strategy:behaviour"))
+    with pytest.raises(ForeignCodeError):
+        admitted(SOURCE, "strategy:behaviour>package:evil@3", [], Permit(typed="strategy:behaviour"))
+
+
+def test_what_is_installed_needs_no_folder(study: Path) -> None:
+    for entry in ("cleaning.strategies.none:behaviour", "numpy:array", "json.decoder:loads", "sys:exit"):
+        assert admitted(SOURCE, entry, [study], INSTALLED) == ()
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        "no_such_module:behaviour", "cleaning.none_such:behaviour", ":", "..study.strategy:behaviour",
+        "../study/strategy:behaviour", "/study/strategy:behaviour", "strategy/:behaviour", "strategy\n:x",
+        "a\0b:behaviour", "str ategy:behaviour", "strat\u0435gy:behaviour", "STRATEGY:behaviour",
+    ],
+)  # fmt: skip
+def test_what_is_nowhere_is_missing(study: Path, entry: str) -> None:
+    with pytest.raises(MissingCodeError):
+        admitted(SOURCE, entry, [study, Path("a\0b"), Path("x" * 5000), Path("/dev/null/x")], INSTALLED)
+
+
+def test_it_is_said_where_it_was_looked_for(study: Path) -> None:
+    with pytest.raises(MissingCodeError) as caught:
+        admitted(SOURCE, "no_such_module:behaviour", [study], INSTALLED)
     assert str(caught.value) == (
-        f"bold.toml runs code from {study / file}, which is neither this project's nor installed nor below "
-        "the folder where you stand; read it, and say --trust if it may run"
+        "bold.toml names the strategy no_such_module:behaviour, and there is no module 'no_such_module' "
+        f"here, nor in {study} and {Path.cwd()}; must be installed or lie in a folder that --modules DIR "
+        "names"
     )
 
 
-def test_ours_what_is_installed_and_what_lies_where_one_stands_is_not_foreign(
-    study: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for entry in (
-        "cleaning.strategies.none:behaviour",
-        "numpy:array",
-        "json:loads",
-        "no_such_module:behaviour",
-        ":",
-    ):
-        foreign.refuse_foreign(Path("x.toml"), entry, [study])
-    monkeypatch.chdir(study)
-    foreign.refuse_foreign(Path("x.toml"), "strategy:behaviour", [study])
+def test_what_lies_beside_the_project_is_none_of_it() -> None:
+    """Pytest and `python -m` have the repository on Python's path, and people unpack things there."""
+    assert str(REPOSITORY) in sys.path
+    for module in ("tests.run.heir", "examples.courteous", "runs.received.evil", "conftest"):
+        assert not foreign.is_installed(module)
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
+    packages = project["tool"]["setuptools"]["packages"]["find"]["include"]
+    assert {name.removesuffix("*") for name in packages} == PACKAGES
 
 
-def test_a_path_that_no_file_has_leads_nowhere() -> None:
-    assert foreign.found("strategy:behaviour", [Path("a\0b"), Path("x" * 5000)]) is None
-    assert foreign.folder_of("strategy:behaviour", [Path("a\0b"), Path("/dev/null/x")]) is None
+def test_a_link_makes_nobody_elses_code_installed(study: Path) -> None:
+    """The package's own file is the library's, and its parts are not."""
+    (study / "linked").mkdir()
+    (study / "linked" / "__init__.py").symlink_to(Path(str(sys.modules["json"].__file__)))
+    (study / "linked" / "evil.py").write_text(NOT_IMPORTED)
+    real = Path(str(sys.modules["json"].__file__)).resolve()
+    for permit in (INSTALLED, Permit((study,)), Permit(trust=True)):
+        with pytest.raises(ModuleError) as caught:
+            admitted(SOURCE, "linked.evil:behaviour", [study], permit)
+        assert str(caught.value) == (
+            f"{study}/linked/__init__.py: leads to {real}; code in {study} must lie there itself"
+        )
 
 
-def test_a_module_that_takes_the_place_of_ours_is_foreign(study: Path) -> None:
-    (study / "cleaning").mkdir()
-    (study / "cleaning" / "__init__.py").write_text("")
-    with pytest.raises(ForeignCodeError):
-        foreign.refuse_foreign(Path("x.toml"), "cleaning.strategies.none:behaviour", [study])
+def test_a_folder_for_modules_must_be_one(study: Path) -> None:
+    with pytest.raises(OptionError) as caught:
+        foreign.permit_of([study / "strategy.py"])
+    assert str(caught.value) == f"--modules: {study}/strategy.py is no folder; must be one with modules"
+    (study.parent / "link").symlink_to(study)
+    assert foreign.permit_of([study.parent / "link"]) == Permit((study,))
 
 
-def test_nothing_beside_a_scenario_can_take_a_librarys_place(study: Path) -> None:
-    (study / "statistics.py").write_text("raise AssertionError('nothing is imported')")
-    chosen = scenario(f'[run]\nmodules = "{study}"\n')
-    assert swarm.module_folders("cleaning.strategies.none:behaviour", chosen) == ()
-    assert swarm.module_folders("strategy:behaviour", chosen) == (study, Path.cwd())
+def test_nothing_in_a_folder_takes_the_place_of_what_is_installed(study: Path, looked: None) -> None:
+    for name in ("json", "numpy", "actors", "cleaning", "tomllib"):
+        (study / name).mkdir()
+        (study / name / "__init__.py").write_text(NOT_IMPORTED)
+    (study / "colorsys.py").write_text(NOT_IMPORTED)
+    assert admitted(SOURCE, "cleaning.strategies.none:behaviour", [study], Permit((study,))) == ()
+    sys.modules.pop("colorsys", None)
+    look_in([study])
+    import colorsys  # noqa: PLC0415  # what was not imported before is looked for now
+
+    assert not Path(str(colorsys.__file__)).is_relative_to(study)
+
+
+def test_a_module_of_ones_own_has_a_name_of_its_own(study: Path) -> None:
+    (study / "code.py").write_text(NOT_IMPORTED)
+    with pytest.raises(MissingCodeError) as caught:
+        admitted(SOURCE, "code:behaviour", [], Permit((study,)))
+    assert str(caught.value) == (
+        f"bold.toml names the strategy code:behaviour, but {study}/code.py has the name of what is "
+        "installed, 'code'; a module of your own must have a name of its own"
+    )
+    with pytest.raises(MissingCodeError) as caught:
+        admitted(SOURCE, "json.evil:behaviour", [study], INSTALLED)
+    assert str(caught.value) == (
+        "bold.toml names the strategy json.evil:behaviour, and 'json', which is installed, has no such module"
+    )
+
+
+def test_bytecode_is_neither_used_nor_written(study: Path, looked: None) -> None:
+    import py_compile  # noqa: PLC0415
+
+    (study / "package" / "__init__.py").write_text("")
+    evil = study / "evil.py"
+    evil.write_text("WHO = 'bytecode'\n")
+    mode = py_compile.PycInvalidationMode.UNCHECKED_HASH
+    cached = Path(str(py_compile.compile(str(evil), invalidation_mode=mode)))
+    py_compile.compile(str(evil), str(study / "only.pyc"))
+    py_compile.compile(str(evil), str(study / "package" / "only.pyc"))
+    (study / "package" / "native.so").write_bytes(b"\x7fELF")
+    evil.write_text("WHO = 'source'\n")
+    look_in([study])
+    from evil import WHO  # type: ignore[import-not-found]  # noqa: PLC0415
+
+    assert WHO == "source" and cached.exists()
+    for name in ("only", "package.only", "package.native"):
+        with pytest.raises(ModuleNotFoundError):
+            __import__(name)
+    assert sorted(path.name for path in study.rglob("*.pyc")) == [cached.name, "only.pyc", "only.pyc"]
+
+
+def test_a_module_that_is_no_file_is_none(study: Path, looked: None) -> None:
+    import os  # noqa: PLC0415
+
+    os.mkfifo(study / "pipe.py")
+    assert located("pipe", study) is None
+    (study / "endless.py").symlink_to("/dev/zero")
+    assert located("endless", study) is None
+    (study / "large.py").write_bytes(b"#" * 16_000_001)
+    look_in([study])
+    with pytest.raises(OSError, match="has more than 16000000 bytes"):
+        __import__("large")
+
+
+def test_what_is_loaded_is_what_was_hashed_and_what_was_recorded(study: Path, looked: None) -> None:
+    (study / "mine.py").write_text("from namespace import help\nfrom package import part\n")
+    (study / "namespace" / "help.py").write_text("")
+    (study / "package" / "__init__.py").write_text("")
+    (study / "package" / "part.py").write_text(RECORDED)
+    look_in([study])
+    __import__("mine")
+    hashes = FOLDERS.hashes()
+    assert list(hashes) == ["mine.py", "namespace/help.py", "package/__init__.py", "package/part.py"]
+    for name in ("mine", "namespace", "namespace.help", "package", "package.part"):
+        del sys.modules[name]
+    expect(Recorded(hashes))
+    __import__("mine")
+    for name in ("mine", "package", "package.part"):
+        del sys.modules[name]
+    (study / "package" / "part.py").write_text(CHANGED)
+    with pytest.raises(ModuleError) as caught:
+        __import__("mine")
+    assert str(caught.value) == (
+        f"{study}/package/part.py: is not what the recorded run has loaded: sha256 {sha256(CHANGED)[:12]}, "
+        f"recorded {sha256(RECORDED)[:12]}; --trust loads it all the same"
+    )
+    (study / "package" / "part.py").write_text(GROWN)
+    (study / "package" / "more.py").write_text("")
+    grown = hashes | {"package/part.py": sha256(GROWN)}
+    expect(Recorded(grown))
+    with pytest.raises(ModuleError) as caught:
+        __import__("package.part")
+    assert str(caught.value) == (
+        f"{study}/package/more.py: the recorded run has loaded no such file; --trust loads it all the same"
+    )
+    sys.modules.pop("package.part", None)
+    expect(Recorded(grown, whole=False))  # it was killed, and may have loaded more
+    __import__("package.part")

@@ -52,7 +52,7 @@ def gone(start: Start) -> Behaviour:
 def planned(folder: Path, name: str, text: str, function: str = "behaviour") -> Plan:
     (folder / f"{name}.py").write_text(STUDY)
     head = f'[run]\nstrategy = "{name}:{function}"\nmodules = "{folder}"\n'
-    return swarm.plan(scenario(head + text), RunOptions(folder / "out", bus="memory"))
+    return swarm.plan(scenario(head + text), RunOptions(folder / "out", bus="memory", modules=(folder,)))
 
 
 def test_the_first_robot_is_made_as_it_will_be(
@@ -69,7 +69,7 @@ def test_the_first_robot_is_made_as_it_will_be(
     assert (dict(start.settings), parameters.lease) == ({"lease": 3}, 3_000_000)
     assert start.exchange.hop_limit == 5
     assert 8 <= place.x <= 12 and 10.5 <= place.y <= 13.8
-    assert plan.modules == (tmp_path, tmp_path.parent)
+    assert plan.modules == (tmp_path,)
     assert capsys.readouterr().out == ""
 
 
@@ -171,7 +171,7 @@ def launched() -> Iterator[ServedLauncher]:
 def hostile(folder: Path, function: str) -> Plan:
     (folder / "hostile.py").write_text(HOSTILE)
     text = f'[run]\nstrategy = "hostile:{function}"\nmodules = "{folder}"\n'
-    return swarm.plan(scenario(text), RunOptions(folder / "out", isolate=True))
+    return swarm.plan(scenario(text), RunOptions(folder / "out", isolate=True, modules=(folder,)))
 
 
 MADE = "strategy 'hostile:{}', made for r1 before the run: "

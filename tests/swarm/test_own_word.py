@@ -37,7 +37,7 @@ NODE: dict[str, Any] = {
 def reports(navigation: object = None, node: object = None, unread: int = 0) -> RobotReports:
     said = {"navigation": navigation or NAVIGATION, "deeco": node or NODE}
     final = FinalNote(
-        MessageHash().digest("r1"), 0, 5, unread, 1.0, 0.5, 100.0, 0.0, 1.0, {}, {"swarm/down/r1/senses": 5},
+        MessageHash().digest("r1"), 0, 5, unread, 1.0, 0.5, 0.0, 1.0, {}, {"swarm/down/r1/senses": 5},
         {name: msgspec.Raw(json.dumps(value).encode()) for name, value in said.items()},
     )  # fmt: skip
     return robot_reports([("r1", RECORD, final)], SEEN)

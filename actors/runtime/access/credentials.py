@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 
 OTHERS: Final = ("radio", "observer", "operator")
@@ -90,7 +91,7 @@ def issue(robot_folders: Mapping[str, Path], infra: Path, others: Sequence[str] 
 def read(file: Path) -> tuple[str, str]:
     """The user and the password that `file` holds; AccessError where it cannot be read or holds neither."""
     try:
-        with file.open("rb") as secret:
+        with regular_file.opened(file) as secret:
             user, _, password = secret.read(_LARGEST).decode("utf-8").strip().partition(":")
     except OSError as error:
         raise AccessError(

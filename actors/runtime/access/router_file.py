@@ -5,6 +5,7 @@ from typing import Any, Final
 
 import msgspec
 
+from actors.runtime import regular_file
 from actors.runtime.access.credentials import AccessError, Credentials, unnamed
 
 NAME: Final = "router.json"
@@ -19,7 +20,7 @@ def write(path: Path, issued: Credentials) -> None:
 def read(path: Path) -> Credentials:
     """What `write` wrote; AccessError where that cannot be read."""
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Credentials, dec_hook=_path)
+        return msgspec.json.decode(regular_file.content(path), type=Credentials, dec_hook=_path)
     except (OSError, ValueError, RecursionError) as error:
         raise AccessError(f"{path}: no router file: {str(error)[:300]}") from None
 

@@ -6,8 +6,6 @@ fit is a RecordingError in one sentence, which says up to which step the file is
 
 import errno
 import hashlib
-import os
-import stat
 import struct
 import zlib
 from collections.abc import Iterator
@@ -22,6 +20,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata
 from mcap.writer import MCAP0_MAGIC
 
+from actors.runtime import regular_file
 from actors.runtime.recording.form import (
     FIELDS,
     HASHED,
@@ -189,19 +188,16 @@ def read_recording(path: Path) -> Iterator[Entry | Note]:
 def opened(path: Path) -> IO[bytes]:
     """The file to read; a link, a pipe and the like are none. Raises RecordingError."""
     try:
-        number = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+        return regular_file.opened(path, links=False)
     except FileNotFoundError:
         raise RecordingError(f"{path}: no such recording") from None
     except OSError as error:
         link = error.errno == errno.ELOOP and path.is_symlink()
         why = "a link, and a recording never is" if link else f"cannot be read: {error.strerror}"
+        why = "no recording, as it is no file" if error.errno == errno.EINVAL else why
         raise RecordingError(f"{path}: {why}") from None
     except ValueError as error:  # a zero byte
         raise RecordingError(f"{str(path)!r}: no name of a recording: {error}") from None
-    if not stat.S_ISREG(os.fstat(number).st_mode):
-        os.close(number)
-        raise RecordingError(f"{path}: no recording, as it is no file")
-    return os.fdopen(number, "rb")
 
 
 def noted(body: bytes) -> Note:
