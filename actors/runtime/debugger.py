@@ -11,7 +11,9 @@ from actors.runtime.errors import AcrcError
 
 _ROOT: Final = Path(__file__).resolve().parents[2]
 _OURS: Final = tuple(f"{_ROOT / name}/" for name in ("actors", "deeco", "deploy", "firmware_bridge"))
-"""What a strategy runs on. The shipped strategies are somebody's own code like any other."""
+"""What a strategy runs on."""
+_SHIPPED: Final = f"{_ROOT / 'cleaning'}/"
+"""The shipped strategies: somebody's own code as long as he has no other."""
 
 
 class DebuggerError(AcrcError):
@@ -21,8 +23,12 @@ class DebuggerError(AcrcError):
 class UserPdb(pdb.Pdb):
     """Steps over everything that a strategy runs on."""
 
-    def __init__(self, stdin: TextIO | None = None, stdout: TextIO | None = None) -> None:
+    def __init__(
+        self, stdin: TextIO | None = None, stdout: TextIO | None = None, *, own: bool = False
+    ) -> None:
+        """`own`: the strategy is the user's, and what the shipped ones are made of is stepped over, too."""
         super().__init__(stdin=stdin, stdout=stdout, skip=["*"])  # so that is_skipped_module is asked
+        self._skipped = (*_OURS, sys.prefix, sys.base_prefix, *((_SHIPPED,) if own else ()))
 
     def is_skipped_module(self, module_name: Any) -> bool:
         """True for all but the user's code."""
@@ -30,7 +36,7 @@ class UserPdb(pdb.Pdb):
         file = getattr(module, "__file__", None)
         if file is None:
             return True
-        return str(Path(file).resolve()).startswith((*_OURS, sys.prefix, sys.base_prefix))
+        return str(Path(file).resolve()).startswith(self._skipped)
 
 
 class _RobotPdb(UserPdb):

@@ -9,14 +9,15 @@ import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Final
 
 LARGEST: Final = 64_000_000
 """Bytes of what a run or a campaign writes beside its recordings; a result of 1000 robots has 1 MB."""
 
 
-def opened(path: Path, *, links: bool = True) -> BinaryIO:
+def opened(path: Path, *, links: bool = True) -> BufferedReader:
     """The file, open for reading. OSError, at once, for a pipe, socket, device or folder.
 
     `links`: follow one; else that is an OSError, too.

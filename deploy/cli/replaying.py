@@ -79,17 +79,17 @@ def replay(
         raise OptionError("--from: is where a debugger stops; must stand with --pdb or --debugpy")
     if begin is not None and end is not None and begin > end:
         raise OptionError(f"--from: is {begin:g}; must be at most {end:g}, which is --to")
-    words = (modules, trust)
-    report = _one(out, robot, begin or 0.0, end, _debugger(pdb, debugpy), strategy, words)
+    report = _one(out, robot, begin or 0.0, end, (pdb, debugpy), strategy, (modules, trust))
     until = "" if report.whole else " so far" if end is None else f" up to {end:g} s"
     console.print(f"{report.actor}: identical: {report.outputs} outputs{until}")
 
 
-def _debugger(pdb: bool, port: int | None) -> Callable[[], None] | None:
+def _debugger(pdb: bool, port: int | None, *, own: bool) -> Callable[[], None] | None:
+    """`own`: the strategy is the user's."""
     from deploy.replay import debugging
 
     if pdb:
-        return debugging.terminal()
+        return debugging.terminal(own=own)
     return None if port is None else debugging.debugpy_at(port)
 
 
@@ -98,7 +98,7 @@ def _one(
     robot: str,
     begin: float,
     end: float | None,
-    stop: Callable[[], None] | None,
+    debugger: tuple[bool, int | None],
     strategy: str | None,
     words: tuple[list[Path] | None, bool],
 ) -> "ReplayReport":
@@ -112,13 +112,14 @@ def _one(
     from deploy.run.foreign import admitted, permit_of
 
     permit = permit_of(words[0], trust=words[1])
-    if stop is None and end is None and strategy is None:
+    if debugger == (False, None) and end is None and strategy is None:
         return trusted_replay.replay(out, robot, permit=permit, isolate=None)
     if strategy is None:
         folders = check_trust(out, robot, permit) or ()
     else:
         folders = admitted(out, entry(strategy), (), replace(permit, typed=entry(strategy)))
     look_in(folders, any_content=permit.trust)
+    stop = _debugger(*debugger, own=bool(folders))
     stretch, reached = debugging.Stretch(begin, end), list[bool]()
 
     def stopping() -> None:

@@ -48,9 +48,9 @@ def watch(core: Core, step_us: int, stretch: Stretch, stop: Callable[[], None] |
     cast(Any, core).advance = watched
 
 
-def terminal() -> Callable[[], None]:
-    """Python's own debugger, at the next line of the user's code."""
-    return UserPdb().set_trace
+def terminal(*, own: bool) -> Callable[[], None]:
+    """Python's own debugger, at the next line of the user's code; `own`: as in `UserPdb`."""
+    return UserPdb(own=own).set_trace
 
 
 def debugpy_at(port: int) -> Callable[[], None]:

@@ -194,10 +194,8 @@ def test_a_full_disk_costs_records_that_are_counted_and_no_stop(links: Path, tmp
     )
     full = "cannot be written: no space left on device"
     records = {"base": out / "r1.base" / "r1.base.mcap", "r1": out / "r1" / "r1.mcap"}
-    said, missing = (
-        [],
-        {f"{name}: {path}: {full}; records are lost from here on\n" for name, path in records.items()},
-    )
+    said: list[str] = []
+    missing = {f"{name}: {path}: {full}; records are lost from here on\n" for name, path in records.items()}
     try:
         assert running.stderr is not None
         while missing - {*said}:

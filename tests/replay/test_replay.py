@@ -66,7 +66,7 @@ def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
     report = replay_actor(
         recorded,
         "r2",
-        Onlook(lambda core, step_us: debugging.watch(core, step_us, stretch, debugging.terminal())),
+        Onlook(lambda core, step_us: debugging.watch(core, step_us, stretch, debugging.terminal(own=False))),
     )
     assert report.whole and report.outputs > 30, "a look changes nothing"
     said = capsys.readouterr().out
@@ -75,6 +75,38 @@ def test_the_debugger_stops_in_the_strategys_code_and_nowhere_else(
     # what a dataclass generates stands in no file, but belongs to its module
     assert all("/cleaning/" in file or file == "<string>" for file in stops)
     assert "r2" in said
+
+
+DERIVED = """
+from typing import Self
+from actors.robot.behaviour import Behaviour, Start, host
+from cleaning.place import assignments
+from cleaning.robot import CleaningRobot
+from deeco import component, periodic, seconds
+
+@component
+class DerivedRobot(CleaningRobot):
+    @periodic(every=seconds(0.5), order=9)
+    def look(self) -> Self:
+        return self
+
+def behaviour(start: Start) -> Behaviour:
+    return host(start, DerivedRobot(id=start.robot, position=start.pose.point, route=assignments(start)))
+"""
+
+
+def test_the_debugger_steps_over_what_a_strategy_of_ones_own_is_derived_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "derived_strategy.py").write_text(DERIVED)
+    (tmp_path / "leads_nowhere").symlink_to("leads_nowhere")  # is no reason not to run
+    out, words = tmp_path / "out", ("--robots", 1, "--duration", 2)
+    own = ("--strategy", "derived_strategy:behaviour", "--modules", tmp_path)
+    assert acrc("run", *words, *own, "--out", out).returncode == 0
+    monkeypatch.setattr(sys, "stdin", io.StringIO("continue\n"))
+    replaying.replay(out, "r1", pdb=True, modules=[tmp_path])
+    stops = re.findall(r"^(?:\(Pdb\) )*> (\S+)\(\d+\)", capsys.readouterr().out, re.MULTILINE)
+    assert stops == [str(tmp_path / "derived_strategy.py")]
 
 
 def test_who_leaves_the_debugger_has_seen_enough(

@@ -104,8 +104,8 @@ def _handles(view: FileView, system: Sequence[Path]) -> dict[Path, int]:
 
 
 def _places(path: Path) -> tuple[Path, ...]:
-    """Where a path leads to, and where it says so if there are links on the way."""
-    return tuple(dict.fromkeys((path.absolute(), path.resolve())))
+    """Where a path leads to, and where it says so if there are links on the way, or none that ends."""
+    return tuple(dict.fromkeys((path.absolute(), Path(os.path.realpath(path)))))
 
 
 def _new(path: Path) -> Path:
