@@ -203,15 +203,21 @@ def scenario(
         Path | None,
         typer.Option(metavar="FILE", help="Draw it: floor, doors, starts, places, reach of radio."),
     ] = None,
+    modules: Modules = None,
+    trust: Trust = False,
 ) -> None:
     """Check a scenario, and say what it means on its floor; options replace what it says.
 
+    Its strategy is checked last: it is made once, as for a run, and must find its module and its settings.
     The file may be a map (.yaml) or a robot model, too: then it is about that alone.
     """
     from deploy.run import out_folder
+    from deploy.run.foreign import admitted, beside, permit_of
+    from deploy.run.preflight import preflight_here
     from deploy.scenario import part_survey, survey
     from deploy.scenario.resolve import resolve
     from deploy.scenario.scenario_file import Overrides, load_scenario, settings
+    from deploy.scenario.scenario_text import adaptation
 
     if png is not None and (png.suffix not in {".png", ".svg"} or not png.absolute().parent.is_dir()):
         raise wrong_value("--png", png, "a file in a folder that exists, its name ending in .png or .svg")
@@ -220,18 +226,21 @@ def scenario(
             raise OptionError(f"{file}: is no scenario; must stand without --robots, --seed and --set")
         _part(file, png, is_map=is_map)
         return
+    permit = permit_of(modules, trust=trust)
     overrides = Overrides(robots, seed, settings=settings(setting or ()))
-    found = survey.survey(resolve(load_scenario(file, overrides)))
+    settled = resolve(load_scenario(file, overrides))
+    found = survey.survey(settled)
     console = Console(soft_wrap=True, highlight=False)
     for sentence in survey.sentences(found):
         console.print(sentence, markup=False)
-    if png is None:
-        return
-    from deploy.picture import scenario_picture
+    if png is not None:
+        from deploy.picture import scenario_picture
 
-    with out_folder.writing(png.parent):
-        scenario_picture.write(found, png)
-    console.print(str(png), markup=False)
+        with out_folder.writing(png.parent):
+            scenario_picture.write(found, png)
+        console.print(str(png), markup=False)
+    folders = admitted(file, settled.behaviour, beside(settled.scenario), permit)
+    preflight_here(settled, adaptation(settled.scenario), folders)
 
 
 def _part(file: Path, png: Path | None, *, is_map: bool) -> None:

@@ -130,3 +130,30 @@ def test_what_is_wrong_with_a_map_or_a_model_is_one_sentence(tmp_path: Path) -> 
         done = acrc("scenario", *words)
         assert done.returncode in (1, 2), words
         assert done.stderr.count("\n") == 1 and fault in done.stderr, done.stderr
+
+
+def test_what_a_run_would_refuse_of_a_strategy_is_said_behind_what_the_floor_is(tmp_path: Path) -> None:
+    file = two_rooms(tmp_path)
+    scenario = file.read_text()
+    (tmp_path / "own_moves.py").write_text("from cleaning.strategies.none import behaviour\n")
+    asked = "names the strategy {}, "
+    for run, words, fault in (
+        ('strategy = "chapter"\n[strategy]\nreech = 3', (), "strategy.reech is not known"),
+        (
+            'strategy = "gone_moves:behaviour"',
+            (),
+            f"{file} {asked.format('gone_moves:behaviour')}and there is",
+        ),
+        ('strategy = "own_moves:behaviour"', (), f"{file} {asked.format('own_moves:behaviour')}whose code "),
+        ('strategy = "own_moves:behaviour"', ("--modules", tmp_path), ""),
+        (
+            'strategy = "own_moves:behavior"',
+            ("--modules", tmp_path),
+            "behaviour 'own_moves:behavior': module",
+        ),
+    ):
+        file.write_text(f"{scenario}[run]\n{run}\n")
+        done = acrc("scenario", file, *words)
+        assert done.stdout.startswith("1 robot, 2 places, "), done.stdout
+        assert done.stderr.startswith(f"acrc: {fault}" if fault else ""), done.stderr
+        assert (done.returncode, done.stderr.count("\n")) == ((1, 1) if fault else (0, 0)), done.stderr
