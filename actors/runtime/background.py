@@ -79,7 +79,6 @@ class BackgroundRecorder(Recorder):
 
     def __init__(self, path: Path, step_us: int) -> None:
         super().__init__(path, step_us)
-        self._path = path
         self._background = Background()
 
     @property
@@ -99,7 +98,7 @@ class BackgroundRecorder(Recorder):
                 failure = late
         if failure is not None or not wrote:
             why = "the disk is too slow" if failure is None else failure.strerror
-            sys.stderr.write(f"{self._path}: {self.dropped} records are missing: {why}\n")
+            sys.stderr.write(f"{self.path}: {self.dropped} records are missing: {why}\n")
 
     def note(self, name: str, content: msgspec.Struct) -> None:
         """As in Recorder, later."""

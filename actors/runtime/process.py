@@ -6,9 +6,8 @@ import resource
 import sys
 import threading
 import time
-import traceback
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Annotated, Any, Protocol
@@ -19,7 +18,8 @@ import zenoh
 from actors.runtime.bus.zenoh_bus import ZenohBus, open_session
 from actors.runtime.core import Address, Core, Output
 from actors.runtime.errors import AcrcError
-from actors.runtime.lifecycle.failure import failure_note
+from actors.runtime.lifecycle import reserve
+from actors.runtime.lifecycle.failure import failure_note, in_words, print_traceback
 from actors.runtime.lifecycle.keeper import cpu_s
 from actors.runtime.lifecycle.leftovers import LeftoverError, fault
 from actors.runtime.lifecycle.parent import Ended
@@ -133,6 +133,8 @@ def play(
     with ExitStack() as stack:
         stack.enter_context(recorder)
         recorder.note("run", part.run)
+        reserve.hold(recorder.path.parent)
+        stack.callback(reserve.release)
         try:
             session = stack.enter_context(open_session(config, patience_s))
             bus = part.bus(session, part.listens)
@@ -143,6 +145,7 @@ def play(
                 shell.send(part.ready)
             settle()
             part.drive(shell, driven)
+            reserve.release()  # to end well takes as much, and a user's code may have left nothing
             if part.prints is not None:
                 part.prints.close()
             if threads is not None and (wrong := fault(has_strays(), threads)):
@@ -153,11 +156,25 @@ def play(
         except Ended:
             raise
         except BaseException as error:  # a strategy may call sys.exit, which is no Exception
-            recorder.note("failure", failure_note(part.run.actor, part.core.step, error))
-            if not isinstance(error, AcrcError):
-                traceback.print_exc()  # a bug: the whole story, into the process's log
+            reserve.release()  # here already: not even a call may be possible
+            tell(recorder, part.run.actor, part.core.step, error)
             return 1
     return 0
+
+
+def tell(recorder: Recorder, actor: str, step: int, error: BaseException) -> None:
+    """What has ended the process, as its last record; a bug's whole story goes to the log."""
+    note = failure_note(actor, step, error)
+    try:
+        recorder.note("failure", note)
+        told = ""
+    except AcrcError:  # not even the room that was kept for it is there
+        told = f"{in_words(note)}\n"
+    if not isinstance(error, AcrcError):
+        print_traceback(error)
+    with suppress(OSError):
+        sys.stderr.write(told)
+        sys.stderr.flush()
 
 
 def _shell(part: ActorProcess, bus: Any, recorder: Recorder) -> tuple[Shell, Any]:
