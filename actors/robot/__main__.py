@@ -10,7 +10,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: isolation ne
 import faulthandler
 import sys
 import threading
-import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -23,9 +22,9 @@ from actors.runtime.client_options import own_folder
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.resource_limits import enforce
 from actors.runtime.isolation.sandbox import Confinement, isolate
-from actors.runtime.lifecycle.failure import failure_note
+from actors.runtime.lifecycle import reserve
 from actors.runtime.lifecycle.parent import answer_where, die_with_parent, leave
-from actors.runtime.process import ActorProcess, play
+from actors.runtime.process import ActorProcess, play, tell
 from actors.runtime.recording import Recorder
 
 
@@ -36,9 +35,7 @@ def preflight(make: Callable[[], ActorProcess], recorder: Recorder, patience_s: 
         try:
             recorder.note("run", make().run)
         except Exception as error:
-            recorder.note("failure", failure_note("robot", 0, error))
-            if not isinstance(error, AcrcError):
-                traceback.print_exc()
+            tell(recorder, "robot", 0, error)
             return 1
     return 0
 
@@ -59,6 +56,7 @@ def main(argv: Sequence[str]) -> int:
         assembly.kernels()  # compiled while the cache can still be written
         kind = SparingRecorder if options.client.spares_record else Recorder
         recorder = kind(options.client.record, options.setup.step_us)  # in a folder that is closed later
+        room = reserve.hold(recorder.path.parent)
         if options.isolate:
             folder = options.client.record.resolve().parent
             isolate(
@@ -67,7 +65,7 @@ def main(argv: Sequence[str]) -> int:
                     hidden=(folder.parent, *options.hidden),
                     readable=(folder,),
                     code=options.path,
-                    descriptors=(1, 2, recorder.fileno()),
+                    descriptors=(1, 2, recorder.fileno(), room),
                     parent=parent if options.client.with_parent else None,
                 )
             )
@@ -85,7 +83,14 @@ def main(argv: Sequence[str]) -> int:
         if options.preflight_s is not None:
             return preflight(lambda: program.part_of(options, argv), recorder, options.preflight_s)
         config = client_config(options.client.credentials, options.client.router)
-        robot, patience_s = _robot(options, argv), options.client.patience_s
+        try:
+            robot, patience_s = _robot(options, argv), options.client.patience_s
+        except AcrcError:
+            raise
+        except BaseException as error:
+            with recorder:
+                tell(recorder, options.setup.id, options.setup.first_step, error)
+            return 1
         return play(robot, recorder, config, threads=threads, patience_s=patience_s)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")

@@ -130,7 +130,6 @@ class BackgroundRecorder(SparingRecorder):
 
     def __init__(self, path: Path, step_us: int) -> None:
         super().__init__(path, step_us)
-        self._path = path
         self._background = Background()
 
     @property
@@ -144,7 +143,7 @@ class BackgroundRecorder(SparingRecorder):
         if self._background.close():
             super().__exit__(kind, error, trace)
         else:
-            to_stderr(f"{self._path}: the disk is too slow; {self.dropped} records are missing\n")
+            to_stderr(f"{self.path}: the disk is too slow; {self.dropped} records are missing\n")
 
     def note(self, name: str, content: msgspec.Struct) -> None:
         """As in Recorder, later."""

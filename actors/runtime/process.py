@@ -5,9 +5,8 @@ import gc
 import sys
 import threading
 import time
-import traceback
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Annotated, Any, Protocol
@@ -17,7 +16,9 @@ import zenoh
 
 from actors.runtime.bus.zenoh_bus import ZenohBus, open_session
 from actors.runtime.core import Address, Core, Output
-from actors.runtime.lifecycle.failure import failure_note, in_words
+from actors.runtime.errors import AcrcError
+from actors.runtime.lifecycle import reserve
+from actors.runtime.lifecycle.failure import failure_note, in_words, print_traceback
 from actors.runtime.lifecycle.keeper import cpu_s
 from actors.runtime.lifecycle.leftovers import LeftoverError, fault
 from actors.runtime.lifecycle.parent import Ended
@@ -137,6 +138,8 @@ def play(
     with ExitStack() as stack:
         stack.enter_context(recorder)
         recorder.note("run", part.run)
+        reserve.hold(recorder.path.parent)
+        stack.callback(reserve.release)
         try:
             session = stack.enter_context(open_session(config, patience_s))
             bus = part.bus(session, part.listens)
@@ -147,6 +150,7 @@ def play(
                 shell.send(part.ready)
             settle()
             part.drive(shell, driven)
+            reserve.release()  # to end well takes as much, and a user's code may have left nothing
             if part.prints is not None:
                 part.prints.close()
             if threads is not None and (wrong := fault(has_strays(), threads)):
@@ -157,14 +161,25 @@ def play(
         except Ended:
             raise
         except BaseException as error:  # a strategy may call sys.exit, which is no Exception
-            note = failure_note(part.run.actor, part.core.step, error)
-            if note.expected:
-                sys.stderr.write(f"{in_words(note)}\n")
-            else:
-                traceback.print_exc()  # a bug: the whole story, into the process's log
-            recorder.note("failure", note)
+            reserve.release()  # here already: not even a call may be possible
+            tell(recorder, part.run.actor, part.core.step, error)
             return 1
     return 0
+
+
+def tell(recorder: Recorder, actor: str, step: int, error: BaseException) -> None:
+    """What has ended the process, as its last record and in its log; there a bug has its whole story."""
+    note = failure_note(actor, step, error)
+    told = f"{in_words(note)}\n" if note.expected else ""
+    try:
+        recorder.note("failure", note)
+    except AcrcError:  # not even the room that was kept for it is there
+        told = f"{in_words(note)}\n"
+    if not note.expected:
+        print_traceback(error)
+    with suppress(OSError):
+        sys.stderr.write(told)
+        sys.stderr.flush()
 
 
 def _shell(part: ActorProcess, bus: Any, recorder: Recorder) -> tuple[Shell, Any]:

@@ -105,8 +105,13 @@ class Server:
         except OSError as error:
             self._tell({"refused": f"{log}: {error.strerror}"})
             return
-        pid = self._fork(module, argv, stream, Path(log).stem)
-        os.close(stream)
+        try:
+            pid = self._fork(module, argv, stream, Path(log).stem)
+        except OSError as error:  # no more processes, or no memory for one
+            self._tell({"refused": f"fork: {error.strerror}"})
+            return
+        finally:
+            os.close(stream)
         self._actors[pid] = log
         self._tell({"started": pid})
 

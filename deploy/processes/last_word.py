@@ -33,6 +33,11 @@ def where_it_stands(child: Child, wait: Callable[[float], None]) -> str:
     return ""
 
 
+def where_it_crashed(log: Path) -> str:
+    """`mine.py:12 (advance)`: where the process of this log was when it crashed; empty if it does not say."""
+    return _place(log, max(0, log.stat().st_size - _TAIL)) if log.is_file() else ""
+
+
 def _place(log: Path, before: int) -> str:
     if not log.is_file():
         return ""

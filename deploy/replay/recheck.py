@@ -9,6 +9,7 @@ import importlib
 import os
 import subprocess
 import sys
+import tempfile
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ import msgspec
 
 from actors.robot.behaviour.modules import look_in
 from actors.runtime.errors import AcrcError
+from actors.runtime.lifecycle import reserve
 from actors.runtime.lifecycle.environment import passed_on
 from actors.runtime.lifecycle.parent import die_with_parent
 from deploy.replay.record_check import check
@@ -133,6 +135,7 @@ def _start(out: Path, actor: str) -> tuple[int, int]:
     code = 1
     try:
         die_with_parent(parent)
+        reserve.hold(Path(tempfile.gettempdir()))
         os.dup2(2, 1)  # what a strategy prints is no answer
         os.write(theirs, msgspec.json.encode(_again(out, actor)))
         code = 0
@@ -146,6 +149,7 @@ def _again(out: Path, actor: str) -> Again:
     except AcrcError as error:
         return Again(actor, fault=str(error)[:_LONGEST])
     except Exception as error:  # a strategy that takes another way may fail there
+        reserve.release()
         return Again(actor, fault=f"{actor}: {type(error).__name__}: {error}"[:_LONGEST])
 
 

@@ -1,10 +1,9 @@
 """What programs share that execute recorded code shut off like a robot: their command line, and the walls."""
 
 import os
-import traceback
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
 
@@ -12,6 +11,8 @@ from actors.robot import assembly
 from actors.robot.behaviour.modules import look_in
 from actors.runtime.isolation.resource_limits import ProcessLimits, enforce
 from actors.runtime.isolation.sandbox import Confinement, isolate
+from actors.runtime.lifecycle import reserve
+from actors.runtime.lifecycle.failure import print_traceback
 from actors.runtime.lifecycle.parent import die_with_parent
 
 
@@ -37,6 +38,7 @@ def answering(options: Namespace, file_mb: int, readable: Sequence[Path] | None 
     """
     with options.answer.open("xb", buffering=0) as answer:
         parent = os.getppid()
+        room = reserve.hold(options.answer.parent)
         assembly.kernels()  # while their cache can still be written
         if options.isolate:
             isolate(
@@ -45,7 +47,7 @@ def answering(options: Namespace, file_mb: int, readable: Sequence[Path] | None 
                     hidden=(options.own.parent,),
                     readable=(options.out,) if readable is None else tuple(readable),
                     code=tuple(options.path),
-                    descriptors=(1, 2, answer.fileno()),
+                    descriptors=(1, 2, answer.fileno(), room),
                     parent=parent,
                 )
             )
@@ -58,8 +60,8 @@ def answering(options: Namespace, file_mb: int, readable: Sequence[Path] | None 
 
 def bug(actor: str, error: Exception) -> str:
     """What is answered where the code failed; the whole traceback goes to the log, if that takes any more."""
-    with suppress(OSError):
-        traceback.print_exception(error)
+    reserve.release()
+    print_traceback(error)
     return f"{actor}: {type(error).__name__}: {error}"
 
 

@@ -21,6 +21,7 @@ from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.debugger import stop_here
 from actors.runtime.fingerprint import fingerprints
+from actors.runtime.lifecycle import reserve
 from actors.runtime.lifecycle.failure import TimedOut, failure_note, in_words
 from actors.runtime.pace import Pace
 from actors.runtime.process import ActorProcess, final_note
@@ -62,12 +63,15 @@ class MemorySwarm:
     def run(self) -> None:
         """Run to the end; whatever happens, the recordings are closed and say how it ended."""
         with self._stack:
+            reserve.hold(self._plan.out)
+            self._stack.callback(reserve.release)
             try:
                 with Leftovers() as leftovers:
                     self._play()
             except (SystemExit, TimedOut) as error:
                 raise RunFailedError(self._note_failure(error)) from None
             except Exception as error:
+                reserve.release()  # here already: not even a call may be possible
                 self._note_failure(error)
                 raise
             if leftovers.fault is not None:
@@ -86,6 +90,7 @@ class MemorySwarm:
             self._build()
             with _settled():
                 run_shells(self._shells, self._hold)
+            reserve.release()  # to end well takes as much, and a user's code may have left nothing
 
     @contextmanager
     def _breakpoints(self) -> Iterator[None]:

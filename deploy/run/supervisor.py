@@ -5,6 +5,7 @@ import signal
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Final
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress, Roster
 from actors.runtime.bus_interface import Bus
@@ -15,6 +16,7 @@ from actors.runtime.lifecycle.leftovers import fault
 from actors.runtime.lifecycle.process_table import glance
 from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.topic import Message, Topic
+from deploy.processes.last_word import where_it_crashed
 from deploy.processes.launch import Child, Launcher, LaunchError, Program
 from deploy.run.resource_watch import ResourceWatch
 from deploy.run.silence import Timeout
@@ -23,6 +25,10 @@ from deploy.run.vigil import Vigil
 
 class RunFailedError(AcrcError):
     """An actor died, hung or raised; the sentence names it and the cause."""
+
+
+_CRASHES: Final = (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT)
+"""Signals that a process brings upon itself."""
 
 
 class Supervisor:
@@ -185,7 +191,9 @@ def _cause(failed: list[Child]) -> str:
     code = child.exit_code
     assert code is not None
     if code < 0:
-        return f"{child.program.actor} was ended by signal {signal.Signals(-code).name}"
+        ended = f"{child.program.actor} was ended by signal {signal.Signals(-code).name}"
+        place = where_it_crashed(child.program.log) if -code in _CRASHES else ""
+        return ended + (f"; it stood at {place}" if place else "")
     last = _last_line(child.program)
     return f"{child.program.actor} ended with exit code {code}" + (f": {last}" if last else "")
 

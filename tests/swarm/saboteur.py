@@ -1,6 +1,7 @@
 """Behaviours that go wrong on purpose, by entry string."""
 
 import os
+import resource
 import sys
 import threading
 import time
@@ -132,6 +133,32 @@ def hoards(start: Start) -> Behaviour:
             hoard.append(bytearray(10_000_000))
 
     return Behaves(start, take)
+
+
+def hoards_crumbs(start: Start) -> Behaviour:
+    """Takes the last byte, too, of the 20 MB that it leaves itself."""
+    hoard: list[bytearray] = []
+
+    def take() -> None:
+        pages = int(Path("/proc/self/statm").read_text().split()[5])
+        most = pages * resource.getpagesize() + 20_000_000
+        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+        while True:
+            hoard.append(bytearray(1))
+
+    return Behaves(start, take)
+
+
+def cannot_be_made(start: Start) -> Behaviour:
+    """Fails before its first step, if it is r2."""
+    if start.robot == "r2":
+        raise ZeroDivisionError("my strategy has no friends")
+    return baseline(start)
+
+
+def crashes(start: Start) -> Behaviour:
+    """Ends its process by a signal of its own."""
+    return Behaves(start, os.abort)
 
 
 def fills(start: Start) -> Behaviour:

@@ -230,6 +230,19 @@ def test_a_strategy_that_exits_is_named_at_once(tmp_path: Path, bus: str) -> Non
     assert time.monotonic() - began < 25  # not the 30 s of a silent actor
 
 
+@pytest.mark.parametrize("bus", ["zenoh", "isolated"])
+def test_a_crash_is_named_with_its_line(tmp_path: Path, bus: str) -> None:
+    assert failure(tmp_path / "out", "crashes", bus) == (
+        f"r2 was ended by signal SIGABRT; it stood at {place('self._deed()')} (advance)"
+    )
+
+
+def test_a_robot_that_cannot_be_made_is_named_with_its_line(tmp_path: Path) -> None:
+    assert failure(tmp_path / "out", "cannot_be_made") == (
+        f"r2 failed in step 0: ZeroDivisionError: my strategy has no friends ({place('no friends')})"
+    )
+
+
 def test_an_exception_is_shown_whole_but_for_what_a_terminal_would_obey(tmp_path: Path) -> None:
     assert failure(tmp_path / "out", "says_much") == (
         "r2 failed in step 20: ValueError: first line\nsecond \\x1b[31mline\\udc80 "

@@ -2,19 +2,24 @@
 
 import sysconfig
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from itertools import takewhile
 from pathlib import Path
-from types import FrameType
+from types import FrameType, TracebackType
 from typing import Final
 
 import msgspec
 
 from actors.runtime.errors import AcrcError, printable
+from actors.runtime.lifecycle import reserve
 
 _LIBRARIES: Final = tuple(
     f"{sysconfig.get_path(name)}/" for name in ("stdlib", "platstdlib", "purelib", "platlib")
 )
 """Where code lies that is neither the user's nor this project's."""
+_LONGEST_TRACE: Final = 1200
+"""Frames of a traceback that are shown; Python's own limit of recursion is 1000."""
 
 
 class TimedOut(BaseException):  # no Exception, for a strategy may catch those
@@ -36,14 +41,22 @@ class FailureNote(msgspec.Struct, frozen=True):
 
 
 def failure_note(actor: str, step: int, error: BaseException) -> FailureNote:
-    """The cause, whole, as far as it can be printed."""
+    """The cause, whole, as far as it can be printed; lets the process's reserve go, if it holds one."""
+    reserve.release()
     if isinstance(error, AcrcError | TimedOut):
         return FailureNote(actor, step, printable(str(error)), expected=True)
-    frames = [(frame.filename, frame.lineno or 0) for frame in traceback.extract_tb(error.__traceback__)]
-    if isinstance(error, HardExit):
-        frames.pop()  # that of the function that stands in for os._exit
-    name, line = own_place(frames[::-1])
-    return FailureNote(actor, step, printable(f"{_said(error)} ({Path(name).name}:{line})"), expected=False)
+    # what the lack of memory meets on its way up may fail, too: the first one is the cause
+    alike = [error, *takewhile(lambda one: isinstance(one, MemoryError), _chain(error))]
+    place = next(filter(None, map(_raised_at, reversed(alike))), "")  # without memory there are no lines
+    return FailureNote(actor, step, printable(f"{_said(error)}{place}"), expected=False)
+
+
+def print_traceback(error: BaseException) -> None:
+    """The whole story of a bug on standard error, as far as that takes it; of endless recursion the end."""
+    with suppress(MemoryError, OSError):
+        for one in _chain(error):
+            one.__traceback__ = _end_of(one.__traceback__)
+        traceback.print_exception(error)
 
 
 def in_words(note: FailureNote) -> str:
@@ -62,8 +75,44 @@ def where(frame: FrameType | None) -> str:
 
 def own_place(frames: Sequence[tuple[str, int]]) -> tuple[str, int]:
     """Of file names and lines, the innermost first, the first that is in no library."""
-    own = (frame for frame in frames if not frame[0].startswith((*_LIBRARIES, "<")))
-    return next(own, frames[0] if frames else ("nowhere", 0))
+    return next(filter(_is_own, frames), frames[0] if frames else ("nowhere", 0))
+
+
+def _is_own(frame: tuple[str, int]) -> bool:
+    return not frame[0].startswith((*_LIBRARIES, "<"))
+
+
+def _raised_at(error: BaseException) -> str:
+    """` (mine.py:12)`: the last line of its own code on the way to where it was raised; "" if it is lost."""
+    frames: Iterable[tuple[str, int]] = (
+        (frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)
+    )
+    if isinstance(error, HardExit):
+        frames = [*frames][:-1]  # the last one is that of the function that stands in for os._exit
+    last = own = ("", 0)
+    for last in frames:
+        own = last if _is_own(last) else own
+    name, line = own if own[0] else last
+    return f" ({Path(name).name}:{line})" if name else ""
+
+
+def _chain(error: BaseException) -> Iterator[BaseException]:
+    """The error and those that it came of."""
+    seen: set[int] = set()
+    now: BaseException | None = error
+    while now is not None and id(now) not in seen:
+        seen.add(id(now))
+        yield now
+        now = now.__cause__ or now.__context__
+
+
+def _end_of(trace: TracebackType | None) -> TracebackType | None:
+    length, at = 0, trace
+    while at is not None:
+        length, at = length + 1, at.tb_next
+    for _ in range(length - _LONGEST_TRACE):
+        trace = trace and trace.tb_next
+    return trace
 
 
 def _said(error: BaseException) -> str:

@@ -47,5 +47,7 @@ def leave(code: int) -> NoReturn:
 
 
 def answer_where() -> None:
-    """From now on SIGUSR1 writes to standard error where this process stands, out of an endless loop, too."""
+    """From now on SIGUSR1 writes to standard error where this process stands, out of an endless loop, too,
+    and so does a crash, such as an overflow of the stack."""
+    faulthandler.enable(file=2)
     faulthandler.register(signal.SIGUSR1, file=2, all_threads=True)

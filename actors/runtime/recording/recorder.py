@@ -1,10 +1,12 @@
 """Writes a recording."""
 
+import io
 import os
 import zlib
+from io import FileIO
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Protocol, Self
+from typing import Protocol, Self
 
 import msgspec
 from mcap.opcode import Opcode
@@ -46,7 +48,7 @@ class Recorder:
     """Writes one process's file, which must be new. RecordingError where that cannot be made."""
 
     def __init__(self, path: Path, step_us: int) -> None:
-        self._path = path
+        self.path = path
         self._stream = _Checked(_created(path), path)
         self._writer = Writer(
             self._stream,  # type: ignore[arg-type]  # it needs `write` and `tell`
@@ -84,7 +86,7 @@ class Recorder:
         text = msgspec.json.encode(content)
         if len(text) > LARGEST_RECORD // 2:
             raise RecordingError(
-                f"{self._path}: the record {name!r} would have {len(text)} bytes; it may have at most "
+                f"{self.path}: the record {name!r} would have {len(text)} bytes; it may have at most "
                 f"{LARGEST_RECORD // 2}"
             )
         self._writer.add_metadata(name, {"json": text.decode(), "crc32": f"{zlib.crc32(text):08x}"})
@@ -154,36 +156,48 @@ class Recorder:
 
 
 class _Checked:
-    """A file that knows the CRC-32 of what was written; UnwritableError where the disk takes no more."""
+    """A file that knows the CRC-32 of what was written to it; UnwritableError where the disk takes no more.
 
-    def __init__(self, stream: IO[bytes], path: Path) -> None:
-        self._stream = stream
+    What the disk has not taken is kept, and offered again with what follows: nothing is cut in the middle.
+    """
+
+    def __init__(self, file: FileIO, path: Path) -> None:
+        self._file = file
         self._path = path
+        self._waiting = bytearray()
+        self._size = 0
         self.crc32 = 0
         self.unsealed = 0
         """Bytes since the last seal, those of packed messages as they come back."""
-        self.tell, self.fileno = stream.tell, stream.fileno
+        self.fileno = file.fileno
+
+    def tell(self) -> int:
+        """Bytes so far."""
+        return self._size
 
     def write(self, data: bytes) -> int:
         """Append."""
+        self._waiting += data
+        self._size += len(data)
         self.crc32 = zlib.crc32(data, self.crc32)
         self.unsealed += len(data)
-        try:
-            return self._stream.write(data)
-        except OSError as error:
-            raise self._full(error) from None
+        if len(self._waiting) > io.DEFAULT_BUFFER_SIZE:
+            self.flush()
+        return len(data)
 
     def flush(self) -> None:
         """Hand everything to the operating system."""
-        try:
-            self._stream.flush()
-        except OSError as error:
-            raise self._full(error) from None
+        while self._waiting:
+            try:
+                del self._waiting[: self._file.write(self._waiting)]
+            except OSError as error:
+                raise self._full(error) from None
 
     def close(self) -> None:
         """The last call."""
         try:
-            self._stream.close()
+            self.flush()
+            self._file.close()
         except OSError as error:
             raise self._full(error) from None
 
@@ -204,9 +218,9 @@ class Unrecorded:
         """Nothing is kept."""
 
 
-def _created(path: Path) -> IO[bytes]:
+def _created(path: Path) -> FileIO:
     """A new file, never one that a link leads to."""
     try:
-        return os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o644), "wb")
+        return FileIO(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o644), "wb")
     except OSError as error:
         raise RecordingError(f"{path}: the recording cannot be made: {error.strerror}") from None
