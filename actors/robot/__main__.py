@@ -20,8 +20,8 @@ from actors.runtime.access.rules import client_config
 from actors.runtime.background import SparingRecorder
 from actors.runtime.client_options import own_folder
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.neutral import RECORDING
 from actors.runtime.isolation.resource_limits import enforce
-from actors.runtime.isolation.sandbox import Confinement, isolate
 from actors.runtime.lifecycle import reserve
 from actors.runtime.lifecycle.parent import answer_where, die_with_parent, leave
 from actors.runtime.process import ActorProcess, play, tell
@@ -53,23 +53,12 @@ def main(argv: Sequence[str]) -> int:
     answer_where()
     try:
         options = program.parse(argv)
-        assembly.kernels()  # compiled while the cache can still be written
+        assembly.kernels()
         kind = SparingRecorder if options.client.spares_record else Recorder
-        recorder = kind(options.client.record, options.setup.step_us)  # in a folder that is closed later
-        room = reserve.hold(recorder.path.parent)
-        if options.isolate:
-            folder = options.client.record.resolve().parent
-            isolate(
-                Confinement(
-                    own=own_folder(folder),
-                    hidden=(folder.parent, *options.hidden),
-                    readable=(folder,),
-                    code=options.path,
-                    descriptors=(1, 2, recorder.fileno(), room),
-                    parent=parent if options.client.with_parent else None,
-                )
-            )
-        elif options.client.with_parent:
+        path, descriptor = options.client.record, RECORDING if options.isolate else None
+        recorder = kind(path, options.setup.step_us, descriptor)
+        reserve.hold(own_folder(path.parent) if options.isolate else path.parent)
+        if options.client.with_parent and not options.isolate:  # else its keeper sees to that
             die_with_parent(parent)
         if options.debugger:
             debugger.stop_at(options.debugger)

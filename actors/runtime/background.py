@@ -78,8 +78,9 @@ class SparingRecorder(Recorder):
     Of what comes after the first loss nothing is recorded.
     """
 
-    def __init__(self, path: Path, step_us: int) -> None:
-        super().__init__(path, step_us)
+    def __init__(self, path: Path, step_us: int, descriptor: int | None = None) -> None:
+        """As in Recorder."""
+        super().__init__(path, step_us, descriptor)
         self.lost = 0
         """Records so far."""
         self._unflushed = 0

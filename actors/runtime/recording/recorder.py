@@ -47,9 +47,11 @@ class Journal(Protocol):
 class Recorder:
     """Writes one process's file, which must be new. RecordingError where that cannot be made."""
 
-    def __init__(self, path: Path, step_us: int) -> None:
+    def __init__(self, path: Path, step_us: int, descriptor: int | None = None) -> None:
+        """`descriptor`: the new file is open there already."""
         self.path = path
-        self._stream = _Checked(_created(path), path)
+        file = _created(path) if descriptor is None else FileIO(descriptor, "wb")
+        self._stream = _Checked(file, path)
         self._writer = Writer(
             self._stream,  # type: ignore[arg-type]  # it needs `write` and `tell`
             compression=CompressionType.NONE,  # the others need what constraints.txt leaves out
