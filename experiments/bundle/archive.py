@@ -30,4 +30,3 @@ def write(path: Path, top: str, files: Mapping[str, bytes]) -> None:
             info.compress_type = zipfile.ZIP_DEFLATED
             archive.writestr(info, whole[name], compresslevel=9)
     new.replace(path)
-
