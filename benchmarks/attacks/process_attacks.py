@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from benchmarks.attacks.network_attacks import REPOSITORY, process
 
 LIBC = ctypes.CDLL(None, use_errno=True)
 LIBC.shmat.restype = ctypes.c_void_p
-IPC = "IPC namespace"
+IPC = "system call filter, IPC namespace"
 PROCESSES = "no /proc"
 PIDS = "process namespace"
 PROCESS_CLOCK = 2
@@ -219,13 +220,13 @@ def proc(entry: str) -> Stage:
 
 
 def hold_memory(member: SwarmMember, note: Note) -> Note:
-    """Hold the token in an anonymous file and in memory."""
-    handle = os.memfd_create("diary")
-    member.keep(os.fdopen(handle, "r+b", buffering=0)).write(note["token"].encode())
+    """Hold the token in a file without a name and in memory."""
+    diary = member.keep(tempfile.TemporaryFile(buffering=0))  # noqa: SIM115 — the member closes it
+    diary.write(note["token"].encode())
     text = ctypes.create_string_buffer(note["token"].encode())
     member.signals.append(ctypes.addressof(text))
     MEMORY.append(text)
-    return {"pid": member.pid, "handle": handle, "address": ctypes.addressof(text)}
+    return {"pid": member.pid, "handle": diary.fileno(), "address": ctypes.addressof(text)}
 
 
 def read_command_line(_: SwarmMember, note: Note) -> Note:

@@ -4,8 +4,8 @@
 followed by a second message, `{module, argv, log, names}`, which only the child reads: what one actor is told
 must not be in the memory of the next one. The answer is `{"started": pid}`, or `{"refused": why}` where the
 log is no new file, and the end of a child is told as `{"ended": pid, "code": code, "strays": n, "cpu_s": s}`:
-n processes that the child had started outlived it and have been ended (`reap`; `spare` leaves them alone), and
-s is the CPU time that the system charged for it and for what it has waited for. Kinds are
+n processes that the child had started outlived it and have been ended (`reap`; `spare` leaves them alone),
+and s is the CPU time that the system charged for it and for what it has waited for. Kinds are
 `plain` and `confined`, a robot that is shut off (see `confined`). `fork`: the server has imported and
 compiled everything once, and forks from there; `exec`: it is small, and every child begins anew. To
 `{"share": [module, words]}`, sent with the descriptor of a folder in which the words name files, and which

@@ -17,6 +17,7 @@ from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError, printable
 
 SUMS: Final = "SHA256SUMS"
+_NEW: Final = f"{SUMS}.new"
 _OWN: Final = "own"
 _OWN_BYTES: Final = 1_000_000_000
 """What a robot's strategy may leave in its own folder to be sealed, bytes; own choice: a second's hashing."""
@@ -56,7 +57,7 @@ def lines(sums: Mapping[str, str], left_out: Iterable[str] = ()) -> bytes:
 
 
 def seal(folder: Path) -> None:
-    """Write SHA256SUMS over all that lies in the folder now. OSError where it cannot be written."""
+    """Write SHA256SUMS over all that lies in the folder now, whole or not at all. May raise OSError."""
     sums: dict[str, str] = {}
     left_out: list[str] = []
     for name, is_file in _entries(folder):
@@ -158,7 +159,7 @@ def _entries(folder: Path) -> Iterator[tuple[str, bool]]:
         for entry in entries:
             name = f"{inside}/{entry.name}" if inside else entry.name
             if not entry.is_dir(follow_symlinks=False):
-                if name != SUMS and not (not inside and name.endswith(_VIEWS)):
+                if name not in (SUMS, _NEW) and not (not inside and name.endswith(_VIEWS)):
                     yield name, entry.is_file(follow_symlinks=False)
             elif entry.name == _OWN and name.count("/") == 1 and _is_too_large(folder / name):
                 yield name, False

@@ -49,9 +49,12 @@ def _unfit(sources: Sequence[Source]) -> Iterator[str]:
 
 
 def _told_by_robots(sources: Sequence[Source]) -> Iterator[str]:
-    """What `acrc fleet collect` found missing or unknown in a field trial."""
+    """What `acrc fleet collect` found missing or unknown in a field trial, and what a run did not believe."""
     for one in sources:
         for case in one.cases:
+            if isinstance(case.outcome, RunResult):
+                told = (f"{case.strategy}, seed {case.seed}: {said}" for said in case.outcome.refused_reports)
+                yield from (f"{one.name}: {said}." for said in told)
             if isinstance(case.outcome, TrialResult):
                 yield from (f"{one.name}: {note.rstrip('.')}." for note in case.outcome.notes)
 

@@ -209,3 +209,14 @@ def test_a_folder_of_results_alone_can_be_checked(tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text("{}")
     seal(tmp_path)
     assert sealed_sentence(tmp_path) == ("sealed: all 1 files are as they were when SHA256SUMS was written")
+
+
+def test_a_seal_is_written_through_no_link(tmp_path: Path) -> None:
+    folder, target = tmp_path / "run", tmp_path / "dotfile"
+    folder.mkdir()
+    target.write_text("mine")
+    for name in (SUMS, f"{SUMS}.new"):
+        (folder / name).symlink_to(target)
+    seal(folder)
+    assert target.read_text() == "mine" and not (folder / SUMS).is_symlink()
+    assert check_seal(folder) == Sealed(0, (), ())

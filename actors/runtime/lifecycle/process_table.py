@@ -5,6 +5,7 @@ On other systems nothing is known: there are no processes in any table.
 
 import contextlib
 import os
+import re
 import signal
 import time
 from collections.abc import Collection, Iterable, Mapping
@@ -13,7 +14,7 @@ from typing import Final, NamedTuple
 
 _PROC: Final = Path("/proc")
 _TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
-_HELD: Final = ("RssAnon", "RssShmem", "VmPTE", "VmSwap", "HugetlbPages", "Threads")
+_HELD: Final = re.compile(rb"^(RssAnon|RssShmem|VmPTE|VmSwap|HugetlbPages|Threads):\s+(\d+)", re.MULTILINE)
 """Lines of /proc/PID/status; sizes in KiB."""
 _LONGEST_SWEEP_S: Final = 5.0
 """How long something that starts processes as fast as they are ended is run after."""
@@ -54,26 +55,29 @@ def table() -> dict[int, Glance]:
 
 def glance(pid: int) -> Glance | None:
     """One process; None if there is none."""
-    try:
-        text = (_PROC / str(pid) / "stat").read_text(errors="replace")
-    except OSError:
+    text = _told(pid, "stat")
+    if not text:
         return None
     # The name stands in parentheses and may hold anything; what follows the last one is numbers.
-    words = text.rpartition(")")[2].split()
+    words = text.rpartition(b")")[2].split()
     cpu_ticks = sum(map(int, words[11:15]))
-    return Glance(int(words[1]), int(words[3]), words[0], cpu_ticks / _TICKS_PER_S)
+    return Glance(int(words[1]), int(words[3]), words[0].decode(), cpu_ticks / _TICKS_PER_S)
 
 
 def held(pid: int) -> Holding:
     """What a process has; nothing if there is none."""
-    try:
-        text = (_PROC / str(pid) / "status").read_text(errors="replace")
-    except OSError:
-        return Holding(0, 0)
-    fields = dict(line.split(":", 1) for line in text.splitlines() if ":" in line)
-    numbers = {name: int(value.split()[0]) for name, value in fields.items() if name in _HELD}
-    threads = numbers.pop("Threads", 0)
+    numbers = {name: int(number) for name, number in _HELD.findall(_told(pid, "status"))}
+    threads = numbers.pop(b"Threads", 0)
     return Holding(1024 * sum(numbers.values()), threads)
+
+
+def _told(pid: int, name: str) -> bytes:
+    """What a file of the process says; nothing if there is none. Some µs count: there may be hundreds."""
+    try:
+        with open(f"/proc/{pid}/{name}", "rb", buffering=0) as file:  # noqa: PTH123
+            return file.read()
+    except OSError:
+        return b""
 
 
 def children(of: int, among: Mapping[int, Glance]) -> set[int]:

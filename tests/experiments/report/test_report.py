@@ -9,6 +9,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from matplotlib.patches import Rectangle
@@ -328,3 +329,10 @@ def test_runs_that_are_missing_are_counted(plain: RunResult, tmp_path: Path) -> 
     with style.applied():
         told = report.compose(read([tmp_path / "part"])).cautions
     assert "part: 1 of 3 runs are still to be made; what is said may change with them." in told
+
+
+def test_what_robots_said_and_the_run_did_not_believe_is_told(plain: RunResult, tmp_path: Path) -> None:
+    lie = "r1: what it says of its node cannot be, and is not counted: 9 packets heard; the radio counted 1"
+    lied = msgspec.structs.replace(plain, refused_reports=(lie,))
+    told = caution(lied, tmp_path / "lied", Study("lied", "/s.toml", ("none",), 1))
+    assert f"lied: none, seed 1: {lie}." in told
