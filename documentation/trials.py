@@ -105,10 +105,14 @@ TRIALS: Final[MappingProxyType[str, Trial]] = MappingProxyType({
         Elsewhere("tests/experiments/test_campaign_command.py"),
     "./acrc plan-study --pilot campaigns/pilot": Elsewhere("tests/experiments/test_pilot.py"),
     "./acrc campaign study.toml --seeds 60 --until-decided": Elsewhere("tests/experiments/test_decision.py"),
-    ".venv/bin/python -m distributed.cli.dask_scheduler": Elsewhere("tests/experiments/test_cluster.py"),
-    ".venv/bin/python -m distributed.cli.dask_worker tcp://HOST:8786 --nthreads 1":
+    "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 365 -subj /CN=cluster "
+    "-keyout cluster.key -out cluster.pem":
         Elsewhere("tests/experiments/test_cluster.py"),
-    "./acrc campaign study.toml --on dask://HOST:8786": Elsewhere("tests/experiments/test_cluster.py"),
+    ".venv/bin/python -m distributed.cli.dask_scheduler --protocol tls --no-dashboard":
+        Elsewhere("tests/experiments/test_cluster.py"),
+    ".venv/bin/python -m distributed.cli.dask_worker tls://HOST:8786 --nthreads 1 --no-dashboard":
+        Elsewhere("tests/experiments/test_cluster.py"),
+    "./acrc campaign study.toml --on tls://HOST:8786": Elsewhere("tests/experiments/test_cluster.py"),
     "./acrc campaign studies/drawn_places.toml --out campaigns/drawn":
         NotRun("makes 240 runs; a test reads the study"),
     "./acrc campaign studies/all_strategies.toml --out campaigns/all --check-every 0":
