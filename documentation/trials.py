@@ -1,7 +1,7 @@
 """How the commands on the pages are tried.
 
-Each is run by the tests as it stands, in a folder with what a clone has, after those above it on its page. What
-takes long is run shortened, and as it stands by night. A command that no test runs says so itself, where it
+Each is run by the tests as it stands, in a folder with what a clone has, after those above it on its page.
+What takes long is run shortened, and as it stands by night. A command that no test runs says so itself, where it
 stands: `# … (not run by tests: opens a window)`.
 """
 

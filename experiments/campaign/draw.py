@@ -14,6 +14,7 @@ from typing import NamedTuple
 import msgspec
 
 from deploy.results.result import RunResult
+from experiments.accounting.time_spent import TimeSpent
 from experiments.campaign.trial_record import TrialRecord
 from experiments.study.study import Trial
 
@@ -41,15 +42,24 @@ class Run(NamedTuple):
     """One run that may be drawn."""
 
     trial: Trial
-    record: TrialRecord
     result: RunResult
+    faults: tuple[str, ...]
+    """What it says of itself that cannot all be true, in a sentence each."""
     sha256: str
+    """Of its record."""
+
+
+def run_of(trial: Trial, record: TrialRecord, sha256: str) -> Run | None:
+    """The run that a trial's record is of; None for a failed one."""
+    if record.result is None:
+        return None
+    return Run(trial, record.result, tuple(_contradictions(record.result, record.time)), sha256)
 
 
 def draw(runs: Sequence[Run], every: int, entropy: bytes) -> Draw:
     """Draw among the runs; `every` is at least 1."""
     among = {run.trial.name: run.sha256 for run in runs}
-    odd = {run.trial.name: reason for run in runs for reason in contradictions(run)}
+    odd = {run.trial.name: reason for run in runs for reason in run.faults}
     lots: list[str] = []
     scores = _Scores(runs)
     for strategy in dict.fromkeys(run.trial.strategy for run in runs):
@@ -68,15 +78,12 @@ def _lot(entropy: bytes, run: Run) -> bytes:
     return hashlib.sha256(entropy + run.trial.name.encode()).digest()
 
 
-def contradictions(run: Run) -> Iterator[str]:
-    """In a sentence each: what a run says of itself that cannot all be true."""
-    told = run.result
+def _contradictions(told: RunResult, spent: TimeSpent | None) -> Iterator[str]:
     robots = told.per_robot.values()
     if sum(robot.places_done for robot in robots) != told.places_done:
         yield "its places done are not those of its robots together"
     if told.places_done > min(told.places_claimed, told.places_total):
         yield "it has more places done than were reported, or than there are"
-    spent = run.record.time
     lengths = [sum(causes.values()) for causes in spent.robots.values()] if spent is not None else []
     if any(abs(length - told.simulated_s) > 1e-6 for length in lengths):
         yield "its recordings are of another length than its result"
@@ -88,7 +95,7 @@ class _Scores:
     def __init__(self, runs: Sequence[Run]) -> None:
         self._own: dict[str, list[float]] = {}
         self._beside: dict[str, list[tuple[str, float]]] = {}
-        for trial, _, result, _ in runs:
+        for trial, result, _, _ in runs:
             self._own.setdefault(repr((trial.strategy, trial.variant)), []).append(_score(result))
             self._beside.setdefault(repr((trial.seed, trial.variant)), []).append(
                 (trial.strategy, _score(result))

@@ -3,7 +3,7 @@
 import hashlib
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple, TypeVar
 
@@ -13,7 +13,7 @@ from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from deploy.results.seal import SUMS, check_seal
 from deploy.version import software
-from experiments.campaign.draw import Draw, Run, draw
+from experiments.campaign.draw import Draw, Run, draw, run_of
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep, keep_bytes
 from experiments.study.study import Study, Trial
 
@@ -78,28 +78,29 @@ class Store:
 
         All trials must have ended: what is drawn comes from the system only now.
         """
-        fresh = [run for run in self._runs() if not self._was_among(run, every)]
+        before = self.draws
+        fresh = [run for run in self._runs() if not _was_among(run, before, every)]
         if fresh:
             for run in fresh:
-                if not self._was_among(run):  # nobody has repeated it, whatever lies there
+                if not _was_among(run, before):  # nobody has repeated it, whatever lies there
                     self.check_path(run.trial).unlink(missing_ok=True)
-            made = (*self.draws, draw(fresh, every, os.urandom(_ENTROPY_BYTES)))
+            made = (*before, draw(fresh, every, os.urandom(_ENTROPY_BYTES)))
             keep_bytes(self.draws_file, msgspec.json.format(msgspec.json.encode(made)))
         return bool(fresh)
 
-    def _was_among(self, run: Run, every: float = math.inf) -> bool:
-        name = run.trial.name
-        return any(one.every <= every and one.among.get(name) == run.sha256 for one in self.draws)
+    @property
+    def undrawn(self) -> int:
+        """Runs that were in no draw."""
+        draws = self.draws
+        return sum(not _was_among(run, draws) for run in self._runs())
 
-    def _runs(self) -> list[Run]:
+    def _runs(self) -> Iterator[Run]:
         """Those with a result, which may be repeated."""
-        found = []
         for trial in self.study.trials():
             if self.path(trial).exists():
-                record = self.record(trial)
-                if record.result is not None:
-                    found.append(Run(trial, record, record.result, self._sha256(trial)))
-        return found
+                run = run_of(trial, self.record(trial), self._sha256(trial))
+                if run is not None:
+                    yield run
 
     def _sha256(self, trial: Trial) -> str:
         return hashlib.sha256(self.path(trial).read_bytes()).hexdigest()
@@ -248,6 +249,12 @@ def load(folder: Path) -> Store:
         raise CampaignError(f"{folder}: holds no campaign; must be a folder that acrc campaign has made")
     check_seal(folder)
     return Store(folder, _decoded(folder / _STUDY, Study))
+
+
+def _was_among(run: Run, draws: Sequence[Draw], every: float = math.inf) -> bool:
+    """True if a draw as close as `every` was among others of this run, with the record that it has."""
+    name = run.trial.name
+    return any(one.every <= every and one.among.get(name) == run.sha256 for one in draws)
 
 
 def _differs(one: Study, other: Study) -> str:

@@ -38,16 +38,18 @@ def _repeated(kept: Store, results: Sequence[RunResult]) -> Iterator[str]:
     checks, left = list(kept.checks()), len(kept.unchecked())
     speed = f"{median(result.real_time_factor for result in results):.3g} x real time"
     waits = f", {left} more are still to be" if left else ""
+    late = f"; {undrawn} runs came after the draw" if kept.draws and (undrawn := kept.undrawn) else ""
     if not checks:
         yield f"Of {len(results)} runs none was repeated as processes{waits}; in memory {speed} (median)."
         return
     shut_off = sum(check.isolation == "full" for check in checks)
     speeds = [check.over_zenoh_speed for check in checks if check.over_zenoh_speed is not None]
     over = f", as processes {median(speeds):.3g} x" if speeds else ""
+    drawn = ", drawn after all had ended," if kept.draws else ""
     same = sum(check.agrees for check in checks)
     yield (
-        f"Of {len(results)} runs {len(checks)}, drawn after all had ended, were repeated as processes "
-        f"({shut_off} isolated){waits}: {same} gave the same; in memory {speed} "
+        f"Of {len(results)} runs {len(checks)}{drawn} were repeated as processes "
+        f"({shut_off} isolated){waits}{late}: {same} gave the same; in memory {speed} "
         f"(median){over}."
     )
 

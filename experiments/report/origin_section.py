@@ -53,6 +53,8 @@ def _words(study: Study) -> Iterator[str]:
         yield from ("--set", f"{key}={value}")
     if study.tuning:
         yield "--tuning"
+    if study.isolated:
+        yield "--isolate"
 
 
 def _versions(sources: Sequence[Source]) -> Iterator[tuple[Cell, ...]]:

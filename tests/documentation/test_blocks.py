@@ -1,7 +1,7 @@
 """Every block of code on a page does what it says: commands run, settings are understood, Python runs.
 
-Each page has a folder of its own with what a clone has. A command is run unless the page says beside it that no
-test does; `documentation.trials` says what is shortened, and has its full length by night.
+Each page has a folder of its own with what a clone has. A command is run unless the page says beside it that
+no test does; `documentation.trials` says what is shortened, and has its full length by night.
 """
 
 import os

@@ -44,7 +44,7 @@ def test_a_campaign_that_is_over_says_what_came_of_it(plain: RunResult, tmp_path
     assert code == 0, err
     lines = out.splitlines()
     assert lines[0] == IN_MEMORY
-    assert lines[1].startswith("Of 20 runs 1, drawn after all had ended, were repeated as processes (0 ")
+    assert lines[1].startswith("Of 20 runs 1 were repeated as processes (0 isolated): 1 gave the same; ")
     assert lines[2].startswith("none: all places in 0 of 10 runs, 255 of ")
     assert lines[3].startswith("chapter: all places in 10 of 10 runs, 400 of ")
     assert lines[-1].startswith("20 of 20 runs, 0 failed, in ")

@@ -12,7 +12,7 @@ import pytest
 from deploy.results.result import RunResult
 from experiments.campaign import store
 from experiments.campaign.campaign import CampaignOptions, carry_out
-from experiments.campaign.draw import Run, draw
+from experiments.campaign.draw import Run, draw, run_of
 from experiments.campaign.store import Store
 from experiments.campaign.trial_order import MOST_BYTES, left, received
 from experiments.campaign.trial_record import TrialRecord, keep
@@ -171,22 +171,27 @@ def test_compare_and_report_say_it_before_all_else(cheated: Store) -> None:
     assert "nothing that this campaign shows can be trusted" in page.found[0]
 
 
-def one_run(strategy: str, seed: int, plain: RunResult, places: int) -> Run:
-    trial = Trial(strategy, seed)
+def a_record(strategy: str, seed: int, plain: RunResult, places: int, claimed: int = 40) -> TrialRecord:
     robots = {"r1": msgspec.structs.replace(plain.per_robot["r1"], places_done=places)}
     result = msgspec.structs.replace(
-        plain, seed=seed, places_total=40, places_done=places, places_claimed=places, per_robot=robots
+        plain, seed=seed, places_total=40, places_done=places, places_claimed=claimed, per_robot=robots
     )
-    return Run(trial, TrialRecord(strategy, seed, {}, result), result, f"{strategy}{seed}")
+    return TrialRecord(strategy, seed, {}, result)
+
+
+def a_run(strategy: str, seed: int, plain: RunResult, places: int, claimed: int = 40) -> Run:
+    record = a_record(strategy, seed, plain, places, claimed)
+    run = run_of(Trial(strategy, seed), record, f"{strategy}{seed}")
+    assert run is not None
+    return run
 
 
 def test_what_was_won_oddly_is_repeated_beside_the_lots(plain: RunResult) -> None:
     """One run of 40 far above its strategy's others, and one that contradicts itself, whatever the lots."""
-    runs = [one_run("a", seed, plain, 20 + seed % 2) for seed in range(1, 41)]
-    runs += [one_run("b", seed, plain, 40 if seed == 17 else 20) for seed in range(1, 41)]
-    liar = one_run("b", 23, plain, 20)
-    lie = msgspec.structs.replace(liar.result, places_claimed=3)
-    runs = [run._replace(result=lie) if run.trial == liar.trial else run for run in runs]
+    runs = [a_run("a", seed, plain, 20 + seed % 2) for seed in range(1, 41)]
+    runs += [a_run("b", seed, plain, 40 if seed == 17 else 20) for seed in range(1, 41)]
+    liar = a_run("b", 23, plain, 20, claimed=3)
+    runs = [liar if run.trial == liar.trial else run for run in runs]
     drawn = set()
     for entropy in (b"one", b"two", b"three"):
         made = draw(runs, 40, entropy)
@@ -201,7 +206,7 @@ def test_what_was_won_oddly_is_repeated_beside_the_lots(plain: RunResult) -> Non
 
 
 def test_every_run_is_as_likely_to_be_drawn(plain: RunResult) -> None:
-    runs = [one_run("a", seed, plain, 20) for seed in range(1, 11)]
+    runs = [a_run("a", seed, plain, 20) for seed in range(1, 11)]
     counts = dict.fromkeys((run.trial.name for run in runs), 0)
     for number in range(2000):
         for name in draw(runs, 10, number.to_bytes(4)).by_lot:
@@ -213,7 +218,7 @@ def test_every_run_is_as_likely_to_be_drawn(plain: RunResult) -> None:
 def test_with_more_seeds_the_new_runs_are_drawn_among_by_themselves(plain: RunResult, tmp_path: Path) -> None:
     def keep_all(kept: Store) -> None:
         for pending in kept.pending():
-            record = one_run(pending.trial.strategy, pending.trial.seed, plain, 20).record
+            record = a_record(pending.trial.strategy, pending.trial.seed, plain, 20)
             keep(kept.path(pending.trial), record)
 
     study = Study("s", str(CORRIDOR), ("none", "chapter"), 2)
@@ -222,11 +227,13 @@ def test_with_more_seeds_the_new_runs_are_drawn_among_by_themselves(plain: RunRe
     assert kept.draw_again(20)
     more = store.create(tmp_path / "out", msgspec.structs.replace(study, seeds=4))
     before, first = {trial.name for trial in kept.study.trials()}, more.draws[0]
+    assert more.undrawn == 0
     forged = next(trial for trial in more.study.trials() if trial.seed == 3)
     more.check_path(forged).write_text("of a run that guessed that it would be drawn")
     keep_all(more)
+    assert more.undrawn == 4
     assert more.draw_again(20)
-    assert more.draws[0] == first
+    assert more.draws[0] == first and more.undrawn == 0
     assert not set(more.draws[1].among) & before
     assert more.draws[1].entropy != first.entropy
     assert not more.check_path(forged).exists()
@@ -240,10 +247,10 @@ def test_a_record_that_changes_after_the_draw_is_told_and_drawn_again(
 ) -> None:
     kept = store.create(tmp_path / "out", Study("s", str(CORRIDOR), ("none",), 1))
     (trial,) = kept.study.trials()
-    keep(kept.path(trial), one_run("none", 1, plain, 20).record)
+    keep(kept.path(trial), a_record("none", 1, plain, 20))
     kept.draw_again(20)
     assert differing(kept) == []
-    keep(kept.path(trial), one_run("none", 1, plain, 40).record)
+    keep(kept.path(trial), a_record("none", 1, plain, 40))
     (said,) = differing(kept)
     assert said == (
         f"none with seed 1: its record {trial.name}.json was changed after the repetitions were drawn; its "
@@ -292,7 +299,7 @@ def test_what_a_process_leaves_is_a_record_or_a_failure(content: bytes | None, w
 
 
 def test_a_record_of_another_trial_is_none(plain: RunResult) -> None:
-    other = msgspec.json.encode(one_run("none", 2, plain, 20).record)
+    other = msgspec.json.encode(a_record("none", 2, plain, 20))
     assert received(other, Trial("none", 1), "").failure == "its process has left the record of another trial"
 
 

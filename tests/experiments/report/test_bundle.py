@@ -98,15 +98,18 @@ def test_its_runs_are_made_again_with_the_same_digests(unpacked: Path, tmp_path:
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     last = told.stdout.splitlines()[-1]
-    assert last == "1 of 1 runs that were made again have the same digest; 2 are in the results"
+    assert last == "1 of 1 runs that were made again came out the same; 2 are in the results"
     (path,) = (unpacked / "reproduced" / "trials").iterdir()
-    path.write_text(path.read_text().replace('"digest":"', '"digest":"0'))
+    path.write_text(path.read_text().replace('"places_done":', '"places_done":1'))
     changed = subprocess.run(
         [sys.executable, "check_digests.py", "results", "reproduced"], cwd=unpacked,
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert changed.returncode == 1
-    assert "0 of 1 runs" in changed.stdout
+    assert changed.stdout == (
+        f"{path.name}: places_done was 0, is 10\n"
+        "0 of 1 runs that were made again came out the same; 2 are in the results\n"
+    )
 
 
 def test_inputs_that_others_could_not_find_are_refused(tmp_path: Path) -> None:
