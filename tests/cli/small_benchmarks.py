@@ -8,7 +8,8 @@ from typing import Any, Final
 from deploy.cli import app
 
 SMALL: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
-    "radio-speed": ("radio.speed", "SpeedTask", {"senders": (1,), "loads": (0.2,), "frames": 100, "repeats": 1}),
+    "radio-speed": ("radio.speed", "SpeedTask",
+                    {"senders": (1,), "loads": (0.2,), "frames": 100, "repeats": 1}),
     "radio-hardware": ("radio.hardware", "HardwareTask",
                        {"robots": 2, "sides": (3.0,), "loads": (0.1,), "seconds": 1, "draws": 1}),
     "radio-plots": ("radio.plots", "PlotTask", {"frames": 10, "places": 50, "seeds": 1, "senders": (2,)}),

@@ -40,14 +40,15 @@ STORIES: dict[str, tuple[Line, ...]] = {
     ),
     "run": (
         Line(
-            f"run {HEAD_ON} --duration 3 --step 50 --strategy mine:behaviour --speed max --bus zenoh --spawn exec "
-            "--no-isolate --limit memory_mb=1500 --timeout 50 --log r1 --out runs/a --trust --check --json",
+            f"run {HEAD_ON} --duration 3 --step 50 --strategy mine:behaviour --speed max --bus zenoh "
+            "--spawn exec --no-isolate --limit memory_mb=1500 --timeout 50 --log r1 --out runs/a --trust --check --json",
             r"checked: 4 actors executed again.*messages equal",
         ),
         Line("run --robots 2 --set run.duration=1.5 --isolate --out runs/b", r"2 robots"),
         Line("run --from runs/a@1 --event 'kill r2 at 1.5' --out runs/branch", r"r2", "runs/branch/run.json"),
         Line(
-            f"run {HEAD_ON} --duration 3 --strategy tests.debugging.stopping:behaviour --debug r1 --out runs/debug",
+            f"run {HEAD_ON} --duration 3 --strategy tests.debugging.stopping:behaviour --debug r1 "
+            "--out runs/debug",
             r"stopping.py",
             typed="c\n",
         ),
@@ -65,7 +66,8 @@ STORIES: dict[str, tuple[Line, ...]] = {
             "runs/loop/result/run.json",
         ),
         Line(
-            "fleet collect runs/loop/r1 runs/loop/r2 --truth runs/loop/laboratory/result.json --out all --json",
+            "fleet collect runs/loop/r1 runs/loop/r2 --truth runs/loop/laboratory/result.json --out all "
+            "--json",
             r'"places_done": ?\d',
             "all/places.csv",
         ),
@@ -113,8 +115,8 @@ STORIES: dict[str, tuple[Line, ...]] = {
     ),
     "campaign": (
         Line(
-            "campaign --scenario scenarios/head_on.toml --strategies none,chapter --seeds 6 --robots 2 --duration 1 "
-            "--set run.step_ms=100 --tuning --check-every 0 --jobs 1 --out campaigns/a --json",
+            "campaign --scenario scenarios/head_on.toml --strategies none,chapter --seeds 6 --robots 2 "
+            "--duration 1 --set run.step_ms=100 --tuning --check-every 0 --jobs 1 --out campaigns/a --json",
             r'"none"',
         ),
         Line("compare campaigns/a --metric radio --json", r'"none"'),
@@ -129,8 +131,8 @@ STORIES: dict[str, tuple[Line, ...]] = {
     ),
     "cluster": (
         Line(
-            "campaign --scenario scenarios/head_on.toml --strategies none --seeds 1 --duration 1 --check-every 0 "
-            "--on {dask} --out campaigns/c",
+            "campaign --scenario scenarios/head_on.toml --strategies none --seeds 1 --duration 1 "
+            "--check-every 0 --on {dask} --out campaigns/c",
             r"none",
         ),
     ),
@@ -175,7 +177,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
     ),
     "docs": (Line("docs --out site --open", r"site/index.html", "site/index.html"),),
     f"{BENCH} radio": (
-        Line("bench radio-truth --data rows --times 1 --json", r'"points": ?2', codes=(0, 1)),
+        Line("bench radio-truth --data rows --times 1 --json", r'"points": 1\b'),
         Line("bench radio-speed --ns3 ./ns3 --json", r'"ns3": 12345.0'),
         Line("bench radio-hardware --json", r'"firmware":'),
         Line(
