@@ -31,7 +31,8 @@ def usb_port(path: str) -> UsbPort | None:
     folder = (_TERMINALS / name / "device").resolve()
     for parent in (folder, *folder.parents):
         if (parent / "idVendor").is_file():
-            return UsbPort(f"/dev/{name}", *(_attribute(parent, key) for key in _KEYS), parent.name)
+            vendor, product, serial = (_attribute(parent, key) for key in _KEYS)
+            return UsbPort(f"/dev/{name}", vendor, product, serial, parent.name)
     return None
 
 

@@ -22,7 +22,7 @@ SMALL: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
 }  # fmt: skip
 """By the benchmark's name: its module, the class that says what it measures, and what is smaller there."""
 FEW: Final[dict[str, tuple[str, str, int]]] = {
-    "attacks": ("attacks.command", "ATTACKS", 2),
+    "attacks": ("attacks.command", "ATTACKS", 8),
     "standstill": ("hardware.standstill", "PROCESSES", 0),
 }
 """By name: module, a table of what is tried one by one, and how much of that is left."""

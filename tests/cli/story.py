@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -69,13 +69,14 @@ def _judge(line: Line, code: int, said: str, folder: Path) -> None:
 
 def _begun(
     line: Line, words: Sequence[str], folder: Path, env: Mapping[str, str], stack: ExitStack
-) -> object:
+) -> Callable[[], None]:
     """Start it, and read until it shows what it should; what is to be called at the story's end."""
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "deploy", *words]
     process = subprocess.Popen(command, cwd=folder, env=env, stdin=theirs, stdout=theirs, stderr=theirs)
     stack.callback(process.wait)
     stack.callback(process.kill)
+    stack.callback(os.close, ours)
     os.close(theirs)
     said, ended = bytearray(), time.monotonic() + PATIENCE_S
 

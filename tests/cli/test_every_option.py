@@ -41,7 +41,8 @@ STORIES: dict[str, tuple[Line, ...]] = {
     "run": (
         Line(
             f"run {HEAD_ON} --duration 3 --step 50 --strategy mine:behaviour --speed max --bus zenoh "
-            "--spawn exec --no-isolate --limit memory_mb=1500 --timeout 50 --log r1 --out runs/a --trust --check --json",
+            "--spawn exec --no-isolate --limit memory_mb=1500 --timeout 50 --log r1 --out runs/a --trust "
+            "--check --json",
             r"checked: 4 actors executed again.*messages equal",
         ),
         Line("run --robots 2 --set run.duration=1.5 --isolate --out runs/b", r"2 robots"),
@@ -73,7 +74,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         ),
     ),
     "looks": (
-        Line(f"run {HEAD_ON} --duration 4 --out runs/a", "", "runs/a/run.json"),
+        Line(f"run {HEAD_ON} --duration 4 --strategy mine:behaviour --out runs/a", "", "runs/a/run.json"),
         Line(f"run {HEAD_ON} --duration 4 --strategy none --out runs/b", "", "runs/b/run.json"),
         Line("view runs/a --png --svg --html", r"run.png", "runs/a/run.svg"),
         Line("view runs/a --movie a.gif --speed 100", r"a.gif", "a.gif"),
@@ -84,18 +85,19 @@ STORIES: dict[str, tuple[Line, ...]] = {
             "plan.png",
         ),
         Line("replay runs/a --trust", r"^identical: \d+ messages; digest"),
-        Line("replay runs/a --robot r1 --to 2", r"^r1: identical: \d+ outputs up to 2 s"),
-        Line("replay runs/a --robot r1 --strategy none", r"r1"),
-        Line("replay runs/a --robot r1 --from 1 --pdb", r"\(Pdb\)", typed="c\n"),
+        Line("replay runs/a --robot r1 --to 2 --trust", r"^r1: identical: \d+ outputs up to 2 s"),
+        Line("replay runs/a --robot r1 --strategy none --trust", r"r1"),
+        Line("replay runs/a --robot r1 --from 1 --pdb --trust", r"\(Pdb\)", typed="c\n"),
         Line(
-            "replay runs/a --robot r1 --from 1 --debugpy 5678", r"an editor may attach at 5678\n.*\nit stops"
+            "replay runs/a --robot r1 --from 1 --debugpy 5678 --trust",
+            r"an editor may attach at 5678\n.*\nit stops",
         ),
         Line("explain runs/a r1 --json --trust", r"^\["),
         Line("log runs/a --follow", r""),
         Line("export runs/a --parquet --out tables --trust", r"poses.*rows", "tables/poses.parquet"),
         Line("record merge runs/a --out all.mcap", r"messages of digest", "all.mcap"),
         Line("record replay runs/a r1 --trust --isolate", r"^r1: \d+ messages sent again, all equal"),
-        Line("record replay runs/a r2 --no-isolate", r"^r2: \d+ messages sent again, all equal"),
+        Line("record replay runs/a r2 --no-isolate --trust", r"^r2: \d+ messages sent again, all equal"),
         Line("topic echo runs/a r1/drive --csv --follow", r"^\S*time"),
         Line("topic hz runs/a r1/drive --follow", r"r1/drive"),
         Line("topic bw runs/a r1/drive --follow", r"r1/drive"),
@@ -235,7 +237,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         Line("bench deeco --json", r'"robot_second_cpu_ms"'),
         Line("bench portable --arguments 1 --json", r'"hypot"'),
         Line(
-            "bench processors --duration 1 --crowd 1 --install --folder p --only 'numba for any' --json",
+            "bench processors --duration 1 --crowd 1 --install --folder p --only AVX2 --json",
             r"crowd",
         ),
         Line("bench attacks --json", r'"outcome": "held"'),
@@ -245,6 +247,25 @@ STORIES: dict[str, tuple[Line, ...]] = {
         Line("bench standstill --trials 1 --json", r'"battery nearly empty"'),
     ),
 }
+MINE = """
+from dataclasses import replace
+from actors.robot.behaviour import host
+from cleaning.place import assignments
+from cleaning.robot import CleaningRobot
+from deeco import component, periodic, seconds
+
+@component
+class Mine(CleaningRobot):
+    looked: bool = False
+
+    @periodic(every=seconds(1), order=9)
+    def look(self):
+        return replace(self, looked=True)
+
+def behaviour(start):
+    return host(start, Mine(id=start.robot, position=start.pose.point, route=assignments(start)))
+"""
+"""A strategy of one's own, in which a debugger can stop."""
 DEBUGPY = """
 import runpy, sys
 
@@ -278,7 +299,7 @@ def folder(tmp_path: Path) -> Path:
     """What a clone has, a strategy of one's own, and what some benchmarks compare with."""
     for name in ("scenarios", "maps", "fleets", "studies"):
         (tmp_path / name).symlink_to(ROOT / name)
-    (tmp_path / "mine.py").write_text("from cleaning.strategies.chapter import behaviour\n")
+    (tmp_path / "mine.py").write_text(MINE)
     (tmp_path / "near.toml").write_text(SCENARIO)
     (tmp_path / "rows").mkdir()
     (tmp_path / "rows" / "b_single_saturated.csv").write_text("\n".join([HEAD, *RUNS]) + "\n")
@@ -294,8 +315,13 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+NIGHTLY = {"docs", *(f"{BENCH} {name}" for name in ("swarms", "ends", "boards", "robots"))}
+"""What takes minutes: run by `acrc test --nightly`."""
+MARKED = [pytest.param(name, marks=pytest.mark.nightly if name in NIGHTLY else ()) for name in STORIES]
+
+
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("story", STORIES)
+@pytest.mark.parametrize("story", MARKED)
 def test_every_line_does_what_it_should(story: str, folder: Path, request: pytest.FixtureRequest) -> None:
     given = {"listen": unused()}
     if story in {"fleet", "told"}:
