@@ -152,12 +152,11 @@ def play(
         except Ended:
             raise
         except BaseException as error:  # a strategy may call sys.exit, which is no Exception
-            note = failure_note(part.run.actor, part.core.step, error)
+            recorder.note("failure", note := failure_note(part.run.actor, part.core.step, error))
             if note.expected:
                 sys.stderr.write(f"{in_words(note)}\n")
             else:
                 traceback.print_exc()  # a bug: the whole story, into the process's log
-            recorder.note("failure", note)
             return 1
     return 0
 
