@@ -12,6 +12,7 @@ from deploy.development.suite import ALONE, says_alone
 
 LONGEST: Final = (
     "documentation/test_blocks.py",
+    "cli/test_every_option.py",
     "swarm/test_house.py",
     "swarm/test_failures.py",
     "onboard/test_live.py",

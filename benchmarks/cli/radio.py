@@ -32,6 +32,8 @@ def radio_speed(
     """Measure frames on the air per CPU second, beside ns-3."""
     from benchmarks.radio import speed
 
+    if ns3 is not None and ns3.exists():  # else it is looked for where programs are
+        ns3 = ns3.absolute()
     speed.run(ns3, json)
 
 

@@ -60,8 +60,8 @@ sha256sum -c SHA256SUMS   # nothing was changed on the way
 
 ## Evaluation and expected result
 
-Every run that is made again must have the digest and the places that it had; `reproduce.sh` says so, and ends with
-exit code 0. What the results show, by `acrc compare results`:
+Every run that is made again must have the digest and the places that it had; `reproduce.sh` says so, and ends
+with exit code 0. What the results show, by `acrc compare results`:
 
 $found
 

@@ -6,17 +6,19 @@ It is the router of its robot, as the world is that of a simulated swarm.
 import functools
 import os
 import signal
+import socket
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from socket import SOCK_STREAM
 from types import FrameType
 
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.robot_model import load_model
 from actors.runtime.access import router_file
-from actors.runtime.access.credentials import reveal
+from actors.runtime.access.credentials import AccessError, reveal
 from actors.runtime.access.tls import onboard_router_config
 from actors.runtime.background import BackgroundRecorder, Log, to_stderr
 from actors.runtime.bus.waking_bus import WakingBus
@@ -154,6 +156,24 @@ def part(base: Base, setup: BaseSetup, argv: Sequence[str], commit: str) -> Acto
     )
 
 
+def check_free(listen: str | None) -> None:
+    """Raise AccessError with what is wrong with `tls/HOST:PORT`, where a laptop is to be awaited."""
+    if listen is None:
+        return
+    host, _, port = listen.removeprefix("tls/").rpartition(":")
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(host.strip("[]"), int(port), type=SOCK_STREAM)[0]
+        with socket.socket(family, kind) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        raise AccessError(
+            f"{listen}: no laptop can be awaited there: {why}; end the program that has the port, or name "
+            "another address as `listen` in the fleet file"
+        ) from None
+
+
 def main(argv: Sequence[str]) -> int:
     """Drive a robot until told to stop; the exit code."""
     try:
@@ -166,6 +186,7 @@ def main(argv: Sequence[str]) -> int:
         process = part(base, setup, argv, options.commit)
         router = onboard_router_config(issued, Path(setup.keys or ""), setup.listen)
         try:
+            check_free(setup.listen)
             recorder = BackgroundRecorder(options.record, setup.step_us)
             return play(process, recorder, router, lambda: reveal(issued))
         finally:

@@ -60,10 +60,10 @@ def type_in(clone: Path, command: str, timeout_s: float) -> str:
     if program == "./acrc":
         done = warm.run(words, clone, env, timeout_s, finds_cwd=False)
     else:
-        assert program == ".venv/bin/python", command
+        assert program in {".venv/bin/python", "openssl"}, command
         done = subprocess.run(
-            [sys.executable, *words], cwd=clone, env=env, capture_output=True, text=True,
-            timeout=timeout_s, check=False,
+            [program.replace(".venv/bin/python", sys.executable), *words], cwd=clone, env=env,
+            capture_output=True, text=True, timeout=timeout_s, check=False,
         )  # fmt: skip
     assert done.returncode == 0, f"{command}: {done.stdout}{done.stderr}"
     return done.stdout

@@ -81,7 +81,7 @@ def test_what_is_shortened_is_on_a_page_and_run() -> None:
 
 
 def test_a_command_is_left_out_only_where_the_page_says_so_beside_it() -> None:
-    block = Block("sh", "./acrc demo   # one # picture\n./acrc test  # ours (not run by tests: it runs them)\n"
+    block = Block("sh", "./acrc demo   # one # picture\n./acrc test  # all (not run by tests: it runs them)\n"
                         "./acrc view X \\\n  --png # (not run by tests)\n\n# only said\n", 1)  # fmt: skip
     assert commands_of(block) == [
         Command("./acrc demo", ""),

@@ -1,6 +1,8 @@
 """Where a robot last held itself to be: the file, and what a robot is started with by it."""
 
+import re
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -8,9 +10,10 @@ import pytest
 from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.messages import Odometry
+from deploy.fleet import keys as fleet_keys
 from deploy.fleet.fleet_file import FleetRobot
 from deploy.fleet.onboard import Onboard, onboard_robot_program
-from deploy.fleet.onboard_run import AT_START, _told
+from deploy.fleet.onboard_run import AT_START, OnboardOptions, OperatorLink, _link_fault, _told, prepare
 from deploy.run.plan import Plan
 from deploy.usage import OptionError
 from firmware_bridge.onboard import last_pose
@@ -79,3 +82,45 @@ def test_it_can_be_told_where_it_is() -> None:
         assert str(refused.value) == (
             f"--at: {wrong}; must be start, or X,Y,HEADING in m and rad, map frame, such as 12.0,5.0,1.57"
         )
+
+
+@pytest.mark.parametrize(("at", "start"), [("start", (12.0, 5.0, 0.0)), ("12.5,5.5,-1", (12.5, 5.5, -1.0))])
+def test_a_robot_that_is_told_where_it_is_begins_there_without_doubt(
+    at: str, start: tuple[float, float, float], tmp_path: Path
+) -> None:
+    stands = fleet(robot(2))
+    pose = tmp_path / "runs" / "r2.pose"
+    pose.parent.mkdir()
+    last_pose.write(pose, LastPose((2.0, 3.0, 0.0), (1.0, 0.5, 0.0)))
+    prepared = prepare(stands, "r2", OnboardOptions(tmp_path / "runs" / "one", at=at), lambda sentence: None)
+    assert prepared.robot.start == start
+    assert not pose.exists() and "--doubt" not in onboard_robot_program(prepared, 0).argv
+
+
+def test_a_laptop_that_cannot_watch_is_told_why_once_for_each_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    faults, said = ["", "it is over", "it is over", "", "the clock is wrong"], list[str]()
+    monkeypatch.setattr(OperatorLink, "PERIOD_S", 0.0)
+    link = OperatorLink(lambda: faults.pop(0), said.append)
+    while faults:
+        link.look()
+    assert said == [
+        "no laptop can watch or stop it: it is over",
+        "no laptop can watch or stop it: the clock is wrong",
+    ]
+
+
+def test_a_certificate_that_is_over_is_what_is_wrong_with_the_link(tmp_path: Path) -> None:
+    then = datetime.now(UTC) - timedelta(days=3)
+    text = robot(1, 'listen = "tls/127.0.0.1:7447"')
+    one = fleet(text, head=f'keys = "{tmp_path}/keys"\nmap = "m.yaml"\n')
+    missing = _link_fault(one, one.robot("r1"))
+    assert missing.startswith(
+        f"{tmp_path}/keys/r1/authority.pem cannot be read (No such file or directory); "
+    )
+    fleet_keys.issue(one, tmp_path / "keys", {}, now=then, days=1)
+    ended = (then + timedelta(days=1)).date()
+    assert re.fullmatch(
+        rf"{tmp_path}/keys/r1/certificate\.pem holds from \S+ to {ended}, but it is \S+ here; set the clock, "
+        "or make new keys with `acrc fleet keys`",
+        _link_fault(one, one.robot("r1")),
+    )

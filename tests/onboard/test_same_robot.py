@@ -1,5 +1,7 @@
 """The robot on board is the robot of the simulation: the same program, told the same."""
 
+import json
+import socket
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,6 +9,9 @@ import msgspec
 import pytest
 
 from actors.messages import ProcessOrder
+from actors.runtime.access.rules import client_config
+from actors.runtime.process import ActorProcess, RunNote, play
+from actors.runtime.recording import Recorder, read_notes
 from deploy.fleet import onboard
 from deploy.fleet.onboard import Onboard, Ports
 from deploy.run import plan, swarm
@@ -14,6 +19,9 @@ from deploy.run.options import RunOptions
 from deploy.run.plan import Plan
 from deploy.scenario.scenario_file import load_scenario
 from deploy.usage import OptionError
+from firmware_bridge.onboard import base
+from tests.runtime.toys import Answerer
+from tests.swarm.command import leftovers
 
 ROOT = Path(__file__).parents[2]
 PORTS = Ports("/dev/kobuki", "/dev/beeclick", "/dev/rplidar", 0xBABA, 26, 0.0)
@@ -61,3 +69,39 @@ def test_each_start_of_the_program_is_in_an_epoch_of_its_own_and_named_by_its_nu
     assert [one.argv[one.argv.index("--epoch") + 1] for one in programs] == ["7", "8", "12"]
     names = [one.record.name for one in programs if one.record is not None]
     assert names == ["r1.mcap", "r1.1.mcap", "r1.2.mcap"]
+
+
+def test_a_port_that_is_taken_is_said_in_the_log_and_nothing_stays(
+    alone: Plan, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        listen = f"tls/127.0.0.1:{taken.getsockname()[1]}"
+        keys = alone.out.parent / "keys"
+        keys.mkdir()
+        for name in ("authority.pem", "certificate.pem", "key.pem"):
+            (keys / name).touch()
+        prepared = Onboard(alone, replace(PORTS, listen=listen, keys=str(keys)), lambda: 0)
+        onboard.lay_out(prepared)
+        onboard.issue(prepared)
+        argv = [word for word in onboard.base_program(prepared, 0).argv if word != "--with-parent"]
+        assert base.main(argv) == 2
+    assert capsys.readouterr().err == (
+        f"{listen}: no laptop can be awaited there: address already in use; end the program that has the "
+        "port, or name another address as `listen` in the fleet file\n"
+    )
+    assert leftovers(alone.out) == []
+
+
+def test_what_keeps_a_process_from_its_robot_is_said_in_the_log_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "credentials").write_text("radio:word\n")
+    config = client_config(tmp_path / "credentials", f"unixsock-stream/{tmp_path}/nobody.sock")
+    run = RunNote("radio", (), 1, 100_000, "", "", {})
+    part = ActorProcess(Answerer("r1"), (), run)
+    assert play(part, Recorder(tmp_path / "radio.mcap", 100_000), config) == 1
+    note = json.loads(read_notes(tmp_path / "radio.mcap")["failure"])
+    assert note["expected"] and note["cause"].startswith("no session with the router within 0 s: ")
+    assert capsys.readouterr().err == f"radio failed in step 0: {note['cause']}\n"

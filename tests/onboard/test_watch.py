@@ -7,7 +7,7 @@ import pytest
 
 from deploy.fleet import onboard as layout
 from deploy.fleet.onboard import Onboard
-from deploy.fleet.onboard_supervisor import OnboardSupervisor
+from deploy.fleet.onboard_supervisor import OnboardError, OnboardSupervisor
 from deploy.processes.launch import Child, Program
 
 
@@ -24,6 +24,7 @@ class Played:
         self.started: list[str] = []
         self.children: dict[str, Child] = {}
         self.ends: list[dict[str, int]] = []
+        self.said: list[str] = []
 
     def withdraw(self, router: Path) -> None:
         """Nothing is laid out."""
@@ -45,7 +46,9 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupe
     issued = SimpleNamespace(sockets={layout.BRIDGE: tmp_path})
 
     def program(name: str) -> object:
-        return lambda _onboard, _start: Program(name, name, (), tmp_path / f"{name}.log", None)
+        return lambda _onboard, _start: Program(
+            name, name, (), tmp_path / f"{name}.log", tmp_path / f"{name}.mcap"
+        )
 
     monkeypatch.setattr(layout, "issue", lambda _onboard: issued)
     monkeypatch.setattr(layout, "base_program", program(layout.BASE))
@@ -53,7 +56,7 @@ def played(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[OnboardSupe
     monkeypatch.setattr(layout, "onboard_robot_program", program("r1"))
     onboard: Onboard = type("One", (), {"robot": Robot, "router": Path("router.json")})()
     launcher = Played()
-    watch = OnboardSupervisor(onboard, launcher, lambda _line: None)  # type: ignore[arg-type]
+    watch = OnboardSupervisor(onboard, launcher, launcher.said.append)  # type: ignore[arg-type]
     watch.start()
     assert launcher.started == [layout.BASE, layout.BRIDGE, "r1"]
     return watch, launcher
@@ -74,3 +77,40 @@ def test_a_robot_that_has_failed_is_started_again(played: tuple[OnboardSuperviso
     launcher.ends = [{"r1": 1}]
     assert watch.look(0.0)
     assert launcher.started[3:] == ["r1"]
+
+
+TAKEN = "base failed in step 0: /dev/kobuki: another program has the port open"
+
+
+def test_why_a_process_has_ended_is_said_each_time_and_in_the_end(
+    played: tuple[OnboardSupervisor, Played], tmp_path: Path
+) -> None:
+    watch, launcher = played
+    (tmp_path / "r1.log").write_text(f"what it prints\n{TAKEN}\n")
+    launcher.ends = [{"r1": 1}] * 6
+    with pytest.raises(OnboardError) as caught:
+        while True:
+            watch.look(0.0)
+    assert launcher.said == [f"r1 has ended with exit code 1: {TAKEN}"] * 6
+    assert str(caught.value) == (
+        "r1: its processes were started 5 times within 60 s, and r1 has ended once more with exit code 1: "
+        f"{TAKEN}"
+    )
+
+
+def test_a_recording_that_is_not_whole_is_told_once_for_each_thing_that_its_process_says(
+    played: tuple[OnboardSupervisor, Played], tmp_path: Path
+) -> None:
+    watch, launcher = played
+    full = f"{tmp_path}/r1.mcap: cannot be written: no space left on device"
+    log = tmp_path / "r1.log"
+    for text in ("a line of the strategy\n", f"{full}; records are lost from here on\n", "", ""):
+        log.write_text((log.read_text() if log.exists() else "") + text)
+        assert watch.look(0.0)
+    log.write_text(log.read_text() + f"{full}; 1234 records are missing\n")
+    launcher.ends = [{"r1": 0, layout.BRIDGE: 0, layout.BASE: 0}]
+    assert not watch.look(0.0)
+    assert launcher.said == [
+        f"r1: {full}; records are lost from here on",
+        f"r1: {full}; 1234 records are missing",
+    ]

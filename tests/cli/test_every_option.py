@@ -1,0 +1,370 @@
+"""Every option of every command, called with a right value: it does something, and the command ends well.
+
+An option that no line of these stories has is a failure, and each line is run.
+"""
+
+import json
+import os
+import shlex
+from pathlib import Path
+
+import pytest
+
+from documentation.commands import tree
+from tests import warm
+from tests.cli.story import CTRL_C, ROOT, Line, tell
+from tests.experiments.test_cluster import cluster
+from tests.fleet.test_watch import unused
+from tests.onboard.test_hardware_in_the_loop import SCENARIO
+from tests.onboard.test_live import links
+from tests.radio.test_truth import HEAD, RUNS
+
+TREE = tree()
+HEAD_ON = "scenarios/head_on.toml --seed 3"
+BENCH = "bench"
+STORIES: dict[str, tuple[Line, ...]] = {
+    "root": (
+        Line("--version", r"^acrc \S+, commit \S+"),
+        Line("--install-completion bash", r"completion installed", ".bash_completions/acrc.sh"),
+        Line("--show-completion bash", r"_ACRC_COMPLETE=complete_bash"),
+    ),
+    "lists": tuple(
+        Line(f"list {what} --json", rf'"name": ?"{name}"')
+        for what, name in (
+            ("strategies", "chapter"),
+            ("presets", "robust"),
+            ("models", "turtlebot2"),
+            ("scenarios", "head_on"),
+            ("maps", "corridor"),
+        )
+    ),
+    "run": (
+        Line(
+            f"run {HEAD_ON} --duration 3 --step 50 --strategy mine:behaviour --speed max --bus zenoh "
+            "--spawn exec --no-isolate --limit memory_mb=1500 --timeout 50 --log r1 --out runs/a --trust "
+            "--check --json",
+            r"checked: 4 actors executed again.*messages equal",
+        ),
+        Line("run --robots 2 --set run.duration=1.5 --isolate --out runs/b", r"2 robots"),
+        Line("run --from runs/a@1 --event 'kill r2 at 1.5' --out runs/branch", r"r2", "runs/branch/run.json"),
+        Line(
+            f"run {HEAD_ON} --duration 3 --strategy tests.debugging.stopping:behaviour --debug r1 "
+            "--out runs/debug",
+            r"stopping.py",
+            typed="c\n",
+        ),
+        Line(
+            f"run {HEAD_ON} --duration 2 --speed 20 --control --out runs/c",
+            r"the map page is http://",
+            needs="websockets",
+        ),
+    ),
+    "demo": (Line("demo --out runs/demo", r"runs/demo"),),
+    "loop": (
+        Line(
+            "run near.toml --hardware-in-the-loop --duration 4 --out runs/loop",
+            "",
+            "runs/loop/result/run.json",
+        ),
+        Line(
+            "fleet collect runs/loop/r1 runs/loop/r2 --truth runs/loop/laboratory/result.json --out all "
+            "--json",
+            r'"places_done": ?\d',
+            "all/places.csv",
+        ),
+    ),
+    "looks": (
+        Line(f"run {HEAD_ON} --duration 4 --strategy mine:behaviour --out runs/a", "", "runs/a/run.json"),
+        Line(f"run {HEAD_ON} --duration 4 --strategy none --out runs/b", "", "runs/b/run.json"),
+        Line("view runs/a --png --svg --html", r"run.png", "runs/a/run.svg"),
+        Line("view runs/a --movie a.gif --speed 100", r"a.gif", "a.gif"),
+        Line("view runs/a --beside runs/b --png", r"beside.png", "runs/a/beside.png"),
+        Line(
+            "scenario scenarios/head_on.toml --robots 2 --seed 4 --set run.duration=5.0 --png plan.png",
+            "2 robots",
+            "plan.png",
+        ),
+        Line("replay runs/a --trust", r"^identical: \d+ messages; digest"),
+        Line("replay runs/a --robot r1 --to 2 --trust", r"^r1: identical: \d+ outputs up to 2 s"),
+        Line("replay runs/a --robot r1 --strategy none --trust", r"r1"),
+        Line("replay runs/a --robot r1 --from 1 --pdb --trust", r"\(Pdb\)", typed="c\n"),
+        Line(
+            "replay runs/a --robot r1 --from 1 --debugpy 5678 --trust",
+            r"an editor may attach at 5678\n.*\nit stops",
+        ),
+        Line("explain runs/a r1 --json --trust", r"^\["),
+        Line("log runs/a --follow", r""),
+        Line("export runs/a --parquet --out tables --trust", r"poses.*rows", "tables/poses.parquet"),
+        Line("record merge runs/a --out all.mcap", r"messages of digest", "all.mcap"),
+        Line("record replay runs/a r1 --trust --isolate", r"^r1: \d+ messages sent again, all equal"),
+        Line("record replay runs/a r2 --no-isolate --trust", r"^r2: \d+ messages sent again, all equal"),
+        Line("topic echo runs/a r1/drive --csv --follow", r"^\S*time"),
+        Line("topic hz runs/a r1/drive --follow", r"r1/drive"),
+        Line("topic bw runs/a r1/drive --follow", r"r1/drive"),
+        Line("topic plot runs/a r1/drive vx --png vx.png", r"vx.png", "vx.png"),
+        Line("causes runs/a --json", r'"r1"'),
+        Line("report runs/a --out page", r"page", "page/index.html"),
+    ),
+    "viewer": (
+        Line(
+            f"run {HEAD_ON} --duration 2 --view --robot r1 --out runs/v",
+            r"",
+            "runs/v/view.rrd",
+            needs="rerun",
+        ),
+        Line("view runs/v --robot r1 --why --trust --isolate --save v.rrd", r"", "v.rrd", needs="rerun"),
+        Line("view runs/v --no-isolate --screenshot v.png --at 1", r"v.png", "v.png", needs="rerun"),
+    ),
+    "campaign": (
+        Line(
+            "campaign --scenario scenarios/head_on.toml --strategies none,chapter --seeds 6 --robots 2 "
+            "--duration 1 --set run.step_ms=100 --tuning --check-every 0 --jobs 1 --out campaigns/a --json",
+            r'"none"',
+        ),
+        Line("compare campaigns/a --metric radio --json", r'"none"'),
+        Line("bundle campaigns/a --out a.zip --author 'Ada Lovelace'", r"a.zip", "a.zip"),
+        Line("plan-study --pilot campaigns/a --metric radio", r"pairs"),
+        Line("plan-study --a12 0.8 --power 0.8 --correlation 0.5 --comparisons 2", r"pairs"),
+        Line(
+            "campaign --preset chapter --seeds 1 --robots 2 --duration 1 --check-every 0 --until-decided "
+            "--out campaigns/b",
+            r"none",
+        ),
+    ),
+    "cluster": (
+        Line(
+            "campaign --scenario scenarios/head_on.toml --strategies none --seeds 1 --duration 1 "
+            "--check-every 0 --on {dask} --out campaigns/c",
+            r"none",
+        ),
+    ),
+    "fleet": (
+        Line(
+            "fleet keys f.toml --out keys --host r1=127.0.0.1 --days 30", r"holds for r1, r1.local, 127.0.0.1"
+        ),
+        Line(
+            "fleet keys f.toml --host r1=127.0.0.1 --revoke r1",
+            r"What r1 had is worth nothing",
+            "keys/r1/key.pem",
+        ),
+        Line("fleet units f.toml --robot r1 --user ada --out u", r"60-acrc.rules", "u/acrc-r1.service"),
+        Line("fleet doctor f.toml --robot r1 --json", r'^\{"robot":"r1"', codes=(0, 1)),
+        Line(
+            "fleet onboard f.toml --robot r1 --out runs/one --isolate --at start",
+            r"r1 is running",
+            beside=True,
+        ),
+        Line("fleet watch {listen} --keys keys/operator", r"places left", typed=CTRL_C, codes=(130,)),
+        Line(
+            "fleet watch {listen} --keys keys/operator --view f.toml",
+            r"places left",
+            typed=CTRL_C,
+            codes=(130,),
+            needs="rerun",
+        ),
+        Line("fleet pause {listen} --keys keys/operator", r"stands"),
+        Line("fleet resume {listen} --keys keys/operator", r"goes on"),
+        Line("fleet stop {listen} --keys keys/operator", r"has stopped"),
+    ),
+    "told": (
+        Line("fleet keys f.toml --host r1=127.0.0.1", r"All hold until"),
+        Line(
+            "fleet onboard f.toml --robot r1 --out runs/two --no-isolate --debugpy 5679 --at 12,13,0.5",
+            r"r1 is running",
+            beside=True,
+        ),
+        Line("fleet watch {listen} --keys keys/operator", r"places left", typed=CTRL_C, codes=(130,)),
+        Line("fleet stop {listen} --keys keys/operator", r"has stopped"),
+        Line("topic echo runs/two r1/drive", r"vx"),
+    ),
+    "docs": (Line("docs --out site --open", r"site/index.html", "site/index.html"),),
+    f"{BENCH} radio": (
+        Line("bench radio-truth --data rows --times 1 --json", r'"points": 1\b'),
+        Line("bench radio-speed --ns3 ./ns3 --json", r'"ns3": 12345.0'),
+        Line("bench radio-hardware --json", r'"firmware":'),
+        Line(
+            "bench radio-plots --out figures --data rows --map maps/corridor.yaml --json",
+            r'"reference": true',
+            "figures/contention.svg",
+        ),
+    ),
+    f"{BENCH} floors": (
+        Line("bench scan --map maps/maze.yaml --json", r'"scans_per_second"'),
+        Line("bench world --map maps/maze.yaml --json", r'"scan_us"'),
+        Line("bench map --against other --map maps/corridor.yaml --json", r'"overlap": 1.0'),
+    ),
+    f"{BENCH} swarms": (
+        Line("bench steps --robots 1 --duration 1 --json", r'"memory"'),
+        Line("bench swarm --robots 1 --duration 1 --repeat 1 --json", r'"robots"'),
+        Line("bench swarm --robots 1 --duration 1 --timeline t.json", r"t.json", "t.json"),
+        Line("bench growth --robots 1 --duration 2 --json", r'"forkserver"'),
+        Line("bench recordings --robots 1 --duration 1 --robot r1 --json", r'"replayed"', codes=(0, 1)),
+        Line("bench relays --robots 2 --below -80 --seeds 1 --seed 3 --duration 15 --json", r"-80"),
+        Line("bench branches --forks 1 --frames 1 --duration 2 --seed 2 --json", r'"branch"'),
+    ),
+    f"{BENCH} ends": (
+        Line("bench endings --runs 1 --seed 2 --longest-stop 5 --workers 1 --json", r"^\[|^\{"),
+        Line("bench resume --kills 1 --seeds 1 --duration 1 --json", r"^\[|^\{"),
+        Line("bench crowded-start --robots 1 --hogs 1 --json", r'"processes, busy computer"'),
+    ),
+    f"{BENCH} driving": (
+        Line(
+            "bench navigation --map maps/corridor.yaml --robots 1 --goals 1 --runs 1 --localisation robust "
+            "--navigation robust --json",
+            r"corridor",
+        ),
+        Line("bench navigation --log n.zip --seed 2 --robots 1 --goals 1", r"n.zip", "n.zip"),
+        Line(
+            "bench failures scenarios/head_on.toml --robots 2 --seeds 1 --duration 1 --strategy none "
+            "--localisation robust --navigation robust --json",
+            r'"robots"',
+        ),
+        Line("bench causes 1 --json", r'"named"'),
+        Line("bench wedge --seeds 1", r"came free"),
+    ),
+    f"{BENCH} localisation": (
+        Line("bench localisation --log l.zip --seed 2 --cell tracking --duration 2", r"l.zip", "l.zip"),
+        Line("bench localisation --from l.zip --runs 1 --against theirs.json --json", r'"against"'),
+        Line(
+            "bench localisation --cell kidnapped --runs 1 --long-runs 1 --duration 20 --workers 1 --json",
+            r"kidnapped",
+        ),
+    ),
+    f"{BENCH} boards": (
+        Line("bench beeclick --bytes 1 --json", r'"share"'),
+        Line("bench kobuki --bytes 1 --json", r'"noise"'),
+        Line("bench mutations --bytes 1 --seed 2 --json", r'"parser"'),
+        Line("bench deeco --json", r'"robot_second_cpu_ms"'),
+        Line("bench portable --arguments 1 --json", r'"hypot"'),
+        Line(
+            "bench processors --duration 1 --crowd 1 --install --folder p --only AVX2 --json",
+            r"crowd",
+        ),
+        Line("bench attacks --json", r'"outcome": "held"'),
+    ),
+    f"{BENCH} robots": (
+        Line("bench onboard --json", r'"executed_again"', codes=(0, 1)),
+        Line("bench standstill --trials 1 --json", r'"battery nearly empty"'),
+    ),
+}
+MINE = """
+from dataclasses import replace
+from actors.robot.behaviour import host
+from cleaning.place import assignments
+from cleaning.robot import CleaningRobot
+from deeco import component, periodic, seconds
+
+@component
+class Mine(CleaningRobot):
+    looked: bool = False
+
+    @periodic(every=seconds(1), order=9)
+    def look(self):
+        return replace(self, looked=True)
+
+def behaviour(start):
+    return host(start, Mine(id=start.robot, position=start.pose.point, route=assignments(start)))
+"""
+"""A strategy of one's own, in which a debugger can stop."""
+DEBUGPY = """
+import runpy, sys
+
+def listen(address): print("an editor may attach at", address[1])
+def wait_for_client(): print("it does")
+def breakpoint(): print("it stops")
+
+if __name__ == "__main__":  # python -m debugpy --listen PORT -m MODULE ...
+    del sys.argv[:4]
+    runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+"""
+"""Stands for the package that lets an editor in, which the suite does not install."""
+FLEET = """
+map = "maps/corridor.yaml"
+keys = "keys"
+[[robot]]
+id = "r1"
+address = 1
+start = [12.0, 13.0, 0.0]
+places = [[20.0, 12.5], [4.0, 12.5]]
+base = "{links}/base"
+radio = "{links}/board1"
+range = "{links}/range"
+listen = "{listen}"
+"""
+__all__ = ["cluster", "links"]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """What a clone has, a strategy of one's own, and what some benchmarks compare with."""
+    for name in ("scenarios", "maps", "fleets", "studies"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / "mine.py").write_text(MINE)
+    (tmp_path / "near.toml").write_text(SCENARIO)
+    (tmp_path / "rows").mkdir()
+    (tmp_path / "rows" / "b_single_saturated.csv").write_text("\n".join([HEAD, *RUNS]) + "\n")
+    (tmp_path / "ns3").write_text('#!/bin/sh\n[ "$1" = -c ] || echo 12345.0\n')
+    (tmp_path / "ns3").chmod(0o755)
+    (tmp_path / "other").mkdir()
+    for name in ("corridor.yaml", "corridor.png"):
+        (tmp_path / "other" / name).symlink_to(ROOT / "maps" / name)
+    told = [{"log": "l", "runs": [{"rmse": 0.1, "lost": False, "nmed": 0.2, "updates": 12}]}]
+    (tmp_path / "theirs.json").write_text(json.dumps(told))
+    (tmp_path / "stand-ins").mkdir()
+    (tmp_path / "stand-ins" / "debugpy.py").write_text(DEBUGPY)
+    return tmp_path
+
+
+NIGHTLY = {"docs", *(f"{BENCH} {name}" for name in ("swarms", "ends", "boards", "robots"))}
+"""What takes minutes: run by `acrc test --nightly`."""
+MARKED = [pytest.param(name, marks=pytest.mark.nightly if name in NIGHTLY else ()) for name in STORIES]
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("story", MARKED)
+def test_every_line_does_what_it_should(story: str, folder: Path, request: pytest.FixtureRequest) -> None:
+    given = {"listen": unused()}
+    if story in {"fleet", "told"}:
+        given["links"] = str(request.getfixturevalue("links"))
+        (folder / "f.toml").write_text(FLEET.format_map(given))
+    if story == "cluster":
+        given["dask"] = f"dask://127.0.0.1:{request.getfixturevalue('cluster').port}"
+    told = {
+        "HOME": str(folder), "BROWSER": "true", "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1",
+        "PYTHONPATH": f"{ROOT}{os.pathsep}{folder / 'stand-ins'}", "COLUMNS": "200",
+    }  # fmt: skip
+    program = "tests.cli.small_benchmarks" if story.startswith(BENCH) else warm.ACRC
+    tell(STORIES[story], folder, given, {**os.environ, **told}, program)
+
+
+def test_every_option_of_every_command_is_in_a_line() -> None:
+    given = {option for lines in STORIES.values() for line in lines for option in options(line)}
+    wanted = {
+        (called, name)
+        for called, command in TREE.items()
+        for one in command.params
+        if one.param_type_name == "option" and "--help" not in one.opts
+        for name in (max(one.opts, key=len), *one.secondary_opts)
+    }
+    assert sorted(wanted - given) == []
+
+
+def options(line: Line) -> set[tuple[str, str]]:
+    """The options of a line, each with the words of its command."""
+    called, words = "acrc", shlex.split(line.words)
+    while words and f"{called} {words[0]}" in TREE:
+        called = f"{called} {words.pop(0)}"
+    return {(called, word.partition("=")[0]) for word in words if word.startswith("--")}
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        ("run a.toml --seed 3 --json", {("acrc run", "--seed"), ("acrc run", "--json")}),
+        ("fleet onboard f --at=start", {("acrc fleet onboard", "--at")}),
+        ("order a kill r1", set()),
+    ],
+)
+def test_what_a_line_calls_is_read_as_the_command_line_is(words: str, found: set[tuple[str, str]]) -> None:
+    assert options(Line(words)) == found
+    assert warm.ACRC == "deploy.cli.app"
