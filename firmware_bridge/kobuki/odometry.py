@@ -15,6 +15,8 @@ from firmware_bridge.kobuki.motion import METRES_PER_TICK, TRACK
 from firmware_bridge.kobuki.packets import Basic, Inertial
 
 _CENTIDEGREE: Final = math.radians(0.01)
+_STANDING: Final = 0.02
+"""Slower counts as standing, m/s and rad/s; own choice: a tick in 20 ms is 4 mm/s, and above the gyro's noise."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,11 @@ class KobukiOdometry:
     def unknown(self) -> int:
         """How often the base has moved unheard, perhaps, so that the pose is no longer what it says."""
         return self.counts.gaps + self.counts.restarts
+
+    @property
+    def moves(self) -> bool:
+        """True if it moved between the last two feedbacks."""
+        return abs(self._v) > _STANDING or abs(self._omega) > _STANDING
 
     def read(self) -> Odometry:
         """Pose since the first feedback, and velocity between the last two."""

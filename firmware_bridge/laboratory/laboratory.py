@@ -5,6 +5,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from actors.geometry import Pose
 from actors.instant import START, Instant
 from actors.portable import arrays
 from actors.radio.presets import preset
@@ -69,7 +70,12 @@ class Laboratory:
             generator(seed, "laboratory air", ""), MediumParameters(preset(setup.radio))
         )
         self.robots: Mapping[str, EmulatedHardware] = {
-            robot.id: self._hardware(index, generator(seed, "laboratory base", robot.id), robot.odometry)
+            robot.id: self._hardware(
+                index,
+                generator(seed, "laboratory base", robot.id),
+                generator(seed, "laboratory lidar", robot.id),
+                robot.odometry,
+            )
             for index, robot in enumerate(world.robots)
         }
         """The devices of each robot."""
@@ -116,6 +122,10 @@ class Laboratory:
         """Length of its way so far, m."""
         return float(self._travelled[self._index(robot)])
 
+    def carry(self, robot: str, pose: Pose) -> None:
+        """Put a robot elsewhere. Raises AcrcError where it would not fit."""
+        self._bodies.place(self._index(robot), pose)
+
     def take(self, jack: Jack, now: Instant, data: bytes) -> None:
         """Bytes that have come on a line; they belong to the sub-step or the instant that `advance` is at."""
         robot = self.robots[jack.robot]
@@ -156,13 +166,16 @@ class Laboratory:
             self._sights.poses[index] = self._bodies.truth(index)[:3]
         self._referee.watch(self._now, self._sights.poses[:, :2])
 
-    def _hardware(self, index: int, random: np.random.Generator, odometry: str) -> EmulatedHardware:
+    def _hardware(
+        self, index: int, random: np.random.Generator, noise: np.random.Generator, odometry: str
+    ) -> EmulatedHardware:
         body = RobotBody(self._bodies, index)
         errors = self._errors if odometry == "kobuki" else EXACT
         board = EmulatedBoard(self._medium, START)
         self._medium.add(board, self._place(index))
         base = EmulatedKobuki(body, random, BaseParameters(errors))
-        return EmulatedHardware(body, base, board, EmulatedRplidar(self._sights.of(index), LIDAR))
+        lidar = EmulatedRplidar(self._sights.of(index), LIDAR, generator=noise)
+        return EmulatedHardware(body, base, board, lidar)
 
     def _place(self, index: int) -> Place:
         def place(_: Instant) -> tuple[float, float]:
