@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.random import Generator
 
-from actors.instant import START, Instant, in_seconds, milliseconds, seconds
+from actors.instant import START, Instant, milliseconds, seconds
 from actors.messages import NO_ECHO_MM, Scan
 from actors.randomness import generator
 from actors.robot_model import load_model
@@ -198,6 +198,12 @@ class SensorRig:
         """True, m/s."""
         return self.laboratory.robots[robot].body.truth().v
 
+    def cruises(self, speed: float, bends: bool, robot: str = "r1") -> bool:
+        """True while it drives at that speed, and if it is to, in an arc."""
+        vehicle = self.vehicles[robot]
+        fast = self.speed(robot) > speed and not self.told_to_stand(robot)
+        return fast and (not bends or abs(vehicle.kobuki.allowed.omega) > 0.3)
+
     def told_to_stand(self, robot: str = "r1") -> bool:
         """True if its wheels were last told not to turn."""
         return self.laboratory.robots[robot].body.is_told_to_stand
@@ -216,8 +222,3 @@ class SensorRig:
     def _deliver(self, jack: Jack, data: bytes) -> None:
         if jack.device != RADIO:
             self.vehicles[jack.robot].from_device(jack.device, data)
-
-
-def time_of(instant: Instant) -> float:
-    """s since the beginning."""
-    return in_seconds(instant)

@@ -57,6 +57,7 @@ class Situation:
     time_s: float = 120.0
     event: Callable[[SensorRig], None] | None = None
     """Half way."""
+    robots: int = 1
 
 
 def starts_on(floor: Path, seed: int, count: int) -> list[tuple[float, float, float]]:
@@ -166,17 +167,21 @@ def _carried(rig: SensorRig) -> None:
 
 SITUATIONS: Final = (
     *(
-        Situation(f"{robots} wander in the {FLOORS[floor].stem} at {speed:g} m/s", _wander(floor, robots, speed))
+        Situation(
+            f"{robots} wander in the {FLOORS[floor].stem} at {speed:g} m/s",
+            _wander(floor, robots, speed),
+            robots=robots,
+        )
         for floor, robots, speed in (
             (0, 1, 0.5), (1, 1, 0.5), (2, 1, 0.5), (0, 1, 0.15), (2, 1, 0.3), (0, 6, 0.5), (2, 4, 0.4), (1, 3, 0.3),
         )
     ),
-    Situation("a convoy of 5 in a corridor without features", _convoy, 20.0),
+    Situation("a convoy of 5 in a corridor without features", _convoy, 20.0, robots=5),
     Situation("a long corridor without features", _long_corridor, 40.0),
     Situation("a hall without an echo", _hall, 30.0),
     Situation("turning on the spot", _spin),
     Situation("standing", _stand, 180.0),
     Situation("backing into a wall", _backs_into_a_wall, 30.0),
-    Situation("pushed by two others", _pushed, 20.0),
+    Situation("pushed by two others", _pushed, 20.0, robots=3),
     Situation("carried elsewhere while it drives", _wander(0, 1, 0.5), 60.0, _carried),
 )  # fmt: skip

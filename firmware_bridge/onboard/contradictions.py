@@ -40,6 +40,8 @@ class Contradictions:
         self._commanded = (0.0, 0.0)
         self._until: dict[Cause, Instant] = {}
         self._strikes: dict[Cause, int] = {}
+        self.gyro_judged = False
+        """Wheels and scans agree on a turn that the gyro has not seen; without scans, wheels and command."""
 
     def feedback(self, now: Instant, basic: Basic, inertial: Inertial | None) -> None:
         """Take in what a base says; see `commanded` for what it was told meanwhile."""
@@ -59,6 +61,7 @@ class Contradictions:
         self._motion.take(moved)
         cause = self._checks.take(moved, basic)
         if cause is not None:
+            self.gyro_judged |= cause is Cause.GYRO and self._scans is None
             self._tell(now, cause)
 
     def commanded(self, v: float, omega: float) -> None:
@@ -68,12 +71,20 @@ class Contradictions:
     def sweep(self, now: Instant, sweep: Sweep) -> None:
         """Take in a sweep of the range sensor."""
         cause = None if self._scans is None else self._scans.take(sweep, self._motion)
+        self.gyro_judged |= cause is Cause.GYRO
         if cause is not None and self._commanded != (0.0, 0.0):
             self._tell(now, cause)
 
     def repeated(self, now: Instant, cause: Cause) -> None:
         """The range sensor itself shows that; it is over a rest after it was last said."""
         self._until[cause] = Instant(now + REST)
+
+    def on_wheels(self) -> None:
+        """The heading is that of the wheels from now on: the gyro contradicts nobody any more."""
+        self.gyro_judged = False
+        self._until.pop(Cause.GYRO, None)
+        self._strikes.pop(Cause.GYRO, None)
+        self._forget()
 
     def causes(self, now: Instant) -> frozenset[Cause]:
         """For which nothing may move now."""
@@ -90,7 +101,9 @@ class Contradictions:
         else:
             rest = REST if strikes < _STRIKES else _FOR_GOOD
         self._until[cause] = Instant(now + rest)
-        self._forget()
+        self._checks.forget()
+        if cause is not Cause.GYRO:  # of which scans say more while the robot comes to stand
+            self._forget()
 
     def _forget(self) -> None:
         self._motion.forget()

@@ -135,14 +135,14 @@ class ScanChecks:
 
     def _judge(self, motion: MotionTrack) -> Cause | None:
         """Who has to be taken for a liar so that the last sweeps fit; None: nobody, or it cannot be told."""
-        tracks = motion.tracks((Liar.NOBODY, Liar.WHEELS))
+        tracks = motion.tracks((Liar.NOBODY, Liar.WHEELS, Liar.GYRO))
         for way, turn in zip(_WAYS, _TURNS, strict=True):
             pair = self._pair(tuple(tracks.values()), way, turn)
             if pair is None:
                 return None
             told = self._misfit(pair, tracks[Liar.NOBODY], TRUTH)
             if told.size >= _FEWEST and (told > _OFF).mean() >= _ODD_SHARE:
-                liars = (Liar.LEFT, Liar.RIGHT, Liar.GYRO)
+                liars = (Liar.LEFT, Liar.RIGHT)
                 cause = self._best(pair, tracks | motion.tracks(liars), told)
                 if cause is not None:
                     return cause

@@ -193,6 +193,11 @@ class TurtleBot:
                 self._compare(event)
             else:
                 self._say(f"{in_seconds(now):.3f} {event}")
+        odometry = self._kobuki.odometry
+        if self._contradictions.gyro_judged and odometry.gyro_is_still:
+            odometry.trust_wheels()
+            self._contradictions.on_wheels()
+            self._say(f"{in_seconds(now):.3f} the gyro stands still: the heading is that of the wheels")
         causes = self._contradictions.causes(now)
         for cause in causes ^ self._held:
             self._kobuki.hold(cause, cause in causes)
@@ -203,4 +208,5 @@ class TurtleBot:
         basic = next(packet for packet in fed.packets if isinstance(packet, Basic))
         inertial = next((packet for packet in fed.packets if isinstance(packet, Inertial)), None)
         self._contradictions.commanded(self._kobuki.allowed.v, self._kobuki.allowed.omega)
-        self._contradictions.feedback(fed.instant, basic, inertial)
+        gyro = None if self._kobuki.odometry.on_wheels else inertial
+        self._contradictions.feedback(fed.instant, basic, gyro)
