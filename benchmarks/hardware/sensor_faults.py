@@ -1,4 +1,4 @@
-"""Faults of a robot's sensors and of its line to the base, each as something done to an emulated robot that drives."""
+"""Faults of a robot's sensors and of its line to the base, as what is done to an emulated robot."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

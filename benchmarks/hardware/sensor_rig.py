@@ -1,7 +1,7 @@
 """Robots' vehicles on emulated devices in simulated time: what their sensors say, and how they are held.
 
-The base process's vehicle (firmware_bridge.onboard.vehicle) with lines of memory to a laboratory, and a pilot in
-place of the robot's program: no process, no clock, the same on every run.
+The base process's vehicle (firmware_bridge.onboard.vehicle) with lines of memory to a laboratory, and a pilot
+in place of the robot's program: no process, no clock, the same on every run.
 """
 
 import math
@@ -130,7 +130,8 @@ class Vehicle:
         self._random = noise
         self.kobuki = KobukiDriver(START)
         lidar = Lidar(lambda: self.lines[RANGE], Rplidar(MODEL.sensor, START), self._say)
-        self.bot = TurtleBot(lambda: self.lines[BASE], self.kobuki, lidar, Trusted(), self._say, MODEL.sensor.mount)
+        mount = MODEL.sensor.mount
+        self.bot = TurtleBot(lambda: self.lines[BASE], self.kobuki, lidar, Trusted(), self._say, mount)
         self.said: list[str] = []
         self.told: list[Told] = []
 

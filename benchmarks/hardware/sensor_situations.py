@@ -13,7 +13,7 @@ from actors.floor.placement import PlacementError, check_pose
 from actors.geometry import Point, Pose
 from actors.messages import Scan
 from actors.randomness import generator
-from benchmarks.hardware.sensor_rig import MODEL, Pilot, SensorRig
+from benchmarks.hardware.sensor_rig import Pilot, SensorRig
 from deploy.repository import REPOSITORY
 from firmware_bridge.kobuki.safety import Cause
 
@@ -110,7 +110,7 @@ def _wander(floor: int, robots: int, speed: float) -> Callable[[int, Path], Sens
 
 
 def _convoy(seed: int, folder: Path) -> SensorRig:
-    """Five robots that drive side by side and behind one another along a corridor whose ends are out of sight."""
+    """Five robots side by side and behind one another in a corridor whose ends are out of sight."""
     offsets = ((0.0, 0.0), (0.9, 0.0), (-0.9, 0.0), (0.0, 0.9), (0.0, -0.9))
     starts = [(14.0 + x, 2.0 + y, 0.0) for x, y in offsets]
     rig = SensorRig(plain_floor(folder, 60.0, 4.0), starts, seed)
@@ -165,6 +165,17 @@ def _carried(rig: SensorRig) -> None:
     rig.laboratory.carry("r1", Pose(x, y, heading))
 
 
+_WANDERINGS: Final = (
+    (0, 1, 0.5),
+    (1, 1, 0.5),
+    (2, 1, 0.5),
+    (0, 1, 0.15),
+    (2, 1, 0.3),
+    (0, 6, 0.5),
+    (2, 4, 0.4),
+    (1, 3, 0.3),
+)
+"""Floor, robots, m/s."""
 SITUATIONS: Final = (
     *(
         Situation(
@@ -172,9 +183,7 @@ SITUATIONS: Final = (
             _wander(floor, robots, speed),
             robots=robots,
         )
-        for floor, robots, speed in (
-            (0, 1, 0.5), (1, 1, 0.5), (2, 1, 0.5), (0, 1, 0.15), (2, 1, 0.3), (0, 6, 0.5), (2, 4, 0.4), (1, 3, 0.3),
-        )
+        for floor, robots, speed in _WANDERINGS
     ),
     Situation("a convoy of 5 in a corridor without features", _convoy, 20.0, robots=5),
     Situation("a long corridor without features", _long_corridor, 40.0),
@@ -184,4 +193,4 @@ SITUATIONS: Final = (
     Situation("backing into a wall", _backs_into_a_wall, 30.0),
     Situation("pushed by two others", _pushed, 20.0, robots=3),
     Situation("carried elsewhere while it drives", _wander(0, 1, 0.5), 60.0, _carried),
-)  # fmt: skip
+)

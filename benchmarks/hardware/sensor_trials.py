@@ -25,7 +25,7 @@ from deploy.run.kernels import compile_kernels
 SPEEDS: Final = (0.5, 0.5, 0.3, 0.4)
 """m/s, by seed."""
 _PATIENCE_S: Final = 4.0
-_STARTED: Final = 3.0
+_STARTED: Final = 2.0
 _MOST_S: Final = 120.0
 
 
@@ -77,7 +77,6 @@ def trial(fault: SensorFault, seed: int) -> SensorCase:
         vehicle.pilot = pilot
         rig.run(_PATIENCE_S, lambda: rig.speed() > 0.02)
     else:
-        rig.run(_STARTED)
         rig.run(_MOST_S, lambda: rig.cruises(0.9 * speed, fault.bends))
         fault.act(rig)
     begun, way, before = rig.now, rig.laboratory.travelled("r1"), len(vehicle.told)
@@ -124,9 +123,10 @@ def run(json_output: bool = False, task: SensorTask | None = None) -> dict[str, 
         for which in range(len(FAULTS))
     ]
     calm = list(in_order(peace, range(_situations(task.hours))))
+    by_fault = zip(FAULTS, cases, strict=True)
     figures: dict[str, object] = {
         "task": asdict(task),
-        "faults": {f"{fault.what}: {fault.how}": list(map(asdict, cases[k])) for k, fault in enumerate(FAULTS)},
+        "faults": {f"{fault.what}: {fault.how}": [asdict(one) for one in runs] for fault, runs in by_fault},
         "calm": [asdict(one) for one in calm],
         "goal_met": not any(one.accused for one in calm)
         and all(within(fault, one) for fault, trials in zip(FAULTS, cases, strict=True) for one in trials),
@@ -153,7 +153,8 @@ def _situations(hours: float) -> int:
 
 def _print(cases: list[list[SensorCase]], calm: list[Peace]) -> None:
     console = Console()
-    table = Table("what", "how", "told, median", "worst", "way, worst", "not told", "said", "", title="sensors")
+    heads = ("what", "how", "told, median", "worst", "way, worst", "not told", "said", "")
+    table = Table(*heads, title="sensors")
     for fault, trials in zip(FAULTS, cases, strict=True):
         times = [one.told_s for one in trials if one.told_s is not None]
         said = Counter(cause for one in trials for cause in one.said)

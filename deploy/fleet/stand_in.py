@@ -9,11 +9,11 @@ from actors.runtime.lifecycle.process_table import glance
 from firmware_bridge.kobuki import guardian
 
 LOOK_S: Final = 0.05
-"""The base process is looked at so often; own choice: with the start of a small process it is 0.15 s."""
+"""The base process is looked at so often, s; own choice: a small process takes as long to start."""
 
 
 class StandIn:
-    """Starts a guardian of its own (firmware_bridge.kobuki.guardian) as often as the base is found stopped."""
+    """Starts a guardian (firmware_bridge.kobuki.guardian) of its own whenever the base is found stopped."""
 
     def __init__(self, port: str, say: Callable[[str], None]) -> None:
         """`port`: of the base; `say` is told what is done."""

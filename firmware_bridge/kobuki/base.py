@@ -91,7 +91,7 @@ class Faults:
     gyro_drift: float = 0.0
     """... and a rate that is added, rad/s."""
     stamp: Literal["works", "frozen", "backward", "jumping"] = "works"
-    """What its clock does from feedback to feedback: frozen it stands, jumping it goes on by 20 s each time."""
+    """What its clock does from feedback to feedback: frozen it stands, jumping it goes on by 20 s."""
     battery: float = 16.0
     """V."""
     buttons: int = 0

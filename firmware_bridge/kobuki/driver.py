@@ -69,8 +69,8 @@ F = TypeVar(
 )
 
 _NOISE_BYTES: Final = 100
-"""Damaged bytes in place of feedback, from which on the line and not the base is to blame; own choice: more than
-a frame's."""
+"""Damaged bytes in place of feedback, from which on the line and not the base is to blame; own choice: more
+than a frame's."""
 _ASK_ALL: Final = wire_packets.HARDWARE_REQUEST | wire_packets.FIRMWARE_REQUEST | wire_packets.UDID_REQUEST
 
 
@@ -92,8 +92,8 @@ class DriverParameters:
     insist: Duration = milliseconds(7)  # noqa: RUF009
     """Stop is said so often while the wheels still turn: 150 a second are heard well."""
     shout: Duration = milliseconds(1)  # noqa: RUF009
-    """And so often, as often as the line carries it, while the line is so noisy that no feedback comes through.
-    Of ten bytes in a row one in 35 times comes through where three bytes in ten are damaged."""
+    """And so often, as often as the line carries it, while so much of it is damaged that no feedback comes.
+    Where three bytes in ten are, the ten bytes of a command come through one time in 35."""
     longest_shout: int = 20
     """Stops that are said at once at most, 200 bytes."""
     repeat: Duration = milliseconds(1000)  # noqa: RUF009

@@ -16,7 +16,7 @@ from firmware_bridge.kobuki.packets import Basic, Inertial
 
 _CENTIDEGREE: Final = math.radians(0.01)
 _STANDING: Final = 0.02
-"""Slower counts as standing, m/s and rad/s; own choice: a tick in 20 ms is 4 mm/s, and above the gyro's noise."""
+"""Slower counts as standing, m/s and rad/s; own choice: a tick in 20 ms is 4 mm/s."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class OdometryParameters:
     """Between two feedbacks; after a longer one ticks are ambiguous, s: at 0.7 m/s half their circle of
     65536 is 4 s."""
     still_turn: float = 0.2
-    """The gyro is suspected to stand still once its numbers stay the same while the wheels turn the base by so
-    much, rad. Own choice. A gyro free of noise does so, too, where a wheel slips: others judge."""
+    """The gyro seems to stand still once its numbers stay the same while the wheels turn the base by so much,
+    rad. Own choice. A gyro free of noise does so, too, where a wheel slips: others judge."""
     still_feedbacks: int = 25
     """And for so many feedbacks."""
 

@@ -17,7 +17,7 @@ from firmware_bridge.onboard.scan_checks import ScanChecks
 from firmware_bridge.range_sensors.sensor import Sweep
 
 REST: Final[Duration] = seconds(2)
-"""A robot stands so long for a contradiction that only shows while it moves; then it may try again. Own choice."""
+"""So long a robot stands for a contradiction that shows in motion only; then it may try again. Own choice."""
 _STRIKES: Final = 3
 """Once the same shows so often, it stands until its base is started again; own choice, ..."""
 _FORGIVEN: Final[Duration] = seconds(60)

@@ -3,6 +3,7 @@
 Judged only while the base is told to move: who stands may be pushed, turned and carried.
 """
 
+import itertools
 from collections import deque
 from typing import Final
 
@@ -13,16 +14,16 @@ from firmware_bridge.kobuki.safety import Cause
 from firmware_bridge.onboard.motion_track import Moved
 
 _TURN: Final = 0.2
-"""So much wheels and gyro may differ within a second, rad: a wheel that slips by 4.6 cm. Own choice, and ..."""
+"""So much wheels and gyro may differ within a second, rad: a wheel slips by 4.6 cm. Own choice, and ..."""
 _TURN_SHARE: Final = 0.2
 """... so much of the turn more: above 110°/s a Kobuki's gyro is less exact (user guide)."""
 _WINDOW: Final[Duration] = seconds(1)
 _TOLD: Final = 0.08
-"""Way that a wheel is told to go, m, ..."""
+"""Once a wheel is told to go so far, m, ..."""
 _TURNED: Final = 0.1
-"""... of which it has to go so much of it, ..."""
+"""... it has to have gone this share of it, ..."""
 _TOLD_FOR: Final[Duration] = milliseconds(240)
-"""... within that time at least; a real base takes up to 0.2 s to follow. Own choice."""
+"""... and is given so much time at least: a real base takes up to 0.2 s to follow. Own choice."""
 _CLEARLY: Final = 0.5
 """A witness that is so much nearer to the command than another is right; own choice."""
 _STAMPS: Final = 3
@@ -111,8 +112,8 @@ class MotionChecks:
         return None
 
     def _times(self) -> list[float]:
-        instants = [move.instant for move in self._moves]
-        return [0.0, *((b - a) * 1e-6 for a, b in zip(instants, instants[1:], strict=False))]
+        pairs = itertools.pairwise(move.instant for move in self._moves)
+        return [0.0, *((after - before) * 1e-6 for before, after in pairs)]
 
     def _told_ways(self, times: list[float]) -> tuple[float, float]:
         turned = [move.omega * TRACK / 2 for move in self._moves]

@@ -2,6 +2,8 @@
 
 A hypothesis says which of these lie. The others then make the track: with one wheel left and the gyro there
 is still a way and a heading, with no wheel there is what was commanded.
+
+numpy's own functions will do here, and start at once: nothing of this is part of a robot's digest.
 """
 
 from collections import deque
@@ -11,8 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.instant import Instant, in_seconds
-from actors.portable import arrays
+from actors.instant import Instant
 from firmware_bridge.kobuki.motion import TRACK
 
 _KEPT: Final = 160
@@ -100,10 +101,5 @@ def _track(rows: NDArray[np.float64], liar: Liar) -> Track:
         turn = (right - left) / TRACK
     heading = np.cumsum(turn)
     course = heading - turn / 2
-    x, y = np.cumsum(forward * arrays.cos(course)), np.cumsum(forward * arrays.sin(course))
+    x, y = np.cumsum(forward * np.cos(course)), np.cumsum(forward * np.sin(course))
     return Track(instants.astype(np.int64), x, y, heading)
-
-
-def duration(moves: "deque[Moved]") -> float:
-    """From the first to the last, s."""
-    return in_seconds(moves[-1].instant - moves[0].instant) if moves else 0.0

@@ -1,9 +1,10 @@
 """Contradictions between sweeps of the range sensor, wheels, gyro and command.
 
-Of two sweeps between which the robot has moved, the later must show the room of the earlier one, if both are put
-where wheels and gyro say. Where they do not, someone lies; who it is shows in who has to be taken for a liar so
-that they do. Nobody is accused unless a hypothesis makes them fit: people who walk by, a robot that is pushed or
-carried make no sweep fit better. A hypothesis has to win in several directions and in two sweeps on end.
+Of two sweeps between which the robot has moved, the later must show the room of the earlier one, if both
+are put where wheels and gyro say. Where it does not, someone lies, and who it is shows in who has to be
+taken for a liar so that it does. Nobody is accused unless a hypothesis makes the sweeps fit: people who walk
+by, and a robot that is pushed or carried, make none fit. A hypothesis has to win in several directions, and
+twice on end.
 """
 
 from collections import deque
@@ -50,6 +51,8 @@ _DISSENT: Final = 0.2
 _SECTORS: Final = 3
 """Of twelve, in which it has to do so."""
 _IN_A_ROW: Final = 2
+_TOUCHES: Final = 0.3
+"""What is so near to the body's middle, m, may be touched: its radius, and a decimetre. Own choice."""
 _TURNED: Final = headings(15)
 _LATE_US: Final = (250_000, 500_000, 750_000, 1_000_000)
 
@@ -156,7 +159,10 @@ class ScanChecks:
             votes(one.cause, told, self._misfit(pair, tracks[one.liar], one.reading))
             for one in (*_MOTION, *_SENSOR)
         ]
-        found.append(votes(Cause.SCAN_STILL, told, self._misfit(pair, _nowhere(tracks[Liar.NOBODY]), TRUTH)))
+        told_track = tracks[Liar.NOBODY]
+        if not stands_before_something(pair, self._mount, told_track):
+            still = self._misfit(pair, _nowhere(told_track), TRUTH)
+            found.append(votes(Cause.SCAN_STILL, told, still))
         convincing = [one for one in found if one.convincing]
         return max(convincing, key=lambda one: one.gained - one.lost).cause if convincing else None
 
@@ -185,6 +191,21 @@ def votes(cause: Cause, told: NDArray[np.float64], instead: NDArray[np.float64])
     gained = (told > _OFF) & (instead <= 1.0)
     lost = (told <= 1.0) & (instead > _OFF)
     return Votes(cause, int(gained.sum()), int(lost.sum()), told.size, sectors(gained))
+
+
+def stands_before_something(pair: tuple[Sweep, Sweep], mount: Pose, track: Track) -> bool:
+    """True if a robot that does not turn has something right before it, so that its wheels may slip."""
+    ends = track.at(np.array([np.median(sweep.stamps) for sweep in pair]))
+    (dx,), (dy,), (turn,) = np.diff(ends.x), np.diff(ends.y), np.diff(ends.heading)
+    if abs(turn) >= _TURNS[0]:
+        return False
+    backward = dx * np.cos(ends.heading[0]) + dy * np.sin(ends.heading[0]) < 0
+    angles = mount.heading + pair[1].angles
+    with np.errstate(invalid="ignore"):
+        x = mount.x + pair[1].ranges * np.cos(angles)
+        y = mount.y + pair[1].ranges * np.sin(angles)
+        ahead = np.where(backward, -x, x)
+        return bool(((ahead > np.abs(y)) & (np.hypot(x, y) <= _TOUCHES)).any())
 
 
 def _nowhere(track: Track) -> Track:

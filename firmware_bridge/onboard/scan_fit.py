@@ -1,4 +1,4 @@
-"""Whether two sweeps of a range sensor show one room, if the sensor moved between them as a hypothesis says."""
+"""Whether two sweeps of a range sensor show one room, if it moved between them as a hypothesis says."""
 
 import math
 from typing import Final, NamedTuple
@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.geometry import Pose
-from actors.portable import arrays
 from firmware_bridge.onboard.motion_track import Track
 from firmware_bridge.range_sensors.sensor import Sweep
 
@@ -18,7 +17,7 @@ _GAP: Final = 0.5
 _BREAK: Final = 0.15
 """Neighbouring points farther apart than this, m, ..."""
 _BREAK_SHARE: Final = 0.07
-"""... or than this share of their range belong to two things: a wall that is looked along at 15° does not break."""
+"""... or than this share of their range belong to two things; a wall looked along at 15° does not break."""
 _EXTENT: Final = 0.8
 """Smaller things, m, are no witnesses: people and robots, which may go along with the robot. Own choice."""
 _NEAR: Final = 0.02
@@ -51,11 +50,11 @@ def of_the_room(sweep: Sweep) -> Sweep:
     sweep = Sweep(sweep.stamps[seen], sweep.angles[seen], sweep.ranges[seen])
     if not sweep.ranges.size:
         return sweep
-    x, y = sweep.ranges * arrays.cos(sweep.angles), sweep.ranges * arrays.sin(sweep.angles)
-    gaps = arrays.hypot(np.diff(x), np.diff(y))
+    x, y = sweep.ranges * np.cos(sweep.angles), sweep.ranges * np.sin(sweep.angles)
+    gaps = np.hypot(np.diff(x), np.diff(y))
     breaks = np.flatnonzero(gaps > np.maximum(_BREAK, _BREAK_SHARE * sweep.ranges[1:])) + 1
     firsts, lasts = np.append(0, breaks), np.append(breaks, x.size) - 1
-    extents = arrays.hypot(x[lasts] - x[firsts], y[lasts] - y[firsts])
+    extents = np.hypot(x[lasts] - x[firsts], y[lasts] - y[firsts])
     large = np.repeat(extents >= _EXTENT, lasts - firsts + 1)
     return Sweep(sweep.stamps[large], sweep.angles[large], sweep.ranges[large])
 
@@ -65,9 +64,9 @@ def placed(sweep: Sweep, mount: Pose, track: Track, reading: Reading) -> Points:
     seen = np.isfinite(sweep.ranges)
     ranges, angles = sweep.ranges[seen], sweep.angles[seen] + reading.turned
     angles = mount.heading + (-angles if reading.mirrored else angles)
-    body_x, body_y = mount.x + ranges * arrays.cos(angles), mount.y + ranges * arrays.sin(angles)
+    body_x, body_y = mount.x + ranges * np.cos(angles), mount.y + ranges * np.sin(angles)
     poses = track.at(sweep.stamps[seen] - reading.late_us)
-    c, s = arrays.cos(poses.heading), arrays.sin(poses.heading)
+    c, s = np.cos(poses.heading), np.sin(poses.heading)
     xy = np.column_stack((poses.x + c * body_x - s * body_y, poses.y + s * body_x + c * body_y))
     return Points(xy, _NEAR + _NEAR_SHARE * ranges)
 
@@ -79,7 +78,7 @@ def thinned(points: Points) -> Points:
 
 
 def misfit(later: Points, earlier: Points) -> NDArray[np.float64]:
-    """How far each later point is from the room that the earlier ones draw, in units of what is near: (n,)."""
+    """How far each later point is from the room that the earlier ones draw, as a multiple of near: (n,)."""
     begins = earlier.xy[:-1]
     along = earlier.xy[1:] - begins
     squares = along[:, 0] ** 2 + along[:, 1] ** 2

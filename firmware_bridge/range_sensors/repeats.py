@@ -1,7 +1,7 @@
 """Whether a range sensor repeats itself: raw data that are the same twice, to the last bit.
 
-A sensor that measures has noise in its last bits, also where nothing moves. What it sends twice was not measured
-the second time, whoever repeats it: the sensor, its driver, a cable with a memory.
+A sensor that measures has noise in its last bits, also where nothing moves. What it sends twice was not
+measured the second time, whoever repeats it: the sensor, its driver, or whatever is between.
 """
 
 from collections import deque
@@ -25,7 +25,7 @@ class Repeats:
     """Remembers the last parts of a sensor's data, and says when they come again."""
 
     def __init__(self, kept: int, window: int, most: int) -> None:
-        """`kept`: parts that are remembered; so many as `most` of the last `window` parts repeated is too many."""
+        """`kept`: parts that are remembered; `most` of the last `window` parts repeated are too many."""
         self._order: deque[bytes] = deque(maxlen=kept)
         self._known: set[bytes] = set()
         self._repeated: deque[bool] = deque(maxlen=window)

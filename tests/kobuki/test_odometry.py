@@ -114,8 +114,9 @@ def test_a_still_gyro_of_a_still_base_is_not_frozen() -> None:
     assert rig.driver.odometry.counts.on_wheels == 0
 
 
-def test_a_gyro_free_of_noise_is_believed_whatever_the_wheels_add_up_to_on_a_long_straight_way() -> None:
-    ticks = [(20 * k, 100 * k, 100 * k + k // 4, 0) for k in range(2000)]  # 17 m, and half a radian by the wheels
+def test_a_gyro_free_of_noise_is_believed_whatever_wheels_add_up_to_on_a_long_straight_way() -> None:
+    # 17 m, and by the wheels a fifth of a radian
+    ticks = [(20 * k, 100 * k, 100 * k + k // 4, 0) for k in range(2000)]
     odometry = fed(ticks)
     assert odometry.counts.on_wheels == 0
     assert odometry.heading == 0.0

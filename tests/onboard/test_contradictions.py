@@ -1,9 +1,10 @@
-"""Sensors that lie are told, and the robot stands; sensors that are right are never accused.
+"""Sensors that lie are told, and the robot stands; those that are right are never accused.
 
-In simulated time, on emulated devices: what `acrc bench standstill --sensors` does with more seeds and floors.
+In simulated time, on emulated devices: `acrc bench standstill --sensors` does it with more seeds and floors.
 """
 
 import functools
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from actors.instant import Instant, milliseconds
 from benchmarks.hardware.sensor_faults import FAULTS, SensorFault
 from benchmarks.hardware.sensor_rig import SensorRig
-from benchmarks.hardware.sensor_situations import ACCUSATIONS, SITUATIONS, accusations, plain_floor
+from benchmarks.hardware.sensor_situations import ACCUSATIONS, SITUATIONS, Straight, accusations, plain_floor
 from benchmarks.hardware.sensor_trials import SensorCase, trial, within
 from firmware_bridge.kobuki.odometry import METRES_PER_TICK
 from firmware_bridge.kobuki.packets import Basic, Inertial
@@ -58,11 +59,9 @@ def test_a_sensor_that_lies_is_named_and_the_robot_told_to_stand_in_time(name: s
         ("standing", 8.0),
     ],
 )
-def test_nobody_is_accused_whose_sensors_are_right(
-    name: str, time_s: float, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_nobody_is_accused_whose_sensors_are_right(name: str, time_s: float, tmp_path: Path) -> None:
     situation = CALM[name]
-    rig = situation.build(0, tmp_path_factory.mktemp("floors"))
+    rig = situation.build(0, tmp_path)
     rig.run(time_s / 2)
     if situation.event is not None:
         situation.event(rig)
@@ -71,8 +70,8 @@ def test_nobody_is_accused_whose_sensors_are_right(
     assert rig.laboratory.travelled("r1") > 0 or name == "standing"
 
 
-def test_what_is_told_is_told_in_words_and_in_the_log(tmp_path_factory: pytest.TempPathFactory) -> None:
-    rig = driving(tmp_path_factory.mktemp("floors").joinpath)
+def test_what_is_told_is_told_in_words_and_in_the_log(tmp_path: Path) -> None:
+    rig = driving(tmp_path)
     rig.laboratory.robots["r1"].base.faults.left_scale = 0.0
     rig.run(1.0, rig.told_to_stand)
     vehicle = rig.vehicles["r1"]
@@ -80,10 +79,8 @@ def test_what_is_told_is_told_in_words_and_in_the_log(tmp_path_factory: pytest.T
     assert any("LEFT_WHEEL" in line for line in vehicle.said)
 
 
-def test_a_robot_that_was_told_tries_again_twice_and_then_stands_for_good(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
-    rig = driving(tmp_path_factory.mktemp("floors").joinpath)
+def test_a_robot_that_was_told_tries_again_twice_and_then_stands_for_good(tmp_path: Path) -> None:
+    rig = driving(tmp_path)
     rig.laboratory.robots["r1"].base.faults.left_scale = 0.0
     rig.run(16.0)
     way = rig.laboratory.travelled("r1")
@@ -93,10 +90,8 @@ def test_a_robot_that_was_told_tries_again_twice_and_then_stands_for_good(
     assert len(told) == 3
 
 
-def test_a_gyro_that_stands_still_is_replaced_by_wheels_that_the_scans_agree_with(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
-    rig = driving(tmp_path_factory.mktemp("floors").joinpath, omega=0.5)
+def test_a_gyro_that_stands_still_is_replaced_by_wheels_that_the_scans_agree_with(tmp_path: Path) -> None:
+    rig = driving(tmp_path, omega=0.5)
     rig.laboratory.robots["r1"].base.faults.gyro = "frozen"
     rig.run(4.0)
     vehicle = rig.vehicles["r1"]
@@ -105,11 +100,9 @@ def test_a_gyro_that_stands_still_is_replaced_by_wheels_that_the_scans_agree_wit
     assert any("the gyro stands still: the heading is that of the wheels" in line for line in vehicle.said)
 
 
-def driving(path, omega: float = 0.0) -> SensorRig:  # type: ignore[no-untyped-def]
+def driving(folder: Path, omega: float = 0.0) -> SensorRig:
     """At 0.4 m/s in a room of 12 m."""
-    from benchmarks.hardware.sensor_situations import Straight
-
-    rig = SensorRig(plain_floor(path(), 12.0, 8.0), [(2.0, 3.0, 0.1)], 1)
+    rig = SensorRig(plain_floor(folder, 12.0, 8.0), [(2.0, 3.0, 0.1)], 1)
     rig.vehicles["r1"].pilot = Straight(0.4, omega)
     rig.run(3.0)
     assert rig.speed() > 0.35
@@ -132,8 +125,9 @@ class Wheels:
             self.left, self.right = self.left + 0.02 * left, self.right + 0.02 * right
             self.angle += 0.02 * turn
             ticks = (int(way / METRES_PER_TICK) & 0xFFFF for way in (self.left, self.right))
-            fields = {"bumper": 0, "wheel_drop": 0, **basic}
-            said = Basic(self.now // 1000 & 0xFFFF, fields["bumper"], fields["wheel_drop"], 0, *ticks, 0, 0, 0, 0, 160, 0)
+            pressed, dropped = basic.get("bumper", 0), basic.get("wheel_drop", 0)
+            stamp = self.now // 1000 & 0xFFFF
+            said = Basic(stamp, pressed, dropped, 0, *ticks, 0, 0, 0, 0, 160, 0)
             self.judge.commanded(*told)
             self.judge.feedback(self.now, said, Inertial(round(np.degrees(self.angle) * 100), 0))
         return self.judge.causes(self.now)
