@@ -36,9 +36,21 @@ def onboard(json: Json = False) -> None:
 
 def standstill(
     trials: Annotated[int, typer.Option(metavar="N", min=1, max=1000, help="Of each case.")] = 3,
+    sensors: Annotated[
+        bool, typer.Option("--sensors", help="Let sensors lie instead, in simulated time.")
+    ] = False,
+    hours: Annotated[
+        float,
+        typer.Option(metavar="H", min=0, max=1000, help="With --sensors: of robots without a fault."),
+    ] = 2.0,
     json: Json = False,
 ) -> None:
     """Kill, stop and hold each process of a robot in the loop while it drives: when it stands, and where."""
+    if sensors:
+        from benchmarks.hardware import sensor_trials as lies
+
+        lies.run(json, lies.SensorTask(trials, hours))
+        return
     from benchmarks.hardware import standstill as cases
 
     cases.run(json, cases.StandstillTask(trials))

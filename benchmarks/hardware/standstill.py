@@ -102,6 +102,9 @@ def events() -> dict[Case, Callable[[Rig], None]]:
         for process, word in PROCESSES.items()
         for way, act in ways.items()
     }
+    made["base and guardian", "stopped"] = lambda rig: stopped(
+        [*rig.processes(PROCESSES["base"]), *rig.processes(GUARDIAN)]
+    )
     for case, order in DEVICES.items():
         made[case] = lambda rig, order=order: rig.expect_ok(order)  # type: ignore[misc]
     return made

@@ -26,6 +26,7 @@ from deploy.fleet.onboard import Onboard, Ports
 from deploy.fleet.onboard_supervisor import OnboardError, OnboardSupervisor
 from deploy.fleet.own_code import own_code
 from deploy.fleet.service_notice import ServiceNotice
+from deploy.fleet.stand_in import LOOK_S, StandIn
 from deploy.processes.launch import launcher
 from deploy.processes.signals import signals_as_interrupts
 from deploy.run.foreign import Permit
@@ -41,7 +42,6 @@ FOREVER: Final = 2**62
 """µs; a robot's run has no end of its own."""
 AT_START: Final = "start"
 """Where the fleet file says that the robot is switched on."""
-_LOOK_S: Final = 0.5
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,9 @@ def run(prepared: Onboard, say: Callable[[str], None]) -> None:
                     f"{prepared.robot.id} is in doubt about where it is, and stands until its scans say "
                     "that it is where it last was; `--at start` or `--at X,Y,HEADING` tells it"
                 )
-            while watch.look(_LOOK_S):
+            stand_in = StandIn(prepared.ports.base, say)
+            while watch.look(LOOK_S):
+                stand_in.look(watch.base_pid)
                 operator.look()
             say(f"{prepared.robot.id} was told to stop")
         finally:

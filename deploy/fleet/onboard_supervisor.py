@@ -62,6 +62,12 @@ class OnboardSupervisor:
         """Starts beyond the first of each."""
         return sum(max(0, count - 1) for count in self._count.values())
 
+    @property
+    def base_pid(self) -> int | None:
+        """Of the base process; None while there is none."""
+        base = self._children.get(layout.BASE)
+        return None if base is None or base.exit_code is not None else base.pid
+
     def start(self) -> None:
         """Start base, bridge and robot."""
         self._launcher.withdraw(self._onboard.router)

@@ -83,6 +83,15 @@ class Faults:
     wheel_drop: int = 0
     """The base is lifted: its wheels turn in the air."""
     gyro: Literal["works", "frozen", "absent"] = "works"
+    left_scale: float = 1.0
+    """The encoder counts so many ticks for each that there is: 0 = it stands still."""
+    right_scale: float = 1.0
+    gyro_scale: float = 1.0
+    """The same of the gyro, ..."""
+    gyro_drift: float = 0.0
+    """... and a rate that is added, rad/s."""
+    stamp: Literal["works", "frozen", "backward", "jumping"] = "works"
+    """What its clock does from feedback to feedback: frozen it stands, jumping it goes on by 20 s."""
     battery: float = 16.0
     """V."""
     buttons: int = 0
@@ -135,6 +144,7 @@ class EmulatedKobuki:
         self._extra: list[Feedback] = []
         self._gains = _FACTORY_GAINS
         self._frozen: Inertial | None = None
+        self._last_stamp = parameters.stamp_ms
         self._line: deque[_Sending] = deque(maxlen=64)
         self.faults = Faults()
         self.outputs = wire_packets.POWER_RAILS
@@ -216,8 +226,11 @@ class EmulatedKobuki:
         errors, wheels = self._p.errors, self._wheels
         noise = normals(self._generator, 4).tolist()
         left, right = forward - turn * errors.track / 2, forward + turn * errors.track / 2
-        wheels.left += left * self._scale[0] + noise[0] * errors.slip * math.sqrt(abs(left))
-        wheels.right += right * self._scale[1] + noise[1] * errors.slip * math.sqrt(abs(right))
+        left = left * self._scale[0] + noise[0] * errors.slip * math.sqrt(abs(left))
+        right = right * self._scale[1] + noise[1] * errors.slip * math.sqrt(abs(right))
+        wheels.left += left * self.faults.left_scale
+        wheels.right += right * self.faults.right_scale
+        turn = turn * self.faults.gyro_scale + self.faults.gyro_drift * time
         seen = turn + wheels.bias * time + noise[2] * math.radians(errors.gyro_noise_deg) * math.sqrt(time)
         wheels.angle += seen
         wheels.rate = seen / time
@@ -238,7 +251,7 @@ class EmulatedKobuki:
     def _packets(self, at: Instant) -> list[Feedback]:
         per_tick = self._p.errors.tick_um * 1e-6
         basic = Basic(
-            stamp_ms=(self._p.stamp_ms + (at - self._started) // 1000) & 0xFFFF,
+            stamp_ms=self._stamp(at),
             bumper=self._body.bumper() | self.faults.bumper,
             wheel_drop=self.faults.wheel_drop,
             cliff=self.faults.cliff,
@@ -264,6 +277,15 @@ class EmulatedKobuki:
             GeneralInput(0, (0, 0, 0, 0)),
             *extra,
         ]
+
+    def _stamp(self, at: Instant) -> int:
+        """Its clock, ms."""
+        right = self._p.stamp_ms + (at - self._started) // 1000
+        if self.faults.stamp == "works":
+            self._last_stamp = right
+        else:
+            self._last_stamp += {"frozen": 0, "backward": -20, "jumping": 20_000}[self.faults.stamp]
+        return self._last_stamp & 0xFFFF
 
     def _gyro(self) -> tuple[Inertial, RawGyro]:
         resolution = math.radians(self._p.errors.gyro_resolution_deg)

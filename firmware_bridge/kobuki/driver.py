@@ -68,6 +68,9 @@ F = TypeVar(
     Unknown,
 )
 
+_NOISE_BYTES: Final = 100
+"""Damaged bytes in place of feedback, from which on the line and not the base is to blame; own choice: more
+than a frame's."""
 _ASK_ALL: Final = wire_packets.HARDWARE_REQUEST | wire_packets.FIRMWARE_REQUEST | wire_packets.UDID_REQUEST
 
 
@@ -86,6 +89,13 @@ class DriverParameters:
 
     overdue: Duration = milliseconds(40)  # noqa: RUF009 - a NewType makes no object
     """A base control is sent after so long even without feedback; own choice, two feedbacks."""
+    insist: Duration = milliseconds(7)  # noqa: RUF009
+    """Stop is said so often while the wheels still turn: 150 a second are heard well."""
+    shout: Duration = milliseconds(1)  # noqa: RUF009
+    """And so often, as often as the line carries it, while so much of it is damaged that no feedback comes.
+    Where three bytes in ten are, the ten bytes of a command come through one time in 35."""
+    longest_shout: int = 20
+    """Stops that are said at once at most, 200 bytes."""
     repeat: Duration = milliseconds(1000)  # noqa: RUF009
     """Outputs and unanswered requests are sent again so often: nothing on this wire is acknowledged."""
     requests: int = 5
@@ -109,6 +119,8 @@ class KobukiDriver:
         self._outputs = POWER_RAILS
         self._outputs_due = self._request_due = started
         self._requests_left = parameters.requests
+        self._skipped = 0
+        """Damaged bytes until the last feedback."""
         self._queue: dict[type[Command], bytes] = {}
         self._pressed = 0
         self._told: list[Event] = []
@@ -131,6 +143,7 @@ class KobukiDriver:
             self.found = False
             self.odometry.stand()
             self._told.append(Lost(now, self._heard))
+        self._safety.hold(Cause.NOISE, self._noisy(now))
         told, self._told = self._told, []
         return told
 
@@ -185,14 +198,35 @@ class KobukiDriver:
 
     def due(self, now: Instant) -> bytes:
         """The bytes to write now: often none, else a base control and at most one other command."""
-        if not self._fed and now - self._sent < self._p.overdue:
+        passed = Duration(now - self._sent)
+        if self._noisy(now):
+            said = min(passed // self._p.shout, self._p.longest_shout)
+            self._sent = now if said else self._sent
+            self._stops(now)
+            return self.farewell() * said
+        if not self._fed and passed < (self._p.insist if self._unheeded else self._p.overdue):
             return b""
         self._fed, self._sent = False, now
+        self._stops(now)
+        control = motion.base_control(self.allowed.v, self.allowed.omega)
+        return _framed(control) + self._other(now)
+
+    def _stops(self, now: Instant) -> None:
+        """Ask the safety stop, and tell of what has changed."""
         before, self.allowed = self.allowed, self._safety.allowed(now)
         if self.allowed.stops != before.stops:
             self._told.append(StopsChanged(now, self.allowed.stops))
-        control = motion.base_control(self.allowed.v, self.allowed.omega)
-        return _framed(control) + self._other(now)
+
+    def _noisy(self, now: Instant) -> bool:
+        """True while in place of feedback there is noise."""
+        silent = now - self._heard > self._p.safety.feedback_silence
+        return silent and self._reader.reception.skipped - self._skipped >= _NOISE_BYTES
+
+    @property
+    def _unheeded(self) -> bool:
+        """True while the wheels turn although they are told to stand."""
+        told = self.allowed.v == 0 and self.allowed.omega == 0
+        return told and self.found and self.odometry.moves
 
     def farewell(self) -> bytes:
         """The last bytes to write: stand, whatever was wanted."""
@@ -223,6 +257,7 @@ class KobukiDriver:
         if basic is None:
             return
         self._heard, self._fed = now, True
+        self._skipped = self._reader.reception.skipped
         self._safety.sense(now, basic, inertial)
         self.odometry.take(now, basic, inertial)
         self._pressed |= basic.bumper

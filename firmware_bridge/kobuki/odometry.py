@@ -15,6 +15,8 @@ from firmware_bridge.kobuki.motion import METRES_PER_TICK, TRACK
 from firmware_bridge.kobuki.packets import Basic, Inertial
 
 _CENTIDEGREE: Final = math.radians(0.01)
+_STANDING: Final = 0.02
+"""Slower counts as standing, m/s and rad/s; own choice: a tick in 20 ms is 4 mm/s."""
 
 
 @dataclass(frozen=True)
@@ -35,10 +37,10 @@ class OdometryParameters:
     longest_gap: float = 3.0
     """Between two feedbacks; after a longer one ticks are ambiguous, s: at 0.7 m/s half their circle of
     65536 is 4 s."""
-    frozen_turn: float = 0.2
-    """The gyro counts as frozen once its numbers stay the same while the wheels turn the base by so much,
-    rad. Own choice: its noise alone moves them."""
-    frozen_feedbacks: int = 25
+    still_turn: float = 0.2
+    """The gyro seems to stand still once its numbers stay the same while the wheels turn the base by so much,
+    rad. Own choice. A gyro free of noise does so, too, where a wheel slips: others judge."""
+    still_feedbacks: int = 25
     """And for so many feedbacks."""
 
 
@@ -101,6 +103,25 @@ class KobukiOdometry:
     def unknown(self) -> int:
         """How often the base has moved unheard, perhaps, so that the pose is no longer what it says."""
         return self.counts.gaps + self.counts.restarts
+
+    @property
+    def gyro_is_still(self) -> bool:
+        """True if its numbers stay the same while the wheels turn: either of them lies."""
+        return self._unmoved >= self._p.still_feedbacks and abs(self._owed) >= self._p.still_turn
+
+    @property
+    def on_wheels(self) -> bool:
+        """True while the heading is that of the wheels, for want of a gyro that works."""
+        return self._frozen
+
+    def trust_wheels(self) -> None:
+        """A gyro that is still is frozen, as scans or a person say: the wheels are right until it moves."""
+        self._frozen = True
+
+    @property
+    def moves(self) -> bool:
+        """True if it moved between the last two feedbacks."""
+        return abs(self._v) > _STANDING or abs(self._omega) > _STANDING
 
     def read(self) -> Odometry:
         """Pose since the first feedback, and velocity between the last two."""
@@ -168,7 +189,7 @@ class KobukiOdometry:
         self._v, self._omega = forward / motion.time, turn / motion.time
 
     def _turn(self, motion: _Motion, reading: _Reading) -> float:
-        """The gyro's, unless it is absent or frozen; then the wheels'."""
+        """The gyro's, unless it is absent or known to be frozen; then the wheels'."""
         assert self._last is not None
         by_wheels = (motion.right - motion.left) / self._p.track
         if motion.turn is None:
@@ -180,16 +201,13 @@ class KobukiOdometry:
             self._unmoved, self._owed, self._frozen = 0, 0.0, False
             self.counts.on_wheels += thawed
             return by_wheels if thawed else motion.turn
-        if self._frozen:
-            self.counts.on_wheels += 1
-            return by_wheels
         self._unmoved += 1
         self._owed += by_wheels
-        self._frozen = self._unmoved >= self._p.frozen_feedbacks and abs(self._owed) >= self._p.frozen_turn
         if not self._frozen:
             return motion.turn
         self.counts.on_wheels += 1
-        return self._owed
+        owed, self._owed = self._owed, 0.0
+        return owed
 
 
 def _signed(difference: int) -> int:

@@ -5,6 +5,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from actors.geometry import Pose
 from actors.instant import START, Instant
 from actors.portable import arrays
 from actors.radio.radio_model import radio_model
@@ -114,6 +115,10 @@ class Laboratory:
         """Length of its way so far, m."""
         return float(self._travelled[self._index(robot)])
 
+    def carry(self, robot: str, pose: Pose) -> None:
+        """Put a robot elsewhere. Raises AcrcError where it would not fit."""
+        self._bodies.place(self._index(robot), pose)
+
     def take(self, jack: Jack, now: Instant, data: bytes) -> None:
         """Bytes that have come on a line; they belong to the sub-step or the instant that `advance` is at."""
         robot = self.robots[jack.robot]
@@ -162,15 +167,15 @@ class Laboratory:
         self._referee.watch(self._now, self._sights.poses[:, :2])
 
     def _hardware(self, index: int, setup: LaboratorySetup) -> EmulatedHardware:
-        robot = setup.world.robots[index]
+        robot, seed = setup.world.robots[index], setup.world.seed
         body = RobotBody(self._bodies, index)
         errors = self._errors if robot.odometry == "kobuki" else EXACT
         radio = self._radio(robot.id, setup)
         self.air.add(radio)
-        base = EmulatedKobuki(
-            body, generator(setup.world.seed, "laboratory base", robot.id), BaseParameters(errors)
-        )
-        return EmulatedHardware(body, base, radio, EmulatedRplidar(self._sights.of(index), LIDAR))
+        base = EmulatedKobuki(body, generator(seed, "laboratory base", robot.id), BaseParameters(errors))
+        noise = generator(seed, "laboratory lidar", robot.id)
+        lidar = EmulatedRplidar(self._sights.of(index), LIDAR, generator=noise)
+        return EmulatedHardware(body, base, radio, lidar)
 
     def _radio(self, robot: str, setup: LaboratorySetup) -> EmulatedBoard | Transceiver:
         if robot not in setup.without_board:

@@ -71,7 +71,8 @@ def turtlebot(setup: BaseSetup, clock: Clock, say: Say) -> TurtleBot:
     """The vehicle on the ports of the set-up, which need not be there yet."""
     base = functools.partial(kobuki_port.open_port, setup.base, patience=0.0)
     driver, ranger = KobukiDriver(clock.now()), _ranger(setup, clock, say)
-    return TurtleBot(base, driver, ranger, LastWord(setup.base), say)
+    mount = load_model(setup.model, setup.sensor).sensor.mount
+    return TurtleBot(base, driver, ranger, LastWord(setup.base), say, mount)
 
 
 def _ranger(setup: BaseSetup, clock: Clock, say: Say) -> Ranger | None:

@@ -1,22 +1,27 @@
 """A TurtleBot 2 with its range sensor: what the base core senses and does by them."""
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Final, Protocol
 
+from actors.geometry import Pose
 from actors.instant import Instant, in_seconds
 from actors.messages import Odometry, Scan
 from actors.runtime.errors import AcrcError
 from firmware_bridge.kobuki.battery import BatteryLevel
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.events import Fed
+from firmware_bridge.kobuki.packets import Basic, Inertial
 from firmware_bridge.kobuki.safety import Cause
+from firmware_bridge.onboard.contradictions import Contradictions
 from firmware_bridge.onboard.last_word import LastWord
 from firmware_bridge.onboard.wire import Wire
 from firmware_bridge.range_sensors.camera_feed import CameraFeed
 from firmware_bridge.range_sensors.depth import DepthError, DepthScanner
 from firmware_bridge.range_sensors.rplidar import Rplidar
+from firmware_bridge.range_sensors.sensor import Sweep
 from firmware_bridge.serial_port import SerialPort
 
+ORIGIN: Final = Pose(0.0, 0.0, 0.0)
 Say = Callable[[str], None]
 """Takes a line for the log; does not wait for a disk."""
 
@@ -40,6 +45,12 @@ class Ranger(Protocol):
     def sees(self, now: Instant) -> bool:
         """True while it measures, and anything is seen."""
 
+    def sweep(self) -> Sweep | None:
+        """The samples of the last turn or image, once."""
+
+    def doubts(self) -> tuple[Cause, ...]:
+        """What it says that no sensor that measures says."""
+
     def close(self) -> None:
         """Let it rest."""
 
@@ -54,6 +65,13 @@ class Lidar:
         self.close = self._wire.close
         self.scan = driver.scan
         self.sees = driver.sees
+        self.sweep = driver.sweep
+        self._driver = driver
+
+    def doubts(self) -> tuple[Cause, ...]:
+        """That it repeats itself, as a whole or in part."""
+        whole, part = self._driver.repeats, self._driver.stands_still
+        return (Cause.REPEATS,) if whole else (Cause.SCAN_PART,) if part else ()
 
 
 class DepthRanger:
@@ -65,6 +83,7 @@ class DepthRanger:
         self._say = say
         self.scan = scanner.scan
         self.sees = scanner.sees
+        self.sweep = scanner.sweep
         self.close = feed.close
         self.errors = 0
         """Images that cannot be this camera's."""
@@ -72,6 +91,10 @@ class DepthRanger:
     def descriptors(self) -> Sequence[int]:
         """None."""
         return ()
+
+    def doubts(self) -> tuple[Cause, ...]:
+        """That it repeats itself."""
+        return (Cause.REPEATS,) if self._scanner.repeats else ()
 
     def serve(self, now: Instant) -> None:
         """Take in an image if there is a new one."""
@@ -95,7 +118,11 @@ class TurtleBot:
         ranger: Ranger | None,
         last_word: LastWord,
         say: Say,
+        mount: Pose = ORIGIN,
     ) -> None:
+        """`mount`: of the range sensor on the body."""
+        self._contradictions = Contradictions(None if ranger is None else mount)
+        self._held: frozenset[Cause] = frozenset()
         self._kobuki = kobuki
         self._wire = Wire(base, kobuki, self._feed, say)
         self._ranger = ranger
@@ -118,6 +145,10 @@ class TurtleBot:
         if self._ranger is not None:
             self._ranger.serve(now)
             self._kobuki.hold(Cause.BLIND, not self._ranger.sees(now))
+            for cause in self._ranger.doubts():
+                self._contradictions.repeated(now, cause)
+            if (sweep := self._ranger.sweep()) is not None:
+                self._contradictions.sweep(now, sweep)
         self._wire.serve(now)
 
     def close(self) -> None:
@@ -158,5 +189,24 @@ class TurtleBot:
 
     def _feed(self, now: Instant, data: bytes) -> None:
         for event in self._kobuki.take(now, data):
-            if not isinstance(event, Fed):
+            if isinstance(event, Fed):
+                self._compare(event)
+            else:
                 self._say(f"{in_seconds(now):.3f} {event}")
+        odometry = self._kobuki.odometry
+        if self._contradictions.gyro_judged and odometry.gyro_is_still:
+            odometry.trust_wheels()
+            self._contradictions.on_wheels()
+            self._say(f"{in_seconds(now):.3f} the gyro stands still: the heading is that of the wheels")
+        causes = self._contradictions.causes(now)
+        for cause in causes ^ self._held:
+            self._kobuki.hold(cause, cause in causes)
+        self._held = causes
+
+    def _compare(self, fed: Fed) -> None:
+        """Compare what the base says with what else is known."""
+        basic = next(packet for packet in fed.packets if isinstance(packet, Basic))
+        inertial = next((packet for packet in fed.packets if isinstance(packet, Inertial)), None)
+        self._contradictions.commanded(self._kobuki.allowed.v, self._kobuki.allowed.omega)
+        gyro = None if self._kobuki.odometry.on_wheels else inertial
+        self._contradictions.feedback(fed.instant, basic, gyro)

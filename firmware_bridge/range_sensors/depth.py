@@ -4,6 +4,7 @@ Geometry as in ROS depthimage_to_laserscan; but the columns of an image are not 
 of the robot's model are filled by angle and none counts twice.
 """
 
+import hashlib
 import math
 from dataclasses import dataclass
 from typing import Final
@@ -16,8 +17,13 @@ from actors.messages import Scan
 from actors.portable import atan, tan
 from actors.robot_model import RangeSensor as SensorModel
 from actors.runtime.errors import AcrcError
-from firmware_bridge.range_sensors.sensor import REACH, Rays
+from firmware_bridge.range_sensors.repeats import Repeats
+from firmware_bridge.range_sensors.sensor import REACH, Rays, Sweep
 
+_KEPT: Final = 64
+"""Earlier images that one is compared with, 2 s; own choice."""
+_REPEATED: Final = 3
+"""Images on end that may not be repeated; own choice: 0.1 s."""
 SIGHT: Final[Duration] = milliseconds(200)
 """An image in which something is seen says so much of the time after it; own choice, six images."""
 
@@ -93,6 +99,18 @@ class DepthScanner:
         self.blind = 0
         """Images in which nothing was seen: covered, dark, or too near. They make no scan."""
         self._seen: Instant | None = None
+        self._sweep: Sweep | None = None
+        self._repeats = Repeats(_KEPT, _REPEATED, _REPEATED)
+
+    @property
+    def repeats(self) -> bool:
+        """True while it gives images again that it has given before, as no camera that measures does."""
+        return self._repeats.found
+
+    @property
+    def stands_still(self) -> bool:
+        """A part of a picture that stays the same is not looked for."""
+        return False
 
     def sees(self, now: Instant) -> bool:
         """True while images come in which something is seen."""
@@ -110,8 +128,11 @@ class DepthScanner:
             self.blind += 1
             return
         self._seen = stamp
+        self._repeats.take(hashlib.blake2b(depth.tobytes(), digest_size=16).digest())
         self.missed += self._scan is not None
-        self._scan = self._rays.scan(stamp, self._angles, self.ranges(depth))
+        ranges = self.ranges(depth)
+        self._scan = self._rays.scan(stamp, self._angles, ranges)
+        self._sweep = Sweep(np.full(ranges.size, stamp, np.int64), self._angles, ranges)
 
     def ranges(self, depth: NDArray[np.uint16]) -> NDArray[np.float64]:
         """The nearest valid range of each column: (width,), m; inf = none."""
@@ -125,3 +146,8 @@ class DepthScanner:
         """As for RangeSensor."""
         scan, self._scan = self._scan, None
         return scan
+
+    def sweep(self) -> Sweep | None:
+        """The ranges of the last image, once."""
+        sweep, self._sweep = self._sweep, None
+        return sweep

@@ -4,9 +4,10 @@ import sys
 from collections.abc import Sequence
 
 from actors.geometry import Pose
+from actors.randomness import generator
 from actors.runtime.errors import AcrcError
 from firmware_bridge.emulation import link_parser, serve
-from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar
+from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar, EmulatedRplidarParameters
 from firmware_bridge.room import EMPTY
 
 
@@ -16,7 +17,12 @@ def main(argv: Sequence[str]) -> int:
     here = Pose(*EMPTY.middle, 0.0)
     try:
         options = parser.parse_args(argv)
-        serve(EmulatedRplidar(lambda angles: EMPTY.ranges(here, angles)), options.link, "an RPLIDAR A1")
+        lidar = EmulatedRplidar(
+            lambda angles: EMPTY.ranges(here, angles),
+            EmulatedRplidarParameters(noise=0.0025),
+            generator=generator(0, "laboratory lidar", ""),
+        )
+        serve(lidar, options.link, "an RPLIDAR A1")
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

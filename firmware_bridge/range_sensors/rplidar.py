@@ -16,19 +16,29 @@ from actors.instant import Duration, Instant, in_seconds, milliseconds
 from actors.messages import Scan
 from actors.robot_model import RangeSensor as SensorModel
 from firmware_bridge.range_sensors import rplidar_wire as wire
+from firmware_bridge.range_sensors.repeats import Repeats, StillBeams
 from firmware_bridge.range_sensors.rplidar_wire import (
     FULL_TURN_Q6,
     Descriptor,
     Health,
     LidarInfo,
     LidarRequest,
+    Sample,
     SampleReader,
 )
-from firmware_bridge.range_sensors.sensor import Rays
+from firmware_bridge.range_sensors.sensor import Rays, Sweep
 from firmware_bridge.serial_port import CP2102, Device, SerialPort
 
 _NOTICEABLE_Q6: Final = 10 * 64
 """A head that turns goes on by so much, 1/64°."""
+_SECTORS: Final = 12
+"""Parts of a turn that are compared with earlier ones: 30 samples of an A1 each, 15 ms."""
+_ECHOES: Final = 10
+"""Fewest echoes in a part that is."""
+_KEPT_TURNS: Final = 64
+"""Earlier turns that a part is compared with, 12 s of an A1; own choice."""
+_REPEATED: Final = 4
+"""Parts of the last turn that may not be repeated; own choice: 60 ms, and no other cause is known."""
 RPLIDAR = Device(name="RPLIDAR", symlink="/dev/rplidar", baud=115_200, chip=CP2102)
 
 
@@ -103,6 +113,10 @@ class Rplidar:
         """Angle and distance of each sample of this turn; None before the first turn's start."""
         self._turn_began = started
         self._scan: Scan | None = None
+        self._sweep: Sweep | None = None
+        self._sector: list[Sample] = []
+        self._repeats = Repeats(_SECTORS * _KEPT_TURNS, _SECTORS, _REPEATED)
+        self._still = StillBeams()
         self._alive = started
         """The last time that it said something right."""
         self._echo: Instant | None = None
@@ -126,6 +140,21 @@ class Rplidar:
         """As for RangeSensor; stamped in the middle of the turn."""
         scan, self._scan = self._scan, None
         return scan
+
+    def sweep(self) -> Sweep | None:
+        """The samples of the last turn, once."""
+        sweep, self._sweep = self._sweep, None
+        return sweep
+
+    @property
+    def repeats(self) -> bool:
+        """True while it sends again what it has sent before, as no lidar that measures does."""
+        return self._repeats.found
+
+    @property
+    def stands_still(self) -> bool:
+        """True while a part of the turn stays the same, turn after turn."""
+        return self._still.found
 
     def waiting(self, now: Instant) -> str | None:
         """What to tell a person while there are no scans; None while there are."""
@@ -191,6 +220,8 @@ class Rplidar:
             self.counts.starts += 1
             self._samples = SampleReader()
             self._turn = None
+            self._sector = []
+            self._repeats.forget()
 
     def _described(self, wanted: Descriptor) -> bool:
         """Look for that descriptor; once found, what follows it is pending."""
@@ -222,11 +253,22 @@ class Rplidar:
                 self._echo = now
             if abs(sample.angle_q6 - self._mark_q6) >= _NOTICEABLE_Q6:
                 self._mark_q6, self._turning_at = sample.angle_q6, now
+            self._compare(sample)
             if sample.start:
                 self._turned(now)
                 self._turn, self._turn_began = [], now
             if self._turn is not None and len(self._turn) <= self._p.most:
                 self._turn.append((sample.angle_q6, sample.distance_q2))
+
+    def _compare(self, sample: Sample) -> None:
+        """Compare a part of the turn with those before, once it is whole."""
+        width = FULL_TURN_Q6 // _SECTORS
+        if self._sector and sample.angle_q6 // width != self._sector[-1].angle_q6 // width:
+            if sum(one.distance_q2 > 0 for one in self._sector) >= _ECHOES:
+                self._repeats.take(b"".join(one.encode() for one in self._sector))
+            self._sector = []
+        if len(self._sector) < self._p.most:
+            self._sector.append(sample)
 
     def _turned(self, now: Instant) -> None:
         """A turn has ended."""
@@ -243,7 +285,11 @@ class Rplidar:
         stamp = Instant((self._turn_began + now) // 2)
         self.counts.scans += 1
         self.counts.missed += self._scan is not None
-        self._scan = self._rays.scan(stamp, angles, turn[:, 1] / 4000)
+        ranges = turn[:, 1] / 4000
+        self._scan = self._rays.scan(stamp, angles, ranges)
+        stamps = np.linspace(self._turn_began, now, angles.size, endpoint=False).astype(np.int64)
+        self._sweep = Sweep(stamps, angles, np.where(ranges > 0, ranges, np.inf))
+        self._still.take(angles, turn[:, 1].astype(np.int64))
 
     def _whole(self, angles_q6: NDArray[np.float64]) -> bool:
         """True if a turn has samples enough, all round."""

@@ -1,7 +1,7 @@
 """How the samples of a range sensor become scans along the rays of the robot's model."""
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,17 @@ from actors.robot_model import RangeSensor
 REACH: Final = math.radians(1.0)
 """How far from a ray a sample may lie and still speak for it where no sample hits the ray's own share of the
 circle; own choice: a lidar of 360 samples fills 640 rays, and a sector without samples stays without."""
+
+
+class Sweep(NamedTuple):
+    """Samples of one turn or image, each with its own instant."""
+
+    stamps: NDArray[np.int64]
+    """(n,), µs, ascending."""
+    angles: NDArray[np.float64]
+    """(n,), in the sensor's own frame, counter-clockwise, rad."""
+    ranges: NDArray[np.float64]
+    """(n,), m; inf = no echo."""
 
 
 class Rays:

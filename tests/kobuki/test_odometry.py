@@ -90,7 +90,11 @@ def test_without_its_gyro_the_wheels_give_the_heading_and_that_is_counted(gyro: 
     rig.run(2.0, (0.3, 0.5))
     assert counts.on_wheels == 0
     rig.base.faults.gyro = gyro  # type: ignore[assignment]
-    rig.run(6.0, (0.3, 0.5))
+    rig.run(0.55, (0.3, 0.5))
+    assert rig.driver.odometry.gyro_is_still == (gyro == "frozen")
+    if gyro == "frozen":
+        rig.driver.odometry.trust_wheels()
+    rig.run(5.45, (0.3, 0.5))
     assert counts.on_wheels > 200
     position, heading = errors(rig, start)
     assert position < 0.05
@@ -108,6 +112,14 @@ def test_a_still_gyro_of_a_still_base_is_not_frozen() -> None:
     rig = Rig()
     rig.run(3.0, (0.0, 0.0))
     assert rig.driver.odometry.counts.on_wheels == 0
+
+
+def test_a_gyro_free_of_noise_is_believed_whatever_wheels_add_up_to_on_a_long_straight_way() -> None:
+    # 17 m, and by the wheels a fifth of a radian
+    ticks = [(20 * k, 100 * k, 100 * k + k // 4, 0) for k in range(2000)]
+    odometry = fed(ticks)
+    assert odometry.counts.on_wheels == 0
+    assert odometry.heading == 0.0
 
 
 def basic(stamp_ms: int, left: int, right: int) -> Basic:

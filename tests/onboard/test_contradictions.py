@@ -1,0 +1,183 @@
+"""Sensors that lie are told, and the robot stands; those that are right are never accused.
+
+In simulated time, on emulated devices: `acrc bench standstill --sensors` does it with more seeds and floors.
+"""
+
+import functools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from actors.instant import Instant, milliseconds
+from benchmarks.hardware.sensor_faults import FAULTS, SensorFault
+from benchmarks.hardware.sensor_rig import SensorRig
+from benchmarks.hardware.sensor_situations import ACCUSATIONS, SITUATIONS, Straight, accusations, plain_floor
+from benchmarks.hardware.sensor_trials import SensorCase, trial, within
+from firmware_bridge.kobuki.odometry import METRES_PER_TICK
+from firmware_bridge.kobuki.packets import Basic, Inertial
+from firmware_bridge.kobuki.safety import Cause
+from firmware_bridge.onboard.contradictions import REST, Contradictions
+
+NAMED = {
+    "lidar: repeats one turn": Cause.REPEATS,
+    "lidar: repeats 5 turns": Cause.REPEATS,
+    "lidar: half of each turn repeated": Cause.REPEATS,
+    "lidar: every other beam repeated": Cause.SCAN_PART,
+    "lidar: one turn, with fresh noise": Cause.SCAN_STILL,
+    "lidar: turned by 90°": Cause.SCAN_TURNED,
+    "lidar: mirrored": Cause.SCAN_MIRRORED,
+    "both encoders: stand still": Cause.BLOCKED,
+    "both encoders: count double": Cause.WHEELS,
+    "left encoder: stands still": Cause.LEFT_WHEEL,
+    "right encoder: counts backward": Cause.RIGHT_WHEEL,
+    "gyro: turns at 0.5 rad/s for ever": Cause.GYRO,
+    "gyro: sign reversed": Cause.GYRO,
+    "base's clock: stands still": Cause.BASE_CLOCK,
+    "base's clock: jumps": Cause.BASE_CLOCK,
+    "line to the base: 30% noise, both": Cause.NOISE,
+}
+BY_NAME = {f"{fault.what}: {fault.how}": fault for fault in FAULTS}
+CALM = {one.name: one for one in SITUATIONS}
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_a_sensor_that_lies_is_named_and_the_robot_told_to_stand_in_time(name: str) -> None:
+    found = trial(BY_NAME[name], seed=0)
+    assert within(BY_NAME[name], found), found
+    assert NAMED[name].name in found.said
+
+
+@pytest.mark.parametrize(
+    ("name", "time_s"),
+    [
+        ("1 wander in the maze at 0.5 m/s", 30.0),
+        ("a convoy of 5 in a corridor without features", 6.0),
+        ("a long corridor without features", 10.0),
+        ("pushed by two others", 10.0),
+        ("carried elsewhere while it drives", 12.0),
+        ("standing", 8.0),
+    ],
+)
+def test_nobody_is_accused_whose_sensors_are_right(name: str, time_s: float, tmp_path: Path) -> None:
+    situation = CALM[name]
+    rig = situation.build(0, tmp_path)
+    rig.run(time_s / 2)
+    if situation.event is not None:
+        situation.event(rig)
+    rig.run(time_s / 2)
+    assert list(accusations(rig)) == []
+    assert rig.laboratory.travelled("r1") > 0 or name == "standing"
+
+
+def test_what_is_told_is_told_in_words_and_in_the_log(tmp_path: Path) -> None:
+    rig = driving(tmp_path)
+    rig.laboratory.robots["r1"].base.faults.left_scale = 0.0
+    rig.run(1.0, rig.told_to_stand)
+    vehicle = rig.vehicles["r1"]
+    assert vehicle.bot.held() == ("the left wheel contradicts the gyro, and the right wheel or the scans",)
+    assert any("LEFT_WHEEL" in line for line in vehicle.said)
+
+
+def test_a_robot_that_was_told_tries_again_twice_and_then_stands_for_good(tmp_path: Path) -> None:
+    rig = driving(tmp_path)
+    rig.laboratory.robots["r1"].base.faults.left_scale = 0.0
+    rig.run(16.0)
+    way = rig.laboratory.travelled("r1")
+    rig.run(4.0)
+    assert rig.laboratory.travelled("r1") == pytest.approx(way, abs=1e-3)
+    told = [one for one in rig.vehicles["r1"].told if Cause.LEFT_WHEEL in one.causes]
+    assert len(told) == 3
+
+
+def test_a_gyro_that_stands_still_is_replaced_by_wheels_that_the_scans_agree_with(tmp_path: Path) -> None:
+    rig = driving(tmp_path, omega=0.5)
+    rig.laboratory.robots["r1"].base.faults.gyro = "frozen"
+    rig.run(4.0)
+    vehicle = rig.vehicles["r1"]
+    assert vehicle.kobuki.odometry.on_wheels
+    assert vehicle.bot.held() == ()
+    assert any("the gyro stands still: the heading is that of the wheels" in line for line in vehicle.said)
+
+
+def driving(folder: Path, omega: float = 0.0) -> SensorRig:
+    """At 0.4 m/s in a room of 12 m."""
+    rig = SensorRig(plain_floor(folder, 12.0, 8.0), [(2.0, 3.0, 0.1)], 1)
+    rig.vehicles["r1"].pilot = Straight(0.4, omega)
+    rig.run(3.0)
+    assert rig.speed() > 0.35
+    return rig
+
+
+class Wheels:
+    """Feedbacks of a base without errors."""
+
+    def __init__(self) -> None:
+        self.now, self.left, self.right, self.angle = Instant(0), 0.0, 0.0, 0.0
+        self.judge = Contradictions(None)
+
+    def drive(
+        self, time_s: float, left: float, right: float, turn: float, told: tuple[float, float], **basic: int
+    ) -> frozenset[Cause]:
+        """Wheels at that speed, m/s, the gyro at `turn`, rad/s, while it is told v and omega."""
+        for _ in range(round(time_s / 0.02)):
+            self.now = Instant(self.now + milliseconds(20))
+            self.left, self.right = self.left + 0.02 * left, self.right + 0.02 * right
+            self.angle += 0.02 * turn
+            ticks = (int(way / METRES_PER_TICK) & 0xFFFF for way in (self.left, self.right))
+            pressed, dropped = basic.get("bumper", 0), basic.get("wheel_drop", 0)
+            stamp = self.now // 1000 & 0xFFFF
+            said = Basic(stamp, pressed, dropped, 0, *ticks, 0, 0, 0, 0, 160, 0)
+            self.judge.commanded(*told)
+            self.judge.feedback(self.now, said, Inertial(round(np.degrees(self.angle) * 100), 0))
+        return self.judge.causes(self.now)
+
+
+def test_wheels_that_turn_as_told_contradict_nobody() -> None:
+    assert Wheels().drive(5.0, 0.4, 0.4, 0.0, (0.4, 0.0)) == frozenset()
+
+
+def test_who_stands_may_be_turned_and_pushed() -> None:
+    assert Wheels().drive(5.0, 0.4, -0.4, 0.0, (0.0, 0.0)) == frozenset()
+    assert Wheels().drive(5.0, 0.0, 0.0, 1.0, (0.0, 0.0)) == frozenset()
+
+
+def test_wheels_that_slip_at_a_wall_while_the_bumper_is_pressed_contradict_nobody() -> None:
+    assert Wheels().drive(3.0, 0.1, -0.1, 0.0, (-0.1, 0.0), bumper=2) == frozenset()
+
+
+def test_a_lifted_base_is_not_judged() -> None:
+    assert Wheels().drive(3.0, 0.5, 0.2, 0.0, (0.5, 0.0), wheel_drop=3) == frozenset()
+
+
+def test_a_bumper_that_stays_pressed_over_three_decimetres_back_is_stuck() -> None:
+    wheels = Wheels()
+    assert wheels.drive(1.4, -0.2, -0.2, 0.0, (-0.2, 0.0), bumper=2) == frozenset()
+    assert wheels.drive(0.3, -0.2, -0.2, 0.0, (-0.2, 0.0), bumper=2) == {Cause.BUMPER_STUCK}
+
+
+def test_a_base_that_cannot_move_is_tried_ever_more_seldom_but_never_given_up() -> None:
+    wheels, held = Wheels(), 0
+    for _ in range(400):
+        held += Cause.BLOCKED in wheels.drive(0.5, 0.0, 0.0, 0.0, (0.3, 0.0))
+    assert 0.8 * 400 < held < 400
+
+
+def test_of_wheels_and_gyro_neither_is_named_where_the_command_agrees_with_none() -> None:
+    assert Wheels().drive(1.0, 0.0, 0.3, -1.0, (0.3, 0.0)) == {Cause.TURNS}
+
+
+def test_a_contradiction_is_over_after_a_rest() -> None:
+    wheels = Wheels()
+    assert wheels.drive(0.5, 0.0, 0.4, 0.0, (0.4, 0.0)) == {Cause.LEFT_WHEEL}
+    assert wheels.drive(REST / 1e6 + 0.1, 0.0, 0.0, 0.0, (0.0, 0.0)) == frozenset()
+
+
+def test_a_case_is_held_against_its_limit() -> None:
+    fault = functools.partial(SensorFault, "x", "y", lambda rig: None)
+    assert within(fault(), SensorCase(1.0, 0.5, ()))
+    assert not within(fault(), SensorCase(1.01, 0.5, ()))
+    assert not within(fault(), SensorCase(None, 2.0, ()))
+    assert not within(fault(limit=(0.3, 0.15)), SensorCase(0.2, 0.16, ()))
+    assert within(fault(limit=None), SensorCase(None, 2.0, ()))
+    assert Cause.BUMPER not in ACCUSATIONS and Cause.GYRO in ACCUSATIONS
