@@ -1,8 +1,8 @@
 """How the commands on the pages are tried.
 
-Each is run by the tests as it stands, in a folder with what a clone has, after those above it on its page. What
-takes long is run shortened, and as it stands by night. A command that no test runs says so itself, where it
-stands: `# … (not run by tests: opens a window)`.
+Each is run by the tests as it stands, in a folder with what a clone has, after those above it on its page.
+What takes long is run shortened, and as it stands by night. A command that no test runs says so itself, where
+it stands: `# … (not run by tests: opens a window)`.
 """
 
 import re
@@ -30,8 +30,6 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
     "./acrc campaign --preset chapter": "--seeds 1 --duration 2",
     "./acrc campaign --preset chapter --out campaigns/fig710": "--seeds 1 --duration 2",
     "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter": "--seeds 2 --duration 2",
-    "./acrc campaign studies/drawn_places.toml --out campaigns/drawn": "--seeds 2 --duration 2",
-    "./acrc campaign studies/all_strategies.toml --out campaigns/all --check-every 0": "--seeds 2 --duration 2",
     "./acrc campaign study.toml --tuning --seeds 10 --out campaigns/pilot": "--seeds 3 --duration 2",
     "./acrc campaign study.toml --seeds 60 --until-decided": "--seeds 2 --duration 2",
     "./acrc bench relays --seeds 6 --seed 11 --below -75 --below -80 --robots 4 --robots 10 --robots 20 "

@@ -1,7 +1,7 @@
 """Every block of code on a page does what it says: commands run, settings are understood, Python runs.
 
-Each page has a folder of its own with what a clone has. A command is run unless the page says beside it that no
-test does; `documentation.trials` says what is shortened, and has its full length by night.
+Each page has a folder of its own with what a clone has. A command is run unless the page says beside it that
+no test does; `documentation.trials` says what is shortened, and has its full length by night.
 """
 
 import os
@@ -54,7 +54,8 @@ def clone() -> Iterator[Path]:
 
 def type_in(clone: Path, command: str, timeout_s: float) -> str:
     """What a command prints; it must succeed."""
-    newest = max((clone / "runs").glob("*"), key=lambda path: path.stat().st_mtime, default=None)
+    runs = [file.parent for file in (clone / "runs").glob("*/scenario.toml")]
+    newest = max(runs, key=lambda path: path.stat().st_mtime, default=None)
     program, *words = shlex.split(command.replace("runs/NAME", str(newest)))
     env = os.environ | {"PYTHONPATH": str(REPOSITORY), "COLUMNS": "200"}
     if program == "./acrc":
