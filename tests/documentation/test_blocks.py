@@ -113,9 +113,6 @@ def give(clone: Path, name: str) -> None:
         theirs = [{"log": "course", "runs": [{"rmse": 0.05, "lost": False}, {"rmse": 0.04, "lost": False}]}]
         (clone / "theirs.json").write_bytes(msgspec.json.encode(theirs))
     if name == "docs/experiments.md":
-        (clone / "study.toml").write_text(
-            next(b.text for b in PAGES[name].blocks() if "strategies = " in b.text)
-        )
         type_in(clone, "./acrc run scenarios/head_on.toml --bus memory --duration 5", 100.0)
 
 

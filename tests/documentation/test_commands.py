@@ -17,7 +17,15 @@ TREE = commands.tree()
 ANYTHING = {"…", "...", "COMMAND", "X"}
 REASONS = {
     *("goes on until Ctrl-C", "in the other terminal", "it is what runs them", "makes 240 runs"),
-    *("makes 75 runs", "opens a window", "wants the 240 runs", "wants the 75 runs"),
+    *(
+        "makes 75 runs",
+        "makes many runs",
+        "wants these runs",
+        "ends with exit code 1",
+        "opens a window",
+        "wants the 240 runs",
+        "wants the 75 runs",
+    ),
     *("wants a TurtleBot", "wants a browser", "wants a network", "wants a run that goes on"),
     *("wants folders of yours", "wants somebody to talk to", "wants the two above", "wants two terminals"),
 }
