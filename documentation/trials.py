@@ -28,13 +28,7 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
     "./acrc run scenarios/head_on.toml --log r2 --out runs/said": "--duration 20",
     "./acrc run scenarios/head_on.toml --strategy chapter --out runs/tables": "--duration 5",
     "./acrc campaign --preset chapter": "--seeds 1 --duration 2",
-    "./acrc campaign --preset chapter --out campaigns/fig710": "--seeds 1 --duration 2",
     "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter": "--seeds 2 --duration 2",
-    "./acrc campaign studies/drawn_places.toml --out campaigns/drawn": "--seeds 2 --duration 2",
-    "./acrc campaign studies/all_strategies.toml --out campaigns/all --check-every 0":
-        "--seeds 2 --duration 2",
-    "./acrc campaign study.toml --tuning --seeds 10 --out campaigns/pilot": "--seeds 3 --duration 2",
-    "./acrc campaign study.toml --seeds 60 --until-decided": "--seeds 2 --duration 2",
     "./acrc bench relays --seeds 6 --seed 11 --below -75 --below -80 --robots 4 --robots 10 --robots 20 "
     "--duration 40": "--seeds 2 --duration 1",
     "./acrc bench relays --seeds 6 --seed 11 --below -75 --below -80 --robots 50 --duration 30":

@@ -15,6 +15,7 @@ from numpy.random import Generator
 
 from actors.instant import START, Instant, milliseconds, seconds
 from actors.messages import NO_ECHO_MM, Scan
+from actors.radio.radio_setup import RadioSetup
 from actors.randomness import generator
 from actors.robot_model import load_model
 from actors.world.physics import SUBSTEP
@@ -174,7 +175,8 @@ class SensorRig:
         )
         world = WorldSetup(str(floor), seed, _STEP, 1_000_000, bodies)
         addresses = tuple((body.id, number) for number, body in enumerate(bodies, start=1))
-        self.laboratory = Laboratory(LaboratorySetup(world, addresses, "beeclick"))
+        radio = RadioSetup(seed, _STEP, addresses, "beeclick")
+        self.laboratory = Laboratory(LaboratorySetup(world, radio))
         self.vehicles = {
             body.id: Vehicle(
                 Pilot(speed, generator(seed, "pilot", body.id)), generator(seed, "line noise", body.id)

@@ -37,7 +37,7 @@ def main() -> None:
         setattr(place, cls, _smaller(getattr(place, cls), values))
     if name in FEW:
         module, table, most = FEW[name]
-        place = import_module(f"benchmarks.{module}")
+        place: Any = import_module(f"benchmarks.{module}")
         whole = getattr(place, table)
         setattr(place, table, dict([*whole.items()][:most]) if isinstance(whole, dict) else whole[:most])
     if name == "standstill":

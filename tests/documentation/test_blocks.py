@@ -54,7 +54,8 @@ def clone() -> Iterator[Path]:
 
 def type_in(clone: Path, command: str, timeout_s: float) -> str:
     """What a command prints; it must succeed."""
-    newest = max((clone / "runs").glob("*"), key=lambda path: path.stat().st_mtime, default=None)
+    runs = [file.parent for file in (clone / "runs").glob("*/scenario.toml")]
+    newest = max(runs, key=lambda path: path.stat().st_mtime, default=None)
     program, *words = shlex.split(command.replace("runs/NAME", str(newest)))
     env = os.environ | {"PYTHONPATH": str(REPOSITORY), "COLUMNS": "200"}
     if program == "./acrc":
@@ -112,9 +113,6 @@ def give(clone: Path, name: str) -> None:
         theirs = [{"log": "course", "runs": [{"rmse": 0.05, "lost": False}, {"rmse": 0.04, "lost": False}]}]
         (clone / "theirs.json").write_bytes(msgspec.json.encode(theirs))
     if name == "docs/experiments.md":
-        (clone / "study.toml").write_text(
-            next(b.text for b in PAGES[name].blocks() if "strategies = " in b.text)
-        )
         type_in(clone, "./acrc run scenarios/head_on.toml --bus memory --duration 5", 100.0)
 
 

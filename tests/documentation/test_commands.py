@@ -16,7 +16,16 @@ PAGES = {page.name: page for page in pages()}
 TREE = commands.tree()
 ANYTHING = {"…", "...", "COMMAND", "X"}
 REASONS = {
-    *("goes on until Ctrl-C", "in the other terminal", "it is what runs them", "opens a window"),
+    *("goes on until Ctrl-C", "in the other terminal", "it is what runs them", "makes 240 runs"),
+    *(
+        "makes 75 runs",
+        "makes many runs",
+        "wants these runs",
+        "ends with exit code 1",
+        "opens a window",
+        "wants the 240 runs",
+        "wants the 75 runs",
+    ),
     *("wants a TurtleBot", "wants a browser", "wants a network", "wants a run that goes on"),
     *("wants folders of yours", "wants somebody to talk to", "wants the two above", "wants two terminals"),
 }
@@ -81,8 +90,9 @@ def test_what_is_shortened_is_on_a_page_and_run() -> None:
 
 
 def test_a_command_is_left_out_only_where_the_page_says_so_beside_it() -> None:
-    block = Block("sh", "./acrc demo   # one # picture\n./acrc test  # all (not run by tests: it runs them)\n"
-                        "./acrc view X \\\n  --png # (not run by tests)\n\n# only said\n", 1)  # fmt: skip
+    text = "./acrc demo   # one # picture\n./acrc test  # ours (not run by tests: it runs them)\n"
+    text += "./acrc view X \\\n  --png # (not run by tests)\n\n# only said\n"
+    block = Block("sh", text, 1)
     assert commands_of(block) == [
         Command("./acrc demo", ""),
         Command("./acrc test", "it runs them"),

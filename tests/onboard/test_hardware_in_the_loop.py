@@ -108,6 +108,9 @@ def test_boards_and_simulated_transceivers_talk_on_one_air_with_its_walls(tmp_pa
     heard = {robot: part["frames"]["copies_heard"] for robot, part in result["per_robot"].items()}
     weak = result["per_robot"]["r3"]["frames"]["copies_lost_below_sensitivity"]
     assert heard["r1"] > 3 and heard["r2"] > 3 and (heard["r3"], weak > 6) == (0, True), result["frames"]
+    checked = acrc("record", "check", out)
+    assert checked.returncode == 0, checked.stderr
+    assert checked.stdout.startswith("no digest without a recording of the world, over "), checked.stdout
     setup = json.loads((out / "laboratory" / "setup.json").read_text())
     assert setup["without_board"] == ["r2", "r3"]
     links = [json.loads((out / f"r{number}.radio" / "setup.json").read_text())["board"] for number in (1, 2)]
