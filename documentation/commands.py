@@ -1,12 +1,16 @@
-"""The reference of the command line, made from the command line itself."""
+"""The reference of the command line, made from the command line itself: docs/reference/commands.md."""
 
 import re
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Final
 
 import typer
 
 from deploy.cli.app import app
+
+_HEAD: Final = (
+    "# Commands\n\n`acrc COMMAND --help` says the same. `acrc docs` makes this page from the command line."
+)
 
 
 def tree() -> dict[str, Any]:
@@ -29,8 +33,9 @@ def _below(command: Any) -> list[tuple[str, Any]]:
 
 
 def as_markdown() -> str:
-    """A section for each, with its words, what it does, and a table of what it takes."""
-    return "\n\n".join(_section(words, command) for words, command in tree().items())
+    """The page: a section for each, with its words, what it does, and a table of what it takes."""
+    sections = [_section(words, command) for words, command in tree().items()]
+    return "\n\n".join([_HEAD, *sections]) + "\n"
 
 
 def _section(words: str, command: Any) -> str:

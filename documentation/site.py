@@ -19,9 +19,8 @@ from documentation.markdown import Page
 
 DOCS: Final = REPOSITORY / "docs"
 HOME: Final = "index"
-COMMANDS: Final = "reference/commands"
-_PLACE: Final = "```{commands}\n```"
-"""Where that page has the commands."""
+COMMANDS: Final = DOCS / "reference" / "commands.md"
+"""The page that is made here."""
 _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*m")
 _SETTINGS: Final[dict[str, Any]] = {
     "project": "ACRC testbed",
@@ -57,6 +56,8 @@ def build(out: Path) -> Path:
     Raises DocumentationError with every warning, OptionError where `out` holds something else.
     """
     _check_out(out)
+    if COMMANDS.read_text() != (page := commands.as_markdown()):
+        COMMANDS.write_text(page)
     said = io.StringIO()
     with scratch_folder() as scratch:
         fresh = scratch / "site"
@@ -95,8 +96,6 @@ def _complete(app: Sphinx, name: str, source: list[str]) -> None:
     text = _marked(page)
     if name == HOME:
         text += contents.as_toctrees(page)
-    elif name == COMMANDS:
-        text = text.replace(_PLACE, commands.as_markdown())
     source[0] = text
 
 

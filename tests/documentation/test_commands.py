@@ -11,6 +11,7 @@ from documentation.markdown import Block, pages
 from documentation.trials import PAGES as PAGES_OF_THEIR_OWN
 from documentation.trials import SHORTENED, Command, mark, shortened
 from documentation.trials import commands as commands_of
+from experiments.comparison.metrics import NAMES
 
 PAGES = {page.name: page for page in pages()}
 TREE = commands.tree()
@@ -111,3 +112,13 @@ def test_a_command_at_reduced_size_is_marked_below_its_block() -> None:
     _, second, _ = commands_of(block)
     assert shortened(second) == f"{second.words} --duration 5"
     assert mark(block) == f"Tested at reduced size: `{second.words} --duration 5`."
+
+
+def test_the_reference_of_commands_is_of_these_commands() -> None:
+    page = REPOSITORY / "docs" / "reference" / "commands.md"
+    assert page.read_text() == commands.as_markdown(), "`./acrc docs` makes it anew"
+
+
+def test_the_help_of_compare_names_what_it_compares() -> None:
+    (option,) = (one for one in TREE["acrc compare"].params if "--metric" in one.opts)
+    assert set(re.findall(r"\w+", option.help.partition(":")[2])) == set(NAMES)
