@@ -49,6 +49,7 @@ PAGES: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyType({
     ("docs/tutorial.md", "python"): "tests/cli/test_tutorial.py",
     ("docs/deeco.md", "python"): "tests/deeco/test_docs.py",
     ("docs/tables.md", "python"): "tests/recordings/test_export.py",
+    ("docs/experiments.md", "yaml"): "tests/experiments/test_cluster.py",
     ("docs/localisation-log.md", "python"): "tests/localisation_bench/test_log.py",
     ("docs/navigation-log.md", "python"): "tests/navigation_bench/test_navigation_log.py",
 })  # fmt: skip

@@ -26,7 +26,7 @@ from experiments.study.study_file import load_study
 from tests import warm
 
 PAGES = {page.name: page for page in pages() if page.blocks()}
-LANGUAGES = {"sh", "python", "toml", "text", "mermaid", "{eval-rst}", "{toctree}"}
+LANGUAGES = {"sh", "python", "toml", "yaml", "text", "mermaid", "{eval-rst}", "{toctree}"}
 IN_A_CLONE = ("scenarios", "studies", "maps", "examples", "fleets")
 LEASE = "from cleaning.strategies.chapter import behaviour as behaviour\n"
 LEAST = {

@@ -54,6 +54,7 @@ MAKE_KEY = (
     "-subj /CN=cluster -keyout cluster.key -out cluster.pem"
 )
 """As the page has it."""
+CONFIGURATION = (ROOT / "docs" / "experiments.md").read_text().partition("```yaml\n")[2].partition("```")[0]
 
 
 def make_key(folder: Path) -> Path:
@@ -64,12 +65,9 @@ def make_key(folder: Path) -> Path:
 
 
 def configure(folder: Path, authority: Path, certificate: Path, key: Path) -> Path:
-    role = f"{{cert: {certificate}, key: {key}}}"
-    (folder / "cluster.yaml").write_text(
-        "distributed:\n  comm:\n    require-encryption: true\n    tls:\n"
-        f"      ca-file: {authority}\n"
-        f"      scheduler: {role}\n      worker: {role}\n      client: {role}\n"
-    )
+    text = CONFIGURATION.replace("ca-file: /home/ada/cluster.pem", f"ca-file: {authority}")
+    text = text.replace("/home/ada/cluster.pem", str(certificate)).replace("/home/ada/cluster.key", str(key))
+    (folder / "cluster.yaml").write_text(text)
     return folder
 
 
