@@ -1,7 +1,7 @@
 """What a run comes to: gathered from the last records of its processes' files, and nothing else."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import decoded, read_notes
 from actors.task.referee import PlaceOutcome
 from actors.world.whereabouts import PoseError
+from deploy.processes.hold_ups import HoldUp
 from deploy.processes.launch import Program
 from deploy.results.deeco_result import DeecoResult, NodeOutcome, deeco_result, node_outcome
 from deploy.results.deliveries import gaps
@@ -120,6 +121,8 @@ class RunResult(msgspec.Struct, frozen=True):
     on, the copies at one, and what the others lost before it was sent, add up to all frames of the others."""
     driven_m: float | None = None
     """How far all robots truly came, m; None in results from before this was measured."""
+    held_up: dict[str, HoldUp] = {}
+    """Who has held up steps, by time of its own, not of the machine's; of no influence on the digest."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +140,7 @@ class Circumstances:
     parent_cpu_s: float
     parent_received: int
     origin: Origin = UNKNOWN
+    held_up: Mapping[str, HoldUp] = field(default_factory=dict)
 
 
 class WorldOutcome(msgspec.Struct):
@@ -209,6 +213,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         origin=about.origin,
         processor=processor(),
         driven_m=round(sum(outcome.driven.values()), 3),
+        held_up=dict(about.held_up),
     )
     return Gathered(result, outcome.places)
 

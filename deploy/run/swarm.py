@@ -4,7 +4,8 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -17,9 +18,13 @@ from actors.runtime.access import rules
 from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.core import at
+from deploy.processes import hold_ups
+from deploy.processes.hold_ups import HoldUp
 from deploy.processes.launch import Launcher, Program, launcher
 from deploy.processes.robot_logs import check_names, shown
-from deploy.processes.signals import signals_as_interrupts
+from deploy.processes.signals import Interrupted, signals_as_interrupts
+from deploy.processes.silence import Timeout
+from deploy.processes.turn_board import warded
 from deploy.results import summary
 from deploy.results.place_table import write_table
 from deploy.results.result import Circumstances, RunResult, gather
@@ -45,7 +50,6 @@ from deploy.run.plan import (
     world_program,
 )
 from deploy.run.preflight import preflight, preflight_here
-from deploy.run.silence import Timeout
 from deploy.run.supervisor import Supervisor
 from deploy.scenario.resolve import ResolvedScenario, resolve
 from deploy.scenario.scenario_text import adaptation, navigation
@@ -94,9 +98,7 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
     settled = resolve(scenario)
     modules = module_folders(settled.behaviour, settled.scenario)
     told = adaptation(settled.scenario)
-    if options.bus == "memory":
-        preflight_here(settled, told, modules)
-    return Plan(
+    planned = Plan(
         out=options.out,
         world=settled.world,
         radio=settled.radio,
@@ -117,6 +119,10 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
         control=options.control,
         debug=_debugged(settled, options),
     )
+    if options.bus == "memory":
+        with warded(planned.timeout.step_s) if planned.own_code else nullcontext():
+            preflight_here(settled, told, modules)
+    return planned
 
 
 def _followed(settled: ResolvedScenario, options: RunOptions) -> tuple[str, ...]:
@@ -141,9 +147,14 @@ def run_in_memory(plan: Plan, on_progress: OnProgress, bus: MemoryBus | None = N
     began = time.time()
     lay_out(plan)
     swarm = MemorySwarm(plan, bus or MemoryBus(), on_progress)
-    with signals_as_interrupts():
-        swarm.run()
-    return _finish(plan, swarm.programs, _circumstances(plan, began, "memory", swarm.rosters))
+    try:
+        with signals_as_interrupts():
+            swarm.run()
+    except Interrupted:
+        _tell(swarm.held_up)
+        raise
+    about = replace(_circumstances(plan, began, "memory", swarm.rosters), held_up=swarm.held_up)
+    return _finish(plan, swarm.programs, about)
 
 
 def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
@@ -155,7 +166,7 @@ def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
         lay_out(plan)
         supervisor = _supervise(plan, launched, on_progress)
     about = _circumstances(plan, began, "zenoh", supervisor.rosters)
-    about = replace(about, parent_cpu_s=time.process_time())
+    about = replace(about, parent_cpu_s=time.process_time(), held_up=supervisor.held_up)
     return _finish(plan, supervisor.programs, about)
 
 
@@ -191,6 +202,9 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
             first = (ProcessOrder(robot, 0) for robot in robots)
             supervisor.start([robot_program(plan, robots[order.robot], order, 0) for order in first])
             supervisor.watch(bus)
+    except Interrupted:
+        _tell(supervisor.held_up)
+        raise
     finally:
         supervisor.end_all()
         remove_credentials(plan)
@@ -208,6 +222,11 @@ def module_folders(behaviour: str, scenario: Scenario) -> tuple[Path, ...]:
 
 def _say(sentence: str) -> None:
     sys.stderr.write(f"acrc: {sentence}\n")
+
+
+def _tell(held_up: Mapping[str, HoldUp]) -> None:
+    for sentence in hold_ups.sentences(held_up):
+        _say(sentence)
 
 
 def _finish(plan: Plan, programs: Sequence[Program], about: Circumstances) -> RunResult:

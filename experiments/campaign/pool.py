@@ -84,7 +84,10 @@ class LocalPool:
             took_s = time.monotonic() - began
             if child.exit_code is None and took_s <= self._patience_s:
                 continue
-            cause = f"its process ended with exit code {child.exit_code} without a result"
+            last = last_line(child.program.log)
+            cause = f"its process ended with exit code {child.exit_code} without a result" + (
+                f"; the last that it said: {last}" if last else ""
+            )
             if child.exit_code is None:
                 cause = f"took longer than {self._patience_s:g} s"
                 child.send(signal.SIGKILL)
