@@ -19,7 +19,7 @@ from documentation.markdown import Page
 
 DOCS: Final = REPOSITORY / "docs"
 HOME: Final = "index"
-COMMANDS: Final = DOCS / "reference" / "commands.md"
+COMMANDS: Final = "reference/commands"
 """The page that is made here."""
 _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*m")
 _SETTINGS: Final[dict[str, Any]] = {
@@ -56,8 +56,9 @@ def build(out: Path) -> Path:
     Raises DocumentationError with every warning, OptionError where `out` holds something else.
     """
     _check_out(out)
-    if COMMANDS.read_text() != (page := commands.as_markdown()):
-        COMMANDS.write_text(page)
+    file = DOCS / f"{COMMANDS}.md"
+    if file.read_text() != (page := commands.as_markdown()):
+        file.write_text(page)
     said = io.StringIO()
     with scratch_folder() as scratch:
         fresh = scratch / "site"

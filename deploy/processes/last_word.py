@@ -43,7 +43,11 @@ def _place(log: Path, before: int) -> str:
         return ""
     with log.open("rb") as stream:
         stream.seek(before)
-        text = stream.read(_TAIL).decode(errors="replace")
+        return place_in(stream.read(_TAIL).decode(errors="replace"))
+
+
+def place_in(text: str) -> str:
+    """`mine.py:12 (advance)`, of what faulthandler has written; empty if that is not whole."""
     dumped = text.rpartition("(most recent call first):\n")[2]  # the main thread's is the last one
     frames = [(name, int(line), function) for name, line, function in _FRAME.findall(dumped)]
     if not frames:

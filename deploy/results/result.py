@@ -1,7 +1,7 @@
 """What a run comes to: gathered from the last records of its processes' files, and nothing else."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import decoded, read_notes
 from actors.task.referee import PlaceOutcome
 from actors.world.whereabouts import PoseError
+from deploy.processes.hold_ups import HoldUp
 from deploy.processes.launch import Program
 from deploy.results.deeco_result import DeecoResult
 from deploy.results.deliveries import gaps
@@ -121,6 +122,8 @@ class RunResult(msgspec.Struct, frozen=True):
     written it there. World, radio and parent count all else. Empty in results from before this was said."""
     refused_reports: tuple[str, ...] = ()
     """What robots said of themselves that cannot be, a sentence each; it is not counted."""
+    held_up: dict[str, HoldUp] = {}
+    """Who has held up steps, by time of its own, not of the machine's; of no influence on the digest."""
 
 
 @dataclass(frozen=True)
@@ -139,6 +142,7 @@ class Circumstances:
     """CPU time of all processes, as the system has told their parent."""
     parent_received: int
     origin: Origin = UNKNOWN
+    held_up: Mapping[str, HoldUp] = field(default_factory=dict)
 
 
 class WorldOutcome(msgspec.Struct):
@@ -215,6 +219,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
         origin=about.origin,
         processor=processor(),
         driven_m=round(sum(outcome.driven.values()), 3),
+        held_up=dict(about.held_up),
     )
     return Gathered(result, outcome.places)
 

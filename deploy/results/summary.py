@@ -12,6 +12,7 @@ from rich.table import Table
 
 from actors.observer.viewer import WHILE_IT_GOES_ON
 from actors.runtime.errors import printable
+from deploy.processes import hold_ups
 from deploy.results.result import RobotResult, RunResult
 from deploy.usage import command
 
@@ -39,6 +40,7 @@ def sentences(result: RunResult) -> Iterator[str]:
     yield from _places_done(result)
     yield from _sentences(result)
     yield from _effort(result)
+    yield from hold_ups.sentences(result.held_up)
     yield from _radio(result)
     yield from _driving(result)
 

@@ -16,25 +16,37 @@ from actors.runtime.lifecycle.linux import PR_SET_CHILD_SUBREAPER, prctl
 from actors.runtime.lifecycle.process_table import Glance
 from actors.runtime.shell import Shell
 from actors.runtime.ticks import ticking
-from deploy.run.silence import Silence, Suspect, Timeout
+from deploy.processes.silence import Silence, Suspect, Telling, Timeout
+from deploy.processes.turn_board import Turn
 
-_TICK_S: Final = 0.5
+_TICK_S: Final = 0.25
+
+
+def quiet(timeout: Timeout) -> Silence:
+    """For the process that it looks at itself."""
+    return Silence(timeout, look=lambda: {os.getpid(): Glance(0, 0, "S", time.process_time())})
+
+
+def _say(sentence: str) -> None:
+    """Past Python's own streams, which may be the strategy's at this moment."""
+    with contextlib.suppress(OSError):
+        os.write(2, f"acrc: {sentence}\n".encode())
 
 
 @contextlib.contextmanager
 def watched(
-    shells: Sequence[Shell], timeout: Timeout, turn: Callable[[], str], give_up: Callable[[str], None]
+    shells: Sequence[Shell], silence: Silence, turn: Callable[[], Turn], give_up: Callable[[str], None]
 ) -> Iterator[None]:
     """Raise TimedOut in the main thread if none of the `shells` advances for too long.
 
-    `turn` says in words whose turn it is. `give_up` is called once it has been raised in vain, and must not
-    return. In other threads than the main one, where no signal arrives, nobody is watched.
+    `silence` is one that `quiet` makes; `turn` says whose turn it is. `give_up` is called once it has been
+    raised in vain, and must not return. In other threads than the main one, where no signal arrives, nobody
+    is watched.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    me = (Suspect("", os.getpid()),)
-    silence = Silence(timeout, look=lambda: {os.getpid(): Glance(0, 0, "S", time.process_time())})
+    telling = Telling(silence, _say)
     advances = -1
     in_vain = 0
 
@@ -44,14 +56,18 @@ def watched(
         if now != advances:
             advances = now
             silence.broken()
+            telling.broken()
             return
-        verdict = silence.verdict(me, me, turn())
+        now_on = turn()
+        me = (Suspect(now_on.actor, os.getpid()),)
+        verdict = silence.verdict(me, me, now_on.in_words())
         if verdict is not None:
             in_vain += 1
             sentence = f"{verdict.sentence}; it stands at {where(frame)}"
             if in_vain > 3:
                 give_up(sentence)
             raise TimedOut(sentence)
+        telling.lasts(me, now_on.in_words())
 
     with ticking(_TICK_S, tick):
         yield

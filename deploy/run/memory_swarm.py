@@ -29,8 +29,10 @@ from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell
 from actors.world import program as world_program
 from actors.world.core import WorldCore
+from deploy.processes.hold_ups import HoldUp
 from deploy.processes.launch import Program
-from deploy.run.household import Leftovers, exits_caught, watched
+from deploy.processes.turn_board import Show, Turn, warded
+from deploy.run.household import Leftovers, exits_caught, quiet, watched
 from deploy.run.kernels import kernel_modules
 from deploy.run.plan import Plan, in_common, radio_program, robot_program
 from deploy.run.plan import world_program as world_as_program
@@ -52,8 +54,16 @@ class MemorySwarm:
         self._shared: list[object] = []
         """What the robots have in common, held for those to come."""
         self._pace = None if plan.speed == "max" else Pace(float(plan.speed))
+        self._show: Show | None = None
+        """Shows others whose turn it is."""
+        self._silence = quiet(plan.timeout)
         self.rosters = 0
         """Roster messages received."""
+
+    @property
+    def held_up(self) -> dict[str, HoldUp]:
+        """Who has held up steps so far."""
+        return self._silence.held_up
 
     @property
     def programs(self) -> tuple[Program, ...]:
@@ -63,6 +73,8 @@ class MemorySwarm:
     def run(self) -> None:
         """Run to the end; whatever happens, the recordings are closed and say how it ended."""
         with self._stack:
+            if self._plan.own_code:
+                self._show = self._stack.enter_context(warded(self._plan.timeout.step_s))
             reserve.hold(self._plan.out)
             self._stack.callback(reserve.release)
             try:
@@ -85,7 +97,7 @@ class MemorySwarm:
         with (
             self._breakpoints(),
             exits_caught(),
-            watched(self._shells, self._plan.timeout, self._whose_turn, self._give_up),
+            watched(self._shells, self._silence, self._whose_turn, self._give_up),
         ):
             self._build()
             with _settled():
@@ -157,11 +169,9 @@ class MemorySwarm:
                 recorder.note("failure", note)
         return in_words(note)
 
-    def _whose_turn(self) -> str:
+    def _whose_turn(self) -> Turn:
         turn = self._turn
-        if turn is None:
-            return "the actors are not made"
-        return f"step {turn.core.step}: {turn.actor} does not come to the step's end"
+        return Turn(0, "") if turn is None else Turn(turn.core.step, turn.actor)
 
     def _give_up(self, sentence: str) -> NoReturn:
         """End this process, although something in it catches whatever is raised."""
@@ -175,6 +185,8 @@ class MemorySwarm:
     def _hold(self, shell: Shell) -> None:
         assert self._core is not None
         self._turn = shell
+        if self._show is not None:
+            self._show(shell.core.step, shell.actor)
         if self._pace is not None and shell.core is self._core and self._core.opening:
             self._pace.hold(self._core.instant)
 

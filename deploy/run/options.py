@@ -11,8 +11,8 @@ from typing import Literal, cast, get_args
 
 from actors.robot.behaviour.modules import Recorded
 from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, limits
+from deploy.processes.silence import Timeout
 from deploy.run import out_folder
-from deploy.run.silence import Timeout
 from deploy.usage import OptionError, wrong_value
 
 SLOWEST = 0.01
@@ -56,7 +56,7 @@ class RunOptions:
     limits: ProcessLimits = field(default=ProcessLimits())
     """What each robot's process may have."""
     timeout_s: float = Timeout.step_s
-    """How long an actor may keep all others from the next step, s; see `deploy.run.silence`."""
+    """How long an actor may keep all others from the next step, s; see `deploy.processes.silence`."""
     json: bool = False
     """Print the result as JSON on standard output, and nothing else."""
     check: bool = False

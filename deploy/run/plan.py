@@ -10,6 +10,7 @@ import yaml
 
 from actors.messages import ProcessOrder
 from actors.radio.radio_setup import RadioSetup
+from actors.robot.behaviour import succession
 from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials, unix_endpoint
 from actors.runtime.client_options import own_folder
@@ -18,11 +19,12 @@ from actors.runtime.isolation.neutral import code as seen_code
 from actors.runtime.isolation.resource_limits import ProcessLimits, as_words
 from actors.runtime.spans import Window, span_words
 from actors.world.world_setup import BodySetup, WorldSetup
+from cleaning.strategies.registry import STRATEGIES
 from deploy.processes.launch import Program
+from deploy.processes.silence import Timeout
 from deploy.replay.moved_runs import NAMES, RealNames
 from deploy.run import scenario_copy
 from deploy.run.out_folder import make_folder
-from deploy.run.silence import Timeout
 
 
 class Debugged(NamedTuple):
@@ -73,6 +75,12 @@ class Plan:
     """How long the run may take no step."""
     spans: Window | None = None
     """Steps in which every process notes what it does, span by span."""
+
+    @property
+    def own_code(self) -> bool:
+        """Some of the strategy's code does not come with the testbed."""
+        shipped = STRATEGIES.values()
+        return any(name not in shipped for name in succession.names(self.behaviour))
 
     def folder(self, actor: str) -> Path:
         """The actor's own folder."""

@@ -16,10 +16,11 @@ from actors.runtime.lifecycle.leftovers import fault
 from actors.runtime.lifecycle.process_table import glance
 from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.topic import Message, Topic
+from deploy.processes.hold_ups import HoldUp
 from deploy.processes.last_word import where_it_crashed
 from deploy.processes.launch import Child, Launcher, LaunchError, Program
+from deploy.processes.silence import Timeout
 from deploy.run.resource_watch import ResourceWatch
-from deploy.run.silence import Timeout
 from deploy.run.vigil import Vigil
 
 
@@ -61,6 +62,11 @@ class Supervisor:
         self._finished = False
         self.rosters = 0
         """Roster messages received."""
+
+    @property
+    def held_up(self) -> dict[str, HoldUp]:
+        """Who has held up steps so far."""
+        return self._vigil.held_up
 
     @property
     def programs(self) -> tuple[Program, ...]:

@@ -4,7 +4,9 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -12,14 +14,17 @@ import msgspec
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.orders import Give
-from actors.robot.behaviour.modules import expect
 from actors.runtime.access import rules
 from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.core import at
+from deploy.processes import hold_ups
+from deploy.processes.hold_ups import HoldUp
 from deploy.processes.launch import Launcher, Program, launcher
 from deploy.processes.robot_logs import check_names, shown
-from deploy.processes.signals import signals_as_interrupts
+from deploy.processes.signals import Interrupted, signals_as_interrupts
+from deploy.processes.silence import Timeout
+from deploy.processes.turn_board import warded
 from deploy.results import summary
 from deploy.results.place_table import write_table
 from deploy.results.result import Circumstances, RunResult, gather
@@ -46,7 +51,6 @@ from deploy.run.plan import (
 )
 from deploy.run.preflight import preflight, preflight_here
 from deploy.run.resource_watch import ResourceWatch
-from deploy.run.silence import Timeout
 from deploy.run.supervisor import Supervisor
 from deploy.scenario.resolve import ResolvedScenario, resolve
 from deploy.scenario.scenario_text import adaptation, navigation
@@ -97,10 +101,7 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
     choice = IsolationChoice(False) if options.bus == "memory" else choose(options.isolate)
     settled = resolve(scenario)
     told = adaptation(settled.scenario)
-    if options.bus == "memory":
-        expect(options.recorded)
-        preflight_here(settled, told, options.modules)
-    return Plan(
+    planned = Plan(
         out=options.out,
         world=settled.world,
         radio=settled.radio,
@@ -121,6 +122,11 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
         control=options.control,
         debug=_debugged(settled, options),
     )
+    if options.bus == "memory":
+        expect(options.recorded)
+        with warded(planned.timeout.step_s) if planned.own_code else nullcontext():
+            preflight_here(settled, told, options.modules)
+    return planned
 
 
 def _followed(settled: ResolvedScenario, options: RunOptions) -> tuple[str, ...]:
@@ -145,9 +151,14 @@ def run_in_memory(plan: Plan, on_progress: OnProgress, bus: MemoryBus | None = N
     began = time.time()
     lay_out(plan)
     swarm = MemorySwarm(plan, bus or MemoryBus(), on_progress)
-    with signals_as_interrupts():
-        swarm.run()
+    try:
+        with signals_as_interrupts():
+            swarm.run()
+    except Interrupted:
+        _tell(swarm.held_up)
+        raise
     about = _circumstances(plan, began, "memory", swarm.rosters, time.process_time())
+    about = replace(about, held_up=swarm.held_up)
     return _finish(plan, swarm.programs, about)
 
 
@@ -161,6 +172,7 @@ def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
         supervisor = _supervise(plan, launched, on_progress)
     cpu_s = supervisor.cpu_s + time.process_time()
     about = _circumstances(plan, began, "zenoh", supervisor.rosters, cpu_s)
+    about = replace(about, held_up=supervisor.held_up)
     return _finish(plan, supervisor.programs, about)
 
 
@@ -197,6 +209,9 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
             first = (ProcessOrder(robot, 0) for robot in robots)
             supervisor.start([robot_program(plan, robots[order.robot], order, 0) for order in first])
             supervisor.watch(bus)
+    except Interrupted:
+        _tell(supervisor.held_up)
+        raise
     finally:
         supervisor.end_all()
         remove_credentials(plan)
@@ -205,6 +220,11 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
 
 def _say(sentence: str) -> None:
     sys.stderr.write(f"acrc: {sentence}\n")
+
+
+def _tell(held_up: Mapping[str, HoldUp]) -> None:
+    for sentence in hold_ups.sentences(held_up):
+        _say(sentence)
 
 
 def _finish(plan: Plan, programs: Sequence[Program], about: Circumstances) -> RunResult:

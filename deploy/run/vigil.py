@@ -4,9 +4,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from actors.messages import Progress
+from deploy.processes.hold_ups import HoldUp
 from deploy.processes.last_word import where_it_stands
 from deploy.processes.launch import Child
-from deploy.run.silence import WORLD, Silence, SilenceVerdict, Suspect, Timeout
+from deploy.processes.silence import WORLD, Silence, SilenceVerdict, Suspect, Telling, Timeout
 
 
 class Vigil:
@@ -15,12 +16,19 @@ class Vigil:
     def __init__(self, timeout: Timeout, wait: Callable[[float], None], say: Callable[[str], None]) -> None:
         """`wait` passes so many seconds; `say` is told a sentence for the person at the terminal."""
         self._silence = Silence(timeout)
+        self._ends = Silence(timeout)
         self._wait = wait
         self._say = say
         self._size = -1
         self._waiting: Progress | None = None
         self._paused = False
         self._told: frozenset[str] = frozenset()
+        self._telling = Telling(self._silence, say)
+
+    @property
+    def held_up(self) -> dict[str, HoldUp]:
+        """Who has held up steps so far."""
+        return self._silence.held_up
 
     def hear(self, progress: Progress) -> None:
         """Take in what the world says of itself."""
@@ -35,6 +43,7 @@ class Vigil:
             self._waiting = None
             self._silence.broken()
             self._tell(frozenset())
+            self._telling.broken()
             return None
         waiting = self._waiting
         if waiting is None:  # it says nothing, so it is to blame itself
@@ -43,11 +52,15 @@ class Vigil:
 
     def look_for_ends(self, running: Sequence[Child], what: str) -> str | None:
         """A sentence on who does not end for too long, although nothing is left to be done."""
-        return self._ask(running, tuple(child.program.actor for child in running), what)
+        everyone = [Suspect(child.program.actor, child.pid) for child in running]
+        verdict = self._ends.verdict(everyone, everyone, what)
+        self._tell(self._ends.stopped)
+        return None if verdict is None else self._words(verdict, running)
 
     def broken(self) -> None:
         """Somebody has done what was awaited."""
         self._silence.broken()
+        self._ends.broken()
 
     def _ask(
         self, running: Sequence[Child], names: Sequence[str], what: str, starting: bool = False
@@ -56,7 +69,11 @@ class Vigil:
         awaited = [suspect for suspect in everyone if suspect.name in names]
         verdict = self._silence.verdict(everyone, awaited, what, starting=starting)
         self._tell(self._silence.stopped)
-        return None if verdict is None else self._words(verdict, running)
+        if verdict is not None:
+            return self._words(verdict, running)
+        if not starting:
+            self._telling.lasts(awaited, what)
+        return None
 
     def _words(self, verdict: SilenceVerdict, running: Sequence[Child]) -> str:
         guilty = next(child for child in running if child.pid == verdict.suspect.pid)

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple, Protocol, Self
 import msgspec
 
 from deploy.processes.launch import Child, Launcher, Program
+from deploy.processes.log_end import last_line
 from experiments.campaign.store import Pending
 from experiments.campaign.trial_order import MOST_BYTES, MOST_SAID, ORDER, RECORD, left, order_of
 from experiments.study.study import Study
@@ -105,7 +106,10 @@ class LocalPool:
             took_s = time.monotonic() - began
             if child.exit_code is None and took_s <= self._patience_s:
                 continue
-            cause = f"its process ended with exit code {child.exit_code} without a result"
+            last = last_line(child.program.log)
+            cause = f"its process ended with exit code {child.exit_code} without a result" + (
+                f"; the last that it said: {last}" if last else ""
+            )
             if child.exit_code is None:
                 cause = f"took longer than {self._patience_s:g} s"
                 child.send(signal.SIGKILL)

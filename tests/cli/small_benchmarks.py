@@ -37,11 +37,12 @@ def main() -> None:
         setattr(place, cls, _smaller(getattr(place, cls), values))
     if name in FEW:
         module, table, most = FEW[name]
-        place: Any = import_module(f"benchmarks.{module}")
+        place = import_module(f"benchmarks.{module}")
         whole = getattr(place, table)
         setattr(place, table, dict([*whole.items()][:most]) if isinstance(whole, dict) else whole[:most])
     if name == "standstill":
-        place.DEVICES = {("battery", "nearly empty"): place.DEVICES["battery", "nearly empty"]}
+        devices: Any = place
+        devices.DEVICES = {("battery", "nearly empty"): devices.DEVICES["battery", "nearly empty"]}
     app.main()
 
 

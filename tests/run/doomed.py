@@ -9,9 +9,9 @@ import msgspec
 
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
+from deploy.processes.silence import Timeout
 from deploy.run import swarm
 from deploy.run.options import RunOptions
-from deploy.run.silence import Timeout
 from deploy.scenario.scenario_file import Overrides, load_scenario
 
 

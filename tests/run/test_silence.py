@@ -3,11 +3,12 @@
 import pytest
 
 from actors.runtime.lifecycle.process_table import Glance
-from deploy.run.silence import Silence, SilenceVerdict, Suspect, Timeout
+from deploy.processes.hold_ups import HoldUp, sentences
+from deploy.processes.silence import Silence, SilenceVerdict, Suspect, Timeout
 
 R1, R2 = Suspect("r1", 11), Suspect("r2", 12)
 BOTH = (R1, R2)
-KEEPER, WORKER = 12, 112
+KEEPER, WORKER, CHILD = 12, 112, 1112
 """r2 is looked after by a process of its own, as isolated robots are."""
 
 
@@ -18,11 +19,12 @@ class Machine:
         self.now_s = 100.0
         self.cpu_s = {11: 1.0, KEEPER: 0.1, WORKER: 1.0}
         self.state = {11: "S", KEEPER: "S", WORKER: "S"}
-        self.silence = Silence(Timeout(), lambda: self.now_s, self.table)
+        self.silence = Silence(Timeout(), lambda: self.now_s, self.table, lambda pid: self.queued_s)
+        self.queued_s: float | None = None
 
     def table(self) -> dict[int, Glance]:
-        parents = {11: 1, KEEPER: 1, WORKER: KEEPER}
-        return {pid: Glance(parents[pid], 1, self.state[pid], self.cpu_s[pid]) for pid in parents}
+        parents = {11: 1, KEEPER: 1, WORKER: KEEPER, CHILD: WORKER}
+        return {pid: Glance(parents[pid], 1, self.state[pid], self.cpu_s[pid]) for pid in self.state}
 
     def pass_by(
         self, seconds: float, *, working: float = 0.0, every: float = 0.5, starting: bool = False
@@ -109,3 +111,69 @@ def test_who_has_ended_is_left_to_those_who_look_at_ends(machine: Machine) -> No
     for _ in range(20):
         machine.now_s += 0.5
         assert machine.silence.verdict((*BOTH, gone), (gone,), "no Drive from r3") is None
+
+
+def test_who_waits_for_a_process_of_its_own_is_idle(machine: Machine) -> None:
+    """As by vfork(2): it sleeps as if for a disk, until the child lets go of its memory."""
+    machine.state |= {WORKER: "D", CHILD: "S"}
+    machine.cpu_s[CHILD] = 0.0
+    assert machine.pass_by(28.0) is None
+    assert machine.silence.doing(R2) == "waits for a process of its own"
+    assert machine.pass_by(3.0) == SilenceVerdict(R2, "no Drive from r2 for 30 s")
+
+
+def test_a_process_of_its_own_that_waits_for_a_disk_is_not_idle(machine: Machine) -> None:
+    machine.state |= {WORKER: "D", CHILD: "D"}
+    machine.cpu_s[CHILD] = 0.0
+    assert machine.pass_by(3600.0) is None
+    assert machine.silence.doing(R2) == "waits for a disk"
+
+
+@pytest.fixture
+def telling() -> Machine:
+    """It says how long a process waited for a processor."""
+    machine = Machine()
+    machine.queued_s = 0.0
+    machine.pass_by(0.5)
+    return machine
+
+
+@pytest.mark.parametrize("working", [0.3, 0.5, 0.7])
+def test_who_works_and_sleeps_by_turns_has_no_more_time_than_others(telling: Machine, working: float) -> None:
+    assert telling.pass_by(29.5, working=working) is None
+    assert telling.pass_by(1.0, working=working) == SilenceVerdict(
+        R2, f"no Drive from r2 for 30 s, {30 * working:.0f} s of them processor time"
+    )
+
+
+def test_what_was_waited_for_a_processor_is_nobodys(telling: Machine) -> None:
+    """r2 gets a tenth of a processor, and would have all of it: r2 and its keeper are told of together."""
+    assert telling.queued_s is not None
+    for _ in range(590):
+        telling.queued_s += 0.225
+        assert telling.pass_by(0.5, working=0.1) is None
+    for _ in range(20):
+        telling.queued_s += 0.225
+        found = telling.pass_by(0.5, working=0.1)
+    assert found == SilenceVerdict(R2, "no Drive from r2 after 30 s of processor time")
+
+
+def test_who_holds_up_steps_is_counted_by_its_own_time(machine: Machine) -> None:
+    for lasted_s in (0.5, 2.5, 2.0, 0.5):
+        machine.silence.broken()
+        machine.pass_by(lasted_s)
+    machine.silence.broken()
+    assert machine.silence.held_up == {"r2": HoldUp(2, 2.5, 4.5)}
+    machine.pass_by(4.0, working=1.0)
+    again = machine.silence.held_up["r2"]  # the one that lasts is among them
+    assert (again.steps, round(again.most_s, 6), again.total_s) == (3, 4.0, 8.5)
+    assert list(sentences(machine.silence.held_up)) == ["r2 held up 3 steps, by 4.0 s at most, 8.5 s in all."]
+
+
+@pytest.mark.parametrize("state", ["R", "D", "T"])
+def test_nobody_holds_up_steps_that_the_machine_holds_up(machine: Machine, state: str) -> None:
+    machine.state[WORKER] = state
+    for _ in range(3):
+        machine.pass_by(8.0)
+        machine.silence.broken()
+    assert machine.silence.held_up == {}

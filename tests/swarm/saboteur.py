@@ -1,7 +1,10 @@
 """Behaviours that go wrong on purpose, by entry string."""
 
+import contextlib
+import ctypes
 import os
 import resource
+import signal
 import sys
 import threading
 import time
@@ -92,6 +95,66 @@ def hangs(start: Start) -> Behaviour:
 def spins(start: Start) -> Behaviour:
     """Never answers, and uses as much processor as there is."""
     return Behaves(start, _spin)
+
+
+def naps(start: Start) -> Behaviour:
+    """Sleeps for longer than a second, but not for too long, three steps long."""
+    inner = baseline(start)
+
+    class Naps:
+        def advance(self, view: View, until: Instant) -> Decision:
+            if start.robot == "r2" and WHEN <= view.instant < WHEN + seconds(0.3):
+                time.sleep(2)
+            return inner.advance(view, until)
+
+    return Naps()
+
+
+def half_works(start: Start) -> Behaviour:
+    """Never answers, and uses the processor half of the time."""
+
+    def work() -> None:
+        while True:
+            end_s = time.process_time() + 0.05
+            while time.process_time() < end_s:
+                pass
+            time.sleep(0.05)
+
+    return Behaves(start, work)
+
+
+def vforks(start: Start) -> Behaviour:
+    """Waits in the kernel for a process of its own that does nothing: asleep as if for a disk."""
+
+    def wait() -> None:
+        clone = {"x86_64": 56, "aarch64": 220}[os.uname().machine]
+        vfork = 0x4000
+        if ctypes.CDLL(None).syscall(clone, vfork | signal.SIGCHLD, 0, 0, 0, 0) == 0:
+            time.sleep(1000)
+            os._exit(0)
+
+    return Behaves(start, wait)
+
+
+def never_returns(start: Start) -> Behaviour:
+    """Stays in a function in C, deaf to signals, and lets no other thread run Python."""
+
+    def stay() -> None:
+        signal.pthread_sigmask(signal.SIG_BLOCK, range(1, 65))
+        ctypes.PyDLL(None).sleep(1000)
+
+    return Behaves(start, stay)
+
+
+def catches_all(start: Start) -> Behaviour:
+    """Heeds nobody."""
+
+    def stay() -> None:
+        while True:
+            with contextlib.suppress(BaseException):
+                _sleep()
+
+    return Behaves(start, stay)
 
 
 def forks(start: Start) -> Behaviour:

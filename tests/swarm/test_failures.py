@@ -1,5 +1,6 @@
 """An unplanned death, hang or exception ends the run: the cause is named and nothing is left behind."""
 
+import json
 import os
 import re
 import signal
@@ -18,12 +19,12 @@ from msgspec.structs import replace as replace_struct
 
 from actors.messages import Progress
 from actors.runtime.recording import Entry, read_notes, read_recording
+from deploy.processes.silence import Timeout
 from deploy.replay.record_replay import replay_actor
 from deploy.replay.swarm_replay import replay_swarm
 from deploy.run import swarm
 from deploy.run.foreign import INSTALLED
 from deploy.run.options import RunOptions
-from deploy.run.silence import Timeout
 from deploy.run.supervisor import RunFailedError
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests import warm
@@ -189,6 +190,81 @@ def test_an_endless_loop_is_named_by_its_line(tmp_path: Path, bus: str) -> None:
             rf"it stands at {where}"
         )
     assert re.fullmatch(expected, said)
+
+
+def test_who_works_half_of_the_time_is_named_by_its_line(tmp_path: Path) -> None:
+    said = failure(tmp_path / "out", "half_works", step_s=1.5)
+    assert re.fullmatch(
+        r"step 20 \(2 s\): no Drive from r2 for \d s, \d s of them processor time; "
+        r"r2 stands at saboteur\.py:\d+ \(work\)",
+        said,
+    )
+
+
+@pytest.mark.parametrize("bus", ["zenoh", "isolated"])
+def test_who_waits_in_the_kernel_for_a_process_of_its_own_is_named(tmp_path: Path, bus: str) -> None:
+    assert failure(tmp_path / "out", "vforks", bus, step_s=1.0) == "step 20 (2 s): no Drive from r2 for 1 s"
+
+
+def in_memory(out: Path, behaviour: str, timeout_s: int) -> subprocess.Popen[str]:
+    """A run in memory whose r2 behaves like that after two seconds."""
+    words = ("--bus", "memory", "--robots", 2, "--duration", 4, "--timeout", timeout_s)
+    return start("run", "--strategy", f"tests.swarm.saboteur:{behaviour}", *words, "--out", out)
+
+
+def in_step_20(out: Path) -> bool:
+    """True once r2's deed is due: its own recording ends before."""
+    recording = out / "r2" / "r2.mcap"
+    if not recording.exists():
+        return False
+    steps = (item.step for item in read_recording(recording) if isinstance(item, Entry))
+    return max(steps, default=0) >= 19
+
+
+@pytest.mark.parametrize("behaviour", ["vforks", "never_returns"])
+def test_in_memory_who_never_returns_from_the_kernel_or_from_c_is_ended_and_named(
+    tmp_path: Path, behaviour: str
+) -> None:
+    process = in_memory(tmp_path / "out", behaviour, 1)
+    _, said = process.communicate(timeout=100)
+    assert process.returncode == -signal.SIGKILL
+    assert said.splitlines()[-1] == "acrc: step 20: r2 does not come to the step's end for 11 s"
+    assert processes_of(tmp_path / "out") == []
+    assert acrc("record", "check", tmp_path / "out").returncode == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("behaviour", ["vforks", "never_returns", "catches_all"])
+def test_in_memory_ctrl_c_ends_who_does_not_heed_it(
+    tmp_path: Path, behaviour: str, number: signal.Signals
+) -> None:
+    if (behaviour, number) == ("catches_all", signal.SIGTERM):
+        return  # as SIGINT
+    process = in_memory(tmp_path / "out", behaviour, 600)
+    until(lambda: in_step_20(tmp_path / "out"), timeout_s=100)
+    process.send_signal(number)
+    _, said = process.communicate(timeout=100)
+    assert process.returncode == -signal.SIGKILL
+    where = r"; it stands at saboteur\.py:\d+ \(\w+\)" if behaviour == "catches_all" else ""
+    told = said.splitlines()[-1]
+    assert re.fullmatch(
+        rf"acrc: step 20: r2 does not come to the step's end, 10 s after it was told to end{where}", told
+    )
+    assert processes_of(tmp_path / "out") == []
+
+
+@pytest.mark.parametrize("bus", ["zenoh", "memory"])
+def test_who_holds_up_steps_and_goes_on_is_told_of_and_ends_nothing(tmp_path: Path, bus: str) -> None:
+    words = ("--robots", 2, "--duration", 3, "--timeout", 10, "--bus", bus, "--out", tmp_path / "out")
+    done = acrc("run", "--strategy", "tests.swarm.saboteur:naps", *words)
+    assert done.returncode == 0, done.stderr
+    held_up = json.loads((tmp_path / "out" / "run.json").read_text())["held_up"]
+    assert held_up.keys() == {"r2"} and held_up["r2"]["steps"] == 3
+    assert 1.5 < held_up["r2"]["most_s"] < 3.5 and 4.5 < held_up["r2"]["total_s"] < 9.0
+    sentence = r"r2 held up 3 steps, by \d\.\d s at most, \d\.\d s in all\."
+    assert re.search(rf"(?m)^{sentence}$", done.stdout)
+    if bus == "zenoh" and held_up["r2"]["total_s"] >= 5:
+        assert re.search(rf"(?m)^acrc: {sentence}$", done.stderr)
 
 
 @pytest.mark.parametrize("bus", ["zenoh", "isolated", "memory"])

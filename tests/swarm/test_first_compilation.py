@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from actors.robot import assembly
+from deploy.processes.silence import Timeout
 from deploy.run import swarm
 from deploy.run.options import RunOptions
-from deploy.run.silence import Timeout
 from deploy.scenario.scenario_file import Overrides, load_scenario
 
 

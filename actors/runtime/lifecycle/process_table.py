@@ -80,6 +80,18 @@ def _told(pid: int, name: str) -> bytes:
         return b""
 
 
+def queued_s(pid: int) -> float | None:
+    """How long the threads of a process have waited for a processor so far, s; None where that is unknown.
+
+    From /proc/PID/task/TID/schedstat (Documentation/scheduler/sched-stats in the kernel's sources).
+    """
+    try:
+        threads = list((_PROC / str(pid) / "task").iterdir())
+        return sum(int((thread / "schedstat").read_text().split()[1]) for thread in threads) / 1e9
+    except (OSError, IndexError, ValueError):
+        return None
+
+
 def children(of: int, among: Mapping[int, Glance]) -> set[int]:
     """The processes that `of` is the parent of."""
     return {pid for pid, one in among.items() if one.parent == of}
