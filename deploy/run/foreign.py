@@ -118,8 +118,8 @@ def _check_name(source: Path, name: str, permit: Permit) -> None:
     spec = own_spec(top)
     there = None if spec is None or not spec.has_location else Path(spec.origin or "").resolve()
     for folder in permit.modules:
-        own = located(top, folder)
-        if own is not None and own.resolve() != there:
+        own = located(top, folder) if top == module else None
+        if own is not None and own.suffix == ".py" and own.resolve() != there:
             raise MissingCodeError(
                 f"{source} names the strategy {name}, but {own} has the name of what is installed, {top!r}; "
                 "a module of your own must have a name of its own"

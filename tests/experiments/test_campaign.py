@@ -58,7 +58,7 @@ def test_a_run_that_fails_is_kept_with_its_cause(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(CORRIDOR.read_text().replace("../maps", str(ROOT / "maps")))
     study = Study("fails", str(tmp_path / "s.toml"), ("none", "saboteur:behaviour"), 1, settings=SHORT)
     folder = store.create(tmp_path / "out", study)
-    progress = carry_out(folder, CampaignOptions(jobs=1))
+    progress = carry_out(folder, CampaignOptions(jobs=1, modules=(tmp_path,)))
     assert (progress.done, progress.failed) == (2, 1)
     fine, failed = folder.records()
     assert fine.failure is None
@@ -72,7 +72,7 @@ def test_a_process_that_dies_is_a_failure_and_not_a_hole(tmp_path: Path) -> None
     (tmp_path / "dies.py").write_text("import os\n\ndef behaviour(start):\n    os._exit(7)\n")
     (tmp_path / "s.toml").write_text(CORRIDOR.read_text().replace("../maps", str(ROOT / "maps")))
     folder = store.create(tmp_path / "out", Study("d", str(tmp_path / "s.toml"), ("dies:behaviour",), 1))
-    carry_out(folder, CampaignOptions(jobs=1))
+    carry_out(folder, CampaignOptions(jobs=1, modules=(tmp_path,)))
     (record,) = folder.records()
     assert record.failure == "its process ended with exit code 7 without a result"
 
@@ -82,7 +82,7 @@ def test_a_run_that_takes_too_long_is_ended_and_a_failure(tmp_path: Path) -> Non
     (tmp_path / "s.toml").write_text(CORRIDOR.read_text().replace("../maps", str(ROOT / "maps")))
     folder = store.create(tmp_path / "out", Study("d", str(tmp_path / "s.toml"), ("slow:behaviour",), 1))
     began = time.monotonic()
-    carry_out(folder, CampaignOptions(jobs=1, patience_s=2.0))
+    carry_out(folder, CampaignOptions(jobs=1, patience_s=2.0, modules=(tmp_path,)))
     (record,) = folder.records()
     assert record.failure == "took longer than 2 s"
     assert time.monotonic() - began < 60

@@ -50,7 +50,7 @@ def fault(out: Path, mood: str, least_s: float = 120.0) -> str:
     (out / "mood").write_text(mood)
     bounds = Bounds(64_000_000, least_s, bytes_per_s=1e9)
     with pytest.raises(ExplanationError) as caught:
-        explained(out, wish("r1@1"), permit=Permit(trust=True), isolate=ABLE, bounds=bounds)
+        explained(out, wish("r1@1"), permit=Permit((REPOSITORY,)), isolate=ABLE, bounds=bounds)
     assert processes_of(out) == []
     assert "\n" not in str(caught.value) and len(str(caught.value)) < 600
     return str(caught.value)
@@ -65,7 +65,7 @@ def test_one_that_hangs_while_it_is_replayed_is_ended(hostile: Path) -> None:
     (hostile / "mood").write_text("hang")
     bounds = Bounds(1000, least_s=2.0, bytes_per_s=1e9)
     with pytest.raises(ReplayError) as caught:
-        replay(hostile, "r1", permit=Permit(trust=True), isolate=ABLE or None, bounds=bounds)
+        replay(hostile, "r1", permit=Permit((REPOSITORY,)), isolate=ABLE or None, bounds=bounds)
     assert str(caught.value) == (
         "r1: could not be executed again: what it runs has not ended after 2 s, and was ended"
     )
@@ -75,7 +75,7 @@ def test_one_that_hangs_while_it_is_replayed_is_ended(hostile: Path) -> None:
 def test_a_replay_that_lies_is_told(hostile: Path) -> None:
     (hostile / "mood").write_text("much")
     with pytest.raises(ReplayError, match=r"^r1: what it answers makes no sense$"):
-        replay(hostile, "r1", permit=Permit(trust=True), isolate=ABLE or None)
+        replay(hostile, "r1", permit=Permit((REPOSITORY,)), isolate=ABLE or None)
 
 
 def test_a_flood_ends_where_a_file_may_be_no_larger(hostile: Path) -> None:
@@ -89,7 +89,8 @@ def test_it_sees_neither_the_swarms_code_nor_writes_anywhere(hostile: Path) -> N
 
 def test_one_that_leaves_takes_along_what_it_started(hostile: Path) -> None:
     (hostile / "mood").write_text("leave")
-    process = start("explain", hostile, "r1", "--trust")  # what is executed again has words of its own
+    # what is executed again has words of its own
+    process = start("explain", hostile, "r1", "--modules", REPOSITORY)
     told, said = process.communicate(timeout=100)
     assert process.returncode == 1 and told == ""
     assert said.endswith("acrc: r1: could not be executed again (exit code 3)\n")
@@ -99,7 +100,7 @@ def test_one_that_leaves_takes_along_what_it_started(hostile: Path) -> None:
 def test_more_than_an_answer_may_have_is_not_read(hostile: Path) -> None:
     (hostile / "mood").write_text("much")
     with pytest.raises(ExportError) as caught:
-        tables(hostile, permit=Permit(trust=True), isolate=ABLE, bounds=Bounds(1000))
+        tables(hostile, permit=Permit((REPOSITORY,)), isolate=ABLE, bounds=Bounds(1000))
     assert str(caught.value) == "r1: answers with more than 1000 bytes"
 
 
@@ -157,4 +158,4 @@ def test_cells_are_held_to_their_columns(row: tuple[object, ...], sentence: str)
 
 def test_a_robot_that_is_none_is_refused_before_anything_runs(hostile: Path) -> None:
     with pytest.raises(ExplanationError, match="r7: is no robot of this run; there are r1"):
-        decisions(hostile, "r7", permit=Permit(trust=True), isolate=ABLE)
+        decisions(hostile, "r7", permit=Permit((REPOSITORY,)), isolate=ABLE)

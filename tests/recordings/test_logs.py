@@ -76,7 +76,7 @@ def test_the_terminal_shows_them_while_the_run_goes_on(tmp_path: Path) -> None:
 
 
 def test_a_replay_says_them_again(talked: Path) -> None:
-    done = acrc("replay", talked, "--robot", "r1")
+    done = acrc("replay", talked, "--robot", "r1", "--modules", REPOSITORY)
     assert done.returncode == 0 and "     1.000 s  step 10  half of a line and the rest" in done.stderr
     said: list[str] = []
     replay_actor(talked, "r1", Onlook(prints=lambda step_us: prints.Prints(step_us, said.append)))

@@ -62,7 +62,10 @@ def moved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(REPOSITORY / "actors" / "models" / "turtlebot2.toml", there / "mine.toml")
     (there / "study.toml").write_text(SCENARIO)
     settled = load_scenario(there / "study.toml")
-    swarm.run_in_memory(swarm.plan(settled, RunOptions(there / "out", bus="memory")), lambda progress: None)
+    swarm.run_in_memory(
+        swarm.plan(settled, RunOptions(there / "out", bus="memory", modules=(there / "code",))),
+        lambda progress: None,
+    )
     here = tmp_path_factory.mktemp("here") / "study"
     shutil.move(there, here)
     for name in ("floor", "mine.toml", "study.toml"):
@@ -89,8 +92,8 @@ def test_what_a_copy_lacks_is_named(moved: Path, tmp_path: Path) -> None:
     done = acrc("replay", out, "--robot", "r1", "--trust")
     assert done.returncode == 1
     assert done.stderr.startswith(
-        f"acrc: {out / 'r1' / 'r1.mcap'} runs moved_strategy:behaviour, and there is no module "
-        "'moved_strategy' here; must be in one of "
+        f"acrc: {out / 'r1' / 'r1.mcap'} names the strategy moved_strategy:behaviour, and there is no module "
+        "'moved_strategy' here, nor in "
     )
     shutil.copytree(moved.parent / "code", tmp_path / "code")
     (out / "r1" / "places.toml").unlink()

@@ -1,5 +1,6 @@
 """Strategies of one's own, by the command line: installed, beside the scenario, with settings, and broken."""
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -148,13 +149,30 @@ def test_a_module_beside_the_scenario_gives_one_digest_and_runs_again(tmp_path: 
     asked = acrc("record", "replay", tmp_path / "isolated", "r2")
     assert asked.returncode == 1
     assert asked.stderr == (
-        f"acrc: {tmp_path}/isolated/r2/r2.mcap runs code from {tmp_path}/study/wanderer.py, which is "
-        "neither this project's nor installed nor below the folder where you stand; read it, and say --trust "
-        "if it may run\n"
+        f"acrc: {tmp_path}/isolated/r2/r2.mcap names the strategy wanderer:behaviour, whose code "
+        f"{tmp_path}/study/wanderer.py is neither installed nor in a folder that you have named; read it, "
+        f"then say --modules {tmp_path}/study, or --trust\n"
     )
-    replayed = acrc("record", "replay", tmp_path / "isolated", "r2", "--trust")
-    assert replayed.returncode == 0, replayed.stderr
+    named = ("--modules", tmp_path / "study")
+    replayed = acrc("record", "replay", tmp_path / "isolated", "r2", *named)
+    assert (replayed.returncode, replayed.stderr) == (0, "")
     assert not (tmp_path / "study" / "mark").exists()
+    # what is executed again is what was recorded
+    module = tmp_path / "study" / "wanderer.py"
+    then, now = (hashlib.sha256(text.encode()).hexdigest()[:12] for text in (WANDERER, WANDERER + "# new\n"))
+    module.write_text(WANDERER + "# new\n")
+    for out, words in (
+        ("isolated", ("--robot", "r2")),
+        ("memory", ()),
+        ("memory", ("--robot", "r1", "--to", 1)),
+    ):
+        changed = acrc("replay", tmp_path / out, *words, *named)
+        assert (changed.returncode, changed.stderr) == (
+            1,
+            f"acrc: {module}: is not what the recorded run has loaded: sha256 {now}, recorded {then}; "
+            "--trust loads it all the same\n",
+        )
+    assert acrc("replay", tmp_path / "isolated", "--robot", "r2", "--trust").returncode == 0
 
 
 def test_settings_reach_every_robot(tmp_path: Path) -> None:
@@ -188,6 +206,7 @@ def test_a_scenarios_own_code_needs_a_word(tmp_path: Path) -> None:
     done = acrc("run", path, "--out", tmp_path / "out")
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == (
-        f"acrc: {path} runs code from {tmp_path}/study/wanderer.py, which is neither this project's nor "
-        "installed nor below the folder where you stand; read it, and say --trust if it may run\n"
+        f"acrc: {path} names the strategy wanderer:behaviour, whose code {tmp_path}/study/wanderer.py is "
+        "neither installed nor in a folder that you have named; read it, then say --modules "
+        f"{tmp_path}/study, or --trust\n"
     )
