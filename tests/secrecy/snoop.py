@@ -1,7 +1,7 @@
 """A strategy that looks for words in all that its process can reach, and writes down where it found them.
 
-It is told them backwards, and looks for them in what it reads backwards, so that it puts no copy of them into
-its own memory.
+It is told them in a cipher, and enciphers what it reads to look for them, so that it puts no copy of them
+into its own memory.
 """
 
 import ctypes
@@ -19,6 +19,7 @@ HERE = Path(__file__).parent
 LARGEST = 8_000_000
 """Bytes of a file that are read."""
 PAGE = 4096
+CIPHER = bytes(byte ^ 0x5A for byte in range(256))
 NEVER_ENDING = ("zero", "full", "random", "urandom")
 CODE_OF_ALL = ("/usr", "/lib", "/lib32", "/lib64", "/libx32", "/bin", "/sbin", "/opt", "/etc", "/nix", "/gnu")
 """The system's own files, which know nothing of a run."""
@@ -46,8 +47,8 @@ def behaviour(start: Start) -> Behaviour:
 
 
 def _inside(content: bytes, words: Sequence[bytes]) -> list[int]:
-    backwards = content[::-1]
-    return [number for number, word in enumerate(words) if word in backwards]
+    enciphered = content.translate(CIPHER)
+    return [number for number, word in enumerate(words) if word in enciphered]
 
 
 def _process() -> Iterator[tuple[str, bytes]]:
