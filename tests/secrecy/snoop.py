@@ -34,7 +34,9 @@ class Still:
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Look everywhere, once."""
+    """Look everywhere, once; r1 is also made before the run."""
+    if start.robot != "r2":
+        return Still()
     words = [bytes.fromhex(word) for word in json.loads((HERE / "words.json").read_text())]
     found = [
         f"{place}: word {number}"
@@ -91,7 +93,9 @@ def _text(value: object) -> bytes:
 
 
 def _files() -> Iterator[tuple[str, bytes]]:
-    """Names of all files, and what is in those that are no library's."""
+    """Names of all files, and what is in those that are no library's; nothing where that is a whole machine."""
+    if Path("/proc/self").exists():
+        return
     libraries = (*CODE_OF_ALL, sys.prefix, sys.base_prefix)
     for folder, folders, names in os.walk("/"):
         folders[:] = [name for name in folders if str(Path(folder, name)) not in libraries]
