@@ -93,7 +93,7 @@ def _text(value: object) -> bytes:
 
 
 def _files() -> Iterator[tuple[str, bytes]]:
-    """Names of all files, and what is in those that are no library's; nothing where that is a whole machine."""
+    """Names of all files, and what is in those that are no library's; not of a whole machine."""
     if Path("/proc/self").exists():
         return
     libraries = (*CODE_OF_ALL, sys.prefix, sys.base_prefix)
