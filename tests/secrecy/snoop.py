@@ -44,7 +44,8 @@ def behaviour(start: Start) -> Behaviour:
         for place, content in places
         for number in _inside(content, words)
     ]
-    Path("found.json").write_text(json.dumps(sorted(set(found))))
+    own = Path() if Path("/robot").exists() else HERE
+    (own / "found.json").write_text(json.dumps(sorted(set(found))))
     return Still()
 
 

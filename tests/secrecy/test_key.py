@@ -45,7 +45,7 @@ def test_placement_radio_world_and_robots_follow_from_the_key() -> None:
     assert keyed.world.seed == 5  # what a person calls the run
 
 
-@pytest.mark.parametrize("key", ["0011", KEY + "0", KEY[:-1] + "g", "00" * 65, "12345678901234567890"])
+@pytest.mark.parametrize("key", ["0011", KEY + "0", KEY[:-1] + "g", "12345678901234567890"])
 def test_a_key_that_is_none_is_refused_in_a_sentence(key: str) -> None:
     with pytest.raises(OptionError) as caught:
         load_scenario(None, Overrides(key=key))

@@ -29,8 +29,8 @@ per_robot = 1
 KEY = secrets.token_hex(16)
 
 
-def look_around(folder: Path, *words: str) -> tuple[Path, int, list[str]]:
-    """A run of a strategy that looks for all that could tell it of the run: folder, seed, what it found."""
+def look_around(folder: Path, *words: str) -> tuple[Path, list[str]]:
+    """A run of a strategy that looks for all that could tell it of the run: its folder, and what it found."""
     study, scenario, run = (secrets.token_hex(8) for _ in range(3))  # in no file of this project
     seed = secrets.randbelow(2**62) + 2**62
     (folder / study).mkdir()
@@ -47,7 +47,8 @@ def look_around(folder: Path, *words: str) -> tuple[Path, int, list[str]]:
     words = (*words, "--trust", "--json", "--timeout", "250", "--out", str(folder / run))
     process = start("run", file, *words)
     assert process.wait(timeout=300) == 0, process.communicate()
-    return folder / run, seed, json.loads((folder / run / "r2" / "own" / "found.json").read_text())
+    (found,) = (*folder.glob("*/found.json"), *folder.glob("*/r2/own/found.json"))
+    return folder / run, json.loads(found.read_text())
 
 
 def forms(number: int) -> Sequence[bytes]:
@@ -62,7 +63,7 @@ def test_nothing_that_a_robot_can_reach_tells_of_scenario_folder_or_seed(
     tmp_path: Path, words: Sequence[str]
 ) -> None:
     need_isolation()
-    out, _, found = look_around(tmp_path, "--isolate", *words)
+    out, found = look_around(tmp_path, "--isolate", *words)
     assert json.loads((out / "run.json").read_bytes())["isolation"] == "full"
     assert found == []
     again = acrc("record", "replay", out, "r1", "--trust")  # by the names that only the run's folder knows
@@ -70,7 +71,6 @@ def test_nothing_that_a_robot_can_reach_tells_of_scenario_folder_or_seed(
 
 
 def test_who_looks_finds_what_is_not_hidden(tmp_path: Path) -> None:
-    out, _, found = look_around(tmp_path, "--no-isolate")
+    _, found = look_around(tmp_path, "--no-isolate")
     places = {line.partition(":")[0].partition(",")[0] for line in found}
-    assert {"sys.argv", "working directory", "memory", "frame main"} - places == set(), places
-    assert str(out) not in found
+    assert {"sys.argv", "sys.path", "memory", "frame main"} - places == set(), places
