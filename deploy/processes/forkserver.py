@@ -54,11 +54,13 @@ class Log(NamedTuple):
 class Server:
     """Starts children on request and tells of their ends."""
 
-    def __init__(self, channel: socket.socket, share: Share | None, *, reap: bool) -> None:
-        """`share`: makes what children are to share; None: they execute anew."""
+    def __init__(
+        self, channel: socket.socket, share: Share | None, shared: list[object], *, reap: bool
+    ) -> None:
+        """`share`: makes what children are to share, and it is put into `shared`; None: they execute anew."""
         self._channel = channel
         self._share = share
-        self._shared: list[object] = []
+        self._shared = shared
         self._reaps = reap
         self._actors: dict[int, Log] = {}
         """The log of each child that runs, by process id."""
@@ -318,7 +320,8 @@ def main(argv: Sequence[str]) -> int:
         gc.disable()  # until all is there, which stays
         importlib.import_module("deploy.processes.preload")
         gc.enable()
-    server = Server(channel, share if how == "fork" else None, reap=whose == "reap")
+    shared: list[object] = []  # outlives the server in each child
+    server = Server(channel, share if how == "fork" else None, shared, reap=whose == "reap")
     if sys.platform == "linux":
         prctl(PR_SET_PDEATHSIG, 0)  # from here on the end of the socket tells, and there is time for order
     channel.send(json.dumps({"ready": os.getpid()}).encode())

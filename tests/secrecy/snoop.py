@@ -1,7 +1,7 @@
 """A strategy that looks for words in all that its process can reach, and writes down where it found them.
 
-It is told them backwards, and looks for them in what it reads backwards, so that it puts no copy of them into
-its own memory.
+It is told them in a cipher, and enciphers what it reads to look for them, so that it puts no copy of them
+into its own memory.
 """
 
 import ctypes
@@ -19,6 +19,7 @@ HERE = Path(__file__).parent
 LARGEST = 8_000_000
 """Bytes of a file that are read."""
 PAGE = 4096
+CIPHER = bytes(byte ^ 0x5A for byte in range(256))
 NEVER_ENDING = ("zero", "full", "random", "urandom")
 CODE_OF_ALL = ("/usr", "/lib", "/lib32", "/lib64", "/libx32", "/bin", "/sbin", "/opt", "/etc", "/nix", "/gnu")
 """The system's own files, which know nothing of a run."""
@@ -33,7 +34,9 @@ class Still:
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Look everywhere, once."""
+    """Look everywhere, once; r1 is also made before the run."""
+    if start.robot != "r2":
+        return Still()
     words = [bytes.fromhex(word) for word in json.loads((HERE / "words.json").read_text())]
     found = [
         f"{place}: word {number}"
@@ -41,13 +44,14 @@ def behaviour(start: Start) -> Behaviour:
         for place, content in places
         for number in _inside(content, words)
     ]
-    Path("found.json").write_text(json.dumps(sorted(set(found))))
+    own = Path() if Path("/robot").exists() else HERE
+    (own / "found.json").write_text(json.dumps(sorted(set(found))))
     return Still()
 
 
 def _inside(content: bytes, words: Sequence[bytes]) -> list[int]:
-    backwards = content[::-1]
-    return [number for number, word in enumerate(words) if word in backwards]
+    enciphered = content.translate(CIPHER)
+    return [number for number, word in enumerate(words) if word in enciphered]
 
 
 def _process() -> Iterator[tuple[str, bytes]]:
@@ -90,7 +94,9 @@ def _text(value: object) -> bytes:
 
 
 def _files() -> Iterator[tuple[str, bytes]]:
-    """Names of all files, and what is in those that are no library's."""
+    """Names of all files, and what is in those that are no library's; not of a whole machine."""
+    if Path("/proc/self").exists():
+        return
     libraries = (*CODE_OF_ALL, sys.prefix, sys.base_prefix)
     for folder, folders, names in os.walk("/"):
         folders[:] = [name for name in folders if str(Path(folder, name)) not in libraries]
