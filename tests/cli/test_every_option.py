@@ -103,7 +103,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         Line("topic bw runs/a r1/drive --follow", r"r1/drive"),
         Line("topic plot runs/a r1/drive vx --png vx.png", r"vx.png", "vx.png"),
         Line("causes runs/a --json", r'"r1"'),
-        Line("report runs/a --out page", r"page", "page/index.html"),
+        Line("report runs/a --out page", r"page", "page/report.html"),
     ),
     "viewer": (
         Line(
