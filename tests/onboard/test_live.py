@@ -188,7 +188,7 @@ def test_a_full_disk_costs_records_that_are_counted_and_no_stop(links: Path, tmp
     out = disk / "one"
     words = [*ACRC, "fleet", "onboard", str(fleet), "--robot", "r1", "--out", str(out)]
     running = subprocess.Popen(
-        on_small_disk(disk, "192k", words),
+        on_small_disk(disk, "112k", words),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
