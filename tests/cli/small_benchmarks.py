@@ -21,11 +21,11 @@ SMALL: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
     "onboard": ("hardware.onboard", "OnboardTask", {"robots": 2, "duration": 3.0}),
 }  # fmt: skip
 """By the benchmark's name: its module, the class that says what it measures, and what is smaller there."""
-FEW: Final[dict[str, tuple[str, str, int]]] = {
-    "attacks": ("attacks.command", "ATTACKS", 8),
-    "standstill": ("hardware.standstill", "PROCESSES", 0),
+FEW: Final[dict[str, tuple[str, dict[str, int]]]] = {
+    "attacks": ("attacks.command", {"ATTACKS": 8}),
+    "standstill": ("hardware.standstill", {"PROCESSES": 0, "DEVICES": 1}),
 }
-"""By name: module, a table of what is tried one by one, and how much of that is left."""
+"""By name: module, tables of what is tried one by one, and how much of each is left."""
 
 
 def main() -> None:
@@ -36,13 +36,11 @@ def main() -> None:
         place = import_module(f"benchmarks.{module}")
         setattr(place, cls, _smaller(getattr(place, cls), values))
     if name in FEW:
-        module, table, most = FEW[name]
+        module, tables = FEW[name]
         place = import_module(f"benchmarks.{module}")
-        whole = getattr(place, table)
-        setattr(place, table, dict([*whole.items()][:most]) if isinstance(whole, dict) else whole[:most])
-    if name == "standstill":
-        devices: Any = place
-        devices.DEVICES = {("battery", "nearly empty"): devices.DEVICES["battery", "nearly empty"]}
+        for table, most in tables.items():
+            whole = getattr(place, table)
+            setattr(place, table, dict([*whole.items()][:most]) if isinstance(whole, dict) else whole[:most])
     app.main()
 
 

@@ -52,15 +52,17 @@ def links(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
             ("firmware_bridge.beeclick.emulation.emulate", "--boards", "2", "--links", str(folder)),
         )
     ]
-    deadline = time.monotonic() + 30
-    while not all((folder / name).is_symlink() for name in ("base", "range", "board1")):
-        assert time.monotonic() < deadline, "an emulated device did not start"
-        time.sleep(0.05)
-    yield folder
-    for device in devices:
-        device.terminate()
-    for device in devices:
-        device.wait(10)
+    deadline = time.monotonic() + 120
+    try:
+        while not all((folder / name).is_symlink() for name in ("base", "range", "board1")):
+            assert time.monotonic() < deadline, "an emulated device did not start"
+            time.sleep(0.05)
+        yield folder
+    finally:
+        for device in devices:
+            device.terminate()
+        for device in devices:
+            device.wait(10)
 
 
 def onboard(folder: Path, out: Path) -> subprocess.Popen[str]:
@@ -186,7 +188,7 @@ def test_a_full_disk_costs_records_that_are_counted_and_no_stop(links: Path, tmp
     out = disk / "one"
     words = [*ACRC, "fleet", "onboard", str(fleet), "--robot", "r1", "--out", str(out)]
     running = subprocess.Popen(
-        on_small_disk(disk, "192k", words),
+        on_small_disk(disk, "112k", words),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
