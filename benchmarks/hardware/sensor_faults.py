@@ -13,6 +13,9 @@ AT_ONCE: Final = (0.3, 0.15)
 IN_CONTRADICTION: Final = (1.0, 0.5)
 """The same where two have to contradict each other."""
 
+AT_THE_START: Final = (1.5, 0.5)
+"""The same of a fault that was there before the robot moved: it speeds up by 0.3 m/s²."""
+
 
 @dataclass(frozen=True)
 class SensorFault:
@@ -69,11 +72,13 @@ FAULTS: Final = (
     SensorFault("lidar", "every other beam repeated", _lidar(Lie(turns=1, comb=True))),
     SensorFault("lidar", "one turn, with fresh noise", _lidar(Lie(turns=1, noisy=True))),
     SensorFault("lidar", "turned by 90°", _lidar(Lie(turned_deg=90.0))),
-    SensorFault("lidar", "turned by 90°, from the start", _lidar(Lie(turned_deg=90.0)), from_start=True),
+    SensorFault(
+        "lidar", "turned by 90°, from the start", _lidar(Lie(turned_deg=90.0)), AT_THE_START, from_start=True
+    ),
     SensorFault("lidar", "turned by -45°", _lidar(Lie(turned_deg=-45.0))),
     SensorFault("lidar", "turned by 180°", _lidar(Lie(turned_deg=180.0))),
     SensorFault("lidar", "mirrored", _lidar(Lie(mirrored=True)), bends=True),
-    SensorFault("lidar", "1 s late, from the start", _lidar(Lie(late_s=1.0)), from_start=True),
+    SensorFault("lidar", "1 s late, from the start", _lidar(Lie(late_s=1.0)), AT_THE_START, from_start=True),
     SensorFault("both encoders", "stand still", _base(left_scale=0.0, right_scale=0.0)),
     SensorFault("both encoders", "count double", _base(left_scale=2.0, right_scale=2.0)),
     SensorFault("both encoders", "count backward", _base(left_scale=-1.0, right_scale=-1.0)),

@@ -80,6 +80,11 @@ class MotionTrack:
         """Since when there is a track."""
         return self._moves[0].instant if self._moves else None
 
+    @property
+    def end(self) -> Instant | None:
+        """Until when there is one."""
+        return self._moves[-1].instant if self._moves else None
+
     def tracks(self, liars: tuple[Liar, ...]) -> dict[Liar, Track]:
         """The track if that one lies, for each."""
         rows = np.array(self._moves, np.float64).reshape(-1, len(Moved._fields))

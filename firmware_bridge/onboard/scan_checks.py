@@ -36,6 +36,8 @@ _OLDEST: Final[Duration] = milliseconds(1500)
 """Between two sweeps that are compared; own choice."""
 _PERIOD: Final[Duration] = milliseconds(80)
 """No sweep is judged sooner after another; a camera gives 30 a second."""
+_UNHEARD: Final[Duration] = milliseconds(60)
+"""A base that was not heard for so long before the end of a sweep may have moved otherwise since."""
 _FEWEST: Final = 24
 """Points with which anything is judged."""
 _OFF: Final = 2.0
@@ -46,6 +48,8 @@ _VOTES: Final = 0.08
 """Share of the points that a hypothesis has to bring back into the room, ..."""
 _STILL_VOTES: Final = 0.3
 """... and of that by which the sensor stands still: who walks beside a robot in a long corridor seems to."""
+_EXPLAINED: Final = 0.5
+"""Share of the points out of the room that it has to bring back: the rest may be new to the sensor."""
 _DISSENT: Final = 0.2
 """Share of these that it may take out of the room."""
 _SECTORS: Final = 3
@@ -85,6 +89,8 @@ class Votes(NamedTuple):
     cause: Cause
     gained: int
     lost: int
+    off: int
+    """How many were out of the room."""
     points: int
     sectors: int
 
@@ -93,7 +99,7 @@ class Votes(NamedTuple):
         """True if it explains what the truth of all sensors does not."""
         share = _STILL_VOTES if self.cause is Cause.SCAN_STILL else _VOTES
         return (
-            self.gained >= share * self.points
+            self.gained >= max(share * self.points, _EXPLAINED * self.off)
             and self.lost <= _DISSENT * self.gained
             and self.sectors >= _SECTORS
         )
@@ -118,8 +124,10 @@ class ScanChecks:
         """The cause that this sweep shows, if it shows any."""
         if self._sweeps and sweep.stamps[-1] - self._sweeps[-1].stamps[-1] < _PERIOD:
             return None
+        begin, end = motion.begin, motion.end
+        if end is None or sweep.stamps[-1] > end + _UNHEARD:
+            return None
         self._sweeps.append(sweep)
-        begin = motion.begin
         while self._sweeps and (begin is None or not self._known(self._sweeps[0], sweep, begin)):
             self._sweeps.popleft()
         if len(self._sweeps) < 2:
@@ -155,9 +163,11 @@ class ScanChecks:
         self, pair: tuple[Sweep, Sweep], tracks: dict[Liar, Track], told: NDArray[np.float64]
     ) -> Cause | None:
         """The hypothesis that explains most, if any does."""
+        known = pair[0].stamps[0] - tracks[Liar.NOBODY].instants[0]
         found = [
             votes(one.cause, told, self._misfit(pair, tracks[one.liar], one.reading))
             for one in (*_MOTION, *_SENSOR)
+            if one.reading.late_us <= known
         ]
         told_track = tracks[Liar.NOBODY]
         if not stands_before_something(pair, self._mount, told_track):
@@ -190,7 +200,8 @@ def votes(cause: Cause, told: NDArray[np.float64], instead: NDArray[np.float64])
     """What becomes of the points if that cause holds: (n,) misfits of what the sensors told, and instead."""
     gained = (told > _OFF) & (instead <= 1.0)
     lost = (told <= 1.0) & (instead > _OFF)
-    return Votes(cause, int(gained.sum()), int(lost.sum()), told.size, sectors(gained))
+    off = int((told > _OFF).sum())
+    return Votes(cause, int(gained.sum()), int(lost.sum()), off, told.size, sectors(gained))
 
 
 def stands_before_something(pair: tuple[Sweep, Sweep], mount: Pose, track: Track) -> bool:

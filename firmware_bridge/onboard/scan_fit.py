@@ -53,9 +53,9 @@ def of_the_room(sweep: Sweep) -> Sweep:
     x, y = sweep.ranges * np.cos(sweep.angles), sweep.ranges * np.sin(sweep.angles)
     gaps = np.hypot(np.diff(x), np.diff(y))
     breaks = np.flatnonzero(gaps > np.maximum(_BREAK, _BREAK_SHARE * sweep.ranges[1:])) + 1
-    firsts, lasts = np.append(0, breaks), np.append(breaks, x.size) - 1
-    extents = np.hypot(x[lasts] - x[firsts], y[lasts] - y[firsts])
-    large = np.repeat(extents >= _EXTENT, lasts - firsts + 1)
+    firsts = np.append(0, breaks)
+    wide, deep = (np.maximum.reduceat(axis, firsts) - np.minimum.reduceat(axis, firsts) for axis in (x, y))
+    large = np.repeat(np.hypot(wide, deep) >= _EXTENT, np.diff(firsts, append=x.size))
     return Sweep(sweep.stamps[large], sweep.angles[large], sweep.ranges[large])
 
 

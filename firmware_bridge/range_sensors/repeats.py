@@ -58,8 +58,8 @@ class StillBeams:
     """Remembers what each direction said last, and for how many turns it has said the same."""
 
     def __init__(self) -> None:
-        self._last = np.zeros(_BEAMS, np.int64)
-        self._same = np.zeros(_BEAMS, np.int64)
+        self._last: NDArray[np.int64] = np.zeros(_BEAMS, np.int64)
+        self._same: NDArray[np.int64] = np.zeros(_BEAMS, np.int64)
         self.found = False
         """True while a part of the turn stands still."""
 

@@ -221,3 +221,41 @@ def test_feedback_takes_its_time_on_the_wire() -> None:
 
 def test_the_last_word_is_to_stand() -> None:
     assert Rig().driver.farewell() == frame.encode(bytes.fromhex("01 04 00 00 00 00"))
+
+
+def test_on_a_noisy_line_stop_is_said_as_often_as_the_line_carries_it() -> None:
+    rig = Rig()
+    rig.run(2.0, (0.4, 0.0))
+    rig.base.faults.scramble = 0.3
+    rig.run(0.2, (0.4, 0.0))
+    assert {stop.cause for stop in rig.driver.allowed.stops} == {Cause.NO_FEEDBACK, Cause.NOISE}
+    assert rig.body.truth().v == 0.0
+    before = len(rig.written)
+    rig.run(0.1, (0.4, 0.0))
+    assert {data for _, data in rig.written[before:]} == {rig.driver.farewell() * 5}  # in 5 ms
+    rig.base.faults.scramble = 0.0
+    rig.run(0.5, (0.4, 0.0))
+    assert rig.driver.allowed.stops == () and rig.body.truth().v > 0.0
+
+
+def test_a_silent_line_is_no_noisy_one() -> None:
+    rig = Rig()
+    rig.run(1.0, (0.4, 0.0))
+    rig.base.faults.silent = True
+    rig.run(0.3, (0.4, 0.0))
+    assert {stop.cause for stop in rig.driver.allowed.stops} == {Cause.NO_FEEDBACK}
+
+
+def test_a_base_that_does_not_hear_stop_is_told_so_150_times_a_second_until_it_stands() -> None:
+    rig = Rig()
+    rig.run(2.0, (0.4, 0.0))
+    rig.base.faults.deaf = True
+    rig.run(0.8, (0.0, 0.0))  # the ramp
+    before = len(rig.written)
+    rig.run(1.0, (0.0, 0.0))
+    assert 95 <= len(rig.written) - before <= 150  # rounds of 5 ms: every second one
+    rig.base.faults.deaf = False
+    rig.run(0.5, (0.0, 0.0))
+    before = len(rig.written)
+    rig.run(1.0, (0.0, 0.0))
+    assert 48 <= len(rig.written) - before <= 52
