@@ -29,12 +29,6 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
     "./acrc run scenarios/head_on.toml --strategy chapter --out runs/tables": "--duration 5",
     "./acrc campaign --preset chapter": "--seeds 1 --duration 2",
     "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter": "--seeds 2 --duration 2",
-    "./acrc bench relays --seeds 6 --seed 11 --below -75 --below -80 --robots 4 --robots 10 --robots 20 "
-    "--duration 40": "--seeds 2 --duration 1",
-    "./acrc bench relays --seeds 6 --seed 11 --below -75 --below -80 --robots 50 --duration 30":
-        "--seeds 2 --duration 1",
-    "./acrc bench relays --seeds 6 --seed 11 --below -75 --below -80 --robots 100 --duration 20":
-        "--seeds 2 --duration 1",
     "./acrc bench failures": "--seeds 1 --robots 2 --duration 10",
     "./acrc bench steps": "--robots 1 --duration 1",
     "./acrc bench navigation --log cycles.zip --map maps/corridor.yaml --robots 4 --seed 7": "--goals 8",

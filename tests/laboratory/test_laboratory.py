@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from actors.instant import START, Instant
+from actors.orders import Obstacle, StartJam
 from actors.runtime.errors import AcrcError
 from actors.world.physics import SUBSTEP
 from actors.world.uncertainty import Uncertainty
+from actors.world.world_setup import TimedOrder
 from firmware_bridge.beeclick.commands import SendPacket, Synchronise, encode
 from firmware_bridge.kobuki import frame
 from firmware_bridge.kobuki.driver import KobukiDriver
@@ -94,6 +96,30 @@ def test_time_goes_in_whole_sub_steps_and_boards_live_through_the_rest() -> None
     assert laboratory.now == Instant(SUBSTEP)
     assert laboratory.instant == SUBSTEP + 3000
     assert laboratory.wake == Instant(1_370_000)  # the board's first temperature
+
+
+def test_what_events_do_to_air_and_floor_is_done() -> None:
+    room = setup(2)
+    orders = (
+        TimedOrder(100_000, Obstacle(13.0, 12.5, 0.2)),
+        TimedOrder(150_000, StartJam(12.0, 12.5, 1.0, 50_000)),
+    )
+    world = msgspec.structs.replace(room.world, events=orders)
+    laboratory = Laboratory(msgspec.structs.replace(room, world=world))
+    ahead, seen = np.array([0.0]), []
+    for at in (90_000, 110_000):
+        laboratory.advance(Instant(at), Wire())
+        seen.append(float(laboratory._sights.of(0)(ahead)[0]))
+    assert seen == pytest.approx(
+        [2.0 + 0.1 - 0.177, 1.0 + 0.1 - 0.2], abs=0.05
+    )  # r2, then what stands before it
+    for robot, at in (("r2", 160_000), ("r2", 260_000)):
+        laboratory.advance(Instant(at), Wire())
+        radio = laboratory.robots[robot].radio
+        laboratory.air.transmit(radio, laboratory.instant, 0, b"hello")
+        laboratory.advance(Instant(at + 40_000), Wire())
+    told = laboratory.air.counters()
+    assert (told["frames_sent"], told["copies_lost_disturbed"], told["copies_heard"]) == (2, 1, 1)
 
 
 # --- faults ----------------------------------------------------------------------------------------------
