@@ -1,7 +1,7 @@
 """Every block of code on a page does what it says: commands run, settings are understood, Python runs.
 
-Each page has a folder of its own with what a clone has. `documentation.trials` says what is run otherwise
-than it stands, and why; what takes too long for every day has its full size by night.
+Each page has a folder of its own with what a clone has. A command is run unless the page says beside it that
+no test does; `documentation.trials` says what is shortened, and has its full length by night.
 """
 
 import os
@@ -21,13 +21,13 @@ from deploy.repository import REPOSITORY
 from deploy.scenario.scenario_file import parse
 from documentation.markdown import Block, pages
 from documentation.trials import PAGES as PAGES_OF_THEIR_OWN
-from documentation.trials import TRIALS, Elsewhere, NotRun, Reduced, commands, reduced
+from documentation.trials import SHORTENED, Command, commands, shortened
 from experiments.study.study_file import load_study
 from tests import warm
 
 PAGES = {page.name: page for page in pages() if page.blocks()}
 LANGUAGES = {"sh", "python", "toml", "text", "mermaid", "{commands}", "{eval-rst}", "{toctree}"}
-IN_A_CLONE = ("scenarios", "maps", "examples", "fleets")
+IN_A_CLONE = ("scenarios", "studies", "maps", "examples", "fleets")
 LEASE = "from cleaning.strategies.chapter import behaviour as behaviour\n"
 LEAST = {
     "map": 'map = "maps/corridor.yaml"',
@@ -45,6 +45,8 @@ def clone() -> Iterator[Path]:
         folder = Path(name)
         for given in IN_A_CLONE:
             (folder / given).symlink_to(REPOSITORY / given)
+        (folder / "actors").mkdir()
+        (folder / "actors" / "models").symlink_to(REPOSITORY / "actors" / "models")
         (folder / "my_study").mkdir()
         (folder / "my_study" / "lease.py").write_text(LEASE)
         yield folder
@@ -52,7 +54,8 @@ def clone() -> Iterator[Path]:
 
 def type_in(clone: Path, command: str, timeout_s: float) -> str:
     """What a command prints; it must succeed."""
-    newest = max((clone / "runs").glob("*"), key=lambda path: path.stat().st_mtime, default=None)
+    runs = [file.parent for file in (clone / "runs").glob("*/scenario.toml")]
+    newest = max(runs, key=lambda path: path.stat().st_mtime, default=None)
     program, *words = shlex.split(command.replace("runs/NAME", str(newest)))
     env = os.environ | {"PYTHONPATH": str(REPOSITORY), "COLUMNS": "200"}
     if program == "./acrc":
@@ -67,13 +70,12 @@ def type_in(clone: Path, command: str, timeout_s: float) -> str:
     return done.stdout
 
 
-def typed(name: str) -> list[str]:
-    """The commands of a page that are not left to another test."""
-    blocks = [block for block in PAGES[name].blocks() if block.language == "sh"]
+def typed(name: str) -> list[Command]:
+    """The commands of a page that tests run, and no test of the page's own does."""
     if (name, "sh") in PAGES_OF_THEIR_OWN:
         return []
-    every = [command for block in blocks for command in commands(block)]
-    return [one for one in every if not isinstance(TRIALS.get(one), Elsewhere | NotRun)]
+    blocks = [block for block in PAGES[name].blocks() if block.language == "sh"]
+    return [command for block in blocks for command in commands(block) if not command.untried]
 
 
 def test_every_block_has_a_language_that_is_looked_at() -> None:
@@ -91,18 +93,16 @@ def test_every_block_has_a_language_that_is_looked_at() -> None:
 def test_the_commands_of_a_page_run(name: str, clone: Path) -> None:
     give(clone, name)
     for command in typed(name):
-        type_in(clone, reduced(command), 280.0)
+        type_in(clone, shortened(command), 280.0)
 
 
 @pytest.mark.nightly
 @pytest.mark.timeout(7200)
-@pytest.mark.parametrize(
-    "name", [n for n in PAGES if any(isinstance(TRIALS.get(c), Reduced) for c in typed(n))]
-)
+@pytest.mark.parametrize("name", [n for n in PAGES if any(c.words in SHORTENED for c in typed(n))])
 def test_the_commands_of_a_page_run_at_full_size(name: str, clone: Path) -> None:
     give(clone, name)
     for command in typed(name):
-        type_in(clone, command, 7000.0)
+        type_in(clone, command.words, 7000.0)
 
 
 def give(clone: Path, name: str) -> None:
@@ -112,6 +112,8 @@ def give(clone: Path, name: str) -> None:
         type_in(clone, "./acrc bench localisation --log logs/course.zip --cell alone --duration 20", 200.0)
         theirs = [{"log": "course", "runs": [{"rmse": 0.05, "lost": False}, {"rmse": 0.04, "lost": False}]}]
         (clone / "theirs.json").write_bytes(msgspec.json.encode(theirs))
+    if name == "docs/experiments.md":
+        type_in(clone, "./acrc run scenarios/head_on.toml --bus memory --duration 5", 100.0)
 
 
 def of(language: str) -> list[tuple[str, int]]:
