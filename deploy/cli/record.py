@@ -54,7 +54,8 @@ def check(out: _Target) -> None:
         console.print(merged_file.sentence(out), markup=False)
         return
     report = record_check.check(out)
-    console.print(f"digest {report.digest} over {report.messages} messages")
+    digest = f"digest {report.digest}" if report.digest else "no digest without a recording of the world,"
+    console.print(f"{digest} over {report.messages} messages")
     if report.unreceived:
         console.print(f"{report.unreceived} messages were taken by nobody: who they were for had ended")
     if not report.complete:
