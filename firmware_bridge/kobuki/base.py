@@ -132,7 +132,8 @@ class EmulatedKobuki:
         left, right, bias = normals(generator, 3).tolist()
         self._scale = (1 + left * errors.wheel_scale, 1 + right * errors.wheel_scale)
         self._wheels = _Wheels(bias=bias * math.radians(errors.gyro_bias_deg))
-        self._extra: list[Feedback] = []
+        self._extra: dict[type[Feedback], Feedback] = {}
+        """What was asked for, each once: a backlog of requests must fit into one feedback."""
         self._gains = _FACTORY_GAINS
         self._frozen: Inertial | None = None
         self._line: deque[_Sending] = deque(maxlen=64)
@@ -183,15 +184,15 @@ class EmulatedKobuki:
                 user = ControllerInfo(command.user, command.p, command.i, command.d)
                 self._gains = user if command.user else _FACTORY_GAINS
             elif isinstance(command, GetGain):
-                self._extra.append(self._gains)
+                self._extra[ControllerInfo] = self._gains
 
     def _answer(self, flags: int) -> None:
         if flags & wire_packets.HARDWARE_REQUEST:
-            self._extra.append(Hardware(self._p.hardware))
+            self._extra[Hardware] = Hardware(self._p.hardware)
         if flags & wire_packets.FIRMWARE_REQUEST:
-            self._extra.append(Firmware(self._p.firmware))
+            self._extra[Firmware] = Firmware(self._p.firmware)
         if flags & wire_packets.UDID_REQUEST:
-            self._extra.append(self._p.udid)
+            self._extra[UDID] = self._p.udid
 
     def _measure(self, truth: BodyTruth, until: Instant, now: Instant) -> None:
         """Count the motion from the last measurement to `until`, the body being at `truth` only `now`."""
@@ -253,7 +254,7 @@ class EmulatedKobuki:
         )
         inertial, raw = self._gyro()
         floor = [200 if self.faults.cliff & bit else 2000 for bit in (1, 2, 4)]
-        extra, self._extra = self._extra, []
+        extra, self._extra = self._extra.values(), {}
         return [
             basic,
             DockingIR(0, 0, 0),

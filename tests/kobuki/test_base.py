@@ -11,7 +11,21 @@ from firmware_bridge.kobuki import emulate
 from firmware_bridge.kobuki.base import BaseParameters, EmulatedKobuki
 from firmware_bridge.kobuki.body import BodyTruth, Unicycle
 from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.kobuki.packets import ControllerInfo, FirmwareVersion, GetGain, SetGain
+from firmware_bridge.kobuki.frame import FrameReader
+from firmware_bridge.kobuki.packets import (
+    FIRMWARE_REQUEST,
+    HARDWARE_REQUEST,
+    UDID,
+    UDID_REQUEST,
+    ControllerInfo,
+    Firmware,
+    FirmwareVersion,
+    GetGain,
+    Hardware,
+    RequestExtra,
+    SetGain,
+)
+from firmware_bridge.kobuki.wire import decode_feedback
 from firmware_bridge.room import Room
 from tests.kobuki.drives import Rig
 
@@ -96,7 +110,7 @@ def test_type_0_sets_the_factorys_gains_whatever_the_numbers_behind_it() -> None
     for command in (SetGain(1, 50_000, 200, 3_000), SetGain(0, 7, 8, 9)):
         base._obey(command)
         base._obey(GetGain())
-        told.append(base._extra[-1])
+        told.append(base._extra[ControllerInfo])
     assert told == [ControllerInfo(1, 50_000, 200, 3_000), ControllerInfo(0, 100_000, 100, 2_000)]
 
 
@@ -123,3 +137,13 @@ def test_a_link_that_cannot_be_made_ends_the_program(
     assert capsys.readouterr().err == (
         f"{path}: there is something that is no link; give a path where a link can be made\n"
     )
+
+
+def test_a_backlog_of_requests_fits_into_one_feedback() -> None:
+    """As a base finds it that had no processor for half a second; each kind is answered once."""
+    base = EmulatedKobuki(Unicycle(), np.random.default_rng(1))
+    for _ in range(40):
+        base._obey(RequestExtra(HARDWARE_REQUEST | FIRMWARE_REQUEST | UDID_REQUEST))
+    (packets,) = FrameReader(decode_feedback).take(base.run(Instant(40_000))[:200])[:1]
+    kinds = [type(packet) for packet in packets]
+    assert [kinds.count(kind) for kind in (Hardware, Firmware, UDID)] == [1, 1, 1]
