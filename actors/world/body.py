@@ -81,6 +81,11 @@ class Bodies:
         return self._arena.poses[:, :2]
 
     @property
+    def obstacles(self) -> NDArray[np.float64]:
+        """(o, 3): what was put on the floor: x, y and radius, m."""
+        return self._arena.obstacles
+
+    @property
     def contacts(self) -> int:
         """Contacts that have begun so far."""
         return self._arena.contacts

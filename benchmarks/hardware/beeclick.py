@@ -13,11 +13,13 @@ from rich.table import Table
 
 from actors.instant import START, Duration, Instant, milliseconds, seconds
 from actors.messages import AccessFailure, Overflow, Refused, Sent
-from actors.radio.frame import airtime_us
+from actors.radio.frame import octets
+from actors.radio.medium import Medium, Saturated
+from actors.radio.radio_model import radio_model
+from actors.radio.radio_setup import RadioSetup
 from firmware_bridge.beeclick.answers import Answer, PacketSent
-from firmware_bridge.beeclick.emulation.emulate import standing
+from firmware_bridge.beeclick.emulation.air import Air
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard, Radio
-from firmware_bridge.beeclick.emulation.emulated_medium import EmulatedMedium, MediumParameters
 from firmware_bridge.beeclick.emulation.lab import Desk, Lab
 from firmware_bridge.beeclick.emulation.line import CLEAN, Disturbance
 from firmware_bridge.beeclick.events import Event, Unconfirmed
@@ -78,12 +80,12 @@ class BoardSoak:
 
 @dataclass(frozen=True)
 class Throughput:
-    """Packets of one size, without CSMA, over a clean line."""
+    """Packets of one size over a clean line."""
 
     data_bytes: int
     packets_per_s: float
     share: float
-    """Of what the slower of line and medium can carry."""
+    """Of what the slower of the line and a simulated transceiver with the same waits can carry."""
 
 
 class _Board(EmulatedBoard):
@@ -121,12 +123,12 @@ class _Ordeal:
 
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
-        medium = EmulatedMedium(self.rng)
-        self.board = _Board(medium, START)
+        air = _empty_air()
+        self.board = _Board(air, START)
         self.link = _Link(BoardSettings(2))
-        medium.add(self.board, standing(0.0, 0.0))
+        air.add(self.board)
         self.desk = Desk(self.link, self.board)
-        self.lab = Lab(medium, [self.desk], self.rng)
+        self.lab = Lab(air, [self.desk], self.rng)
         self.packets = self.invented = self.most_kept = 0
         self.most_back = dict.fromkeys(Trouble, (0, 0))
         self.ledger: Counter[int] = Counter()
@@ -229,11 +231,10 @@ def _come_back(lab: Lab, desk: Desk) -> tuple[int, int] | None:
 
 def throughput(data_bytes: int, duration: Duration = _RUN) -> Throughput:
     """Keep the queue full of packets of that size for so long in virtual time."""
-    rng = np.random.default_rng(1)
-    medium = EmulatedMedium(rng, MediumParameters(csma=False))
-    desk = Desk(Link(BoardSettings(2)), EmulatedBoard(medium, START))
-    medium.add(desk.board, standing(0.0, 0.0))
-    lab = Lab(medium, [desk], rng)
+    air = _empty_air()
+    desk = Desk(Link(BoardSettings(2)), EmulatedBoard(air, START))
+    air.add(desk.board)
+    lab = Lab(air, [desk], np.random.default_rng(1))
     lab.run(milliseconds(20))
     before, began = desk.link.counters["sent"], lab.now
     while lab.now < began + duration:
@@ -242,8 +243,23 @@ def throughput(data_bytes: int, duration: Duration = _RUN) -> Throughput:
         lab.run(milliseconds(1))
         desk.events.clear()
     rate = (desk.link.counters["sent"] - before) / (duration / 1e6)
-    limit = 1e6 / max(airtime_us(data_bytes), byte_time(6 + data_bytes))
+    limit = min(_most_on_air(data_bytes, duration), 1e6 / byte_time(6 + data_bytes))
     return Throughput(data_bytes, rate, rate / limit)
+
+
+def _empty_air() -> Air:
+    """One board's, the address 2."""
+    model = radio_model(RadioSetup(1, 10_000, (), "beeclick"))
+    return Air([2], lambda channel: model, 1)
+
+
+def _most_on_air(data_bytes: int, duration: Duration) -> float:
+    """Frames a second of a simulated transceiver that always has one, alone on the medium."""
+    model = radio_model(RadioSetup(1, 10_000, (), "beeclick"))
+    medium = Medium([model.parameters.transceiver], model.propagation, model.parameters.phy, seed=1)
+    medium.offer(0, Saturated(octets(data_bytes)))
+    medium.run(duration * 1000)
+    return int(medium.counters()["sent"][0]) / (duration / 1e6)
 
 
 def run(bytes_: int, json_output: bool = False) -> None:

@@ -15,6 +15,7 @@ from typing import Final, NamedTuple, Self
 
 import msgspec
 
+from actors.radio.radio_setup import RadioSetup
 from actors.runtime.errors import AcrcError
 from actors.world.world_setup import BodySetup, WorldSetup
 from deploy.repository import REPOSITORY
@@ -70,8 +71,9 @@ class Rig:
     def __enter__(self) -> Self:
         body = BodySetup("r1", "turtlebot2", "chapter", "exact", _START, _PLACES)
         world = WorldSetup(str(_MAP), 1, 100_000, 1_000_000, (body,))
+        radio = RadioSetup(1, world.step_us, (("r1", 1),), "beeclick")
         setup = self.folder / "setup.json"
-        setup.write_bytes(msgspec.json.encode(LaboratorySetup(world, (("r1", 1),), "beeclick")))
+        setup.write_bytes(msgspec.json.encode(LaboratorySetup(world, radio)))
         files = ("--setup", setup, "--links", self._links, "--result", self.folder / "result.json")
         before = os.nice(0)
         with suppress(OSError):

@@ -94,6 +94,14 @@ def run(
             "--hardware-in-the-loop", help="Robots as on board, their devices emulated; in wall time."
         ),
     ] = False,
+    board: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID",
+            help="With --hardware-in-the-loop: give this robot a board, all others a simulated transceiver; "
+            "repeatable.  [default: all]",
+        ),
+    ] = None,
     trust: Annotated[
         bool, typer.Option("--trust", help="Run the code that the scenario names, whoever wrote it.")
     ] = False,
@@ -143,7 +151,7 @@ def run(
             "SCENARIO": scenario, "--robots": robots, "--seed": seed, "--duration": duration, "--step": step,
             "--isolate": isolate, "--view": view, "--robot": robot, "--control": control,
             "--debug": debug, "--speed": speed, "--hardware-in-the-loop": hardware,
-            "--limit": limit, "--check": check,
+            "--board": board, "--limit": limit, "--check": check,
         }  # fmt: skip
         others = [name for name, value in whole.items() if value]
         continue_run(origin, strategy, setting or (), event or (), out, others, trust=trust, json=json)
@@ -167,6 +175,7 @@ def run(
         debug=debug,
         control=control,
         hardware=hardware,
+        boards=board or (),
         limit=limit or (),
         timeout=timeout,
         json=json,

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 
 from deploy.field_trial.aligned_clocks import AlignedClocks
-from deploy.field_trial.laboratory_truth import read_truth, with_truth
+from deploy.field_trial.laboratory_truth import read_truth, with_true_frames, with_truth
 from deploy.field_trial.recordings import read_field_trial
 from deploy.field_trial.reported_places import reported_places
 from deploy.field_trial.trial_result import TrialResult, trial_result
@@ -27,6 +27,8 @@ def collect(folders: Sequence[Path], out: Path | None = None, truth: Path | None
     if true is not None:
         told = with_truth(told, true, clocks)
     result = trial_result(trial, clocks, told, out)
+    if true is not None:
+        result = with_true_frames(result, true)
     if out is not None:
         make_folder(out)
         write_table(told.places, out / "places.csv")

@@ -1,6 +1,7 @@
 """What truly happened on a field trial in the laboratory, beside what the robots say."""
 
 from pathlib import Path
+from typing import Final
 
 import msgspec
 
@@ -8,7 +9,11 @@ from actors.task.referee import PlaceOutcome
 from deploy.field_trial.aligned_clocks import AlignedClocks
 from deploy.field_trial.recordings import FieldTrialError
 from deploy.field_trial.reported_places import ReportedPlaces
+from deploy.field_trial.trial_result import TrialResult
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
+
+BEFORE_THE_AIR: Final = ("frames_overflowed", "frames_refused")
+"""Ends that a frame may come to in front of its transceiver."""
 
 
 def read_truth(path: Path) -> LaboratoryResult:
@@ -48,3 +53,22 @@ def _judged(told: PlaceOutcome, true: PlaceOutcome | None, ahead: int) -> PlaceO
     said = msgspec.structs.asdict(told)
     reached = None if true.reached_at is None else true.reached_at + ahead
     return PlaceOutcome(**said | {"reached_at": reached, "reached_by": true.reached_by})
+
+
+def with_true_frames(result: TrialResult, truth: LaboratoryResult) -> TrialResult:
+    """The result with what truly became of all frames, by the causes of a simulated run.
+
+    What a board, or the line to it, never gave to the air stands as the robots were told.
+    """
+    robots = {
+        robot: msgspec.structs.replace(
+            part, frames=_true_frames(part.frames, truth.frames_by_robot.get(robot, {}))
+        )
+        for robot, part in result.per_robot.items()
+    }
+    return msgspec.structs.replace(result, frames=_true_frames(result.frames, truth.frames), per_robot=robots)
+
+
+def _true_frames(told: dict[str, int], true: dict[str, int]) -> dict[str, int]:
+    before = {name: max(told.get(name, 0), true.get(name, 0)) for name in BEFORE_THE_AIR}
+    return told | true | before

@@ -37,7 +37,7 @@ from actors.topic import Message
 
 FRAME_OUTCOMES: Final[Mapping[type[Any], str]] = {
     Sent: "frames_sent",
-    AccessFailure: "frames_access_failed",
+    AccessFailure: "frames_access_failure",
     Overflow: "frames_overflowed",
     Refused: "frames_refused",
     Unconfirmed: "frames_unconfirmed",

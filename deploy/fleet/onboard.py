@@ -36,6 +36,8 @@ class Ports:
     """Where the operator's laptop may connect; None = nowhere."""
     keys: str | None = None
     """Folder with the robot's own keys."""
+    board: bool = True
+    """False: at the radio's port is a laboratory's transceiver without a board."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,7 @@ def lay_out(onboard: Onboard) -> None:
         ports.pan,
         ports.channel,
         ports.power_dbm,
+        ports.board,
     )
     for actor, setup in ((BASE, base), (BRIDGE, bridge)):
         onboard.folder(actor).mkdir()

@@ -2,7 +2,6 @@
 
 import itertools
 import signal
-import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -14,6 +13,7 @@ import msgspec
 
 from actors.instant import in_seconds
 from actors.messages import PROGRESS, Progress
+from actors.radio.radio_model import radio_model
 from actors.runtime.access import rules
 from actors.runtime.access.credentials import unix_endpoint
 from actors.runtime.bus.zenoh_bus import ZenohBus, open_mesh
@@ -35,11 +35,12 @@ from deploy.run.out_folder import make_folder
 from deploy.run.plan import Plan
 from deploy.run.preflight import preflight
 from deploy.scenario.tables import Scenario
+from deploy.usage import wrong_value
+from firmware_bridge.beeclick.parameters import BoardSettings
+from firmware_bridge.laboratory.laboratory import BASE, RADIO, RANGE
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 
 LABORATORY: Final = "laboratory"
-PAN: Final = 0xBABA
-CHANNEL: Final = 26
 _PATIENCE_S: Final = 60.0
 """How long the emulated devices may take to be there."""
 OnProgress = Callable[[Progress], None]
@@ -54,19 +55,26 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
 
     The result also stands in result/run.json below the output folder, and what became of every place in
     result/places.csv. `launched` starts the processes; None: as the options say. Raises OptionError for a
-    scenario that asks for more than emulated devices have.
+    scenario that asks for what cannot be in real time, and for a board of nobody's.
     """
     loop_limits.check(scenario)
-    if said := loop_limits.note(scenario):
-        sys.stderr.write(f"acrc: {said}\n")
     plan = swarm.plan(scenario, options)
+    simulated = _without_board(plan, options.boards)
     warn(plan.warning)
     _lay_out(plan)
     places = sum(len(robot.places) for robot in plan.world.robots)
     with progress.shown(plan.world.duration_us, places, quiet=options.json) as follow:
-        _run_processes(plan, launched or launcher(options.spawn, reap=False), follow)
+        _run_processes(plan, simulated, launched or launcher(options.spawn, reap=False), follow)
     folders = [plan.folder(robot.id) for robot in plan.world.robots]
     return collect(folders, truth=plan.folder(LABORATORY) / "result.json", out=plan.out / "result")
+
+
+def _without_board(plan: Plan, boards: tuple[str, ...]) -> tuple[str, ...]:
+    """The robots with a simulated transceiver; `boards`: those with a board, none: all of them."""
+    robots = [robot.id for robot in plan.world.robots]
+    if unknown := [robot for robot in boards if robot not in robots]:
+        raise wrong_value("--board", unknown[0], f"a robot of the scenario: {', '.join(robots)}")
+    return tuple(robot for robot in robots if boards and robot not in boards)
 
 
 def _lay_out(plan: Plan) -> None:
@@ -75,14 +83,19 @@ def _lay_out(plan: Plan) -> None:
     plan.write_scenario()
 
 
-def _run_processes(plan: Plan, launching: Launcher, on_progress: OnProgress) -> None:
+def _run_processes(
+    plan: Plan, simulated: tuple[str, ...], launching: Launcher, on_progress: OnProgress
+) -> None:
     folder = plan.folder(LABORATORY)
     with signals_as_interrupts(), launching as launched, ExitStack() as stack:
         preflight(plan, launched)
-        room = _Room(plan, launched)
+        room = _Room(plan, simulated, launched)
         stack.callback(room.end)
         room.start()
-        robots = [_robot(plan, index, folder) for index in range(len(plan.world.robots))]
+        robots = [
+            _robot(plan, index, folder, board=robot.id not in simulated)
+            for index, robot in enumerate(plan.world.robots)
+        ]
         watches = [_watch(one, launched, stack) for one in robots]
         buses = [_listen(one, stack) for one in robots]
         _follow(plan, watches, buses, room, on_progress)
@@ -91,12 +104,12 @@ def _run_processes(plan: Plan, launching: Launcher, on_progress: OnProgress) -> 
 class _Room:
     """The process with the emulated devices."""
 
-    def __init__(self, plan: Plan, launched: Launcher) -> None:
+    def __init__(self, plan: Plan, simulated: tuple[str, ...], launched: Launcher) -> None:
         folder = plan.folder(LABORATORY)
         self._launched = launched
         self._folder = folder
         self._child: Child | None = None
-        setup = LaboratorySetup(plan.world, plan.radio.robots, plan.radio.preset)
+        setup = LaboratorySetup(plan.world, plan.radio, simulated)
         (folder / "setup.json").write_bytes(msgspec.json.format(msgspec.json.encode(setup)))
 
     def start(self) -> None:
@@ -136,7 +149,7 @@ class _Room:
                 self._launched.wait(0.05)
 
 
-def _robot(plan: Plan, index: int, folder: Path) -> Onboard:
+def _robot(plan: Plan, index: int, folder: Path, *, board: bool = True) -> Onboard:
     robot = plan.world.robots[index]
     alone = replace(
         plan,
@@ -144,8 +157,16 @@ def _robot(plan: Plan, index: int, folder: Path) -> Onboard:
         radio=msgspec.structs.replace(plan.radio, robots=((robot.id, plan.address(robot.id)),)),
     )
     links = folder / "links" / robot.id
-    channel = plan.radio.channel or CHANNEL
-    ports = Ports(str(links / "base"), str(links / "radio"), str(links / "range"), PAN, channel, -10.0)
+    settings = BoardSettings(plan.address(robot.id), radio_model(plan.radio).parameters.channel)
+    ports = Ports(
+        str(links / BASE),
+        str(links / RADIO),
+        str(links / RANGE),
+        settings.pan,
+        settings.channel,
+        settings.power_dbm,
+        board=board,
+    )
     return Onboard(alone, ports, itertools.count().__next__)
 
 

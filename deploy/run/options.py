@@ -49,6 +49,9 @@ class RunOptions:
     """Serve a map page on which orders can be given."""
     hardware: bool = False
     """Robots as on board, with emulated devices, in wall time."""
+    boards: tuple[str, ...] = ()
+    """With `hardware`: the robots with an emulated board, the others have a simulated transceiver; none
+    named: all have one."""
     limits: ProcessLimits = field(default=ProcessLimits())
     """What each robot's process may have."""
     timeout_s: float = Timeout.step_s
@@ -76,6 +79,7 @@ def run_options(  # one for each option of the command line
     debug: str | None = None,
     control: bool = False,
     hardware: bool = False,
+    boards: Sequence[str] = (),
     limit: Sequence[str] = (),
     timeout: float = Timeout.step_s,
     json: bool = False,
@@ -100,6 +104,8 @@ def run_options(  # one for each option of the command line
             "--hardware-in-the-loop: runs processes in wall time; "
             "must stand without --bus memory, --view, and a --speed other than 1"
         )
+    if boards and not hardware:
+        raise OptionError(f"--board: {boards[0]}; must stand with --hardware-in-the-loop")
     if hardware and log:
         raise OptionError("--log: shows simulated robots; must stand without --hardware-in-the-loop")
     if hardware and check:
@@ -125,6 +131,7 @@ def run_options(  # one for each option of the command line
         debug,
         control,
         hardware,
+        tuple(boards),
         _limits(limit),
         timeout,
         json,

@@ -9,7 +9,8 @@ from firmware_bridge.beeclick.commands import SetAddress, SetChannel, SetPower, 
 from firmware_bridge.beeclick.signal import power_setting
 from firmware_bridge.beeclick.wire import LONGEST_COMMAND
 
-_FIRST_CHANNEL: Final = 11
+FIRST_CHANNEL: Final = 11
+"""The channel whose code is 0."""
 _LAST_CHANNEL: Final = 26
 _DURATIONS: Final = (
     *("answer_timeout", "doubt", "sync_interval", "slow_sync_interval", "noisy_sync_interval"),
@@ -32,7 +33,7 @@ class BoardSettings:
     """Transmit power, dBm. Default: what the firmware sets at its start (MRF24J40.cpp: RFCON3 = 0x40)."""
 
     def __post_init__(self) -> None:
-        channels = (_FIRST_CHANNEL, _LAST_CHANNEL)
+        channels = (FIRST_CHANNEL, _LAST_CHANNEL)
         check("board", self, ranges={"address": (0, 0xFFFD), "pan": (0, 0xFFFE), "channel": channels})
         power_setting(self.power_dbm)
 
@@ -40,7 +41,7 @@ class BoardSettings:
         """What the board is to be told; the address first, with which it can be asked whether it listens."""
         return (
             SetAddress(self.pan, self.address),
-            SetChannel(self.channel - _FIRST_CHANNEL),
+            SetChannel(self.channel - FIRST_CHANNEL),
             SetPower(power_setting(self.power_dbm)),
         )
 

@@ -17,6 +17,7 @@ from typing import Final
 import msgspec
 
 from actors.instant import seconds
+from actors.radio.program import KERNELS as RADIO_KERNELS
 from actors.randomness import generator
 from actors.runtime.client_options import ArgumentError, ArgumentParser
 from actors.runtime.errors import AcrcError
@@ -29,7 +30,7 @@ from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup, Laborat
 from firmware_bridge.laboratory.lines import Lines
 from firmware_bridge.laboratory.real_time import RealTime, Wishes
 
-_KERNELS: Final = (odometry_kernel, drive, rays, visits)
+_KERNELS: Final = (odometry_kernel, drive, rays, visits, *RADIO_KERNELS)
 
 
 class LaboratoryResultError(AcrcError):

@@ -7,6 +7,7 @@ from typing import Final, Literal, TypeVar
 
 from actors.instant import START, Duration, in_seconds
 from actors.runtime.errors import AcrcError
+from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.kobuki.base import Faults
 from firmware_bridge.laboratory.laboratory import (
     BASE,
@@ -73,7 +74,7 @@ class Bench:
         if bits := _one_of(words[0], {**_BUMPER, RADIO: 0}):
             self._of(robot).base.faults.bumper |= bits
         else:
-            self._of(robot).board.press(self._laboratory.instant)
+            self._board(robot).press(self._laboratory.instant)
 
     def release(self, robot: str, _: Sequence[str]) -> None:
         """The bumper again."""
@@ -130,12 +131,12 @@ class Bench:
 
     def gps(self, robot: str, words: Sequence[str]) -> None:
         """A line from the GPS module of the board."""
-        self._of(robot).board.gps(self._laboratory.instant, words[0].encode())
+        self._board(robot).gps(self._laboratory.instant, words[0].encode())
 
     def reboot(self, robot: str, words: Sequence[str]) -> None:
         """The board begins anew."""
         _one_of(words[0], {RADIO: None})
-        self._of(robot).board.reboot(self._laboratory.instant)
+        self._board(robot).reboot(self._laboratory.instant)
 
     def scramble(self, robot: str, words: Sequence[str]) -> None:
         """A share of the line's bytes is replaced, lost or doubled, both ways."""
@@ -178,6 +179,12 @@ class Bench:
 
     def _of(self, robot: str) -> EmulatedHardware:
         return self._laboratory.robots[robot]
+
+    def _board(self, robot: str) -> EmulatedBoard:
+        radio = self._of(robot).radio
+        if not isinstance(radio, EmulatedBoard):
+            raise FaultError(f"{robot} has no board; its transceiver is a simulated one")
+        return radio
 
 
 _FAULTS: Final = {

@@ -7,21 +7,24 @@ import numpy as np
 
 from actors.instant import START, Instant
 from actors.portable import arrays
-from actors.radio.presets import preset
+from actors.radio.radio_model import radio_model
 from actors.randomness import generator
 from actors.robot_model import load_model
 from actors.task.referee import PlaceOutcome, Referee
 from actors.world.body import Bodies, real_floor
+from actors.world.orders import Orders
+from actors.world.participants import Participants
 from actors.world.physics import SUBSTEP
 from actors.world.uncertainty import drifting
-from firmware_bridge.beeclick.emulation import emulated_medium
+from firmware_bridge.beeclick.emulation.air import air
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.emulation.emulated_medium import EmulatedMedium, MediumParameters, Place
+from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.kobuki.base import EXACT, BaseParameters, EmulatedKobuki
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 from firmware_bridge.laboratory.robot_body import RobotBody
 from firmware_bridge.laboratory.sights import LIDAR, Sights
 from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar
+from firmware_bridge.transceiver_line import Transceiver
 
 BASE: Final = "base"
 RADIO: Final = "radio"
@@ -45,15 +48,17 @@ class EmulatedHardware(NamedTuple):
 
     body: RobotBody
     base: EmulatedKobuki
-    board: EmulatedBoard
+    radio: EmulatedBoard | Transceiver
     lidar: EmulatedRplidar
 
 
 class Laboratory:
     """The hardware of all robots; time begins at 0.
 
-    Bodies, bases and lidars go from sub-step to sub-step of the physics, boards and their medium through
-    every instant: a driver of a base does not notice 10 ms, the host of a board does.
+    Bodies, bases and lidars go from sub-step to sub-step of the physics, boards and their air through every
+    instant: a driver of a base does not notice 10 ms, the host of a board does. The air knows bodies as the
+    radio of a simulated run does, from where they truly are and go at the beginning of a step; here that is a
+    sub-step.
     """
 
     def __init__(self, setup: LaboratorySetup) -> None:
@@ -65,12 +70,11 @@ class Laboratory:
         models = [load_model(robot.model, robot.sensor) for robot in world.robots]
         noise = [generator(seed, "laboratory range", robot.id) for robot in world.robots]
         self._sights = Sights(real_floor(world, models).visible, models, noise)
-        self._medium = EmulatedMedium(
-            generator(seed, "laboratory air", ""), MediumParameters(preset(setup.radio))
-        )
+        self.air = air(setup.radio)
+        """What lies between the radios."""
+        self._orders = Orders(world.events, Participants(world.robots), self._bodies, self._referee)
         self.robots: Mapping[str, EmulatedHardware] = {
-            robot.id: self._hardware(index, generator(seed, "laboratory base", robot.id), robot.odometry)
-            for index, robot in enumerate(world.robots)
+            robot.id: self._hardware(index, setup) for index, robot in enumerate(world.robots)
         }
         """The devices of each robot."""
         self._now = self._instant = START
@@ -90,8 +94,7 @@ class Laboratory:
     @property
     def wake(self) -> Instant:
         """When something happens next that `advance` would have to make happen."""
-        wakes = (self._medium.wake(), *(board.wake() for board in self._medium.boards))
-        return min((at for at in wakes if at is not None), default=self._due)
+        return self.air.wake() or self._due
 
     @property
     def contacts(self) -> int:
@@ -102,11 +105,6 @@ class Laboratory:
     def places(self) -> tuple[PlaceOutcome, ...]:
         """Which have truly been reached, when and by whom."""
         return self._referee.places(())
-
-    @property
-    def medium(self) -> Mapping[str, int]:
-        """Counters of the boards' medium."""
-        return self._medium.counters
 
     def pose(self, robot: str) -> tuple[float, float, float]:
         """Where it truly is: x, y in m and heading in rad, map frame."""
@@ -120,7 +118,7 @@ class Laboratory:
         """Bytes that have come on a line; they belong to the sub-step or the instant that `advance` is at."""
         robot = self.robots[jack.robot]
         if jack.device == RADIO:
-            robot.board.take(now, data)
+            robot.radio.take(now, data)
         elif jack.device == BASE:
             robot.base.take(self._now, data)
         else:
@@ -129,14 +127,15 @@ class Laboratory:
     def advance(self, until: Instant, out: Out) -> None:
         """Let time pass; `out` gets what the devices send."""
         while self._due <= until:
+            self.air.advance(self._due)
             self._move()
             for name, robot in self.robots.items():
                 out(Jack(name, BASE), robot.base.run(self._now))
                 out(Jack(name, RANGE), robot.lidar.run(self._now))
         self._instant = until
-        emulated_medium.advance(self._medium, until)
+        self.air.advance(until)
         for name, robot in self.robots.items():
-            out(Jack(name, RADIO), robot.board.run(until))
+            out(Jack(name, RADIO), robot.radio.run(until))
 
     @property
     def _due(self) -> Instant:
@@ -152,24 +151,32 @@ class Laboratory:
         self._travelled += arrays.hypot(*(self._sights.poses[:, :2] - before).T)
 
     def _look(self) -> None:
-        for index in range(len(self.robots)):
-            self._sights.poses[index] = self._bodies.truth(index)[:3]
+        """Carry out what is due at the beginning of a sub-step, and note where everybody is."""
+        effects = self._orders.due(self._now)
+        self.air.jam(self._now, effects.jams)
+        for loss in effects.losses:
+            self.air.withhold(self._index(loss.sender), self._index(loss.robot))
+        states = [self._bodies.truth(index) for index in range(len(self.robots))]
+        self.air.place(self._now, states)
+        self._sights.look([state[:3] for state in states], self._bodies.obstacles)
         self._referee.watch(self._now, self._sights.poses[:, :2])
 
-    def _hardware(self, index: int, random: np.random.Generator, odometry: str) -> EmulatedHardware:
+    def _hardware(self, index: int, setup: LaboratorySetup) -> EmulatedHardware:
+        robot = setup.world.robots[index]
         body = RobotBody(self._bodies, index)
-        errors = self._errors if odometry == "kobuki" else EXACT
-        board = EmulatedBoard(self._medium, START)
-        self._medium.add(board, self._place(index))
-        base = EmulatedKobuki(body, random, BaseParameters(errors))
-        return EmulatedHardware(body, base, board, EmulatedRplidar(self._sights.of(index), LIDAR))
+        errors = self._errors if robot.odometry == "kobuki" else EXACT
+        radio = self._radio(robot.id, setup)
+        self.air.add(radio)
+        base = EmulatedKobuki(
+            body, generator(setup.world.seed, "laboratory base", robot.id), BaseParameters(errors)
+        )
+        return EmulatedHardware(body, base, radio, EmulatedRplidar(self._sights.of(index), LIDAR))
 
-    def _place(self, index: int) -> Place:
-        def place(_: Instant) -> tuple[float, float]:
-            x, y, *_rest = self._bodies.truth(index)
-            return x, y
-
-        return place
+    def _radio(self, robot: str, setup: LaboratorySetup) -> EmulatedBoard | Transceiver:
+        if robot not in setup.without_board:
+            return EmulatedBoard(self.air, START)
+        channel = radio_model(setup.radio).parameters.channel
+        return Transceiver(self.air, BoardSettings(dict(setup.radio.robots)[robot], channel))
 
     def _index(self, robot: str) -> int:
         return list(self.robots).index(robot)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import msgspec
 
+from actors.radio.radio_setup import RadioSetup
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome
 from actors.world.world_setup import WorldSetup
@@ -17,11 +18,13 @@ class LaboratorySetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Everything a laboratory needs to know. Raises LaboratorySetupError for what it cannot be."""
 
     world: WorldSetup
-    """Its step, its duration and its events are not used: nobody conducts a laboratory."""
-    addresses: tuple[tuple[str, int], ...]
-    """Short address of each robot; the boards learn theirs from their hosts, and the result tells both."""
-    radio: str
-    """Name of the radio's parameters: path loss and sensitivity. The power is that of each board."""
+    """Its step and its duration are not used, as nobody conducts a laboratory, nor what its events want of
+    robots' processes."""
+    radio: RadioSetup
+    """Of the air, as in a simulated run; the boards learn their addresses from their hosts, and the result
+    tells both."""
+    without_board: tuple[str, ...] = ()
+    """Robots with a simulated transceiver in a board's place."""
 
     def __post_init__(self) -> None:
         robots = [robot.id for robot in self.world.robots]
@@ -30,7 +33,7 @@ class LaboratorySetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise LaboratorySetupError(
                     f"a robot {robot!r}; its name should do as a folder's and as a word of a command"
                 )
-        named = [robot for robot, _ in self.addresses]
+        named = [robot for robot, _ in self.radio.robots]
         if sorted(named) != sorted(set(robots)) or len(set(robots)) != len(robots):
             raise LaboratorySetupError(
                 f"robots {', '.join(robots)} and addresses of {', '.join(named) or 'nobody'}; "
@@ -60,7 +63,8 @@ class LaboratoryResult(msgspec.Struct, frozen=True):
     lines: dict[str, int]
     """Bytes that a robot's process did not read in time, by robot and device."""
     boards: dict[str, dict[str, int]]
-    """Each board's counters, and the address and the channel (11 to 26) that its host gave it."""
+    """Each board's counters, and the address and the channel (11 to 26) that its host gave it; a simulated
+    transceiver's are its address and channel alone."""
     behind_ms: dict[str, int]
     """Sub-steps of the physics by how late they were made, in whole milliseconds."""
     lost_ms: int
@@ -68,8 +72,9 @@ class LaboratoryResult(msgspec.Struct, frozen=True):
     robots: dict[str, LaboratoryTruth] = {}
     bases: dict[str, dict[str, int]] = {}
     """Frames from each base's driver that were right, and bytes that were skipped."""
-    air: dict[str, int] = {}
-    """Frames, collisions, channel-access failures, and copies heard."""
+    frames: dict[str, int] = {}
+    """What became of all frames, as the radio of a simulated run tells it."""
+    frames_by_robot: dict[str, dict[str, int]] = {}
     cpu_s: float = 0.0
     """Processor time since the beginning, s."""
 

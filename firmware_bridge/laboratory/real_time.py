@@ -13,18 +13,19 @@ from actors.instant import START, Duration, Instant, in_seconds, milliseconds
 from actors.runtime.errors import AcrcError
 from actors.world.physics import SUBSTEP
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
+from firmware_bridge.beeclick.parameters import FIRST_CHANNEL
 from firmware_bridge.kobuki.base import EmulatedKobuki
 from firmware_bridge.laboratory.faults import Bench
 from firmware_bridge.laboratory.laboratory import Laboratory
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult, LaboratoryTruth
 from firmware_bridge.laboratory.lines import Lines
+from firmware_bridge.transceiver_line import Transceiver
 
 _ROUND: Final = milliseconds(1)
 """Boards are not looked at more often, unless a host has written."""
 _MOST_BEHIND: Final = 50
 """Sub-steps; more are not made up, for then no line would be served meanwhile. They are left out."""
 _LONGEST_LINE: Final = 4096
-_FIRST_CHANNEL: Final = 11
 
 
 class Wishes:
@@ -100,7 +101,7 @@ class RealTime:
             contacts=laboratory.contacts,
             places=laboratory.places,
             lines={" ".join(jack): self._lines.unread(jack) for jack in self._lines.jacks},
-            boards={robot: _board(hardware.board) for robot, hardware in laboratory.robots.items()},
+            boards={robot: _board(hardware.radio) for robot, hardware in laboratory.robots.items()},
             behind_ms={str(late): count for late, count in sorted(self._behind.items())},
             lost_ms=self._left_out // 1000,
             robots={
@@ -108,7 +109,8 @@ class RealTime:
                 for robot in laboratory.robots
             },
             bases={robot: _base(hardware.base) for robot, hardware in laboratory.robots.items()},
-            air=dict(laboratory.medium),
+            frames=laboratory.air.counters(),
+            frames_by_robot=laboratory.air.counters_by_robot(list(laboratory.robots)),
             cpu_s=time.process_time() - self._began_cpu_s,
         )
 
@@ -149,8 +151,9 @@ class RealTime:
         return Instant((time.monotonic_ns() - self._began_ns) // 1000 - self._left_out)
 
 
-def _board(board: EmulatedBoard) -> dict[str, int]:
-    return {**board.counters, "address": board.address, "channel": board.channel + _FIRST_CHANNEL}
+def _board(radio: EmulatedBoard | Transceiver) -> dict[str, int]:
+    counters = radio.counters if isinstance(radio, EmulatedBoard) else {}
+    return {**counters, "address": radio.address, "channel": radio.channel + FIRST_CHANNEL}
 
 
 def _base(base: EmulatedKobuki) -> dict[str, int]:

@@ -23,7 +23,7 @@ _RAYS: Final = 360
 class Sights:
     """The world's range sensors, with a lidar's rays in place of those of the robots' models.
 
-    It is mounted as the model's sensor is, and as noisy. Obstacles of a scenario's events there are none.
+    It is mounted as the model's sensor is, and as noisy.
     """
 
     def __init__(
@@ -34,14 +34,19 @@ class Sights:
         self._sensors = RangeSensors(grid, lidars, generators)
         self._first = lidars[0].sensor.first_angle if lidars else 0.0
         self.poses: NDArray[np.float64] = np.zeros((len(models), 3))
-        """(n, 3): where the bodies are, m, rad, map frame; to be kept up to date."""
-        self._no_obstacles = np.empty((0, 3))
+        """(n, 3): where the bodies are, m, rad, map frame."""
+        self._obstacles: NDArray[np.float64] = np.empty((0, 3))
+
+    def look(self, poses: Sequence[tuple[float, ...]], obstacles: NDArray[np.float64]) -> None:
+        """From now on the bodies are there, and the obstacles: (n, 3), x, y and radius, m."""
+        self.poses[:] = poses
+        self._obstacles = obstacles
 
     def of(self, index: int) -> Sight:
         """What one robot's lidar sees."""
 
         def sight(angles: NDArray[np.float64]) -> NDArray[np.float64]:
-            (ranges_mm,) = self._sensors.scan([index], self.poses, self._no_obstacles)
+            (ranges_mm,) = self._sensors.scan([index], self.poses, self._obstacles)
             rays = np.rint((angles - self._first) / (math.tau / _RAYS)).astype(np.intp) % _RAYS
             seen = ranges_mm[rays]
             ranges: NDArray[np.float64] = np.where(seen == NO_ECHO_MM, np.inf, seen / 1000)

@@ -27,6 +27,7 @@ from firmware_bridge.onboard.clock import Clock
 from firmware_bridge.onboard.conduct import conduct
 from firmware_bridge.onboard.onboard_setup import BridgeSetup, load
 from firmware_bridge.onboard.reconnecting_port import ReconnectingPort
+from firmware_bridge.transceiver_line import TransceiverLink
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,8 @@ class Bridge:
 
     def __init__(self, setup: BridgeSetup, clock: Clock) -> None:
         self._clock = clock
-        self._link = Link(BoardSettings(setup.address, setup.channel, setup.pan, setup.power_dbm))
+        settings = BoardSettings(setup.address, setup.channel, setup.pan, setup.power_dbm)
+        self._link = Link(settings) if setup.board else TransceiverLink()
         self.core = BridgeCore(setup.robot, self._link)
         self._line = ReconnectingPort(
             functools.partial(BoardPort, setup.radio), lambda sentence: to_stderr(f"{sentence}\n")

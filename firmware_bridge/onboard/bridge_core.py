@@ -37,6 +37,7 @@ from actors.messages import (
 from actors.runtime.core import Address, Inputs, Output, at, to
 from firmware_bridge.beeclick import events
 from firmware_bridge.beeclick.link import Link
+from firmware_bridge.transceiver_line import TransceiverLink
 
 MOST_EVENTS: Final = 256
 """Events held for a robot that takes none; about what a busy channel brings in a second."""
@@ -47,7 +48,7 @@ MOST_PLANNED: Final = 256
 class BridgeCore:
     """One robot's board; `expect` announces each message, bytes come by `hear`, and go by `due`."""
 
-    def __init__(self, robot: str, link: Link) -> None:
+    def __init__(self, robot: str, link: Link | TransceiverLink) -> None:
         self.now = Instant(0)
         self.finished = False
         self.step = 0

@@ -51,6 +51,8 @@ class BridgeSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     channel: int
     """11 to 26."""
     power_dbm: float
+    board: bool = True
+    """False: at the port is a transceiver of a laboratory's, without a board (`transceiver_line`)."""
 
 
 def load(path: Path, kind: type[S]) -> S:

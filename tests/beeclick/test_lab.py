@@ -2,12 +2,14 @@ import numpy as np
 
 from actors.instant import START, Instant, milliseconds, seconds
 from actors.messages import Heard, Sent
+from actors.radio.radio_model import radio_model
+from actors.radio.radio_setup import RadioSetup
 from benchmarks.hardware.beeclick import soak, throughput
 from deeco.replication.fragments import Fragmenter
 from deeco.replication.reassembly import Reassembly
-from firmware_bridge.beeclick.emulation.emulate import standing
+from firmware_bridge.beeclick.emulation import emulate
+from firmware_bridge.beeclick.emulation.air import Air, Device
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.emulation.emulated_medium import EmulatedMedium, MediumParameters
 from firmware_bridge.beeclick.emulation.lab import Desk, Lab
 from firmware_bridge.beeclick.emulation.line import Disturbance
 from firmware_bridge.beeclick.events import Down, Info, PacketEnd, Unconfirmed, Up
@@ -23,14 +25,12 @@ QUICK = BeeClickParameters(
 
 
 def lab(boards: int, seed: int = 1, parameters: BeeClickParameters | None = None, poll: int = 1_000) -> Lab:
-    rng = np.random.default_rng(seed)
-    medium = EmulatedMedium(rng, MediumParameters(csma=True))
+    air = emulate.room(boards, seed=seed)
     desks = []
-    for number in range(boards):
-        board = EmulatedBoard(medium, START)
-        medium.add(board, standing(2.0 * number, 0.0))
+    for number, board in enumerate(air.devices):
+        assert isinstance(board, EmulatedBoard)
         desks.append(Desk(Link(BoardSettings(number + 1), parameters or BeeClickParameters()), board))
-    return Lab(medium, desks, rng, milliseconds(poll / 1_000))
+    return Lab(air, desks, np.random.default_rng(seed), milliseconds(poll / 1_000))
 
 
 def ends(desk: Desk) -> list[tuple[str, int]]:
@@ -43,7 +43,7 @@ def test_robots_hear_one_another() -> None:
     assert [desk.link.phase for desk in room.desks] == [LinkPhase.READY] * 3
     for desk, text in zip(room.desks, (b"one", b"two", b"three"), strict=True):
         desk.send(room.now, 7, text)
-    room.run(milliseconds(50))
+        room.run(milliseconds(20))
     for number, desk in enumerate(room.desks):
         assert ends(desk) == [("Sent", 7)]
         heard = {(e.sender, e.data) for e in desk.events if isinstance(e, Heard)}
@@ -125,22 +125,22 @@ def test_noise_that_only_the_board_hears_costs_half_a_second_at_most() -> None:
             assert ends(desk)[-1] == ("Sent", 2)
 
 
-class WedgedMedium(EmulatedMedium):
+class WedgedAir(Air):
     """Loses the interrupt at a frame's end: the board waits for it for ever, and goes on talking."""
 
     wedged = True
 
-    def transmit(self, board: EmulatedBoard, now: Instant, frame: bytes) -> None:
+    def transmit(self, device: Device, now: Instant, tag: int, data: bytes) -> None:
         if not self.wedged:
-            super().transmit(board, now, frame)
+            super().transmit(device, now, tag, data)
 
 
 def test_a_wedged_radio_is_silent_once_and_its_boards_ring_is_not_overrun() -> None:
-    rng = np.random.default_rng(1)
-    medium = WedgedMedium(rng)
-    desk = Desk(Link(BoardSettings(1)), EmulatedBoard(medium, START))
-    medium.add(desk.board, standing(0.0, 0.0))
-    room = Lab(medium, [desk], rng)
+    model = radio_model(RadioSetup(1, 10_000, (), "beeclick"))
+    air = WedgedAir([1], lambda channel: model, 1)
+    desk = Desk(Link(BoardSettings(1)), EmulatedBoard(air, START))
+    air.add(desk.board)
+    room = Lab(air, [desk], np.random.default_rng(1))
     room.run(milliseconds(50))
     for second in range(20):
         desk.send(room.now, second, bytes(50))
@@ -150,7 +150,7 @@ def test_a_wedged_radio_is_silent_once_and_its_boards_ring_is_not_overrun() -> N
     # At 12 s it has eight commands; with one of them in the air none is lost, but the ring looks empty.
     assert desk.board.commands.overflows == 1
     assert desk.link.counters["silent"] == 1
-    medium.wedged = False
+    air.wedged = False
     desk.board.reboot(room.now)
     room.run(seconds(10.5))
     desk.send(room.now, 99, b"again")

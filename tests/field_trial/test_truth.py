@@ -8,6 +8,7 @@ import pytest
 
 from actors.task.referee import PlaceOutcome
 from deploy.field_trial.collect import collect
+from deploy.field_trial.laboratory_truth import read_truth, with_true_frames
 from deploy.field_trial.recordings import FieldTrialError
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
 from tests.field_trial.conftest import Run
@@ -43,8 +44,9 @@ def laboratory(run: Run, path: Path, **other: object) -> Path:
 
 def test_with_truth_the_table_is_the_simulated_runs_whole_one(head_on: Run, tmp_path: Path) -> None:
     far = copies(head_on.out, tmp_path / "far", {"r1": clock(EPOCH), "r2": clock(EPOCH)})
-    truth = laboratory(head_on, tmp_path / "result.json")
+    truth = laboratory(head_on, tmp_path / "result.json", frames=head_on.result.frames)
     ours = collect([far], tmp_path / "out", truth)
+    assert ours.frames | head_on.result.frames == ours.frames
     assert (tmp_path / "out" / "places.csv").read_text() == (head_on.out / "places.csv").read_text()
     assert (ours.places_done, ours.contacts, ours.completion_s) == (6, 3, head_on.result.completion_s)
     assert [part.places_done for part in ours.per_robot.values()] == [3, 3]
@@ -62,6 +64,20 @@ def test_a_report_of_what_nobody_reached_is_mistaken(crowd: Run, tmp_path: Path)
     assert (verdicts.count("mistaken"), verdicts.count("done")) == (claimed, 0) and claimed > 1
     assert (ours.places_claimed, ours.places_done) == (claimed, 0)
     assert ours.notes == ("the laboratory fell behind, so the true instants are early by up to 40 ms",)
+
+
+def test_the_air_knows_what_became_of_frames_and_robots_which_never_came_so_far(
+    head_on: Run, tmp_path: Path
+) -> None:
+    far = copies(head_on.out, tmp_path / "far", {"r1": clock(EPOCH), "r2": clock(EPOCH)})
+    air = {"frames_sent": 5, "frames_overflowed": 0, "frames_refused": 0, "copies_lost_collision": 2}
+    plain = collect([far])
+    told = msgspec.structs.replace(plain, frames=plain.frames | {"frames_overflowed": 1500})
+    truth = laboratory(head_on, tmp_path / "result.json", frames=air, frames_by_robot={"r1": air})
+    ours = with_true_frames(told, read_truth(truth))
+    assert ours.frames == told.frames | {"frames_sent": 5, "copies_lost_collision": 2}
+    assert ours.per_robot["r1"].frames["frames_sent"] == 5
+    assert ours.per_robot["r2"].frames == plain.per_robot["r2"].frames
 
 
 def test_another_field_trials_truth_is_one_sentence(head_on: Run, tmp_path: Path) -> None:

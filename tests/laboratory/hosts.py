@@ -14,6 +14,7 @@ import msgspec
 
 from actors.instant import Instant
 from actors.messages import Scan
+from actors.radio.radio_setup import RadioSetup
 from actors.robot_model import OdometryKind, load_model
 from actors.world.world_setup import BodySetup, WorldSetup
 from firmware_bridge.beeclick.events import Event
@@ -40,7 +41,7 @@ def setup(robots: int, odometry: OdometryKind = "exact") -> LaboratorySetup:
     )
     world = WorldSetup(str(ROOT / "maps/corridor.yaml"), 1, 100_000, 1_000_000, bodies)
     addresses = tuple((body.id, number) for number, body in enumerate(bodies, start=1))
-    return LaboratorySetup(world, addresses, "beeclick")
+    return LaboratorySetup(world, RadioSetup(1, 100_000, addresses, "beeclick", world.map))
 
 
 def now() -> Instant:

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 from actors.instant import START, Instant
+from actors.orders import Obstacle, StartJam
 from actors.runtime.errors import AcrcError
 from actors.world.physics import SUBSTEP
 from actors.world.uncertainty import Uncertainty
+from actors.world.world_setup import TimedOrder
+from firmware_bridge.beeclick.commands import SendPacket, Synchronise, encode
 from firmware_bridge.kobuki import frame
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.motion import base_control
@@ -47,6 +50,9 @@ def driven(round_ms: int, dose: Uncertainty = USUAL) -> tuple[Laboratory, Wire]:
     laboratory, wire = Laboratory(msgspec.structs.replace(room, world=world)), Wire()
     laboratory.take(Jack("r1", BASE), START, FAST)
     laboratory.take(Jack("r1", RANGE), START, LidarRequest.SCAN.bytes)
+    for robot in ("r1", "r2"):
+        packets = b"".join(encode(SendPacket(number, bytes(118))) for number in range(4))
+        laboratory.take(Jack(robot, RADIO), START, b"\xff" + encode(Synchronise()) + packets)
     for at in range(0, 2001, round_ms):
         laboratory.advance(Instant(1000 * at), wire)
     return laboratory, wire
@@ -58,6 +64,8 @@ def test_what_happens_does_not_depend_on_how_often_one_looks() -> None:
     assert often.pose("r1") == seldom.pose("r1")
     assert by_often.bytes == by_seldom.bytes
     assert len(by_often.bytes[Jack("r1", RANGE)]) == 7 + 5 * 3960
+    assert often.air.counters() == seldom.air.counters()
+    assert often.air.counters()["frames_sent"] == 8
 
 
 def echoes(wire: Wire) -> float:
@@ -88,6 +96,30 @@ def test_time_goes_in_whole_sub_steps_and_boards_live_through_the_rest() -> None
     assert laboratory.now == Instant(SUBSTEP)
     assert laboratory.instant == SUBSTEP + 3000
     assert laboratory.wake == Instant(1_370_000)  # the board's first temperature
+
+
+def test_what_events_do_to_air_and_floor_is_done() -> None:
+    room = setup(2)
+    orders = (
+        TimedOrder(100_000, Obstacle(13.0, 12.5, 0.2)),
+        TimedOrder(150_000, StartJam(12.0, 12.5, 1.0, 50_000)),
+    )
+    world = msgspec.structs.replace(room.world, events=orders)
+    laboratory = Laboratory(msgspec.structs.replace(room, world=world))
+    ahead, seen = np.array([0.0]), []
+    for at in (90_000, 110_000):
+        laboratory.advance(Instant(at), Wire())
+        seen.append(float(laboratory._sights.of(0)(ahead)[0]))
+    assert seen == pytest.approx(
+        [2.0 + 0.1 - 0.177, 1.0 + 0.1 - 0.2], abs=0.05
+    )  # r2, then what stands before it
+    for robot, at in (("r2", 160_000), ("r2", 260_000)):
+        laboratory.advance(Instant(at), Wire())
+        radio = laboratory.robots[robot].radio
+        laboratory.air.transmit(radio, laboratory.instant, 0, b"hello")
+        laboratory.advance(Instant(at + 40_000), Wire())
+    told = laboratory.air.counters()
+    assert (told["frames_sent"], told["copies_lost_disturbed"], told["copies_heard"]) == (2, 1, 1)
 
 
 # --- faults ----------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from actors.geometry import Pose
 from actors.instant import START
 from actors.messages import NO_ECHO_MM, Heard, Scan, Sent
+from actors.radio.radio_setup import RadioSetup
 from actors.world.body import Bodies
 from firmware_bridge.beeclick.events import Up
 from firmware_bridge.beeclick.port import PortError
@@ -109,7 +110,7 @@ def test_boards_hear_each_other_and_come_back_after_the_cable_was_out(tmp_path: 
         (1, 26, 0),
         (2, 26, 1),
     ]
-    assert result.air["frames"] == 4
+    assert result.frames["frames_sent"] == 4
 
 
 def test_time_that_cannot_be_made_up_is_left_out_and_counted(tmp_path: Path) -> None:
@@ -159,11 +160,11 @@ def test_a_set_up_that_is_none_is_told(
     ("change", "sentence"),
     [
         (
-            {"addresses": (("r1", 1),)},
+            {"radio": {"seed": 1, "step_us": 100_000, "robots": [["r1", 1]]}},
             "robots r1, r2 and addresses of r1; each robot should have one name and one address",
         ),
         (
-            {"radio": "loud"},
+            {"radio": {"seed": 1, "step_us": 1, "robots": [["r1", 1], ["r2", 2]], "preset": "loud"}},
             "Radio preset 'loud' is unknown; known are chapter, beeclick, rosomnet, ns3, ideal.",
         ),
     ],
@@ -199,8 +200,7 @@ def test_a_robot_is_a_folder() -> None:
                 setup(1).world,
                 robots=(msgspec.structs.replace(setup(1).world.robots[0], id="../r1"),),
             ),
-            (("../r1", 1),),
-            "beeclick",
+            RadioSetup(1, 100_000, (("../r1", 1),)),
         )
     assert str(caught.value) == (
         "a robot '../r1'; its name should do as a folder's and as a word of a command"

@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from actors.board_readings import LinkState, Temperature
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import (
@@ -24,8 +22,7 @@ from actors.messages import (
 )
 from actors.runtime.core import Address, at
 from actors.topic import Message
-from firmware_bridge.beeclick.emulation import emulated_board as emulated
-from firmware_bridge.beeclick.emulation.emulated_medium import EmulatedMedium, Place, advance
+from firmware_bridge.beeclick.emulation.emulate import room
 from firmware_bridge.beeclick.link import Link
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.onboard.bridge_core import MOST_PLANNED, BridgeCore
@@ -33,24 +30,16 @@ from firmware_bridge.onboard.bridge_core import MOST_PLANNED, BridgeCore
 POLL = milliseconds(1)
 
 
-def standing(x: float) -> Place:
-    return lambda now: (x, 0.0)
-
-
 class Room:
     """Bridges with boards in one room, in virtual time."""
 
     def __init__(self, robots: int = 2) -> None:
         self.now = Instant(0)
-        self.medium = EmulatedMedium(np.random.default_rng(1))
+        self.air = room(robots, spacing=1.0)
         self.bridges: list[BridgeCore] = []
-        self.boards: list[emulated.EmulatedBoard] = []
         for number in range(robots):
             link = Link(BoardSettings(number + 1))
-            board = emulated.EmulatedBoard(self.medium, self.now)
-            self.medium.add(board, standing(float(number)))
             link.connect(self.now)
-            self.boards.append(board)
             self.bridges.append(BridgeCore(f"r{number + 1}", link))
         self.run(seconds(0.2))
         self.news = [[output.message for output in bridge.advance({})] for bridge in self.bridges]
@@ -59,8 +48,8 @@ class Room:
         until = self.now + duration
         while self.now < until:
             self.now = Instant(self.now + POLL)
-            advance(self.medium, self.now)
-            for bridge, board in zip(self.bridges, self.boards, strict=True):
+            self.air.advance(self.now)
+            for bridge, board in zip(self.bridges, self.air.devices, strict=True):
                 bridge.now = self.now
                 bridge.hear(board.run(self.now))
                 board.take(self.now, bridge.due())

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from actors.radio.frame_outcomes import COPIES
 from tests.swarm.command import ROOT, acrc, leftovers, processes_of
 
 SCENARIO = f"""
@@ -23,6 +24,47 @@ places = [[10.5, 12.5]]
 id = "r2"
 start = [13.0, 12.5, 0.0]
 places = [[13.2, 12.6], [11.8, 12.2]]
+[radio]
+shadowing_db = 2.0
+[[wall]]
+material = "glass"
+x = [13.0, 17.0]
+y = [0.0, 11.0]
+[[wifi]]
+at = [14.0, 5.0]
+channel = 1
+duty = 0.1
+[[event]]
+at = 3.0
+jam = [13.0, 12.5]
+radius = 1.8
+duration = 4.0
+[[event]]
+at = 2.0
+obstacle = [15.5, 12.5]
+radius = 0.2
+"""
+APART = f"""
+map = "{ROOT}/maps/corridor.yaml"
+[run]
+duration = 12.0
+strategy = "chapter"
+[robots]
+count = 3
+[[robot]]
+id = "r1"
+start = [12.5, 3.0, 1.57]
+places = [[12.5, 6.9]]
+[[robot]]
+id = "r2"
+start = [12.5, 4.5, 1.57]
+places = [[12.5, 6.8]]
+[[robot]]
+id = "r3"
+start = [17.4, 4.0, 1.57]
+places = [[17.4, 6.9]]
+[radio]
+walls = "concrete"
 """
 
 
@@ -35,7 +77,12 @@ def test_two_robots_clean_their_places_by_serial_bytes(tmp_path: Path) -> None:
     result = json.loads(done.stdout)
     assert (result["places_claimed"], result["places_done"], result["places_total"]) == (3, 3, 3)
     assert result["contacts"] == 0
-    assert min(robot["frames"]["copies_heard"] for robot in result["per_robot"].values()) > 0
+    frames = {robot: part["frames"] for robot, part in result["per_robot"].items()}
+    assert min(part["copies_heard"] for part in frames.values()) > 0
+    assert all(part["frames_handed"] >= part["frames_sent"] > 0 for part in frames.values())
+    jammed = (result["frames"]["copies_lost_disturbed"], frames["r2"]["frames_access_failure"])
+    assert min(jammed) > 0, jammed  # four seconds, in which r2 neither hears nor finds the channel clear
+    assert sum(result["frames"][name] for name in COPIES) == result["frames"]["frames_sent"]
     assert result == json.loads((out / "result" / "run.json").read_text())
     with (out / "result" / "places.csv").open() as table:
         assert {row["verdict"] for row in csv.DictReader(table)} == {"done"}
@@ -46,6 +93,44 @@ def test_two_robots_clean_their_places_by_serial_bytes(tmp_path: Path) -> None:
         1, "", "acrc: r2.base: is a process with devices on board; must be a robot, world or radio\n"
     )  # fmt: skip
     assert processes_of(out) == [] and leftovers(out) == []
+
+
+@pytest.mark.timeout(120)
+def test_boards_and_simulated_transceivers_talk_on_one_air_with_its_walls(tmp_path: Path) -> None:
+    """r1 has a board, r2 none, and both hear each other; r3 is behind two walls of concrete."""
+    scenario, out = tmp_path / "apart.toml", tmp_path / "out"
+    scenario.write_text(APART)
+    done = acrc(
+        "run", scenario, "--hardware-in-the-loop", "--board", "r1", "--out", out, "--json", timeout_s=100.0
+    )
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    heard = {robot: part["frames"]["copies_heard"] for robot, part in result["per_robot"].items()}
+    weak = result["per_robot"]["r3"]["frames"]["copies_lost_below_sensitivity"]
+    assert heard["r1"] > 3 and heard["r2"] > 3 and (heard["r3"], weak > 6) == (0, True), result["frames"]
+    checked = acrc("record", "check", out)
+    assert checked.returncode == 0, checked.stderr
+    assert checked.stdout.startswith("no digest without a recording of the world, over "), checked.stdout
+    setup = json.loads((out / "laboratory" / "setup.json").read_text())
+    assert setup["without_board"] == ["r2", "r3"]
+    links = [json.loads((out / f"r{number}.radio" / "setup.json").read_text())["board"] for number in (1, 2)]
+    assert links == [True, False]
+    again = acrc("record", "replay", out, "r2")
+    assert again.returncode == 0 and "all equal to the recorded ones" in again.stdout, again.stderr
+    assert processes_of(out) == [] and leftovers(out) == []
+
+
+def test_a_board_of_nobodys_is_refused(tmp_path: Path) -> None:
+    for words, sentence in (
+        (("--board", "r1"), "acrc: --board: r1; must stand with --hardware-in-the-loop\n"),
+        (
+            ("--hardware-in-the-loop", "--board", "r9"),
+            "acrc: --board: r9; must be a robot of the scenario: r1, r2, r3, r4\n",
+        ),
+    ):
+        refused = acrc("run", *words, "--out", tmp_path / "out")
+        assert (refused.returncode, refused.stderr) == (2, sentence)
+    assert not (tmp_path / "out").exists()
 
 
 def test_what_cannot_be_in_wall_time_is_refused(tmp_path: Path) -> None:

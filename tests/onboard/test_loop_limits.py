@@ -5,18 +5,21 @@ from pathlib import Path
 
 import pytest
 
+from actors.instant import Instant
+from actors.radio.presets import PRESETS
 from deploy.laboratory import hardware_in_the_loop
-from deploy.laboratory.loop_limits import check, note
+from deploy.laboratory.loop_limits import check
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
 from deploy.scenario.tables import Scenario
 from deploy.usage import OptionError
+from firmware_bridge.laboratory.laboratory import Laboratory
+from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 from tests.swarm.command import ROOT, acrc
 
 HEAD = f'map = "{ROOT}/maps/corridor.yaml"\n[robots]\ncount = 2\n'
 CONDUCTOR = "robots that run by their own clocks have nobody who conducts them"
-AIR = "the boards' air has path loss and nothing else"
 
 
 def scenario(folder: Path, text: str, head: str = HEAD) -> Scenario:
@@ -35,19 +38,17 @@ def sentence(asked: str) -> str:
 @pytest.mark.parametrize(
     ("text", "asked"),
     [
-        ('[[event]]\nat = 5\nkill = "r1"\n', f"[[event]]: {CONDUCTOR}"),
-        ('[[wall]]\nmaterial = "glass"\nx = [1, 2]\ny = [1, 2]\n', f"[[wall]]: {AIR}"),
-        ("[[wifi]]\nat = [5, 5]\nchannel = 1\nduty = 0.3\n", f"[[wifi]]: {AIR}"),
-        ('[radio]\nwalls = "concrete"\n', f"[radio] walls: {AIR}"),
-        ("[radio]\nshadowing_db = 4\n", f"[radio] shadowing_db: {AIR}"),
-        ("[radio]\ncorrelation_distance = 4\n", f"[radio] correlation_distance: {AIR}"),
+        ('[[event]]\nat = 5\nkill = "r1"\n', f"[[event]] kill: {CONDUCTOR}"),
+        ('[[event]]\nat = 5\nmove = "r1"\nto = [9, 12.5, 0]\n', f"[[event]] move: {CONDUCTOR}"),
         (
             '[[robot]]\nid = "r1"\nodometry = "stage"\n',
             'odometry = "stage": emulated bases have the errors of a Kobuki, or none',
         ),
         (
-            '[radio]\nshadowing_db = 4\n[[event]]\nat = 5\nkill = "r1"\n',
-            f"[[event]]: {CONDUCTOR}; [radio] shadowing_db: {AIR}",
+            '[[robot]]\nid = "r1"\nodometry = "stage"\n[[event]]\nat = 5\nkill = "r1"\n'
+            '[[event]]\nat = 6\nkill = "r2"\n[[event]]\nat = 7\nlose = "r2"\nof = "r1"\n',
+            f'[[event]] kill: {CONDUCTOR}; odometry = "stage": '
+            "emulated bases have the errors of a Kobuki, or none",
         ),
     ],
 )
@@ -58,28 +59,37 @@ def test_what_emulated_devices_have_not_is_refused_by_name(text: str, asked: str
 
 
 def test_it_is_refused_before_anything_is_started(tmp_path: Path) -> None:
-    scenario(tmp_path, "[[wifi]]\nat = [5, 5]\nchannel = 1\nduty = 0.3\n")
+    scenario(tmp_path, '[[event]]\nat = 5\nfreeze = "r1"\n')
     out = tmp_path / "out"
     refused = acrc("run", tmp_path / "scenario.toml", "--hardware-in-the-loop", "--out", out)
     assert (refused.returncode, refused.stdout) == (2, "")
-    assert refused.stderr == f"acrc: {sentence(f'[[wifi]]: {AIR}')}\n"
+    assert refused.stderr == f"acrc: {sentence(f'[[event]] freeze: {CONDUCTOR}')}\n"
     assert not out.exists()
 
 
-def test_what_they_have_is_not_refused(tmp_path: Path) -> None:
-    check(scenario(tmp_path, '[radio]\npreset = "rosomnet"\nwalls = "air"\nshadowing_db = 0\nchannel = 15\n'))
-    check(load_scenario(ROOT / "scenarios" / "head_on.toml"))
-
-
-def test_walls_of_a_preset_are_said_to_be_left_out(tmp_path: Path) -> None:
-    assert note(scenario(tmp_path, "")) == (
-        "emulated boards hear through walls: the brick that radio preset 'chapter' has for them is left out"
+@pytest.mark.parametrize("name", [*PRESETS, "the shipped scenarios"])
+def test_what_they_have_is_not_refused(name: str, tmp_path: Path) -> None:
+    """All of the air: presets, walls, materials, shadowing, Wi-Fi, jammers; and the shipped scenarios."""
+    if name not in PRESETS:
+        for file in ("head_on.toml", "chapter.toml"):
+            check(load_scenario(ROOT / "scenarios" / file))
+        return
+    text = f'[radio]\npreset = "{name}"\nwalls = "concrete"\nshadowing_db = 4\ncorrelation_distance = 1\n'
+    text += '[[wall]]\nmaterial = "glass"\nx = [11, 18]\ny = [0, 8]\n'
+    text += "[[wifi]]\nat = [5, 12]\nchannel = 1\nduty = 0.3\n"
+    text += "[[event]]\nat = 5\njam = [9, 12.5]\nradius = 2\nduration = 1\n"
+    text += (
+        '[[event]]\nat = 6\nlose = "r1"\nof = "r2"\n[[event]]\nat = 7\nobstacle = [13, 12]\nradius = 0.3\n'
     )
-    assert note(scenario(tmp_path, '[radio]\nwalls = "air"\n')) is None
-    assert note(scenario(tmp_path, '[radio]\npreset = "ideal"\n')) is None
+    asked = scenario(tmp_path, text)
+    check(asked)
+    plan = swarm.plan(asked, RunOptions(tmp_path / "out"))
+    laboratory = Laboratory(LaboratorySetup(plan.world, plan.radio))
+    laboratory.advance(Instant(20_000), lambda jack, data: None)
+    assert laboratory.air.counters()["frames_sent"] == 0
 
 
-@pytest.mark.parametrize(("text", "channel"), [("[radio]\nchannel = 15\n", 15), ("", 26)])
+@pytest.mark.parametrize(("text", "channel"), [("[radio]\nchannel = 15\n", 15), ("", 11)])
 def test_the_boards_are_on_the_scenarios_channel(text: str, channel: int, tmp_path: Path) -> None:
     plan = swarm.plan(scenario(tmp_path, text), RunOptions(tmp_path / "out"))
     ports = hardware_in_the_loop._robot(replace(plan, isolate=False), 0, tmp_path).ports

@@ -68,6 +68,14 @@ class Medium:
         """Up to, and without, this instant everything has happened."""
         return int(self._state.medium["now_ns"])
 
+    @property
+    def wake_ns(self) -> int | None:
+        """The first instant at which something is due at a transceiver; None: nothing is."""
+        medium, requests = self._state.medium, self._outside.requests
+        due = [int(self._state.agenda["instant_ns"][0])] if medium["due"] else []
+        due += requests["instant_ns"][medium["next_request"] :][:1].tolist()
+        return min(due, default=None)
+
     def place(self, positions: NDArray[np.float64]) -> None:
         """From now on the transceivers stand still: (n, 2), m."""
         positions = np.array(positions, dtype=np.float64)
@@ -89,6 +97,12 @@ class Medium:
         if len(self._interference) > len(now_mw):
             silent = np.zeros((1, len(self._transceivers)))
             self._outside = self._outside._replace(now_mw=np.concatenate([now_mw, silent]))
+
+    def set_power(self, transceiver: int, tx_power_dbm: float) -> None:
+        """It sends its next frames with that power."""
+        if self._tx_dbm[transceiver] != tx_power_dbm:
+            self._tx_dbm[transceiver] = tx_power_dbm
+            self._state.transceivers["known"][transceiver] = False
 
     def offer(self, transceiver: int, traffic: Traffic) -> None:
         """From now on the medium hands the transceiver frames by itself; their tag is -1."""

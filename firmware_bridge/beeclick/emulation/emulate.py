@@ -5,13 +5,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from actors.instant import START
+from actors.radio.radio_setup import RadioSetup
 from actors.runtime.client_options import ArgumentError, ArgumentParser
 from actors.runtime.errors import AcrcError
+from actors.world.physics import SUBSTEP
+from firmware_bridge.beeclick.emulation.air import Air, State, air
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.emulation.emulated_medium import EmulatedMedium, MediumParameters, Place
 from firmware_bridge.beeclick.emulation.pty import serve
 
 _MOST = 100
@@ -23,24 +23,26 @@ def main(argv: Sequence[str]) -> int:
         options = _parse(argv)
         options.links.mkdir(parents=True, exist_ok=True)
         links = [options.links / f"board{number}" for number in range(1, options.boards + 1)]
-        serve(room(options.boards, options.spacing, options.loss, options.seed), links)
+        serve(room(options.boards, options.spacing, options.seed), links)
     except (AcrcError, OSError) as error:
         sys.stderr.write(f"{error}\n")
         return 2
     return 0
 
 
-def room(boards: int, spacing: float, loss: float, seed: int) -> EmulatedMedium:
-    """So many boards in a row, `spacing` m apart."""
-    medium = EmulatedMedium(np.random.default_rng(seed), MediumParameters(loss=loss))
-    for number in range(boards):
-        medium.add(EmulatedBoard(medium, START), standing(number * spacing, 0.0))
-    return medium
+def room(boards: int, spacing: float = 2.0, seed: int = 1) -> Air:
+    """So many boards with the addresses 1, 2, … in a row, `spacing` m apart, and nothing between them."""
+    addresses = tuple((f"board{number}", number) for number in range(1, boards + 1))
+    where = air(RadioSetup(seed, SUBSTEP, addresses, "beeclick"))
+    for _ in addresses:
+        where.add(EmulatedBoard(where, START))
+    where.place(START, [standing(number * spacing, 0.0) for number in range(boards)])
+    return where
 
 
-def standing(x: float, y: float) -> Place:
-    """A place that stays where it is, m."""
-    return lambda _: (x, y)
+def standing(x: float, y: float) -> State:
+    """The state of what stands there, m."""
+    return (x, y, 0.0, 0.0, 0.0, 0.0)
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:
@@ -59,15 +61,10 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
         metavar="M",
         help="they stand in a row, so far apart  [default: 2]",
     )
-    parser.add_argument(
-        "--loss", type=float, default=0.0, metavar="P", help="share of frames lost at random  [default: 0]"
-    )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of what is random  [default: 1]")
     options = parser.parse_args(argv)
     if not 1 <= options.boards <= _MOST:
         raise ArgumentError(f"There cannot be {options.boards} boards; it must be 1 to {_MOST}.")
-    if not 0.0 <= options.loss <= 1.0:
-        raise ArgumentError(f"A share of {options.loss:g} of the frames cannot be lost; it must be 0 to 1.")
     return options
 
 

@@ -1,7 +1,7 @@
 """A BEE-click board as its firmware makes it, faults included; without I/O.
 
 Source: d3scomp/beeclickarm, branch robot-additions. Not modelled: the interrupts' races that mix answers (see
-`line.Disturbance`), and that the receiver is off while a frame is read out of it.
+`line.Disturbance`). That the receiver is off while a frame is read out of it is the radio preset's.
 """
 
 from collections import deque
@@ -10,9 +10,8 @@ from dataclasses import dataclass, field
 from typing import Final, Protocol, TypeVar
 
 from actors.instant import Duration, Instant, milliseconds, seconds
-from actors.messages import FRAME_DATA_LIMIT
-from actors.radio import frame_codec
-from actors.radio.frame_codec import DataFrame, FrameError
+from actors.messages import FRAME_DATA_LIMIT, RadioEvent, Sent
+from actors.radio.frame_codec import DataFrame
 from firmware_bridge.beeclick.answers import (
     AddressSet,
     Answer,
@@ -47,10 +46,10 @@ W = TypeVar("W")
 class Radio(Protocol):
     """The medium, as a board's transceiver finds it."""
 
-    def transmit(self, board: "EmulatedBoard", now: Instant, psdu: bytes) -> None:
-        """Send a frame, header to FCS; `board.finished` says when that is over."""
+    def transmit(self, device: "EmulatedBoard", now: Instant, tag: int, data: bytes) -> None:
+        """Send a frame; the board's `finished` says when that is over."""
 
-    def silence(self, board: "EmulatedBoard") -> None:
+    def silence(self, device: "EmulatedBoard") -> None:
         """Send no more of what that board has been sending."""
 
 
@@ -85,7 +84,7 @@ class EmulatedBoard:
     def __init__(self, radio: Radio, now: Instant, parameters: BoardParameters = DEFAULTS) -> None:
         self._radio = radio
         self._p = parameters
-        self.counters = dict.fromkeys(("transmitted", "heard", "foreign", "lost", "crashes", "reboots"), 0)
+        self.counters = dict.fromkeys(("transmitted", "heard", "lost", "crashes", "reboots"), 0)
         self._start(now)
 
     def _start(self, now: Instant) -> None:
@@ -164,20 +163,16 @@ class EmulatedBoard:
 
     # --- the medium --------------------------------------------------------------------------------------
 
-    def finished(self, now: Instant, succeeded: bool) -> None:
+    def finished(self, now: Instant, end: RadioEvent) -> None:
         """The radio has done with the frame."""
+        succeeded = isinstance(end, Sent)
         if self._busy:
             self._held.append(succeeded)
             return
         self._unless_hung(self._radio_says, now, succeeded)
 
-    def heard(self, now: Instant, psdu: bytes, rssi: int, lqi: int) -> None:
-        """A frame, header to FCS, with the codes of the chip."""
-        try:
-            frame = frame_codec.decode(psdu)
-        except FrameError:
-            self.counters["foreign"] += 1
-            return
+    def heard(self, now: Instant, frame: DataFrame, rssi: int, lqi: int) -> None:
+        """A frame, with the codes of the chip."""
         packet = ReceivedPacket(frame.pan, frame.source, rssi, lqi, frame.check, frame.data)
         if not self._busy:
             self._unless_hung(self._radio_says, now, packet)
@@ -296,8 +291,7 @@ class EmulatedBoard:
         if length > FRAME_DATA_LIMIT:  # what the chip makes of it is not known
             self._fails = now
             return
-        frame = DataFrame(self.pan, self.address, command[6 : 6 + length])
-        self._radio.transmit(self, now, frame_codec.encode(frame))
+        self._radio.transmit(self, now, 0, command[6 : 6 + length])
 
     def _do(self, now: Instant, command: bytes) -> None:
         match command[0]:

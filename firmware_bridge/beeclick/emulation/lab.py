@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from actors.instant import Duration, Instant, milliseconds
+from firmware_bridge.beeclick.emulation.air import Air
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.emulation.emulated_medium import EmulatedMedium, advance
 from firmware_bridge.beeclick.emulation.line import CLEAN, Disturbance
 from firmware_bridge.beeclick.events import Event
 from firmware_bridge.beeclick.link import Link
@@ -69,14 +69,14 @@ class Lab:
 
     def __init__(
         self,
-        medium: EmulatedMedium,
+        air: Air,
         desks: Sequence[Desk],
         rng: np.random.Generator,
         poll: Duration = _POLL,
     ) -> None:
         self.now = Instant(0)
         self.desks = desks
-        self._medium = medium
+        self._air = air
         self._rng = rng
         self._poll = poll
         for desk in desks:
@@ -87,6 +87,6 @@ class Lab:
         until = self.now + duration
         while self.now < until:
             self.now = Instant(min(self.now + self._poll, until))
-            advance(self._medium, self.now)
+            self._air.advance(self.now)
             for desk in self.desks:
                 desk.serve(self.now, self._rng)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.instant import Instant
-from firmware_bridge.beeclick.emulation.emulated_medium import EmulatedMedium, advance
+from firmware_bridge.beeclick.emulation.air import Air
 from firmware_bridge.emulation import run_until_stopped
 from firmware_bridge.pseudo_terminal import PseudoTerminal
 
@@ -15,22 +15,22 @@ _ROUND_S: Final = 0.001
 """Longest wait for bytes from a host, s."""
 
 
-def serve(medium: EmulatedMedium, links: Sequence[Path]) -> None:
-    """Be the medium's boards at those paths until SIGTERM or SIGINT. Raises LinkError."""
+def serve(air: Air, links: Sequence[Path]) -> None:
+    """Be the air's boards at those paths until SIGTERM or SIGINT. Raises LinkError."""
     with ExitStack() as stack:
         lines = [stack.enter_context(PseudoTerminal(link)) for link in links]
 
         def wait_and_exchange(now: Callable[[], Instant]) -> None:
             time.sleep(_ROUND_S)
-            exchange(medium, lines, now())
+            exchange(air, lines, now())
 
         run_until_stopped(f"boards at {', '.join(map(str, links))}", wait_and_exchange)
 
 
-def exchange(medium: EmulatedMedium, lines: Sequence[PseudoTerminal], now: Instant) -> None:
+def exchange(air: Air, lines: Sequence[PseudoTerminal], now: Instant) -> None:
     """Let the boards take and give on their lines what they have taken and given by `now`."""
-    advance(medium, now)
-    for board, line in zip(medium.boards, lines, strict=True):
+    air.advance(now)
+    for board, line in zip(air.devices, lines, strict=True):
         if data := line.read(0.0):
             board.take(now, data)
         line.write(board.run(now))

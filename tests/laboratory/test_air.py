@@ -1,0 +1,242 @@
+"""One air: what boards and simulated transceivers in a laboratory hear is what a simulated radio says."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+
+from actors.instant import START, Instant
+from actors.messages import (
+    RECEIVED,
+    TRANSMIT,
+    TRUTH,
+    Heard,
+    Jam,
+    Loss,
+    Outgoing,
+    Received,
+    RobotTruth,
+    Transmit,
+    Truth,
+)
+from actors.radio.program import build
+from actors.radio.propagation.interferers import WifiParameters
+from actors.radio.propagation.walls import WallPatch
+from actors.radio.radio_model import radio_model
+from actors.radio.radio_setup import RadioSetup
+from actors.radio.signal_codes import rssi_codes, rssi_dbm
+from firmware_bridge.beeclick.commands import SetChannel, Synchronise, encode
+from firmware_bridge.beeclick.emulation.air import Air, Device, State, air
+from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
+from firmware_bridge.beeclick.events import Event
+from firmware_bridge.beeclick.link import Link
+from firmware_bridge.beeclick.parameters import BoardSettings
+from firmware_bridge.transceiver_line import Transceiver, TransceiverLink
+from tests.laboratory.hosts import ROOT
+
+STEP = 10_000
+"""µs; a sub-step of the physics, after which a laboratory tells its air where everybody is."""
+STEPS = 400
+ROBOTS = ("r1", "r2", "r3", "r4")
+DRIVEN: Sequence[State] = (
+    (12.5, 3.0, 0.0, 0.0, 0.4, 0.0),
+    (17.4, 5.0, 0.0, 0.0, 0.2, 0.1),  # behind two walls of the first one's office
+    (13.0, 12.5, 0.0, 0.3, 0.0, 0.0),
+    (20.0, 12.0, 0.0, 0.0, 0.0, 0.0),
+)
+CORRIDOR = str(ROOT / "maps/corridor.yaml")
+ADDRESSES = tuple((robot, number) for number, robot in enumerate(ROBOTS, start=1))
+PLAIN = RadioSetup(7, STEP, ADDRESSES, "chapter", CORRIDOR)
+ROUGH = RadioSetup(
+    7, STEP, ADDRESSES, "beeclick", CORRIDOR, "concrete", (WallPatch("glass", (13.0, 17.0), (0.0, 8.0)),),
+    6.0, 2.0, 15, (WifiParameters(14.0, 8.0, 5, 0.5),),
+)  # fmt: skip
+JAM, LOSS = Jam(13.0, 12.5, 3.0, 2_500_000), Loss("r2", "r1")
+
+
+def states(step: int) -> list[State]:
+    """Where they are at a step's start; they drive on as they did."""
+    return [
+        (x + vx * step / 100, y + vy * step / 100, heading, vx, vy, omega)
+        for x, y, heading, vx, vy, omega in DRIVEN
+    ]
+
+
+class WatchedAir:
+    """Keeps what devices have handed it, by step."""
+
+    def __init__(self, inner: Air) -> None:
+        self._inner = inner
+        self.handed: dict[tuple[int, int], list[Outgoing]] = {}
+
+    def transmit(self, device: Device, now: Instant, tag: int, data: bytes) -> None:
+        number = self._inner._number(device)
+        self.handed.setdefault((now // STEP, number), []).append(Outgoing(tag, now, data))
+        self._inner.transmit(device, now, tag, data)
+
+    def silence(self, device: Device) -> None:
+        self._inner.silence(device)
+
+
+class Room:
+    """Hosts with their links, that talk at random over boards or without."""
+
+    def __init__(self, setup: RadioSetup, without_board: Sequence[str] = ()) -> None:
+        self.air = air(setup)
+        self.watched = WatchedAir(self.air)
+        channel = radio_model(setup).parameters.channel
+        self.links: list[Link | TransceiverLink] = []
+        for robot, address in ADDRESSES:
+            settings = BoardSettings(address, channel)
+            board: Device
+            if robot in without_board:
+                board = Transceiver(self.watched, settings)
+                self.links.append(TransceiverLink())
+            else:
+                board = EmulatedBoard(self.watched, START)
+                board.channel = settings.channel - 11  # tuned from the start, as a simulated transceiver is
+                self.links.append(Link(settings))
+            self.air.add(board)
+        for link in self.links:
+            link.connect(START)
+        self.events: list[list[Event]] = [[] for _ in ROBOTS]
+
+    def run(self, jam_at: int, lose_at: int) -> None:
+        """Talk for `STEPS`; hosts look after their lines every ms."""
+        rng = np.random.default_rng(3)
+        for step in range(STEPS):
+            if step == jam_at:
+                self.air.jam(Instant(step * STEP), (JAM,))
+            if step == lose_at:
+                self.air.withhold(0, 1)
+            self.air.place(Instant(step * STEP), states(step))
+            for ms in range(10):
+                self._serve(Instant(step * STEP + 1000 * ms), rng, talk=20 < step < STEPS - 20)
+        self.air.advance(Instant(STEPS * STEP))
+
+    def _serve(self, now: Instant, rng: np.random.Generator, *, talk: bool) -> None:
+        self.air.advance(now)
+        for number, (link, device) in enumerate(zip(self.links, self.air.devices, strict=True)):
+            if talk and rng.random() < 0.03:
+                link.send(now, int(rng.integers(1 << 30)), rng.bytes(int(rng.integers(1, 119))))
+            self.events[number] += link.take(now, device.run(now))
+            device.take(now, link.due(now))
+
+    def heard(self, number: int) -> list[tuple[int, float, int, bytes]]:
+        """What a host has heard: sender, strength, quality, data."""
+        events = (event for event in self.events[number] if isinstance(event, Heard))
+        return [(event.sender, event.rssi_dbm, event.lqi, event.data) for event in events]
+
+
+def simulated(
+    setup: RadioSetup, handed: Mapping[tuple[int, int], Sequence[Outgoing]], jam_at: int, lose_at: int
+) -> tuple[list[list[Heard]], dict[str, dict[str, int]]]:
+    """What a simulated run's radio makes of the same frames: what is heard by number, and the counters."""
+    core = build(setup)
+    heard: list[list[Heard]] = [[] for _ in ROBOTS]
+    for step in range(STEPS):
+        frames = [tuple(handed.get((step, number), ())) for number in range(len(ROBOTS))]
+        robots = tuple(
+            RobotTruth(robot, *state, True, True, len(sent))
+            for robot, state, sent in zip(ROBOTS, states(step), frames, strict=True)
+        )
+        jams, losses = ((JAM,) if step == jam_at else ()), ((LOSS,) if step == lose_at else ())
+        inputs = {TRUTH.key(): Truth(step, Instant(step * STEP), robots, jams, losses=losses)} | {
+            TRANSMIT.key(robot): Transmit(step, sent)
+            for robot, sent in zip(ROBOTS, frames, strict=True)
+            if sent
+        }
+        for output in core.advance(inputs):
+            if isinstance(output.message, Received):
+                number = [RECEIVED.key(robot) for robot in ROBOTS].index(output.address.key)
+                heard[number] += [event for event in output.message.events if isinstance(event, Heard)]
+    return heard, core.counters_by_robot()
+
+
+@pytest.mark.parametrize(
+    ("setup", "causes"),
+    [
+        (PLAIN, ("below_sensitivity", "disturbed", "half_duplex", "collision", "withheld")),
+        (ROUGH, ("below_sensitivity", "disturbed", "half_duplex", "collision", "withheld")),
+        (RadioSetup(7, STEP, ADDRESSES, "rosomnet", CORRIDOR), ("below_sensitivity",)),
+        (RadioSetup(7, STEP, ADDRESSES, "ns3", CORRIDOR), ("collision",)),
+        (RadioSetup(7, STEP, ADDRESSES, "ideal"), ("collision",)),
+    ],
+    ids=("chapter", "beeclick, concrete, glass, shadowing, Wi-Fi", "rosomnet", "ns3", "ideal"),
+)
+@pytest.mark.parametrize("without_board", [(), ("r2", "r3"), ROBOTS], ids=("boards", "mixed", "none"))
+def test_boards_and_simulated_transceivers_lose_the_same_frames_for_the_same_causes(
+    setup: RadioSetup, causes: Sequence[str], without_board: Sequence[str]
+) -> None:
+    room = Room(setup, without_board)
+    room.run(jam_at=150, lose_at=50)
+    frames, counters = simulated(setup, room.watched.handed, jam_at=150, lose_at=50)
+    assert room.air.counters_by_robot(ROBOTS) == counters
+    for number, events in enumerate(frames):
+        expected = [(event.sender, event.rssi_dbm, event.lqi, event.data) for event in events]
+        assert room.heard(number) == expected
+    total = sum(map(Counter, counters.values()), Counter[str]())
+    assert total["frames_sent"] > 100
+    assert [cause for cause in causes if not total[f"copies_lost_{cause}"]] == []
+    assert room.air.counters()["copies_heard"] == sum(map(len, frames)) > 50
+
+
+def test_walls_part_boards_as_they_part_simulated_transceivers() -> None:
+    """The share of lost copies with walls and without, for boards: what the counters above are equal in."""
+    lost = {}
+    for walls in ("brick", "air"):
+        room = Room(RadioSetup(7, STEP, ADDRESSES, "chapter", CORRIDOR, walls))
+        room.run(jam_at=-1, lose_at=-1)
+        counts = room.air.counters()
+        copies = sum(count for name, count in counts.items() if name.startswith("copies_"))
+        lost[walls] = counts["copies_lost_below_sensitivity"] / copies
+    assert lost["brick"] > lost["air"] + 0.2, lost
+
+
+def test_a_board_on_another_channel_is_heard_there_only_and_comes_back() -> None:
+    room = air(RadioSetup(1, STEP, ADDRESSES[:2], "beeclick"))
+    boards = [EmulatedBoard(room, START) for _ in range(2)]
+    for board in boards:
+        room.add(board)
+    heard = []
+    now = START
+    for code in (4, 0, 4):
+        boards[1].take(now, b"\xff" + encode(Synchronise()) + encode(SetChannel(code)))
+        now = Instant(now + 20_000)
+        room.advance(now)
+        room.transmit(boards[0], now, 1, b"on 11")
+        now = Instant(now + 20_000)
+        room.advance(now)
+        heard.append(boards[1].counters["heard"])
+    assert heard == [0, 1, 1]
+    assert room.counters()["frames_sent"] == 3 and room.counters()["copies_heard"] == 1
+
+
+def test_a_boards_power_counts_from_the_presets() -> None:
+    """At -10 dBm, as every host sets it, it sends with the preset's power; at 0 dBm with 10 dB more."""
+    strengths = []
+    for preset, power_dbm in (("beeclick", -10.0), ("beeclick", 0.0), ("rosomnet", -10.0), ("rosomnet", 0.0)):
+        room = air(RadioSetup(1, STEP, ADDRESSES[:2], preset))
+        link = TransceiverLink()
+        settings = BoardSettings(1, radio_model(RadioSetup(1, STEP, (), preset)).parameters.channel)
+        room.add(Transceiver(room, BoardSettings(1, settings.channel, power_dbm=power_dbm)))
+        receiver = Transceiver(room, settings)
+        room.add(receiver)
+        link.connect(START)
+        receiver.take(START, link.due(START))
+        room.place(START, [(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0, 0.0, 0.0)])
+        room.transmit(room.devices[0], START, 1, b"hello")
+        room.advance(Instant(50_000))
+        (heard,) = link.take(Instant(50_000), receiver.run(Instant(50_000)))
+        assert isinstance(heard, Heard)
+        strengths.append(heard.rssi_dbm)
+    weak, strong, faint, less_faint = strengths
+    assert strong - weak == pytest.approx(10.0, abs=0.2)
+    assert less_faint - faint == pytest.approx(10.0, abs=0.2)
+    assert weak - faint == pytest.approx(22.58, abs=0.3)
+
+
+def test_every_code_of_a_strength_survives_the_way_over_the_air() -> None:
+    codes = np.arange(256)
+    assert rssi_codes(np.array([rssi_dbm(code) for code in codes.tolist()])).tolist() == codes.tolist()
