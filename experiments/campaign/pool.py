@@ -6,6 +6,7 @@ import time
 from typing import Final, NamedTuple, Protocol, Self
 
 from deploy.processes.launch import Child, Launcher, Program
+from deploy.processes.log_end import last_line
 from experiments.campaign.store import Pending, Store
 
 _TRIAL: Final = "experiments.campaign.trial_program"
