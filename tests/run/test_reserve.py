@@ -106,7 +106,7 @@ def told(folder: Path) -> str:
 @pytest.mark.parametrize("name", HOARDS)
 def test_who_takes_all_memory_is_named_wherever_it_ends(tmp_path: Path, name: str, kind: int) -> None:
     """The distance to the limit decides in which call the last byte goes; so many are tried."""
-    for left_kb in range(300, 5000, 389):
+    for left_kb in range(300, 4000, 613):
         folder = tmp_path / str(left_kb)
         folder.mkdir()
 
@@ -126,7 +126,7 @@ def test_who_takes_all_memory_is_named_wherever_it_ends(tmp_path: Path, name: st
 
 @pytest.mark.parametrize("name", ["objects", "all sizes"])
 def test_a_program_that_replays_answers_although_its_code_takes_all_memory(tmp_path: Path, name: str) -> None:
-    for left_kb in range(300, 5000, 1009):
+    for left_kb in range(300, 4000, 1511):
 
         def replayed(left_kb: int = left_kb) -> None:
             reserve.hold(tmp_path)

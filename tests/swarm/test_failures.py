@@ -221,7 +221,7 @@ def in_step_20(out: Path) -> bool:
     return max(steps, default=0) >= 19
 
 
-@pytest.mark.parametrize("behaviour", ["vforks", "never_returns"])
+@pytest.mark.parametrize("behaviour", ["vforks", pytest.param("never_returns", marks=pytest.mark.nightly)])
 def test_in_memory_who_never_returns_from_the_kernel_or_from_c_is_ended_and_named(
     tmp_path: Path, behaviour: str
 ) -> None:
@@ -233,15 +233,19 @@ def test_in_memory_who_never_returns_from_the_kernel_or_from_c_is_ended_and_name
     assert acrc("record", "check", tmp_path / "out").returncode == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("behaviour", ["vforks", "never_returns", "catches_all"])
+@pytest.mark.parametrize(
+    ("behaviour", "number"),
+    [
+        ("vforks", signal.SIGTERM),
+        ("never_returns", signal.SIGINT),
+        pytest.param("catches_all", signal.SIGINT, marks=pytest.mark.nightly),
+    ],
+)
 def test_in_memory_ctrl_c_ends_who_does_not_heed_it(
     tmp_path: Path, behaviour: str, number: signal.Signals
 ) -> None:
-    if (behaviour, number) == ("catches_all", signal.SIGTERM):
-        return  # as SIGINT
-    process = in_memory(tmp_path / "out", behaviour, 600)
-    until(lambda: in_step_20(tmp_path / "out"), timeout_s=100)
+    process = in_memory(tmp_path / "out", behaviour, 100)
+    until(lambda: in_step_20(tmp_path / "out"), timeout_s=80)
     process.send_signal(number)
     _, said = process.communicate(timeout=100)
     assert process.returncode == -signal.SIGKILL
