@@ -16,24 +16,14 @@ from actors.runtime.isolation.neutral import FOLDER, code
 from actors.runtime.process import RunNote
 from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.world.world_setup import WorldSetup
+from deploy.run.real_names import NAMES, RealNames
 
 _MAP: Final = Path("map", "map.yaml")
 _MODEL: Final = "model.toml"
 _CODE: Final = "--path"
 _RECORDING: Final = "--record"
-NAMES: Final = "names.json"
-"""File in a run's folder with what isolated robots saw under other names."""
 _MOST_NAMES: Final = 100_000
 """Bytes of it."""
-
-
-class RealNames(msgspec.Struct, frozen=True):
-    """What was called otherwise for the robots of a run; absolute paths."""
-
-    out: str
-    """The run's folder; a robot's own lies in it."""
-    code: tuple[str, ...] = ()
-    """The folders that a strategy was looked for in."""
 
 
 def run_of(path: Path) -> RunNote:

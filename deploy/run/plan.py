@@ -22,9 +22,9 @@ from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies.registry import STRATEGIES
 from deploy.processes.launch import Program
 from deploy.processes.silence import Timeout
-from deploy.replay.moved_runs import NAMES, RealNames
 from deploy.run import scenario_copy
 from deploy.run.out_folder import make_folder
+from deploy.run.real_names import NAMES, RealNames
 
 
 class Debugged(NamedTuple):

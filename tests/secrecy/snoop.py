@@ -19,7 +19,8 @@ HERE = Path(__file__).parent
 LARGEST = 8_000_000
 """Bytes of a file that are read."""
 PAGE = 4096
-CIPHER = bytes(byte ^ 0x5A for byte in range(256))
+CIPHER = bytes((byte + 77) % 256 for byte in range(256))
+"""Twice applied it is no plain text again."""
 NEVER_ENDING = ("zero", "full", "random", "urandom")
 CODE_OF_ALL = ("/usr", "/lib", "/lib32", "/lib64", "/libx32", "/bin", "/sbin", "/opt", "/etc", "/nix", "/gnu")
 """The system's own files, which know nothing of a run."""
