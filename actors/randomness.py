@@ -20,11 +20,25 @@ def generator(seed: int, purpose: str, actor: str, epoch: int = 0) -> Generator:
     return Generator(PCG64(SeedSequence(seed, spawn_key=key)))
 
 
-def derived_seed(seed: int, actor: str) -> int:
+def keyed_seed(seed: int, key: str, part: str) -> int:
+    """The seed (63 bits) of one part of a run of `seed` and `key`, hexadecimal digits; "": `seed` itself.
+
+    Without the key it can neither be computed from `seed`, nor from other parts' (BLAKE2b, RFC 7693, keyed).
+    """
+    if not key:
+        return seed
+    told = hashlib.blake2b(f"{seed} {part}".encode(), key=bytes.fromhex(key), digest_size=8)
+    return int.from_bytes(told.digest(), "big") >> 1
+
+
+def derived_seed(seed: int, actor: str, key: str = "") -> int:
     """The seed (63 bits) of all that `actor` draws in a run of `seed`; tells nothing of the others'.
 
-    Only as secret as the run's seed is hard to guess: whoever tries all small seeds will find it.
+    Without a key it is only as secret as the run's seed is hard to guess: whoever tries all small seeds will
+    find it.
     """
+    if key:
+        return keyed_seed(seed, key, f"robot {actor}")
     state = SeedSequence(seed, spawn_key=(*_words("seed"), *_words(actor))).generate_state(1, np.uint64)
     return int(state[0]) >> 1
 

@@ -10,7 +10,7 @@ class RadioSetup(msgspec.Struct, frozen=True):
     """The robots with transceivers, and the radio's model; what is None is as the preset has it."""
 
     seed: int
-    """The run's seed, for everything random on the medium."""
+    """Of everything random on the medium; the run's, if that has no key."""
     step_us: int
     """Length of a step, µs."""
     robots: tuple[tuple[str, int], ...]

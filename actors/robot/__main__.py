@@ -17,10 +17,9 @@ from dataclasses import replace
 from actors.robot import assembly, program
 from actors.runtime import debugger, prints
 from actors.runtime.access.rules import client_config
-from actors.runtime.client_options import own_folder
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.neutral import RECORDING
 from actors.runtime.isolation.resource_limits import enforce
-from actors.runtime.isolation.sandbox import Confinement, isolate
 from actors.runtime.lifecycle.failure import failure_note
 from actors.runtime.lifecycle.parent import answer_where, die_with_parent, leave
 from actors.runtime.process import ActorProcess, play
@@ -54,21 +53,11 @@ def main(argv: Sequence[str]) -> int:
     answer_where()
     try:
         options = program.parse(argv)
-        assembly.kernels()  # compiled while the cache can still be written
-        recorder = Recorder(options.client.record, options.setup.step_us)  # in a folder that is closed later
-        if options.isolate:
-            folder = options.client.record.resolve().parent
-            isolate(
-                Confinement(
-                    own=own_folder(folder),
-                    hidden=(folder.parent, *options.hidden),
-                    readable=(folder,),
-                    code=options.path,
-                    descriptors=(1, 2, recorder.fileno()),
-                    parent=parent if options.client.with_parent else None,
-                )
-            )
-        elif options.client.with_parent:
+        assembly.kernels()
+        recorder = Recorder(
+            options.client.record, options.setup.step_us, RECORDING if options.isolate else None
+        )
+        if options.client.with_parent and not options.isolate:  # else its keeper sees to that
             die_with_parent(parent)
         if options.debugger:
             debugger.stop_at(options.debugger)

@@ -46,11 +46,9 @@ class RobotOptions:
     limits: ProcessLimits | None
     """What its process may have; None: whatever there is."""
     isolate: bool
-    """Shut the process off from everything but the router."""
+    """The process is shut off from everything but the router, and its recording is open (see `neutral`)."""
     preflight_s: float | None
     """Only make the robot, in at most so many seconds, and end."""
-    hidden: tuple[Path, ...]
-    """What it must not see then, although it lies beside its code: the scenario."""
     debugger: str | None
     """The terminal at which breakpoints stop; empty: they do nothing; None: they fail."""
     client: ClientOptions
@@ -128,7 +126,6 @@ def parse(argv: Sequence[str]) -> RobotOptions:
         limits=None if given.limit is None else limits(tuple(filter(None, given.limit))),
         isolate=given.isolate,
         preflight_s=given.preflight,
-        hidden=tuple(given.hide),
         debugger=given.debugger,
         client=client_options(given),
     )
@@ -173,13 +170,15 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--path", type=Path, action="append", default=[], help="folder with the behaviour's module"
     )
-    parser.add_argument("--isolate", action="store_true", help="shut off from all but the router")
+    parser.add_argument(
+        "--isolate", action="store_true", help="it is shut off; its recording is open at descriptor 3"
+    )
     parser.add_argument(
         "--limit", action="append", help="limit of the process, name=number; '' for the default"
     )
     parser.add_argument(
-        "--hide", type=Path, action="append", default=[], help="not to be seen when shut off: the scenario"
-    )
+        "--hide", action="append", help=argparse.SUPPRESS
+    )  # in recordings of earlier versions
     parser.add_argument("--debugger", metavar="TTY", help="where breakpoints stop; '': nowhere")
     parser.add_argument("--preflight", type=float, metavar="S", help="only make the robot, within S seconds")
     add_client_options(parser)

@@ -53,16 +53,16 @@ class Bodies:
         poses = [Pose(*robot.start) for robot in setup.robots]
         self._names = names = [robot.id for robot in setup.robots]
         self._arena = Arena(outline(grid), names, self._models, poses)
-        noise = [generator(setup.seed, "range noise", name) for name in names]
+        noise = [generator(setup.world_seed, "range noise", name) for name in names]
         dropout = setup.uncertainty.dropout
-        dropouts = [generator(setup.seed, "range dropout", name) for name in names]
+        dropouts = [generator(setup.world_seed, "range dropout", name) for name in names]
         self._sensors = RangeSensors(visible, self._models, noise, dropout, dropouts)
         self._doors = Doors(grid, visible, max(model.footprint.circumradius for model in self._models))
         self._odometers = Odometers(
             [robot.odometry for robot in setup.robots],
             self._models,
             self._arena.poses,
-            [generator(setup.seed, "odometry", name) for name in names],
+            [generator(setup.world_seed, "odometry", name) for name in names],
             SUBSTEP,
             stage,
             kobuki,
@@ -196,7 +196,7 @@ def real_floor(setup: WorldSetup, models: Sequence[RobotModel]) -> RealFloor:
     """The floor of a run, on which all robots can stand where they start. Raises MapError, PlacementError."""
     kept_off = [Point(*robot.start[:2]) for robot in setup.robots]
     kept_off += [Point(*place) for robot in setup.robots for place in robot.places]
-    chance = generator(setup.seed, "uncertainty", "world")
+    chance = generator(setup.world_seed, "uncertainty", "world")
     real = floor(load_map(Path(setup.map)), setup.uncertainty, chance, kept_off)
     for robot, model in zip(setup.robots, models, strict=True):
         check_pose(real.solid, Point(*robot.start[:2]), model.footprint.inradius, robot.id)

@@ -3,6 +3,7 @@
 import msgspec
 
 from actors.orders import Order
+from actors.randomness import derived_seed, keyed_seed
 from actors.robot_model import OdometryKind
 from actors.world.uncertainty import Uncertainty
 
@@ -46,3 +47,14 @@ class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     reach: float = 0.7
     """A place counts as visited when ground truth was within so many metres: the 0.5 m at which robots report
     it (d3scomp's testbed), and 0.2 m for what a robot that is not lost may err about where it is."""
+    key: str = ""
+    """Hexadecimal digits without which nothing that is drawn follows from `seed`; empty: there is none."""
+
+    @property
+    def world_seed(self) -> int:
+        """The seed of what the world draws."""
+        return keyed_seed(self.seed, self.key, "world")
+
+    def robot_seed(self, robot: str) -> int:
+        """The seed of what a robot draws."""
+        return derived_seed(self.seed, robot, self.key)

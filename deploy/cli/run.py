@@ -17,6 +17,9 @@ def run(
     scenario: ScenarioFile = None,
     robots: Robots = None,
     seed: Seed = None,
+    key: Annotated[
+        str | None, typer.Option(metavar="HEX", help="Secret that all that is random follows from, too.")
+    ] = None,
     duration: Annotated[str | None, typer.Option(metavar="S", help="Simulated seconds.")] = None,
     step: Annotated[str | None, typer.Option(metavar="MS", help="Length of a step, 10 to 100 ms.")] = None,
     strategy: Annotated[
@@ -140,8 +143,8 @@ def run(
         from deploy.branches.command import continue_run
 
         whole = {
-            "SCENARIO": scenario, "--robots": robots, "--seed": seed, "--duration": duration, "--step": step,
-            "--isolate": isolate, "--view": view, "--robot": robot, "--control": control,
+            "SCENARIO": scenario, "--robots": robots, "--seed": seed, "--key": key, "--duration": duration,
+            "--step": step, "--isolate": isolate, "--view": view, "--robot": robot, "--control": control,
             "--debug": debug, "--speed": speed, "--hardware-in-the-loop": hardware,
             "--limit": limit, "--check": check,
         }  # fmt: skip
@@ -153,7 +156,7 @@ def run(
     from deploy.run.options import folder_name, run_options
     from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, settings
 
-    overrides = Overrides(robots, seed, duration, step, strategy, settings(setting or ()))
+    overrides = Overrides(robots, seed, key, duration, step, strategy, settings(setting or ()))
     name = folder_name(scenario or DEFAULT_SCENARIO)
     options = run_options(
         out or Path("runs", name),

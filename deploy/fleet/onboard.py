@@ -12,7 +12,7 @@ from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials
 from actors.world.world_setup import BodySetup
 from deploy.processes.launch import Program
-from deploy.run.plan import Plan, client_argv, lay_out_robot, robot_program
+from deploy.run.plan import Plan, client_argv, lay_out_robot, robot_program, write_names
 from deploy.usage import OptionError
 from firmware_bridge.onboard import last_pose
 from firmware_bridge.onboard.onboard_setup import BaseSetup, BridgeSetup
@@ -75,6 +75,7 @@ def lay_out(onboard: Onboard) -> None:
     if own.exists():
         raise OptionError(f"--out: {plan.out} has a folder of {robot.id}; must be a folder without")
     plan.out.mkdir(parents=True, exist_ok=True)
+    write_names(plan)
     lay_out_robot(plan, robot)
     base = BaseSetup(
         robot.id,

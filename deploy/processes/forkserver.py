@@ -1,14 +1,16 @@
 """A process that starts the actors, reaps whatever they leave, and ends with whoever started it.
 
-`python -m deploy.processes.forkserver FD fork|exec reap|spare` serves on a socket: `{"start": [module,
-argv, log]}` is answered by `{"started": pid}`, or by `{"refused": why}` where the log is no new file, and
-the end of a child is told as `{"ended": pid, "code": code, "strays": n}`: n processes that the child had
-started outlived it and have been ended (`reap`; `spare` leaves them alone). `fork`: it has imported and
+`python -m deploy.processes.forkserver FD fork|exec reap|spare` serves on a socket. `{"start": kind}` is
+followed by a second message, `{module, argv, log, names}`, which only the child reads: what one actor is told
+must not be in the memory of the next one. The answer is `{"started": pid}`, or `{"refused": why}` where the
+log is no new file, and the end of a child is told as `{"ended": pid, "code": code, "strays": n}`: n processes
+that the child had started outlived it and have been ended (`reap`; `spare` leaves them alone). Kinds are
+`plain` and `confined`, a robot that is shut off (see `confined`). `fork`: the server has imported and
 compiled everything once, and forks from there; `exec`: it is small, and every child begins anew. To
-`{"share": [module, words]}`, which nothing answers, a server that forks makes what `share(*words)` of the
-module gives and holds it, so that children find it in memory. It ends, and its children, when the other end
-of the socket closes. The standard library's forkserver leaves a socket file and keeps running when its parent
-is killed, see docs/decisions.
+`{"share": [module, words]}`, sent with the descriptor of a folder in which the words name files, and which
+nothing answers, a server that forks makes what `share(*words)` of the module gives and holds it, so that
+children find it in memory. It ends, and its children, when the other end of the socket closes. The standard
+library's forkserver leaves a socket file and keeps running when its parent is killed, see docs/decisions.
 """
 
 import contextlib
@@ -25,38 +27,46 @@ import time
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple, NoReturn
 
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.linux import PR_SET_CHILD_SUBREAPER, PR_SET_PDEATHSIG, prctl, set_title
 from actors.runtime.lifecycle.log import create_log, write_to
+from deploy.processes.confined import MESSAGE_LIMIT, Part, born
 
-MESSAGE_LIMIT: Final = 1 << 16
-"""Bytes of one message on the socket."""
 _GRACE_S: Final = 3.0
 """How long an actor may take to end in order once whoever wanted it is gone."""
-Enter = Callable[[str, Sequence[str]], int]
-"""Becomes an actor, in a process of its own: module, argv; its exit code, if it comes back."""
 Share = Callable[[str, Sequence[str]], object]
 """What children are to share: module, words."""
+
+
+class Log(NamedTuple):
+    """Which file a log is; not its name, which every child would find in memory."""
+
+    device: int
+    inode: int
 
 
 class Server:
     """Starts children on request and tells of their ends."""
 
-    def __init__(self, channel: socket.socket, enter: Enter, share: Share, *, reap: bool) -> None:
+    def __init__(
+        self, channel: socket.socket, share: Share | None, shared: list[object], *, reap: bool
+    ) -> None:
+        """`share`: makes what children are to share, and it is put into `shared`; None: they execute anew."""
         self._channel = channel
-        self._enter = enter
         self._share = share
-        self._shared: list[object] = []
+        self._shared = shared
         self._reaps = reap
-        self._actors: dict[int, str] = {}
+        self._actors: dict[int, Log] = {}
         """The log of each child that runs, by process id."""
         self._alarm_out, self._alarm_in = os.pipe()
+        self._part: Part | None = None
+        """In a child: what it is to become."""
 
-    def serve(self) -> None:
-        """Start on request until the other end closes; then end everything."""
+    def serve(self) -> Part | None:
+        """Start on request until the other end closes; then end everything. In a child: what it is."""
         os.set_blocking(self._alarm_in, False)
         signal.set_wakeup_fd(self._alarm_in, warn_on_full_buffer=False)
         signal.signal(signal.SIGCHLD, lambda number, frame: None)
@@ -69,63 +79,95 @@ class Server:
                 while all(self._answer(key.fd) for key, _ in selector.select()):
                     pass
             finally:
-                self._end_all()
+                if self._part is None:
+                    self._end_all()
+        return self._part
 
     def _answer(self, descriptor: int) -> bool:
-        """Do what is asked for; False once nobody is there to ask."""
+        """Do what is asked for; False once nobody is there to ask, and in a child."""
         if descriptor == self._alarm_out:
             os.read(self._alarm_out, 512)
             self._reap()
             return True
         try:
-            request = self._channel.recv(MESSAGE_LIMIT)
+            request, folders, _, _ = socket.recv_fds(self._channel, MESSAGE_LIMIT, 1)
         except ConnectionResetError:
             return False
         if not request:
             return False
         asked = json.loads(request)
         if "share" in asked:
-            with contextlib.suppress(AcrcError):  # whoever needs it makes it, and says what is wrong
-                self._shared.append(self._share(*asked["share"]))
+            self._hold(asked["share"], *folders)
             return True
-        self._start(*asked["start"])
-        return True
+        self._part = self._start(confined=asked["start"] == "confined")
+        return self._part is None
 
-    def _start(self, module: str, argv: Sequence[str], log: str) -> None:
+    def _hold(self, asked: tuple[str, Sequence[str]], folder: int) -> None:
+        """Make what is to be shared, from files whose folder has no name here."""
+        here = os.open(".", os.O_RDONLY)
+        os.fchdir(folder)
+        if self._share is not None:
+            with contextlib.suppress(AcrcError):  # whoever needs it makes it, and says what is wrong
+                self._shared.append(self._share(*asked))
+        os.fchdir(here)
+        os.close(here)
+        os.close(folder)
+
+    def _start(self, *, confined: bool) -> Part | None:
+        """Fork a child; in it, what it is to become."""
+        server = os.getpid()
+        told, tell = os.pipe()
+        pid = os.fork()
+        if not pid:
+            try:
+                os.close(told)
+                return self._become(server, tell, confined=confined)
+            except BaseException:  # the child must never return into the server's loop
+                traceback.print_exc()
+                os._exit(1)
+        os.close(tell)
+        log = os.read(told, 100)
+        os.close(told)
+        if log:
+            self._actors[pid] = Log(*map(int, log.split()))
+            self._tell({"started": pid})
+        else:
+            os.waitpid(pid, 0)  # it has said why
+        return None
+
+    def _become(self, server: int, tell: int, *, confined: bool) -> Part:
+        """In a child: find out what it is to be, and let go of the server's things."""
+        _tie_to(server)
+        os.setsid()  # a terminal's Ctrl-C passes it by, and what it starts is known by the session
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        for descriptor in (self._alarm_out, self._alarm_in):
+            os.close(descriptor)
+        if confined and self._share is not None:
+            channel = self._channel.fileno()
+            return born(lambda: json.loads(self._told(tell)), server, (channel, tell))
+        message = self._told(tell)
+        if confined:
+            return _elsewhere(message)
+        request = json.loads(message)
+        _show(Path(request["log"]).stem)
+        return Part(request["module"], tuple(request["argv"]))
+
+    def _told(self, tell: int) -> bytes:
+        """In a child: the request; from here on standard output and error lead to its log."""
+        message = self._channel.recv(MESSAGE_LIMIT)
+        log = json.loads(message)["log"]
         try:
             stream = create_log(Path(log))
         except OSError as error:
             self._tell({"refused": f"{log}: {error.strerror}"})
-            return
-        pid = self._fork(module, argv, stream, Path(log).stem)
-        os.close(stream)
-        self._actors[pid] = log
-        self._tell({"started": pid})
-
-    def _fork(self, module: str, argv: Sequence[str], log: int, actor: str) -> int:
-        server = os.getpid()
-        pid = os.fork()
-        if pid:
-            return pid
-        code = 1
-        try:
-            _tie_to(server)
-            os.setsid()  # a terminal's Ctrl-C passes it by, and what it starts is known by the session
-            signal.set_wakeup_fd(-1)
-            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-            for descriptor in (self._channel.fileno(), self._alarm_out, self._alarm_in):
-                os.close(descriptor)
-            write_to(log)
-            _show(actor)
-            code = self._enter(module, argv)
-        except SystemExit as leave:
-            code = leave.code if isinstance(leave.code, int) else 1
-        except BaseException:  # the child must never return into the server's loop
-            traceback.print_exc()
-        finally:
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(code)
+            os._exit(1)
+        self._channel.close()
+        found = os.fstat(stream)
+        os.write(tell, f"{found.st_dev} {found.st_ino}".encode())
+        os.close(tell)
+        write_to(stream)
+        return message
 
     def _reap(self) -> None:
         while True:
@@ -141,7 +183,7 @@ class Server:
                 code = os.waitstatus_to_exitcode(status)
                 self._tell({"ended": pid, "code": code, "strays": strays})
 
-    def _orphans(self, actor: int, log: str) -> set[int]:
+    def _orphans(self, actor: int, log: Log) -> set[int]:
         """What `actor`, which has ended, had started and has fallen to this process."""
         known = process_table.table()
         own = process_table.children(os.getpid(), known) - set(self._actors)
@@ -169,9 +211,9 @@ class Server:
             return  # nobody is there any more: the next request is the end of the socket
 
 
-def enter(module: str, argv: Sequence[str]) -> int:
+def enter(part: Part) -> int:
     """Run `main(argv)` of the module, or of a package's `__main__`, as exec would; its exit code."""
-    code: int = importlib.import_module(_program(module)).main(argv)
+    code: int = importlib.import_module(_program(part.module)).main(part.argv)
     return code
 
 
@@ -184,9 +226,18 @@ def share(module: str, words: Sequence[str]) -> object:
     return shared
 
 
-def execute(module: str, argv: Sequence[str]) -> int:
+def execute(part: Part) -> int:
     """Become `python -m MODULE ARGV…`."""
-    os.execv(sys.executable, [sys.executable, "-m", module, *argv])
+    os.execv(sys.executable, [sys.executable, "-m", part.module, *part.argv])
+
+
+def _elsewhere(message: bytes) -> Part:
+    """The program that makes a robot in a process of its own, with the request waiting for it."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with ours:
+        ours.send(message)
+    theirs.set_inheritable(True)
+    return Part("deploy.processes.confined", (str(theirs.detach()),))
 
 
 def _program(module: str) -> str:
@@ -196,11 +247,12 @@ def _program(module: str) -> str:
     return f"{module}.__main__" if is_package else module
 
 
-def _writes_to(pid: int, log: str) -> bool:
+def _writes_to(pid: int, log: Log) -> bool:
     try:
-        return str(Path(f"/proc/{pid}/fd/1").readlink()) == log
+        found = Path(f"/proc/{pid}/fd/1").stat()
     except OSError:
         return False
+    return (found.st_dev, found.st_ino) == log
 
 
 def _tie_to(parent: int) -> None:
@@ -241,13 +293,31 @@ def main(argv: Sequence[str]) -> int:
         gc.disable()  # until all is there, which stays
         importlib.import_module("deploy.processes.preload")
         gc.enable()
-    served: tuple[Enter, Share] = (enter, share) if how == "fork" else (execute, lambda module, words: None)
-    server = Server(channel, *served, reap=whose == "reap")
+    shared: list[object] = []  # outlives the server in each child
+    server = Server(channel, share if how == "fork" else None, shared, reap=whose == "reap")
     if sys.platform == "linux":
         prctl(PR_SET_PDEATHSIG, 0)  # from here on the end of the socket tells, and there is time for order
     channel.send(json.dumps({"ready": os.getpid()}).encode())
-    server.serve()
+    part = server.serve()
+    if part is not None:
+        del server, channel  # nothing that a child finds leads to them
+        _be(part, enter if how == "fork" else execute)
     return 0
+
+
+def _be(part: Part, become: Callable[[Part], int]) -> NoReturn:
+    """In a child: its whole life."""
+    code = 1
+    try:
+        code = become(part)
+    except SystemExit as leave:
+        code = leave.code if isinstance(leave.code, int) else 1
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
 
 
 if __name__ == "__main__":

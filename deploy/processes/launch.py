@@ -9,15 +9,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self
 
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.neutral import Names
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.environment import passed_on
-from deploy.processes.forkserver import MESSAGE_LIMIT
+from deploy.processes.confined import MESSAGE_LIMIT
 from deploy.repository import REPOSITORY
 
 
@@ -35,6 +36,8 @@ class Program:
     log: Path
     record: Path | None
     """The MCAP file that it writes; None for an observer, without which a run goes on."""
+    names: Names | None = None
+    """Of a robot that is shut off: what is called otherwise in `argv`; None: nothing is."""
 
 
 @dataclass
@@ -66,8 +69,11 @@ class Launcher(Protocol):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...
 
-    def share(self, module: str, words: Sequence[str]) -> None:
-        """Let programs that are started later find what `share(*words)` of the module gives."""
+    def share(self, module: str, words: Sequence[str], folder: Path) -> None:
+        """Let programs that are started later find what `share(*words)` of the module gives.
+
+        Files among the words are named as they lie in `folder`.
+        """
 
     def start(self, program: Program) -> Child:
         """Start one program."""
@@ -127,13 +133,19 @@ class ServedLauncher:
         if self._lost and self._reap:  # it has reaped nobody
             process_table.end_sessions(self._children)
 
-    def share(self, module: str, words: Sequence[str]) -> None:
+    def share(self, module: str, words: Sequence[str], folder: Path) -> None:
         """Let programs that are started later find what `share(*words)` of the module gives, if it forks."""
-        self._ask({"share": [module, list(words)]})
+        place = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            self._ask({"share": [module, list(words)]}, place)
+        finally:
+            os.close(place)
 
     def start(self, program: Program) -> Child:
         """Start one program."""
-        self._ask({"start": [program.module, program.argv, str(program.log)]})
+        names = None if program.names is None else asdict(program.names)
+        self._ask({"start": "plain" if names is None else "confined"})
+        self._ask({"module": program.module, "argv": program.argv, "log": str(program.log), "names": names})
         while not {"started", "refused"} & (answer := self._hear()).keys():
             pass
         if "refused" in answer:
@@ -157,9 +169,9 @@ class ServedLauncher:
             self._hear()
             timeout_s = 0.0
 
-    def _ask(self, request: dict[str, Any]) -> None:
+    def _ask(self, request: dict[str, Any], *descriptors: int) -> None:
         try:
-            self._channel.send(json.dumps(request).encode())
+            socket.send_fds(self._channel, [json.dumps(request).encode()], descriptors)
         except BrokenPipeError:
             raise self._loss() from None
 

@@ -12,14 +12,18 @@ from typing import Final
 import msgspec
 
 from actors.radio.radio_setup import RadioSetup
+from actors.runtime.isolation.neutral import FOLDER, code
 from actors.runtime.process import RunNote
 from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.world.world_setup import WorldSetup
+from deploy.run.real_names import NAMES, RealNames
 
 _MAP: Final = Path("map", "map.yaml")
 _MODEL: Final = "model.toml"
 _CODE: Final = "--path"
 _RECORDING: Final = "--record"
+_MOST_NAMES: Final = 100_000
+"""Bytes of it."""
 
 
 def run_of(path: Path) -> RunNote:
@@ -62,20 +66,48 @@ def _moved(argv: Sequence[str], path: Path) -> Iterator[str]:
     if _RECORDING not in argv[:-1]:
         yield from argv
         return
-    then = Path(argv[argv.index(_RECORDING) + 1]).parent.parent
+    record = Path(argv[argv.index(_RECORDING) + 1])
     now = path.resolve().parent.parent
+    if record.parent == FOLDER:
+        real = _names(now)
+        argv = [_called(word, real, path.resolve().parent.name) for word in argv]
+        record = Path(real.out, path.resolve().parent.name, record.name)
+    then = record.parent.parent
     before = ""
     for word in argv:
-        yield _place(word, then, now, code=before == _CODE)
+        yield _place(word, then, now, is_code=before == _CODE)
         before = word
 
 
-def _place(word: str, then: Path, now: Path, *, code: bool) -> str:
+def _names(out: Path) -> RealNames:
+    """What robots saw under other names; the folder as it is called now, where the run does not say it."""
+    file = out / NAMES
+    if not file.is_file() or file.is_symlink():
+        return RealNames(str(out))
+    with file.open("rb") as stream:
+        text = stream.read(_MOST_NAMES)
+    try:
+        return msgspec.json.decode(text, type=RealNames)
+    except (msgspec.MsgspecError, ValueError) as error:
+        raise RecordingError(f"{file}: {error}") from None
+
+
+def _called(word: str, real: RealNames, robot: str) -> str:
+    """A word as it would have been without other names."""
+    folders = zip(code(len(real.code)), real.code, strict=True)
+    for seen, path in ((FOLDER, str(Path(real.out, robot))), *folders):
+        before, here, rest = word.partition(str(seen))  # an endpoint has the socket's path in it
+        if here and rest[:1] in {"", "/"} and (not before or before.endswith("stream/")):
+            return f"{before}{path}{rest}"
+    return word
+
+
+def _place(word: str, then: Path, now: Path, *, is_code: bool) -> str:
     """Where a file or folder of the command line is; any other word as it is."""
     named = Path(word)
     if then == now or "\0" in word or not named.is_absolute():
         return word
-    if code:
+    if is_code:
         beside = Path(os.path.normpath(now / os.path.relpath(named, then)))
         return str(beside) if beside.is_dir() and not named.is_dir() else word
     if not named.is_relative_to(then):

@@ -27,7 +27,9 @@ class BranchOrigin(msgspec.Struct, frozen=True):
 
 
 class Origin(msgspec.Struct, frozen=True):
-    """Scenario, strategy and software of a run; scenario, seed and commit together determine its digest."""
+    """Scenario, strategy and software of a run; scenario, seed, key and commit together determine its
+    digest.
+    """
 
     scenario: str = ""
     """Name of the scenario's file; its content, with everything drawn, lies beside the result."""
@@ -41,6 +43,8 @@ class Origin(msgspec.Struct, frozen=True):
     """Of this software, with a plus sign where files were changed since; its version outside a clone."""
     versions: dict[str, str] = {}
     """Of Python and of the packages that matter."""
+    key: str = ""
+    """What all that is random follows from beside the seed; empty: there is none."""
     branch: BranchOrigin | None = None
     """Of a branch: where it comes from; its scenario, seed and commit do not determine its digest alone."""
 
@@ -51,7 +55,10 @@ UNKNOWN: Final = Origin()
 
 def origin(scenario: Scenario, name: str, behaviour: str, commit: str) -> Origin:
     """The origin of a run of `scenario`, whose file is called `name`."""
-    return Origin(name, scenario.run.strategy, behaviour, dict(scenario.strategy), commit, versions())
+    run = scenario.run
+    return Origin(
+        name, run.strategy, behaviour, dict(scenario.strategy), commit, versions(), key=run.key or ""
+    )
 
 
 def versions() -> dict[str, str]:

@@ -10,16 +10,18 @@ import yaml
 
 from actors.messages import ProcessOrder
 from actors.radio.radio_setup import RadioSetup
-from actors.randomness import derived_seed
 from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials, unix_endpoint
 from actors.runtime.client_options import own_folder
+from actors.runtime.isolation.neutral import FOLDER, Names
+from actors.runtime.isolation.neutral import code as seen_code
 from actors.runtime.isolation.resource_limits import ProcessLimits, as_words
 from actors.runtime.spans import Window, span_words
 from actors.world.world_setup import BodySetup, WorldSetup
 from deploy.processes.launch import Program
 from deploy.run import scenario_copy
 from deploy.run.out_folder import make_folder
+from deploy.run.real_names import NAMES, RealNames
 from deploy.run.silence import Timeout
 
 
@@ -85,6 +87,12 @@ class Plan:
             (self.out / place).parent.mkdir(exist_ok=True)
             shutil.copy(source, self.out / place)
 
+    def names(self, robot: str, record: str) -> Names:
+        """What a robot that is shut off sees under other names; `record`: the name of its recording."""
+        folder = self.folder(robot).resolve()
+        code, hidden = (tuple(str(path.absolute()) for path in some) for some in (self.modules, self.hidden))
+        return Names(str(folder), str(folder / record), code, hidden)
+
     def address(self, robot: str) -> int:
         """The robot's short address on the air."""
         return dict(self.radio.robots)[robot]
@@ -94,11 +102,19 @@ def lay_out(plan: Plan) -> None:
     """Write the files that the actors read; the folder must be new or empty."""
     make_folder(plan.out)
     plan.write_scenario()
+    write_names(plan)
     for actor, setup in (("world", plan.world), ("radio", plan.radio)):
         plan.folder(actor).mkdir()
         (plan.folder(actor) / "setup.json").write_bytes(msgspec.json.format(msgspec.json.encode(setup)))
     for robot in plan.world.robots:
         lay_out_robot(plan, robot)
+
+
+def write_names(plan: Plan) -> None:
+    """Write what isolated robots see under other names, where none of them can read it."""
+    if plan.isolate:
+        names = RealNames(str(plan.out.resolve()), tuple(str(path.absolute()) for path in plan.modules))
+        (plan.out / NAMES).write_bytes(msgspec.json.format(msgspec.json.encode(names)) + b"\n")
 
 
 def lay_out_robot(plan: Plan, robot: BodySetup) -> None:
@@ -152,15 +168,18 @@ def robot_program(
     """
     folder = plan.folder(robot.id)
     name = name or (robot.id if order.epoch == 0 else f"{robot.id}.{order.epoch}")
+    isolated = plan.isolate and not _is_debugged(plan, robot.id)
+    seen, code = (FOLDER, seen_code(len(plan.modules))) if isolated else (folder, plan.modules)
     argv = (
-        *robot_argv(plan, robot, order.epoch, first_step),
-        *client_argv(plan, robot.id, "", folder / f"{name}.mcap"),
-        *(("--isolate",) if plan.isolate and not _is_debugged(plan, robot.id) else ()),
+        *_robot_argv(plan, robot, order.epoch, first_step, seen),
+        *(word for path in code for word in ("--path", str(path))),
+        *_client_argv(plan, seen if isolated else seen.resolve(), "credentials", seen / f"{name}.mcap"),
+        *(("--isolate",) if isolated else ()),
         *(() if plan.debug is None else ("--debugger", _terminal(plan, robot.id))),
         *(word for limit in (as_words(plan.limits) or ("",)) for word in ("--limit", limit)),
-        *(word for path in plan.hidden for word in ("--hide", str(path))),
     )
-    return Program(robot.id, "actors.robot", argv, folder / f"{name}.log", folder / f"{name}.mcap")
+    names = plan.names(robot.id, f"{name}.mcap") if isolated else None
+    return Program(robot.id, "actors.robot", argv, folder / f"{name}.log", folder / f"{name}.mcap", names)
 
 
 def _is_debugged(plan: Plan, robot: str) -> bool:
@@ -172,39 +191,41 @@ def _terminal(plan: Plan, robot: str) -> str:
     return plan.debug.terminal if _is_debugged(plan, robot) else ""
 
 
-def in_common(plan: Plan) -> list[tuple[str, ...]]:
-    """For each kind of robot the words for `share` of its program, once the run is laid out."""
+def in_common(plan: Plan, out: Path | None = None) -> list[tuple[str, ...]]:
+    """For each kind of robot the words for `share` of its program, once the run is laid out.
+
+    `out`: what the run's folder is called there.
+    """
     kinds = {(robot.model, robot.sensor): robot for robot in plan.world.robots}
+    folders = {kind: (out or plan.out) / robot.id for kind, robot in kinds.items()}
     return [
         (
-            *(str(plan.folder(robot.id) / "map.yaml"), _model(plan, robot)),
-            *(robot.sensor or "", str(plan.folder(robot.id) / "navigation.toml")),
+            *(str(folders[kind] / "map.yaml"), _model(plan, robot, folders[kind])),
+            *(robot.sensor or "", str(folders[kind] / "navigation.toml")),
         )
-        for robot in kinds.values()
+        for kind, robot in kinds.items()
     ]
 
 
-def robot_argv(plan: Plan, robot: BodySetup, epoch: int, first_step: int) -> tuple[str, ...]:
-    """What a robot is, apart from its connections."""
-    folder = plan.folder(robot.id)
+def _robot_argv(plan: Plan, robot: BodySetup, epoch: int, first_step: int, folder: Path) -> tuple[str, ...]:
+    """What a robot is, apart from its connections; its files lie in `folder`, as it sees it."""
     x, y, heading = robot.start
     return (
         *("--id", robot.id, "--epoch", str(epoch), "--first-step", str(first_step)),
-        *("--seed", str(derived_seed(plan.world.seed, robot.id)), "--step-us", str(plan.world.step_us)),
+        *("--seed", str(plan.world.robot_seed(robot.id)), "--step-us", str(plan.world.step_us)),
         *("--address", str(plan.address(robot.id)), "--map", str(folder / "map.yaml")),
-        *("--model", _model(plan, robot)),
+        *("--model", _model(plan, robot, folder)),
         *(("--sensor", robot.sensor) if robot.sensor else ()),
         *(f"--start={x!r},{y!r},{heading!r}", "--places", str(folder / "places.toml")),
         *("--adaptation", str(folder / "adaptation.toml"), "--navigation", str(folder / "navigation.toml")),
         *("--behaviour", plan.behaviour),
-        *(word for path in plan.modules for word in ("--path", str(path))),
     )
 
 
-def _model(plan: Plan, robot: BodySetup) -> str:
-    """The robot's own copy of its model's file, or the name of a shipped one."""
+def _model(plan: Plan, robot: BodySetup, folder: Path) -> str:
+    """The robot's own copy of its model's file, in `folder`, or the name of a shipped one."""
     own = plan.folder(robot.id) / "model.toml"
-    return str(own) if own.exists() else robot.model
+    return str(folder / own.name) if own.exists() else robot.model
 
 
 def issue_credentials(plan: Plan) -> Credentials:
@@ -247,11 +268,13 @@ def control_program(plan: Plan) -> Program:
 
 
 def client_argv(plan: Plan, folder: str, user: str, record: Path) -> tuple[str, ...]:
-    """The options that every client has; the router's socket, and `user`'s credentials, lie in `folder`."""
-    place = plan.folder(folder).resolve()
-    secret = place / (f"{user}.credentials" if user else "credentials")
+    """The options of a client that is no robot; router's socket and `user`'s credentials lie in `folder`."""
+    return _client_argv(plan, plan.folder(folder).resolve(), f"{user}.credentials", record)
+
+
+def _client_argv(plan: Plan, place: Path, secret: str, record: Path) -> tuple[str, ...]:
     return (
-        *("--router", unix_endpoint(place / "router.sock"), "--credentials", str(secret)),
+        *("--router", unix_endpoint(place / "router.sock"), "--credentials", str(place / secret)),
         *("--record", str(record), "--commit", plan.commit, "--with-parent"),
         *span_words(plan.spans),
     )

@@ -21,13 +21,13 @@ from rich.console import Console
 from actors.floor.map_file import load_map
 from actors.geometry import Point, Pose
 from actors.messages import ProcessOrder
-from actors.randomness import derived_seed
 from actors.robot import assembly
 from actors.robot.behaviour.adaptation import adaptation
 from actors.robot.behaviour.succession import rehearse
 from actors.robot.program import look_in
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError, printable
+from actors.runtime.isolation.neutral import outside
 from actors.runtime.lifecycle.failure import FailureNote
 from actors.runtime.prints import taken_by
 from actors.runtime.recording import RecordingError, read_notes
@@ -87,7 +87,7 @@ def preflight_here(settled: ResolvedScenario, text: str, modules: Sequence[Path]
         id=robot.id,
         epoch=0,
         first_step=0,
-        seed=derived_seed(settled.world.seed, robot.id),
+        seed=settled.world.robot_seed(robot.id),
         step_us=settled.world.step_us,
         address=dict(settled.radio.robots)[robot.id],
         start=Pose(*robot.start),
@@ -156,7 +156,8 @@ def said(program: Program, limit: int = Bounds.shown_bytes) -> str:
         return ""
     with program.log.open("rb") as log:
         log.seek(max(0, program.log.stat().st_size - limit))
-        return printable(log.read(limit).decode(errors="replace"))
+        told = printable(log.read(limit).decode(errors="replace"))
+    return told if program.names is None else outside(told, program.names)
 
 
 def show(told: str) -> None:

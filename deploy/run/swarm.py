@@ -173,8 +173,8 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
     )
     try:
         supervisor.start([world_program(plan), radio_program(plan)])
-        for words in in_common(plan):
-            launched.share("actors.robot.program", words)
+        for words in in_common(plan, Path()):
+            launched.share("actors.robot.program", words, plan.out)
         supervisor.await_file(issued.sockets[OPERATOR], "world")
         config = rules.client_config(issued.files[OPERATOR], issued.endpoint(OPERATOR))
         with open_mesh(config, (at(PROGRESS), at(ROSTER)), between=supervisor.look) as bus:

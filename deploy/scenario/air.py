@@ -28,7 +28,7 @@ def radio_setup(scenario: Scenario, addresses: tuple[tuple[str, int], ...]) -> R
     """What the radio is told: robots with their short addresses, the preset, what differs from it."""
     radio = scenario.radio
     return RadioSetup(
-        seed=scenario.run.seed,
+        seed=scenario.run.seed_of("radio"),
         step_us=milliseconds(scenario.run.step_ms),
         robots=addresses,
         preset=radio.preset,

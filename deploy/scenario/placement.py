@@ -81,7 +81,7 @@ def _draw_start(
         (point,) = draw_points(
             grid,
             1,
-            rng=generator(scenario.run.seed, "start", figure.id),
+            rng=generator(scenario.run.seed_of("placement"), "start", figure.id),
             clearance=max(spacing.clearance, figure.radius),
             apart=max(spacing.apart, 2 * figure.radius),
             keep_off=taken,
@@ -160,7 +160,7 @@ def places(
         points = draw_points(
             grid,
             count,
-            rng=generator(scenario.run.seed, "places", figure.id),
+            rng=generator(scenario.run.seed_of("placement"), "places", figure.id),
             clearance=spacing.clearance,
             apart=spacing.apart,
             start=Point(*start[:2]),

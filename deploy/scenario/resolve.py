@@ -56,6 +56,7 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
     world = WorldSetup(
         map=scenario.map,
         seed=run.seed,
+        key=run.key or "",
         step_us=step_us,
         duration_us=seconds(run.duration),
         robots=robots,

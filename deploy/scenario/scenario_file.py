@@ -31,6 +31,8 @@ class Overrides:
     """Replaces robots.count."""
     seed: int | str | None = None
     """Replaces run.seed."""
+    key: str | None = None
+    """Replaces run.key."""
     duration: float | str | None = None
     """Replaces run.duration, s."""
     step: int | str | None = None
@@ -44,6 +46,7 @@ class Overrides:
 _KEYS: Final = {
     "robots": ("robots", "count"),
     "seed": ("run", "seed"),
+    "key": ("run", "key"),
     "duration": ("run", "duration"),
     "step": ("run", "step_ms"),
     "strategy": ("run", "strategy"),
@@ -87,7 +90,7 @@ def _lay_over(content: dict[str, Any], overrides: Overrides) -> Mapping[tuple[st
         value = getattr(overrides, name)
         table = content.setdefault(table_name, {})
         if value is not None and isinstance(table, dict):
-            table[key] = value if name == "strategy" else _number(value)
+            table[key] = value if name in {"strategy", "key"} else _number(value)
             options[table_name, key] = f"--{name}"
     return options
 

@@ -4,6 +4,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import BeforeValidator, Field
 
+from actors.randomness import keyed_seed
 from actors.robot.behaviour.adaptation import AreaTable, DeecoTable, Settings
 from actors.table import A_POINT, A_POSE, Point, Pose, Right, Table, Text, as_tuples
 from deploy.scenario.kinds import (
@@ -35,10 +36,20 @@ class RunTable(Table):
     """Length of a step, ms."""
     seed: Annotated[int, Field(ge=0, lt=2**63), Right("a whole number from 0 to 9223372036854775807")] = 1
     """From which every random stream is derived."""
+    key: Annotated[
+        str | None,
+        Field(pattern="^([0-9a-fA-F]{2}){16,64}$"),
+        Right("32 to 128 hexadecimal digits, an even number, as of `openssl rand -hex 16`"),
+    ] = None
+    """Every random stream is derived from it, too, so that no robot that knows the seed can compute one."""
     strategy: Annotated[Text, Right('the name of a strategy, such as "none"')] = "none"
     """Name of the robots' adaptation strategy, or the entry "module:function" of one's own."""
     modules: Annotated[Text | None, Right("the path of a folder, relative to the scenario file")] = None
     """Where one's own strategy is looked for, before the working directory; absent: beside the file."""
+
+    def seed_of(self, part: str) -> int:
+        """The seed of what is drawn for one part of the run."""
+        return keyed_seed(self.seed, self.key or "", part)
 
 
 class RobotsTable(Table):

@@ -47,6 +47,7 @@ def test_a_result_says_where_it_comes_from_and_is_had_again_elsewhere(tmp_path: 
         "strategy": "my_own_study:behaviour",
         "behaviour": "my_own_study:behaviour",
         "settings": {},
+        "key": "",
         "commit": software(),
         "branch": None,
     }

@@ -25,9 +25,8 @@ def test_a_forked_process_finds_what_its_server_was_told_to_share(tmp_path: Path
     (tmp_path / "navigation.toml").write_text("")
     log = tmp_path / "heir.log"
     with launcher("forkserver") as launched:
-        for name in (tmp_path / "none.yaml", MAPS / "corridor.yaml"):  # the first is left to who needs it
-            words = (str(name), "turtlebot2", "", str(tmp_path / "navigation.toml"))
-            launched.share("actors.robot.program", words)
+        for name in ("none.yaml", "maps/corridor.yaml"):  # the first is left to who needs it
+            launched.share("actors.robot.program", (name, "turtlebot2", "", "navigation.toml"), tmp_path)
         argv = (str(tmp_path / "maps" / "corridor.yaml"), str(tmp_path / "maps" / "maze.yaml"))
         heir = launched.start(Program("heir", "tests.run.heir", argv, log, None))
         while heir.exit_code is None:

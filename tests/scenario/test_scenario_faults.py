@@ -148,7 +148,10 @@ def test_a_wrong_value(text: str, sentence: str) -> None:
     [
         ("[run]\nsed = 1", "run.sed is not known; did you mean run.seed?"),
         ("[robot_s]", "robot_s is not known; did you mean robots?"),
-        ("[run]\nxyz = 1", "run.xyz is not known; run may hold duration, step_ms, seed, strategy, modules"),
+        (
+            "[run]\nxyz = 1",
+            "run.xyz is not known; run may hold duration, step_ms, seed, key, strategy, modules",
+        ),
         (
             "xyz = 1",
             "xyz is not known; known are map, run, strategy, deeco,"

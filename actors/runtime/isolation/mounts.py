@@ -6,9 +6,10 @@ Everything here runs in a new mount namespace of a new user namespace, so nothin
 import os
 import re
 import stat
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from errno import EACCES, EINVAL, ENOENT, ENOSYS
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from actors.runtime.lifecycle import linux
@@ -56,6 +57,10 @@ class FileView(NamedTuple):
     """Files and folders that can be read; what is not there is left out."""
     scratch_bytes: int
     """Size of each private scratch folder, B."""
+    home: Path | None = None
+    """Where the own folder is seen instead."""
+    renamed: Mapping[Path, Path] = MappingProxyType({})
+    """By the place where each is seen, more files and folders that can be read."""
 
 
 def enter(view: FileView) -> None:
@@ -81,23 +86,28 @@ def enter(view: FileView) -> None:
     for path, target in links.items():
         _new(path).symlink_to(target)
     make_readonly(_STAGE)
-    for folder in (*SCRATCH, *_places(view.own)):
+    for folder in (*SCRATCH, *_homes(view)):
         linux.mount(None, _new(folder), None, MS_REMOUNT | MS_BIND | linux.mount_flags(_new(folder)))
     linux.pivot_root(_STAGE)
-    os.chdir(view.own)
+    os.chdir(view.home or view.own)
 
 
 def _handles(view: FileView, system: Sequence[Path]) -> dict[Path, int]:
     """By the place where it is to be seen, what is to be seen there."""
     shown = {place: path for path in view.shown for place in _places(path)}
     outside = {place: shown[place] for place in _outermost(shown) if not _is_under(place, SYSTEM)}
-    own = dict.fromkeys(_places(view.own), view.own)
-    sources = dict(_devices()) | dict(zip(system, system, strict=True)) | outside | own
+    own = dict.fromkeys(_homes(view), view.own)
+    sources = dict(_devices()) | dict(zip(system, system, strict=True))
+    sources |= {**outside, **view.renamed, **own}
     return {
         place: os.open(source, os.O_PATH | os.O_CLOEXEC)
         for place, source in sources.items()
         if _is_there(source)
     }
+
+
+def _homes(view: FileView) -> tuple[Path, ...]:
+    return _places(view.own) if view.home is None else (view.home,)
 
 
 def _places(path: Path) -> tuple[Path, ...]:

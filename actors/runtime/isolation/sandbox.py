@@ -10,7 +10,7 @@ import resource
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -18,6 +18,7 @@ from typing import Final
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation import code_folder, mounts, syscall_filter
 from actors.runtime.lifecycle import keeper, linux
+from actors.runtime.lifecycle.log import write_to
 
 _NAMESPACES: Final = (
     linux.CLONE_NEWUSER | linux.CLONE_NEWNET | linux.CLONE_NEWNS | linux.CLONE_NEWIPC | linux.CLONE_NEWPID
@@ -79,16 +80,19 @@ def isolate(plan: Confinement) -> None:
         raise IsolationError(_sentence(f"isolation needs Linux, this is {sys.platform}"))
     if not syscall_filter.supported():
         raise IsolationError(_sentence(f"isolation knows x86_64 and aarch64, this is {os.uname().machine}"))
-    if len(list(Path("/proc/self/task").iterdir())) > 1:
-        raise RuntimeError("isolate() must be called before the process starts its second thread")
+    check_threads()
     plan.own.resolve(strict=True)  # A missing folder is the caller's mistake and not the machine's.
     try:
         separate(plan)
         close_ways_out()
     except OSError as error:
-        raise IsolationError(
-            _sentence(f"robots cannot be isolated on this machine: {_said(error)}")
-        ) from error
+        raise refusal(error) from error
+
+
+def check_threads() -> None:
+    """RuntimeError in a process with several: only one of them would be shut off."""
+    if len(list(Path("/proc/self/task").iterdir())) > 1:
+        raise RuntimeError("isolate() must be called before the process starts its second thread")
 
 
 def close_ways_out() -> None:
@@ -101,16 +105,27 @@ def close_ways_out() -> None:
 
 def separate(plan: Confinement) -> None:
     """The first part of `isolate`: own descriptors, namespaces and file tree; capabilities are kept."""
-    sealed = (*plan.hidden, *_code(plan))
-    view = mounts.FileView(plan.own, sealed, tuple(_shown(plan)), plan.scratch_bytes)
-    _shed_descriptors(plan)
+    view = file_view(plan)
+    shed_descriptors(plan.descriptors)
+    if plan.log is not None:
+        write_to(os.open(plan.log, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o600))
+    enter_namespaces()
+    keeper.enter_namespace(plan.parent)
+    mounts.enter(view)
+
+
+def enter_namespaces() -> None:
+    """New namespaces of all kinds, with this process's user as the only one."""
     user, group = os.getuid(), os.getgid()
     linux.unshare(_NAMESPACES)
     Path("/proc/self/setgroups").write_text("deny")
     Path("/proc/self/uid_map").write_text(f"{user} {user} 1")
     Path("/proc/self/gid_map").write_text(f"{group} {group} 1")
-    keeper.enter_namespace(plan.parent)
-    mounts.enter(view)
+
+
+def file_view(plan: Confinement) -> mounts.FileView:
+    """What `plan` lets the process see."""
+    return mounts.FileView(plan.own, (*plan.hidden, *_code(plan)), tuple(_shown(plan)), plan.scratch_bytes)
 
 
 def available() -> str | None:
@@ -146,8 +161,8 @@ def trial(folder: str) -> None:
 def _shown(plan: Confinement) -> Iterator[Path]:
     """What is seen beside the system and the own folder: Python whole, folders with code entry by entry."""
     yield from _installed()
-    own = (*plan.hidden, *(_PROJECT / name for name in _NOT_ITS_CODE))
-    hidden = tuple(dict.fromkeys((*own, *(path.resolve() for path in own), *mounts.SCRATCH, *mounts.NEVER)))
+    own = unseen(plan.hidden)
+    hidden = (*own, *mounts.SCRATCH, *mounts.NEVER)
     outside = _code(plan)
     for path in dict.fromkeys(plan.readable):
         if not any(one.is_relative_to(path.resolve()) for one in hidden):
@@ -155,8 +170,23 @@ def _shown(plan: Confinement) -> Iterator[Path]:
         elif path.resolve() not in hidden:
             outside.append(path)
     for folder in dict.fromkeys(outside):
-        if not any(folder.resolve().is_relative_to(path.resolve()) for path in own):
-            yield from code_folder.entries(folder, hidden)
+        yield from code_entries(folder, hidden)
+
+
+def unseen(hidden: Collection[Path]) -> tuple[Path, ...]:
+    """What is not seen although it lies beside code: what is hidden, and the project's runs and scenarios.
+
+    Of a scenario also the others beside it, for which of them is missing would tell which one it is.
+    """
+    beside = [other for path in hidden if path.is_file() for other in path.parent.glob("*.toml")]
+    own = (*hidden, *beside, *(_PROJECT / name for name in _NOT_ITS_CODE))
+    return tuple(dict.fromkeys((*own, *(path.resolve() for path in own))))
+
+
+def code_entries(folder: Path, hidden: Sequence[Path]) -> Iterator[Path]:
+    """What is seen of a folder with code; nothing of one that is hidden itself."""
+    if not any(folder.resolve().is_relative_to(path) for path in hidden if path not in mounts.SCRATCH):
+        yield from code_folder.entries(folder, hidden)
 
 
 def _installed() -> list[Path]:
@@ -172,21 +202,16 @@ def _code(plan: Confinement) -> list[Path]:
     ]
 
 
-def _shed_descriptors(plan: Confinement) -> None:
+def shed_descriptors(kept: Collection[int]) -> None:
     """Turn what was inherited into /dev/null.
 
     Closing would free the numbers, and an object that still believes to own one would close another's file.
     """
     nothing = os.open(os.devnull, os.O_RDWR)
     for number in [int(entry.name) for entry in Path("/proc/self/fd").iterdir()]:
-        if number not in plan.descriptors and number != nothing and _is_open(number):
+        if number not in kept and number != nothing and _is_open(number):
             os.dup2(nothing, number, inheritable=number < 3)
     os.close(nothing)
-    if plan.log is not None:
-        log = os.open(plan.log, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o600)
-        for number in (1, 2):
-            os.dup2(log, number)
-        os.close(log)
 
 
 def _is_open(number: int) -> bool:
@@ -197,8 +222,10 @@ def _is_open(number: int) -> bool:
     return True
 
 
-def _said(error: OSError) -> str:
-    return f"{error.strerror} ({error.filename})" if error.filename else str(error.strerror)
+def refusal(error: OSError) -> IsolationError:
+    """What the user is told where the system does not allow it."""
+    said = f"{error.strerror} ({error.filename})" if error.filename else str(error.strerror)
+    return IsolationError(_sentence(f"robots cannot be isolated on this machine: {said}"))
 
 
 def _sentence(reason: str) -> str:

@@ -10,6 +10,7 @@ import resource
 import signal
 import sys
 import time
+from collections.abc import Callable, Collection
 from typing import Final, NoReturn
 
 from actors.runtime.lifecycle.parent import die_with_parent
@@ -21,8 +22,13 @@ _spent: list[float] = []
 """CPU time of this process's forerunners, which became keepers, s."""
 
 
-def enter_namespace(parent: int | None) -> None:
+def enter_namespace(
+    parent: int | None, prepare: Callable[[], None] = lambda: None, private: Collection[int] = ()
+) -> None:
     """Go on in a child, the new process namespace's only one; this process becomes its keeper.
+
+    `prepare`: what the keeper does first, beside the child; if that fails, it must end the process.
+    `private`: descriptors that it alone keeps.
 
     Returns in the child. To be called after unshare(CLONE_NEWPID), with one thread, and with no descriptor
     open that the namespace must not share. The keeper ends as the child does, with the same exit code or by
@@ -36,22 +42,29 @@ def enter_namespace(parent: int | None) -> None:
     nothing = os.open(os.devnull, os.O_RDWR)  # now, for the child is about to replace /dev
     first = os.fork()
     if first == 0:
-        os.close(lifeline)
+        for handle in (lifeline, *private):
+            os.close(handle)
         _be_first(pulse, nothing)
     child = os.fork()
     if child == 0:
-        for handle in (pulse, lifeline, nothing):
+        for handle in (pulse, lifeline, nothing, *private):
             os.close(handle)
         os.setsid()  # or a signal to the own group would reach the group of the keeper
         _spent.append(spent)
         return
     os.close(pulse)
     try:
+        prepare()
         status = _keep(child, nothing, parent)
     finally:  # the keeper must never return into the robot's program
         os.close(lifeline)
         os.waitpid(first, 0)
     _end_alike(status)
+
+
+def add_spent(seconds: float) -> None:
+    """Count CPU time of another process, which was this one's work, in `cpu_s`."""
+    _spent.append(seconds)
 
 
 def cpu_s() -> float:

@@ -135,10 +135,16 @@ def set_title(title: str) -> None:
     """
     name = ctypes.create_string_buffer(title.encode()[:15])
     prctl(_PR_SET_NAME, ctypes.addressof(name))
-    numbers = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
-    start, end = int(numbers[45]), int(numbers[46])
+    start, end = _command_line()
     ctypes.memset(start, 0, end - start)
     ctypes.memmove(start, title.encode(), min(len(title.encode()), end - start - 1))
+
+
+@cache
+def _command_line() -> tuple[int, int]:
+    """Where it begins and ends in memory; a fork has it in the same place, and may have no /proc."""
+    numbers = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
+    return int(numbers[45]), int(numbers[46])
 
 
 def drop_capabilities() -> None:

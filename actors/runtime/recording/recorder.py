@@ -44,9 +44,10 @@ class Journal(Protocol):
 class Recorder:
     """Writes one process's file, which must be new. RecordingError where that cannot be made."""
 
-    def __init__(self, path: Path, step_us: int) -> None:
+    def __init__(self, path: Path, step_us: int, descriptor: int | None = None) -> None:
+        """`descriptor`: the new file is open there already."""
         self._path = path
-        self._stream = _Checked(_created(path), path)
+        self._stream = _Checked(_created(path) if descriptor is None else os.fdopen(descriptor, "wb"), path)
         self._writer = Writer(
             self._stream,  # type: ignore[arg-type]  # it needs `write` and `tell`
             compression=CompressionType.NONE,  # the others need what constraints.txt leaves out
