@@ -41,7 +41,7 @@ def standstill(
     ] = False,
     hours: Annotated[
         float,
-        typer.Option(metavar="H", min=0, max=1000, help="With --sensors: of robots without a fault."),
+        typer.Option(metavar="H", min=0, max=1000, help="Of robots without a fault, for --sensors."),
     ] = 2.0,
     json: Json = False,
 ) -> None:

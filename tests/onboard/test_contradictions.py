@@ -15,7 +15,7 @@ from benchmarks.hardware.sensor_faults import FAULTS, SensorFault
 from benchmarks.hardware.sensor_rig import SensorRig
 from benchmarks.hardware.sensor_situations import ACCUSATIONS, SITUATIONS, Straight, accusations, plain_floor
 from benchmarks.hardware.sensor_trials import SensorCase, trial, within
-from firmware_bridge.kobuki.odometry import METRES_PER_TICK
+from firmware_bridge.kobuki.motion import METRES_PER_TICK
 from firmware_bridge.kobuki.packets import Basic, Inertial
 from firmware_bridge.kobuki.safety import Cause
 from firmware_bridge.onboard.contradictions import REST, Contradictions
@@ -127,10 +127,11 @@ class Wheels:
             self.now = Instant(self.now + milliseconds(20))
             self.left, self.right = self.left + 0.02 * left, self.right + 0.02 * right
             self.angle += 0.02 * turn
-            ticks = (int(way / METRES_PER_TICK) & 0xFFFF for way in (self.left, self.right))
+            left_ticks = int(self.left / METRES_PER_TICK) & 0xFFFF
+            right_ticks = int(self.right / METRES_PER_TICK) & 0xFFFF
             pressed, dropped = basic.get("bumper", 0), basic.get("wheel_drop", 0)
             stamp = self.now // 1000 & 0xFFFF
-            said = Basic(stamp, pressed, dropped, 0, *ticks, 0, 0, 0, 0, 160, 0)
+            said = Basic(stamp, pressed, dropped, 0, left_ticks, right_ticks, 0, 0, 0, 0, 160, 0)
             self.judge.commanded(*told)
             self.judge.feedback(self.now, said, Inertial(round(np.degrees(self.angle) * 100), 0))
         return self.judge.causes(self.now)
