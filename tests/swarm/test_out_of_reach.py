@@ -39,7 +39,7 @@ def test_links_laid_by_a_robot_lead_nowhere(tmp_path: Path) -> None:
     victim = tmp_path / "victim.txt"
     victim.write_text("untouched")
     out = tmp_path / "out"
-    assert run(out, tmp_path / "scenario.toml", "--isolate")["undelivered"] == 0
+    assert run(out, tmp_path / "scenario.toml", "--isolate", "--modules", ".")["undelivered"] == 0
     assert victim.read_text() == "untouched"
     assert (out / "r1" / "own" / "diary.txt").read_text() == "what is mine"
     records = ("r1.mcap", "r1.1.mcap", "r1.log", "r1.1.log")

@@ -38,7 +38,7 @@ def scenario(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("bus", ["zenoh", "memory"])
 def test_everything_that_was_said_is_in_the_result(scenario: Path, tmp_path: Path, bus: str) -> None:
-    result = run(tmp_path / "out", scenario, "--bus", bus)
+    result = run(tmp_path / "out", scenario, "--bus", bus, "--modules", ".")
     assert result["simulated_s"] == 6.0  # the places that r2 leaves open, and the event, keep it going
     names = ("places_total", "places_done", "places_claimed", "places_given_up", "places_lost")
     assert [result[name] for name in names] == [
@@ -80,7 +80,7 @@ def test_everything_that_was_said_is_in_the_result(scenario: Path, tmp_path: Pat
 
 def test_a_place_that_nobody_means_to_visit_is_lost(scenario: Path, tmp_path: Path) -> None:
     scenario.write_text(SCENARIO.replace('restart = "r2"', 'kill = "r1"'))
-    result = run(tmp_path / "out", scenario, "--bus", "memory")
+    result = run(tmp_path / "out", scenario, "--bus", "memory", "--modules", ".")
     assert result["places_lost"] == 1  # the last of r2's
     assert acrc("record", "check", tmp_path / "out").returncode == 0
 
