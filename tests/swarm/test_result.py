@@ -93,12 +93,15 @@ def test_the_air_is_counted_in_octets(tmp_path: Path) -> None:
     assert result["radio_bytes_per_robot_s"] == round(octets / 3 / 20.0, 3)
 
 
-def test_what_is_no_outcome_of_a_node_is_one_sentence(tmp_path: Path) -> None:
+def test_what_is_no_outcome_of_a_node_is_one_sentence_and_not_counted(tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ("--strategy", "tests.swarm.witness:liar", "--robots", 1, "--duration", 1, "--bus", "memory")
     done = acrc("run", *words, "--out", out)
-    assert done.returncode == 1
-    assert done.stderr.strip().splitlines()[-1] == (
-        f"acrc: {out}/r1/r1.mcap: the outcome 'deeco' is not that of a node: "
-        "Expected `int`, got `float` - at `$.counters[...]`"
+    assert done.returncode == 0, done.stderr
+    sentence = (
+        f"r1: what it says of its node cannot be, and is not counted: {out}/r1/r1.mcap: "
+        "the outcome 'deeco' is not that of a node: Expected `int`, got `float` - at `$.counters[...]`"
     )
+    assert sentence in done.stdout.splitlines()
+    result = json.loads((out / "run.json").read_text())
+    assert result["refused_reports"] == [sentence] and result["deeco"]["counters"] == {}
