@@ -4,6 +4,7 @@ Judged only while the base is told to move: who stands may be pushed, turned and
 """
 
 import itertools
+import math
 from collections import deque
 from typing import Final
 
@@ -78,18 +79,18 @@ class MotionChecks:
 
     def _turns(self) -> Cause | None:
         """Wheels against gyro; who of them lies is said by what was commanded, where that is clear."""
-        wheels = sum(move.right - move.left for move in self._moves) / TRACK
-        gyro = sum(move.turn for move in self._moves)
+        wheels = math.fsum(move.right - move.left for move in self._moves) / TRACK
+        gyro = math.fsum(move.turn for move in self._moves)
         if abs(wheels - gyro) <= _TURN + _TURN_SHARE * max(abs(wheels), abs(gyro)):
             return None
         times = self._times()
-        told = sum(move.omega * time for move, time in zip(self._moves, times, strict=True))
+        told = math.fsum(move.omega * time for move, time in zip(self._moves, times, strict=True))
         if abs(wheels - told) < _CLEARLY * abs(gyro - told):
             return Cause.GYRO
         if abs(gyro - told) < _CLEARLY * abs(wheels - told):
             left, right = self._told_ways(times)
-            off_left = abs(sum(move.left for move in self._moves) - left)
-            off_right = abs(sum(move.right for move in self._moves) - right)
+            off_left = abs(math.fsum(move.left for move in self._moves) - left)
+            off_right = abs(math.fsum(move.right for move in self._moves) - right)
             if off_right < _CLEARLY * off_left:
                 return Cause.LEFT_WHEEL
             if off_left < _CLEARLY * off_right:
@@ -118,5 +119,5 @@ class MotionChecks:
     def _told_ways(self, times: list[float]) -> tuple[float, float]:
         turned = [move.omega * TRACK / 2 for move in self._moves]
         rows = list(zip(self._moves, turned, times, strict=True))
-        left = sum((move.v - turn) * time for move, turn, time in rows)
-        return left, sum((move.v + turn) * time for move, turn, time in rows)
+        left = math.fsum((move.v - turn) * time for move, turn, time in rows)
+        return left, math.fsum((move.v + turn) * time for move, turn, time in rows)

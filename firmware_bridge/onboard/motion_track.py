@@ -2,8 +2,6 @@
 
 A hypothesis says which of these lie. The others then make the track: with one wheel left and the gyro there
 is still a way and a heading, with no wheel there is what was commanded.
-
-numpy's own functions will do here, and start at once: nothing of this is part of a robot's digest.
 """
 
 from collections import deque
@@ -14,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.instant import Instant
+from actors.portable import arrays
 from firmware_bridge.kobuki.motion import TRACK
 
 _KEPT: Final = 160
@@ -56,9 +55,12 @@ class Track(NamedTuple):
 
     def at(self, instants: NDArray[np.int64]) -> "Track":
         """The poses at any instants; before the first and after the last those."""
-        stamps = self.instants.astype(np.float64)
-        when = instants.astype(np.float64)
-        return Track(instants, *(np.interp(when, stamps, axis) for axis in (self.x, self.y, self.heading)))
+        before = np.maximum(np.searchsorted(self.instants, instants, side="right") - 1, 0)
+        after = np.minimum(before + 1, self.instants.size - 1)
+        gaps = np.maximum(self.instants[after] - self.instants[before], 1)
+        shares = np.clip((instants - self.instants[before]) / gaps, 0.0, 1.0)
+        axes = (self.x, self.y, self.heading)
+        return Track(instants, *(axis[before] + shares * (axis[after] - axis[before]) for axis in axes))
 
 
 class MotionTrack:
@@ -106,5 +108,5 @@ def _track(rows: NDArray[np.float64], liar: Liar) -> Track:
         turn = (right - left) / TRACK
     heading = np.cumsum(turn)
     course = heading - turn / 2
-    x, y = np.cumsum(forward * np.cos(course)), np.cumsum(forward * np.sin(course))
+    x, y = np.cumsum(forward * arrays.cos(course)), np.cumsum(forward * arrays.sin(course))
     return Track(instants.astype(np.int64), x, y, heading)

@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 
 from actors.geometry import Pose
 from actors.instant import Duration, Instant, milliseconds
+from actors.portable import arrays, cos_sin
 from firmware_bridge.kobuki.safety import Cause
 from firmware_bridge.onboard.motion_track import Liar, MotionTrack, Track
 from firmware_bridge.onboard.scan_fit import (
     Reading,
     headings,
+    load_kernels,
     misfit,
     of_the_room,
     placed,
@@ -110,6 +112,7 @@ class ScanChecks:
 
     def __init__(self, mount: Pose) -> None:
         """`mount`: of the range sensor on the body."""
+        load_kernels()
         self._mount = mount
         self._sweeps: deque[Sweep] = deque()
         self._suspect: Cause | None = None
@@ -152,7 +155,7 @@ class ScanChecks:
             if pair is None:
                 return None
             told = self._misfit(pair, tracks[Liar.NOBODY], TRUTH)
-            if told.size >= _FEWEST and (told > _OFF).mean() >= _ODD_SHARE:
+            if told.size >= _FEWEST and np.count_nonzero(told > _OFF) >= _ODD_SHARE * told.size:
                 liars = (Liar.LEFT, Liar.RIGHT)
                 cause = self._best(pair, tracks | motion.tracks(liars), told)
                 if cause is not None:
@@ -180,11 +183,11 @@ class ScanChecks:
         """The last sweep, and the last one before it from which the robot has moved enough."""
         last = self._sweeps[-1]
         for earlier in list(self._sweeps)[-2::-1]:
-            ends = np.array([np.median(earlier.stamps), np.median(last.stamps)])
+            ends = np.array([_middle(earlier), _middle(last)])
             for track in tracks:
                 there = track.at(ends)
                 (dx,), (dy,), (turn,) = np.diff(there.x), np.diff(there.y), np.diff(there.heading)
-                if dx * dx + dy * dy >= way**2 or abs(turn) >= turned:
+                if dx * dx + dy * dy >= way * way or abs(turn) >= turned:
                     return earlier, last
         return None
 
@@ -200,23 +203,30 @@ def votes(cause: Cause, told: NDArray[np.float64], instead: NDArray[np.float64])
     """What becomes of the points if that cause holds: (n,) misfits of what the sensors told, and instead."""
     gained = (told > _OFF) & (instead <= 1.0)
     lost = (told <= 1.0) & (instead > _OFF)
-    off = int((told > _OFF).sum())
-    return Votes(cause, int(gained.sum()), int(lost.sum()), off, told.size, sectors(gained))
+    won, missed, off = (int(np.count_nonzero(chosen)) for chosen in (gained, lost, told > _OFF))
+    return Votes(cause, won, missed, off, told.size, sectors(gained))
 
 
 def stands_before_something(pair: tuple[Sweep, Sweep], mount: Pose, track: Track) -> bool:
     """True if a robot that does not turn has something right before it, so that its wheels may slip."""
-    ends = track.at(np.array([np.median(sweep.stamps) for sweep in pair]))
+    ends = track.at(np.array([_middle(sweep) for sweep in pair]))
     (dx,), (dy,), (turn,) = np.diff(ends.x), np.diff(ends.y), np.diff(ends.heading)
     if abs(turn) >= _TURNS[0]:
         return False
-    backward = dx * np.cos(ends.heading[0]) + dy * np.sin(ends.heading[0]) < 0
+    c, s = cos_sin(float(ends.heading[0]))
+    backward = dx * c + dy * s < 0
     angles = mount.heading + pair[1].angles
     with np.errstate(invalid="ignore"):
-        x = mount.x + pair[1].ranges * np.cos(angles)
-        y = mount.y + pair[1].ranges * np.sin(angles)
+        x = mount.x + pair[1].ranges * arrays.cos(angles)
+        y = mount.y + pair[1].ranges * arrays.sin(angles)
         ahead = np.where(backward, -x, x)
-        return bool(((ahead > np.abs(y)) & (np.hypot(x, y) <= _TOUCHES)).any())
+        return bool(((ahead > np.abs(y)) & (arrays.hypot(x, y) <= _TOUCHES)).any())
+
+
+def _middle(sweep: Sweep) -> Instant:
+    """The median of its stamps."""
+    stamps = np.sort(sweep.stamps)
+    return Instant(int(stamps[(stamps.size - 1) // 2] + stamps[stamps.size // 2]) // 2)
 
 
 def _nowhere(track: Track) -> Track:

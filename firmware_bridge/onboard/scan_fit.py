@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.geometry import Pose
+from actors.portable import arrays
 from firmware_bridge.onboard.motion_track import Track
 from firmware_bridge.range_sensors.sensor import Sweep
 
@@ -44,19 +45,35 @@ class Points(NamedTuple):
     """(n,): how near to the room each has to be, m."""
 
 
+def load_kernels() -> None:
+    """Load what this computes with, before a robot drives: without a cache it takes some seconds."""
+    for function in (arrays.cos, arrays.sin):
+        function(np.zeros(1))
+    arrays.hypot(np.zeros(1), np.zeros(1))
+
+
 def of_the_room(sweep: Sweep) -> Sweep:
     """The echoes of a sweep that are of large things; of those people and robots are not."""
     seen = np.isfinite(sweep.ranges)
     sweep = Sweep(sweep.stamps[seen], sweep.angles[seen], sweep.ranges[seen])
     if not sweep.ranges.size:
         return sweep
-    x, y = sweep.ranges * np.cos(sweep.angles), sweep.ranges * np.sin(sweep.angles)
-    gaps = np.hypot(np.diff(x), np.diff(y))
-    breaks = np.flatnonzero(gaps > np.maximum(_BREAK, _BREAK_SHARE * sweep.ranges[1:])) + 1
-    firsts = np.append(0, breaks)
-    wide, deep = (np.maximum.reduceat(axis, firsts) - np.minimum.reduceat(axis, firsts) for axis in (x, y))
-    large = np.repeat(np.hypot(wide, deep) >= _EXTENT, np.diff(firsts, append=x.size))
+    x, y = sweep.ranges * arrays.cos(sweep.angles), sweep.ranges * arrays.sin(sweep.angles)
+    gaps = arrays.hypot(np.diff(x), np.diff(y))
+    breaks = gaps > np.maximum(_BREAK, _BREAK_SHARE * sweep.ranges[1:])
+    things = np.append(0, np.cumsum(breaks, dtype=np.int64))
+    large = (arrays.hypot(_extents(x, things), _extents(y, things)) >= _EXTENT)[things]
     return Sweep(sweep.stamps[large], sweep.angles[large], sweep.ranges[large])
+
+
+def _extents(axis: NDArray[np.float64], things: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Of each thing along an axis, m; (n,) coordinates, (n,) numbers of things from 0 on."""
+    count = int(things[-1]) + 1
+    least, most = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(least, things, axis)
+    np.maximum.at(most, things, axis)
+    extents: NDArray[np.float64] = most - least
+    return extents
 
 
 def placed(sweep: Sweep, mount: Pose, track: Track, reading: Reading) -> Points:
@@ -64,9 +81,9 @@ def placed(sweep: Sweep, mount: Pose, track: Track, reading: Reading) -> Points:
     seen = np.isfinite(sweep.ranges)
     ranges, angles = sweep.ranges[seen], sweep.angles[seen] + reading.turned
     angles = mount.heading + (-angles if reading.mirrored else angles)
-    body_x, body_y = mount.x + ranges * np.cos(angles), mount.y + ranges * np.sin(angles)
+    body_x, body_y = mount.x + ranges * arrays.cos(angles), mount.y + ranges * arrays.sin(angles)
     poses = track.at(sweep.stamps[seen] - reading.late_us)
-    c, s = np.cos(poses.heading), np.sin(poses.heading)
+    c, s = arrays.cos(poses.heading), arrays.sin(poses.heading)
     xy = np.column_stack((poses.x + c * body_x - s * body_y, poses.y + s * body_x + c * body_y))
     return Points(xy, _NEAR + _NEAR_SHARE * ranges)
 
@@ -81,8 +98,8 @@ def misfit(later: Points, earlier: Points) -> NDArray[np.float64]:
     """How far each later point is from the room that the earlier ones draw, as a multiple of near: (n,)."""
     begins = earlier.xy[:-1]
     along = earlier.xy[1:] - begins
-    squares = along[:, 0] ** 2 + along[:, 1] ** 2
-    joined = (squares > 0) & (squares <= _GAP**2)
+    squares = along[:, 0] * along[:, 0] + along[:, 1] * along[:, 1]
+    joined = (squares > 0) & (squares <= _GAP * _GAP)
     per_square = np.where(joined, 1.0 / np.where(joined, squares, 1.0), 0.0)
     x = later.xy[:, 0, None] - begins[None, :, 0]
     y = later.xy[:, 1, None] - begins[None, :, 1]
@@ -101,7 +118,7 @@ def misfit(later: Points, earlier: Points) -> NDArray[np.float64]:
 def sectors(chosen: NDArray[np.bool_], count: int = 12) -> int:
     """In how many equal parts of the sweep some are chosen, two at least."""
     parts = np.array_split(chosen, count)
-    return sum(int(part.sum()) >= 2 for part in parts)
+    return sum(np.count_nonzero(part) >= 2 for part in parts)
 
 
 def headings(step_deg: int) -> tuple[float, ...]:

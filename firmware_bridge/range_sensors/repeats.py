@@ -34,7 +34,7 @@ class Repeats:
     @property
     def found(self) -> bool:
         """True while the sensor repeats itself."""
-        return sum(self._repeated) >= self._most
+        return self._repeated.count(True) >= self._most
 
     def take(self, part: bytes) -> None:
         """Take in a part that is large enough never to be the same by chance."""
@@ -71,5 +71,5 @@ class StillBeams:
         echo = now > 0
         self._same = np.where(echo & (now == self._last), self._same + 1, 0)
         self._last = now
-        seen = int(echo.sum())
-        self.found = seen >= _FEWEST and int((self._same >= _TURNS).sum()) >= _STILL * seen
+        seen = int(np.count_nonzero(echo))
+        self.found = seen >= _FEWEST and np.count_nonzero(self._same >= _TURNS) >= _STILL * seen

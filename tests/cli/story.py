@@ -56,7 +56,7 @@ def tell(
             if line.beside or line.typed:
                 stack.callback(_begun(line, words, folder, env, stack))
                 continue
-            done = warm.run(words, folder, env, PATIENCE_S, finds_cwd=True, program=program)
+            done = warm.run(words, folder, env, PATIENCE_S, finds_cwd=False, program=program)
             _judge(line, done.returncode, done.stdout + done.stderr, folder)
 
 

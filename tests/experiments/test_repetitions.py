@@ -104,7 +104,7 @@ def cheated(tmp_path_factory: pytest.TempPathFactory) -> Store:
     (folder / "s.toml").write_text(CORRIDOR.read_text().replace("../maps", str(ROOT / "maps")))
     names = ("none", "cheat:quiet", "cheat:adaptive")
     kept = store.create(folder / "out", Study("of-cheats", str(folder / "s.toml"), names, 3, settings=SHORT))
-    carry_out(kept, CampaignOptions(jobs=2, check_every=20))
+    carry_out(kept, CampaignOptions(jobs=2, check_every=20, modules=(folder,)))
     return kept
 
 
@@ -269,7 +269,9 @@ def test_a_campaign_for_strangers_makes_every_run_as_isolated_processes(tmp_path
         '[set]\n"robots.count" = 2\n"run.duration" = 2.0\n'
     )
     out = tmp_path / "out"
-    code, said, err = acrc("campaign", str(tmp_path / "study.toml"), "--out", str(out), cwd=tmp_path)
+    code, said, err = acrc(
+        "campaign", str(tmp_path / "study.toml"), "--modules", ".", "--out", str(out), cwd=tmp_path
+    )
     assert code == 0, err
     assert said.splitlines()[0] == ISOLATED
     (record,) = store.load(out).records()

@@ -63,9 +63,9 @@ def test_what_cannot_be_sent_is_told_at_once() -> None:
         pair.send(tag, bytes(118))
     pair.run(100)
     ends = pair.ends()
-    assert ends[:2] == [(Refused, 1), (Refused, 2)]
+    assert ends[0] == (Refused, 2)  # an empty frame is one, as on the air
     assert sorted(tag for _, tag in ends) == list(range(1, 13))
-    assert [tag for end, tag in ends if end is Overflow] == [11, 12]  # the preset's queue holds eight
+    assert [tag for end, tag in ends if end is Overflow] == [10, 11, 12]  # the preset's queue holds eight
 
 
 def test_a_line_that_is_cut_leaves_nothing_in_the_books() -> None:

@@ -56,5 +56,5 @@ LIES: dict[str, Callable[[RobotCore], None]] = {"r1": _more_goals, "r2": _less_e
 
 
 def behaviour(start: Start) -> Behaviour:
-    """Entry `tests.swarm.liar:behaviour`."""
+    """Entry `tests.results.liar:behaviour`."""
     return _Liar(start)

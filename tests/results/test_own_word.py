@@ -127,7 +127,7 @@ def test_messages_that_never_came_cannot_be_unread() -> None:
 
 def test_robots_that_lie_of_themselves_are_named_by_the_run(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    words = ("scenarios/head_on.toml", "--duration", 4, "--strategy", "tests.swarm.liar:behaviour")
+    words = ("scenarios/head_on.toml", "--duration", 4, "--strategy", "tests.results.liar:behaviour")
     done = acrc("run", *words, "--out", out)
     assert done.returncode == 0, done.stderr
     result = json.loads((out / "run.json").read_text())
