@@ -30,6 +30,10 @@ class UserPdb(pdb.Pdb):
         super().__init__(stdin=stdin, stdout=stdout, skip=["*"])  # so that is_skipped_module is asked
         self._skipped = (*_OURS, sys.prefix, sys.base_prefix, *((_SHIPPED,) if own else ()))
 
+    def stop_here(self, frame: FrameType) -> bool:
+        """As in Bdb, but never in code that stands in no file, as what a dataclass generates."""
+        return not frame.f_code.co_filename.startswith("<") and super().stop_here(frame)
+
     def is_skipped_module(self, module_name: Any) -> bool:
         """True for all but the user's code."""
         module = sys.modules.get(module_name or "")

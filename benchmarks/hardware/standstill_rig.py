@@ -45,6 +45,9 @@ _NICE: Final = -10
 _PTRACE_SEIZE: Final = 0x4206
 _PTRACE_INTERRUPT: Final = 0x4207
 
+TITLE: Final = "acrc r1"
+"""Of a sandboxed robot, whose command line tells nothing else."""
+
 
 class NotDrivingError(AcrcError):
     """A robot that does not come to drive."""
@@ -117,13 +120,14 @@ class Rig:
             stream.close()
 
     def processes(self, word: str) -> list[int]:
-        """The robot's processes with that word in their command lines."""
+        """The robot's processes with that word in their command lines; a sandboxed one has a title there."""
         found = []
         for entry in Path("/proc").iterdir():
             if not entry.name.isdigit() or int(entry.name) == os.getpid():
                 continue
             try:
                 words = (entry / "cmdline").read_bytes().decode(errors="replace").split("\0")
+                words += ["actors.robot", str((entry / "fd" / "1").readlink())] if words[0] == TITLE else []
             except OSError:
                 continue
             ours = any(str(self.folder) in one for one in words)

@@ -41,13 +41,13 @@ def units(
     from deploy.run.foreign import permit_of
 
     loaded = load_fleet(fleet)
-    runs_as, program = user or unit_files.everyday_user(REPOSITORY), REPOSITORY / "acrc"
+    chosen = loaded.robot(robot)
     written = unit_files.write(
         loaded,
-        loaded.robot(robot),
+        chosen,
         out,
-        program=program,
-        user=runs_as,
+        program=REPOSITORY / "acrc",
+        user=user or unit_files.everyday_user(REPOSITORY),
         plugged=usb_ports(),
         modules=permit_of(modules).modules,
     )

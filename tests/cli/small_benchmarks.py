@@ -21,11 +21,15 @@ SMALL: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
     "onboard": ("hardware.onboard", "OnboardTask", {"robots": 2, "duration": 3.0}),
 }  # fmt: skip
 """By the benchmark's name: its module, the class that says what it measures, and what is smaller there."""
-FEW: Final[dict[str, tuple[str, dict[str, int]]]] = {
-    "attacks": ("attacks.command", {"ATTACKS": 8}),
-    "standstill": ("hardware.standstill", {"PROCESSES": 0, "DEVICES": 1}),
+FEW: Final[dict[str, dict[tuple[str, str], int]]] = {
+    "attacks": {("attacks.command", "ATTACKS"): 8},
+    "standstill": {
+        ("hardware.standstill", "PROCESSES"): 0,
+        ("hardware.standstill", "DEVICES"): 1,
+        ("hardware.sensor_trials", "FAULTS"): 2,
+    },
 }
-"""By name: module, tables of what is tried one by one, and how much of each is left."""
+"""By name: module and table of what is tried one by one, and how much of it is left."""
 
 
 def main() -> None:
@@ -35,12 +39,10 @@ def main() -> None:
         module, cls, values = SMALL[name]
         place = import_module(f"benchmarks.{module}")
         setattr(place, cls, _smaller(getattr(place, cls), values))
-    if name in FEW:
-        module, tables = FEW[name]
+    for (module, table), most in FEW.get(name, {}).items():
         place = import_module(f"benchmarks.{module}")
-        for table, most in tables.items():
-            whole = getattr(place, table)
-            setattr(place, table, dict([*whole.items()][:most]) if isinstance(whole, dict) else whole[:most])
+        whole = getattr(place, table)
+        setattr(place, table, dict([*whole.items()][:most]) if isinstance(whole, dict) else whole[:most])
     app.main()
 
 

@@ -7,6 +7,7 @@ no test does; `documentation.trials` says what is shortened, and has its full le
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -44,7 +45,7 @@ def clone() -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="acrc-") as name:  # shorter than pytest's: sockets will lie in it
         folder = Path(name)
         for given in IN_A_CLONE:
-            (folder / given).symlink_to(REPOSITORY / given)
+            shutil.copytree(REPOSITORY / given, folder / given)
         (folder / "actors").mkdir()
         (folder / "actors" / "models").symlink_to(REPOSITORY / "actors" / "models")
         (folder / "my_study").mkdir()

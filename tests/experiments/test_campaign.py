@@ -69,12 +69,12 @@ def test_a_run_that_fails_is_kept_with_its_cause(tmp_path: Path) -> None:
 
 
 def test_a_process_that_dies_is_a_failure_and_not_a_hole(tmp_path: Path) -> None:
-    (tmp_path / "dies.py").write_text("import os\n\ndef behaviour(start):\n    os._exit(7)\n")
+    (tmp_path / "dies.py").write_text("import os\n\ndef behaviour(start):\n    os.kill(os.getpid(), 9)\n")
     (tmp_path / "s.toml").write_text(CORRIDOR.read_text().replace("../maps", str(ROOT / "maps")))
     folder = store.create(tmp_path / "out", Study("d", str(tmp_path / "s.toml"), ("dies:behaviour",), 1))
     carry_out(folder, CampaignOptions(jobs=1, modules=(tmp_path,)))
     (record,) = folder.records()
-    assert record.failure == "its process ended with exit code 7 without a result"
+    assert record.failure == "its process ended with exit code -9 without a result"
 
 
 def test_a_run_that_takes_too_long_is_ended_and_a_failure(tmp_path: Path) -> None:
