@@ -163,7 +163,10 @@ def test_the_operator_watches_and_stops_it_over_tls(links: Path, tmp_path: Path)
         )
         assert watcher.stdout is not None
         line = next(line for line in watcher.stdout if "places left" in line)
-        assert line.startswith(f"{endpoint}  step ") and line.endswith("2 places left, 0 reported, running\n")
+        # on a busy computer the emulated lidar is late, and then the robot says so
+        assert re.fullmatch(
+            rf"{re.escape(endpoint)}  step \d+: 2 places left, 0 reported, running(, .+)?\n", line
+        )
         stopped = acrc("fleet", "stop", endpoint, "--keys", keys)
         assert (stopped.returncode, stopped.stdout, stopped.stderr) == (
             0,
@@ -188,7 +191,7 @@ def test_a_full_disk_costs_records_that_are_counted_and_no_stop(links: Path, tmp
     out = disk / "one"
     words = [*ACRC, "fleet", "onboard", str(fleet), "--robot", "r1", "--out", str(out)]
     running = subprocess.Popen(
-        on_small_disk(disk, "112k", words),
+        on_small_disk(disk, "448k", words),  # of which three processes hold 64 KB each
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -54,7 +54,7 @@ def test_what_the_robot_reads_is_the_same_and_base_and_bridge_lie_beside_it(
     simulated = replace(alone, out=tmp_path / "simulated")
     plan.lay_out(simulated)
     onboard.lay_out(Onboard(alone, PORTS, lambda: 0))
-    assert sorted(path.name for path in alone.out.iterdir()) == ["r1", "r1.base", "r1.radio"]
+    assert sorted(path.name for path in alone.out.iterdir()) == ["names.json", "r1", "r1.base", "r1.radio"]
     for path in filter(Path.is_file, (simulated.out / "r1").iterdir()):
         assert (alone.out / "r1" / path.name).read_bytes() == path.read_bytes()
     with pytest.raises(OptionError) as refused:

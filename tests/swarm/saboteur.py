@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import mmap
 import os
 import resource
 import signal
@@ -9,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from actors.instant import Instant, seconds
@@ -198,14 +200,22 @@ def hoards(start: Start) -> Behaviour:
     return Behaves(start, take)
 
 
+def leave_20_mb() -> None:
+    """Lower the limit to what this process has and 20 MB, to 10 MB; how much it has, no file tells it."""
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    for most in range(30_000_000, hard, 10_000_000):
+        resource.setrlimit(resource.RLIMIT_DATA, (most, hard))
+        with suppress(OSError, MemoryError):
+            mmap.mmap(-1, 20_000_000, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS).close()
+            return
+
+
 def hoards_crumbs(start: Start) -> Behaviour:
     """Takes the last byte, too, of the 20 MB that it leaves itself."""
     hoard: list[bytearray] = []
 
     def take() -> None:
-        pages = int(Path("/proc/self/statm").read_text().split()[5])
-        most = pages * resource.getpagesize() + 20_000_000
-        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+        leave_20_mb()
         while True:
             hoard.append(bytearray(1))
 

@@ -32,7 +32,9 @@ class SlowAtFirst:
 
 def test_compiling_is_nobodys_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     slow = SlowAtFirst()
-    plan = swarm.plan(load_scenario(None, Overrides(robots=1, duration=1)), RunOptions(tmp_path / "out"))
+    plan = swarm.plan(
+        load_scenario(None, Overrides(robots=1, duration=1)), RunOptions(tmp_path / "out", isolate=False)
+    )
     monkeypatch.setattr(assembly, "KERNELS", (*assembly.KERNELS, slow))
     limited = replace(plan, timeout=Timeout(step_s=2.0))
     assert swarm.run_in_memory(limited, lambda progress: None).simulated_s == 1.0
