@@ -153,7 +153,7 @@ class OnboardSupervisor:
     def _tell_losses(self) -> None:
         """Say which recordings the disk does not take, as each process says it of its own in its log."""
         for name, child in self._children.items():
-            last, record = last_line(child.program.log), child.program.record
+            last, record = _last_word(child), child.program.record
             if record is not None and last.startswith(f"{record}: ") and self._losses.get(record) != last:
                 self._losses[record] = last
                 self._say(f"{name}: {last}")
@@ -165,9 +165,13 @@ class OnboardSupervisor:
             self._lives()
 
 
+def _last_word(child: Child) -> str:
+    return child.program.in_our_words(last_line(child.program.log))
+
+
 def _cause(child: Child) -> str:
     """How a process has ended, and why, as far as it says."""
-    last = last_line(child.program.log)
+    last = _last_word(child)
     code = child.exit_code or 0
     how = f"by signal {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
     return f"{how}{f': {last}' if last else ''}"

@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Any, Protocol, Self
 
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.neutral import Names
+from actors.runtime.isolation.neutral import Names, outside
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.environment import passed_on
 from deploy.processes.confined import MESSAGE_LIMIT
@@ -38,6 +38,10 @@ class Program:
     """The MCAP file that it writes; None for an observer, without which a run goes on."""
     names: Names | None = None
     """Of a robot that is shut off: what is called otherwise in `argv`; None: nothing is."""
+
+    def in_our_words(self, told: str) -> str:
+        """What the program has said, its paths as they are called outside of its sandbox."""
+        return told if self.names is None else outside(told, self.names)
 
 
 @dataclass

@@ -26,7 +26,6 @@ from actors.robot.behaviour.modules import look_in
 from actors.robot.behaviour.succession import rehearse
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError, printable
-from actors.runtime.isolation.neutral import outside
 from actors.runtime.lifecycle.failure import FailureNote
 from actors.runtime.prints import taken_by
 from actors.runtime.recording import RecordingError, read_notes
@@ -159,7 +158,7 @@ def said(program: Program, limit: int = Bounds.shown_bytes) -> str:
     with program.log.open("rb") as log:
         log.seek(max(0, program.log.stat().st_size - limit))
         told = printable(log.read(limit).decode(errors="replace"))
-    return told if program.names is None else outside(told, program.names)
+    return program.in_our_words(told)
 
 
 def show(told: str) -> None:

@@ -19,6 +19,7 @@ from actors.topic import Message, Topic
 from deploy.processes.hold_ups import HoldUp
 from deploy.processes.last_word import where_it_crashed
 from deploy.processes.launch import Child, Launcher, LaunchError, Program
+from deploy.processes.log_end import last_line
 from deploy.processes.silence import Timeout
 from deploy.run.resource_watch import ResourceWatch
 from deploy.run.vigil import Vigil
@@ -200,7 +201,7 @@ def _cause(failed: list[Child]) -> str:
         ended = f"{child.program.actor} was ended by signal {signal.Signals(-code).name}"
         place = where_it_crashed(child.program.log) if -code in _CRASHES else ""
         return ended + (f"; it stood at {place}" if place else "")
-    last = _last_line(child.program)
+    last = child.program.in_our_words(last_line(child.program.log))
     return f"{child.program.actor} ended with exit code {code}" + (f": {last}" if last else "")
 
 
@@ -228,8 +229,3 @@ def _failure(program: Program) -> FailureNote | None:
         return None if text is None else decoded(program.record, "failure", text, FailureNote)
     except RecordingError:
         return None
-
-
-def _last_line(program: Program) -> str:
-    lines = program.log.read_text(errors="replace").split("\n") if program.log.is_file() else []
-    return next((line.strip() for line in reversed(lines) if line.strip()), "")
