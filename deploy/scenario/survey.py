@@ -123,10 +123,11 @@ def sentences(found: ScenarioSurvey) -> Sequence[str]:
     """What a person wants to know first."""
     world, grid = found.resolved.world, found.grid
     places = sum(len(body.places) for body in world.robots)
-    doors = found.parts.doors
+    doors, count = found.parts.doors, len(world.robots)
+    robots = "1 robot" if count == 1 else f"{count} robots"
     width, depth = grid.corner.x - grid.origin.x, grid.corner.y - grid.origin.y
     said = [
-        f"{len(world.robots)} robots, {places} places, {world.duration_us / 1e6:g} s at most, strategy "
+        f"{robots}, {places} places, {world.duration_us / 1e6:g} s at most, strategy "
         f"{found.resolved.scenario.run.strategy}, seed {world.seed}",
         f"floor: {width:.1f} m by {depth:.1f} m, of which a robot's centre gets to {found.surface:.0f} m²; "
         f"{found.parts.count} regions, {_doors(len(doors))}",

@@ -63,7 +63,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
             needs="websockets",
         ),
     ),
-    "demo": (Line("demo --out runs/demo", r"runs/demo"),),
+    "demo": (Line("demo --out d", r"d/demo\.png", "d/demo.png"),),
     "loop": (
         Line(
             "run near.toml --hardware-in-the-loop --board r1 --duration 4 --out runs/loop",

@@ -194,7 +194,7 @@ def opened(path: Path) -> IO[bytes]:
     except OSError as error:
         link = error.errno == errno.ELOOP and path.is_symlink()
         why = "a link, and a recording never is" if link else f"cannot be read: {error.strerror}"
-        why = "no recording, as it is no file" if error.errno == errno.EINVAL else why
+        why = "no recording, as it is no file" if error.errno in {errno.EINVAL, errno.EISDIR} else why
         raise RecordingError(f"{path}: {why}") from None
     except ValueError as error:  # a zero byte
         raise RecordingError(f"{str(path)!r}: no name of a recording: {error}") from None
