@@ -246,6 +246,7 @@ def test_in_memory_ctrl_c_ends_who_does_not_heed_it(
 ) -> None:
     process = in_memory(tmp_path / "out", behaviour, 100)
     until(lambda: in_step_20(tmp_path / "out"), timeout_s=80)
+    time.sleep(2)  # from the step's begin until it is in there, which nothing tells
     process.send_signal(number)
     _, said = process.communicate(timeout=100)
     assert process.returncode == -signal.SIGKILL
