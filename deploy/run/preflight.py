@@ -58,7 +58,7 @@ class Bounds:
 def preflight(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None:
     """Make the first robot in a process of its own, in a folder that is gone afterwards.
 
-    Raises RehearsalError where that fails, hangs or ends; a bug's traceback is shown first.
+    Raises PreflightError where that fails, hangs or ends; a bug's traceback is shown first.
     """
     robot = plan.world.robots[0]
     with scratch_folder() as folder:
@@ -69,10 +69,11 @@ def preflight(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None
         child = launched.start(program)
         try:
             _await_end(child, launched, bounds)
+            hung = child.exit_code is None
         finally:
             child.send(signal.SIGKILL)
             _await_end(child, launched, replace(bounds, patience_s=0.0))
-        _judge(plan, child, bounds)
+        _judge(plan, child, bounds, hung=hung)
 
 
 def preflight_here(settled: ResolvedScenario, text: str, modules: Sequence[Path]) -> None:
@@ -117,8 +118,11 @@ def _await_end(child: Child, launched: Launcher, bounds: Bounds) -> None:
         launched.wait(0.05)
 
 
-def _judge(plan: Plan, child: Child, bounds: Bounds) -> None:
-    """RehearsalError unless the robot's process says that the robot could be made."""
+def _judge(plan: Plan, child: Child, bounds: Bounds, *, hung: bool) -> None:
+    """PreflightError unless the robot's process says that the robot could be made.
+
+    `hung`: it had not ended by itself in time, so the signal that ended it was ours.
+    """
     made = f"strategy {plan.behaviour!r}, made for {child.program.actor} before the run"
     notes = _notes(child.program)
     if "failure" in notes:
@@ -130,15 +134,18 @@ def _judge(plan: Plan, child: Child, bounds: Bounds) -> None:
     if child.exit_code == 0 and "run" in notes:
         return
     told = said(child.program, bounds.shown_bytes)
-    hung = _HUNG.search(told)
-    if hung is not None:
-        where = f"{Path(hung[1]).name}:{hung[2]}"
+    place = _HUNG.search(told)
+    if place is not None:
+        where = f"{Path(place[1]).name}:{place[2]}"
         raise PreflightError(f"{made}: is not done after {bounds.patience_s:g} s; it is at {where}")
     if child.exit_code == 2 and told.strip():  # it says why before it comes to the strategy
         raise PreflightError(told.strip().splitlines()[-1])
     show(told)
-    if child.exit_code is None or child.exit_code < 0:
-        number = signal.SIGKILL if child.exit_code is None else signal.Signals(-child.exit_code)
+    if hung:
+        raise PreflightError(f"{made}: is not done after {bounds.patience_s + bounds.grace_s:g} s")
+    assert child.exit_code is not None
+    if child.exit_code < 0:
+        number = signal.Signals(-child.exit_code)
         raise PreflightError(f"{made}: its process was ended by signal {number.name}")
     raise PreflightError(f"{made}: its process ended with exit code {child.exit_code}")
 

@@ -144,6 +144,11 @@ def dies(start):
 def hangs(start):
     while True: pass
 
+def hangs_unseen(start):
+    import faulthandler
+    faulthandler.cancel_dump_traceback_later()
+    hangs(start)
+
 def sends_a_courier(start):
     if os.fork() == 0:
         os.setsid()
@@ -196,6 +201,14 @@ def test_a_robot_that_cannot_be_made_is_one_sentence(
         preflight(hostile(tmp_path, function), launched, Bounds(patience_s=1.0))
     assert str(caught.value) == sentence.format(function)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_robot_that_hangs_unseen_is_said_to_hang_and_not_to_be_killed(
+    tmp_path: Path, launched: ServedLauncher
+) -> None:
+    with pytest.raises(PreflightError) as caught:
+        preflight(hostile(tmp_path, "hangs_unseen"), launched, Bounds(patience_s=0.5, grace_s=0.5))
+    assert str(caught.value) == MADE.format("hangs_unseen") + "is not done after 1 s"
 
 
 def test_a_bug_shows_its_traceback_and_nothing_that_steers_the_terminal(
