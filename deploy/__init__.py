@@ -1,1 +1,1 @@
-"""Scenario, swarm and command line: whatever stands around the actors of a run."""
+"""What starts and ends programs on computers: a scenario, its run, branches of it, fleets, the laboratory."""

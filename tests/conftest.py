@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import pytest
 
-from deploy.development.suite import ALONE, says_alone
+from command_line.development.suite import ALONE, says_alone
 
 LONGEST: Final = (
     "documentation/test_blocks.py",

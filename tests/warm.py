@@ -28,14 +28,16 @@ import actors  # noqa: F401  # which names the folder of the kernels
 from tests.warm_server import serve_warm
 
 ROOT: Final = Path(__file__).resolve().parents[1]
-ACRC: Final = "deploy.cli.app"
+ACRC: Final = "command_line.app"
 MESSAGE_LIMIT: Final = 1 << 20
 """Bytes of what is asked for."""
 READ_AT_START: Final = ("GLIBC_", "LD_", "MALLOC_", "NPY_", "NUMBA_", "OMP_", "OPENBLAS_", "PYTHON")
 """Variables that begin so have done their work once the modules are there; a fork would not heed others."""
 
-THERE: Final = find_spec("rerun") is not None
-"""What draws into the viewer can be imported; `./acrc test` does not install it."""
+LEFT_OUT: Final = ("command_line.documentation.", "command_line.experiments.") + (
+    () if find_spec("rerun") else ("deploy.fleet.watched", "observation.view.")
+)
+"""What few commands need is imported by these; what draws into the viewer only where that is installed."""
 
 
 def read_at_start(env: Mapping[str, str]) -> dict[str, str]:
@@ -62,7 +64,7 @@ def run(
     program: str = ACRC,
     cores: Sequence[int] = (),
 ) -> subprocess.CompletedProcess[str]:
-    """What `python -m deploy WORDS…` does in this folder and environment; `finds_cwd`: without `-P`.
+    """What `python -m command_line WORDS…` does in this folder and environment; `finds_cwd`: without `-P`.
 
     In an environment that a fork heeds, there can be another `program`, a module with a `main`, and `cores`,
     the only ones that it and what it starts may run on.
@@ -73,7 +75,7 @@ def run(
     assert program == ACRC and not cores
     flags = () if finds_cwd else ("-P",)
     return subprocess.run(
-        [sys.executable, *flags, "-m", "deploy", *words],
+        [sys.executable, *flags, "-m", "command_line", *words],
         cwd=cwd, env=env, capture_output=True, text=True, timeout=timeout_s, check=False,
     )  # fmt: skip
 
@@ -147,10 +149,11 @@ def _read_all(descriptors: Sequence[int], deadline: float) -> list[str]:
 
 def serve(channel: socket.socket) -> None:
     """Fork as asked for until the other end closes, one command at a time."""
-    import_module("deploy.processes.preload")
-    for module in pkgutil.walk_packages(import_module("deploy").__path__, "deploy."):
-        if not module.name.endswith("__main__") and (THERE or not module.name.startswith("deploy.view.")):
-            import_module(module.name)
+    import_module("actors.processes.preload")
+    for package in ("command_line", "deploy", "observation"):
+        for module in pkgutil.walk_packages(import_module(package).__path__, f"{package}."):
+            if not (module.name.endswith("__main__") or module.name.startswith(LEFT_OUT)):
+                import_module(module.name)
     import_module(
         "actors.runtime.process"
     ).settle()  # collecting in a fork would look at all this, and copy it
@@ -191,7 +194,7 @@ def _become(
         os.environ.update({**made, **asked["env"]})
         named = [place for place in asked["env"].get("PYTHONPATH", "").split(os.pathsep) if place]
         sys.path[:] = [*([asked["cwd"]] if asked["finds_cwd"] else ()), *named, *places]
-        sys.argv = [str(ROOT / "deploy" / "__main__.py"), *asked["words"]]
+        sys.argv = [str(ROOT / "command_line" / "__main__.py"), *asked["words"]]
         invalidate_caches()
         serve_warm(places)
         import_module(asked["program"]).main()

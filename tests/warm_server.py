@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NoReturn
 
+from actors.installation.repository import REPOSITORY
+from actors.processes import forkserver, launch
 from actors.runtime.lifecycle.environment import passed_on
-from deploy.processes import forkserver, launch
-from deploy.repository import REPOSITORY
 
 _BEGIN: Final = launch.begin
 

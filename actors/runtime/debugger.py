@@ -10,7 +10,10 @@ from typing import Any, Final, TextIO
 from actors.runtime.errors import AcrcError
 
 _ROOT: Final = Path(__file__).resolve().parents[2]
-_OURS: Final = tuple(f"{_ROOT / name}/" for name in ("actors", "deeco", "deploy", "firmware_bridge"))
+_OURS: Final = tuple(
+    f"{_ROOT / name}/"
+    for name in ("actors", "command_line", "deeco", "deploy", "firmware_bridge", "observation")
+)
 """What a strategy runs on."""
 _SHIPPED: Final = f"{_ROOT / 'cleaning'}/"
 """The shipped strategies: somebody's own code as long as he has no other."""

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from actors.installation.repository import REPOSITORY
+from actors.robot.behaviour.foreign import INSTALLED
 from benchmarks.branches.losses import heard, named
 from benchmarks.statistics.rows import print_rows
 from deploy.branches.branching import branch
 from deploy.branches.change import Change
-from deploy.repository import REPOSITORY
 from deploy.run import swarm
-from deploy.run.foreign import INSTALLED
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 

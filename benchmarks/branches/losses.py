@@ -7,12 +7,12 @@ from typing import NamedTuple
 from actors.instant import in_seconds, milliseconds
 from actors.messages import RECEIVED
 from actors.orders import Lose
+from actors.robot.behaviour.foreign import INSTALLED
 from deploy.branches.branching import branch
 from deploy.branches.change import Change, Event
-from deploy.evidence.frame_fates import frame_fates
-from deploy.run.foreign import INSTALLED
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
+from observation.evidence.frame_fates import frame_fates
 
 
 class Copy(NamedTuple):

@@ -8,8 +8,8 @@ from typing import Final
 
 from numpy.random import Generator
 
+from actors.installation.repository import REPOSITORY
 from actors.randomness import generator
-from deploy.repository import REPOSITORY
 
 _MAP: Final = REPOSITORY / "maps" / "corridor.yaml"
 NECKS: Final = (12.44, 17.25)

@@ -14,13 +14,13 @@ from rich.table import Table
 from actors.randomness import generator
 from benchmarks.causes.situations import NECKS, Robot, Situation
 from benchmarks.statistics.pool import in_order
-from deploy.replay.run_recordings import recordings
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from experiments.accounting.account import account
 from experiments.accounting.time_spent import Cause
 from experiments.accounting.tracks import recorded
+from observation.replay.run_recordings import recordings
 
 _APART: Final = 1.0
 """Who has been so far apart, m, came free."""

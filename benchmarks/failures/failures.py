@@ -12,11 +12,11 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
+from actors.installation.repository import REPOSITORY
 from benchmarks.failures.found import FailureRun
 from benchmarks.failures.run import FailureTask, examine
 from benchmarks.statistics.confidence import Interval, average, proportion
 from benchmarks.statistics.pool import in_order
-from deploy.repository import REPOSITORY
 
 SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
 ROBOTS: Final = (4, 8)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from actors.floor.map_file import load_map
 from actors.geometry import Point
+from actors.installation.usage import OptionError
 from actors.instant import in_seconds, seconds
 from actors.robot_model import load_model
 from benchmarks.failures.found import BlockingEpisode, FailureRun, LostEpisode, Spell
@@ -28,7 +29,6 @@ from cleaning.strategies import entry
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.stack_tables import stack_fault
 from deploy.scenario.tables import Scenario
-from deploy.usage import OptionError
 from experiments.accounting.episodes import Blocking, EpisodeParameters, blockings, lost
 from experiments.accounting.passage import Passages
 from experiments.accounting.tracks import Tracks

@@ -13,13 +13,13 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
+from actors.installation.repository import REPOSITORY
+from actors.processes.launch import ServedLauncher
 from actors.runtime.errors import AcrcError
 from deploy.laboratory import hardware_in_the_loop
-from deploy.processes.launch import ServedLauncher
-from deploy.replay import record_replay
-from deploy.repository import REPOSITORY
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
+from observation.replay import record_replay
 
 NO_NETWORK: Final = ("unshare", "--map-root-user", "--net")
 """util-linux; a namespace without a single link that is up."""

@@ -11,10 +11,10 @@ import numpy as np
 from actors.floor.map_file import load_map
 from actors.floor.placement import PlacementError, check_pose
 from actors.geometry import Point, Pose
+from actors.installation.repository import REPOSITORY
 from actors.messages import Scan
 from actors.randomness import generator
 from benchmarks.hardware.sensor_rig import Pilot, SensorRig
-from deploy.repository import REPOSITORY
 from firmware_bridge.kobuki.safety import Cause
 
 FLOORS: Final = tuple(REPOSITORY / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))

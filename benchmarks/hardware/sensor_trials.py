@@ -16,11 +16,11 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
+from actors.processes.kernels import compile_kernels
 from benchmarks.hardware.sensor_faults import FAULTS, SensorFault
 from benchmarks.hardware.sensor_rig import SensorRig
 from benchmarks.hardware.sensor_situations import FLOORS, SITUATIONS, accusations, starts_on
 from benchmarks.statistics.pool import in_order
-from deploy.run.kernels import compile_kernels
 
 SPEEDS: Final = (0.5, 0.5, 0.3, 0.4)
 """m/s, by seed."""

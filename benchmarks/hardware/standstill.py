@@ -18,8 +18,8 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
+from actors.processes.kernels import compile_kernels
 from benchmarks.hardware.standstill_rig import GUARDIAN, Rig, held, killed, stopped
-from deploy.run.kernels import compile_kernels
 from firmware_bridge.laboratory.laboratory import RADIO, RANGE
 
 PROCESSES: Final = {

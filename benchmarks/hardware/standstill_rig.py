@@ -15,10 +15,10 @@ from typing import Final, NamedTuple, Self
 
 import msgspec
 
+from actors.installation.repository import REPOSITORY
 from actors.radio.radio_setup import RadioSetup
 from actors.runtime.errors import AcrcError
 from actors.world.world_setup import BodySetup, WorldSetup
-from deploy.repository import REPOSITORY
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 
 GUARDIAN: Final = "guardian.py"
@@ -95,7 +95,7 @@ class Rig:
         words = ("fleet", "onboard", fleet, "--robot", "r1", "--out", self.out)
         self._log = (self.folder / "onboard.log").open("wb")
         self._onboard = subprocess.Popen(
-            [sys.executable, "-m", "deploy", *map(str, words)],
+            [sys.executable, "-m", "command_line", *map(str, words)],
             cwd=REPOSITORY,
             stdout=self._log,
             stderr=self._log,

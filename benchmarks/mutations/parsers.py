@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from actors.floor.map_file import load_map
+from actors.installation.repository import REPOSITORY
 from actors.instant import START
 from actors.messages import TOPICS, TRANSMIT, Transmit
 from actors.radio import frame_codec
@@ -25,14 +26,13 @@ from actors.world.program import load_setup
 from benchmarks.mutations.devices import device_parsers
 from deeco.replication.packet import unpack
 from deeco.replication.reassembly import Reassembly
-from deploy.field_trial.laboratory_truth import read_truth
-from deploy.field_trial.recordings import read_field_trial
 from deploy.fleet.fleet_file import load_fleet
-from deploy.replay.record_check import check
-from deploy.repository import REPOSITORY
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
+from observation.field_trial.laboratory_truth import read_truth
+from observation.field_trial.recordings import read_field_trial
+from observation.replay.record_check import check
 
 T = TypeVar("T")
 

@@ -26,9 +26,9 @@ from actors.runtime.core import Core, at
 from actors.runtime.recording import Entry, read_recording
 from benchmarks.localisation.log import map_members, pack
 from benchmarks.navigation.course import NavigationCourse, body, scenario
-from deploy.replay.record_replay import Onlook, replay_actor
 from deploy.run import swarm
 from deploy.run.options import RunOptions
+from observation.replay.record_replay import Onlook, replay_actor
 
 FORMAT: Final = "acrc-navigation-log"
 VERSION: Final = 1

@@ -13,12 +13,12 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
+from actors.installation.repository import REPOSITORY
 from benchmarks.navigation import goal_log, log
 from benchmarks.navigation.course import NavigationCourse
 from benchmarks.navigation.run import Leg, RunFigures, measure
 from benchmarks.statistics.confidence import proportion
 from benchmarks.statistics.pool import in_order
-from deploy.repository import REPOSITORY
 
 MAPS: Final = tuple(REPOSITORY / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))
 ROBOTS: Final = (1, 4)

@@ -10,13 +10,13 @@ import msgspec
 from actors.runtime.bus.memory_bus import MemoryBus
 from actors.world.world_setup import WorldSetup
 from benchmarks.navigation.goal_log import SUBJECT, LoggedGoal
-from deploy.evidence.recorded import outcomes
-from deploy.results.navigation_result import NavigationOutcome, navigation_outcome
-from deploy.results.result import RunResult
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.tables import Scenario
 from experiments.accounting.tracks import Tracker, Tracks
+from observation.evidence.recorded import outcomes
+from observation.results.navigation_result import NavigationOutcome, navigation_outcome
+from observation.results.result import RunResult
 
 
 @dataclass(frozen=True, eq=False)

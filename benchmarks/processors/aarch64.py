@@ -12,9 +12,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
+from actors.installation.repository import REPOSITORY
 from benchmarks.processors.computer import Computer
 from benchmarks.processors.pythons import pip
-from deploy.repository import REPOSITORY
 
 NAME: Final = "aarch64 in qemu, Debian's Python 3.11"
 PROGRAMS: Final = {

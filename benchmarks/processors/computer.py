@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 import actors
-from deploy.repository import REPOSITORY
+from actors.installation.repository import REPOSITORY
 
 _LAST_WORDS: Final = 200
 """Characters of a failed command's last line that are told."""
@@ -75,7 +75,7 @@ def make(task: RunTask, computer: Computer, folder: Path, patience_s: float) -> 
     begun = time.monotonic()
     try:
         done = subprocess.run(
-            [*computer.command, "-m", "deploy", *task.words(out)],
+            [*computer.command, "-m", "command_line", *task.words(out)],
             cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=False, timeout=patience_s,
         )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired) as error:

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
+from actors.installation.repository import REPOSITORY
 from benchmarks.processors.computer import Computer
-from deploy.repository import REPOSITORY
 
 MINORS: Final = (11, 12, 13, 14)
 """Of Python 3 that are tried."""

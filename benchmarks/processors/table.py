@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
+from actors.installation.repository import REPOSITORY
 from benchmarks.processors import aarch64, here, pythons
 from benchmarks.processors.computer import Computer, RunOutcome, RunTask, make
-from deploy.repository import REPOSITORY
 
 _PATIENCE_S: Final = 3600.0
 _SHOWN: Final = 12

@@ -14,8 +14,8 @@ from benchmarks.statistics.rows import print_rows
 from benchmarks.swarm import part_clock
 from benchmarks.swarm.part_clock import PartClock
 from benchmarks.swarm.task import SwarmTask, planned
-from deploy.replay.record_replay import replay_actor
 from deploy.run import memory_swarm, swarm
+from observation.replay.record_replay import replay_actor
 
 GOAL_SHARE: Final = 0.15
 """Of the run's CPU, at most."""

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from statistics import NormalDist, mean, stdev
 from typing import Final, NamedTuple
 
-from deploy.field_trial.clocks.student_t import quantile
+from observation.field_trial.clocks.student_t import quantile
 
 _PROBABILITY: Final = 0.975
 

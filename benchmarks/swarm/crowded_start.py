@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from actors.installation.repository import REPOSITORY
 from actors.runtime.errors import AcrcError
 from benchmarks.statistics.rows import print_rows
-from deploy.repository import REPOSITORY
 
-_ACRC: Final = (sys.executable, "-P", "-m", "deploy")
+_ACRC: Final = (sys.executable, "-P", "-m", "command_line")
 _SPIN: Final = (sys.executable, "-c", "while True: pass")
 
 

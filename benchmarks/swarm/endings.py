@@ -11,10 +11,10 @@ from pathlib import Path
 
 from rich.console import Console
 
+from actors.installation.repository import REPOSITORY
 from actors.runtime.errors import AcrcError
 from benchmarks.statistics.rows import print_rows
 from benchmarks.swarm.endings_trial import MODES, Ending, EndingsTask, attempt, deed, run_command
-from deploy.repository import REPOSITORY
 
 
 def run(task: EndingsTask, workers: int, json_output: bool = False) -> bool:

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from actors.installation.repository import REPOSITORY
 from actors.runtime.lifecycle import process_table
-from deploy.repository import REPOSITORY
 
 MODES: Final = {
     "forkserver": ("--no-isolate",),
@@ -26,7 +26,7 @@ MODES: Final = {
 """How a run is started, by its name in the table."""
 SWARM: Final = ("world", "radio", "r1", "r2")
 DEEDS: Final = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGSTOP)
-_ACRC: Final = (sys.executable, "-m", "deploy")
+_ACRC: Final = (sys.executable, "-m", "command_line")
 _FORKSERVER: Final = "forkserver"
 _ALL: Final = "all"
 _PARENT: Final = "acrc"
@@ -166,7 +166,7 @@ def _role(pid: int, parent: int, out: Path) -> str:
     except OSError:
         return ""
     actor = actor_of(pid, out)
-    return actor or (_FORKSERVER if b"deploy.processes.forkserver" in command else "")
+    return actor or (_FORKSERVER if b"actors.processes.forkserver" in command else "")
 
 
 def _wrong_words(one: Deed, came: str, code: int, said: str) -> Sequence[str]:

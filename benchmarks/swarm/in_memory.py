@@ -15,8 +15,8 @@ from benchmarks.swarm import part_clock, parts
 from benchmarks.swarm.budget import Line, budget
 from benchmarks.swarm.part_clock import PartClock
 from benchmarks.swarm.task import SwarmTask, planned
-from deploy.results.result import RunResult
 from deploy.run import memory_swarm, swarm
+from observation.results.result import RunResult
 
 _MEMORY_REPEATS: Final = 2
 

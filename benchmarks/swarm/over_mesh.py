@@ -18,8 +18,8 @@ from actors.runtime.recording import read_notes
 from benchmarks.swarm import process_figures
 from benchmarks.swarm.process_figures import Activity, Memory
 from benchmarks.swarm.task import Range, SwarmTask, all_cpu_s, planned
-from deploy.results.result import RunResult
 from deploy.run import swarm
+from observation.results.result import RunResult
 
 PARENT: Final = "parent"
 _ENDLESS_S: Final = 36_000.0

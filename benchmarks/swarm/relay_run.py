@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 import deeco.node
+from actors.installation.usage import OptionError
 from deeco.instant import Instant, seconds
 from deeco.knowledge import Knowledge
 from deeco.replication.network import Network
 from deeco.replication.packet import Version
-from deploy.results.result import RunResult
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
-from deploy.usage import OptionError
+from observation.results.result import RunResult
 
 WARM_UP_S: Final = 10.0
 """Before it no age is sampled: nobody knows of anybody at first."""

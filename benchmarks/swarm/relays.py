@@ -11,11 +11,11 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
+from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.ports import EVERYBODY_DBM
 from benchmarks.statistics.confidence import Interval, average
 from benchmarks.statistics.pool import in_order
 from benchmarks.swarm.relay_run import OLD_S, UNKNOWN_S, RelayFigures, RelayTask, examine
-from deploy.repository import REPOSITORY
 from deploy.scenario.scenario_file import load_scenario
 
 SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"

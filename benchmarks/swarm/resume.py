@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from actors.installation.repository import REPOSITORY
 from actors.runtime.errors import AcrcError
 from benchmarks.statistics.rows import print_rows
-from deploy.repository import REPOSITORY
 
 _LOOK_S: Final = 0.02
-_ACRC: Final = (sys.executable, "-P", "-m", "deploy", "campaign")
+_ACRC: Final = (sys.executable, "-P", "-m", "command_line", "campaign")
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,11 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
+from actors.installation.repository import REPOSITORY
 from actors.instant import in_seconds
 from actors.messages import Progress
 from actors.runtime.process import FinalNote
 from actors.runtime.recording import read_notes
-from deploy.repository import REPOSITORY
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario

@@ -14,7 +14,7 @@ import numpy as np
 
 from actors.floor.map_file import load_map
 from actors.floor.placement import draw_points
-from deploy.repository import REPOSITORY
+from actors.installation.repository import REPOSITORY
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import Plan

@@ -9,24 +9,24 @@ import msgspec
 
 from actors.instant import in_seconds, milliseconds
 from actors.messages import Progress
+from actors.robot.behaviour.foreign import Permit, admitted
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import entry
 from deploy.branches import settings_changed
 from deploy.branches.change import Change, boundary, with_events
 from deploy.branches.divergence import Divergence, divergence
-from deploy.replay.record_check import check
-from deploy.replay.recorded_orders import OrderBus, recorded_orders
-from deploy.replay.run_recordings import recordings
-from deploy.replay.swarm_replay import SCENARIO
-from deploy.results.origin import BranchOrigin
-from deploy.results.result import RunResult
-from deploy.results.seal import seal
+from deploy.branches.swarm_replay import SCENARIO
 from deploy.run import swarm
-from deploy.run.foreign import Permit, admitted, beside
 from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import load_scenario
+from deploy.scenario.scenario_file import load_scenario, module_folders
 from deploy.scenario.tables import Scenario
+from observation.replay.record_check import check
+from observation.replay.recorded_orders import OrderBus, recorded_orders
+from observation.replay.run_recordings import recordings
+from observation.results.origin import BranchOrigin
+from observation.results.result import RunResult
+from observation.results.seal import seal
 
 
 class BranchError(AcrcError):
@@ -82,7 +82,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
         )
     chosen = change.strategy is not None or bool(change.settings)
     changed = settings_changed.changed(scenario, change) if chosen else scenario
-    modules = admitted(origin / SCENARIO, entry(changed.run.strategy), beside(changed), permit)
+    modules = admitted(origin / SCENARIO, entry(changed.run.strategy), module_folders(changed), permit)
     options = replace(options, modules=modules)
     anew = settings_changed.control(scenario, change) if chosen else None
     unchanged = anew is not None and settings_changed.same(changed, anew, modules)

@@ -7,15 +7,15 @@ from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
 
+from actors.installation.usage import OptionError, wrong_value
 from actors.instant import seconds
 from actors.messages import CONTROL, Control
 from actors.orders import Order, Pause, Resume, Speed, Step, Stop
 from actors.robot.behaviour import Setting, succession
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
-from deploy.replay.recorded_orders import TimedControl
 from deploy.run import orders
-from deploy.usage import OptionError, wrong_value
+from observation.replay.recorded_orders import TimedControl
 
 
 @dataclass(frozen=True)

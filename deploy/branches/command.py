@@ -6,6 +6,9 @@ from pathlib import Path
 
 from rich.console import Console
 
+from actors.installation.usage import OptionError
+from actors.processes.kernels import compile_kernels
+from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import StrategyError, entry
 from deploy.branches.branching import Branched, branch
@@ -13,14 +16,11 @@ from deploy.branches.change import Change, event
 from deploy.branches.change import place as place_of
 from deploy.branches.divergence import Divergence
 from deploy.branches.settings_changed import strategy_settings
-from deploy.replay.swarm_replay import SCENARIO
-from deploy.results import summary
+from deploy.branches.swarm_replay import SCENARIO
 from deploy.run import out_folder
-from deploy.run.foreign import Permit
-from deploy.run.kernels import compile_kernels
 from deploy.run.options import folder_name, run_options
 from deploy.scenario.scenario_file import settings as settings_of
-from deploy.usage import OptionError
+from observation.results import summary
 
 
 def continue_run(

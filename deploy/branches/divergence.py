@@ -15,8 +15,8 @@ from actors.runtime.difference import first_difference
 from actors.runtime.recording import Entry, read_recording
 from actors.topic import sender
 from actors.wording import brief
-from deploy.replay.record_pass import STAMP, read_pass
-from deploy.replay.run_recordings import recordings
+from observation.replay.record_pass import STAMP, read_pass
+from observation.replay.run_recordings import recordings
 
 _ORDER: Final = tuple(topic.pattern for topic in (RECEIVED, SENSES, TRANSMIT, DRIVE, ROSTER, TRUTH))
 """In a step, causes before effects: Senses counts what Received brings. So does Aired, a step before."""

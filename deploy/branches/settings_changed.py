@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from actors.installation.usage import wrong_value
 from actors.robot.behaviour import Setting, succession
 from actors.robot.behaviour.succession import Turn
 from actors.robot.stack import TABLES, stack
@@ -20,7 +21,6 @@ from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.scenario_text import adaptation
 from deploy.scenario.tables import Scenario
-from deploy.usage import wrong_value
 
 _STRATEGY: Final = "strategy."
 

@@ -18,10 +18,10 @@ from typing import Final
 
 import msgspec
 
+from actors.installation.repository import REPOSITORY
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote
 from actors.runtime.recording import Note, RecordingError, read_recording
-from deploy.repository import REPOSITORY
 
 STATE: Final = REPOSITORY / ".state"
 """Folder of the counters: one for a computer, whatever folders its runs are in."""

@@ -14,6 +14,7 @@ from typing import Annotated, Final
 from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
 
 from actors import table_wording, toml_file
+from actors.installation.usage import OptionError
 from actors.robot.behaviour.adaptation import AreaTable, DeecoTable, Settings
 from actors.robot.behaviour.ports import Setting
 from actors.runtime.errors import AcrcError
@@ -21,7 +22,6 @@ from actors.table import A_POINT, A_POSE, Point, Pose, Right, Table, Text, as_tu
 from deploy.scenario.kinds import MOST_PLACES, Model, Parameters, RobotId, Sensor
 from deploy.scenario.scenario_text import adaptation, navigation
 from deploy.scenario.stack_tables import stack_fault
-from deploy.usage import OptionError
 from firmware_bridge.beeclick.signal import POWERS, power_setting
 from firmware_bridge.onboard.onboard_setup import OPENNI
 

@@ -10,13 +10,13 @@ from typing import Final
 
 import msgspec
 
+from actors.installation.usage import OptionError
 from actors.messages import ProcessOrder
+from actors.processes.launch import Program
 from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials
 from actors.world.world_setup import BodySetup
-from deploy.processes.launch import Program
 from deploy.run.plan import Plan, client_argv, lay_out_robot, robot_program, write_names
-from deploy.usage import OptionError
 from firmware_bridge.onboard import last_pose
 from firmware_bridge.onboard.onboard_setup import BaseSetup, BridgeSetup
 

@@ -12,9 +12,15 @@ from typing import Final
 from actors.floor.map_file import load_map
 from actors.floor.placement import check_pose
 from actors.geometry import Point
+from actors.installation.usage import command, wrong_value
+from actors.installation.version import software
 from actors.instant import milliseconds
+from actors.processes.launch import launcher
+from actors.processes.signals import signals_as_interrupts
 from actors.radio.radio_setup import RadioSetup
+from actors.robot.behaviour.foreign import Permit
 from actors.robot_model import load_model
+from actors.runtime.isolation.isolating import choose
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
 from deploy.fleet import onboard as layout
@@ -27,15 +33,9 @@ from deploy.fleet.onboard_supervisor import OnboardError, OnboardSupervisor
 from deploy.fleet.own_code import own_code
 from deploy.fleet.service_notice import ServiceNotice
 from deploy.fleet.stand_in import LOOK_S, StandIn
-from deploy.processes.launch import launcher
-from deploy.processes.signals import signals_as_interrupts
-from deploy.run.foreign import Permit
-from deploy.run.isolating import choose
 from deploy.run.out_folder import claim, writing
 from deploy.run.plan import Plan
 from deploy.run.scenario_copy import ScenarioCopy
-from deploy.usage import command, wrong_value
-from deploy.version import software
 from firmware_bridge.onboard import last_pose
 
 FOREVER: Final = 2**62

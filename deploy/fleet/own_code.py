@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
+from actors.robot.behaviour.foreign import Permit, admitted
 from cleaning.strategies import entry
 from deploy.fleet.fleet_file import Fleet
-from deploy.run.foreign import Permit, admitted
 
 
 def own_code(fleet: Fleet, permit: Permit) -> tuple[Path, ...]:
-    """Its folders, none for one that is installed. Raises as `deploy.run.foreign.admitted` does."""
+    """Its folders, none for one that is installed. Raises as `foreign.admitted` does."""
     hints = (Path(fleet.run.modules),) if fleet.run.modules else ()
     return admitted(fleet.path, entry(fleet.run.strategy), hints, permit)

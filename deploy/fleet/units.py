@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from actors.installation.usage import OptionError, wrong_value
 from actors.runtime.errors import AcrcError
 from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.fleet.udev_rules import GROUP, rules, unnamed
 from deploy.fleet.usb_ports import UsbPort
-from deploy.usage import OptionError, wrong_value
 from firmware_bridge.onboard.onboard_setup import OPENNI
 
 RULES_FILE: Final = "60-acrc.rules"

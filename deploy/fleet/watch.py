@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from actors.installation.usage import wrong_value
 from actors.instant import in_seconds
 from actors.messages import BOARD, CONTROL, PROGRESS, Board, Control, Progress
 from actors.orders import Order, Pause, Resume, Stop
@@ -18,7 +19,6 @@ from actors.runtime.core import Address, at
 from actors.runtime.errors import AcrcError, printable
 from actors.topic import Message
 from deploy.fleet.watch_cause import cause
-from deploy.usage import wrong_value
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,11 @@ from typing import Final
 
 import msgspec
 
+from actors.installation.usage import wrong_value
 from actors.instant import in_seconds
 from actors.messages import PROGRESS, Progress
+from actors.processes.launch import Child, Launcher, Program, launcher
+from actors.processes.signals import signals_as_interrupts
 from actors.radio.radio_model import radio_model
 from actors.runtime.access import rules
 from actors.runtime.access.credentials import unix_endpoint
@@ -20,26 +23,23 @@ from actors.runtime.bus.zenoh_bus import ZenohBus, open_mesh
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
-from deploy.field_trial.collect import collect
-from deploy.field_trial.trial_result import TrialResult
+from actors.runtime.isolation.isolating import warn
 from deploy.fleet import onboard as layout
+from deploy.fleet.collect import collect
 from deploy.fleet.onboard import Onboard, Ports
 from deploy.fleet.onboard_supervisor import OnboardSupervisor
 from deploy.laboratory import loop_limits
-from deploy.processes.launch import Child, Launcher, Program, launcher
-from deploy.processes.signals import signals_as_interrupts
-from deploy.results.seal import seal
 from deploy.run import progress, swarm
-from deploy.run.isolating import warn
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import make_folder
 from deploy.run.plan import Plan
 from deploy.run.preflight import preflight
 from deploy.scenario.tables import Scenario
-from deploy.usage import wrong_value
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.laboratory.laboratory import BASE, RADIO, RANGE
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
+from observation.field_trial.trial_result import TrialResult
+from observation.results.seal import seal
 
 LABORATORY: Final = "laboratory"
 _PATIENCE_S: Final = 60.0

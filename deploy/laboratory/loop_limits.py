@@ -2,9 +2,9 @@
 
 from typing import Final
 
+from actors.installation.usage import OptionError
 from deploy.scenario.events import action_of
 from deploy.scenario.tables import Scenario
-from deploy.usage import OptionError
 
 ACTIONS: Final = ("jam", "lose", "obstacle")
 """Of events: what happens to air and floor. The others are orders to the conductor of a simulated run."""

@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 from types import FrameType, TracebackType
 from typing import Final, NoReturn, Self
 
+from actors.processes.silence import Silence, Suspect, Telling, Timeout
+from actors.processes.turn_board import Turn
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.failure import HardExit, TimedOut, where
 from actors.runtime.lifecycle.leftovers import fault
@@ -16,8 +18,6 @@ from actors.runtime.lifecycle.linux import PR_SET_CHILD_SUBREAPER, prctl
 from actors.runtime.lifecycle.process_table import Glance
 from actors.runtime.shell import Shell
 from actors.runtime.ticks import ticking
-from deploy.processes.silence import Silence, Suspect, Telling, Timeout
-from deploy.processes.turn_board import Turn
 
 _TICK_S: Final = 0.25
 

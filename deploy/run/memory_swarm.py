@@ -11,6 +11,10 @@ from typing import NoReturn
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.messages import Roster as RosterMessage
+from actors.processes.hold_ups import HoldUp
+from actors.processes.kernels import kernel_modules
+from actors.processes.launch import Program
+from actors.processes.turn_board import Show, Turn, warded
 from actors.radio.program import part as radio_part
 from actors.robot.program import part as robot_part
 from actors.robot.program import share
@@ -29,11 +33,7 @@ from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell
 from actors.world import program as world_program
 from actors.world.core import WorldCore
-from deploy.processes.hold_ups import HoldUp
-from deploy.processes.launch import Program
-from deploy.processes.turn_board import Show, Turn, warded
 from deploy.run.household import Leftovers, exits_caught, quiet, watched
-from deploy.run.kernels import kernel_modules
 from deploy.run.plan import Plan, in_common, radio_program, robot_program
 from deploy.run.plan import world_program as world_as_program
 from deploy.run.supervisor import RunFailedError

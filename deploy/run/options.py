@@ -9,11 +9,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, cast, get_args
 
+from actors.installation.usage import OptionError, wrong_value
+from actors.processes.silence import Timeout
 from actors.robot.behaviour.modules import Recorded
 from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, limits
-from deploy.processes.silence import Timeout
 from deploy.run import out_folder
-from deploy.usage import OptionError, wrong_value
 
 SLOWEST = 0.01
 """At this speed a step of 100 ms takes 10 s, well under the timeout."""
@@ -56,7 +56,7 @@ class RunOptions:
     limits: ProcessLimits = field(default=ProcessLimits())
     """What each robot's process may have."""
     timeout_s: float = Timeout.step_s
-    """How long an actor may keep all others from the next step, s; see `deploy.processes.silence`."""
+    """How long an actor may keep all others from the next step, s; see `actors.processes.silence`."""
     json: bool = False
     """Print the result as JSON on standard output, and nothing else."""
     check: bool = False
@@ -66,7 +66,7 @@ class RunOptions:
     followed: tuple[str, ...] = ()
     """Robots that the view looks into; none named: as many as it does by itself."""
     modules: tuple[Path, ...] = ()
-    """Folders in which a strategy of one's own is looked for, as `deploy.run.foreign` has admitted them."""
+    """Folders in which a strategy of one's own is looked for, as `foreign.admitted` has found them."""
     recorded: Recorded | None = None
     """What must be in them, for a run in memory; None: whatever is."""
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
+from actors.installation.usage import OptionError, wrong_value
 from actors.instant import seconds
 from actors.messages import ANSWERED, CONTROL, Answered, Control
 from actors.order_limits import OrderLimits, fault
@@ -36,7 +37,6 @@ from actors.runtime.bus_interface import Bus
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
-from deploy.usage import OptionError, wrong_value
 
 
 class OrderRefusedError(AcrcError):

@@ -8,10 +8,10 @@ from itertools import count
 from pathlib import Path
 from typing import Final
 
+from actors.installation.usage import OptionError
+from actors.processes.scratch import reason, write_fault
+from actors.processes.signals import Interrupted
 from actors.runtime.errors import AcrcError
-from deploy.processes.signals import Interrupted
-from deploy.scratch import reason, write_fault
-from deploy.usage import OptionError
 
 _OF_THE_MACHINE: Final = frozenset({
     errno.EACCES, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ELOOP, errno.EMFILE, errno.ENAMETOOLONG,

@@ -9,6 +9,9 @@ import msgspec
 import yaml
 
 from actors.messages import ProcessOrder
+from actors.processes.launch import Program
+from actors.processes.real_names import NAMES, RealNames
+from actors.processes.silence import Timeout
 from actors.radio.radio_setup import RadioSetup
 from actors.robot.behaviour import succession
 from actors.runtime.access import credentials, router_file
@@ -20,11 +23,8 @@ from actors.runtime.isolation.resource_limits import ProcessLimits, as_words
 from actors.runtime.spans import Window, span_words
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies.registry import STRATEGIES
-from deploy.processes.launch import Program
-from deploy.processes.silence import Timeout
 from deploy.run import scenario_copy
 from deploy.run.out_folder import make_folder
-from deploy.run.real_names import NAMES, RealNames
 
 
 class Debugged(NamedTuple):
@@ -262,7 +262,7 @@ def observer_program(plan: Plan) -> Program:
         *(word for path in plan.modules for word in ("--modules", str(path))),
         *(("--isolate",) if plan.isolate and plan.debug is None else ()),
     )
-    return Program("observer", "deploy.view", argv, plan.out / "view.log", None)
+    return Program("observer", "observation.view", argv, plan.out / "view.log", None)
 
 
 CONTROL_ADDRESS: Final = "control.url"

@@ -15,11 +15,13 @@ from pathlib import Path
 from typing import Final
 
 import msgspec
-from rich.console import Console
 
 from actors.floor.map_file import load_map
 from actors.geometry import Point, Pose
 from actors.messages import ProcessOrder
+from actors.processes.launch import Child, Launcher, Program
+from actors.processes.log_end import said, show
+from actors.processes.scratch import scratch_folder
 from actors.robot import assembly
 from actors.robot.behaviour.adaptation import adaptation
 from actors.robot.behaviour.modules import look_in
@@ -29,11 +31,9 @@ from actors.runtime.errors import AcrcError, printable
 from actors.runtime.lifecycle.failure import FailureNote
 from actors.runtime.prints import taken_by
 from actors.runtime.recording import RecordingError, read_notes
-from deploy.processes.launch import Child, Launcher, Program
 from deploy.run.household import exits_caught
 from deploy.run.plan import Debugged, Plan, lay_out_robot, robot_program
 from deploy.scenario.resolve import ResolvedScenario
-from deploy.scratch import scratch_folder
 
 _HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL | re.MULTILINE)
 """What faulthandler writes of the place where the main thread was."""
@@ -51,8 +51,6 @@ class Bounds:
     """Until the robot has been made, kernels included, which are compiled at the first start ever."""
     grace_s: float = 5.0
     """Beyond that, for a process that does not heed it."""
-    shown_bytes: int = 20_000
-    """Of what the strategy says, the last part is shown."""
 
 
 def preflight(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None:
@@ -129,11 +127,11 @@ def _judge(plan: Plan, child: Child, bounds: Bounds, *, hung: bool) -> None:
         note = msgspec.json.decode(notes["failure"], type=FailureNote)
         if note.expected:
             raise PreflightError(printable(note.cause))
-        show(said(child.program, bounds.shown_bytes))
+        show(said(child.program))
         raise PreflightError(f"{made}: {printable(note.cause)}")
     if child.exit_code == 0 and "run" in notes:
         return
-    told = said(child.program, bounds.shown_bytes)
+    told = said(child.program)
     place = _HUNG.search(told)
     if place is not None:
         where = f"{Path(place[1]).name}:{place[2]}"
@@ -156,19 +154,3 @@ def _notes(program: Program) -> dict[str, bytes]:
         return {name: bytes(text, "utf-8") for name, text in read_notes(program.record).items()}
     except (OSError, RecordingError):
         return {}
-
-
-def said(program: Program, limit: int = Bounds.shown_bytes) -> str:
-    """The end of what a process wrote to its log, without what would steer a terminal."""
-    if not program.log.is_file():
-        return ""
-    with program.log.open("rb") as log:
-        log.seek(max(0, program.log.stat().st_size - limit))
-        told = printable(log.read(limit).decode(errors="replace"))
-    return program.in_our_words(told)
-
-
-def show(told: str) -> None:
-    """Show on standard error what a process said, if it said anything."""
-    if told.strip():
-        Console(stderr=True, soft_wrap=True).print(told.rstrip("\n"), markup=False, highlight=False)

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from actors.processes.launch import Child, Program
 from actors.runtime.isolation.resource_limits import ProcessLimits
 from actors.runtime.lifecycle import process_table
-from deploy.processes.launch import Child, Program
 
 _MB: Final = 1_000_000
 _BLOCK: Final = 512

@@ -8,11 +8,12 @@ import os
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from deploy.results.origin import UNKNOWN, Origin, origin
+from actors.installation.version import software
 from deploy.run.options import RunOptions
 from deploy.scenario.resolve import ResolvedScenario
 from deploy.scenario.scenario_text import to_toml
-from deploy.version import software
+from deploy.scenario.tables import Scenario
+from observation.results.origin import UNKNOWN, Origin, versions
 
 MAP: Final = "map"
 """Folder of the map, in the run's folder."""
@@ -55,4 +56,12 @@ def beside(settled: ResolvedScenario, options: RunOptions) -> ScenarioCopy:
     models = tuple((Path(name), place) for name, place in places.items())
     return ScenarioCopy(
         to_toml(here), models, origin(scenario, options.scenario, settled.behaviour, software())
+    )
+
+
+def origin(scenario: Scenario, name: str, behaviour: str, commit: str) -> Origin:
+    """The origin of a run of `scenario`, whose file is called `name`."""
+    run = scenario.run
+    return Origin(
+        name, run.strategy, behaviour, dict(scenario.strategy), commit, versions(), key=run.key or ""
     )

@@ -8,6 +8,11 @@ from pathlib import Path
 from typing import Final
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress, Roster
+from actors.processes.hold_ups import HoldUp
+from actors.processes.last_word import where_it_crashed
+from actors.processes.launch import Child, Launcher, LaunchError, Program
+from actors.processes.log_end import last_line
+from actors.processes.silence import Timeout
 from actors.runtime.bus_interface import Bus
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
@@ -16,11 +21,6 @@ from actors.runtime.lifecycle.leftovers import fault
 from actors.runtime.lifecycle.process_table import glance
 from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.topic import Message, Topic
-from deploy.processes.hold_ups import HoldUp
-from deploy.processes.last_word import where_it_crashed
-from deploy.processes.launch import Child, Launcher, LaunchError, Program
-from deploy.processes.log_end import last_line
-from deploy.processes.silence import Timeout
 from deploy.run.resource_watch import ResourceWatch
 from deploy.run.vigil import Vigil
 

@@ -12,26 +12,24 @@ from typing import Final
 
 import msgspec
 
+from actors.installation.usage import wrong_value
+from actors.installation.version import software
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.orders import Give
+from actors.processes import hold_ups
+from actors.processes.hold_ups import HoldUp
+from actors.processes.launch import Launcher, Program, launcher
+from actors.processes.robot_logs import check_names, shown
+from actors.processes.signals import Interrupted, signals_as_interrupts
+from actors.processes.silence import Timeout
+from actors.processes.turn_board import warded
 from actors.robot.behaviour.modules import expect
 from actors.runtime.access import rules
 from actors.runtime.bus.memory_bus import MemoryBus
 from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.core import at
-from deploy.processes import hold_ups
-from deploy.processes.hold_ups import HoldUp
-from deploy.processes.launch import Launcher, Program, launcher
-from deploy.processes.robot_logs import check_names, shown
-from deploy.processes.signals import Interrupted, signals_as_interrupts
-from deploy.processes.silence import Timeout
-from deploy.processes.turn_board import warded
-from deploy.results import summary
-from deploy.results.place_table import write_table
-from deploy.results.result import Circumstances, RunResult, gather
-from deploy.results.seal import seal
+from actors.runtime.isolation.isolating import IsolationChoice, choose, warn
 from deploy.run import progress, scenario_copy
-from deploy.run.isolating import IsolationChoice, choose, warn
 from deploy.run.memory_swarm import MemorySwarm
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import check_new
@@ -56,8 +54,10 @@ from deploy.run.supervisor import Supervisor
 from deploy.scenario.resolve import ResolvedScenario, resolve
 from deploy.scenario.scenario_text import adaptation, navigation
 from deploy.scenario.tables import Scenario
-from deploy.usage import wrong_value
-from deploy.version import software
+from observation.results import summary
+from observation.results.place_table import write_table
+from observation.results.result import Circumstances, RunResult, gather
+from observation.results.seal import seal
 
 OPERATOR: Final = "operator"
 """Name of the parent process on the mesh."""

@@ -4,10 +4,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from actors.messages import Progress
-from deploy.processes.hold_ups import HoldUp
-from deploy.processes.last_word import where_it_stands
-from deploy.processes.launch import Child
-from deploy.processes.silence import WORLD, Silence, SilenceVerdict, Suspect, Telling, Timeout
+from actors.processes.hold_ups import HoldUp
+from actors.processes.last_word import where_it_stands
+from actors.processes.launch import Child
+from actors.processes.silence import WORLD, Silence, SilenceVerdict, Suspect, Telling, Timeout
 
 
 class Vigil:

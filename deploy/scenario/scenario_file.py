@@ -9,12 +9,12 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from actors import table_wording, toml_file
+from actors.installation.repository import REPOSITORY
+from actors.installation.usage import OptionError, wrong_value
 from actors.runtime.errors import AcrcError
-from deploy.repository import REPOSITORY
 from deploy.scenario import areas, events, robot_tables
 from deploy.scenario.stack_tables import stack_fault
 from deploy.scenario.tables import Scenario
-from deploy.usage import OptionError, wrong_value
 
 DEFAULT_SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
 
@@ -171,3 +171,8 @@ def _with_absolute_paths(scenario: Scenario, folder: Path) -> Scenario:
     )
     path = os.path.realpath(folder / scenario.map)
     return scenario.model_copy(update={"map": path, "run": run, "robots": robots, "robot": others})
+
+
+def module_folders(scenario: Scenario) -> tuple[Path, ...]:
+    """Where a scenario says that its strategy lies."""
+    return (Path(scenario.run.modules),) if scenario.run.modules else ()

@@ -11,8 +11,6 @@ from actors.instant import in_seconds
 from actors.robot_model import load_model
 from actors.runtime import regular_file
 from actors.world.world_setup import WorldSetup
-from deploy.evidence.recorded import outcome
-from deploy.replay.run_recordings import recordings
 from experiments.accounting import blockings, decisions, diagnosis
 from experiments.accounting.classify import CAUSES, Classified, classify
 from experiments.accounting.episodes import STANDARD, EpisodeParameters
@@ -21,6 +19,8 @@ from experiments.accounting.passage import Passages
 from experiments.accounting.said import said_by
 from experiments.accounting.time_spent import TimeSpent
 from experiments.accounting.tracks import Tracks, TracksError, recorded
+from observation.evidence.recorded import outcome
+from observation.replay.run_recordings import recordings
 
 
 def account(out: Path, parameters: EpisodeParameters = STANDARD) -> TimeSpent:

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.instant import in_seconds
-from deploy.evidence.said_decisions import SaidDecision
 from experiments.accounting.classify import Classified
 from experiments.accounting.episodes import EpisodeParameters
 from experiments.accounting.said import Said, seconds_of
 from experiments.accounting.time_spent import DecisionEvent, Knowledge
 from experiments.accounting.tracks import Tracks
+from observation.evidence.said_decisions import SaidDecision
 
 VISITED = "visited"
 FREE = "free"

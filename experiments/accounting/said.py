@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.instant import in_seconds
-from deploy.evidence.recorded import outcomes
-from deploy.evidence.said_decisions import SaidDecision, adaptation
-from deploy.results.navigation_result import GivenGoal, navigation_outcome
 from experiments.accounting.tracks import Tracks
+from observation.evidence.recorded import outcomes
+from observation.evidence.said_decisions import SaidDecision, adaptation
+from observation.results.navigation_result import GivenGoal, navigation_outcome
 
 _ABORTED: Final = frozenset({"no plan", "blocked", "no progress"})
 

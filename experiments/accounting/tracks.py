@@ -14,7 +14,7 @@ from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
-from deploy.evidence.recorded import taken
+from observation.evidence.recorded import taken
 
 _Triple: TypeAlias = tuple[float, float, float]
 _UNSAID: Final[_Triple] = (np.nan, np.nan, np.nan)

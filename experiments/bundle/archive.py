@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.runtime import regular_file
-from deploy.results.seal import SUMS, lines
+from observation.results.seal import SUMS, lines
 
 _BEGIN: Final = (1980, 1, 1, 0, 0, 0)
 """The earliest instant that the format knows."""

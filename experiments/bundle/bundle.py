@@ -9,9 +9,9 @@ from typing import Final
 
 import msgspec
 
+from actors.installation.repository import REPOSITORY
+from actors.processes.scratch import scratch_folder
 from actors.runtime import regular_file
-from deploy.repository import REPOSITORY
-from deploy.scratch import scratch_folder
 from experiments.bundle import archive
 from experiments.bundle.inputs import BundleError, inputs
 from experiments.bundle.papers import About, citation, readme

@@ -10,10 +10,10 @@ import yaml
 
 from actors.floor.map_file import load_map
 from actors.robot.behaviour import succession
+from actors.robot.behaviour.foreign import is_installed
 from actors.robot.behaviour.modules import located
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from deploy.run.foreign import is_installed
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
 from experiments.study.study import Study

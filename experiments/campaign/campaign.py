@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from actors.processes.kernels import compile_kernels
+from actors.processes.launch import launcher
+from actors.processes.scratch import scratch_folder
+from actors.processes.signals import signals_as_interrupts
 from actors.runtime import regular_file
-from deploy.processes.launch import launcher
-from deploy.processes.signals import signals_as_interrupts
-from deploy.run.kernels import compile_kernels
-from deploy.scratch import scratch_folder
 from experiments.campaign.pool import Ended, LocalPool, Pool
 from experiments.campaign.store import Pending, Store
 from experiments.campaign.time_to_go import TimeToGo
@@ -35,7 +35,7 @@ class CampaignOptions:
     on: str | None = None
     """Address of a cluster that runs the trials, `tls://host:port`; None: this computer."""
     modules: tuple[Path, ...] = ()
-    """Where strategies of one's own are looked for, as `deploy.run.foreign` has admitted it."""
+    """Where strategies of one's own are looked for, as `actors.robot.behaviour.foreign` has admitted it."""
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ import ipaddress
 import re
 from typing import Final
 
+from actors.installation.usage import OptionError, wrong_value
 from actors.runtime.errors import AcrcError
-from deploy.usage import OptionError, wrong_value
 
 _ADDRESS: Final = re.compile(r"(?P<how>tls|tcp)://(?P<host>[\w.-]+|\[[0-9A-Fa-f:]+\]):(?P<port>[0-9]{1,5})")
 PAGE: Final = "docs/experiments.md, On other computers"

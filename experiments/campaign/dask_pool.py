@@ -11,7 +11,7 @@ import msgspec
 from distributed import Client, Future, KilledWorker
 from distributed import wait as wait_for
 
-from deploy.repository import REPOSITORY
+from actors.installation.repository import REPOSITORY
 from experiments.campaign import remote
 from experiments.campaign.cluster_address import PAGE, ClusterError, is_safe
 from experiments.campaign.cluster_tls import security

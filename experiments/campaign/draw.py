@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import msgspec
 
-from deploy.results.result import RunResult
 from experiments.accounting.time_spent import TimeSpent
 from experiments.campaign.trial_record import TrialRecord
 from experiments.study.study import Trial
+from observation.results.result import RunResult
 
 
 class Draw(msgspec.Struct, frozen=True):

@@ -7,11 +7,11 @@ from typing import Final, NamedTuple
 
 import msgspec
 
+from actors.installation.repository import REPOSITORY
+from actors.installation.version import software
+from actors.processes.scratch import scratch_folder
 from actors.runtime.errors import printable
 from actors.runtime.isolation import sandbox
-from deploy.repository import REPOSITORY
-from deploy.scratch import scratch_folder
-from deploy.version import software
 from experiments.campaign.pool import TRIAL
 from experiments.campaign.trial_order import MOST_BYTES, MOST_SAID, ORDER, RECORD, TrialOrder, left
 

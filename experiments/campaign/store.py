@@ -9,13 +9,13 @@ from typing import Final, NamedTuple, TypeVar
 
 import msgspec
 
+from actors.installation.version import software
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from deploy.results.seal import SUMS, check_seal
-from deploy.version import software
 from experiments.campaign.draw import Draw, Run, draw, run_of
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep, keep_bytes
 from experiments.study.study import Study, Trial
+from observation.results.seal import SUMS, check_seal
 
 T = TypeVar("T")
 _STUDY: Final = "study.json"

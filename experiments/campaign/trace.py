@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Final
 
 from actors.messages import TRUTH
-from deploy.evidence.recorded import taken
-from deploy.replay.run_recordings import recordings
+from observation.evidence.recorded import taken
+from observation.replay.run_recordings import recordings
 
 DIGITS: Final = 8
 """Hexadecimal digits of each second: two states look alike once in 4 000 million."""

@@ -17,11 +17,10 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from actors.processes.robot_logs import EVERYBODY
+from actors.processes.signals import Interrupted
 from actors.runtime.errors import AcrcError, printable
 from actors.runtime.lifecycle.parent import die_with_parent
-from deploy.processes.robot_logs import EVERYBODY
-from deploy.processes.signals import Interrupted
-from deploy.results.result import RunResult
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
@@ -31,6 +30,7 @@ from experiments.campaign.trace import trace
 from experiments.campaign.trial_order import ORDER, RECORD, TrialOrder
 from experiments.campaign.trial_record import TrialRecord, keep
 from experiments.study.draws import drawn
+from observation.results.result import RunResult
 
 T = TypeVar("T")
 

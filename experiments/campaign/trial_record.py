@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import msgspec
 
-from deploy.results.result import RunResult
 from experiments.accounting.time_spent import TimeSpent
+from observation.results.result import RunResult
 
 _MOST_TOLD: Final = 60
 

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Sequence
 from statistics import median
 from typing import Final
 
-from deploy.results.result import RunResult
 from experiments.campaign.store import Store
 from experiments.campaign.trial_record import CheckRecord
+from observation.results.result import RunResult
 
 IN_MEMORY: Final = (
     "Made in memory: there a strategy can reach the world, the referee and its own result, so this is for "

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from deploy.results.result import RunResult
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison import metrics
 from experiments.comparison.metrics import Metric, TimeMetric
 from experiments.statistics.effect_size import Interval, a12, difference_of, interval
 from experiments.statistics.hypothesis_tests import Significance, holm, rank_sum, signed_rank
 from experiments.statistics.survival import Completion, log_rank, restricted_mean, restricted_means
+from observation.results.result import RunResult
 
 Floats = NDArray[np.float64]
 FEWEST: Final = 6

@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from deploy.results.result import RunResult
 from experiments.campaign.store import CampaignError, Store
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison import metrics
 from experiments.comparison.comparison import scores
 from experiments.statistics.hypothesis_tests import signed_rank
 from experiments.statistics.sequential import Look, SequentialPlan, last_look, plan
+from observation.results.result import RunResult
 
 _FIRST_LOOK: Final = 10
 """Pairs; fewer could hardly decide."""

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from deploy.results.result import RunResult
+from observation.results.result import RunResult
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from typing import Any, Final
 
 from scipy.stats import spearmanr
 
-from deploy.results.result import RunResult
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.comparison import FEWEST, Sample, scores
 from experiments.statistics.effect_size import Interval, a12, interval
 from experiments.statistics.sample_size import Effect, pairs_needed
+from observation.results.result import RunResult
 
 _MOST: Final = 1000
 """Pairs that somebody might run."""

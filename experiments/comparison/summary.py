@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from deploy.results.result import RunResult
 from experiments.campaign.trial_record import TrialRecord
+from observation.results.result import RunResult
 
 
 def summaries(records: Iterable[TrialRecord]) -> Iterator[str]:

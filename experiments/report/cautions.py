@@ -3,8 +3,6 @@
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from deploy.field_trial.trial_result import TrialResult
-from deploy.results.result import RunResult
 from experiments.comparison.comparison import FEWEST
 from experiments.comparison.sentences import too_few
 from experiments.report import quantities
@@ -12,6 +10,8 @@ from experiments.report.cases import Source
 from experiments.report.findings import Findings
 from experiments.report.section import UPPER_BOUNDS, Group, View
 from experiments.report.time_sections import times
+from observation.field_trial.trial_result import TrialResult
+from observation.results.result import RunResult
 
 _CEILING: Final = 0.5
 """Share of runs at the greatest possible value from which a metric is said to be at its ceiling."""

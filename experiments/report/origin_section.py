@@ -3,12 +3,12 @@
 import shlex
 from collections.abc import Iterator, Sequence
 
-from deploy.results.result import RunResult
 from experiments.report import quantities
 from experiments.report.cases import Case, Source
 from experiments.report.numbers import Cell, Table
 from experiments.report.section import Section, label
 from experiments.study.study import Study
+from observation.results.result import RunResult
 
 
 def origin(sources: Sequence[Source]) -> Section:

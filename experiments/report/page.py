@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from deploy.page import markup
 from experiments.report.numbers import Table, written
 from experiments.report.section import Section
+from observation.page import markup
 
 
 @dataclass(frozen=True)

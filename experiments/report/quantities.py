@@ -1,10 +1,10 @@
 """What pictures show of one run: one number each, alike for simulated runs and for real robots."""
 
 from actors.ieee802154 import airtime_ns
-from deploy.field_trial.trial_result import RobotTrial, TrialResult
-from deploy.results.result import RobotResult, RunResult
 from experiments.report.cases import Outcome
 from experiments.statistics.survival import Completion
+from observation.field_trial.trial_result import RobotTrial, TrialResult
+from observation.results.result import RobotResult, RunResult
 
 
 def length_s(outcome: Outcome) -> float:

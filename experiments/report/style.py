@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from actors.runtime import regular_file
 from actors.runtime.errors import printable
-from deploy.picture.look import applied as settings_applied
+from observation.picture.look import applied as settings_applied
 
 INK: Final = "#1b1f24"
 FAINT: Final = "#6a737d"

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.repository import REPOSITORY
+from actors.robot.behaviour.foreign import INSTALLED
 from deploy.branches.branching import Branched, branch
 from deploy.branches.change import Change
-from deploy.repository import REPOSITORY
 from deploy.run import swarm
-from deploy.run.foreign import INSTALLED
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 

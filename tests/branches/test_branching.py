@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.usage import OptionError
 from actors.instant import milliseconds, seconds
 from actors.messages import TRANSMIT, Transmit
+from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
@@ -15,11 +17,9 @@ from cleaning.parameters import CleaningParameters
 from deploy.branches.branching import BranchError
 from deploy.branches.change import Change, event
 from deploy.branches.settings_changed import strategy_settings
-from deploy.inside.inside_program import look_into
-from deploy.replay.run_recordings import recordings
-from deploy.replay.swarm_replay import SCENARIO, replay_swarm
-from deploy.run.foreign import INSTALLED
-from deploy.usage import OptionError
+from deploy.branches.swarm_replay import SCENARIO, replay_swarm
+from observation.inside.inside_program import look_into
+from observation.replay.run_recordings import recordings
 from tests.branches.conftest import Leave
 from tests.swarm.command import acrc
 

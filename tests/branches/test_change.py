@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.usage import OptionError
 from actors.messages import CONTROL, Control
 from actors.orders import Freeze, Kill, Pause, Resume, Thaw
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
 from deploy.branches import change
-from deploy.replay.recorded_orders import TimedControl
-from deploy.usage import OptionError
+from observation.replay.recorded_orders import TimedControl
 
 
 def _control(step: int, *orders: object) -> TimedControl:

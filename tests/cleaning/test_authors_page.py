@@ -6,6 +6,7 @@ from dataclasses import fields
 import msgspec
 import pytest
 
+from actors.installation.repository import REPOSITORY
 from actors.robot import behaviour
 from actors.robot.behaviour import (
     Decision,
@@ -27,7 +28,6 @@ from deeco import Knowledge, in_seconds, role
 from deeco.immutability import fault
 from deeco.process import Periodic, processes_of
 from deeco.replication.schema import RoleBook
-from deploy.repository import REPOSITORY
 
 PAGE = (REPOSITORY / "docs" / "authors.md").read_text()
 

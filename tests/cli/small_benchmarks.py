@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Final
 
-from deploy.cli import app
+from command_line import app
 
 SMALL: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
     "radio-speed": ("radio.speed", "SpeedTask",

@@ -72,7 +72,7 @@ def _begun(
 ) -> Callable[[], None]:
     """Start it, and read until it shows what it should; what is to be called at the story's end."""
     ours, theirs = pty.openpty()
-    command = [sys.executable, "-P", "-m", "deploy", *words]
+    command = [sys.executable, "-P", "-m", "command_line", *words]
     process = subprocess.Popen(command, cwd=folder, env=env, stdin=theirs, stdout=theirs, stderr=theirs)
     stack.callback(process.wait)
     stack.callback(process.kill)

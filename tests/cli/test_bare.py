@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 import typer
 
-from benchmarks.cli.app import app as bench
-from deploy.cli.app import app
-from deploy.cli.lazy import COMMANDS
+from command_line.app import app
+from command_line.bench.app import app as bench
+from command_line.lazy import COMMANDS
 
 ROOT = Path(__file__).parents[2]
 MODULES = {
@@ -28,27 +28,31 @@ MODULES = {
 ACTORS = ("actors.world.__main__", "actors.radio.__main__", "actors.robot.__main__")
 ON_BOARD = ("firmware_bridge.onboard.base", "firmware_bridge.onboard.bridge", "serial")
 STARTS = {
-    "run": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
-    "run --view": ("deploy.run.swarm", "deploy.view.__main__"),
-    "fleet watch --view": ("deploy.fleet.fleet_file", "deploy.view.watched"),
+    "run": ("deploy.run.swarm", "actors.processes.forkserver", *ACTORS),
+    "run --view": ("deploy.run.swarm", "observation.view.__main__"),
+    "fleet watch --view": ("deploy.fleet.fleet_file", "deploy.fleet.watched"),
     "run --control": ("deploy.run.swarm", "deploy.control.__main__"),
     "run --hardware-in-the-loop": ("firmware_bridge.laboratory.__main__", *ACTORS[2:], *ON_BOARD),
     "record replay": ACTORS,
     "view": (
-        *("deploy.view.command", "deploy.view.beside", "deploy.inside.following_program"),
-        *("deploy.inside.inside_program", "deploy.explanation.explain_program"),
-        *("deploy.processes.forkserver", *ACTORS),
+        *("observation.view.command", "observation.view.beside", "observation.inside.following_program"),
+        *("observation.inside.inside_program", "observation.explanation.explain_program"),
+        *("actors.processes.forkserver", *ACTORS),
     ),
-    "explain": ("deploy.explanation.explain_program", "deploy.processes.forkserver", *ACTORS),
-    "export": ("deploy.export.export_program", "deploy.processes.forkserver", *ACTORS),
-    "view --png": ("deploy.evidence.run_evidence", "deploy.picture.run_page"),
-    "view --html": ("deploy.picture.run_html", "deploy.picture.moving"),
+    "explain": ("observation.explanation.explain_program", "actors.processes.forkserver", *ACTORS),
+    "export": ("observation.export.export_program", "actors.processes.forkserver", *ACTORS),
+    "view --png": ("observation.evidence.run_evidence", "observation.picture.run_page"),
+    "view --html": ("observation.picture.run_html", "observation.picture.moving"),
     "fleet onboard": ("actors.robot.__main__", *ON_BOARD),
     "bench onboard": ("firmware_bridge.laboratory.__main__", *ACTORS, *ON_BOARD),
     "bench standstill": ("firmware_bridge.laboratory.__main__", ACTORS[2], *ON_BOARD),
-    "bench endings": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
-    "bench crowded-start": ("deploy.run.swarm", "deploy.processes.forkserver", *ACTORS),
-    "bench resume": ("experiments.cli.campaign_command", "experiments.campaign.trial_program", *ACTORS),
+    "bench endings": ("deploy.run.swarm", "actors.processes.forkserver", *ACTORS),
+    "bench crowded-start": ("deploy.run.swarm", "actors.processes.forkserver", *ACTORS),
+    "bench resume": (
+        "command_line.experiments.campaign_command",
+        "experiments.campaign.trial_program",
+        *ACTORS,
+    ),
     "bench recordings": ("deploy.run.swarm", *ACTORS),
     "bench attacks": ("deploy.run.swarm", *ACTORS),
     "bench processors": ("deploy.run.swarm", *ACTORS),
@@ -61,10 +65,10 @@ STARTS = {
     "campaign": (
         "experiments.campaign.trial_program",
         "experiments.campaign.results_table",
-        "deploy.processes.forkserver",
+        "actors.processes.forkserver",
         *ACTORS,
     ),
-    "docs": ("documentation.site", "documentation.sources", "furo", "myst_parser"),
+    "docs": ("command_line.documentation.site", "command_line.documentation.sources", "furo", "myst_parser"),
 }
 """What a command starts or imports beside what its function imports itself."""
 PROGRAM = """
@@ -202,7 +206,7 @@ class Absent:
         if name.partition(".")[0] in blocked:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Absent())
-from documentation.commands import tree
+from command_line.documentation.commands import tree
 for words, command in tree().items():
     if command.get_help(command.make_context(words, [], resilient_parsing=True)):
         print(words)

@@ -9,18 +9,18 @@ import msgspec
 import pytest
 from rich.console import Console
 
+from actors.installation import usage
+from actors.installation.repository import REPOSITORY
+from actors.installation.version import release
 from actors.world.whereabouts import PoseError
 from cleaning.strategies import STRATEGIES
-from deploy import usage
-from deploy.cli.groups import MOVED
-from deploy.development.checks import Check, run_checks
-from deploy.repository import REPOSITORY
-from deploy.results import summary
-from deploy.results.deeco_result import DeecoResult
-from deploy.results.navigation_result import NavigationResult
-from deploy.results.origin import Origin
-from deploy.results.result import RobotResult, RunResult
-from deploy.version import release
+from command_line.development.checks import Check, run_checks
+from command_line.groups import MOVED
+from observation.results import summary
+from observation.results.deeco_result import DeecoResult
+from observation.results.navigation_result import NavigationResult
+from observation.results.origin import Origin
+from observation.results.result import RobotResult, RunResult
 from tests import warm
 
 ROOT = Path(__file__).parents[2]
@@ -128,7 +128,7 @@ def test_help_names_every_option_of_run() -> None:
 
 def test_help_loads_nothing_heavy() -> None:
     heavy = {"numpy", "numba", "zenoh", "pydantic", "cleaning", "benchmarks", "PIL"}
-    code = f"import sys, deploy.cli.app; print({heavy} & set(sys.modules))"
+    code = f"import sys, command_line.app; print({heavy} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"
 

@@ -54,7 +54,7 @@ def test_values(words: str, offered: list[str]) -> None:
 
 def test_it_is_installed_for_the_shell_that_is_named(tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, "-P", "-m", "deploy", "--install-completion", "bash"],
+        [sys.executable, "-P", "-m", "command_line", "--install-completion", "bash"],
         cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT), "HOME": str(tmp_path),
                        "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"},
         capture_output=True, text=True, check=False,

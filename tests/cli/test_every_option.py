@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from documentation.commands import tree
+from command_line.documentation.commands import tree
 from tests import warm
 from tests.cli.story import CTRL_C, ROOT, Line, tell
 from tests.experiments.test_cluster import cluster
@@ -411,4 +411,4 @@ def options(line: Line) -> set[tuple[str, str]]:
 )
 def test_what_a_line_calls_is_read_as_the_command_line_is(words: str, found: set[tuple[str, str]]) -> None:
     assert options(Line(words)) == found
-    assert warm.ACRC == "deploy.cli.app"
+    assert warm.ACRC == "command_line.app"

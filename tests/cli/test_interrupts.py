@@ -19,9 +19,9 @@ def count(event, arguments):
         left = -1
         os.kill(os.getpid(), signal.SIGINT)
 sys.argv = ["acrc", *sys.argv[2:]]
-import deploy
+import command_line
 sys.addaudithook(count)
-runpy.run_module("deploy", run_name="__main__", alter_sys=True)
+runpy.run_module("command_line", run_name="__main__", alter_sys=True)
 """
 """The command line in a process that interrupts itself at its so manyth import, file or piece of code."""
 

@@ -11,7 +11,7 @@ from actors.radio.presets import PRESETS as RADIO
 from actors.robot.localisation.parameters import PRESETS as LOCALISATION
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS as NAVIGATION
 from actors.robot_model import load_model
-from deploy.cli.lists.rows import head_comment, said_of
+from command_line.lists.rows import head_comment, said_of
 from tests.cli.test_cli import ROOT, acrc
 
 

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from deploy.processes.signals import Interrupted, signals_as_interrupts
+from actors.processes.signals import Interrupted, signals_as_interrupts
 from tests.swarm.command import ACRC, ROOT
 
 LIST = " ".join((*ACRC, "list", "strategies"))
@@ -34,7 +34,7 @@ def test_standard_output_that_is_full_is_a_sentence() -> None:
 
 def test_a_file_that_is_opened_never_becomes_standard_output() -> None:
     program = (
-        "import os; from deploy.cli.streams import settle; settle(); "
+        "import os; from command_line.streams import settle; settle(); "
         "os._exit(0 if os.open('/dev/null', os.O_RDONLY) > 2 else 9)"
     )
     assert shell(f'{sys.executable} -c "{program}" <&- >&- 2>&-')[0] == 0

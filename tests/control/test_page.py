@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
+from actors.installation.repository import REPOSITORY
 from actors.messages import CONTROL, TRUTH, Control, Truth
 from actors.orders import Move, Pause, Resume, Step, Stop, Wall
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.recording import Entry, read_recording
-from deploy.repository import REPOSITORY
 from deploy.run import orders
 from tests.swarm.command import leftovers, processes_of, start
 

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from actors.floor.map_file import load_map
+from actors.installation.repository import REPOSITORY
 from actors.messages import ANSWERED, CONTROL, Answered, Control, Drive, Jam, Progress, RobotTruth, Truth
 from actors.orders import CloseDoor, Give, Move, Obstacle, OpenDoor, Speed, Wall
 from actors.runtime.bus_interface import Delivery
@@ -19,7 +20,6 @@ from actors.topic import Message, Topic
 from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup
 from deploy.control import scene as scenes
 from deploy.control.wire import ASK_BYTES, Ask, Body, Circle, JunkError, Line, Place, Said, Spot, ask
-from deploy.repository import REPOSITORY
 
 server = pytest.importorskip("deploy.control.server", reason="websockets comes with `./acrc run --control`")
 run_link = pytest.importorskip("deploy.control.run_link")

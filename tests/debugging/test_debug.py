@@ -12,11 +12,11 @@ from typing import Final
 
 import pytest
 
-from deploy.repository import REPOSITORY
+from actors.installation.repository import REPOSITORY
+from actors.installation.usage import OptionError
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from deploy.usage import OptionError
 from tests.swarm.command import ACRC, ROOT, acrc, leftovers, processes_of
 
 SCENARIO: Final = REPOSITORY / "scenarios" / "head_on.toml"

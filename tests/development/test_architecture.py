@@ -12,15 +12,14 @@ from typing import Any
 
 import pytest
 
-from deploy.repository import REPOSITORY
+from actors.installation import repository
+from actors.installation.repository import REPOSITORY
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 
 PAGE = (REPOSITORY / "docs" / "architecture.md").read_text()
-PACKAGES = (
-    "actors", "benchmarks", "cleaning", "deeco", "deploy", "documentation", "experiments", "firmware_bridge",
-)  # fmt: skip
+PACKAGES = tuple(sorted(repository.PACKAGES))
 ROOM_LIMIT = 20
 WAYS = ("The way of one scan", "The way of one packet of knowledge")
 

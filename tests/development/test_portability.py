@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.development.portability import findings, in_source
+from command_line.development.portability import findings, in_source
 
 HEAD = "import math\nimport numpy as np\nfrom numba import njit\n"
 

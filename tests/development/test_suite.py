@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.development.suite import BY_FILE, run_suite
+from command_line.development.suite import BY_FILE, run_suite
 from tests.conftest import LONGEST
 
 PASSES = "def test_passes(): pass\n"
@@ -39,8 +39,8 @@ def suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tupl
 
         run = subprocess.run
         monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # each of a run's processes would load all
-        monkeypatch.setattr("deploy.development.suite.os.cpu_count", lambda: 1)
-        monkeypatch.setattr("deploy.development.suite.subprocess.run", noted)
+        monkeypatch.setattr("command_line.development.suite.os.cpu_count", lambda: 1)
+        monkeypatch.setattr("command_line.development.suite.subprocess.run", noted)
         return run_suite(tmp_path, words), calls
 
     return suite_of

@@ -16,7 +16,7 @@ TOLD = {"bus", "deeco", "digest", "frames", "isolation", "per_robot", "undeliver
 
 def new(words: tuple[str, ...], cwd: Path, env: dict[str, str]) -> tuple[int, str, str]:
     done = subprocess.run(
-        [sys.executable, "-m", "deploy", *words],
+        [sys.executable, "-m", "command_line", *words],
         cwd=cwd, env=env, capture_output=True, text=True, check=False,
     )  # fmt: skip
     return done.returncode, done.stdout, done.stderr

@@ -18,11 +18,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from deploy.repository import REPOSITORY
+from actors.installation.repository import REPOSITORY
+from command_line.documentation.markdown import Block, pages
+from command_line.documentation.trials import PAGES as PAGES_OF_THEIR_OWN
+from command_line.documentation.trials import SHORTENED, Command, commands, shortened
 from deploy.scenario.scenario_file import parse
-from documentation.markdown import Block, pages
-from documentation.trials import PAGES as PAGES_OF_THEIR_OWN
-from documentation.trials import SHORTENED, Command, commands, shortened
 from experiments.study.study_file import load_study
 from tests import warm
 

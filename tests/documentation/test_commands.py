@@ -5,12 +5,12 @@ import shlex
 
 import pytest
 
-from deploy.repository import REPOSITORY
-from documentation import commands
-from documentation.markdown import Block, pages
-from documentation.trials import PAGES as PAGES_OF_THEIR_OWN
-from documentation.trials import SHORTENED, Command, mark, shortened
-from documentation.trials import commands as commands_of
+from actors.installation.repository import REPOSITORY
+from command_line.documentation import commands
+from command_line.documentation.markdown import Block, pages
+from command_line.documentation.trials import PAGES as PAGES_OF_THEIR_OWN
+from command_line.documentation.trials import SHORTENED, Command, mark, shortened
+from command_line.documentation.trials import commands as commands_of
 from experiments.comparison.metrics import NAMES
 
 PAGES = {page.name: page for page in pages()}

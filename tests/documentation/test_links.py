@@ -2,9 +2,9 @@
 
 import pytest
 
-from deploy.repository import REPOSITORY
-from documentation.contents import as_toctrees, chapters
-from documentation.markdown import Page, pages
+from actors.installation.repository import REPOSITORY
+from command_line.documentation.contents import as_toctrees, chapters
+from command_line.documentation.markdown import Page, pages
 
 PAGES = {page.name: page for page in pages()}
 

@@ -7,9 +7,9 @@ import pytest
 
 import actors.robot.behaviour as robot
 import deeco
-from deploy.usage import OptionError
-from documentation import commands, site
-from documentation.markdown import pages
+from actors.installation.usage import OptionError
+from command_line.documentation import commands, site
+from command_line.documentation.markdown import pages
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*MystReferenceResolver.app")
 OUTSIDE = re.compile(

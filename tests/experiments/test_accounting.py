@@ -14,9 +14,7 @@ from actors.instant import seconds
 from actors.messages import Jam
 from benchmarks.causes import situations
 from benchmarks.causes.causes import judge
-from deploy.cli.app import app
-from deploy.evidence.said_decisions import SaidDecision
-from deploy.results.navigation_result import GivenGoal
+from command_line.app import app
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
@@ -29,6 +27,8 @@ from experiments.accounting.passage import Passages
 from experiments.accounting.said import Said
 from experiments.accounting.time_spent import Cause, WedgeCount
 from experiments.accounting.tracks import TimedJam, Tracks, TracksError
+from observation.evidence.said_decisions import SaidDecision
+from observation.results.navigation_result import GivenGoal
 
 STEP = 100_000
 STEPS = 300

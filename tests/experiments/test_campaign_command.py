@@ -8,12 +8,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from deploy.results.result import RunResult
+from command_line.experiments.study_wishes import Wishes, study_of
 from experiments.campaign import results_table, store
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
 from experiments.campaign.trust import IN_MEMORY
-from experiments.cli.study_wishes import Wishes, study_of
 from experiments.study.study import Study
+from observation.results.result import RunResult
 from tests import warm
 
 ROOT = Path(__file__).parents[2]

@@ -23,7 +23,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
-from deploy.usage import OptionError
+from actors.installation.usage import OptionError
 from experiments.campaign import store
 from experiments.campaign.campaign import CampaignOptions, carry_out
 from experiments.campaign.cluster_address import ClusterError, check, is_safe
@@ -107,7 +107,7 @@ class Cluster:
         raise AssertionError((self._folder / f"{name}.log").read_text())
 
     def campaign(self, *words: str) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "deploy", *WORDS, "--on", self.address, *words]
+        command = [sys.executable, "-m", "command_line", *WORDS, "--on", self.address, *words]
         pipe = subprocess.PIPE
         return subprocess.Popen(command, cwd=ROOT, stdout=pipe, stderr=pipe, text=True, env=self._environment)
 

@@ -7,10 +7,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from deploy.results.result import RunResult
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.comparison import compare, samples
 from experiments.comparison.sentences import chapter_order, sentence, too_few
+from observation.results.result import RunResult
 
 Outcome = tuple[int, float | None]
 """Places done, and when all were."""

@@ -6,7 +6,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from deploy.results.result import RunResult
 from experiments.campaign import store
 from experiments.campaign.store import CampaignError, Store
 from experiments.campaign.trial_record import TrialRecord, keep
@@ -14,6 +13,7 @@ from experiments.comparison.decision import Watch, p_of, rule_for, told
 from experiments.statistics.sample_size import Effect
 from experiments.statistics.sequential import last_look
 from experiments.study.study import Study
+from observation.results.result import RunResult
 
 ROOT = Path(__file__).parents[2]
 STUDY = Study("s", str(ROOT / "scenarios" / "corridor.toml"), ("none", "chapter"), 60)

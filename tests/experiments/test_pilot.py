@@ -4,10 +4,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from deploy.results.result import RunResult
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.comparison import samples
 from experiments.comparison.pilot import ceilings, estimate, told
+from observation.results.result import RunResult
 
 
 def records(plain: RunResult, shift: float, common: float, pairs: int = 200) -> list[TrialRecord]:

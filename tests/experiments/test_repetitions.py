@@ -9,7 +9,6 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from deploy.results.result import RunResult
 from experiments.campaign import store
 from experiments.campaign.campaign import CampaignOptions, carry_out
 from experiments.campaign.draw import Run, draw, run_of
@@ -21,6 +20,7 @@ from experiments.report import style
 from experiments.report.cases import read
 from experiments.report.report import compose
 from experiments.study.study import Study, Trial
+from observation.results.result import RunResult
 from tests.experiments.test_campaign_command import acrc
 
 ROOT = Path(__file__).parents[2]

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from deploy.results.seal import SUMS, SealError, check_seal, seal
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord, keep
 from experiments.study.study import Study
+from observation.results.seal import SUMS, SealError, check_seal, seal
 
 
 @pytest.fixture

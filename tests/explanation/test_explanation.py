@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import pytest
 
-from deploy.explanation.chain import Link
-from deploy.explanation.explain import Explanation, ExplanationError, explain, listed, sentences, wish
+from observation.explanation.chain import Link
+from observation.explanation.explain import Explanation, ExplanationError, explain, listed, sentences, wish
 from tests.swarm.command import acrc
 
 

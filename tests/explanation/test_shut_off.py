@@ -5,20 +5,20 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from actors.installation.repository import REPOSITORY
+from actors.robot.behaviour.foreign import Permit
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.isolation import sandbox
-from deploy.explanation.asking import decisions, explained
-from deploy.explanation.explain import ExplanationError, decode, wish
-from deploy.export.answered import ExportError, read_answer
-from deploy.export.robot_rows import EXECUTED
-from deploy.export.rows import tables
-from deploy.replay.shut_off_calls import Answer, Bounds
-from deploy.replay.trusted_replay import replay
-from deploy.repository import REPOSITORY
 from deploy.run import swarm
-from deploy.run.foreign import Permit
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import parse
+from observation.explanation.asking import decisions, explained
+from observation.explanation.explain import ExplanationError, decode, wish
+from observation.export.answered import ExportError, read_answer
+from observation.export.robot_rows import EXECUTED
+from observation.export.rows import tables
+from observation.replay.shut_off_calls import Answer, Bounds
+from observation.replay.trusted_replay import replay
 from tests.swarm.command import processes_of, start
 
 ABLE = sandbox.available() is None

@@ -4,11 +4,11 @@ import csv
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from deploy.repository import REPOSITORY
-from deploy.results.result import RunResult
+from actors.installation.repository import REPOSITORY
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
+from observation.results.result import RunResult
 from tests.field_trial.rewriting import Clock, rewrite
 
 CROWD = f"""

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from deploy.field_trial.clocks.alignment import Alignment, Fit, align
-from deploy.field_trial.clocks.equations import AlignmentParameters
-from deploy.field_trial.clocks.frame_stamps import Frame, Stamp, StampKind
-from deploy.field_trial.clocks.student_t import quantile
+from observation.field_trial.clocks.alignment import Alignment, Fit, align
+from observation.field_trial.clocks.equations import AlignmentParameters
+from observation.field_trial.clocks.frame_stamps import Frame, Stamp, StampKind
+from observation.field_trial.clocks.student_t import quantile
 
 DEFAULTS = AlignmentParameters()
 Noise = Callable[[np.random.Generator], float]

@@ -8,8 +8,8 @@ import pytest
 
 from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.recording import Entry, Note, Recorder, read_notes, recorder
-from deploy.field_trial.collect import collect
-from deploy.field_trial.trial_result import TrialResult
+from deploy.fleet.collect import collect
+from observation.field_trial.trial_result import TrialResult
 from tests.field_trial.conftest import Run
 from tests.field_trial.rewriting import Clock, clock, noise, rewrite
 from tests.field_trial.runs import copies, table
@@ -178,7 +178,7 @@ def test_large_messages_come_from_whoever_received_them(
     )
     for name in ("world", "radio"):
         rewrite(head_on.out / name / f"{name}.mcap", tmp_path / name / f"{name}.mcap", whole)
-    monkeypatch.setattr("deploy.field_trial.recordings.LARGE", 16)
+    monkeypatch.setattr("observation.field_trial.recordings.LARGE", 16)
     both = collect([tmp_path], tmp_path / "out")
     assert both.notes == () and both.completion_s == head_on.result.completion_s
     assert both.per_robot["r2"].clock[0].error_s == collect([head_on.out]).per_robot["r2"].clock[0].error_s

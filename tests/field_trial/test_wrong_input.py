@@ -11,8 +11,8 @@ from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, Note, read_recording
-from deploy.field_trial.collect import collect
-from deploy.field_trial.recordings import natural
+from deploy.fleet.collect import collect
+from observation.field_trial.recordings import natural
 from tests.field_trial.conftest import Run
 from tests.field_trial.rewriting import clock
 from tests.field_trial.runs import copies

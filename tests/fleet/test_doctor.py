@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from actors.robot.behaviour.foreign import INSTALLED, Permit
 from deploy.fleet.doctor import computer, consultation, ports
 from deploy.fleet.doctor import robot as robot_checks
 from deploy.fleet.doctor.findings import Finding, well, wrong
@@ -16,7 +17,6 @@ from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels, Mac
 from deploy.fleet.doctor.this_machine import ThisMachine
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.usb_ports import UsbPort
-from deploy.run.foreign import INSTALLED, Permit
 from firmware_bridge.kobuki.port import KOBUKI
 from firmware_bridge.pseudo_terminal import PseudoTerminal
 from tests.fleet.patient import BOARD_AT_1, KOBUKI_AT_0, LIDAR_AT_2, Patient

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.usage import OptionError
 from actors.robot.behaviour.adaptation import adaptation
 from deploy.fleet.fleet_file import FleetError, load_fleet
-from deploy.usage import OptionError
 from tests.fleet.texts import HEAD, OFFICE, ROBOT, ROOT, fault, fleet, robot
 
 POWER = "0, -0.5 or -6.3 dBm, or one of them less 10, 20 or 30, which is what the firmware can set"

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from actors.installation.usage import OptionError
 from actors.messages import CONTROL, DRIVE, PROGRESS, Control, Drive, Progress
 from actors.orders import Order, Pause, Resume, Stop
 from actors.runtime.codec import decode, encode
@@ -21,7 +22,6 @@ from actors.topic import Message
 from deploy.fleet import watch
 from deploy.fleet.certificates import SERVER
 from deploy.fleet.watch import WatchAnswer
-from deploy.usage import OptionError
 from tests.fleet.test_tls import Robot
 from tests.fleet.texts import ROOT
 
@@ -136,7 +136,17 @@ def test_the_command_says_what_each_robot_does_and_ends_with_1_if_one_does_not(
     nobody = unused()
     with base(robots[0]):
         done = subprocess.run(
-            [sys.executable, "-m", "deploy", "fleet", "stop", nobody, robots[0].endpoint, "--keys", keys],
+            [
+                sys.executable,
+                "-m",
+                "command_line",
+                "fleet",
+                "stop",
+                nobody,
+                robots[0].endpoint,
+                "--keys",
+                keys,
+            ],
             cwd=ROOT,
             capture_output=True,
             text=True,
@@ -173,7 +183,7 @@ def test_watching_lives_on_without_one_of_the_robots_and_finds_it_again(
 ) -> None:
     one, other, nobody = robots[0], robots[1], unused()
     names = (nobody, one.endpoint, other.endpoint)
-    command = [sys.executable, "-u", "-m", "deploy", "fleet", "watch", *names, "--keys", str(keys)]
+    command = [sys.executable, "-u", "-m", "command_line", "fleet", "watch", *names, "--keys", str(keys)]
     with one.router() as first:
         watcher = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
         assert watcher.stdout is not None

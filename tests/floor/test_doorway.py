@@ -8,7 +8,7 @@ from actors.floor.doorway import DoorError, Doorways
 from actors.floor.grid import Cell, OccupancyGrid, passable
 from actors.floor.map_file import load_map
 from actors.geometry import Point
-from deploy.repository import REPOSITORY
+from actors.installation.repository import REPOSITORY
 
 RADIUS = 0.177
 

@@ -11,9 +11,9 @@ import pytest
 from actors.floor.grid import OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import Pose, wrap
+from actors.installation.repository import REPOSITORY
 from actors.robot.localisation import PRESETS, AmclParameters, Estimate, likelihood_field
 from actors.robot.sweep import Sweep
-from deploy.repository import REPOSITORY
 from tests.localisation.scenes import (
     APARTMENT,
     ROOM,

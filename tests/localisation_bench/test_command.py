@@ -4,11 +4,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.cli.app import app
 from benchmarks.localisation import command, logs
 from benchmarks.localisation.cells import CellError, Extent, cells, chosen
 from benchmarks.localisation.log import LogError
 from benchmarks.localisation.speed import update_costs
+from command_line.bench.app import app
 from tests.localisation_bench.scenes import APARTMENT, CORRIDOR
 
 MAPS = Path(CORRIDOR), [Path(APARTMENT)]

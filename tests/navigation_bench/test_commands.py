@@ -6,15 +6,15 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.usage import OptionError
 from benchmarks.failures import failures
 from benchmarks.navigation import navigation
 from benchmarks.navigation.course import NavigationCourse, scenario
 from benchmarks.navigation.run import measure
-from deploy.results.result import RunResult
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from deploy.usage import OptionError
+from observation.results.result import RunResult
 
 MAPS = Path(__file__).parents[2] / "maps"
 MAZE = MAPS / "maze.yaml"

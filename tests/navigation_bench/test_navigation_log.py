@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from actors.installation.repository import REPOSITORY
 from actors.robot.navigation.inflation import INSCRIBED, LETHAL
 from benchmarks.localisation.log import LogError
 from benchmarks.navigation import log as navigation_log
 from benchmarks.navigation.course import NavigationCourse
 from benchmarks.navigation.navigation import NavigationTask, write_log
-from deploy.repository import REPOSITORY
 
 CORRIDOR = REPOSITORY / "maps" / "corridor.yaml"
 SHORT = NavigationCourse(CORRIDOR, 2, 1, 3, patience=20.0)

@@ -19,11 +19,11 @@ from actors.observer.drawing.layout import Arrangement
 from actors.observer.sheet import APPLICATION, Sheet
 from actors.runtime.errors import AcrcError
 from actors.task.words import PlaceKey
-from deploy.evidence.said_places import Deed, Route
-from deploy.view import __main__ as program
-from deploy.view import live
-from deploy.view.painting import Painting
-from deploy.view.story import Story, Track
+from observation.evidence.said_places import Deed, Route
+from observation.view import __main__ as program
+from observation.view import live
+from observation.view.painting import Painting
+from observation.view.story import Story, Track
 
 GRID = OccupancyGrid(
     np.array([[OCCUPIED, FREE, FREE], [UNKNOWN, FREE, OCCUPIED]], dtype=np.uint8), 2.0, Point(-1.0, 3.0)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from actors.geometry import Pose
+from actors.installation.usage import OptionError
 from actors.instant import Instant, seconds
 from actors.messages import Odometry
 from deploy.fleet import keys as fleet_keys
@@ -15,7 +16,6 @@ from deploy.fleet.fleet_file import FleetRobot
 from deploy.fleet.onboard import Onboard, onboard_robot_program
 from deploy.fleet.onboard_run import AT_START, OnboardOptions, OperatorLink, _link_fault, _told, prepare
 from deploy.run.plan import Plan
-from deploy.usage import OptionError
 from firmware_bridge.onboard import last_pose
 from firmware_bridge.onboard.last_pose import SPREAD, LastPose, PoseKeeper
 from tests.fleet.texts import fleet, robot

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.usage import OptionError
 from actors.instant import Instant
 from actors.radio.presets import PRESETS
 from deploy.laboratory import hardware_in_the_loop
@@ -13,7 +14,6 @@ from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
 from deploy.scenario.tables import Scenario
-from deploy.usage import OptionError
 from firmware_bridge.laboratory.laboratory import Laboratory
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 from tests.swarm.command import ROOT, acrc

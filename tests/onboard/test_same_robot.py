@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from actors.installation.usage import OptionError
 from actors.messages import ProcessOrder
 from actors.runtime.access.rules import client_config
 from actors.runtime.process import ActorProcess, RunNote, play
@@ -18,7 +19,6 @@ from deploy.run import plan, swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import Plan
 from deploy.scenario.scenario_file import load_scenario
-from deploy.usage import OptionError
 from firmware_bridge.onboard import base
 from tests.runtime.toys import Answerer
 from tests.swarm.command import leftovers

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 
 import pytest
 
+from actors.processes.launch import Child, Program
 from deploy.fleet import onboard as layout
 from deploy.fleet.onboard import Onboard
 from deploy.fleet.onboard_supervisor import OnboardError, OnboardSupervisor
-from deploy.processes.launch import Child, Program
 
 
 class Robot:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.evidence.run_evidence import RunEvidence, read_run
+from observation.evidence.run_evidence import RunEvidence, read_run
 from tests.swarm.command import ROOT, run
 
 

@@ -14,11 +14,11 @@ from actors.messages import Truth
 from actors.runtime.recording import RecordingError
 from actors.task.words import PlaceKey
 from actors.topic import M, Topic
-from deploy.evidence import run_evidence
-from deploy.evidence.recorded import taken
-from deploy.evidence.run_evidence import EvidenceError, RunEvidence, read_run
-from deploy.evidence.spells import Doing, SpellParameters, spells
-from deploy.picture.floor_picture import meetings
+from observation.evidence import run_evidence
+from observation.evidence.recorded import taken
+from observation.evidence.run_evidence import EvidenceError, RunEvidence, read_run
+from observation.evidence.spells import Doing, SpellParameters, spells
+from observation.picture.floor_picture import meetings
 
 
 def test_it_says_what_the_result_says(evidence: RunEvidence) -> None:

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
-from deploy.evidence.run_evidence import RunEvidence
-from deploy.picture import floor_picture, moving, run_html, run_page, side_by_side, style
-from deploy.usage import OptionError
+from observation.evidence.run_evidence import RunEvidence
+from observation.picture import floor_picture, moving, run_html, run_page, side_by_side, style
 from tests.swarm.command import acrc
 
 

@@ -6,8 +6,7 @@ import numpy as np
 from PIL import Image
 
 from actors.task.words import PlaceKey
-from deploy.picture import scenario_picture
-from deploy.scenario import survey
+from deploy.scenario import scenario_picture, survey
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.swarm.command import ROOT, acrc

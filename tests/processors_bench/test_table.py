@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.repository import REPOSITORY
 from benchmarks.processors import aarch64, here, pythons, table
 from benchmarks.processors.computer import Computer, RunOutcome, RunTask, last_words, make
 from benchmarks.processors.table import ProcessorRow, digests, line, measure, tasks, verdict
-from deploy.repository import REPOSITORY
 
 
 def row(name: str, **outcomes: RunOutcome) -> ProcessorRow:

@@ -5,10 +5,10 @@ import re
 
 import pytest
 
+from actors.installation.repository import REPOSITORY
 from actors.radio.link_budget import reach
 from actors.radio.presets import PRESETS
 from actors.radio.propagation.materials import MATERIALS
-from deploy.repository import REPOSITORY
 
 MINUS = "\N{MINUS SIGN}"
 PAGE = (REPOSITORY / "docs" / "radio.md").read_text()

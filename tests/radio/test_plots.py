@@ -6,10 +6,10 @@ from xml.etree import ElementTree
 import pytest
 from PIL import Image
 
+from actors.installation.repository import REPOSITORY
 from benchmarks.radio import plots
 from benchmarks.radio.plots import PlotTask
 from benchmarks.radio.svg_chart import Axis, Series, chart
-from deploy.repository import REPOSITORY
 
 SVG = "{http://www.w3.org/2000/svg}"
 X = Axis("x", 1.0, 100.0, (1, 10, 100), logarithmic=True)

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from pyarrow import parquet
 
-from deploy.export.columns import TABLES, page
-from deploy.repository import REPOSITORY
-from documentation.markdown import pages
+from actors.installation.repository import REPOSITORY
+from command_line.documentation.markdown import pages
+from observation.export.columns import TABLES, page
 from tests.swarm.command import acrc
 
 PAGE = "docs/tables.md"

@@ -6,8 +6,8 @@ import pytest
 
 from actors.messages import RECEIVED, Heard
 from actors.runtime.recording import RecordingError
-from deploy.evidence.knowledge_trace import ABSENT, Changed, KnowledgeTrace, differences, trace_knowledge
-from deploy.evidence.recorded import taken
+from observation.evidence.knowledge_trace import ABSENT, Changed, KnowledgeTrace, differences, trace_knowledge
+from observation.evidence.recorded import taken
 
 
 @pytest.fixture(scope="module")

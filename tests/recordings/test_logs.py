@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.repository import REPOSITORY
+from actors.processes.robot_logs import EVERYBODY, LogTail, logs
 from actors.runtime import prints
-from deploy.processes.robot_logs import EVERYBODY, LogTail, logs
-from deploy.replay.record_replay import Onlook, replay_actor
-from deploy.repository import REPOSITORY
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
+from observation.replay.record_replay import Onlook, replay_actor
 from tests.swarm.command import acrc, run
 
 ENTRY = "tests.recordings.talkative:behaviour"

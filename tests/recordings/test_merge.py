@@ -11,14 +11,14 @@ from mcap.reader import make_reader
 
 from actors.messages import TOPICS
 from actors.runtime.recording import RecordingError
-from deploy.recordings.info import info
-from deploy.recordings.merged_file import PHASES, check_merged, merge
-from deploy.recordings.plain import at_column, plain
-from deploy.recordings.topics import messages
-from deploy.replay.record_check import check
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
+from observation.recordings.info import info
+from observation.recordings.merged_file import PHASES, check_merged, merge
+from observation.recordings.plain import at_column, plain
+from observation.recordings.topics import messages
+from observation.replay.record_check import check
 from tests.swarm.command import acrc
 
 

@@ -9,8 +9,8 @@ from actors.messages import CONTROL, Control
 from actors.orders import Kill
 from actors.runtime.codec import encode
 from actors.runtime.recording import Recorder
-from deploy.recordings import lines
-from deploy.recordings.topics import TopicError, fits, follow, has_ended, known, messages
+from observation.recordings import lines
+from observation.recordings.topics import TopicError, fits, follow, has_ended, known, messages
 from tests.swarm.command import acrc
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.repository import REPOSITORY
+from actors.installation.repository import REPOSITORY
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario

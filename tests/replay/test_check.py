@@ -21,8 +21,8 @@ from actors.runtime.recording import (
     read_notes,
     read_recording,
 )
-from deploy.replay.record_check import check
-from deploy.replay.record_pass import CheckError
+from observation.replay.record_check import check
+from observation.replay.record_pass import CheckError
 from tests.replay.forging import forge, with_payload
 from tests.swarm.command import acrc
 

@@ -11,6 +11,7 @@ import pytest
 from actors import toml_file
 from actors.floor.map_file import MapError, load_map
 from actors.messages import MESSAGE_VERSION, TOPICS
+from actors.processes.log_end import last_line
 from actors.robot.behaviour.adaptation import adaptation
 from actors.robot.behaviour.places import load_places
 from actors.robot.stack import parse as parse_stack
@@ -20,9 +21,8 @@ from actors.runtime.access.credentials import AccessError
 from actors.runtime.codec import WireError, decode
 from actors.runtime.errors import AcrcError, printable
 from actors.topic import Message, Topic
-from deploy.field_trial.collect import collect
+from deploy.fleet.collect import collect
 from deploy.fleet.fleet_file import load_fleet
-from deploy.processes.log_end import last_line
 from deploy.scenario.scenario_file import load_scenario
 
 SECONDS = 3.0

@@ -5,18 +5,18 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.repository import REPOSITORY
+from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError
-from deploy.evidence.run_evidence import read_run
-from deploy.explanation.explain import listed
-from deploy.replay.moved_runs import run_of
-from deploy.replay.record_replay import replay_actor
-from deploy.replay.run_recordings import recordings
-from deploy.replay.swarm_replay import replay_swarm
-from deploy.repository import REPOSITORY
+from deploy.branches.swarm_replay import replay_swarm
 from deploy.run import swarm
-from deploy.run.foreign import Permit
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
+from observation.evidence.run_evidence import read_run
+from observation.explanation.explain import listed
+from observation.replay.moved_runs import run_of
+from observation.replay.record_replay import replay_actor
+from observation.replay.run_recordings import recordings
 from tests.swarm.command import acrc
 
 SCENARIO = """

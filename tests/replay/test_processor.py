@@ -11,7 +11,7 @@ from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.process import RunNote
 from actors.runtime.processor import Processor, processor
 from actors.runtime.recording import Entry, Note, read_notes
-from deploy.replay.record_replay import replay_actor
+from observation.replay.record_replay import replay_actor
 from tests.replay.forging import forge, with_payload
 
 ELSEWHERE = Processor("aarch64", "Cortex-A76", ("neon",))

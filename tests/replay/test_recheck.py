@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from deploy.replay.recheck import RecheckError, recheck
+from actors.installation.usage import OptionError
 from deploy.run import swarm
 from deploy.run.options import RunOptions, run_options
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from deploy.usage import OptionError
+from observation.replay.recheck import RecheckError, recheck
 from tests.swarm.command import acrc
 
 

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.bus.replay_bus import ReplayError
-from deploy.cli import replaying
-from deploy.replay import debugging
-from deploy.replay.other_strategy import replay_otherwise
-from deploy.replay.record_replay import Onlook, replay_actor
-from deploy.replay.swarm_replay import replay_swarm
-from deploy.run.foreign import INSTALLED
+from command_line import replaying
+from deploy.branches.other_strategy import replay_otherwise
+from deploy.branches.swarm_replay import replay_swarm
+from observation.replay import debugging
+from observation.replay.record_replay import Onlook, replay_actor
 from tests.swarm.command import acrc
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from actors.runtime.errors import AcrcError
-from deploy.replay.record_check import check
-from deploy.results.seal import SUMS, Sealed, SealError, check_seal, seal, sentence
+from observation.replay.record_check import check
+from observation.results.seal import SUMS, Sealed, SealError, check_seal, seal, sentence
 from tests.swarm.command import acrc
 
 FLIPS_PER_FILE = 12

@@ -9,7 +9,7 @@ import pytest
 
 from actors.runtime.message_counts import MessageHash
 from actors.runtime.process import FinalNote
-from deploy.results.robot_reports import RobotReports, Seen, robot_reports
+from observation.results.robot_reports import RobotReports, Seen, robot_reports
 from tests.swarm.command import acrc
 
 RECORD = Path("out/r1/r1.mcap")

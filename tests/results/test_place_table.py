@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from actors.task.referee import PlaceOutcome
-from deploy.results.place_table import PlaceCounts, counted, write_table
+from observation.results.place_table import PlaceCounts, counted, write_table
 
 S = 1_000_000
 NOTHING: dict[str, Any] = dict.fromkeys(

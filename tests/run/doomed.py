@@ -7,9 +7,9 @@ from pathlib import Path
 
 import msgspec
 
+from actors.processes.silence import Timeout
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
-from deploy.processes.silence import Timeout
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.repository import PACKAGES, REPOSITORY
+from actors.installation.usage import OptionError
+from actors.robot.behaviour import foreign
+from actors.robot.behaviour.foreign import INSTALLED, ForeignCodeError, MissingCodeError, Permit, admitted
 from actors.robot.behaviour.modules import FOLDERS, ModuleError, Recorded, expect, located, look_in
-from deploy.repository import PACKAGES, REPOSITORY
-from deploy.run import foreign
-from deploy.run.foreign import INSTALLED, ForeignCodeError, MissingCodeError, Permit, admitted
-from deploy.usage import OptionError
 
 SOURCE = Path("bold.toml")
 RECORDED, CHANGED, GROWN = "import json\n", "raise AssertionError\n", "from package import more\n"

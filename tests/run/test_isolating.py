@@ -3,7 +3,7 @@
 import pytest
 
 from actors.runtime.isolation import sandbox
-from deploy.run.isolating import OPEN, IsolationChoice, choose, warn
+from actors.runtime.isolation.isolating import OPEN, IsolationChoice, choose, warn
 from tests.swarm.command import acrc
 
 REASON = f"this machine has no locks; {sandbox.ADVICE}"

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from actors.processes import kernels
 from actors.task import visits
-from deploy.run import kernels
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def test_every_module_with_kernels_is_compiled_once() -> None:
 
 
 def test_every_command_means_the_same_machine_whatever_it_has_loaded_before() -> None:
-    told = "from deploy.run import kernels; print(kernels._machine())"
+    told = "from actors.processes import kernels; print(kernels._machine())"
     done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == kernels._machine()
 

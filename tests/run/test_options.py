@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.usage import OptionError
 from deploy.run.options import RunOptions, run_options
-from deploy.usage import OptionError
 
 
 def test_what_is_not_said_has_a_default(tmp_path: Path) -> None:

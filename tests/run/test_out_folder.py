@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.usage import OptionError
+from actors.processes.signals import Interrupted
 from actors.runtime.errors import AcrcError
-from deploy.processes.signals import Interrupted
 from deploy.run import out_folder
 from deploy.run.options import folder_name, run_options
 from deploy.run.out_folder import OutFolderError, claim, make_folder, writing
-from deploy.usage import OptionError
 from tests.swarm.command import ACRC, ROOT, acrc, processes_of
 
 APART = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c")

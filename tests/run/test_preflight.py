@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from actors.processes.launch import ServedLauncher
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import available
-from deploy.processes.launch import ServedLauncher
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import Plan

@@ -14,9 +14,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from actors.installation.repository import REPOSITORY
 from actors.runtime.process import RunNote
 from actors.runtime.recording import Entry, Note
-from deploy.repository import REPOSITORY
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
@@ -241,7 +241,7 @@ def test_what_python_would_run_by_itself_does_not_run(received: Received) -> Non
     received.forge("cleaning.strategies.none:behaviour")
     for words in (("replay", received.run), ("replay", received.run, "--robot", "r1")):
         done = subprocess.run(  # an interpreter of its own, as the user begins one
-            [sys.executable, "-P", "-m", "deploy", *map(str, words)],
+            [sys.executable, "-P", "-m", "command_line", *map(str, words)],
             cwd=received.folder, capture_output=True, text=True, check=False,
             env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"},
         )  # fmt: skip

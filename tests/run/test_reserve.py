@@ -19,7 +19,7 @@ from actors.runtime.lifecycle.process_table import table
 from actors.runtime.process import tell
 from actors.runtime.recording import Entry, Recorder, decoded, read_notes, read_recording
 from actors.runtime.recording.form import LARGE
-from deploy.replay import shut_off
+from observation.replay import shut_off
 
 Deed = Callable[[], object]
 

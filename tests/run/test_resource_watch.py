@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from actors.processes.launch import Child, Program
 from actors.runtime.isolation.resource_limits import ProcessLimits
 from actors.runtime.lifecycle import process_table
-from deploy.processes.launch import Child, Program
 from deploy.run.resource_watch import ResourceWatch, Use, used
 
 PLENTY = 1 << 40

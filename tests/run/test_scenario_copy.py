@@ -8,7 +8,7 @@ import tomllib
 from importlib.metadata import version
 from pathlib import Path
 
-from deploy.version import software
+from actors.installation.version import software
 from tests.swarm.command import ROOT, run
 
 STUDY = """

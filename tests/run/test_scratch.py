@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from actors.processes import scratch
+from actors.processes.scratch import ScratchError, scratch_folder
 from actors.runtime.errors import AcrcError
-from deploy import scratch
-from deploy.scratch import ScratchError, scratch_folder
 from tests.small_disk import on_small_disk
 
 ROOT = Path(__file__).parents[2]
@@ -58,7 +58,7 @@ def test_a_system_without_any_place_is_a_sentence(monkeypatch: pytest.MonkeyPatc
 
 def test_a_run_whose_tmpdir_is_full_does_not_blame_its_own_folder(tmp_path: Path) -> None:
     full, out = tmp_path / "full", tmp_path / "out"
-    command = (sys.executable, "-P", "-m", "deploy", "run", "--robots", "1", "--duration", "1")
+    command = (sys.executable, "-P", "-m", "command_line", "run", "--robots", "1", "--duration", "1")
     words = on_small_disk(full, "8k", [*command, "--out", str(out)])
     env = {**os.environ, "TMPDIR": str(full)}
     done = subprocess.run(words, cwd=ROOT, env=env, capture_output=True, text=True, check=False, timeout=100)

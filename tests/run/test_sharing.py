@@ -10,7 +10,7 @@ from PIL import Image
 
 from actors.floor import distance
 from actors.floor.map_file import load_map
-from deploy.processes.launch import Program, launcher
+from actors.processes.launch import Program, launcher
 from deploy.run.options import RunOptions
 from deploy.run.plan import in_common
 from deploy.run.swarm import plan, run_in_memory

@@ -2,9 +2,9 @@
 
 import pytest
 
+from actors.processes.hold_ups import HoldUp, sentences
+from actors.processes.silence import Silence, SilenceVerdict, Suspect, Timeout
 from actors.runtime.lifecycle.process_table import Glance
-from deploy.processes.hold_ups import HoldUp, sentences
-from deploy.processes.silence import Silence, SilenceVerdict, Suspect, Timeout
 
 R1, R2 = Suspect("r1", 11), Suspect("r2", 12)
 BOTH = (R1, R2)

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from actors.messages import Progress
-from deploy.processes.launch import Child, Program
-from deploy.processes.silence import Telling, Timeout
+from actors.processes.launch import Child, Program
+from actors.processes.silence import Telling, Timeout
 from deploy.run.vigil import Vigil
 
 AWAITED = Progress(3, 300_000, 1, 0, False, awaited=("r2",), awaits="step 3 (0.3 s): no Drive from r2")

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.repository import REPOSITORY
 from actors.radio.propagation.interferers import WifiParameters
 from actors.radio.propagation.walls import WallPatch
-from deploy.repository import REPOSITORY
 from deploy.scenario.air import WallError
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import load_scenario, parse

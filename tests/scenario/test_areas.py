@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from actors.floor.placement import Area
+from actors.installation.repository import REPOSITORY
 from actors.runtime.errors import AcrcError
 from actors.world.world_setup import BodySetup
-from deploy.repository import REPOSITORY
 from deploy.scenario.areas import for_places, for_starts
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import load_scenario, parse

@@ -3,10 +3,10 @@
 import tomllib
 from dataclasses import fields
 
+from actors.installation.repository import REPOSITORY
 from actors.robot.stack import TABLES
 from cleaning.parameters import AdaptationParameters
 from cleaning.settings import from_settings
-from deploy.repository import REPOSITORY
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import load_scenario
 

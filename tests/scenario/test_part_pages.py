@@ -10,7 +10,7 @@ from pydantic_core import PydanticUndefined
 
 from actors import robot_model
 from actors.floor.map_file import KEYS, MapLimits
-from deploy.repository import REPOSITORY
+from actors.installation.repository import REPOSITORY
 
 ROBOT = (REPOSITORY / "docs" / "own-robot.md").read_text()
 MAP = (REPOSITORY / "docs" / "own-map.md").read_text()

@@ -8,6 +8,7 @@ import pytest
 
 from actors.floor.map_file import load_map
 from actors.geometry import Point
+from actors.installation.repository import REPOSITORY
 from actors.orders import (
     CloseDoor,
     Freeze,
@@ -24,7 +25,6 @@ from actors.orders import (
 from actors.runtime.errors import AcrcError
 from actors.world.world_setup import TimedOrder
 from cleaning.places import GOLDEN
-from deploy.repository import REPOSITORY
 from deploy.scenario.areas import for_places
 from deploy.scenario.resolve import ResolvedScenario, resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.usage import OptionError
 from actors.radio.propagation.materials import MATERIALS
 from deploy.scenario.scenario_file import Overrides, ScenarioError, load_scenario
-from deploy.usage import OptionError
 from tests.scenario.faults import fault
 
 METRES = "but must be a number of metres from 0 to 0.5"

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
+from actors.installation.usage import OptionError
 from actors.randomness import derived_seed, keyed_seed
 from deploy.scenario.resolve import ResolvedScenario, resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from deploy.usage import OptionError
 from tests.swarm.command import acrc, run
 
 KEY = "00112233445566778899aabbccddeeff"

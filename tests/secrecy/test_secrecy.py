@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.repository import REPOSITORY
 from actors.randomness import derived_seed, keyed_seed
-from deploy.repository import REPOSITORY
 from tests.isolation.test_attacks import need_isolation
 from tests.secrecy.snoop import CIPHER
 from tests.swarm.command import acrc, start

@@ -32,7 +32,7 @@ def behaviour(start: Start) -> Behaviour:
 def test_a_file_in_the_working_directory(tmp_path: Path, words: list[str]) -> None:
     (tmp_path / "my_study").mkdir()
     (tmp_path / "my_study" / "lazy.py").write_text(OWN)
-    command = "import sys; sys.path[0] = sys.argv.pop(1); from deploy.cli.app import main; main()"
+    command = "import sys; sys.path[0] = sys.argv.pop(1); from command_line.app import main; main()"
     done = subprocess.run(
         [
             *(sys.executable, "-c", command, str(ROOT), "run", "--strategy", "my_study.lazy:behaviour"),

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from deploy.evidence.run_evidence import read_run
-from deploy.replay.recheck import recheck
-from deploy.repository import REPOSITORY
-from deploy.results.result import RunResult
+from actors.installation.repository import REPOSITORY
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
+from observation.evidence.run_evidence import read_run
+from observation.replay.recheck import recheck
+from observation.results.result import RunResult
 
 STORY = f"""
 map = "{REPOSITORY}/maps/corridor.yaml"

@@ -11,7 +11,7 @@ from typing import Any
 from tests import warm
 
 ROOT = Path(__file__).resolve().parents[2]
-ACRC = (sys.executable, "-m", "deploy")
+ACRC = (sys.executable, "-m", "command_line")
 
 
 def acrc(

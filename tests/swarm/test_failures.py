@@ -18,15 +18,15 @@ import pytest
 from msgspec.structs import replace as replace_struct
 
 from actors.messages import Progress
+from actors.processes.silence import Timeout
+from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.recording import Entry, read_notes, read_recording
-from deploy.processes.silence import Timeout
-from deploy.replay.record_replay import replay_actor
-from deploy.replay.swarm_replay import replay_swarm
+from deploy.branches.swarm_replay import replay_swarm
 from deploy.run import swarm
-from deploy.run.foreign import INSTALLED
 from deploy.run.options import RunOptions
 from deploy.run.supervisor import RunFailedError
 from deploy.scenario.scenario_file import Overrides, load_scenario
+from observation.replay.record_replay import replay_actor
 from tests import warm
 from tests.run.doomed import Doom, sentence
 from tests.swarm import saboteur

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from actors.processes.silence import Timeout
 from actors.robot import assembly
-from deploy.processes.silence import Timeout
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from deploy.repository import REPOSITORY
-from deploy.results.result import RunResult
+from actors.installation.repository import REPOSITORY
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import EventTable, Scenario
+from observation.results.result import RunResult
 from tests.seeds import sampled
 
 IN_THE_WAY = 8

@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import pytest
 
 from benchmarks.swarm.crowded_start import busy
-from deploy.replay.record_replay import replay_actor
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
+from observation.replay.record_replay import replay_actor
 from tests.swarm.command import ROOT, acrc, leftovers, processes_of, run
 
 CROWD = Path(__file__).parent / "crowd.toml"

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.usage import OptionError
 from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, as_words, limits
 from deploy.run.options import run_options
-from deploy.usage import OptionError
 from tests.swarm.command import acrc, leftovers, processes_of
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.usage import OptionError
 from actors.orders import (
     CloseDoor,
     Freeze,
@@ -21,11 +22,10 @@ from actors.orders import (
     Step,
     Wall,
 )
-from deploy.replay.record_replay import replay_actor
-from deploy.replay.swarm_replay import replay_swarm
+from actors.robot.behaviour.foreign import INSTALLED
+from deploy.branches.swarm_replay import replay_swarm
 from deploy.run import orders
-from deploy.run.foreign import INSTALLED
-from deploy.usage import OptionError
+from observation.replay.record_replay import replay_actor
 from tests.swarm.command import ROOT, acrc, leftovers, processes_of, start
 from tests.swarm.test_failures import stepping, until
 

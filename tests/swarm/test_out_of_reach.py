@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.repository import REPOSITORY
+from actors.processes.launch import LaunchError, Program, launcher
 from actors.runtime.isolation.sandbox import available
 from actors.runtime.lifecycle.log import create_log
 from actors.runtime.recording import Entry, read_recording
-from deploy.processes.launch import LaunchError, Program, launcher
-from deploy.repository import REPOSITORY
 from tests.swarm.command import acrc, run
 
 SCENARIO = f"""

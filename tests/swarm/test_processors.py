@@ -6,10 +6,10 @@ from typing import Any
 import msgspec
 import pytest
 
+from actors.installation.repository import REPOSITORY
 from actors.runtime.process import RunNote
 from actors.runtime.recording import read_notes
 from benchmarks.processors.here import NO_FMA, no_avx512
-from deploy.repository import REPOSITORY
 from tests.swarm.command import run
 
 TASK = (REPOSITORY / "scenarios" / "corridor.toml", "--bus", "memory", "--robots", 6, "--duration", 10)

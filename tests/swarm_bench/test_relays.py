@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.usage import OptionError
 from benchmarks.swarm import relays
 from benchmarks.swarm.relay_run import RelayTask, examine, relay_scenario
 from benchmarks.swarm.relays import SCENARIO, RelaysTask
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from deploy.usage import OptionError
 
 TASK = RelaysTask(robots=(4,), below_dbm=(-90.0,), first_seed=3, duration=15.0)
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
+from actors.installation.usage import OptionError
 from actors.runtime.client_options import ArgumentError, ArgumentParser
 from actors.runtime.spans import add_span_option
 from benchmarks.swarm.task import SwarmTask, planned
 from benchmarks.swarm.timeline import command, trace_file
 from deploy.run import swarm
-from deploy.usage import OptionError
 from tests.swarm.command import acrc
 
 ROBOTS, SECONDS, STEPS = 3, 4.0, 10

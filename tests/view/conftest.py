@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
+from actors.installation.repository import REPOSITORY
+from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.isolation import sandbox
-from deploy.evidence.run_evidence import RunEvidence, read_run
-from deploy.inside.insides import Glance, look_into_all
-from deploy.inside.telemetry import Inside
-from deploy.repository import REPOSITORY
 from deploy.run import swarm
-from deploy.run.foreign import INSTALLED
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
+from observation.evidence.run_evidence import RunEvidence, read_run
+from observation.inside.insides import Glance, look_into_all
+from observation.inside.telemetry import Inside
 
 collect_ignore = (
     [] if find_spec("rerun") else ["test_drawn.py", "test_following.py", "test_watched.py", "test_window.py"]

@@ -13,12 +13,12 @@ from rerun.chunk import RrdReader
 from actors.observer import colours
 from actors.observer.sheet import APPLICATION
 from actors.runtime.errors import AcrcError
-from deploy.evidence.run_evidence import RunEvidence
-from deploy.explanation.explain import listed
-from deploy.inside.insides import Glance
-from deploy.inside.telemetry import Inside
-from deploy.view import beside, drawn
-from deploy.view.drawn import Wishes, draw, place, read_story
+from observation.evidence.run_evidence import RunEvidence
+from observation.explanation.explain import listed
+from observation.inside.insides import Glance
+from observation.inside.telemetry import Inside
+from observation.view import beside, drawn
+from observation.view.drawn import Wishes, draw, place, read_story
 
 Rows = dict[str, list[dict[str, Any]]]
 WORLD = {

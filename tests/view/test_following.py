@@ -10,26 +10,26 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from actors.installation.repository import REPOSITORY
+from actors.installation.usage import OptionError
 from actors.observer.sheet import Sheet
+from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.bus.replay_bus import ReplayError
-from deploy.inside import following_program
-from deploy.inside.insides import Glance
-from deploy.inside.telemetry import Inside
-from deploy.replay.growing_replay import GrowingBus
-from deploy.replay.record_replay import made_again
-from deploy.repository import REPOSITORY
 from deploy.run import swarm
-from deploy.run.foreign import INSTALLED
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from deploy.usage import OptionError
-from deploy.view import command, drawn, live
-from deploy.view.drawn import Wishes, draw, read_story
-from deploy.view.following import Following
-from deploy.view.growing_run import GrowingRun
-from deploy.view.seen import Seen
-from deploy.view.story import Track
-from deploy.view.writers import Standing, standing
+from observation.inside import following_program
+from observation.inside.insides import Glance
+from observation.inside.telemetry import Inside
+from observation.replay.growing_replay import GrowingBus
+from observation.replay.record_replay import made_again
+from observation.view import command, drawn, live
+from observation.view.drawn import Wishes, draw, read_story
+from observation.view.following import Following
+from observation.view.growing_run import GrowingRun
+from observation.view.seen import Seen
+from observation.view.story import Track
+from observation.view.writers import Standing, standing
 
 MORE = {f"/{what}/{robot}" for what in ("plots/places", "world/heading", "states") for robot in ("r1", "r2")}
 """Where a piece ends or begins something may be said once more, or what was short cannot be left out."""

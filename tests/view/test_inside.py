@@ -10,12 +10,12 @@ from actors.instant import milliseconds
 from actors.radio.medium.state import Outcome
 from actors.task.words import PlaceKey
 from cleaning.cleaner import State
-from deploy.evidence.run_evidence import RunEvidence
-from deploy.inside.fates import by_outcome, read_fates
-from deploy.inside.inside_program import look_into
-from deploy.inside.insides import Glance
-from deploy.inside.knowledge_rows import in_words
-from deploy.inside.telemetry import ACTIVITIES, Inside, TelemetryError, decode, encode
+from observation.evidence.run_evidence import RunEvidence
+from observation.inside.fates import by_outcome, read_fates
+from observation.inside.inside_program import look_into
+from observation.inside.insides import Glance
+from observation.inside.knowledge_rows import in_words
+from observation.inside.telemetry import ACTIVITIES, Inside, TelemetryError, decode, encode
 
 
 def test_every_copy_has_the_fate_that_the_radio_counted_and_its_sender(

@@ -8,14 +8,14 @@ import pytest
 from rerun.chunk import RrdReader
 
 from actors.floor.map_file import load_map
+from actors.installation.repository import REPOSITORY
 from actors.messages import DRIVE, PROGRESS, RECEIVED, Drive, Heard, Progress, Received
 from actors.observer.drawing.layout import Arrangement
 from actors.observer.sheet import Sheet
 from actors.task.words import PlaceKey, PlaceReport
+from deploy.fleet import watched
 from deploy.fleet.fleet_file import load_fleet
-from deploy.repository import REPOSITORY
-from deploy.view import watched
-from deploy.view.watched import Inbox, Said, WatchedFleet
+from deploy.fleet.watched import Inbox, Said, WatchedFleet
 
 FLEET = """
 map = "{root}/maps/corridor.yaml"

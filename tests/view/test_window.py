@@ -9,10 +9,10 @@ import pytest
 from PIL import Image
 
 from actors.observer import colours, screenshot
-from deploy.inside.insides import Glance
-from deploy.inside.telemetry import Inside
-from deploy.view import drawn
-from deploy.view.drawn import Wishes, draw, read_story
+from observation.inside.insides import Glance
+from observation.inside.telemetry import Inside
+from observation.view import drawn
+from observation.view.drawn import Wishes, draw, read_story
 
 SHOWN = {
     "Swarm, ground truth": "3D",

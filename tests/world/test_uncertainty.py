@@ -8,10 +8,10 @@ from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid, largest_region
 from actors.floor.map_file import load_map
 from actors.floor.placement import PlacementError
 from actors.geometry import Point
+from actors.installation.repository import REPOSITORY
 from actors.randomness import generator
 from actors.world.odometry import KobukiErrors, StageErrors
 from actors.world.uncertainty import RealFloor, Uncertainty, drifting, floor
-from deploy.repository import REPOSITORY
 
 CORRIDOR = load_map(REPOSITORY / "maps" / "corridor.yaml")
 BODY = 0.177

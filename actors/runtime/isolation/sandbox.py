@@ -35,7 +35,7 @@ ADVICE: Final = "allow unprivileged user namespaces on this machine, or run with
 """How each IsolationError's sentence ends."""
 _PROJECT: Final = Path(__file__).resolve().parents[3]
 """Where the packages of this project are."""
-_NOT_ITS_CODE: Final = ("deploy", "scenarios", "fleets", "runs")
+_NOT_ITS_CODE: Final = ("command_line", "deploy", "observation", "scenarios", "fleets", "runs")
 """What of the project is about the whole swarm, and about runs that have been."""
 
 

@@ -10,11 +10,11 @@ from typing import Any, Final
 from rich.console import Console
 from rich.table import Table
 
+from actors.installation.usage import wrong_value
 from benchmarks.swarm.task import SwarmTask
 from benchmarks.swarm.timeline import trace_file
 from benchmarks.swarm.timeline.shares import StepShares, shares
 from benchmarks.swarm.timeline.watching import watch
-from deploy.usage import wrong_value
 
 STEPS: Final = 20
 """Steps that are watched; own choice: two simulated seconds, in which each robot has talked twice."""

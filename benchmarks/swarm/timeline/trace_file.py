@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
 from actors.runtime.spans import Span
 from benchmarks.swarm.timeline.watching import Watched
-from deploy.usage import OptionError
 
 Event = dict[str, Any]
 PARENT = "parent"

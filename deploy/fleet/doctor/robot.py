@@ -12,6 +12,7 @@ from actors.instant import milliseconds
 from actors.randomness import derived_seed
 from actors.robot import assembly
 from actors.robot.behaviour.adaptation import adaptation
+from actors.robot.behaviour.foreign import Permit
 from actors.robot.behaviour.modules import look_in
 from actors.robot.stack import parse
 from actors.robot_model import RobotModel, load_model
@@ -22,7 +23,6 @@ from deploy.fleet.doctor.findings import Finding, well, wrong
 from deploy.fleet.doctor.machine import Machine
 from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.fleet.own_code import own_code
-from deploy.run.foreign import Permit
 
 
 def floor(fleet: Fleet, robot: FleetRobot) -> Iterator[Finding]:

@@ -6,7 +6,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from deploy.results.result import RobotResult, RunResult
 from experiments.accounting.time_spent import (
     BlockingEvent,
     Cause,
@@ -19,6 +18,7 @@ from experiments.accounting.time_spent import (
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord, keep
 from experiments.study.study import Study, Trial
+from observation.results.result import RobotResult, RunResult
 
 LENGTH = 600.0
 Drawn = Callable[[Trial, np.random.Generator], tuple[int, float | None]]

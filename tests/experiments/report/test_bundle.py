@@ -10,7 +10,6 @@ import msgspec
 import pytest
 import yaml
 
-from deploy.results.result import RunResult
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
@@ -20,6 +19,7 @@ from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord, keep
 from experiments.study.study import Study
 from experiments.study.study_file import StudyError, load_study
+from observation.results.result import RunResult
 
 ROOT = Path(__file__).parents[3]
 CORRIDOR = ROOT / "scenarios" / "corridor.toml"
@@ -91,7 +91,7 @@ def test_the_same_campaign_gives_the_same_bytes(folder: Path, unpacked: Path, tm
 
 def test_its_runs_are_made_again_with_the_same_digests(unpacked: Path, tmp_path: Path) -> None:
     acrc = tmp_path / "acrc"
-    acrc.write_text(f'#!/bin/sh\nexec {sys.executable} -P -m deploy "$@"\n')
+    acrc.write_text(f'#!/bin/sh\nexec {sys.executable} -P -m command_line "$@"\n')
     acrc.chmod(0o755)
     told = subprocess.run(
         ["sh", "reproduce.sh", "1"], cwd=unpacked, env={**os.environ, "ACRC": str(acrc)},

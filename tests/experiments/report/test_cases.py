@@ -6,11 +6,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from deploy.field_trial.trial_result import RobotTrial, TrialResult
-from deploy.results.result import RunResult
 from experiments.report import report
 from experiments.report.cases import REAL, ReportError, read
 from experiments.study.study import Factor, Study, Trial
+from observation.field_trial.trial_result import RobotTrial, TrialResult
+from observation.results.result import RunResult
 from tests.experiments.report.made_up import campaign
 
 

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from matplotlib.patches import Rectangle
 
-from deploy.results.result import RunResult
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.comparison import compare, samples
@@ -24,6 +23,7 @@ from experiments.report.cases import read
 from experiments.report.section import Section
 from experiments.statistics.survival import Completion, kaplan_meier
 from experiments.study.study import Study, Trial
+from observation.results.result import RunResult
 from tests.experiments.report.made_up import LENGTH, campaign
 
 EVIL = "<img src=http://evil.example/x onerror=alert(1)> $\\frac{1}{"

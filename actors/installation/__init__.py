@@ -1,0 +1,1 @@
+"""Where this project is installed, which version of it, and how its command line is called."""

@@ -1,0 +1,243 @@
+"""Starts actor processes through a server that forks or executes them, and sees them end."""
+
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+from actors.installation.repository import REPOSITORY
+from actors.processes.confined import MESSAGE_LIMIT
+from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.neutral import Names, outside
+from actors.runtime.lifecycle import process_table
+from actors.runtime.lifecycle.environment import passed_on
+
+
+class LaunchError(AcrcError):
+    """A process that could not be started."""
+
+
+@dataclass(frozen=True)
+class Program:
+    """What one would type: `python -m MODULE ARGV…`, with the output going to a log."""
+
+    actor: str
+    module: str
+    argv: tuple[str, ...]
+    log: Path
+    record: Path | None
+    """The MCAP file that it writes; None for an observer, without which a run goes on."""
+    names: Names | None = None
+    """Of a robot that is shut off: what is called otherwise in `argv`; None: nothing is."""
+
+    def in_our_words(self, told: str) -> str:
+        """What the program has said, its paths as they are called outside of its sandbox."""
+        return told if self.names is None else outside(told, self.names)
+
+
+@dataclass
+class Child:
+    """A started process."""
+
+    program: Program
+    pid: int
+    exit_code: int | None = None
+    """None while it runs; negative: the signal that ended it."""
+    strays: int = 0
+    """Processes that it had started, that ran on when it ended, and that have been ended since."""
+    cpu_s: float = 0.0
+    """Once it has ended: CPU time that the system charged for it, and for those that it has waited for."""
+
+    def send(self, number: signal.Signals) -> None:
+        """Send a signal; one that has ended already is left alone."""
+        if self.exit_code is None:
+            try:
+                os.kill(self.pid, number)
+            except ProcessLookupError:
+                return
+
+
+class Launcher(Protocol):
+    """Starts programs; a context manager that leaves nothing of its own behind."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def share(self, module: str, words: Sequence[str], folder: Path) -> None:
+        """Let programs that are started later find what `share(*words)` of the module gives.
+
+        Files among the words are named as they lie in `folder`.
+        """
+
+    def withdraw(self, router: Path) -> None:
+        """Remove what a router file names at the end, also when everybody else has been killed by then."""
+
+    def start(self, program: Program) -> Child:
+        """Start one program."""
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when a child may have ended, at the latest after `timeout_s`, with all exit codes known."""
+
+
+class Server(Protocol):
+    """The process that starts a launcher's children, a child of this one."""
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+
+    def kill(self) -> None:
+        """End it at once."""
+
+    def wait(self) -> int:
+        """Wait for its end; the exit code, or less than 0: the signal that ended it."""
+
+
+class ServedLauncher:
+    """Children of a small server (`actors.processes.forkserver`), which reaps them, and what they leave."""
+
+    def __init__(self, how: str, before: Sequence[str] = (), *, reap: bool = True) -> None:
+        """`how`: fork or exec. `before`: words in front of the server's command, such as `unshare --net`;
+        must end in exec. `reap`: end what children leave running; not on board, where the base leaves the
+        last word to a process of its own."""
+        self._reap = reap
+        self._command = [*before, sys.executable, "-P", "-m", "actors.processes.forkserver"]
+        self._how = how
+        self._children: dict[int, Child] = {}
+        self._ended: dict[int, tuple[int, int, float]] = {}
+        """Exit code, strays and CPU time of children whose start has not been answered yet."""
+        self._lost = False
+
+    def __enter__(self) -> Self:
+        self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            whose = "reap" if self._reap else "spare"
+            self._server = begin([*self._command, str(theirs.fileno()), self._how, whose], theirs)
+        try:
+            while "ready" not in self._hear():
+                pass
+        except BaseException:  # ended from outside while it was importing and compiling
+            self._server.kill()
+            self.__exit__(None, None, None)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._channel.close()
+        self._server.wait()
+        if self._lost and self._reap:  # it has reaped nobody
+            process_table.end_sessions(self._children)
+
+    def share(self, module: str, words: Sequence[str], folder: Path) -> None:
+        """Let programs that are started later find what `share(*words)` of the module gives, if it forks."""
+        self._ask_about(folder, {"share": [module, list(words)]})
+
+    def withdraw(self, router: Path) -> None:
+        """Remove what a router file names at the end, also when everybody else has been killed by then."""
+        self._ask_about(router.parent, {"withdraw": router.name})
+
+    def start(self, program: Program) -> Child:
+        """Start one program."""
+        names = None if program.names is None else asdict(program.names)
+        self._ask({"start": "plain" if names is None else "confined"})
+        self._ask({"module": program.module, "argv": program.argv, "log": str(program.log), "names": names})
+        while not {"started", "refused"} & (answer := self._hear()).keys():
+            pass
+        if "refused" in answer:
+            raise LaunchError(f"{program.actor} is not started; {answer['refused']}")
+        child = Child(program, answer["started"])
+        if child.pid in self._ended:
+            child.exit_code, child.strays, child.cpu_s = self._ended.pop(child.pid)
+        self._children[child.pid] = child
+        return child
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when a child may have ended, at the latest after `timeout_s`, with all exit codes known.
+
+        Raises LaunchError once if the server has ended; its children end with it.
+        """
+        if self._lost:
+            time.sleep(timeout_s)
+            self._look()
+            return
+        while select.select([self._channel], [], [], timeout_s)[0]:
+            self._hear()
+            timeout_s = 0.0
+
+    def _ask_about(self, folder: Path, request: dict[str, Any]) -> None:
+        """Ask for something with files of a folder, of which the server is given no name."""
+        place = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            self._ask(request, place)
+        finally:
+            os.close(place)
+
+    def _ask(self, request: dict[str, Any], *descriptors: int) -> None:
+        try:
+            socket.send_fds(self._channel, [json.dumps(request).encode()], descriptors)
+        except BrokenPipeError:
+            raise self._loss() from None
+
+    def _hear(self) -> dict[str, Any]:
+        """The server's next message; the end of a child is noted on the way."""
+        try:
+            text = self._channel.recv(MESSAGE_LIMIT)
+        except ConnectionResetError:
+            text = b""
+        if not text:
+            raise self._loss()
+        message: dict[str, Any] = json.loads(text)
+        if "ended" in message:
+            end = (message["code"], message["strays"], message["cpu_s"])
+            child = self._children.get(message["ended"])
+            if child is None:
+                self._ended[message["ended"]] = end
+            else:
+                child.exit_code, child.strays, child.cpu_s = end
+        return message
+
+    def _loss(self) -> LaunchError:
+        self._lost = True
+        code = self._server.wait()
+        how = f"was ended by signal {signal.Signals(-code).name}" if code < 0 else f"has ended with {code}"
+        return LaunchError(f"the forkserver {how}, and every process of the run with it")
+
+    def _look(self) -> None:
+        """Without the server: which children are gone, though not how."""
+        for child in self._children.values():
+            if child.exit_code is None:
+                there = process_table.glance(child.pid)
+                if there is None or there.state == "Z":
+                    child.exit_code = -signal.SIGTERM
+
+
+def begin(command: Sequence[str], channel: socket.socket) -> Server:
+    """Start a server that has this end of the socket, in a session of its own."""
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        pass_fds=(channel.fileno(),),
+        start_new_session=True,
+        cwd=REPOSITORY,
+        env=passed_on(os.environ),
+    )
+
+
+def launcher(spawn: str, *, reap: bool = True) -> Launcher:
+    """`forkserver` or `exec`; for `reap` see ServedLauncher."""
+    return ServedLauncher("fork" if spawn == "forkserver" else "exec", reap=reap)

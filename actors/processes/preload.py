@@ -1,0 +1,24 @@
+"""What the forkserver imports and compiles once, so that processes start in milliseconds and share memory."""
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a fork of a process with threads is unsafe
+
+import importlib
+
+import actors.radio.__main__
+import actors.robot.__main__
+import actors.world.__main__  # noqa: F401
+from actors.radio.program import KERNELS as RADIO_KERNELS
+from actors.robot import assembly as robot_setup
+from actors.runtime.fingerprint import fingerprints
+from actors.runtime.process import settle
+from actors.world.program import KERNELS
+
+# The shipped strategies, by name, for no actor knows the model problem; one of a user's own is not shared.
+for strategy in importlib.import_module("cleaning.strategies.registry").STRATEGIES.values():
+    importlib.import_module(strategy.partition(":")[0])
+fingerprints(KERNELS)
+fingerprints(RADIO_KERNELS)
+robot_setup.kernels()
+settle()  # no collection will touch the shared pages, which would copy them

@@ -1,0 +1,251 @@
+"""Judges a run that takes no step: who is working, who was stopped, and who keeps everybody waiting.
+
+A process is blamed for its own time only: what it works, and what it lets pass without working. The time in
+which it waits for a processor or a disk is nobody's. So a loaded machine, a hundred robots that start at
+once, and a suspended laptop change nothing; a process that somebody has stopped is waited for.
+"""
+
+import math
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+from actors.processes.hold_ups import HoldUp, sentences
+from actors.runtime.lifecycle import process_table
+from actors.runtime.lifecycle.process_table import Glance
+
+WORLD: Final = "the world has not taken a step"
+
+
+@dataclass(frozen=True)
+class Timeout:
+    """How long a run may take no step."""
+
+    step_s: float = 30.0
+    """Time of its own that the awaited process spends on one step, working or not, s. Own choice: hundreds of
+    times what the slowest step of a shipped strategy takes."""
+    start_factor: float = 10.0
+    """How many times more processor time a process may spend until it is ready; own choice: with nothing
+    compiled yet, a slow computer needs two minutes for its first start."""
+    working_share: float = 0.05
+    """Where the system does not say how long a process waited for a processor: one that used this share of
+    one processor or more since the last look was working; own choice: one that looks again and again whether
+    something has come uses less."""
+    look_s: float = 0.5
+    """Time between two looks; own choice. One that comes much later counts as twice this, for then this
+    process itself was stopped, or got no processor."""
+    hold_up_s: float = 1.0
+    """A step that took so much of one actor's own time was held up by it, s; own choice: a hundred times what
+    a step usually takes."""
+
+
+class Suspect(NamedTuple):
+    """Somebody who is waited for."""
+
+    name: str
+    pid: int
+
+
+class SilenceVerdict(NamedTuple):
+    """Who is at fault, and the words for it."""
+
+    suspect: Suspect
+    sentence: str
+
+
+@dataclass
+class _Account:
+    """What one suspect did in this stretch, s."""
+
+    cpu_s: float
+    """Of its processes since their start, at the last look."""
+    queued_s: float | None
+    """The same for waiting for a processor, that of the world's among it."""
+    watched_s: float = 0.0
+    idle_s: float = 0.0
+    worked_s: float = 0.0
+    doing: str = ""
+
+
+class Silence:
+    """One stretch of time without a step; begins anew with every step."""
+
+    def __init__(
+        self,
+        timeout: Timeout,
+        clock: Callable[[], float] = time.monotonic,
+        look: Callable[[], Mapping[int, Glance]] = process_table.table,
+        queued: Callable[[int], float | None] = process_table.queued_s,
+    ) -> None:
+        self._timeout = timeout
+        self._clock = clock
+        self._table = look
+        self._queued = queued
+        self._looked = clock()
+        self._accounts: dict[Suspect, _Account] = {}
+        self._past: dict[str, HoldUp] = {}
+        self._starting = False
+        self.lasted_s = 0.0
+        """Of this stretch, at the last look."""
+        self.stopped: frozenset[str] = frozenset()
+        """Who was held by a signal at the last look."""
+
+    @property
+    def held_up(self) -> dict[str, HoldUp]:
+        """Who has held up steps so far, this one included; to start is none. The world keeps the pace: it is
+        left out."""
+        found = dict(self._past)
+        if self._starting:
+            return found
+        for suspect, account in self._accounts.items():
+            if account.watched_s and suspect.name not in (
+                "",
+                "world",
+            ):  # before the first two looks it did what it did between them
+                own = (account.idle_s + account.worked_s) / account.watched_s
+                if (lasted_s := min(own, 1.0) * self.lasted_s) >= self._timeout.hold_up_s:
+                    found[suspect.name] = found.get(suspect.name, HoldUp()).and_one(lasted_s)
+        return found
+
+    def broken(self) -> None:
+        """A step was taken."""
+        now = self._clock()
+        if self._accounts:
+            self._pass(now)
+            self._past = self.held_up
+        self._looked = now
+        self._accounts.clear()
+        self._starting = False
+        self.lasted_s = 0.0
+        self.stopped = frozenset()
+
+    def doing(self, suspect: Suspect) -> str:
+        """What it did at the last look, in words; "" if nobody has looked."""
+        account = self._accounts.get(suspect)
+        return account.doing if account else ""
+
+    def verdict(
+        self, everyone: Sequence[Suspect], awaited: Sequence[Suspect], what: str, *, starting: bool = False
+    ) -> SilenceVerdict | None:
+        """Who of `awaited` has used the time up; `what` they are awaited for. None: nobody, as yet.
+
+        `everyone`: all processes of the run; nobody is judged while one of them is stopped.
+        """
+        now = self._clock()
+        if now - self._looked < self._timeout.look_s:
+            return None
+        elapsed_s = self._pass(now)
+        known = self._table()
+        trees = {one.pid: process_table.descendants((one.pid,), known) for one in everyone}
+        self.stopped = frozenset(
+            one.name for one in everyone if any(known[p].stopped for p in trees[one.pid])
+        )
+        # what a suspect waits for may still lie with the world, which is its router
+        link = {pid for one in everyone if one.name == "world" for pid in trees[one.pid]}
+        self._starting = starting
+        for suspect in awaited:
+            tree = trees.get(suspect.pid, set())
+            self._charge(suspect, {pid: known[pid] for pid in tree}, tree | link, elapsed_s)
+        if self.stopped:
+            return None
+        return next((found for one in awaited if (found := self._judge(one, what, starting))), None)
+
+    def _pass(self, now: float) -> float:
+        """Time since the last look, as far as it counts."""
+        elapsed_s = min(now - self._looked, 2 * self._timeout.look_s)
+        self._looked = now
+        self.lasted_s += elapsed_s
+        return elapsed_s
+
+    def _charge(
+        self, suspect: Suspect, tree: Mapping[int, Glance], carriers: Collection[int], elapsed_s: float
+    ) -> None:
+        queued = [waited for pid in carriers if (waited := self._queued(pid)) is not None]
+        now = _Account(math.fsum(one.cpu_s for one in tree.values()), math.fsum(queued) if queued else None)
+        before = self._accounts.setdefault(suspect, now)
+        worked_s, waited_s = max(now.cpu_s - before.cpu_s, 0.0), None
+        if now.queued_s is not None and before.queued_s is not None:
+            waited_s = max(now.queued_s - before.queued_s, 0.0)
+        before.cpu_s, before.queued_s = now.cpu_s, now.queued_s
+        working = worked_s >= self._timeout.working_share * elapsed_s
+        before.doing = _doing(tree, working=working)
+        if before is now or self.stopped:
+            return
+        before.watched_s += elapsed_s
+        before.worked_s += worked_s
+        if before.doing == _ON_DISK:
+            return
+        if waited_s is not None:
+            before.idle_s += max(elapsed_s - worked_s - waited_s, 0.0)
+        elif not working and not any(one.state == "R" for one in tree.values()):
+            before.idle_s += elapsed_s
+
+    def _judge(self, suspect: Suspect, what: str, starting: bool) -> SilenceVerdict | None:
+        account = self._accounts[suspect]
+        limit_s = self._timeout.step_s
+        factor = self._timeout.start_factor if starting else 1.0
+        idle_s, busy_s = account.idle_s, account.worked_s / factor
+        if idle_s + busy_s < limit_s:
+            return None
+        if busy_s < _LITTLE * limit_s:
+            return SilenceVerdict(suspect, f"{what} for {limit_s:g} s")
+        if idle_s < _LITTLE * limit_s:
+            return SilenceVerdict(suspect, f"{what} after {limit_s * factor:g} s of processor time")
+        lasted_s = idle_s + account.worked_s
+        share = f"{account.worked_s:.0f} s of them processor time"
+        return SilenceVerdict(suspect, f"{what} for {lasted_s:.0f} s, {share}")
+
+
+class Telling:
+    """Tells a person of long steps while they last, and of who has held up many."""
+
+    LONG_S: Final = 10.0
+    """A stretch without a step is told of once it has lasted so long, and again when that has doubled."""
+    MUCH_S: Final = 5.0
+    """What one actor has held up in all is told of from here on, and again when it has doubled."""
+    MOST_NAMES: Final = 3
+
+    def __init__(self, silence: Silence, say: Callable[[str], None]) -> None:
+        self._silence = silence
+        self._say = say
+        self._next_s = self.LONG_S
+        self._next_of: dict[str, float] = {}
+
+    def broken(self) -> None:
+        """A step was taken, and the silence knows it."""
+        self._next_s = self.LONG_S
+        for name, one in self._silence.held_up.items():
+            if one.total_s >= self._next_of.get(name, self.MUCH_S):
+                self._next_of[name] = 2 * one.total_s
+                self._say(next(sentences({name: one})))
+
+    def lasts(self, awaited: Sequence[Suspect], what: str) -> None:
+        """No step was taken, and nobody has used the time up."""
+        lasted_s = self._silence.lasted_s
+        if lasted_s >= self._next_s:
+            self._next_s *= 2
+            told = [f"{one.name} {self._silence.doing(one)}" for one in awaited[: self.MOST_NAMES]]
+            more = len(awaited) - len(told)
+            self._say(
+                f"{what} for {lasted_s:.0f} s; {', '.join(told + ([f'and {more} more'] if more else []))}"
+            )
+
+
+_LITTLE: Final = 0.2
+"""A share of the time that is not worth a word."""
+_ON_DISK: Final = "waits for a disk"
+
+
+def _doing(tree: Mapping[int, Glance], *, working: bool) -> str:
+    """What a process and all that it has started do."""
+    if any(one.stopped for one in tree.values()):
+        return "is stopped"
+    if working or any(one.state == "R" for one in tree.values()):
+        return "works, or waits for a processor"
+    parents = {one.parent for one in tree.values()}
+    asleep = [pid for pid, one in tree.items() if one.state == "D"]
+    if any(pid not in parents for pid in asleep):
+        return _ON_DISK
+    # a process whose child has its memory sleeps as if for a disk, until the child lets go of it (vfork(2))
+    return "waits for a process of its own" if asleep else "does nothing"

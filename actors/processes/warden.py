@@ -1,0 +1,119 @@
+"""A small process beside a run in memory, for what the run's own process can no longer do: end itself.
+
+There a strategy runs in the very process that watches it. Where that waits in the kernel (vfork(2)), or does
+not come back from a function in C, neither a timeout nor Ctrl-C reaches it.
+`python -m actors.processes.warden BOARD WAKES FRAMES PID STEP_S` looks at it from outside, says whose code
+it was, and ends it.
+"""
+
+import mmap
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from actors.processes.last_word import place_in
+from actors.processes.silence import Silence, Suspect, Timeout
+from actors.processes.turn_board import SIZE, Turn, read
+from actors.runtime.lifecycle import process_table
+from actors.runtime.lifecycle.process_table import Glance
+
+_HEEDED: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_GRACE_S: Final = 10.0
+"""Of its own time, which the process has to end by itself after a timeout or a signal; own choice: longer
+than it needs for everything that it leaves behind."""
+_LOOK_S: Final = 0.5
+_ANSWER_S: Final = 1.0
+"""How long it may take to say where it stands."""
+
+
+class Warden:
+    """Looks after one process."""
+
+    def __init__(self, board: mmap.mmap, wakes: int, frames: int, pid: int, step_s: float) -> None:
+        self._board, self._wakes, self._frames, self._pid = board, wakes, frames, pid
+        self._turn: Turn | None = None
+        self._step = Silence(Timeout(step_s + _GRACE_S), look=_others)
+        self._end: Silence | None = None
+        """Since it was told to end."""
+
+    def look(self) -> str | None:
+        """A sentence on what the process does not come back from; None while all is well."""
+        turn = read(self._board)
+        if turn != self._turn:
+            self._turn = turn
+            self._step.broken()
+        if self._end is None and self._told_to_end():
+            self._end = Silence(Timeout(_GRACE_S), look=_others)
+        me = (Suspect(turn.actor, self._pid),)
+        what = turn.in_words()
+        if self._end is not None and self._end.verdict(me, me, what):
+            return f"{what}, {_GRACE_S:g} s after it was told to end{self._place()}"
+        verdict = self._step.verdict(me, me, what, starting=not turn.actor)
+        return verdict and f"{verdict.sentence}{self._place()}"
+
+    def end(self) -> None:
+        """End the process, and what descends from it."""
+        family = process_table.descendants((self._pid,), _others())
+        for pid in (self._pid, *(family - {self._pid})):
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+
+    def _told_to_end(self) -> bool:
+        """True once one of the signals has come, whether the process could heed it or not."""
+        with suppress(BlockingIOError):
+            if {*os.read(self._wakes, 1 << 16)} & {*_HEEDED}:
+                return True
+        return bool({*_pending(self._pid)} & {*_HEEDED})
+
+    def _place(self) -> str:
+        with suppress(ProcessLookupError):
+            os.kill(self._pid, signal.SIGUSR1)
+        text, deadline = b"", time.monotonic() + _ANSWER_S
+        while time.monotonic() < deadline and not (place := place_in(text.decode(errors="replace"))):
+            time.sleep(0.05)
+            with suppress(BlockingIOError):
+                text += os.read(self._frames, 1 << 16)
+        return f"; it stands at {place}" if place else ""
+
+
+def _others() -> dict[int, Glance]:
+    """All processes but this one."""
+    found = process_table.table()
+    found.pop(os.getpid(), None)
+    return found
+
+
+def _pending(pid: int) -> Iterator[int]:
+    """Signals that have come to a process and that it has not taken (proc(5), SigPnd and ShdPnd)."""
+    with suppress(OSError):
+        for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+            name, _, value = line.partition(":")
+            if name in ("SigPnd", "ShdPnd"):
+                mask = int(value, 16)
+                yield from (number for number in range(1, 65) if mask >> (number - 1) & 1)
+
+
+def main(argv: Sequence[str]) -> int:
+    """Look after the process until it has ended."""
+    board, wakes, frames, pid = map(int, argv[:4])
+    for number in (wakes, frames):
+        os.set_blocking(number, False)
+    with mmap.mmap(board, SIZE, access=mmap.ACCESS_READ) as seen:
+        warden = Warden(seen, wakes, frames, pid, float(argv[4]))
+        while os.getppid() == pid:
+            if sentence := warden.look():
+                with suppress(OSError):  # nobody may be there to read it
+                    os.write(2, f"acrc: {sentence}\n".encode())
+                warden.end()
+                return 0
+            time.sleep(_LOOK_S)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

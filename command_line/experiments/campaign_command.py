@@ -1,0 +1,142 @@
+"""`acrc campaign`: the study that the words mean, its progress, and what has come of it."""
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from actors.processes.signals import Interrupted
+from actors.robot.behaviour.foreign import Permit
+from actors.runtime.isolation.isolating import choose
+from command_line.experiments.study_wishes import Wishes, check, path_of, study_of
+from experiments.campaign import campaign, results_table, store
+from experiments.campaign.campaign import CampaignOptions
+from experiments.campaign.cluster_address import check as check_address
+from experiments.campaign.trust import differing, protection
+from experiments.comparison import decision
+from experiments.comparison.coincidence import coincidences
+from experiments.comparison.coincidence import told as coincidences_told
+from experiments.comparison.summary import summaries
+from observation.results.seal import seal
+
+
+def run(
+    wishes: Wishes,
+    out: Path | None,
+    options: CampaignOptions,
+    permit: Permit,
+    *,
+    until_decided: bool,
+    json_output: bool,
+) -> None:
+    """Carry the study out, and say how it stands. Exit code 1 if a repeated run gave another digest."""
+    if options.on is not None:
+        check_address(options.on)  # what is no address is said before anything is written
+    study = study_of(wishes)
+    if study.isolated and options.on is None:
+        choose(True)  # refused here, not run by run
+    hints, modules = check(study, permit, path_of(wishes))
+    options = replace(options, modules=modules)
+    folder = out or Path("campaigns", study.name + ("-tuning" if study.tuning else ""))
+    kept = store.create(folder.absolute(), study)
+    watch = decision.Watch(kept) if until_decided else None
+    if watch is not None:
+        kept.declare_looks()
+    say = Console(stderr=True, soft_wrap=True, highlight=False)
+    for line in [] if json_output else hints:
+        say.print(line)
+    try:
+        progress = _carried_out(kept, options, watch, quiet=json_output)
+    except Interrupted as interrupt:
+        say.print(f"acrc: ended from outside; the same command goes on from what is in {folder}")
+        raise typer.Exit(interrupt.exit_code) from None
+    finally:
+        results_table.write(kept)
+        seal(kept.folder)
+    different = differing(kept)
+    if json_output:
+        _print_json(kept, folder, progress)
+    else:
+        console = Console(soft_wrap=True, highlight=False)
+        for line in _lines(kept, folder, progress, watch):
+            console.print(line, markup=False)
+    for line in different:
+        say.print(f"acrc: {line}", style="bold red", markup=False)
+    if different:
+        raise typer.Exit(1)
+
+
+def _lines(
+    kept: store.Store, folder: Path, progress: campaign.Progress, watch: decision.Watch | None
+) -> Iterator[str]:
+    """What is said at the end."""
+    yield from protection(kept)
+    yield from _causes(kept)
+    yield from summaries(kept.records())
+    yield from coincidences_told(coincidences(kept.records()))
+    if watch is not None:
+        yield from decision.told(watch.verdicts(), watch.rule, kept.study.primary_metric)
+    yield (
+        f"{progress.done} of {progress.total} runs, {progress.failed} failed, in {folder}, as tables in"
+        f" results.csv and results.parquet; acrc compare {folder} says what they show"
+    )
+
+
+def _causes(kept: store.Store) -> list[str]:
+    """Why runs failed, a line for each cause."""
+    found: dict[str, list[str]] = {}
+    for record in kept.records():
+        if record.failure is not None:
+            found.setdefault(record.failure, []).append(f"{record.strategy} with seed {record.seed}")
+    return [f"failed: {cause} ({len(who)} runs, first {who[0]})" for cause, who in found.items()]
+
+
+def _print_json(kept: store.Store, folder: Path, progress: campaign.Progress) -> None:
+    told = {
+        "out": str(folder),
+        **msgspec.to_builtins(progress),
+        "protection": protection(kept),
+        "differing": differing(kept),
+        "checks": [msgspec.to_builtins(one) | {"agrees": one.agrees} for one in kept.checks()],
+        "coincide": [msgspec.to_builtins(one) for one in coincidences(kept.records())],
+    }
+    sys.stdout.write(json.dumps(told) + "\n")
+
+
+def _carried_out(
+    kept: store.Store, options: CampaignOptions, watch: decision.Watch | None, *, quiet: bool
+) -> campaign.Progress:
+    with _bar(quiet=quiet) as follow:
+        if watch is None:
+            return campaign.carry_out(kept, options, follow)
+        return campaign.carry_out(kept, options, follow, watch.enough)
+
+
+@contextmanager
+def _bar(*, quiet: bool) -> Iterator[campaign.OnProgress]:
+    console = Console(stderr=True)
+    bar = Progress(
+        TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[left]}"),
+        console=console, disable=quiet, auto_refresh=console.is_terminal,  # no thread where nobody looks
+    )  # fmt: skip
+    with bar:
+        task = bar.add_task("runs", total=None, left="")
+
+        def follow(progress: campaign.Progress) -> None:
+            left = "" if progress.left_s is None else f"about {_span(progress.left_s)} to go"
+            failed = f", {progress.failed} failed" if progress.failed else ""
+            enough = ", decided" if progress.enough else ""
+            bar.update(task, total=progress.total, completed=progress.done, left=left + failed + enough)
+
+        yield follow
+
+
+def _span(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"

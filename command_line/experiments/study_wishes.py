@@ -1,0 +1,102 @@
+"""The study that a command line means, and whatever every trial of it would stumble over."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from actors.installation.repository import REPOSITORY
+from actors.installation.usage import OptionError, wrong_value
+from actors.robot.behaviour.foreign import Permit, admitted
+from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, settings
+from experiments.study.draws import drawn
+from experiments.study.places import close_places
+from experiments.study.study import Study
+from experiments.study.study_file import load_study
+
+_SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
+_STRATEGIES: Final = ("none", "chapter")
+PRESETS: Final = {"chapter": REPOSITORY / "experiments" / "study" / "chapter.toml"}
+"""Studies that are shipped."""
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """The command line's own words about the study."""
+
+    study: Path | None = None
+    preset: str | None = None
+    scenario: Path | None = None
+    strategies: str | None = None
+    seeds: int | None = None
+    robots: str | None = None
+    duration: str | None = None
+    settings: tuple[str, ...] = ()
+    tuning: bool = False
+    isolate: bool = False
+
+
+def study_of(wishes: Wishes) -> Study:
+    """The study in the file, or the one that the command line describes, with its wishes laid over."""
+    study = _plain(wishes)
+    return msgspec.structs.replace(study, isolated=True) if wishes.isolate else study
+
+
+def _plain(wishes: Wishes) -> Study:
+    own: list[tuple[str, Any]] = list(settings(wishes.settings))
+    for key, text in (("robots.count", wishes.robots), ("run.duration", wishes.duration)):
+        if text is not None:
+            own += settings((f"{key}={text}",))
+    path = path_of(wishes)
+    if path is not None:
+        study = load_study(path, tuning=wishes.tuning)
+        return msgspec.structs.replace(
+            study, settings=(*study.settings, *own), seeds=wishes.seeds or study.seeds
+        )
+    scenario = wishes.scenario or _SCENARIO
+    named = tuple(name for name in (wishes.strategies or ",".join(_STRATEGIES)).split(",") if name)
+    return Study(
+        name=scenario.stem,
+        scenario=str(scenario.resolve()),
+        strategies=tuple(dict.fromkeys(named)),
+        seeds=wishes.seeds or 10,
+        tuning=wishes.tuning,
+        settings=tuple(own),
+    )
+
+
+def path_of(wishes: Wishes) -> Path | None:
+    """Of the study's file; None: there is none."""
+    if wishes.preset is not None and wishes.preset not in PRESETS:
+        raise wrong_value("--preset", wishes.preset, f"one of {', '.join(PRESETS)}")
+    if wishes.preset is not None and wishes.study is not None:
+        raise OptionError("--preset: is a study by itself; must stand without a STUDY.toml")
+    path = PRESETS[wishes.preset] if wishes.preset is not None else wishes.study
+    if path is not None and (wishes.scenario is not None or wishes.strategies is not None):
+        raise OptionError(
+            "--scenario and --strategies: the study says so; must stand without a STUDY.toml or --preset"
+        )
+    return path
+
+
+def check(study: Study, permit: Permit, source: Path | None) -> tuple[list[str], tuple[Path, ...]]:
+    """Say whatever every trial would stumble over before the first: scenario, keys, strategies, draws.
+
+    Gives what a person should know about the places, a sentence each, and the folders in which strategies are
+    to be looked for. `source`: the study's file; None: the command line itself names the strategies. Raises
+    as `actors.robot.behaviour.foreign.admitted` does.
+    """
+    from cleaning.strategies import entry
+
+    said, modules = dict[str, None](), dict[Path, None]()
+    for trial in study.trials_of(study.first_seed):
+        own = (*study.settings, *trial.variant, *drawn(study, trial).items())
+        overrides = Overrides(seed=trial.seed, strategy=trial.strategy, settings=own)
+        scenario = load_scenario(Path(study.scenario), overrides)
+        named = entry(trial.strategy)
+        own_permit = permit if source is not None else replace(permit, typed=named)
+        folders = admitted(source or Path(study.scenario), named, module_folders(scenario), own_permit)
+        modules |= dict.fromkeys(folders)
+        said |= dict.fromkeys(close_places(scenario))
+    return list(said), tuple(modules)

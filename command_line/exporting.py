@@ -1,0 +1,54 @@
+"""`acrc export`: a run as tables."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from actors.installation.usage import OptionError
+from command_line.options import Modules, Trust
+
+
+def export(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")],
+    parquet: Annotated[bool, typer.Option("--parquet", help="As Parquet files.")] = False,
+    folder: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Where to.  [default: OUT/tables]")
+    ] = None,
+    modules: Modules = None,
+    trust: Trust = False,
+) -> None:
+    """Write poses, estimates, goals, frames, knowledge, exchanges, places and decisions as tables.
+
+    What is not recorded is computed by executing radio and robots again; where the machine can, robots are
+    shut off.
+    """
+    if not parquet:
+        raise OptionError(f"export {out}: should stand with --parquet")
+    from actors.robot.behaviour.foreign import permit_of
+    from actors.runtime import regular_file
+    from observation.replay.run_recordings import recordings
+    from observation.replay.trust import check_trust
+
+    permit = permit_of(modules, trust=trust)
+    for actor in recordings(out):
+        check_trust(out, actor, permit)
+    from actors.runtime.isolation.isolating import choose, warn
+    from deploy.run import out_folder
+    from observation.export import parquet_files, rows
+
+    choice = choose(None)
+    warn(choice.warning)
+    console = Console(stderr=True)
+    with console.status("reading") as status:
+        found = rows.tables(
+            out,
+            lambda actor: status.update(f"executing {actor} again"),
+            permit=permit,
+            isolate=choice.isolate,
+        )
+    with out_folder.writing(folder or out):
+        where = folder or regular_file.no_link(out / "tables")
+        for path, count in parquet_files.write(found, where):
+            print(f"{path}: {count} rows")

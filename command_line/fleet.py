@@ -1,0 +1,161 @@
+"""`acrc fleet`: what makes computers robots, and what is done with them then."""
+
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from actors.installation.repository import REPOSITORY
+from command_line.collect import collect
+from command_line.laptop import pause, resume, stop, watch
+from command_line.onboard import onboard
+from command_line.options import FleetFile, Json, Modules
+
+if TYPE_CHECKING:
+    from deploy.fleet.fleet_file import Fleet
+    from deploy.fleet.keys import FleetKeys
+
+
+def units(
+    fleet: FleetFile,
+    robot: Annotated[str, typer.Option(metavar="ID", help="Which of the robots this computer is.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write them.")] = Path("units"),
+    user: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Who the robot runs as.  [default: the clone's owner, not root]"),
+    ] = None,
+    modules: Modules = None,
+) -> None:
+    """Write the systemd service of a robot and the udev rules of its devices.
+
+    To be run on the robot's own computer with all devices plugged in: the service holds the paths of this
+    clone and of the fleet file, the rules the serial numbers of the devices. Installs nothing: prints the
+    commands that do.
+    """
+    from actors.robot.behaviour.foreign import permit_of
+    from deploy.fleet import units as unit_files
+    from deploy.fleet.fleet_file import load_fleet
+    from deploy.fleet.usb_ports import usb_ports
+
+    loaded = load_fleet(fleet)
+    chosen = loaded.robot(robot)
+    written = unit_files.write(
+        loaded,
+        chosen,
+        out,
+        program=REPOSITORY / "acrc",
+        user=user or unit_files.everyday_user(REPOSITORY),
+        plugged=usb_ports(),
+        modules=permit_of(modules).modules,
+    )
+    service, rules = written.service_file, written.rules_file
+    _console().print(
+        f"{service}\n{rules}\n\n"
+        "Look at them, then install them, here on the robot's own computer:\n\n"
+        f"  sudo install -m 644 {rules} /etc/udev/rules.d/\n"
+        f"  sudo install -m 644 {service} /etc/systemd/system/\n"
+        "  sudo udevadm control --reload && sudo udevadm trigger --subsystem-match=tty\n"
+        "  sudo systemctl daemon-reload\n"
+        f"  sudo systemctl enable --now {service.name}\n\n"
+        f"Then `journalctl -fu {service.name}` shows what the robot says, and `acrc fleet doctor` what is "
+        "wrong."
+    )
+    for sentence in written.unnamed:
+        sys.stderr.write(f"acrc: {sentence}\n")
+
+
+def keys(
+    fleet: FleetFile,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="New folder for the keys.  [default: where the fleet file says]"),
+    ] = None,
+    host: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ID=HOST", help="A name or an address of a robot; may be repeated."),
+    ] = None,
+    days: Annotated[int, typer.Option(metavar="N", help="How long the keys hold.")] = 730,
+    revoke: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID",
+            help='A robot whose keys were lost, or "operator": replace those of all; may be repeated.',
+        ),
+    ] = None,
+) -> None:
+    """Make the keys of a fleet: its certificate authority, and a certificate for each robot and the operator.
+
+    With them the operator's laptop can watch robots that listen, and stop them; nobody else can. A robot's
+    certificate holds for its id, its id with .local, the address it listens at, and what --host says.
+    """
+    from deploy.fleet import keys as fleet_keys
+    from deploy.fleet.fleet_file import load_fleet
+
+    loaded = load_fleet(fleet)
+    hosts = fleet_keys.hosts_of(host or [], loaded)
+    folder, now = (out or loaded.keys).absolute(), datetime.now(UTC)
+    if not revoke:
+        _print_keys(loaded, fleet_keys.issue(loaded, folder, hosts, now=now, days=days))
+        return
+    made, aside = fleet_keys.renew(loaded, folder, revoke, hosts, now=now, days=days)
+    _print_keys(loaded, made)
+    _console().print(
+        f"What {', '.join(revoke)} had is worth nothing to a machine that has its new folder: copy them all, "
+        "the operator's first, and start the robots again.\n"
+        f"The old keys are in {aside}; delete them after that."
+    )
+
+
+def doctor(
+    fleet: Annotated[
+        Path | None, typer.Argument(metavar="FLEET.toml", help="Which robots there are.")
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Option(metavar="ID", help="Which of the robots this computer is.")
+    ] = None,
+    modules: Modules = None,
+    json: Json = False,
+) -> None:
+    """Say what is wrong with this computer, and how to put it right; exit code 1 if anything is.
+
+    With a fleet file and a robot also what is wrong with the robot's ports, map and keys. Changes nothing,
+    but compiles numeric kernels that were not compiled yet.
+    """
+    from actors.robot.behaviour.foreign import permit_of
+    from deploy.fleet.doctor import consultation
+
+    if not consultation.consult(fleet, robot, permit_of(modules), json=json):
+        raise typer.Exit(1)
+
+
+def _print_keys(fleet: "Fleet", made: "FleetKeys") -> None:
+    console = _console()
+    console.print(
+        f"{made.home}\n  stays with you, and off the robots: whoever has it can make keys of this fleet, "
+        "for its key is not encrypted"
+    )
+    for machine in made.machines:
+        if machine.hosts:
+            goal = f"{machine.machine}:{fleet.keys_of(machine.machine)}"
+            console.print(f"{machine.folder}\n  to {goal}; holds for {', '.join(machine.hosts)}")
+        else:
+            console.print(f"{machine.folder}\n  to the laptop of whoever watches and stops the robots")
+    console.print(f"All hold until {made.valid_until:%Y-%m-%d}.")
+    for machine in made.machines:
+        if machine.listens_unnamed:
+            sys.stderr.write(
+                f"acrc: {machine.machine} listens at all its addresses, but its certificate holds for "
+                f"names only; to reach it by an address, give that: --host {machine.machine}=192.168.1.12\n"
+            )
+
+
+def _console() -> Console:
+    return Console(soft_wrap=True, highlight=False, markup=False)
+
+
+app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+for _command in (keys, units, doctor, onboard, watch, stop, pause, resume, collect):
+    app.command()(_command)

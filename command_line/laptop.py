@@ -1,0 +1,85 @@
+"""What the operator's laptop does with robots on board: watch, stop, pause and resume them."""
+
+import contextlib
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn
+
+import typer
+
+from actors.processes.signals import Interrupted
+from command_line.options import Endpoints, OperatorKeys
+
+if TYPE_CHECKING:
+    from actors.orders import Order
+
+
+def watch(
+    endpoints: Endpoints,
+    keys: OperatorKeys,
+    view: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FLEET.toml", help="Show them in the viewer, too: on the fleet's map, with its places."
+        ),
+    ] = None,
+) -> None:
+    """See how robots get on, from a laptop, until Ctrl-C."""
+    from deploy.fleet import watch as laptop
+
+    with contextlib.suppress(Interrupted):
+        if view is None:
+            laptop.watch(endpoints, keys)
+        else:
+            _show(endpoints, keys, view)
+    _leave(130)
+
+
+def _show(endpoints: list[str], keys: Path, fleet: Path) -> None:
+    """What `--view` alone needs."""
+    from deploy.fleet import watched
+    from deploy.fleet.fleet_file import load_fleet
+
+    watched.show(endpoints, keys, load_fleet(fleet))
+
+
+def stop(endpoints: Endpoints, keys: OperatorKeys) -> None:
+    """Stop robots for good, all at once.
+
+    Within 2 s each has said that it obeys, or is named with what is in the way; then the exit code is 1.
+    """
+    from actors.orders import Stop
+
+    _give(endpoints, keys, Stop())
+
+
+def pause(endpoints: Endpoints, keys: OperatorKeys) -> None:
+    """Let robots stand until they are told to resume; otherwise as stop."""
+    from actors.orders import Pause
+
+    _give(endpoints, keys, Pause())
+
+
+def resume(endpoints: Endpoints, keys: OperatorKeys) -> None:
+    """Let robots that were paused go on; otherwise as stop."""
+    from actors.orders import Resume
+
+    _give(endpoints, keys, Resume())
+
+
+def _give(endpoints: list[str], keys: Path, order: "Order") -> NoReturn:
+    """Give an order to all robots, and say what became of it."""
+    from deploy.fleet import watch as laptop
+
+    answers = laptop.give(endpoints, keys, order)
+    for answer in answers:
+        words = answer.failure or laptop.done(order)
+        print(f"acrc: {answer.endpoint}: {words}", file=sys.stderr if answer.failure else sys.stdout)
+    _leave(1 if any(answer.failure for answer in answers) else 0)
+
+
+def _leave(code: int) -> NoReturn:
+    """End at once: attempts that hang in the network keep their interpreter, and are not waited for."""
+    sys.stdout.flush()
+    os._exit(code)

@@ -1,0 +1,267 @@
+"""`acrc demo`, `acrc view` and `acrc scenario`: what happened, and what a scenario means, as pictures."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from actors.installation.usage import OptionError, wrong_value
+from command_line import completion
+from command_line.options import Modules, Robots, Seed, Setting, Trust
+
+if TYPE_CHECKING:
+    from actors.robot.behaviour.foreign import Permit
+
+
+def demo(
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="New folder for both runs and the picture.  [default: in runs/]"),
+    ] = None,
+) -> None:
+    """Show the problem and its cure: two robots meet in a doorway, without adaptation and with it."""
+    from actors.processes.kernels import compile_kernels
+    from deploy.run import demonstration, out_folder
+    from deploy.run.options import folder_name, run_options
+    from observation.evidence.run_evidence import read_run
+    from observation.picture import side_by_side
+
+    name = folder_name(Path("demo"))
+    options = run_options(out or Path("runs", name))
+    if out is None:
+        options = replace(options, out=out_folder.claim(options.out.parent, name))
+    with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
+        compile_kernels(quiet=False)
+        shown = list(demonstration.demonstrate(options))
+    runs = [read_run(options.out / one.strategy) for one in shown]
+    pictures = [options.out / "demo.png", options.out / "demo.svg"]
+    with out_folder.writing(options.out):
+        for picture in pictures:
+            side_by_side.write(runs, picture)
+    console = Console(soft_wrap=True, highlight=False)
+    for sentence in demonstration.sentences(shown, len(runs[-1].taken_over), pictures):
+        console.print(sentence, markup=False)
+
+
+def view(
+    out: Annotated[
+        Path,
+        typer.Argument(metavar="OUT", help="A run's folder, or one with folders collected from robots."),
+    ],
+    png: Annotated[bool, typer.Option("--png", help="Draw the run on one page: OUT/run.png.")] = False,
+    svg: Annotated[bool, typer.Option("--svg", help="The same as OUT/run.svg.")] = False,
+    html: Annotated[
+        bool, typer.Option("--html", help="The same with sentences and tables: OUT/run.html.")
+    ] = False,
+    movie: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Robots on the floor as they moved: a .gif, or an .mp4 by ffmpeg."),
+    ] = None,
+    beside: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="DIR",
+            help="This run, too, beside it, at the same instant; with --png or --svg on one picture, "
+            "OUT/beside.png. Repeatable.",
+        ),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option(metavar="X", help="Simulated seconds per second of --movie.", min=1.0, max=1000.0)
+    ] = 20.0,
+    save: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the view to a file.rrd, and open nothing.")
+    ] = None,
+    screenshot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a picture of the window to a file.png.")
+    ] = None,
+    at: Annotated[
+        float | None,
+        typer.Option(metavar="S", min=0, help="Of which simulated second.  [default: half-way]"),
+    ] = None,
+    robot: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID",
+            help="Show everything that this robot perceives; repeatable.  [default: the first eight]",
+        ),
+    ] = None,
+    why: Annotated[
+        bool,
+        typer.Option(
+            "--why", help="Tell beside it why robots decided what they did; executes them once more."
+        ),
+    ] = False,
+    modules: Modules = None,
+    trust: Trust = False,
+    isolate: Annotated[
+        bool | None,
+        typer.Option("--isolate/--no-isolate", help="Shut that code off.  [default: where the machine can]"),
+    ] = None,
+) -> None:
+    """Open a run in the viewer: the floor, each robot's own view, radio, lanes, plots, over time.
+
+    What was not recorded is computed: robots are executed again. With --png, --svg, --html or
+    --movie, which execute nothing: floor, trails, places, meetings, radio and progress.
+    """
+    if beside and (html or movie or why):
+        raise OptionError("--beside: must stand without --html, --movie and --why")
+    if beside and (png or svg):
+        _draw_beside((out, *beside), [kind for wished, kind in ((png, "png"), (svg, "svg")) if wished])
+        return
+    if png or svg or html or movie:
+        kinds = [kind for wished, kind in ((png, "png"), (svg, "svg"), (html, "html")) if wished]
+        _draw_page(out, [f"run.{kind}" for kind in kinds], movie, speed)
+        return
+    from actors.robot.behaviour.foreign import permit_of
+
+    wishes = (tuple(robot or ()), permit_of(modules, trust=trust), isolate, why)
+    _show((out, *(beside or ())), wishes, save=save, screenshot=screenshot, at=at)
+
+
+def _show(
+    folders: Sequence[Path],
+    wishes: "tuple[tuple[str, ...], Permit, bool | None, bool]",
+    *,
+    save: Path | None,
+    screenshot: Path | None,
+    at: float | None,
+) -> None:
+    """Show one run, or several beside one another; `wishes`: as in `observation.view.drawn`."""
+    from deploy.run import out_folder
+    from observation.view import beside, command
+    from observation.view.drawn import Wishes
+
+    console = Console(stderr=True, soft_wrap=True, highlight=False)
+
+    def say(sentence: str) -> None:
+        console.print(sentence, markup=False)
+
+    wished, one = Wishes(*wishes), folders[0]
+    with out_folder.writing((save or screenshot or one).absolute().parent):
+        if save is not None:
+            beside.save(folders, wished, save, say) if folders[1:] else command.save(one, wished, save, say)
+        if screenshot is not None and folders[1:]:
+            beside.picture(folders, wished, screenshot, at, say)
+        elif screenshot is not None:
+            command.picture(one, wished, screenshot, at, say)
+        if save is None and screenshot is None:
+            beside.show(folders, wished, say) if folders[1:] else command.show(one, wished, say)
+
+
+def _draw_beside(folders: Sequence[Path], kinds: Sequence[str]) -> None:
+    """Draw several runs beside one another, in the folder of the first."""
+    from deploy.run import out_folder
+    from observation.evidence.run_evidence import read_run
+    from observation.picture import side_by_side
+
+    runs = [read_run(folder) for folder in folders]
+    for kind in kinds:
+        picture = folders[0] / f"beside.{kind}"
+        with out_folder.writing(folders[0]):
+            side_by_side.write(runs, picture)
+        Console(soft_wrap=True, highlight=False).print(str(picture), markup=False)
+
+
+def _draw_page(out: Path, names: Sequence[str], movie: Path | None, speed: float) -> None:
+    """Draw the run on one page, once into each file, and as a movie if one is wished."""
+    from deploy.run import out_folder
+    from observation.evidence.run_evidence import read_run
+    from observation.picture import moving, run_html, run_page
+
+    if movie is not None:
+        moving.check(movie)
+    run = read_run(out)
+    if run.result is None:
+        Console(stderr=True, soft_wrap=True, highlight=False).print(
+            f"the run is going on, or was cut off: it is drawn up to {run.end:g} s"
+        )
+    console = Console(soft_wrap=True, highlight=False)
+    for name in names:
+        with out_folder.writing(out):
+            (run_html if name.endswith(".html") else run_page).write(run, out / name)
+        console.print(str(out / name), markup=False)
+    if movie is not None:
+        with out_folder.writing(movie.parent):
+            moving.write(run, movie, speed)
+        console.print(str(movie), markup=False)
+
+
+def scenario(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", help="A scenario, a map or a robot model.", autocompletion=completion.scenarios
+        ),
+    ],
+    robots: Robots = None,
+    seed: Seed = None,
+    setting: Setting = None,
+    png: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Draw it: floor, doors, starts, places, reach of radio."),
+    ] = None,
+    modules: Modules = None,
+    trust: Trust = False,
+) -> None:
+    """Check a scenario, and say what it means on its floor; options replace what it says.
+
+    Its strategy is checked last: it is made once, as for a run, and must find its module and its settings.
+    The file may be a map (.yaml) or a robot model, too: then it is about that alone.
+    """
+    from actors.robot.behaviour.foreign import admitted, permit_of
+    from deploy.run import out_folder
+    from deploy.run.preflight import preflight_here
+    from deploy.scenario import part_survey, survey
+    from deploy.scenario.resolve import resolve
+    from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, settings
+    from deploy.scenario.scenario_text import adaptation
+
+    if png is not None and (png.suffix not in {".png", ".svg"} or not png.absolute().parent.is_dir()):
+        raise wrong_value("--png", png, "a file in a folder that exists, its name ending in .png or .svg")
+    if (is_map := file.suffix in {".yaml", ".yml"}) or part_survey.is_model(file):
+        if robots is not None or seed is not None or setting:
+            raise OptionError(f"{file}: is no scenario; must stand without --robots, --seed and --set")
+        _part(file, png, is_map=is_map)
+        return
+    permit = permit_of(modules, trust=trust)
+    overrides = Overrides(robots, seed, settings=settings(setting or ()))
+    settled = resolve(load_scenario(file, overrides))
+    found = survey.survey(settled)
+    console = Console(soft_wrap=True, highlight=False)
+    for sentence in survey.sentences(found):
+        console.print(sentence, markup=False)
+    if png is not None:
+        from deploy.scenario import scenario_picture
+
+        with out_folder.writing(png.parent):
+            scenario_picture.write(found, png)
+        console.print(str(png), markup=False)
+    folders = admitted(file, settled.behaviour, module_folders(settled.scenario), permit)
+    preflight_here(settled, adaptation(settled.scenario), folders)
+
+
+def _part(file: Path, png: Path | None, *, is_map: bool) -> None:
+    """The same for a map or a robot model."""
+    from actors.robot_model import load_model
+    from deploy.run import out_folder
+    from deploy.scenario import part_survey
+
+    floor = part_survey.survey_map(file) if is_map else None
+    model = None if is_map else load_model(str(file))
+    console = Console(soft_wrap=True, highlight=False)
+    told = part_survey.map_sentences(floor) if floor else ()
+    for sentence in (*told, *(part_survey.model_sentences(model) if model else ())):
+        console.print(sentence, markup=False)
+    if png is None:
+        return
+    from deploy.scenario import part_picture
+
+    with out_folder.writing(png.parent):
+        if floor:
+            part_picture.write_map(floor, png)
+        elif model:
+            part_picture.write_model(model, png)
+    console.print(str(png), markup=False)

@@ -1,0 +1,40 @@
+"""Arguments and options that several commands have, each with one meaning."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from command_line import completion
+
+ScenarioFile = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="SCENARIO.toml",
+        help="What to run.  [default: scenarios/chapter.toml, the chapter's experiment]",
+        autocompletion=completion.scenarios,
+    ),
+]
+FleetFile = Annotated[Path, typer.Argument(metavar="FLEET.toml", help="Which robots there are.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
+OperatorKeys = Annotated[Path, typer.Option(metavar="DIR", help="The operator's keys, by `acrc fleet keys`.")]
+Endpoints = Annotated[
+    list[str],
+    typer.Argument(metavar="ENDPOINT…", help="Where robots listen, such as tls/192.168.1.12:7447."),
+]
+Modules = Annotated[
+    list[Path] | None,
+    typer.Option("--modules", metavar="DIR", help="Load strategies from this folder, too. Repeatable."),
+]
+Trust = Annotated[
+    bool,
+    typer.Option(
+        "--trust", help="Run the code that the file names, wherever it lies and whatever it is now."
+    ),
+]
+Robots = Annotated[str | None, typer.Option(metavar="N", help="How many robots.")]
+Seed = Annotated[str | None, typer.Option(metavar="N", help="From which all that is random follows.")]
+Setting = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="A key of the scenario: deeco.publish=0.5. Repeatable."),
+]

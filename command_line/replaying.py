@@ -1,0 +1,185 @@
+"""`acrc replay` and `acrc explain`: a run or one robot executed again, to compare, to stop in, to ask why."""
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from actors.installation.usage import OptionError
+from command_line import completion
+from command_line.options import Json, Modules, Trust
+
+if TYPE_CHECKING:
+    from observation.replay.record_replay import ReplayReport
+
+
+def replay(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")],
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Only this robot, from what it sensed and heard: r1, or r1.1 once restarted."
+        ),
+    ] = None,
+    begin: Annotated[
+        float | None, typer.Option("--from", metavar="S", help="Stop there, with a debugger.", min=0.0)
+    ] = None,
+    end: Annotated[
+        float | None, typer.Option("--to", metavar="S", help="Do not go on behind it.", min=0.0)
+    ] = None,
+    pdb: Annotated[
+        bool, typer.Option("--pdb", help="Stop in the strategy's own code, in Python's debugger.")
+    ] = False,
+    debugpy: Annotated[
+        int | None,
+        typer.Option(
+            metavar="PORT", help="The same for an editor that attaches to 127.0.0.1:PORT.", min=1, max=65535
+        ),
+    ] = None,
+    strategy: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Let another strategy decide, and say where it would have decided otherwise.",
+            autocompletion=completion.strategies,
+        ),
+    ] = None,
+    modules: Modules = None,
+    trust: Trust = False,
+) -> None:
+    """Make a simulated run again, and compare every message; with --robot, execute that one alone again."""
+    options = {
+        "--from": begin,
+        "--to": end,
+        "--pdb": pdb or None,
+        "--debugpy": debugpy,
+        "--strategy": strategy,
+    }
+    console = Console(soft_wrap=True, highlight=False)
+    if robot is None:
+        alone = [name for name, value in options.items() if value is not None]
+        if alone:
+            raise OptionError(f"{alone[0]}: is about one robot; must stand with --robot")
+        from actors.robot.behaviour.foreign import permit_of
+        from deploy.branches.swarm_replay import replay_swarm
+
+        again = replay_swarm(out, permit=permit_of(modules, trust=trust))
+        orders = "" if not again.orders else f", with {again.orders} orders from outside"
+        whole = "" if again.complete else ", as far as it was recorded"
+        console.print(f"identical: {again.messages} messages{orders}{whole}; digest {again.digest}")
+        return
+    if pdb and debugpy is not None:
+        raise OptionError("--pdb: must stand without --debugpy")
+    if begin is not None and not pdb and debugpy is None:
+        raise OptionError("--from: is where a debugger stops; must stand with --pdb or --debugpy")
+    if begin is not None and end is not None and begin > end:
+        raise OptionError(f"--from: is {begin:g}; must be at most {end:g}, which is --to")
+    report = _one(out, robot, begin or 0.0, end, (pdb, debugpy), strategy, (modules, trust))
+    until = "" if report.whole else " so far" if end is None else f" up to {end:g} s"
+    console.print(f"{report.actor}: identical: {report.outputs} outputs{until}")
+
+
+def _debugger(pdb: bool, port: int | None, *, own: bool) -> Callable[[], None] | None:
+    """`own`: the strategy is the user's."""
+    from observation.replay import debugging
+
+    if pdb:
+        return debugging.terminal(own=own)
+    return None if port is None else debugging.debugpy_at(port)
+
+
+def _one(
+    out: Path,
+    robot: str,
+    begin: float,
+    end: float | None,
+    debugger: tuple[bool, int | None],
+    strategy: str | None,
+    words: tuple[list[Path] | None, bool],
+) -> "ReplayReport":
+    from actors.robot.behaviour.foreign import admitted, permit_of
+    from actors.robot.behaviour.modules import look_in
+    from actors.runtime.debugger import DebuggerError
+    from actors.runtime.prints import on
+    from cleaning.strategies import entry
+    from deploy.branches import other_strategy
+    from observation.replay import debugging, trusted_replay
+    from observation.replay.record_replay import Onlook, replay_actor
+    from observation.replay.trust import check_trust
+
+    permit = permit_of(words[0], trust=words[1])
+    if debugger == (False, None) and end is None and strategy is None:
+        return trusted_replay.replay(out, robot, permit=permit, isolate=None)
+    if strategy is None:
+        folders = check_trust(out, robot, permit) or ()
+    else:
+        folders = admitted(out, entry(strategy), (), replace(permit, typed=entry(strategy)))
+    look_in(folders, any_content=permit.trust)
+    stop = _debugger(*debugger, own=bool(folders))
+    stretch, reached = debugging.Stretch(begin, end), list[bool]()
+
+    def stopping() -> None:
+        assert stop is not None
+        reached.append(True)
+        stop()
+
+    wanted = None if stop is None else stopping
+    prints = None if stop is not None else partial(on, sys.stdout)  # a debugger talks for itself
+    onlook = Onlook(lambda core, step_us: debugging.watch(core, step_us, stretch, wanted), prints=prints)
+    if strategy is None:
+        report = replay_actor(out, robot, onlook)
+    else:
+        report = other_strategy.replay_otherwise(out, robot, entry(strategy), onlook)
+    if wanted is not None and not reached:
+        raise DebuggerError(f"--from: is {begin:g}, but {robot}'s recording ends before")
+    return report
+
+
+def explain(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")],
+    who: Annotated[
+        str,
+        typer.Argument(
+            metavar="ROBOT[@S]", help="r2@157: what r2 decided at 157 s; r2 alone lists all of its decisions."
+        ),
+    ],
+    json: Json = False,
+    modules: Modules = None,
+    trust: Trust = False,
+) -> None:
+    """Say why a robot decided as it did: the knowledge, the frame that brought it, and what was lost before.
+
+    The robot and the radio are executed again from their recordings, shut off where the machine can.
+    """
+    from actors.robot.behaviour.foreign import permit_of
+    from actors.runtime.errors import printable
+    from actors.runtime.isolation.isolating import choose, warn
+    from observation.explanation import asking
+    from observation.explanation import explain as explanation
+
+    permit = permit_of(modules, trust=trust)
+    console = Console(soft_wrap=True, highlight=False, markup=False)
+    asked, choice = explanation.wish(who), choose(None)
+    warn(choice.warning)
+    if asked.at_s is None:
+        rows = asking.decisions(out, asked.robot, permit=permit, isolate=choice.isolate)
+        if json:
+            print(explanation.as_json(rows))
+            return
+        for row in rows:
+            console.print(printable(f"{row.at_s:9.3f} s  {row.words}  ({row.by})"))
+        if not rows:
+            console.print(f"{asked.robot} never decides anything.")
+        return
+    found = asking.explained(out, asked, permit=permit, isolate=choice.isolate)
+    if json:
+        print(explanation.as_json(found))
+        return
+    for number, one in enumerate(found):
+        for line in ([""] if number else []) + list(explanation.sentences(one)):
+            console.print(printable(line))

@@ -1,0 +1,263 @@
+"""`acrc run` and `acrc order`: a run is started, and told what to do while it goes on."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from actors.installation.usage import OptionError
+from actors.runtime.errors import AcrcError
+from command_line import completion
+from command_line.options import Json, Modules, Robots, ScenarioFile, Seed, Setting, Trust
+
+
+def run(
+    scenario: ScenarioFile = None,
+    robots: Robots = None,
+    seed: Seed = None,
+    key: Annotated[
+        str | None, typer.Option(metavar="HEX", help="Secret that all that is random follows from, too.")
+    ] = None,
+    duration: Annotated[str | None, typer.Option(metavar="S", help="Simulated seconds.")] = None,
+    step: Annotated[str | None, typer.Option(metavar="MS", help="Length of a step, 10 to 100 ms.")] = None,
+    strategy: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="What robots do about being stuck: a name that `acrc list strategies` shows, or "
+            "module:function. Settings of another one in the scenario are left out.",
+            autocompletion=completion.strategies,
+        ),
+    ] = None,
+    setting: Setting = None,
+    speed: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X", help="Simulated seconds per second, or max.  [default: max; with --control: 1]"
+        ),
+    ] = None,
+    bus: Annotated[
+        str,
+        typer.Option(
+            metavar="zenoh|memory",
+            help="A process per robot, or all of them in one.",
+            autocompletion=lambda: ["zenoh", "memory"],
+        ),
+    ] = "zenoh",
+    spawn: Annotated[
+        str,
+        typer.Option(
+            metavar="forkserver|exec",
+            help="How processes are started.",
+            autocompletion=lambda: ["forkserver", "exec"],
+        ),
+    ] = "forkserver",
+    isolate: Annotated[
+        bool | None,
+        typer.Option(
+            "--isolate/--no-isolate",
+            help="Shut each robot's process off from all but its own senses and radio.  "
+            "[default: where the machine can]",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="New folder for the recordings and the result.  [default: in runs/]"
+        ),
+    ] = None,
+    log: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Show what this robot's strategy prints; * for all. Repeatable."),
+    ] = None,
+    view: Annotated[bool, typer.Option("--view", help="Show the run while it goes on.")] = False,
+    robot: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID",
+            help="With --view: show what this robot perceives; repeatable.  [default: the first eight]",
+        ),
+    ] = None,
+    debug: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROBOT",
+            help="breakpoint() in this robot's strategy stops here, and with it the run; nothing times out.",
+        ),
+    ] = None,
+    control: Annotated[
+        bool,
+        typer.Option("--control", help="Serve a map page on this computer: drag robots, add walls, pause."),
+    ] = False,
+    hardware: Annotated[
+        bool,
+        typer.Option(
+            "--hardware-in-the-loop", help="Robots as on board, their devices emulated; in wall time."
+        ),
+    ] = False,
+    board: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID",
+            help="With --hardware-in-the-loop: give this robot a board, all others a simulated transceiver; "
+            "repeatable.  [default: all]",
+        ),
+    ] = None,
+    modules: Modules = None,
+    trust: Trust = False,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=N",
+            help="What each robot's process may have: memory_mb, open_files, file_mb, disk_mb, disk_files, "
+            "processes. Repeatable.",
+        ),
+    ] = None,
+    timeout: Annotated[
+        float,
+        typer.Option(
+            metavar="S",
+            min=1,
+            max=86400,
+            help="The run ends once a process keeps all others from the next step for longer.",
+        ),
+    ] = 30.0,
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="DIR@S",
+            help="Continue a recorded run from an instant, with another --strategy, other settings of "
+            "it (--set), an --event, or nothing changed.",
+        ),
+    ] = None,
+    event: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ORDER", help="With --from: an order such as 'kill r2 at 130'. Repeatable."),
+    ] = None,
+    json: Json = False,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check", help="Then execute every robot again: what follows more than it is told is found."
+        ),
+    ] = False,
+) -> None:
+    """Run a swarm and say what came of it. Options replace what the scenario says."""
+    from actors.robot.behaviour import foreign
+    from deploy.scenario.scenario_file import module_folders
+
+    permit = foreign.permit_of(modules, trust=trust)
+    if origin is not None:
+        from deploy.branches.command import continue_run
+
+        whole = {
+            "SCENARIO": scenario, "--robots": robots, "--seed": seed, "--key": key, "--duration": duration,
+            "--step": step, "--isolate": isolate, "--view": view, "--robot": robot, "--control": control,
+            "--debug": debug, "--speed": speed, "--hardware-in-the-loop": hardware,
+            "--board": board, "--limit": limit, "--check": check,
+        }  # fmt: skip
+        others = [name for name, value in whole.items() if value]
+        continue_run(origin, strategy, setting or (), event or (), out, others, permit=permit, json=json)
+        return
+    if event:
+        raise OptionError(f"--event: {event[0]!r}; must stand with --from")
+    from deploy.run.options import folder_name, run_options
+    from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, settings
+
+    overrides = Overrides(robots, seed, key, duration, step, strategy, settings(setting or ()))
+    name = folder_name(scenario or DEFAULT_SCENARIO)
+    options = run_options(
+        out or Path("runs", name),
+        speed=speed or ("1" if control else "max"),
+        bus=bus,
+        spawn=spawn,
+        isolate=isolate,
+        scenario=(scenario or DEFAULT_SCENARIO).name,
+        hidden=(scenario.absolute(),) if scenario else (),
+        view=view,
+        debug=debug,
+        control=control,
+        hardware=hardware,
+        boards=board or (),
+        limit=limit or (),
+        timeout=timeout,
+        json=json,
+        check=check,
+        log=log or (),
+        followed=robot or (),
+    )
+    chosen = load_scenario(scenario, overrides)
+    behaviour = _behaviour(chosen.run.strategy, by_option=strategy is not None)
+    permit = replace(permit, typed=behaviour if strategy is not None else "")
+    folders = foreign.admitted(scenario or DEFAULT_SCENARIO, behaviour, module_folders(chosen), permit)
+    options = replace(options, modules=folders)
+
+    from actors.processes.kernels import compile_kernels
+    from deploy.run import out_folder, swarm
+    from observation.results import deliveries, summary
+
+    if out is None:
+        options = replace(options, out=out_folder.claim(options.out.parent, name))
+    with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
+        compile_kernels(quiet=json)
+        if hardware:
+            from deploy.laboratory import hardware_in_the_loop
+            from observation.field_trial import trial_summary
+
+            trial_summary.print_field_trial(hardware_in_the_loop.run(chosen, options), json=json)
+            return
+        result = swarm.run(chosen, options)
+    summary.print_result(result, json=json)
+    if not json:
+        summary.print_next(options.out, adapted=scenario is None and chosen.run.strategy != "none")
+    if view:
+        summary.print_view(options.out)
+    deliveries.demand_all(result.undelivered, result.not_delivered)
+    if check:
+        _check_again(options.out, options.modules)
+
+
+def _check_again(out: Path, modules: tuple[Path, ...]) -> None:
+    """Execute a run's actors again; what comes out stands on standard error, beside the result."""
+    from observation.replay.recheck import recheck
+
+    again = recheck(out, modules)
+    Console(stderr=True, soft_wrap=True, highlight=False).print(
+        f"checked: {again.actors} actors executed again, all {again.outputs} messages equal"
+    )
+
+
+def _behaviour(strategy: str, *, by_option: bool) -> str:
+    """The entry string of a strategy. Raises OptionError or StrategyError, by who has named it."""
+    from cleaning.strategies import StrategyError, entry
+
+    try:
+        return entry(strategy)
+    except StrategyError as error:
+        raise OptionError(f"--strategy: {error}") if by_option else error from None
+
+
+def order(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder of a run that is going on.")],
+    verb: Annotated[
+        str,
+        typer.Argument(
+            metavar="VERB", help="kill, freeze, move, pause, stop, …", autocompletion=completion.orders
+        ),
+    ],
+    words: Annotated[list[str] | None, typer.Argument(metavar="WORDS", help="What the verb needs.")] = None,
+) -> None:
+    """Give an order to a run that is going on, such as: acrc order runs/mine kill r2.
+
+    It says what became of the order; exit code 1 if the run refused it.
+    """
+    from deploy.run import orders
+
+    given = " ".join([verb, *(words or [])])
+    refusal = orders.send(out, orders.parse(verb, words or []))
+    if refusal:
+        raise AcrcError(f"the run refused the order {given!r} {refusal}")
+    print(f"acrc: the run has carried out: {given}")

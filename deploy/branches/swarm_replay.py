@@ -1,0 +1,139 @@
+"""A whole simulated run made again, in memory, from its scenario, its seed and the orders it was given."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from actors.processes.robot_logs import EVERYBODY, shown
+from actors.processes.scratch import scratch_folder
+from actors.robot.behaviour.foreign import Permit, admitted
+from actors.robot.behaviour.modules import Recorded
+from actors.runtime.bus.replay_bus import ReplayError, topic_of
+from actors.runtime.codec import decode
+from actors.runtime.difference import first_difference
+from actors.runtime.message_counts import is_from_outside
+from actors.runtime.recording import Direction, Note, read_recording
+from actors.wording import brief
+from cleaning.strategies import entry
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import load_scenario, module_folders
+from observation.replay.record_check import check
+from observation.replay.record_pass import STAMP, read_pass
+from observation.replay.record_replay import recorded_code
+from observation.replay.recorded_orders import OrderBus, recorded_orders
+from observation.replay.run_recordings import recordings
+from observation.replay.trust import say_unhashed
+
+SCENARIO: Final = "scenario.toml"
+_FOREVER: Final = 1 << 62
+
+
+@dataclass(frozen=True)
+class SwarmReplay:
+    """A run that came out the same."""
+
+    digest: str
+    messages: int
+    orders: int
+    """From outside, given again at the same boundaries."""
+    complete: bool
+    """False: the recorded run did not end as planned; all that it has recorded came out the same."""
+
+
+def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
+    """Make the run in the folder `out` again, and compare everything that anybody sent or took.
+
+    Raises ReplayError at the first difference, naming step, message and field; ForeignCodeError for a
+    scenario that names code that the permit does not cover, MissingCodeError for one whose code is not here,
+    ModuleError for code that is not what the robots have recorded.
+    """
+    if not (out / SCENARIO).is_file():
+        raise ReplayError(f"{out}: has no {SCENARIO}; it should be the folder of a simulated run")
+    told = check(out)
+    scenario = load_scenario(out / SCENARIO)
+    modules = admitted(out / SCENARIO, entry(scenario.run.strategy), module_folders(scenario), permit)
+    files = recordings(out)
+    missing = [actor for actor in ("world", "radio") if actor not in files]
+    if missing:
+        raise ReplayError(f"{out}: there is no recording of the {missing[0]}, with which to compare")
+    orders = OrderBus(recorded_orders(files["world"]))
+    with scratch_folder() as folder:
+        again = folder / "again"
+        recorded = _recorded(out, modules, permit)
+        options = RunOptions(again, bus="memory", json=True, modules=modules, recorded=recorded)
+        plan = swarm.plan(scenario, options)
+        with shown(again, (EVERYBODY,)) as look:
+            result = swarm.run_in_memory(plan, lambda progress: look(), orders)
+        if not told.complete or result.digest != told.digest:
+            good_until = _FOREVER if told.complete else (told.good_until or 0)
+            _compare(files, recordings(again), good_until)
+            if told.complete:
+                raise ReplayError(f"{out}: its digest is {told.digest}; made again it is {result.digest}")
+    return SwarmReplay(told.digest, told.messages, orders.given, told.complete)
+
+
+def _recorded(out: Path, modules: tuple[Path, ...], permit: Permit) -> Recorded | None:
+    """What the code must be: what the robots have recorded, where they have, and nobody trusts any other."""
+    if permit.trust or not modules:
+        return None
+    recorded = recorded_code(out)
+    if recorded is None:
+        say_unhashed(out)
+    return recorded
+
+
+def _compare(recorded: Mapping[str, Path], again: Mapping[str, Path], good_until: int) -> None:
+    """Raise ReplayError for what differs first, by step, of all that world and radio sent and took."""
+    found: list[tuple[int, str, Direction, str, int]] = []
+    for actor in ("world", "radio"):
+        one, other = read_pass(actor, recorded[actor]), read_pass(actor, again[actor])
+        for (way, key), trail in one.trails.items():
+            if is_from_outside(topic_of(key)):
+                continue
+            place = _first_difference(trail, other.trails.get((way, key), bytearray()), good_until)
+            if place is not None:
+                step, _ = STAMP.unpack_from(trail, place * STAMP.size)
+                found.append((step, actor, way, key, place))
+    if not found:
+        return
+    step, actor, way, key, place = min(found)
+    raise ReplayError(f"step {step}: {key}: {_in_words(recorded[actor], again[actor], way, key, place)}")
+
+
+def _first_difference(one: bytearray, other: bytearray, good_until: int) -> int | None:
+    """The number of the first message of `one`, up to that step, which `other` has not; None if all agree."""
+    for place, (step, sha256) in enumerate(STAMP.iter_unpack(bytes(one))):
+        if step > good_until:
+            return None
+        if other[place * STAMP.size : (place + 1) * STAMP.size] != STAMP.pack(step, sha256):
+            return place
+    return None
+
+
+def _in_words(recorded: Path, again: Path, way: Direction, key: str, place: int) -> str:
+    """What differs in a message that both have; that there is none, where one has not."""
+    then = _payload(recorded, way, key, place)
+    now = _payload(again, way, key, place)
+    if then is None or now is None:
+        return "other bytes than those recorded, of which only the hash is kept"
+    topic = topic_of(key)
+    found = first_difference(decode(topic, key, now), decode(topic, key, then))
+    if found is None:
+        return "other bytes for the same message"
+    return f"{found.field} is {brief(found.one)}; recorded was {brief(found.other)}"
+
+
+def _payload(path: Path, way: Direction, key: str, place: int) -> bytes | None:
+    """The message of that number on a key; None if it was kept as a hash, or there is none."""
+    for number, item in enumerate(_on(path, way, key)):
+        if number == place:
+            return item
+    return None
+
+
+def _on(path: Path, way: Direction, key: str) -> Iterator[bytes | None]:
+    for item in read_recording(path):
+        if not isinstance(item, Note) and item.direction == way and item.key == key:
+            yield item.payload

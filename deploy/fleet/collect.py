@@ -1,0 +1,38 @@
+"""The recordings of several robots of one field trial, gathered into one result in one time."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from deploy.run.out_folder import make_folder
+from observation.field_trial.aligned_clocks import AlignedClocks
+from observation.field_trial.laboratory_truth import read_truth, with_true_frames, with_truth
+from observation.field_trial.recordings import read_field_trial
+from observation.field_trial.reported_places import reported_places
+from observation.field_trial.trial_result import TrialResult, trial_result
+from observation.results.place_table import write_table
+from observation.results.seal import seal
+
+
+def collect(folders: Sequence[Path], out: Path | None = None, truth: Path | None = None) -> TrialResult:
+    """The result of a field trial from its robots' folders; AcrcError if they do not make up one field trial.
+
+    With `out`, a new or empty folder, it also stands there in run.json, and what became of every place in
+    places.csv; it is sealed. `truth`: the result of the laboratory that the robots were in.
+    """
+    true = None if truth is None else read_truth(truth)
+    trial = read_field_trial(folders)
+    clocks = AlignedClocks(trial)
+    told = reported_places(trial, clocks)
+    if true is not None:
+        told = with_truth(told, true, clocks)
+    result = trial_result(trial, clocks, told, out)
+    if true is not None:
+        result = with_true_frames(result, true)
+    if out is not None:
+        make_folder(out)
+        write_table(told.places, out / "places.csv")
+        (out / "run.json").write_bytes(msgspec.json.format(msgspec.json.encode(result)) + b"\n")
+        seal(out)
+    return result

@@ -1,0 +1,248 @@
+"""Live robots drawn from what they say: where they hold themselves to be, places, radio; truth nobody knows.
+
+Time is the laptop's, from when it began to listen, and what is said is drawn at the instant at which it came.
+"""
+
+import queue
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from actors.floor.map_file import load_map
+from actors.messages import BOARD, DRIVE, PROGRESS, RECEIVED, Board, Drive, Heard, Progress, Received
+from actors.observer import viewer
+from actors.observer.colours import FATES, GREY
+from actors.observer.drawing import words
+from actors.observer.drawing.canvas import Canvas
+from actors.observer.drawing.layout import Arrangement
+from actors.observer.drawing.words import Event
+from actors.observer.sheet import Sheet
+from actors.processes.scratch import scratch_folder
+from actors.runtime.core import at
+from actors.topic import Message
+from deploy.fleet import watch
+from deploy.fleet.fleet_file import Fleet
+from observation.evidence.said_places import Deed, Route, SaidPlaces
+from observation.field_trial.robot_log import FRAME_OUTCOMES
+from observation.view.drawn import say_at_once
+from observation.view.painting import Painting
+from observation.view.seen import Seen
+from observation.view.story import Story, Track
+
+_PERIOD_S: Final = 0.2
+"""Between two pictures."""
+_SILENT_S: Final = 2.0
+"""A robot of which nothing has been heard for so long is said not to be: it has ten steps a second."""
+_COUNTED_S: Final = 5.0
+"""Radio events are counted over so long."""
+_MOST: Final = 20_000
+"""Messages that may wait to be drawn: those of ten robots for a minute and a half."""
+
+
+class Said(NamedTuple):
+    """A message, and when it came."""
+
+    second: float
+    endpoint: str
+    key: str
+    message: Message
+
+
+class Inbox:
+    """Takes messages from the threads that listen, which never wait for whoever draws."""
+
+    def __init__(self) -> None:
+        self.missed = 0
+        """Messages for which there was no room."""
+        self._began = time.monotonic()
+        self._waiting: queue.Queue[Said] = queue.Queue(_MOST)
+
+    @property
+    def now(self) -> float:
+        """Since it was made, s."""
+        return time.monotonic() - self._began
+
+    def take(self, endpoint: str, key: str, message: Message) -> None:
+        """Keep one message."""
+        try:
+            self._waiting.put_nowait(Said(self.now, endpoint, key, message))
+        except queue.Full:
+            self.missed += 1
+
+    def all(self) -> list[Said]:
+        """What has come since the last call."""
+        return [self._waiting.get_nowait() for _ in range(self._waiting.qsize())]
+
+
+class WatchedFleet:
+    """Draws what has been said, piece by piece."""
+
+    def __init__(self, fleet: Fleet, sheet: Sheet) -> None:
+        self._fleet, self._grid = fleet, load_map(fleet.map)
+        self.robots = tuple(robot.id for robot in fleet.robots)
+        self._addresses = {robot.address: number for number, robot in enumerate(fleet.robots)}
+        self._said = SaidPlaces({robot.id: len(robot.places) for robot in fleet.robots}, 0)
+        self._seen = {robot: Seen(robot) for robot in self.robots}
+        self._canvas = Canvas(sheet.recording, self.robots)
+        self._last: dict[str, float] = {}
+        """When each was heard last, s."""
+        self._acts: dict[str, str] = {}
+        self._endpoints: dict[str, str] = {}
+        """Who is behind an endpoint, as soon as that is known."""
+        self._told: dict[str, str] = {}
+        self._counts: Counter[str] = Counter()
+        self._drawn: set[str] = set()
+        self._since = self._counted = 0.0
+        self._missed = 0
+        self._painting = Painting(self._canvas, self._story({}, np.zeros((0, 4)), (), 0.0), ())
+        for robot in self.robots:
+            words.introduce_line(self._canvas, f"plots/ages/{robot}", robot, self._canvas.colour(robot))
+
+    def draw(self, said: Sequence[Said], now: float, missed: int) -> None:
+        """Draw what came until `now`, s; `missed`: messages so far that were lost here."""
+        poses: dict[str, list[tuple[float, float, float, float]]] = {}
+        heard: list[tuple[float, int, int, float]] = []
+        events: list[Event] = []
+        for one in said:
+            robot = _robot(one.key) or self._endpoints.get(one.endpoint, "")
+            if robot in self.robots:
+                self._endpoints[one.endpoint] = robot
+                self._last[robot] = one.second
+            match one.message:
+                case Drive() if robot in self.robots:
+                    self._said.take(robot, one.message)
+                    if one.message.pose is not None:
+                        poses.setdefault(robot, []).append((one.second, *one.message.pose))
+                case Received() if robot in self.robots:
+                    heard += self._hear(robot, one.second, one.message)
+                case Progress():
+                    events += self._progress(robot or one.endpoint, one.second, one.message)
+                case Board():
+                    events += [Event(one.second, robot, f"board: {note}") for note in one.message.notes]
+        if missed > self._missed:
+            lacks = f"the view lacks {missed - self._missed} messages: too many came"
+            events.append(Event(now, "", lacks, "WARN"))
+            self._missed = missed
+        story = self._story(poses, np.array(heard, np.float64).reshape(-1, 4), self._states(now), now)
+        self._said.forget()
+        self._painting.recorded(story)
+        for robot, seen in self._seen.items():
+            self._painting.outside(robot, list(seen.of(story.tracks[robot], story.routes)), now)
+        self._painting.tell(events)
+        self._plot(now)
+        self._since = now
+
+    def _story(
+        self,
+        poses: dict[str, list[tuple[float, float, float, float]]],
+        heard: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]",
+        acts: Sequence[tuple[str, float, str]],
+        now: float,
+    ) -> Story:
+        tracks = {}
+        for robot in self.robots:
+            table = np.array(poses.get(robot, ()), np.float64).reshape(-1, 4)
+            mine = tuple((second, state) for who, second, state in acts if who == robot)
+            tracks[robot] = Track(table[:, 0], table[:, 1:], table[:, 1:], mine)
+        places = {robot.id: robot.places for robot in self._fleet.robots}
+        when = self._since
+        return Story(
+            title="a fleet",
+            out=Path(),
+            grid=self._grid,
+            tracks=tracks,
+            places=places,
+            begun_with={robot: len(mine) for robot, mine in places.items()},
+            routes=tuple(Route(one.robot, when, one.places) for one in self._said.routes),
+            reported=tuple(Deed(one.robot, when, one.place) for one in self._said.reported),
+            taken_over=tuple(Deed(one.robot, when, one.place) for one in self._said.taken_over),
+            given_up=tuple(Deed(one.robot, when, one.place) for one in self._said.given_up),
+            heard=heard,
+            end=now,
+            true=False,
+            sources=(),
+            since=self._since,
+        )
+
+    def _hear(self, robot: str, second: float, received: Received) -> list[tuple[float, int, int, float]]:
+        found = []
+        for event in received.events:
+            self._counts[FRAME_OUTCOMES[type(event)]] += 1
+            if isinstance(event, Heard) and event.sender in self._addresses:
+                sender, own = self._addresses[event.sender], self.robots.index(robot)
+                found.append((second, sender, own, event.rssi_dbm))
+        return found
+
+    def _progress(self, who: str, second: float, progress: Progress) -> list[Event]:
+        """How a robot gets on, where that has changed."""
+        told = watch.told(progress)
+        if self._told.get(who) == told:
+            return []
+        self._told[who] = told
+        return [Event(second, who, told, "WARN" if progress.held else "INFO")]
+
+    def _states(self, now: float) -> list[tuple[str, float, str]]:
+        """Who is no longer heard, or again, from when on."""
+        found = []
+        for robot in self.robots:
+            last = self._last.get(robot)
+            state = "not heard" if last is None or now - last > _SILENT_S else ""
+            if self._acts.get(robot) != state:
+                self._acts[robot] = state
+                found.append((robot, self._since, state))
+        return found
+
+    def _plot(self, now: float) -> None:
+        """How old each robot's last word is; and what became of frames."""
+        for robot, last in self._last.items():
+            words.draw_line(self._canvas, f"plots/ages/{robot}", [now], np.array([now - last]))
+        if now < self._counted + _COUNTED_S:
+            return
+        for name in FRAME_OUTCOMES.values():
+            path = f"plots/copies/{name}"
+            if self._counts[name] and name not in self._drawn:
+                self._drawn.add(name)
+                colour = FATES["heard"] if name == "copies_heard" else GREY
+                words.introduce_line(self._canvas, path, name.replace("_", " "), colour)
+            if name in self._drawn:
+                rate = self._counts[name] / (now - self._counted)
+                words.draw_line(self._canvas, path, [now], np.array([rate]))
+        self._counts.clear()
+        self._counted = now
+
+
+def show(endpoints: Sequence[str], keys: Path, fleet: Fleet, seconds: float | None = None) -> None:
+    """Show robots in the viewer, and print their words, until interrupted or for so many seconds.
+
+    In a window if there is a display, else in a browser. Raises an AcrcError for endpoints, keys or a map
+    that make no sense.
+    """
+    inbox, lines = Inbox(), queue.SimpleQueue[str]()
+    grid = load_map(fleet.map)
+    watch.listen(endpoints, keys, lines, more=(at(DRIVE, "*"), at(RECEIVED, "*")), take=inbox.take)
+    opened = viewer.open_any(say_at_once, "words are printed only")
+    try:
+        if opened is not None and opened.page:
+            say_at_once(f"to see them, open {opened.page} in a browser on this machine; Ctrl-C ends that")
+        with scratch_folder() as folder:
+            arranged = Arrangement(grid, [robot.id for robot in fleet.robots], true=False)
+            address = None if opened is None else opened.address
+            with Sheet(folder / "view.rrd", arranged, name="a fleet", send_to=address) as sheet:
+                watched = WatchedFleet(fleet, sheet)
+                while seconds is None or inbox.now < seconds:
+                    watched.draw(inbox.all(), inbox.now, inbox.missed)
+                    while not lines.empty():
+                        say_at_once(lines.get())
+                    time.sleep(_PERIOD_S)
+    finally:
+        viewer.end(opened)
+
+
+def _robot(key: str) -> str:
+    """Whose key it is, `swarm/up/ID/…` or `swarm/down/ID/…`; empty if nobody's."""
+    parts = key.split("/")
+    return parts[2] if len(parts) == 4 and key not in (PROGRESS.pattern, BOARD.pattern) else ""

@@ -1,1 +1,0 @@
-"""`acrc docs`; what it needs is imported once it is called."""

@@ -1,0 +1,105 @@
+"""The rows of an export's tables: from the recordings, and from executing radio and robots again."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgspec
+
+from actors.messages import TRUTH
+from actors.robot.behaviour.foreign import Permit
+from actors.runtime.process import RunNote
+from actors.runtime.recording import decoded, read_notes
+from observation.evidence.frame_fates import FrameFate, frame_fates
+from observation.evidence.recorded import taken
+from observation.evidence.run_evidence import RunEvidence, read_run
+from observation.export.answered import BOUNDS, ExportError, read_answer, words
+from observation.export.robot_rows import EXECUTED, Row, Tables
+from observation.replay.run_recordings import recordings
+from observation.replay.shut_off_calls import Bounds, Call, ask
+
+
+class _RadioSetup(msgspec.Struct):
+    """What is needed here of what the radio was told (`actors.radio.radio_setup`)."""
+
+    robots: tuple[tuple[str, int], ...]
+
+
+def tables(
+    out: Path,
+    on_actor: Callable[[str], object] = lambda actor: None,
+    *,
+    permit: Permit,
+    isolate: bool,
+    bounds: Bounds = BOUNDS,
+) -> Tables:
+    """Every table of a simulated run, by its name; `on_actor` is told whom it is that is executed again.
+
+    The recorded strategies run in processes of their own, shut off if `isolate` says so. Raises
+    RecordingError and EvidenceError for what is no whole folder of a run, ExportError where somebody does not
+    do again what he did, or what he did makes no sense.
+    """
+    run, files = read_run(out), recordings(out)
+    found: Tables = {"poses": list(_poses(files["radio"])), "places": list(_places(run))}
+    on_actor("radio")
+    found["frames"] = [row for number, one in enumerate(frame_fates(out)) for row in _frame(number, one)]
+    found |= {name: [] for name in EXECUTED}
+    told = decoded(files["radio"], "run", read_notes(files["radio"])["run"], RunNote)
+    addresses = {number: name for name, number in msgspec.json.decode(told.scenario, type=_RadioSetup).robots}
+    robots = {actor: path.parent.name for actor, path in files.items() if actor not in ("world", "radio")}
+    calls = [Call(actor, (actor,), words()) for actor in robots]
+    on_actor("robots")
+    executed: dict[str, Tables] = {}
+    for answer in ask(
+        out, "observation.export.export_program", calls, bounds, permit=permit, isolate=isolate
+    ):
+        executed[answer.name] = read_answer(answer)
+        on_actor(f"robots ({len(executed)} of {len(calls)} are done)")
+    for actor, robot in robots.items():
+        for name, rows in _completed(run, addresses, robot, executed[actor]).items():
+            found[name] += [(*row[:2], robot, actor, *row[2:]) for row in rows]
+    return found | {name: sorted(found[name], key=lambda row: int(row[0])) for name in EXECUTED}
+
+
+def _completed(run: RunEvidence, addresses: dict[int, str], robot: str, rows: Tables) -> Tables:
+    """With what its process does not know."""
+    if robot not in run.robots:
+        raise ExportError(f"{robot}: is no robot of this run")
+    index, true = run.robots.index(robot), run.true
+    estimates = []
+    for step, second, x, y, *rest, _ in rows["estimates"]:
+        if 0 <= step < len(true):
+            there = true[step, index].tolist()
+            error = ((x - there[0]) ** 2 + (y - there[1]) ** 2) ** 0.5
+            estimates.append((step, second, x, y, *rest, error))
+    exchanges = [(*row[:-1], addresses.get(row[-1])) for row in rows["exchanges"]]
+    return rows | {"estimates": estimates, "exchanges": exchanges}
+
+
+def _poses(radio: Path) -> Iterator[Row]:
+    for _, truth in taken(radio, TRUTH):
+        if not truth.halt:
+            for one in truth.robots:
+                where = (one.x, one.y, one.heading, one.vx, one.vy, one.omega)
+                yield (truth.step, truth.instant / 1e6, one.id, *where, one.stepping, one.powered)
+
+
+def _frame(number: int, one: FrameFate) -> Iterator[Row]:
+    head = (number, one.robot, one.tag, one.handed / 1e6, one.ended / 1e6, one.size, one.fate)
+    if not one.copies:
+        yield (*head, None, None, None)
+    for copy in one.copies:
+        yield (*head, copy.robot, copy.fate, copy.strength_dbm)
+
+
+def _places(run: RunEvidence) -> Iterator[Row]:
+    judged = run.result is not None
+    for one in run.places:
+        yield (
+            one.owner, one.place, one.x, one.y, one.given_at / 1e6, one.verdict.value if judged else None,
+            _second(one.reached_at), one.reached_by, _second(one.reported_at), one.reported_by,
+            _second(one.given_up_at), one.given_up_by, one.reason,
+        )  # fmt: skip
+
+
+def _second(instant: int | None) -> float | None:
+    return None if instant is None else instant / 1e6

@@ -1,0 +1,148 @@
+"""A run on one HTML page: what came of it in sentences, the picture, and tables of what is behind it."""
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+from actors.instant import in_seconds
+from actors.runtime import regular_file
+from actors.task.referee import PlaceOutcome
+from observation.evidence.recorded import outcomes
+from observation.evidence.run_evidence import RunEvidence
+from observation.evidence.said_decisions import SaidDecision, adaptation
+from observation.evidence.spells import Doing, Spell, spells
+from observation.page import markup
+from observation.picture import floor_picture, look, run_page, style
+from observation.replay.run_recordings import recordings
+from observation.results import summary
+
+_FEW_ROWS: Final = 25
+"""Longer tables are folded."""
+_ALT: Final = (
+    "The floor plan with the way of each robot, places and where robots stood near each other; below, what "
+    "each robot did when, radio frames per second, and places cleaned over time. The tables say the same."
+)
+_CAPTION: Final = "Drawn from the recordings; the legend stands below the floor."
+
+
+def write(run: RunEvidence, path: Path) -> None:
+    """The page as a file that needs nothing beside itself."""
+    with look.applied(style.LOOK):
+        drawn = style.svg(run_page.draw(run))
+    regular_file.write(path, html(run, drawn).encode())
+
+
+def html(run: RunEvidence, drawn: bytes) -> str:
+    """The page; `drawn`: the run's picture as an SVG."""
+    doing = spells(run)
+    chapters: list[tuple[str, list[str]]] = [
+        ("What came of it", [markup.paragraph(one) for one in _words(run)]),
+        ("What happened", [markup.picture(drawn, _ALT, _CAPTION)]),
+        ("What each robot did", [_deeds(run, doing)]),
+        ("Where robots stood near each other", [_meetings(doing)]),
+        ("What was decided", [_decided(run)]),
+        ("Places", [_places(run.places)]),
+        ("Radio", [_radio(run)]),
+        ("How to make it again", [markup.paragraph(one) for one in _origin(run)]),
+    ]
+    told = [(title, parts) for title, parts in chapters if any(parts)]
+    body = [markup.navigation(title for title, _ in told)]
+    for number, (title, parts) in enumerate(told, start=1):
+        body += [markup.heading(number, title), *parts]
+    return markup.page(style.short_title(run), body)
+
+
+def _words(run: RunEvidence) -> Iterator[str]:
+    if run.result is None:
+        yield f"The run was cut off after {run.end:g} simulated s; this is what was recorded until then."
+    else:
+        yield from summary.sentences(run.result)
+
+
+def _deeds(run: RunEvidence, doing: Sequence[Spell]) -> str:
+    """Seconds by what a robot did, and what it did with places."""
+    lasted: defaultdict[tuple[str, Doing], float] = defaultdict(float)
+    for one in doing:
+        lasted[one.robot, one.doing] += one.end - one.begin
+    kinds = [kind for kind in Doing if any(lasted[robot, kind] for robot in run.robots)]
+    rows = [
+        [
+            robot,
+            *(f"{lasted[robot, kind]:.1f}" for kind in kinds),
+            *(
+                str(sum(deed.robot == robot for deed in deeds))
+                for deeds in (run.reported, run.taken_over, run.given_up)
+            ),
+        ]
+        for robot in run.robots
+    ]
+    columns = ["robot", *(f"{kind.value}, s" for kind in kinds), "cleaned", "taken over", "given up"]
+    return _table("Seconds by what each robot did, and how many places it reported.", columns, rows, 1)
+
+
+def _meetings(doing: Sequence[Spell]) -> str:
+    rows = [
+        [f"{x:.2f}", f"{y:.2f}", f"{lasted:.1f}"]
+        for x, y, lasted in sorted(floor_picture.meetings(doing), key=lambda one: -one[2])
+    ]
+    return _table("Where, m, and how long in all.", ["x", "y", "s"], rows, 0)
+
+
+def _decided(run: RunEvidence) -> str:
+    """What the robots' adaptations have said in their last records."""
+    said: list[tuple[SaidDecision, str]] = []
+    for actor, path in recordings(run.out).items():
+        if actor not in ("world", "radio") and path.parent.name in run.robots:
+            told = adaptation(path, outcomes(path))
+            said += [(one, path.parent.name) for one in (() if told is None else told.decisions)]
+    rows = [
+        [f"{in_seconds(one.instant):.1f}", robot, one.words, one.by, one.source, f"{one.age / 1e6:.2f}"]
+        for one, robot in sorted(said, key=lambda pair: (pair[0].instant, pair[1]))
+    ]
+    columns = ["s", "robot", "decision", "by", "from what it knew of", "as old as, s"]
+    caption = "Decisions of the adaptation. Why, says `acrc explain OUT ROBOT@S`; OUT is the run's folder."
+    return _table(caption, columns, rows, -1, numbers=(0, 5))
+
+
+def _places(places: Sequence[PlaceOutcome]) -> str:
+    def second(instant: int | None) -> str:
+        return "" if instant is None else f"{instant / 1e6:.1f}"
+
+    rows = [
+        [
+            f"{one.owner}/{one.place}", f"{one.x:.2f}", f"{one.y:.2f}", one.verdict.value.replace("_", " "),
+            one.reported_by or "", second(one.reported_at), second(one.reached_at),
+        ]
+        for one in places
+    ]  # fmt: skip
+    columns = ["place", "x, m", "y, m", "what became of it", "reported by", "reported, s", "reached, s"]
+    return _table("Every place.", columns, rows, -1, numbers=(1, 2, 5, 6))
+
+
+def _radio(run: RunEvidence) -> str:
+    counts = {} if run.result is None else run.result.frames
+    rows = [[name.replace("_", " "), str(count)] for name, count in counts.items() if count]
+    return _table("What became of frames, and of each frame at each other robot.", ["", "count"], rows, 1)
+
+
+def _origin(run: RunEvidence) -> Iterator[str]:
+    result = run.result
+    if result is None:
+        return
+    origin = result.origin
+    what = f"Scenario {origin.scenario}, strategy {origin.strategy}, seed {result.seed}"
+    yield f"{what}, commit {origin.commit}: digest {result.digest}."
+    yield "acrc replay OUT, OUT being the run's folder, makes it again and compares every message."
+
+
+def _table(
+    caption: str,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    first: int,
+    numbers: Sequence[int] = (),
+) -> str:
+    """A table whose columns from `first` on hold numbers, or, if that is negative, those in `numbers`."""
+    numeric = [place >= first if first >= 0 else place in numbers for place in range(len(columns))]
+    return markup.table(caption, columns, rows, numeric, folded=len(rows) > _FEW_ROWS)

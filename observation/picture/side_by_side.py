@@ -1,0 +1,54 @@
+"""Several runs beside each other: the floor of each, and what its robots did below."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from observation.evidence.run_evidence import RunEvidence
+from observation.evidence.spells import Spell, spells
+from observation.picture import floor_picture, lanes, look, style
+
+_MARGIN: Final = 1.5
+"""Around what happened, m."""
+
+
+def draw(runs: Sequence[RunEvidence]) -> Figure:
+    """A column for each run."""
+    figure = style.new_figure(4.6 * len(runs), 6.6)
+    grid = figure.add_gridspec(2, len(runs), height_ratios=[4.2, 1.0])
+    end = max(run.end for run in runs)
+    for column, run in enumerate(runs):
+        doing = spells(run)
+        axes = figure.add_subplot(grid[0, column])
+        _draw_floor(axes, run, doing)
+        axes.set_title(style.short_title(run), loc="left", fontweight="bold", fontsize=10)
+        below = figure.add_subplot(grid[1, column])
+        lanes.draw(below, run, doing, legend=False)
+        below.set_xlim(0.0, end)
+        below.tick_params(labelbottom=True)
+        below.set_xlabel("simulated time, s")
+    figure.legend(
+        handles=[*lanes.legend(), *floor_picture.legend()],
+        loc="outside lower center", ncols=3, fontsize=7, frameon=False,
+    )  # fmt: skip
+    return figure
+
+
+def write(runs: Sequence[RunEvidence], path: Path) -> None:
+    """The picture as a PNG or SVG file."""
+    with look.applied(style.LOOK):
+        style.save(draw(runs), path)
+
+
+def _draw_floor(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> None:
+    """The part of the floor where something happened."""
+    floor_picture.draw_floor(axes, run.grid)
+    floor_picture.draw_run(axes, run, doing)
+    points = np.concatenate([run.true[..., :2].reshape(-1, 2), [(place.x, place.y) for place in run.places]])
+    (west, south), (east, north) = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
+    axes.set_xlim(max(west, run.grid.origin.x), min(east, run.grid.corner.x))
+    axes.set_ylim(max(south, run.grid.origin.y), min(north, run.grid.corner.y))

@@ -1,0 +1,199 @@
+"""The keys of a run as recorded: which there are, and every message on each, also while the run goes on.
+
+Only files are read, which is why nobody needs credentials of the mesh.
+"""
+
+import heapq
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Final, NamedTuple, Self
+
+from mcap.writer import MCAP0_MAGIC
+
+from actors.instant import Instant
+from actors.messages import BOARD, CONTROL, ROSTER
+from actors.runtime.bus.replay_bus import topic_of
+from actors.runtime.codec import decode
+from actors.runtime.errors import AcrcError
+from actors.runtime.process import RunNote
+from actors.runtime.recording import Direction, Entry, Note, Reading, decoded
+from actors.runtime.recording.reading import opened
+from actors.topic import Message, Topic
+from observation.replay.run_recordings import recordings
+
+MERGED: Final = "acrc-merged"
+"""The profile of a merged file."""
+_POLL_S: Final = 0.1
+_HASH: Final = 40
+"""Bytes of a message of which only the hash was kept."""
+_WITHOUT_STEP: Final = frozenset({CONTROL.pattern, BOARD.pattern})
+_UNTAKEN: Final = frozenset({ROSTER.pattern, BOARD.pattern})
+"""Keys whose receivers record nothing."""
+
+
+class TopicError(AcrcError):
+    """A key that nothing was recorded on, or a field that its messages have not."""
+
+
+class Recorded(NamedTuple):
+    """One message as a recording has it."""
+
+    step: int
+    """The message's own; of what has none, such as an order, that in which it was taken."""
+    instant: Instant
+    """When that step began."""
+    key: str
+    direction: Direction
+    sequence: int
+    """Counts the messages of the key in its recording."""
+    payload: bytes | None
+    """None where only its hash was kept."""
+    sha256: bytes
+    """Of the message's bytes."""
+    size: int
+    """Bytes in the recording."""
+
+    @property
+    def topic(self) -> Topic[Message]:
+        """The family of its key."""
+        return topic_of(self.key)
+
+    def message(self) -> Message | None:
+        """What it says; None where only its hash was kept. Raises WireError for what is no such message."""
+        return None if self.payload is None else decode(self.topic, self.key, self.payload)
+
+
+def short(key: str) -> str:
+    """A key without what all have in common: `r1/drive`, `truth`."""
+    return key.removeprefix("swarm/up/").removeprefix("swarm/down/").removeprefix("swarm/infra/")
+
+
+def fits(key: str, wanted: str) -> bool:
+    """True if a key is the wanted one, in full or in short; `*` stands for any part: `*/drive`."""
+    return fnmatchcase(key, wanted) or fnmatchcase(short(key), wanted)
+
+
+def files(target: Path) -> dict[str, Path]:
+    """The recordings by actor: of a run's folder, also of one that is going on, or the one that is named."""
+    if not target.is_file():
+        return recordings(target)
+    if is_merged(target):
+        raise TopicError(
+            f"{target}: a merged file, for other programs; must be a run's folder, or one of its recordings"
+        )
+    return {target.stem: target}
+
+
+def is_merged(file: Path) -> bool:
+    """True for a file that `acrc record merge` has made, by its beginning."""
+    with opened(file) as stream:
+        return MERGED.encode() in stream.read(64)
+
+
+def known(target: Path) -> dict[str, Topic[Message]]:
+    """Every key that something was recorded on by now, with its topic, sorted. Raises RecordingError."""
+    keys: set[str] = set()
+    for path in files(target).values():
+        with Growing(path) as growing:
+            keys |= {one.key for one in growing.poll()}
+    return {key: topic_of(key) for key in sorted(keys)}
+
+
+def messages(target: Path, wanted: str) -> Iterator[Recorded]:
+    """Every message on the keys that fit, once each, in the order of the instants.
+
+    As its receiver has it: who sends a large one keeps its hash only. Raises RecordingError, and TopicError
+    where nothing was recorded on such a key.
+    """
+    return follow(target, wanted, lambda: True)
+
+
+def follow(target: Path, wanted: str, ended: Callable[[], bool]) -> Iterator[Recorded]:
+    """The same, and then what is added, until `ended` says that nothing more will be."""
+    alone, found = target.is_file(), False
+    readers: dict[Path, Growing] = {}
+    with ExitStack() as stack:
+        while True:
+            last = ended()
+            for path in files(target).values():
+                if path not in readers:
+                    readers[path] = stack.enter_context(Growing(path))
+            for one in heapq.merge(*(_of(each, wanted, alone) for each in readers.values()), key=_order):
+                found = True
+                yield one
+            if last:
+                break
+            time.sleep(_POLL_S)
+    if not found:
+        raise TopicError(
+            f"{target}: nothing was recorded on {wanted!r}; it should be a key that "
+            f"`acrc topic list {target}` shows"
+        )
+
+
+def has_ended(target: Path) -> bool:
+    """True once nothing will be added: there is the run's result, or all recordings were closed."""
+    if (target / "run.json").is_file():
+        return True
+    return all(is_closed(path) for path in files(target).values())
+
+
+class Growing:
+    """A recording that may be written to meanwhile; a context manager that closes the file."""
+
+    def __init__(self, path: Path) -> None:
+        self.reading = Reading(path)
+        self._stream = opened(path)
+        self.run: RunNote | None = None
+        """What the process was started with; None: it has not been read yet."""
+        self._step = -1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stream.close()
+
+    def poll(self) -> Iterator[Recorded]:
+        """What has been sealed since the last call; to be read to its end. Raises RecordingError."""
+        for item in self.reading.more(self._stream):
+            if isinstance(item, Note):
+                if item.name == "run":
+                    self.run = decoded(self.reading.path, "run", item.json, RunNote)
+            else:
+                yield self._recorded(item)
+
+    def _recorded(self, entry: Entry) -> Recorded:
+        step = entry.step
+        if entry.key in _WITHOUT_STEP:
+            step = self._step + 1  # it was taken at the boundary
+        elif not entry.key.endswith("/ready"):
+            self._step = max(step, self._step)
+        size = _HASH if entry.payload is None else len(entry.payload)
+        instant = Instant(step * (0 if self.run is None else self.run.step_us))
+        return Recorded(
+            step, instant, entry.key, entry.direction, entry.sequence, entry.payload, entry.sha256, size
+        )
+
+
+def _of(growing: Growing, wanted: str, alone: bool) -> Iterator[Recorded]:
+    """What counts of one file: all where there is no other, else what came in, or what nobody takes down."""
+    for one in growing.poll():
+        if fits(one.key, wanted) and (alone or (one.direction == "out") == (one.key in _UNTAKEN)):
+            yield one
+
+
+def _order(one: Recorded) -> int:
+    return one.step
+
+
+def is_closed(path: Path) -> bool:
+    """True if the process that wrote a recording has ended in order."""
+    with opened(path) as stream:
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(max(0, size - len(MCAP0_MAGIC)))
+        return size > len(MCAP0_MAGIC) and stream.read() == MCAP0_MAGIC

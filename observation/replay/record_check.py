@@ -1,0 +1,179 @@
+"""The recordings of a run compared with one another and with its result: every message, sent and received."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from actors.messages import ROSTER
+from actors.runtime import regular_file
+from actors.runtime.bus.replay_bus import topic_of
+from actors.runtime.message_counts import carries_digest, is_from_outside, run_digest
+from actors.runtime.recording import Direction, RecordingError
+from observation.replay.record_pass import STAMP, CheckError, Pass, read_pass
+from observation.replay.run_recordings import recordings
+from observation.results.seal import Sealed, check_seal
+
+_LARGEST_RESULT: Final = 64 * 1024 * 1024
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What the files of a run say."""
+
+    digest: str
+    """Empty: nobody carries one, as robots on board run by their own clocks."""
+    messages: int
+    """Sent and taken, by all whose recordings there are."""
+    complete: bool
+    """False: at least one process left no final record, so the digest is that of what was written."""
+    good_until: int | None
+    """Where it is not complete: the step up to which every recording is there; None: not even the first."""
+    unreceived: int
+    """Messages that their receiver never took, because it had ended."""
+    sealed: Sealed | None
+    """What its seal says, with which everything agrees; None: it has none."""
+
+
+def check(out: Path) -> CheckReport:
+    """Read all recordings of a run, and compare, also with its seal.
+
+    CheckError, RecordingError or SealError where they do not agree.
+    """
+    passes = [read_pass(actor, path) for actor, path in recordings(out).items()]
+    blank = [told for told in passes if told.blank]
+    if blank and all(told.final is not None for told in passes if not told.blank):
+        raise CheckError(f"{blank[0].path}: ends before its first record")
+    unreceived = sum(_compare(key, mesh) for mesh in _meshes(passes) for key in _keys(mesh))
+    complete = all(told.final is not None and told.whole for told in passes)
+    digest = (
+        run_digest(told.digest for told in passes)
+        if any(carries_digest(told.actor) for told in passes)
+        else ""
+    )
+    _compare_result(out, digest, passes)
+    return CheckReport(
+        digest,
+        sum(told.digest.count for told in passes),
+        complete,
+        min((told.step for told in passes if told.step is not None), default=None)
+        if all(told.step is not None for told in passes)
+        else None,
+        unreceived,
+        check_seal(out),
+    )
+
+
+def _meshes(passes: Sequence[Pass]) -> list[list[Pass]]:
+    """The recordings of those who heard one another: all, or on board each robot's own three."""
+    on_board = any(told.robot.endswith(".base") for told in passes)
+    meshes = defaultdict[str, list[Pass]](list)
+    for told in passes:
+        meshes[told.robot.partition(".")[0] if on_board else ""].append(told)
+    return [*meshes.values()]
+
+
+def _keys(passes: Sequence[Pass]) -> list[str]:
+    """Every key that an actor with a recording sends and another one receives."""
+    keys = {key for told in passes for _, key in told.trails}
+    return sorted(k for k in keys if k != ROSTER.pattern and not is_from_outside(topic_of(k)))
+
+
+def _compare(key: str, passes: Sequence[Pass]) -> int:
+    """Compare what was sent and what was received on a key; how many messages nobody took."""
+    senders = [told for told in passes if ("out", key) in told.trails]
+    receivers = defaultdict[str, list[Pass]](list)
+    for told in passes:
+        if ("in", key) in told.trails:
+            receivers[told.robot].append(told)
+    if not senders:
+        return 0  # their recordings are not here
+    sent = _trail(senders, "out", key)
+    missing = 0
+    for parts in receivers.values():
+        took = _trail(parts, "in", key)
+        if sent != took:
+            missing += _compare_stamps(key, senders, parts, Counter(_stamps(sent)), took)
+    return missing if receivers else len(sent) // STAMP.size
+
+
+def _compare_stamps(
+    key: str,
+    senders: Sequence[Pass],
+    receivers: Sequence[Pass],
+    left: Counter[tuple[int, bytes]],
+    took: bytes,
+) -> int:
+    """How many of the stamps that are `left` were not taken; CheckError if another one was."""
+    known = min((_known(told) for told in senders), default=-1)
+    for stamp in _stamps(took):
+        step, _ = stamp
+        if left[stamp] > 0:
+            left[stamp] -= 1
+        elif step <= known:
+            names = " and ".join(told.actor for told in receivers)
+            what = "other bytes than" if any(other == step for other, _ in left) else "nothing like what"
+            raise CheckError(f"step {step}: {senders[0].actor} sent {what} {names} received on {key}")
+    unread = sum(told.final.unread for told in receivers if told.final is not None)
+    missing = left.total()
+    if _ended_by_clock(senders, receivers) and missing:
+        last = max((step for step, _ in _stamps(took)), default=-1)
+        if min(step for step, _ in left.elements()) > last:
+            return missing  # it was under way when its receiver ended
+    if all(told.final is not None for told in (*senders, *receivers)) and missing > unread:
+        names = " and ".join(told.actor for told in receivers)
+        raise CheckError(
+            f"{key}: {missing - unread} messages of {senders[0].actor} never came to {names}, "
+            f"the first one of step {min(step for step, _ in left.elements())}"
+        )
+    return missing
+
+
+def _ended_by_clock(senders: Sequence[Pass], receivers: Sequence[Pass]) -> bool:
+    """True on board, where nobody waits for the last message."""
+    return any("." in told.robot for told in (*senders, *receivers))
+
+
+def _known(told: Pass) -> int:
+    """The last step of which everything that was sent is known."""
+    if told.final is not None:
+        return 1 << 64
+    return -1 if told.step is None else told.step
+
+
+def _trail(passes: Sequence[Pass], way: Direction, key: str) -> bytes:
+    return b"".join(told.trails[way, key] for told in passes)
+
+
+def _stamps(trail: bytes) -> Iterator[tuple[int, bytes]]:
+    yield from STAMP.iter_unpack(trail)
+
+
+def _compare_result(out: Path, digest: str, passes: Sequence[Pass]) -> None:
+    """A result stands only beside recordings that are whole, and has their digest."""
+    result = out / "run.json"
+    if not result.is_file():
+        return
+    with regular_file.opened(result) as file:
+        text = file.read(_LARGEST_RESULT + 1)
+    try:
+        claimed = msgspec.json.decode(text, type=_Claim).digest
+    except (ValueError, RecursionError) as error:
+        raise RecordingError(f"{result}: no result of a run: {error}") from None
+    cut = next((told for told in passes if told.final is None or not told.whole), None)
+    if cut is not None:
+        until = "its first step" if cut.step is None else f"step {cut.step}"
+        raise CheckError(
+            f"{cut.path}: ends after {until}, although the run has a result; it was cut or damaged"
+        )
+    if claimed != digest:
+        raise CheckError(f"{result}: another digest than the recordings give, which is {digest}")
+
+
+class _Claim(msgspec.Struct):
+    """The part of a result that recordings can give again."""
+
+    digest: str

@@ -1,0 +1,165 @@
+"""Actors executed again from what they received."""
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from actors.radio.program import part as radio_part
+from actors.robot.behaviour.adaptation import load_adaptation
+from actors.robot.behaviour.modules import Recorded, expect
+from actors.robot.program import parse, part_of
+from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
+from actors.runtime.core import Core
+from actors.runtime.errors import AcrcError
+from actors.runtime.fingerprint import difference, otherwise
+from actors.runtime.prints import Prints
+from actors.runtime.process import ActorProcess, FinalNote, RunNote
+from actors.runtime.recording import Entry, RecordingError, Unrecorded, decoded, read_notes, read_recording
+from actors.runtime.shell import Shell
+from actors.world import program as world_program
+from observation.replay.debugging import EnoughError
+from observation.replay.moved_runs import radio_here, run_of, world_here
+from observation.replay.run_recordings import recordings
+
+
+@dataclass(frozen=True)
+class ReplayReport:
+    """One actor executed again."""
+
+    actor: str
+    outputs: int
+    """How many messages it sent again, all equal to the recorded ones."""
+    whole: bool = True
+    """False: only up to where somebody wanted to look."""
+
+
+@dataclass(frozen=True)
+class Onlook:
+    """What somebody wants of an actor that is executed again."""
+
+    prepare: Callable[[Core, int], None] | None = None
+    """Is given the actor's core before its first step, and the length of a step, µs; EnoughError, raised by
+    the core, ends the replay."""
+    behaviour: str | None = None
+    """Entry string of a behaviour that is to decide in place of the recorded one ..."""
+    adaptation: Path | None = None
+    """... and the file with its settings."""
+    prints: Callable[[int], Prints] | None = None
+    """Makes, from the length of a step, what takes the code's prints; None: they go their way."""
+
+
+@dataclass(frozen=True)
+class Again:
+    """An actor that is to be executed again."""
+
+    part: ActorProcess
+    run: RunNote
+    """What its recording begins with."""
+    path: Path
+    recall: Callable[[bytes], bytes | None]
+    """Gives a message of the run by its sha256."""
+
+
+def made_again(out: Path, actor: str, onlook: Onlook = Onlook(), prints: Prints | None = None) -> Again:
+    """The actor as it was before its first step. RecordingError where there is no recording of it.
+
+    Its code is looked for where this process looks (`modules.look_in`), not where a recording says that it
+    lay. ModuleError for a module that is not the recorded one.
+    """
+    files = recordings(out)
+    if actor not in files:
+        raise RecordingError(f"{out}: no recording of {actor!r}; there are {', '.join(files)}")
+    path = files[actor]
+    run = run_of(path)
+    with nullcontext() if prints is None else prints.during(0):
+        expect(None if run.code is None or onlook.behaviour is not None else _recorded(path, run.code))
+        build = _builders(out).get(actor)
+        part = _robot(run.argv, onlook) if build is None else build(run.argv)
+    if onlook.prepare is not None:
+        onlook.prepare(part.core, run.step_us)
+    return Again(part, run, path, lambda sha256: _recall(files.values(), sha256))
+
+
+def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayReport:
+    """Execute one actor again from what it received; ReplayError at the first output that differs."""
+    files = recordings(out)
+    prints = None
+    if onlook.prints is not None and actor in files:
+        prints = onlook.prints(run_of(files[actor]).step_us)
+    again = made_again(out, actor, onlook, prints)
+    bus = ReplayBus(again.path, again.recall)
+    shell = shell_of(again, bus)
+    shell.prints = prints
+    try:
+        replay(shell, bus)
+    except EnoughError:
+        return ReplayReport(actor, bus.compared, whole=False)
+    except ReplayError as error:
+        raise explained(error, again) from None
+    return ReplayReport(actor, bus.compared)
+
+
+def shell_of(again: Again, bus: ReplayBus) -> Shell:
+    """The shell around an actor that is executed again; it has said that it is ready."""
+    part = again.part
+    shell = Shell(part.core, bus, Unrecorded(), actor=again.run.actor, open_to=part.open_to)
+    if part.ready is not None:
+        shell.send(part.ready)
+    return shell
+
+
+def explained(error: ReplayError, again: Again) -> ReplayError:
+    """The same, with what is otherwise here than where it was recorded."""
+    run, here = again.run, again.part.run
+    why = difference(run.processor, here.processor, otherwise(run.kernels, here.kernels))
+    return ReplayError(f"{error}; {why}") if why else error
+
+
+def _recorded(path: Path, code: dict[str, str]) -> Recorded:
+    """What the recorded process had loaded in the end, as far as is known."""
+    notes = read_notes(path)
+    if "final" not in notes:
+        return Recorded(code, whole=False)
+    return Recorded(code | decoded(path, "final", notes["final"], FinalNote).code)
+
+
+def recorded_code(out: Path) -> Recorded | None:
+    """What the robots of a run had loaded; None if that was not recorded of any."""
+    files = recordings(out)
+    runs = [(path, run_of(path)) for actor, path in files.items() if actor not in {"world", "radio"}]
+    known = [_recorded(path, run.code) for path, run in runs if run.code is not None]
+    if not known:
+        return None
+    hashes = {name: sha256 for one in known for name, sha256 in one.hashes.items()}
+    return Recorded(hashes, all(one.whole for one in known))
+
+
+def _robot(argv: Sequence[str], onlook: Onlook) -> ActorProcess:
+    """The recorded robot, but for what is to decide instead."""
+    options = parse(argv)
+    setup = options.setup
+    if onlook.behaviour is not None:
+        setup = replace(setup, behaviour=onlook.behaviour)
+    if onlook.adaptation is not None:
+        setup = replace(setup, adaptation=load_adaptation(onlook.adaptation))
+    return part_of(replace(options, setup=setup), argv)
+
+
+def _builders(out: Path) -> dict[str, Callable[[tuple[str, ...]], ActorProcess]]:
+    return {
+        "world": lambda argv: world_program.part_of(argv, lambda setup: world_here(setup, out)),
+        "radio": lambda argv: radio_part(argv, lambda setup: radio_here(setup, out)),
+    }
+
+
+def _recall(files: Iterable[Path], sha256: bytes) -> bytes | None:
+    """A large message as its receiver recorded it."""
+    for path in files:
+        try:
+            for item in read_recording(path):
+                if isinstance(item, Entry) and item.payload is not None and item.sha256 == sha256:
+                    return item.payload
+        except AcrcError:
+            continue  # another actor's file is damaged; that is not what was asked
+    return None

@@ -1,0 +1,58 @@
+"""A recording replayed as the command line does: its code named first, then run shut off from everything."""
+
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from actors.processes.log_end import show
+from actors.robot.behaviour.foreign import Permit
+from actors.robot.behaviour.modules import look_in
+from actors.runtime.bus.replay_bus import ReplayError
+from actors.runtime.errors import printable
+from actors.runtime.isolation.isolating import choose, warn
+from observation.replay.record_replay import ReplayReport, replay_actor
+from observation.replay.replay_program import ReplayAnswer
+from observation.replay.shut_off_calls import Answer, Bounds, Call, ask
+from observation.replay.trust import check_trust
+
+BOUNDS: Final = Bounds(1 << 16)
+"""A difference between two messages is one sentence, with both of them in it."""
+
+
+def replay(
+    out: Path, actor: str, *, permit: Permit, isolate: bool | None, bounds: Bounds = BOUNDS
+) -> ReplayReport:
+    """Execute one actor again; a robot in a process that is shut off, where the machine can and `isolate`
+    lets it.
+
+    World and radio run no code but this project's. Raises ForeignCodeError for a robot whose recording names
+    code that the permit does not cover; ReplayError at the first output that differs.
+    """
+    folders = check_trust(out, actor, permit)
+    if folders is None:
+        return replay_actor(out, actor)
+    choice = choose(isolate)
+    warn(choice.warning)
+    if isolate is False:
+        look_in(folders, any_content=permit.trust)
+        return replay_actor(out, actor)  # in this process, where a debugger may be
+    calls = [Call(actor, (actor,))]
+    (answer,) = ask(
+        out, "observation.replay.replay_program", calls, bounds, permit=permit, isolate=choice.isolate
+    )
+    show(answer.said)
+    return _report(answer)
+
+
+def _report(answer: Answer) -> ReplayReport:
+    """What the process has to say; ReplayError if that is a fault, or nothing."""
+    if answer.data is None:
+        raise ReplayError(answer.fault or f"{answer.name}: nothing was answered")
+    try:
+        told = msgspec.json.decode(answer.data, type=ReplayAnswer)
+    except (ValueError, RecursionError):
+        raise ReplayError(f"{answer.name}: what it answers makes no sense") from None
+    if told.report is None:
+        raise ReplayError(printable(told.fault or "") or f"{answer.name}: nothing was answered")
+    return told.report

@@ -1,0 +1,159 @@
+"""A run drawn into a view file: at once what was recorded, then, as it is computed, what was not."""
+
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from actors.observer.drawing.canvas import Canvas
+from actors.observer.drawing.words import Event, Spell
+from actors.observer.sheet import Sheet
+from actors.processes.kernels import compile_kernels
+from actors.robot.behaviour.foreign import INSTALLED, Permit
+from actors.runtime import regular_file
+from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.isolating import choose, warn
+from observation.evidence.run_evidence import read_run
+from observation.evidence.spells import Doing, spells
+from observation.explanation.asking import all_reasons
+from observation.inside.fates import read_fates
+from observation.inside.insides import look_into_all
+from observation.replay.run_recordings import recordings
+from observation.view.collected import collected_story
+from observation.view.painting import Painting, arrangement, looked_into
+from observation.view.simulated import simulated_story
+from observation.view.story import Source, Story
+
+FILE_NAME: Final = "view.rrd"
+_LANES: Final = {
+    Doing.DRIVING: "driving",
+    Doing.STANDING: "standing",
+    Doing.MEETING: "standing",
+    Doing.DONE: "idle",
+    Doing.GONE: "off",
+}
+"""What a robot seems to be about, seen from outside."""
+Say = Callable[[str], None]
+
+
+def say_at_once(sentence: str) -> None:
+    """Say it on standard output, also where that is a file that somebody follows."""
+    sys.stdout.write(f"{sentence}\n")
+    sys.stdout.flush()
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What somebody wants to see."""
+
+    robots: Sequence[str] = ()
+    """Of these everything is drawn; none named: of the first DETAILED."""
+    permit: Permit = INSTALLED
+    """What code may be executed that is not installed."""
+    isolate: bool | None = None
+    """Shut that code off; None: where the machine can."""
+    why: bool = False
+    """Tell why those robots decided what they did; for that they are executed once more."""
+
+
+def read_story(out: Path) -> Story:
+    """What there is to draw in a folder. Raises an AcrcError where there is no run in it."""
+    files = recordings(out)
+    return simulated_story(out) if "world" in files else collected_story(out)
+
+
+def draw(
+    story: Story, path: Path, wishes: Wishes, *, send_to: str | None, say: Say, began: float | None = None
+) -> None:
+    """Draw into `path`, and to a viewer; `say` is told how it gets on. AcrcError if it cannot be written.
+
+    The file takes its name once it is whole. `began`: when somebody began to wait, by the monotonic clock.
+    """
+    began = time.monotonic() if began is None else began
+    with regular_file.replaced(path) as part:
+        faults, lost = _draw(story, part, wishes, send_to, lambda: time.monotonic() - began, say)
+    for fault in faults:
+        say(fault)
+    say(f"all of it after {time.monotonic() - began:.1f} s, with what {_told(story)} perceived and meant")
+    if lost:
+        say(f"the viewer was closed before that: the whole view is in {path}")
+
+
+def _draw(
+    story: Story, path: Path, wishes: Wishes, send_to: str | None, taken: Callable[[], float], say: Say
+) -> tuple[list[str], bool]:
+    """Draw into `path`; what could not be computed, and whether the viewer is gone. `taken`: so far, s."""
+    detailed = looked_into(story.robots, wishes.robots)
+    arranged = arrangement(story, detailed, reasons=wishes.why and story.true)
+    with Sheet(path, arranged, name=story.title, send_to=send_to) as sheet:
+        painting = Painting(Canvas(sheet.recording, story.robots), story, detailed)
+        painting.recorded(story)
+        sheet.flush()
+        say(f"first picture after {taken():.1f} s: what was recorded")
+        choice = choose(wishes.isolate)
+        warn(choice.warning)
+        faults = compute(story, painting, sheet, permit=wishes.permit, isolate=choice.isolate)
+        if arranged.reasons:
+            faults += _reason(story, painting, detailed, permit=wishes.permit, isolate=choice.isolate)
+    return faults, sheet.lost
+
+
+def _told(story: Story) -> str:
+    return "1 robot" if len(story.robots) == 1 else f"{len(story.robots)} robots"
+
+
+def compute(story: Story, painting: Painting, sheet: Sheet, *, permit: Permit, isolate: bool) -> list[str]:
+    """Execute the radio and the robots again; what could not be, in sentences."""
+    faults = []
+    compile_kernels()
+    if story.true:
+        try:
+            painting.fates(read_fates(story.out, story.robots), story.end)
+        except AcrcError as error:
+            faults.append(f"the radio could not be executed again: {error}")
+        sheet.flush()
+    sources = {source.actor: source for source in story.sources}
+    for glance in look_into_all(story.out, list(sources), permit=permit, isolate=isolate):
+        source = sources[glance.actor]
+        if glance.inside is not None:
+            painting.inside(source, glance.inside, story.end)
+        else:
+            fault = glance.fault or "it could not be executed again"
+            painting.outside(source.robot, _seen(story, source), story.end)
+            painting.tell([Event(0.0, source.robot, fault.removeprefix(f"{source.robot}: "), "WARN")])
+            faults.append(fault)
+        sheet.flush()
+    painting.ensembles()
+    return faults
+
+
+def _reason(
+    story: Story, painting: Painting, robots: Sequence[str], *, permit: Permit, isolate: bool
+) -> list[str]:
+    """Explain what robots decided; what could not be, in sentences."""
+    faults = []
+    for one in all_reasons(story.out, robots, permit=permit, isolate=isolate):
+        if one.fault is None:
+            painting.reasons(one.robot, one.explanations)
+        else:
+            faults.append(one.fault)
+    return faults
+
+
+def _seen(story: Story, source: Source) -> list[Spell]:
+    """What a robot did, by ground truth alone."""
+    if not story.true:
+        return []
+    found = spells(read_run(story.out))
+    return [Spell(one.begin, _LANES[one.doing]) for one in found if one.robot == source.robot]
+
+
+def place(out: Path, name: str = FILE_NAME) -> Path:
+    """Where the view of a run goes: into its folder; among temporary files where nobody may write there."""
+    if os.access(out, os.W_OK):
+        return out / name
+    return Path(tempfile.mkdtemp(prefix="acrc-view-")) / name

@@ -1,0 +1,131 @@
+"""What one robot perceived, meant and knew, drawn as it is computed: at once, or piece by piece."""
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+
+from actors.observer.drawing import insides, places, words
+from actors.observer.drawing.canvas import Canvas
+from actors.observer.drawing.words import Exchange, Spell
+from observation.inside.telemetry import Doing, Inside
+from observation.view.events import InnerHappenings, at
+from observation.view.story import Clock, Floats, Source
+from observation.view.ways import Way
+
+_LINE_S: Final = 0.5
+"""Between two lines to a destination."""
+_AGE_S: Final = 1.0
+"""Between two points of the plot of replicas' ages."""
+
+
+class RobotLane:
+    """The lane of a robot, which itself does not know when it was frozen or off."""
+
+    def __init__(self, canvas: Canvas, robot: str) -> None:
+        self._lane = words.Lane(canvas, robot)
+        self._back: list[float] = []
+        """When it acted again, s, as far as nothing is drawn from then on."""
+        self._last: Spell | None = None
+
+    def act(self, acts: Sequence[tuple[float, str]]) -> None:
+        """From when on it acts (""), is frozen, or off."""
+        self._lane.draw([Spell(second, state) for second, state in acts if state])
+        self._back += [second for second, state in acts if not state]
+
+    def do(self, spells: Sequence[Spell], until: float) -> None:
+        """What it has been about by its own account, until an instant, s."""
+        known = [*([] if self._last is None else [self._last]), *spells]
+        back = []
+        for second in [one for one in self._back if one <= until]:
+            self._back.remove(second)
+            before = [spell for spell in known if spell.second <= second]
+            back += [before[-1]._replace(second=second)] if before else []
+        self._last = known[-1] if known else None
+        if spells or back:
+            self._lane.draw(words.settled(sorted((*spells, *back))))
+
+
+class PaintedInside:
+    """One process of a robot."""
+
+    def __init__(self, canvas: Canvas, source: Source, way: Way, lane: RobotLane, *, detailed: bool) -> None:
+        """`detailed`: everything is drawn, and not what it does, wants and knows alone."""
+        self._canvas, self._source, self._way, self._lane = canvas, source, way, lane
+        self._detailed = detailed
+        self._happenings = InnerHappenings(source)
+        self._doing: Doing | None = None
+        self._line_due: float | None = None
+        self._met: dict[str, tuple[float, float]] = {}
+        """By peer: when the plot of its age goes on, and when it was heard last, s."""
+        if detailed:
+            insides.introduce_inside(canvas, source.robot)
+
+    def draw(self, inside: Inside, end: float | None = None) -> Iterator[Exchange]:
+        """Draw what is new; what it has learnt from others. `end`: of the run, s, if nothing will follow."""
+        canvas, robot, clock = self._canvas, self._source.robot, self._source.clock
+        if self._detailed:
+            _draw(canvas, robot, clock, inside)
+            self._ages(inside, end)
+        until = at(clock, int(inside.instants[-1])) if len(inside.instants) else 0.0
+        spells = [Spell(at(clock, one.instant), one.activity, one.destination) for one in inside.doings]
+        self._lane.do(spells, until if end is None else max(until, end))
+        tables = [(at(clock, one.instant), one.rows) for one in inside.knowledge]
+        words.draw_knowledge(canvas, robot, tables)
+        self._intents(inside, until)
+        words.draw_events(canvas, "inside", list(self._happenings.of(inside)))
+        for one in inside.learnt:
+            if one.source != robot:
+                yield Exchange(at(clock, one.instant), one.by.partition(".")[0], one.source, robot)
+
+    def _intents(self, inside: Inside, until: float) -> None:
+        """Where the robot heads for, twice a second."""
+        doings = [*([] if self._doing is None else [self._doing]), *inside.doings]
+        if not doings:
+            return
+        begins = self._source.clock(np.array([one.instant for one in doings], np.int64))
+        points = np.array([one.point or (np.nan, np.nan) for one in doings], np.float64)
+        first = begins[0] if self._line_due is None else self._line_due
+        lines = np.arange(first, until, _LINE_S)
+        self._line_due = float(first + len(lines) * _LINE_S)
+        self._doing = doings[-1]
+        seconds = np.union1d(lines, begins if len(doings) == len(inside.doings) else begins[1:])
+        if not len(seconds):
+            return
+        there = points[np.maximum(np.searchsorted(begins, seconds, side="right") - 1, 0)]
+        places.draw_intents(self._canvas, self._source.robot, seconds, self._way.at(seconds), there)
+
+    def _ages(self, inside: Inside, end: float | None) -> None:
+        """How old what it knows of each other robot is."""
+        canvas, robot, clock = self._canvas, self._source.robot, self._source.clock
+        until = at(clock, int(inside.instants[-1])) if len(inside.instants) else 0.0
+        until = until if end is None else end
+        for peer in dict.fromkeys((*self._met, *(one.peer for one in inside.contacts))):
+            mine = [one for one in inside.contacts if one.peer == peer]
+            begins = clock(np.array([one.instant for one in mine], np.int64))
+            heard = clock(np.array([one.heard or 0 for one in mine], np.int64))
+            heard[[one.heard is None for one in mine]] = np.nan
+            path = f"plots/ages/{peer}_at_{robot}"
+            if peer not in self._met:
+                words.introduce_line(canvas, path, f"{peer} at {robot}", canvas.colour(peer))
+                self._met[peer] = float(begins[0]), np.nan
+            due, last = self._met[peer]
+            begins, heard = np.concatenate(([-np.inf], begins)), np.concatenate(([last], heard))
+            seconds = np.arange(due, until, _AGE_S)
+            ages = seconds - heard[np.searchsorted(begins, seconds, side="right") - 1]
+            known = np.isfinite(ages)
+            words.draw_line(canvas, path, seconds[known], ages[known])
+            self._met[peer] = due + len(seconds) * _AGE_S, float(heard[-1])
+
+
+def _draw(canvas: Canvas, robot: str, clock: Clock, inside: Inside) -> None:
+    """Scan, particles, estimate, costs, plan and arc."""
+    seconds: Floats = clock(inside.instants)
+    insides.draw_clouds(canvas, robot, "scan", seconds, inside.scans.counts, inside.scans.values)
+    when = clock(inside.particles_at)
+    insides.draw_clouds(canvas, robot, "particles", when, inside.particles.counts, inside.particles.values)
+    insides.draw_estimates(canvas, robot, seconds, inside.estimates, inside.covariances)
+    insides.draw_arcs(canvas, robot, seconds, inside.estimates, inside.twists)
+    insides.draw_plans(canvas, robot, clock(inside.plans_at), inside.plans.rows())
+    costs = clock(inside.costs_at)
+    insides.draw_costs(canvas, robot, costs, inside.costs, inside.corners, inside.cell)

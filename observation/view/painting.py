@@ -1,0 +1,157 @@
+"""Draws a story: what was recorded at once, then what was computed, as it comes; or piece by piece."""
+
+from collections.abc import Sequence
+from itertools import groupby
+from typing import Final
+
+import numpy as np
+
+from actors.installation.usage import wrong_value
+from actors.observer.drawing import floor, layout, places, radio, robots, words
+from actors.observer.drawing.canvas import Canvas
+from actors.observer.drawing.words import Event, Exchange, Spell
+from actors.radio.medium.state import Outcome
+from observation.explanation.explain import Explanation
+from observation.inside.fates import LOSSES, Fates, fate_name
+from observation.inside.telemetry import Inside
+from observation.view.events import Happenings, name
+from observation.view.painted_inside import PaintedInside, RobotLane
+from observation.view.place_history import PlaceHistory
+from observation.view.plots import Plots
+from observation.view.story import Floats, Source, Story
+from observation.view.ways import Way
+
+DETAILED: Final = 8
+"""Of so many robots everything is drawn; of the others what they do, know and want: a file of fifty robots'
+scans and particles would have gigabytes."""
+_LASTING: Final = 10.0
+"""So long an exchange shows in the graph of ensembles."""
+
+
+class Painting:
+    """One story on one canvas, or one piece of it after another."""
+
+    def __init__(self, canvas: Canvas, story: Story, detailed: Sequence[str]) -> None:
+        """`detailed`: the robots of which everything is drawn."""
+        self._canvas, self._detailed = canvas, frozenset(detailed)
+        self._ways = {robot: Way() for robot in story.robots}
+        self._trails = {robot: robots.Trail() for robot in story.robots}
+        self._lanes = {robot: RobotLane(canvas, robot) for robot in story.robots}
+        self._insides: dict[str, PaintedInside] = {}
+        self._places = PlaceHistory(canvas)
+        self._plots = Plots(canvas, true=story.true)
+        self._happenings = Happenings()
+        self._heard: Floats = np.zeros((0, 4))
+        """What was heard lately."""
+        self._lost: list[tuple[float, int, str]] = []
+        """Copies that were lost lately."""
+        self._fates_since = 0.0
+        self._exchanges: list[Exchange] = []
+        floor.draw_floor(canvas, story.grid)
+        radio.introduce_radio(canvas)
+        for robot in story.robots:
+            robots.introduce(canvas, robot)
+            places.introduce_intent(canvas, robot)
+
+    def recorded(self, story: Story) -> None:
+        """What was recorded: robots, trails, places, links, plots, events."""
+        canvas = self._canvas
+        for robot, track in story.tracks.items():
+            known = np.isfinite(track.poses[:, 0])
+            seconds, poses = track.seconds[known], track.poses[known]
+            self._ways[robot].extend(seconds, poses)
+            robots.draw_poses(canvas, robot, seconds, poses)
+            robots.draw_trail(canvas, robot, seconds, poses[:, :2], self._trails[robot])
+            for second, state in track.acts:
+                robots.draw_name(canvas, robot, second, state)
+            self._lanes[robot].act(track.acts)
+        self._places.extend(story)
+        self._links(story)
+        self._plots.extend(story)
+        words.draw_events(canvas, "recorded", list(self._happenings.of(story)))
+        self._adoptions(story)
+
+    def fates(self, fates: Fates, until: float, *, last: bool = True) -> None:
+        """What became of frames: rings where copies are lost, and how many there were of each fate.
+
+        Up to an instant, s; `last`: nothing will follow.
+        """
+        canvas = self._canvas
+        rows = zip(fates.seconds.tolist(), fates.receivers.tolist(), fates.outcomes.tolist(), strict=True)
+        self._lost += [(s, who, fate_name(Outcome(what))) for s, who, what in rows if Outcome(what) in LOSSES]
+        shown = radio.shown_s(canvas)
+        seconds = _every(radio.period(canvas), max(0.0, self._fates_since - shown), until)
+        radio.draw_losses(canvas, seconds, self._positions(seconds), self._lost, self._fates_since)
+        self._fates_since = until
+        self._lost = [one for one in self._lost if one[0] > until - shown - radio.period(canvas)]
+        self._plots.copies(fates, until, last=last)
+
+    def inside(self, source: Source, inside: Inside, end: float | None = None) -> None:
+        """What a robot perceived, meant and knew. `end`: of the run, s, if nothing will follow."""
+        if source.actor not in self._insides:
+            way, lane = self._ways[source.robot], self._lanes[source.robot]
+            detailed = source.robot in self._detailed
+            painted = PaintedInside(self._canvas, source, way, lane, detailed=detailed)
+            self._insides[source.actor] = painted
+        self._exchanges += self._insides[source.actor].draw(inside, end)
+
+    def outside(self, robot: str, spells: Sequence[Spell], until: float) -> None:
+        """What is known of a robot that is not looked into."""
+        self._lanes[robot].do(spells, until)
+
+    def tell(self, events: Sequence[Event]) -> None:
+        """Tell of the view itself: what it lacks, and why."""
+        words.draw_events(self._canvas, "view", events)
+
+    def reasons(self, robot: str, explanations: Sequence[Explanation]) -> None:
+        """Why it decided what it did: each decision's causes, until the next one."""
+        told = [
+            (second, [(link.at_s, link.depth, link.says) for one in made for link in one.chain])
+            for second, made in groupby(explanations, lambda one: one.at_s)
+        ]
+        words.draw_reasons(self._canvas, robot, told)
+
+    def ensembles(self, since: float = 0.0) -> None:
+        """Who has learnt from whom, from an instant on, s."""
+        words.draw_ensembles(self._canvas, self._exchanges, _LASTING, since)
+        self._exchanges = [one for one in self._exchanges if one.second + 2 * _LASTING > since]
+
+    def _links(self, story: Story) -> None:
+        canvas = self._canvas
+        heard = np.concatenate((self._heard, story.heard))
+        self._heard = heard[heard[:, 0] > story.end - 2 * radio.LASTING]
+        seconds = _every(radio.period(canvas), story.since, story.end)
+        radio.draw_links(canvas, seconds, self._positions(seconds), heard)
+
+    def _positions(self, seconds: Floats) -> Floats:
+        """(n, robots, 2): where robots are, m."""
+        return np.stack([way.at(seconds) for way in self._ways.values()], axis=1)
+
+    def _adoptions(self, story: Story) -> None:
+        for deed in story.taken_over:
+            if deed.place.place < len(story.places.get(deed.place.owner, ())):
+                point = story.places[deed.place.owner][deed.place.place]
+                x, y = self._ways[deed.robot].at(np.array([deed.second]))[0].tolist()
+                places.draw_adoption(self._canvas, deed.robot, deed.second, (x, y), point, name(deed.place))
+
+
+def looked_into(robots: Sequence[str], wished: Sequence[str]) -> list[str]:
+    """The robots of which everything is drawn: those that are wished, else the first DETAILED.
+
+    Raises OptionError for one that is none of them.
+    """
+    for robot in wished:
+        if robot not in robots:
+            raise wrong_value("--robot", robot, f"one of {', '.join(robots)}")
+    return [robot for robot in robots if robot in wished] or list(robots[:DETAILED])
+
+
+def arrangement(story: Story, detailed: Sequence[str], *, reasons: bool = False) -> layout.Arrangement:
+    """What the window is to show of a story."""
+    return layout.Arrangement(story.grid, story.robots, detailed, story.end, story.true, reasons)
+
+
+def _every(period: float, since: float, end: float) -> Floats:
+    """(n,) s: the multiples of the period from `since` to before `end`."""
+    first, last = (int(np.ceil(second / period - 1e-9)) for second in (since, end))
+    return np.arange(first, max(first, last)).astype(np.float64) * period

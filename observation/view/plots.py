@@ -1,0 +1,129 @@
+"""Plots of a run: places done, speed, error of the pose, RSSI, and copies of frames by their fates."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from actors.observer.colours import FATES
+from actors.observer.drawing import words
+from actors.observer.drawing.canvas import FEW, Canvas
+from actors.radio.medium.state import Outcome
+from observation.inside.fates import LOSSES, Fates, by_outcome, fate_name
+from observation.view.events import Firsts
+from observation.view.story import Floats, Story, Track
+
+_PLOT_S: Final = 0.5
+"""Between two points of a plot."""
+_BIN_S: Final = 5.0
+"""Copies are counted over so long."""
+_NEVER: Final = -1e9
+
+
+class Plots:
+    """Draws them piece by piece."""
+
+    def __init__(self, canvas: Canvas, *, true: bool) -> None:
+        """`true`: somebody knows where robots were."""
+        self._canvas, self._true = canvas, true
+        self._done = dict.fromkeys(canvas.robots, 0)
+        self._firsts = Firsts()
+        self._last: dict[str, tuple[float, float, float]] = {}
+        """By robot the last point of its plots: s, and where it was, m."""
+        self._pairs: set[int] = set()
+        self._copies: list[Fates] = []
+        self._bins = 0
+        """Of copies, that have been drawn."""
+        self._counted: set[Outcome] = set()
+        for robot in canvas.robots:
+            words.introduce_line(canvas, f"plots/places/{robot}", robot, canvas.colour(robot), steps=True)
+            for name in ("speed", "error") if true else ("speed",):
+                words.introduce_line(canvas, f"plots/{name}/{robot}", robot, canvas.colour(robot))
+
+    def extend(self, story: Story) -> None:
+        """Take in a story, or its next piece."""
+        first = self._firsts.of(story.reported)
+        for robot, track in story.tracks.items():
+            mine = sorted(deed.second for deed in first if deed.robot == robot)
+            before = self._done[robot]
+            self._done[robot] += len(mine)
+            counts = np.array([*range(before, before + len(mine) + 1), self._done[robot]], np.float64)
+            words.draw_line(
+                self._canvas, f"plots/places/{robot}", [story.since, *mine, max([story.end, *mine])], counts
+            )
+            self._drive(robot, track)
+        self._strengths(story.heard)
+
+    def _drive(self, robot: str, track: Track) -> None:
+        """Speed, and how far off it held itself to be, twice a second."""
+        rows, due = [], self._last.get(robot, (_NEVER,))[0] + _PLOT_S
+        for row, second in enumerate(track.seconds.tolist()):
+            if second >= due - 1e-6:
+                rows.append(row)
+                due = second + _PLOT_S
+        if not rows:
+            return
+        seconds, poses, held = track.seconds[rows], track.poses[rows], track.held[rows]
+        points = np.column_stack((seconds, poses[:, :2]))
+        known = np.concatenate((np.array([self._last.get(robot, points[0])]), points))
+        self._last[robot] = tuple(points[-1].tolist())
+        steps = np.diff(known, axis=0)
+        speeds = np.hypot(steps[:, 1], steps[:, 2]) / np.maximum(steps[:, 0], 1e-6)
+        lines = {"speed": speeds}
+        if self._true:
+            lines["error"] = np.hypot(*(poses[:, :2] - held[:, :2]).T)
+        for name, values in lines.items():
+            told = np.isfinite(values)
+            words.draw_line(self._canvas, f"plots/{name}/{robot}", seconds[told], values[told])
+
+    def _strengths(self, heard: Floats) -> None:
+        """RSSI of each link, by its sender's colour; of many robots the strongest copy heard of each."""
+        canvas, names = self._canvas, self._canvas.robots
+        pairs = heard[:, 1] if len(names) > FEW else heard[:, 1] * len(names) + heard[:, 2]
+        for pair in np.unique(pairs).tolist():
+            mine = heard[pairs == pair]
+            sender = names[int(mine[0, 1])]
+            receiver = "all" if len(names) > FEW else names[int(mine[0, 2])]
+            path = f"plots/rssi/{sender}_at_{receiver}"
+            if pair not in self._pairs:
+                self._pairs.add(pair)
+                words.introduce_line(
+                    canvas, path, f"{sender} at {receiver}", canvas.colour(sender), dots=True
+                )
+            words.draw_line(canvas, path, mine[:, 0], mine[:, 3])
+
+    def copies(self, fates: Fates, until: float, *, last: bool) -> None:
+        """Count copies up to an instant, s; `last`: the run ends there, within a bin."""
+        self._copies.append(fates)
+        begin = self._bins * _BIN_S
+        bins = max(0, int(np.ceil((until - begin) / _BIN_S) if last else (until - begin) // _BIN_S))
+        if not bins:
+            return
+        waiting = _together(self._copies)
+        now = waiting.seconds < (np.inf if last else begin + bins * _BIN_S)
+        self._copies = [waiting.part(~now)]
+        table = by_outcome(waiting.part(now), begin, bins, _BIN_S)
+        middles = np.minimum(begin + (np.arange(bins) + 0.5) * _BIN_S, until)
+        for outcome in (Outcome.HEARD, *LOSSES):
+            if table[:, outcome].any() or outcome in self._counted:
+                self._count(outcome, middles, table[:, outcome])
+        self._bins += bins
+
+    def _count(self, outcome: Outcome, middles: Floats, counts: Floats) -> None:
+        name = fate_name(outcome)
+        path = f"plots/copies/{name.replace(' ', '_')}"
+        if outcome not in self._counted:
+            self._counted.add(outcome)
+            words.introduce_line(self._canvas, path, name, FATES[name])
+            earlier = [(bin_ + 0.5) * _BIN_S for bin_ in range(self._bins)]
+            words.draw_line(self._canvas, path, earlier, np.zeros(self._bins))
+        words.draw_line(self._canvas, path, middles, counts)
+
+
+def _together(parts: Sequence[Fates]) -> Fates:
+    return Fates(
+        np.concatenate([one.seconds for one in parts]),
+        np.concatenate([one.senders for one in parts]),
+        np.concatenate([one.receivers for one in parts]),
+        np.concatenate([one.outcomes for one in parts]),
+    )
