@@ -18,9 +18,9 @@ from benchmarks.statistics.pool import in_order
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from experiments.accounting.account import account
-from experiments.accounting.findings import CARRIED, JAMMED
-from experiments.accounting.time_spent import Cause, TimeSpent
+from observation.accounting.account import account
+from observation.accounting.findings import CARRIED, JAMMED
+from observation.accounting.time_spent import Cause, TimeSpent
 
 _LEAST_S: Final = 3.0
 """A planted cause is named if it has so much of the robot's time."""

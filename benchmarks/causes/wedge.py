@@ -17,10 +17,9 @@ from benchmarks.statistics.pool import in_order
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from experiments.accounting.account import account
-from experiments.accounting.time_spent import Cause
-from experiments.accounting.tracks import recorded
-from observation.replay.run_recordings import recordings
+from observation.accounting.account import account
+from observation.accounting.time_spent import Cause
+from observation.evidence.run_evidence import read_run
 
 _APART: Final = 1.0
 """Who has been so far apart, m, came free."""
@@ -78,7 +77,7 @@ def part(task: WedgeTask) -> Parted:
         overrides = Overrides(settings=(("navigation.back_off", task.back_off),))
         result = swarm.run(load_scenario(file, overrides), options)
         spent = account(options.out)
-        true = recorded(recordings(options.out), situation.step_us).true
+        true = read_run(options.out).true
     apart = np.hypot(*(true[:, 0, :2] - true[:, 1, :2]).T)
     wedged = [each[Cause.WEDGED.value] for each in spent.robots.values()]
     return Parted(bool((apart > _APART).any()), result.places_done, sum(wedged) / len(wedged))

@@ -29,9 +29,9 @@ from cleaning.strategies import entry
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.stack_tables import stack_fault
 from deploy.scenario.tables import Scenario
-from experiments.accounting.episodes import Blocking, EpisodeParameters, blockings, lost
-from experiments.accounting.passage import Passages
-from experiments.accounting.tracks import Tracks
+from observation.accounting.episodes import Blocking, EpisodeParameters, blockings, lost
+from observation.accounting.passage import Passages
+from observation.accounting.tracks import Tracks
 
 _PARAMETERS: Final = EpisodeParameters()
 

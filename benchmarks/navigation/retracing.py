@@ -10,7 +10,7 @@ from actors.instant import Instant
 from actors.robot_model import load_model
 from actors.world.physics import SUBSTEP, Arena
 from actors.world.world_setup import WorldSetup
-from experiments.accounting.tracks import Tracks
+from observation.accounting.tracks import Tracks
 
 
 class RetracingError(Exception):

@@ -1,4 +1,4 @@
-"""Whole runs in memory with an eye on the bus: where each robot truly was, and what it held and wanted."""
+"""Whole runs in memory, and what their recordings show: where robots were, what they held and wanted."""
 
 import tempfile
 from collections.abc import Mapping
@@ -7,14 +7,14 @@ from pathlib import Path
 
 import msgspec
 
-from actors.runtime.bus.memory_bus import MemoryBus
 from actors.world.world_setup import WorldSetup
 from benchmarks.navigation.goal_log import SUBJECT, LoggedGoal
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.tables import Scenario
-from experiments.accounting.tracks import Tracker, Tracks
+from observation.accounting.tracks import Tracks, tracks_of
 from observation.evidence.recorded import outcomes
+from observation.evidence.run_evidence import read_run
 from observation.results.navigation_result import NavigationOutcome, navigation_outcome
 from observation.results.result import RunResult
 
@@ -38,16 +38,15 @@ def watch(scenario: Scenario) -> WatchedRun:
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         options = RunOptions(Path(folder) / "out", bus="memory", json=True)
         plan = swarm.plan(scenario, options)
-        bus = MemoryBus()
-        tracker = Tracker(bus)
-        result = swarm.run_in_memory(plan, lambda progress: None, bus)
+        result = swarm.run_in_memory(plan, lambda progress: None)
+        tracks = tracks_of(read_run(options.out))
         records = {robot.id: plan.folder(robot.id) / f"{robot.id}.mcap" for robot in plan.world.robots}
         said = {robot: outcomes(record) for robot, record in records.items()}
     navigation = {robot: navigation_outcome(records[robot], outcome) for robot, outcome in said.items()}
     return WatchedRun(
         plan.world,
         result,
-        tracker.tracks(plan.world.step_us),
+        tracks,
         {robot: _goals(outcome) for robot, outcome in said.items()},
         {robot: outcome for robot, outcome in navigation.items() if outcome is not None},
     )

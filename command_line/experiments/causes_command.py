@@ -9,8 +9,8 @@ import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from experiments.accounting.account import account
-from experiments.accounting.time_spent import Cause, TimeSpent
+from observation.accounting.account import account
+from observation.accounting.time_spent import Cause, TimeSpent
 
 _MOST: Final = 20
 """Blockings and decisions that are shown one by one; --json has all."""

@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import msgspec
 
-from experiments.accounting.time_spent import TimeSpent
 from experiments.campaign.trial_record import TrialRecord
 from experiments.study.study import Trial
+from observation.accounting.time_spent import TimeSpent
 from observation.results.result import RunResult
 
 

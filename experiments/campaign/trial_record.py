@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import msgspec
 
-from experiments.accounting.time_spent import TimeSpent
+from observation.accounting.time_spent import TimeSpent
 from observation.results.result import RunResult
 
 _MOST_TOLD: Final = 60

@@ -10,11 +10,11 @@ import msgspec
 
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from experiments.accounting.time_spent import TimeSpent
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord
 from experiments.campaign.trust import differing, protection
 from experiments.study.study import Study
+from observation.accounting.time_spent import TimeSpent
 from observation.field_trial.trial_result import TrialResult
 from observation.results.result import RunResult
 

@@ -5,11 +5,11 @@ from typing import Final
 
 import numpy as np
 
-from experiments.accounting.time_spent import Cause, DecisionEvent, TimeSpent
 from experiments.report import charts
 from experiments.report.charts import Bar
 from experiments.report.numbers import Cell
 from experiments.report.section import Group, Picture, Section, View
+from observation.accounting.time_spent import Cause, DecisionEvent, TimeSpent
 
 LOOKS: Final = {
     Cause.DRIVING.value: ("#009e73", ""),

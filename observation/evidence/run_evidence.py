@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from actors.floor.grid import OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.instant import in_seconds
-from actors.messages import DRIVE, RECEIVED, TRUTH, Drive, Heard
+from actors.messages import DRIVE, RECEIVED, TRUTH, Drive, Heard, Jam
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome
@@ -61,6 +61,8 @@ class RunEvidence:
     """(steps, robots, 3): x, y, m, and heading, rad, in the map frame."""
     held: Floats
     """(steps, robots, 3): where the robot held itself to be; NaN where it did not say."""
+    wished: Floats
+    """(steps, robots, 3): the velocity that it asked for, in its own frame, m/s, m/s, rad/s; NaN: none."""
     powered: NDArray[np.bool_]
     """(steps, robots): whether its process lived."""
     stepping: NDArray[np.bool_]
@@ -81,6 +83,8 @@ class RunEvidence:
     """What robots said, in the order of the steps; before that each means to visit its own places."""
     receptions: tuple[Reception, ...]
     """Every copy heard, robot by robot."""
+    jams: tuple[tuple[float, Jam], ...]
+    """Jammers, and from when on each was there, s."""
     result: RunResult | None
     """None where the run did not end as planned."""
 
@@ -126,6 +130,7 @@ def read_run(out: Path) -> RunEvidence:
         seconds=np.array([in_seconds(truth.instant) for truth in truths]),
         true=true,
         held=said.held,
+        wished=said.wished,
         powered=np.array([[robot.powered for robot in truth.robots] for truth in truths]),
         stepping=np.array([[robot.stepping for robot in truth.robots] for truth in truths]),
         left=said.left,
@@ -137,6 +142,7 @@ def read_run(out: Path) -> RunEvidence:
         given_up=tuple(said.places.given_up),
         routes=tuple(said.places.routes),
         receptions=tuple(receptions),
+        jams=tuple((in_seconds(truth.instant), jam) for truth in truths for jam in truth.jams),
         result=_result(out / "run.json"),
     )
 
@@ -149,6 +155,7 @@ class _Said:
         self._index = {robot: index for index, robot in enumerate(robots)}
         self.places = SaidPlaces({body.id: len(body.places) for body in setup.robots}, setup.step_us)
         self.held = np.full((*shape, 3), np.nan)
+        self.wished = np.full((*shape, 3), np.nan)
         self.sent = np.zeros(shape, np.int64)
         self.left = np.zeros(shape, np.int64)
         for robot, index in self._index.items():
@@ -161,6 +168,7 @@ class _Said:
             return
         if drive.pose is not None:
             self.held[drive.step, index] = drive.pose
+        self.wished[drive.step, index] = (drive.vx, drive.vy, drive.omega)
         self.sent[drive.step, index] = drive.transmits
         self.places.take(robot, drive)
         if drive.route is not None:

@@ -1,4 +1,4 @@
-"""A floor with what was on it: trails, places, and where robots stood near each other."""
+"""A floor with what was on it: trails, places, and where robots were in each other's way."""
 
 import math
 from collections.abc import Sequence
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.floor.regions import Regions
 from actors.task.referee import PlaceOutcome, Verdict
+from observation.accounting.blockings import BY_ROBOTS
+from observation.accounting.spells import Spell
 from observation.evidence.run_evidence import RunEvidence
-from observation.evidence.spells import Doing, Spell
 from observation.picture import style
 
 DOOR: Final = "#ffd27f"
@@ -54,7 +55,7 @@ def draw_regions(axes: Axes, grid: OccupancyGrid, parts: Regions, reached: NDArr
 
 
 def draw_run(axes: Axes, run: RunEvidence, doing: Sequence[Spell]) -> None:
-    """Trails, where robots are at the end, places, meetings."""
+    """Trails, where robots are at the end, places, where robots stood before others."""
     few = style.few(run.robots)
     for index, robot in enumerate(run.robots):
         _trail(axes, run, index, robot, few=few)
@@ -71,7 +72,7 @@ def legend() -> list[Line2D]:
         _mark("o", "place still open"),
         _mark("x", "place given up, or reported and not cleaned"),
         _mark("s", "start of a robot; its disc: where it ended", ms=4),
-        _mark("o", "stood near another robot here, for so many s", mfc=f"{red}40", mec=red, ms=11),
+        _mark("o", "stood before another robot here, for so many s", mfc=f"{red}40", mec=red, ms=11),
     ]
 
 
@@ -107,7 +108,7 @@ def _place(axes: Axes, place: PlaceOutcome, robots: Sequence[str], *, few: bool)
 
 
 def _meetings(axes: Axes, doing: Sequence[Spell]) -> None:
-    """A disc where robots stood near each other, larger the longer somebody did."""
+    """A disc where robots stood before others, larger the longer somebody did."""
     for x, y, lasted in meetings(doing):
         size = 9 + 0.6 * min(lasted, 900.0) ** 0.5
         axes.plot(x, y, marker="o", ms=size, mfc="#c1272d30", mec="#c1272d", zorder=7)
@@ -117,11 +118,9 @@ def _meetings(axes: Axes, doing: Sequence[Spell]) -> None:
 
 
 def meetings(doing: Sequence[Spell]) -> list[tuple[float, float, float]]:
-    """Where robots stood near each other, x and y, m, and for how long in all, s; short ones left out."""
+    """Where robots stood before others, x and y, m, and for how long in all, s; short ones left out."""
     clusters: list[list[Spell]] = []
-    for one in sorted(
-        (one for one in doing if one.doing is Doing.MEETING), key=lambda one: one.begin - one.end
-    ):
+    for one in sorted((one for one in doing if one.cause in BY_ROBOTS), key=lambda one: one.begin - one.end):
         near = (c for c in clusters if math.hypot(c[0].x - one.x, c[0].y - one.y) < _TOGETHER)
         cluster = next(near, None)
         if cluster is None:

@@ -8,9 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from observation.accounting.spells import Spell
+from observation.accounting.time_spent import Cause
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.said_places import Deed
-from observation.evidence.spells import Doing, Spell
 from observation.picture import style
 
 _HALF: Final = 0.38
@@ -21,7 +22,7 @@ def draw(axes: Axes, run: RunEvidence, doing: Sequence[Spell], *, legend: bool) 
     """Ticks: a place cleaned, in its owner's colour; triangles: one taken over."""
     for one in doing:
         extent = [(one.begin, one.end - one.begin)], (run.robots.index(one.robot) - _HALF, 2 * _HALF)
-        axes.broken_barh(*extent, facecolors=style.DOING[one.doing], lw=0)
+        axes.broken_barh(*extent, facecolors=style.CAUSES[one.cause], lw=0)
     if style.few(run.robots):
         for deed in run.reported:
             _mark(axes, run, deed, "|", 0.0, 9.0, 1.6)
@@ -36,18 +37,16 @@ def draw(axes: Axes, run: RunEvidence, doing: Sequence[Spell], *, legend: bool) 
     axes.set_ylim(len(run.robots) - 0.4, -0.7)
     axes.set_xlim(0.0, run.end)
     if legend:
-        seen = {one.doing for one in doing}
-        shown = [handle for kind, handle in zip(Doing, _kinds(), strict=True) if kind in seen]
         marks = _marks() if style.few(run.robots) else []
         axes.legend(
-            handles=[*shown, *marks], ncols=7, fontsize=7, frameon=False, handlelength=1.2, columnspacing=1.0,
-            loc="lower left", bbox_to_anchor=(0.0, 1.0),
+            handles=[*_kinds(doing), *marks], ncols=7, fontsize=7, frameon=False, handlelength=1.2,
+            columnspacing=1.0, loc="lower left", bbox_to_anchor=(0.0, 1.0),
         )  # fmt: skip
 
 
-def legend() -> list[Artist]:
-    """What colours and marks mean."""
-    return [*_kinds(), *_marks()]
+def key(doing: Sequence[Spell]) -> list[Artist]:
+    """What the colours and marks mean that there are."""
+    return [*_kinds(doing), *_marks()]
 
 
 def _mark(
@@ -60,8 +59,9 @@ def _mark(
     axes.plot(deed.second, row, marker=marker, ms=size, mec=colour, mfc=colour, mew=edge)
 
 
-def _kinds() -> list[Artist]:
-    return [Patch(color=style.DOING[kind], label=kind.value) for kind in Doing]
+def _kinds(doing: Sequence[Spell]) -> list[Artist]:
+    seen = {one.cause for one in doing}
+    return [Patch(color=style.CAUSES[kind], label=kind.value) for kind in Cause if kind in seen]
 
 
 def _marks() -> list[Artist]:

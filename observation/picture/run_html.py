@@ -8,10 +8,11 @@ from typing import Final
 from actors.instant import in_seconds
 from actors.runtime import regular_file
 from actors.task.referee import PlaceOutcome
+from observation.accounting.spells import Spell, spells
+from observation.accounting.time_spent import Cause
 from observation.evidence.recorded import outcomes
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.said_decisions import SaidDecision, adaptation
-from observation.evidence.spells import Doing, Spell, spells
 from observation.page import markup
 from observation.picture import floor_picture, look, run_page, style
 from observation.replay.run_recordings import recordings
@@ -40,7 +41,7 @@ def html(run: RunEvidence, drawn: bytes) -> str:
         ("What came of it", [markup.paragraph(one) for one in _words(run)]),
         ("What happened", [markup.picture(drawn, _ALT, _CAPTION)]),
         ("What each robot did", [_deeds(run, doing)]),
-        ("Where robots stood near each other", [_meetings(doing)]),
+        ("Where robots stood before others", [_meetings(doing)]),
         ("What was decided", [_decided(run)]),
         ("Places", [_places(run.places)]),
         ("Radio", [_radio(run)]),
@@ -62,10 +63,10 @@ def _words(run: RunEvidence) -> Iterator[str]:
 
 def _deeds(run: RunEvidence, doing: Sequence[Spell]) -> str:
     """Seconds by what a robot did, and what it did with places."""
-    lasted: defaultdict[tuple[str, Doing], float] = defaultdict(float)
+    lasted: defaultdict[tuple[str, Cause], float] = defaultdict(float)
     for one in doing:
-        lasted[one.robot, one.doing] += one.end - one.begin
-    kinds = [kind for kind in Doing if any(lasted[robot, kind] for robot in run.robots)]
+        lasted[one.robot, one.cause] += one.end - one.begin
+    kinds = [kind for kind in Cause if any(lasted[robot, kind] for robot in run.robots)]
     rows = [
         [
             robot,

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from observation.accounting.spells import spells
 from observation.evidence.run_evidence import RunEvidence
-from observation.evidence.spells import spells
 from observation.picture import floor_picture, lanes, look, style
 
 

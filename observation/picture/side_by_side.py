@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from observation.accounting.spells import Spell, spells
 from observation.evidence.run_evidence import RunEvidence
-from observation.evidence.spells import Spell, spells
 from observation.picture import floor_picture, lanes, look, style
 
 _MARGIN: Final = 1.5
@@ -21,8 +21,8 @@ def draw(runs: Sequence[RunEvidence]) -> Figure:
     figure = style.new_figure(4.6 * len(runs), 6.6)
     grid = figure.add_gridspec(2, len(runs), height_ratios=[4.2, 1.0])
     end = max(run.end for run in runs)
-    for column, run in enumerate(runs):
-        doing = spells(run)
+    done = [spells(run) for run in runs]
+    for column, (run, doing) in enumerate(zip(runs, done, strict=True)):
         axes = figure.add_subplot(grid[0, column])
         _draw_floor(axes, run, doing)
         axes.set_title(style.short_title(run), loc="left", fontweight="bold", fontsize=10)
@@ -32,7 +32,7 @@ def draw(runs: Sequence[RunEvidence]) -> Figure:
         below.tick_params(labelbottom=True)
         below.set_xlabel("simulated time, s")
     figure.legend(
-        handles=[*lanes.legend(), *floor_picture.legend()],
+        handles=[*lanes.key([one for doing in done for one in doing]), *floor_picture.legend()],
         loc="outside lower center", ncols=3, fontsize=7, frameon=False,
     )  # fmt: skip
     return figure

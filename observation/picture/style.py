@@ -12,20 +12,26 @@ from matplotlib.figure import Figure
 
 from actors.observer import colours
 from actors.runtime import regular_file
+from observation.accounting.time_spent import Cause
 from observation.evidence.run_evidence import RunEvidence
-from observation.evidence.spells import Doing
 
 ROBOTS: Final = tuple(colours.hexadecimal(one) for one in colours.ROBOTS)
 """The same as in the viewer."""
-DOING: Final[Mapping[Doing, str]] = MappingProxyType(
+CAUSES: Final[Mapping[Cause, str]] = MappingProxyType(
     {
-        Doing.DRIVING: "#a6cee3",
-        Doing.MEETING: "#c1272d",
-        Doing.STANDING: "#f2a65a",
-        Doing.DONE: "#e6e6e6",
-        Doing.GONE: "#4d4d4d",
+        Cause.OFF: "#4d4d4d",
+        Cause.IDLE: "#e6e6e6",
+        Cause.LOST: "#5b3a8c",
+        Cause.NO_PLAN: "#1f6f54",
+        Cause.WEDGED: "#6b0f1a",
+        Cause.DONE_IN_WAY: "#b58bd6",
+        Cause.DOOR: "#c1272d",
+        Cause.OPEN_FLOOR: "#f2a65a",
+        Cause.NO_PROGRESS: "#e0d04a",
+        Cause.DRIVING: "#a6cee3",
     }
 )
+"""What a robot's time went into."""
 FLOOR: Final = "#ffffff"
 UNKNOWN: Final = "#eceef1"
 WALL: Final = "#464a52"

@@ -17,8 +17,10 @@ from actors.robot.behaviour.foreign import INSTALLED, Permit
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.isolating import choose, warn
+from observation.accounting.blockings import BY_ROBOTS
+from observation.accounting.spells import spells
+from observation.accounting.time_spent import Cause
 from observation.evidence.run_evidence import read_run
-from observation.evidence.spells import Doing, spells
 from observation.explanation.asking import all_reasons
 from observation.inside.fates import read_fates
 from observation.inside.insides import look_into_all
@@ -30,11 +32,10 @@ from observation.view.story import Source, Story
 
 FILE_NAME: Final = "view.rrd"
 _LANES: Final = {
-    Doing.DRIVING: "driving",
-    Doing.STANDING: "standing",
-    Doing.MEETING: "standing",
-    Doing.DONE: "idle",
-    Doing.GONE: "off",
+    **dict.fromkeys((*BY_ROBOTS, Cause.NO_PROGRESS), "standing"),
+    **dict.fromkeys((Cause.LOST, Cause.NO_PLAN, Cause.DRIVING), "driving"),
+    Cause.IDLE: "idle",
+    Cause.OFF: "off",
 }
 """What a robot seems to be about, seen from outside."""
 Say = Callable[[str], None]
@@ -149,7 +150,7 @@ def _seen(story: Story, source: Source) -> list[Spell]:
     if not story.true:
         return []
     found = spells(read_run(story.out))
-    return [Spell(one.begin, _LANES[one.doing]) for one in found if one.robot == source.robot]
+    return [Spell(one.begin, _LANES[one.cause]) for one in found if one.robot == source.robot]
 
 
 def place(out: Path, name: str = FILE_NAME) -> Path:

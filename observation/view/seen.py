@@ -1,32 +1,26 @@
-"""What a robot seems to be about, seen from outside, at once: a run that goes on has no later steps to ask.
-
-Of a finished run `observation.evidence.spells` judges better, as it looks at what came before and after.
-"""
+"""What a robot seems to be about, seen from outside, while its run goes on."""
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from typing import Final
 
 import numpy as np
 
 from actors.observer.drawing.words import Spell
+from observation.accounting.episodes import STANDARD
 from observation.evidence.said_places import Route
 from observation.view.story import Track
 
-_STANDS: Final = 0.02
-"""A robot that is slower stands, m/s."""
-
 
 class Seen:
-    """One robot, piece by piece."""
+    """One robot, piece by piece. It stands as the accounting has it, which is known only `pause_s` later."""
 
     def __init__(self, robot: str) -> None:
         self._robot = robot
         self._state = ""
         self._holds = True
         """There are places that it means to visit."""
-        self._last: tuple[float, float, float] | None = None
-        """When, s, and where, m, it was seen last, if it acted then."""
+        self._lately: deque[tuple[float, float, float]] = deque()
+        """When, s, and where, m, it was seen in the last `pause_s`, while it acted."""
         self._acts = True
         """False: it is frozen or off, which others tell."""
 
@@ -38,12 +32,22 @@ class Seen:
         acts = deque(track.acts)
         for second, (x, y, _) in zip(track.seconds.tolist(), track.poses.tolist(), strict=True):
             while acts and acts[0][0] <= second:
-                self._acts = not acts.popleft()[1]
-            before, self._last = self._last, (second, x, y) if self._acts else None
-            if before is None or self._last is None or second <= before[0]:
+                self._acts, self._state = not acts.popleft()[1], ""
+                self._lately.clear()
+            if not self._acts:
                 continue
-            speed = np.hypot(x - before[1], y - before[2]) / (second - before[0])
-            state = "driving" if speed > _STANDS else "standing" if self._holds else "idle"
+            begin, stays = self._stays(second, x, y)
+            state = "driving" if not stays else "standing" if self._holds else "idle"
             if state != self._state:
                 self._state = state
-                yield Spell(before[0], state)
+                yield Spell(begin if stays else second, state)
+
+    def _stays(self, second: float, x: float, y: float) -> tuple[float, bool]:
+        """Since when it is looked at, s, and whether it has stayed where it was then, for `pause_s`."""
+        lately = self._lately
+        lately.append((second, x, y))
+        while len(lately) > 1 and second - lately[1][0] >= STANDARD.pause_s:
+            lately.popleft()
+        begin, *there = lately[0]
+        near = all(np.hypot(one - there[0], other - there[1]) <= STANDARD.still for _, one, other in lately)
+        return begin, near and second - begin >= STANDARD.pause_s

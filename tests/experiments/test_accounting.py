@@ -12,21 +12,22 @@ from typer.testing import CliRunner
 from actors.floor.grid import FREE, OCCUPIED, OccupancyGrid
 from actors.instant import seconds
 from actors.messages import Jam
+from actors.runtime.recording import RecordingError
 from benchmarks.causes import situations
 from benchmarks.causes.causes import judge
 from command_line.app import app
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from experiments.accounting import blockings, decisions, diagnosis
-from experiments.accounting.account import account
-from experiments.accounting.classify import CAUSES, Classified, classify
-from experiments.accounting.episodes import STANDARD
-from experiments.accounting.findings import findings
-from experiments.accounting.passage import Passages
-from experiments.accounting.said import Said
-from experiments.accounting.time_spent import Cause, WedgeCount
-from experiments.accounting.tracks import TimedJam, Tracks, TracksError
+from observation.accounting import blockings, decisions, diagnosis
+from observation.accounting.account import account
+from observation.accounting.classify import CAUSES, Classified, classify
+from observation.accounting.episodes import STANDARD
+from observation.accounting.findings import findings
+from observation.accounting.passage import Passages
+from observation.accounting.said import Said
+from observation.accounting.time_spent import Cause, WedgeCount
+from observation.accounting.tracks import TimedJam, Tracks
 from observation.evidence.said_decisions import SaidDecision
 from observation.results.navigation_result import GivenGoal
 
@@ -231,5 +232,5 @@ def test_over_the_mesh_it_is_the_same_and_adds_up_to_the_microsecond(tmp_path: P
 
 
 def test_a_folder_without_a_run_is_said_to_be_none(tmp_path: Path) -> None:
-    with pytest.raises(TracksError, match="must be a simulated run's folder"):
+    with pytest.raises(RecordingError, match="no run's folder"):
         account(tmp_path)

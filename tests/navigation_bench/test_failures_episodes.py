@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from experiments.accounting.episodes import Blocking, Episode, blockings, lost, runs, standing
+from observation.accounting.episodes import Blocking, Episode, blockings, lost, runs, standing
 
 WINDOW = 10
 ALWAYS = np.ones(60, np.bool_)

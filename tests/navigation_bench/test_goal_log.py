@@ -14,7 +14,7 @@ from actors.robot.behaviour.ports import Behaviour, Decision, Setting, Start, Vi
 from benchmarks.failures.run import pursuit
 from benchmarks.navigation import goal_log, goal_orders
 from benchmarks.navigation.goal_log import LoggedGoal
-from experiments.accounting.tracks import Tracks
+from observation.accounting.tracks import Tracks
 
 STEP = 100_000
 HERE = Pose(0.0, 0.0, 0.0)

@@ -19,8 +19,8 @@ from benchmarks.navigation.retracing import RetracingError, retrace
 from benchmarks.navigation.shortest_way import ShortestWays
 from benchmarks.statistics.confidence import average, proportion
 from benchmarks.world.plain_swarm import strewn, turtlebot, wishes
-from experiments.accounting.passage import Passages
-from experiments.accounting.tracks import Tracks
+from observation.accounting.passage import Passages
+from observation.accounting.tracks import Tracks
 
 MAPS = Path(__file__).parents[2] / "maps"
 RADIUS = 0.177

@@ -1,6 +1,7 @@
 """What the recordings show agrees with the run's own result, and with what must be so."""
 
 import shutil
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
@@ -14,10 +15,13 @@ from actors.messages import Truth
 from actors.runtime.recording import RecordingError
 from actors.task.words import PlaceKey
 from actors.topic import M, Topic
+from observation.accounting.account import account
+from observation.accounting.blockings import BY_ROBOTS
+from observation.accounting.spells import spells
+from observation.accounting.time_spent import Cause
 from observation.evidence import run_evidence
 from observation.evidence.recorded import taken
 from observation.evidence.run_evidence import EvidenceError, RunEvidence, read_run
-from observation.evidence.spells import Doing, SpellParameters, spells
 from observation.picture.floor_picture import meetings
 
 
@@ -46,34 +50,46 @@ def test_spells_are_without_gaps_and_overlap(evidence: RunEvidence) -> None:
     for robot in evidence.robots:
         own = [one for one in spells(evidence) if one.robot == robot]
         assert own[0].begin == 0.0 and own[-1].end == pytest.approx(evidence.end)
-        assert all(a.end == b.begin and a.doing != b.doing for a, b in pairwise(own))
+        assert all(a.end == b.begin and a.cause != b.cause for a, b in pairwise(own))
 
 
-def test_who_has_nothing_left_and_who_has_gone_is_told(evidence: RunEvidence) -> None:
-    powered = evidence.powered.copy()
-    powered[500:, 0] = False
-    dead = replace(evidence, powered=powered)
-    last = [one for one in spells(dead) if one.robot == evidence.robots[0]][-1]
-    assert last.doing is Doing.GONE and last.begin == pytest.approx(50.0)
-    idle = replace(evidence, left=np.zeros_like(evidence.left))
-    assert {one.doing for one in spells(idle)} == {Doing.DONE}
+def test_a_picture_and_the_accounting_have_the_same_seconds(evidence: RunEvidence) -> None:
+    lasted: defaultdict[tuple[str, str], float] = defaultdict(float)
+    for one in spells(evidence):
+        lasted[one.robot, one.cause.value] += one.end - one.begin
+    for robot, causes in account(evidence.out).robots.items():
+        assert {cause: lasted[robot, cause] for cause in causes} == pytest.approx(causes)
 
 
-def test_who_stands_alone_meets_nobody(evidence: RunEvidence) -> None:
+def test_who_takes_no_part_is_off(evidence: RunEvidence) -> None:
+    stepping = evidence.stepping.copy()
+    stepping[500:, 0] = False
+    last = [one for one in spells(replace(evidence, stepping=stepping)) if one.robot == evidence.robots[0]][
+        -1
+    ]
+    assert last.cause is Cause.OFF and last.begin == pytest.approx(50.0)
+
+
+def test_who_stands_alone_stands_before_nobody(evidence: RunEvidence) -> None:
     alone = replace(
         evidence,
         robots=("r1",),
         **{
             name: getattr(evidence, name)[:, :1]
-            for name in ("true", "held", "powered", "left", "sent", "heard")
+            for name in ("true", "held", "wished", "powered", "stepping", "left", "sent", "heard")
         },
     )
-    assert Doing.MEETING not in {one.doing for one in spells(alone)}
-    far = spells(evidence, SpellParameters(near=0.1))
-    assert Doing.MEETING not in {one.doing for one in far}
+    assert not {one.cause for one in spells(alone)} & {*BY_ROBOTS}
 
 
-def test_a_meeting_is_where_and_as_long_as_somebody_stood(evidence: RunEvidence) -> None:
+def test_of_a_run_that_was_cut_goals_are_not_known_and_standing_still_shows(
+    evidence: RunEvidence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("observation.accounting.said.outcomes", lambda record: {})
+    assert {one.cause for one in spells(evidence)} & {*BY_ROBOTS}
+
+
+def test_where_robots_stood_is_as_long_as_somebody_did(evidence: RunEvidence) -> None:
     found = meetings(spells(evidence))
     assert found, "they block each other"
     for x, y, lasted in found:

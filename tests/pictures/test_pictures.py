@@ -29,7 +29,13 @@ def rgb(colour: str) -> tuple[int, int, int]:
 def test_a_page_shows_floor_robots_and_what_they_did(evidence: RunEvidence, tmp_path: Path) -> None:
     run_page.write(evidence, tmp_path / "run.png")
     seen = colours(tmp_path / "run.png")
-    wanted = [style.WALL, style.UNKNOWN, style.colour(0), style.colour(1), *map(style.DOING.get, style.DOING)]
+    wanted = [
+        style.WALL,
+        style.UNKNOWN,
+        style.colour(0),
+        style.colour(1),
+        *map(style.CAUSES.get, style.CAUSES),
+    ]
     shown = [colour for colour in wanted if colour is not None and rgb(colour) in seen]
     assert len(shown) >= 8, "walls, both robots, and the kinds of spells that there are"
 

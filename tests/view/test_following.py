@@ -219,11 +219,14 @@ def test_who_hangs_is_not_waited_for(monkeypatch: pytest.MonkeyPatch, folder: Pa
     assert hung.drawn > 2 and time.monotonic() - began > 0.2
 
 
-def test_who_is_off_seems_to_be_about_nothing() -> None:
-    seconds = np.arange(8, dtype=np.float64)
-    poses = np.column_stack((np.array([0, 1, 2, 2, 2, 2, 2, 3.0]), np.zeros(8), np.zeros(8)))
+def test_who_is_off_seems_to_be_about_nothing_and_who_stays_for_3_s_to_stand() -> None:
+    seconds = np.arange(12, dtype=np.float64)
+    along = np.array([0, 1, 2, 2, 2, 3, 4.0, 4.05, 4.0, 4.0, 4.0, 5.0])
+    poses = np.column_stack((along, np.zeros(12), np.zeros(12)))
     seen = Seen("r1")
     first = Track(seconds[:4], poses[:4], poses[:4], ((0.0, ""), (3.0, "off")))
     assert [(one.second, one.activity) for one in seen.of(first, ())] == [(0.0, "driving")]
     later = Track(seconds[4:], poses[4:], poses[4:], ((5.0, ""),))
-    assert [(one.second, one.activity) for one in seen.of(later, ())] == [(5.0, "standing"), (6.0, "driving")]
+    assert [(one.second, one.activity) for one in seen.of(later, ())] == [
+        (5.0, "driving"), (6.0, "standing"), (11.0, "driving"),
+    ]  # fmt: skip

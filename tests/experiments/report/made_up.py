@@ -6,7 +6,10 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from experiments.accounting.time_spent import (
+from experiments.campaign import store
+from experiments.campaign.trial_record import TrialRecord, keep
+from experiments.study.study import Study, Trial
+from observation.accounting.time_spent import (
     BlockingEvent,
     Cause,
     DecisionEvent,
@@ -15,9 +18,6 @@ from experiments.accounting.time_spent import (
     TimeSpent,
     WedgeCount,
 )
-from experiments.campaign import store
-from experiments.campaign.trial_record import TrialRecord, keep
-from experiments.study.study import Study, Trial
 from observation.results.result import RobotResult, RunResult
 
 LENGTH = 600.0

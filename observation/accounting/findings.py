@@ -5,10 +5,10 @@ from typing import Final
 
 import numpy as np
 
-from experiments.accounting.episodes import EpisodeParameters
-from experiments.accounting.said import seconds_of
-from experiments.accounting.time_spent import Finding
-from experiments.accounting.tracks import Tracks
+from observation.accounting.episodes import EpisodeParameters
+from observation.accounting.said import seconds_of
+from observation.accounting.time_spent import Finding
+from observation.accounting.tracks import Tracks
 
 JAMMED: Final = "radio jammed"
 CARRIED: Final = "carried"

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.instant import in_seconds
-from experiments.accounting.classify import Classified
-from experiments.accounting.episodes import EpisodeParameters
-from experiments.accounting.said import Said, seconds_of
-from experiments.accounting.time_spent import DecisionEvent, Knowledge
-from experiments.accounting.tracks import Tracks
+from observation.accounting.classify import Classified
+from observation.accounting.episodes import EpisodeParameters
+from observation.accounting.said import Said, seconds_of
+from observation.accounting.time_spent import DecisionEvent, Knowledge
+from observation.accounting.tracks import Tracks
 from observation.evidence.said_decisions import SaidDecision
 
 VISITED = "visited"

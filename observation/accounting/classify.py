@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from actors.floor.grid import OccupancyGrid
 from actors.instant import seconds
-from experiments.accounting.episodes import STANDARD, EpisodeParameters, lost, standing
-from experiments.accounting.passage import Passages
-from experiments.accounting.said import Said, pursuit, spells
-from experiments.accounting.time_spent import Cause
-from experiments.accounting.tracks import Tracks
+from observation.accounting.episodes import STANDARD, EpisodeParameters, lost, standing
+from observation.accounting.passage import Passages
+from observation.accounting.said import Said, pursuit, spells
+from observation.accounting.time_spent import Cause
+from observation.accounting.tracks import Tracks
 
 CAUSES: Final = tuple(Cause)
 NOBODY: Final = -1

@@ -8,20 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.instant import seconds
-from experiments.accounting.classify import CAUSES, Classified
-from experiments.accounting.episodes import Blocking, EpisodeParameters, runs
-from experiments.accounting.said import seconds_of
-from experiments.accounting.time_spent import BlockingEvent, Cause, WedgeCount
-from experiments.accounting.tracks import Tracks
+from observation.accounting.classify import CAUSES, Classified
+from observation.accounting.episodes import Blocking, EpisodeParameters, runs
+from observation.accounting.said import seconds_of
+from observation.accounting.time_spent import BlockingEvent, Cause, WedgeCount
+from observation.accounting.tracks import Tracks
 
-_BY_ROBOTS: Final = (Cause.WEDGED, Cause.DONE_IN_WAY, Cause.DOOR, Cause.OPEN_FLOOR)
+BY_ROBOTS: Final = (Cause.WEDGED, Cause.DONE_IN_WAY, Cause.DOOR, Cause.OPEN_FLOOR)
 AT_DOOR: Final = "door"
 ON_FLOOR: Final = "open floor"
 
 
 def blocked_by_robots(classified: Classified) -> NDArray[np.bool_]:
     """(steps, robots): it stands, and another robot is why."""
-    return classified.is_(*_BY_ROBOTS)
+    return classified.is_(*BY_ROBOTS)
 
 
 def events(tracks: Tracks, classified: Classified, p: EpisodeParameters) -> tuple[BlockingEvent, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.instant import in_seconds
-from experiments.accounting.tracks import Tracks
+from observation.accounting.tracks import Tracks
 from observation.evidence.recorded import outcomes
 from observation.evidence.said_decisions import SaidDecision, adaptation
 from observation.results.navigation_result import GivenGoal, navigation_outcome
@@ -21,7 +21,8 @@ _ABORTED: Final = frozenset({"no plan", "blocked", "no progress"})
 class Said:
     """What one robot said, over all processes that it had; instants in µs."""
 
-    goals: tuple[GivenGoal, ...] = ()
+    goals: tuple[GivenGoal, ...] | None = ()
+    """None if none of its processes left a last record, as of a run that was cut."""
     planless: tuple[tuple[int, int], ...] = ()
     """Spells in which navigation found no way."""
     blocked: tuple[tuple[int, int | None], ...] | None = None
@@ -36,7 +37,7 @@ def said_by(records: Sequence[Path]) -> Said:
 
     Raises RecordingError and OutcomeError for what cannot be read.
     """
-    goals: list[GivenGoal] = []
+    goals: list[GivenGoal] | None = None
     planless: list[tuple[int, int]] = []
     blocked: list[tuple[int, int | None]] | None = None
     decisions: list[SaidDecision] = []
@@ -44,7 +45,7 @@ def said_by(records: Sequence[Path]) -> Said:
     for record in records:
         outcome = outcomes(record)
         if (navigation := navigation_outcome(record, outcome)) is not None:
-            goals += navigation.given
+            goals = [*(goals or []), *navigation.given]
             planless += navigation.without_plan
         told = adaptation(record, outcome)
         if told is not None:
@@ -53,15 +54,17 @@ def said_by(records: Sequence[Path]) -> Said:
             if told.blocked is not None:
                 blocked = [*(blocked or []), *told.blocked]
     said = None if blocked is None else tuple(blocked)
-    return Said(tuple(goals), tuple(planless), said, tuple(decisions), left_out)
+    return Said(None if goals is None else tuple(goals), tuple(planless), said, tuple(decisions), left_out)
 
 
-def pursuit(goals: Sequence[GivenGoal], tracks: Tracks) -> NDArray[np.bool_]:
-    """(steps,): when a robot has a goal that it has not reached.
+def pursuit(goals: Sequence[GivenGoal] | None, tracks: Tracks) -> NDArray[np.bool_]:
+    """(steps,): when a robot has a goal that it has not reached; always, where nobody knows its goals.
 
     A goal that navigation gave up counts until the next one, or until the end of the run: nobody has told the
     robot that it need not go there any more.
     """
+    if goals is None:
+        return np.ones(len(tracks.true), np.bool_)
     pursuing = np.zeros(len(tracks.true), np.bool_)
     for number, goal in enumerate(goals, start=1):
         end = goal.end

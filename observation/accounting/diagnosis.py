@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from statistics import median
 
-from experiments.accounting.classify import Classified
-from experiments.accounting.episodes import runs
-from experiments.accounting.said import Said, seconds_of, spells
-from experiments.accounting.time_spent import DiagnosisScore
-from experiments.accounting.tracks import Tracks
+from observation.accounting.classify import Classified
+from observation.accounting.episodes import runs
+from observation.accounting.said import Said, seconds_of, spells
+from observation.accounting.time_spent import DiagnosisScore
+from observation.accounting.tracks import Tracks
 
 
 def score(tracks: Tracks, said: Mapping[str, Said], classified: Classified) -> DiagnosisScore | None:
