@@ -15,7 +15,7 @@ from deploy.cli.lists.commands import app as listing
 from deploy.cli.record import app as record
 from deploy.cli.topic import app as topic
 from deploy.processes.signals import Interrupted, signals_as_interrupts
-from deploy.usage import OptionError
+from deploy.usage import OptionError, extras_named
 
 app = typer.Typer(
     name="acrc",
@@ -50,7 +50,7 @@ def main() -> None:
     streams.settle()
     gc.set_threshold(20_000, 20, 20)  # what a command imports stays: looking for garbage in it takes a tenth
     try:
-        with signals_as_interrupts():
+        with signals_as_interrupts(), extras_named():
             sys.exit(app(prog_name="acrc", standalone_mode=False))
     except Interrupted as interrupt:
         _say("acrc: ended from outside" + _kept(interrupt))

@@ -12,7 +12,7 @@ from deploy.cli.collect import collect
 from deploy.cli.laptop import pause, resume, stop, watch
 from deploy.cli.onboard import onboard
 from deploy.cli.options import FleetFile, Json, Modules
-from deploy.repository import REPOSITORY
+from deploy.repository import clone
 
 if TYPE_CHECKING:
     from deploy.fleet.fleet_file import Fleet
@@ -40,14 +40,15 @@ def units(
     from deploy.fleet.usb_ports import usb_ports
     from deploy.run.foreign import permit_of
 
+    root = clone("fleet units")
     loaded = load_fleet(fleet)
     chosen = loaded.robot(robot)
     written = unit_files.write(
         loaded,
         chosen,
         out,
-        program=REPOSITORY / "acrc",
-        user=user or unit_files.everyday_user(REPOSITORY),
+        program=root / "acrc",
+        user=user or unit_files.everyday_user(root),
         plugged=usb_ports(),
         modules=permit_of(modules).modules,
     )

@@ -10,13 +10,13 @@ from pydantic import ValidationError
 
 from actors import table_wording, toml_file
 from actors.runtime.errors import AcrcError
-from deploy.repository import REPOSITORY
+from deploy.repository import SHIPPED
 from deploy.scenario import areas, events, robot_tables
 from deploy.scenario.stack_tables import stack_fault
 from deploy.scenario.tables import Scenario
 from deploy.usage import OptionError, wrong_value
 
-DEFAULT_SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
+DEFAULT_SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 
 
 class ScenarioError(AcrcError):

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import msgspec
 
-from deploy.repository import REPOSITORY
+from deploy.repository import SHIPPED
 from deploy.run.foreign import Permit, admitted, beside
 from deploy.scenario.scenario_file import Overrides, load_scenario, settings
 from deploy.usage import OptionError, wrong_value
@@ -15,9 +15,9 @@ from experiments.study.places import close_places
 from experiments.study.study import Study
 from experiments.study.study_file import load_study
 
-_SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
+_SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 _STRATEGIES: Final = ("none", "chapter")
-PRESETS: Final = {"chapter": REPOSITORY / "experiments" / "study" / "chapter.toml"}
+PRESETS: Final = {"chapter": SHIPPED / "studies" / "chapter.toml"}
 """Studies that are shipped."""
 
 

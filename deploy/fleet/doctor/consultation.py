@@ -14,7 +14,7 @@ from deploy.fleet.doctor.findings import Finding
 from deploy.fleet.doctor.machine import Machine
 from deploy.fleet.doctor.this_machine import ThisMachine
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet
-from deploy.repository import REPOSITORY
+from deploy.repository import SHIPPED
 from deploy.run.foreign import INSTALLED, Permit
 from deploy.usage import OptionError
 
@@ -67,7 +67,7 @@ def findings(
     machine: Machine, fleet: Fleet | None, robot: FleetRobot | None, permit: Permit = INSTALLED
 ) -> Iterator[Finding]:
     """What all checks find, the quick ones first."""
-    constraints = (REPOSITORY / "constraints.txt").read_text("utf-8")
+    constraints = (SHIPPED / "constraints.txt").read_text("utf-8")
     needed = ("base",) if robot is None else ("base", "hardware")
     yield from computer.packages(machine, constraints, needed)
     yield from computer.clock(machine)
