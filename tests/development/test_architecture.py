@@ -137,7 +137,7 @@ def test_every_module_that_a_page_names_exists(page: str) -> None:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_every_class_that_a_page_names_exists(page: str) -> None:
-    """In backticks or in a block of code: a class of ours, one of its members, or a name of somebody else's."""
+    """In backticks or in a block of code: a class of ours, a member of one, or a name of somebody else."""
     wrong = []
     for name, member in re.findall(CLASS, coded((REPOSITORY / page).read_text())):
         if name not in CLASSES and name not in ELSEWHERE:
