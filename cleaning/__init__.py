@@ -1,1 +1,33 @@
-"""The model problem: autonomous cleaning robots that visit places and get into one another's way."""
+"""The model problem: autonomous cleaning robots that visit places and get into one another's way.
+
+Strategies that build on it need these names, and those of a shipped strategy if they derive from one.
+"""
+
+from cleaning.adaptive import AdaptiveCleaningRobot
+from cleaning.adoption import AdoptedDestinationRemove, DestinationAdoption
+from cleaning.cleaner import Cleaner, State
+from cleaning.making_way import MakingWay
+from cleaning.parameters import AdaptationParameters, CleaningParameters, ReleasedParameters, Unblock
+from cleaning.place import Assignment, Takeover, assignments, since
+from cleaning.robot import CleaningRobot
+from cleaning.settings import SettingsError, from_settings
+
+__all__ = [
+    "AdaptationParameters",
+    "AdaptiveCleaningRobot",
+    "AdoptedDestinationRemove",
+    "Assignment",
+    "Cleaner",
+    "CleaningParameters",
+    "CleaningRobot",
+    "DestinationAdoption",
+    "MakingWay",
+    "ReleasedParameters",
+    "SettingsError",
+    "State",
+    "Takeover",
+    "Unblock",
+    "assignments",
+    "from_settings",
+    "since",
+]

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from actors.installation.usage import OptionError
+from actors.installation.usage import OptionError, extras_named
 from actors.processes.signals import Interrupted, signals_as_interrupts
 from actors.runtime.errors import AcrcError
 from command_line import exporting, logs, look, replaying, run, streams, usage_errors
@@ -51,7 +51,7 @@ def main() -> None:
     streams.settle()
     gc.set_threshold(20_000, 20, 20)  # what a command imports stays: looking for garbage in it takes a tenth
     try:
-        with signals_as_interrupts():
+        with signals_as_interrupts(), extras_named():
             sys.exit(app(prog_name="acrc", standalone_mode=False))
     except Interrupted as interrupt:
         _say("acrc: ended from outside" + _kept(interrupt))

@@ -3,12 +3,12 @@
 import os
 from pathlib import Path
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 
 
 def scenarios(incomplete: str) -> list[str]:
     """The shipped scenarios as seen from here, and the TOML files that lie here."""
-    shipped = sorted((REPOSITORY / "scenarios").glob("*.toml"))
+    shipped = sorted((SHIPPED / "scenarios").glob("*.toml"))
     here = sorted(path.name for path in Path().glob("*.toml"))
     return [name for name in (*here, *map(os.path.relpath, shipped)) if name.startswith(incomplete)]
 

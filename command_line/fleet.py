@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import clone
 from command_line.collect import collect
 from command_line.laptop import pause, resume, stop, watch
 from command_line.onboard import onboard
@@ -40,14 +40,15 @@ def units(
     from deploy.fleet.fleet_file import load_fleet
     from deploy.fleet.usb_ports import usb_ports
 
+    root = clone("fleet units")
     loaded = load_fleet(fleet)
     chosen = loaded.robot(robot)
     written = unit_files.write(
         loaded,
         chosen,
         out,
-        program=REPOSITORY / "acrc",
-        user=user or unit_files.everyday_user(REPOSITORY),
+        program=root / "acrc",
+        user=user or unit_files.everyday_user(root),
         plugged=usb_ports(),
         modules=permit_of(modules).modules,
     )

@@ -1,9 +1,18 @@
-"""Where this project lies: it is installed as a link to its sources; maps and scenarios are beside them."""
+"""Where this project lies: a clone, to which the installed packages lead, or the packages of a wheel."""
 
 from pathlib import Path
 from typing import Final
 
+from actors.runtime.errors import AcrcError
+
 REPOSITORY: Final = Path(__file__).resolve().parents[2]
+"""The folder of the packages; in a clone its root."""
+
+IS_CLONE: Final = (REPOSITORY / "pyproject.toml").is_file()
+
+SHIPPED: Final = REPOSITORY if IS_CLONE else Path(__file__).resolve().parent / "shipped"
+"""The folder with maps, scenarios, studies, fleets and constraints.txt. In a wheel, too, they lie beside one
+another, since scenarios name their maps by relative paths; in a clone `shipped` has links to them."""
 
 PACKAGES: Final = frozenset(
     {
@@ -19,3 +28,14 @@ PACKAGES: Final = frozenset(
     }
 )
 """What is installed of it (pyproject.toml); whatever else lies here is not this project's code."""
+
+
+class NoCloneError(AcrcError):
+    """A command that needs sources, tests or pages, which no wheel holds."""
+
+
+def clone(command: str) -> Path:
+    """The root of the clone, for a command that works nowhere else. Raises NoCloneError."""
+    if not IS_CLONE:
+        raise NoCloneError(f"{command}: requires a clone of the repository (got a wheel in {REPOSITORY})")
+    return REPOSITORY

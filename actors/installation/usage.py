@@ -1,13 +1,28 @@
 """What is wrong with a command, before anything has run."""
 
 import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Final
 
 from actors.installation.repository import REPOSITORY
 from actors.runtime.errors import AcrcError
 
 _LONGEST = 60
 """Characters of a value that a sentence shows."""
+_EXTRAS: Final = {
+    "cryptography": "hardware",
+    "distributed": "cluster",
+    "matplotlib": "pictures",
+    "pyarrow": "experiments",
+    "pymunk": "sim",
+    "rerun": "observe",
+    "scipy": "experiments",
+    "serial": "hardware",
+    "websockets": "control",
+}
+"""Packages beyond the base, as they are imported, with the extra of pyproject.toml that brings each."""
 
 
 def command() -> str:
@@ -23,6 +38,25 @@ class OptionError(AcrcError):
 
     The sentence is of one form for all: what is wrong, with which value; what would be right.
     """
+
+
+class MissingExtraError(AcrcError):
+    """A package that only an extra of the wheel brings; in a clone `./acrc` installs it by itself."""
+
+
+@contextmanager
+def extras_named() -> Iterator[None]:
+    """Name the extra where a package of one is not installed. Raises MissingExtraError for that."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        extra = _EXTRAS.get((error.name or "").partition(".")[0])
+        if extra is None:
+            raise
+        raise MissingExtraError(
+            f"the Python package {error.name} is not installed; to install it: pip install "
+            f"'acrc-testbed[{extra}]'"
+        ) from error
 
 
 def wrong_value(option: str, value: object, right: str) -> OptionError:

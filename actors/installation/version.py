@@ -3,7 +3,7 @@
 import subprocess
 from importlib.metadata import version
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import IS_CLONE, REPOSITORY
 
 
 def release() -> str:
@@ -13,6 +13,8 @@ def release() -> str:
 
 def software() -> str:
     """The commit, with a plus sign where files were changed since; outside a clone the package's version."""
+    if not IS_CLONE:  # an environment that lies in somebody's repository is none of its commits
+        return release()
     try:
         commit = _git("rev-parse", "HEAD")
         return commit + ("+" if _git("status", "--porcelain", "--untracked-files=no") else "")

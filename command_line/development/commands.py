@@ -6,25 +6,26 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import clone
 from command_line.development.checks import run_checks
 from command_line.development.suite import run_suite
 
 
 def test(context: typer.Context) -> None:
     """Run the tests, or those of your own that you name; whatever follows goes to pytest (-h: its help)."""
+    root = clone("test")
     words = [_absolute(word) for word in context.args]
     here = str(Path.cwd())
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (here, os.environ.get("PYTHONPATH"))))
     from actors.processes.kernels import compile_kernels
 
     compile_kernels()  # or the first tests would wait for it, and see it said where a result is due
-    raise typer.Exit(run_suite(REPOSITORY, words))
+    raise typer.Exit(run_suite(root, words))
 
 
 def check() -> None:
     """Check form, faults, arithmetic, types and imports of the sources."""
-    if not run_checks(REPOSITORY, Console()):
+    if not run_checks(clone("check"), Console()):
         raise typer.Exit(1)
 
 

@@ -13,8 +13,10 @@ def docs(
     show: Annotated[bool, typer.Option("--open", help="Show it in a browser.")] = False,
 ) -> None:
     """Build the documentation as a site of plain files, which needs no network and no server."""
+    from actors.installation.repository import clone
     from command_line.documentation import site
 
+    clone("docs")
     home = site.build(out)
     print(home)
     if show:

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import msgspec
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, wrong_value
 from actors.robot.behaviour.foreign import Permit, admitted
 from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, settings
@@ -15,9 +15,9 @@ from experiments.study.places import close_places
 from experiments.study.study import Study
 from experiments.study.study_file import load_study
 
-_SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
+_SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 _STRATEGIES: Final = ("none", "chapter")
-PRESETS: Final = {"chapter": REPOSITORY / "experiments" / "study" / "chapter.toml"}
+PRESETS: Final = {"chapter": SHIPPED / "studies" / "chapter.toml"}
 """Studies that are shipped."""
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import REPOSITORY, SHIPPED
 from command_line.lists.rows import head_comment, print_rows
 
 
@@ -64,7 +64,7 @@ def models() -> tuple[ListedModel, ...]:
 
 def scenarios() -> tuple[ListedScenario, ...]:
     """All scenarios, by name."""
-    found = sorted((REPOSITORY / "scenarios").glob("*.toml"))
+    found = sorted((SHIPPED / "scenarios").glob("*.toml"))
     return tuple(
         ListedScenario(path.stem, os.path.relpath(path), head_comment(_text(path))) for path in found
     )
@@ -74,7 +74,7 @@ def maps() -> tuple[ListedMap, ...]:
     """All maps, by name."""
     from actors.floor.map_file import load_map
 
-    found = sorted((REPOSITORY / "maps").glob("*.yaml"))
+    found = sorted((SHIPPED / "maps").glob("*.yaml"))
     grids = [(path, load_map(path)) for path in found]
     return tuple(
         ListedMap(

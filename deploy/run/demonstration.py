@@ -5,13 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.results.result import RunResult
 
-SCENARIO: Final = REPOSITORY / "scenarios" / "head_on.toml"
+SCENARIO: Final = SHIPPED / "scenarios" / "head_on.toml"
 _STRATEGIES: Final = ("none", "chapter")
 _DURATION_S: Final = 150.0
 """Half as long again as it takes with adaptation; without, more time changes nothing."""

@@ -9,14 +9,14 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from actors import table_wording, toml_file
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, wrong_value
 from actors.runtime.errors import AcrcError
 from deploy.scenario import areas, events, robot_tables
 from deploy.scenario.stack_tables import stack_fault
 from deploy.scenario.tables import Scenario
 
-DEFAULT_SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
+DEFAULT_SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 
 
 class ScenarioError(AcrcError):

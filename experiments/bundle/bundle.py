@@ -9,7 +9,7 @@ from typing import Final
 
 import msgspec
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import IS_CLONE, REPOSITORY, SHIPPED
 from actors.processes.scratch import scratch_folder
 from actors.runtime import regular_file
 from experiments.bundle import archive
@@ -50,7 +50,7 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
         "study.json": msgspec.json.format(msgspec.json.encode(study)) + b"\n",
         "results/study.json": msgspec.json.encode(there),
         "digests.csv": _digests(records),
-        "constraints.txt": (REPOSITORY / "constraints.txt").read_bytes(),
+        "constraints.txt": (SHIPPED / "constraints.txt").read_bytes(),
         **{name: (_HERE / name).read_bytes() for name in ("reproduce.sh", "check_digests.py")},
         **{f"{_INPUTS}/{name}": regular_file.content(path) for name, path in read.files.items()},
         **dict(_results(kept)),
@@ -103,6 +103,8 @@ def _software(commit: str) -> bytes | None:
 
 
 def _committed(commit: str, *words: str) -> bytes | None:
+    if not IS_CLONE:
+        return None
     try:
         asked = ["git", "-C", str(REPOSITORY), *words]
         return subprocess.run(asked, check=True, capture_output=True).stdout

@@ -20,5 +20,6 @@ case "$1 $2" in
     '-c import ensurepip, venv') [ -z "${NO_VENV:-}" ] || exit 1 ;;
     "-c import sys; print"*) echo "${VERSION:-3.11.7}" | cut -d. -f1,2 ;;
     '-c import sys; sys.exit(sys.version_info'*) [ -z "${TOO_OLD:-}" ] || exit 1 ;;
+    '-c import site; print'*) mkdir -p .venv/lib && echo .venv/lib ;;
     *) exec "$REAL" "$@" ;;
 esac

@@ -21,6 +21,7 @@ TOOLS = [
     "du",
     "grep",
     "awk",
+    "ln",
     "mkdir",
     "mv",
     "readlink",

@@ -20,6 +20,13 @@ from deploy.scenario.scenario_file import Overrides, load_scenario
 
 PAGE = (REPOSITORY / "docs" / "architecture.md").read_text()
 PACKAGES = tuple(sorted(repository.PACKAGES))
+PAGES = ["README.md", *sorted(f"docs/{page.name}" for page in (REPOSITORY / "docs").glob("*.md"))]
+CLASS = r"(?<![\w./:-])([A-Z][a-z]+(?:[A-Z][a-z0-9]*)+|[A-Z][a-z]+(?=\.[a-z]))(?:\.([a-z_]\w*))?"
+ELSEWHERE = {
+    "CostmapModel", "ExecStopPost", "InOut", "LaserScan", "MemoryMax", "NamedTuple", "ObstacleCostFunction",
+    "ParamHolder", "PeriodicScheduling", "SimpleTrajectoryGenerator", "TasksMax",
+}  # fmt: skip
+"""Names of ROS, JDEECo, systemd and Python."""
 ROOM_LIMIT = 20
 WAYS = ("The way of one scan", "The way of one packet of knowledge")
 
@@ -29,6 +36,43 @@ def sources() -> list[Path]:
     asked = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.py"]
     listed = subprocess.run(asked, cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
     return [Path(line) for line in listed.splitlines() if (REPOSITORY / line).is_file()]
+
+
+def classes() -> dict[str, set[str]]:
+    """The members of each class of ours, those of its bases among them."""
+    own: dict[str, set[str]] = {}
+    bases: dict[str, list[str]] = {}
+    trees = [ast.walk(ast.parse((REPOSITORY / path).read_text())) for path in sources()]
+    for node in (node for tree in trees for node in tree if isinstance(node, ast.ClassDef)):
+        own.setdefault(node.name, set()).update(member for part in node.body for member in declared(part))
+        bases.setdefault(node.name, []).extend(base.id for base in node.bases if isinstance(base, ast.Name))
+
+    def members(name: str) -> set[str]:
+        inherited = (members(base) for base in bases.get(name, ()) if base != name)
+        return own.get(name, set()).union(*inherited)
+
+    return {name: members(name) for name in own}
+
+
+def declared(part: ast.stmt) -> list[str]:
+    """The names that a statement in the body of a class gives it."""
+    if isinstance(part, ast.FunctionDef):
+        return [part.name]
+    targets = part.targets if isinstance(part, ast.Assign) else [getattr(part, "target", None)]
+    return [target.id for target in targets if isinstance(target, ast.Name)]
+
+
+def coded(text: str) -> str:
+    """What stands in backticks and in blocks of code, the classes that a page defines itself left out."""
+    blocks = re.findall(r"^```.*?^```", text, re.DOTALL | re.MULTILINE)
+    spans = re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE))
+    code = "\n".join((*blocks, *spans))
+    for name in re.findall(r"\b(?:class|import) (\w+)", code):
+        code = re.sub(rf"\b{name}\b", "", code)
+    return code
+
+
+CLASSES = classes()
 
 
 def section(title: str) -> str:
@@ -77,9 +121,7 @@ def test_nobody_stands_in_a_corridor() -> None:
     assert {str(room): size for room, size in sizes.items() if size > ROOM_LIMIT} == {}
 
 
-@pytest.mark.parametrize(
-    "page", ["README.md", *sorted(f"docs/{page.name}" for page in (REPOSITORY / "docs").glob("*.md"))]
-)
+@pytest.mark.parametrize("page", PAGES)
 def test_every_module_that_a_page_names_exists(page: str) -> None:
     text = (REPOSITORY / page).read_text()
     packages = "|".join(PACKAGES)
@@ -90,6 +132,18 @@ def test_every_module_that_a_page_names_exists(page: str) -> None:
     assert (
         sorted(n for n, at in places.items() if not at.is_dir() and not at.with_suffix(".py").is_file()) == []
     )
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_class_that_a_page_names_exists(page: str) -> None:
+    """In backticks or in a block of code: a class of ours, a member of one, or a name of somebody else."""
+    wrong = []
+    for name, member in re.findall(CLASS, coded((REPOSITORY / page).read_text())):
+        if name not in CLASSES and name not in ELSEWHERE:
+            wrong.append(name)
+        elif member and member not in CLASSES.get(name, {member}):
+            wrong.append(f"{name}.{member}")
+    assert wrong == []
 
 
 @pytest.mark.parametrize("title", [*WAYS, "Where is …"])

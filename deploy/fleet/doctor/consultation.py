@@ -8,7 +8,7 @@ import msgspec
 from rich.console import Console
 from rich.text import Text
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from deploy.fleet.doctor import computer, ports
@@ -67,7 +67,7 @@ def findings(
     machine: Machine, fleet: Fleet | None, robot: FleetRobot | None, permit: Permit = INSTALLED
 ) -> Iterator[Finding]:
     """What all checks find, the quick ones first."""
-    constraints = (REPOSITORY / "constraints.txt").read_text("utf-8")
+    constraints = (SHIPPED / "constraints.txt").read_text("utf-8")
     needed = ("base",) if robot is None else ("base", "hardware")
     yield from computer.packages(machine, constraints, needed)
     yield from computer.clock(machine)

@@ -1,0 +1,133 @@
+"""The wheel has all that the main job needs, and does it in any folder of a machine without a clone."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from actors.installation import usage
+from actors.installation.repository import PACKAGES, REPOSITORY
+
+BUILD = """
+import os, sys
+from setuptools import build_meta
+os.chdir(sys.argv[1])
+build_meta.build_wheel(sys.argv[2])
+"""
+SHIPPED = "actors/installation/shipped"
+DATA = ("maps", "scenarios", "studies", "fleets")
+
+
+def committed() -> list[str]:
+    """Every file that git knows of or would take."""
+    asked = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+    listed = subprocess.run(asked, cwd=REPOSITORY, capture_output=True, text=True, check=True).stdout
+    return [line for line in listed.splitlines() if (REPOSITORY / line).exists()]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built without a network from what a clone has, in a copy: setuptools writes beside the sources."""
+    sources, out = tmp_path_factory.mktemp("sources"), tmp_path_factory.mktemp("wheel")
+    for name in committed():
+        if name.partition("/")[0] in {*PACKAGES, *DATA} or "/" not in name:
+            (sources / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(REPOSITORY / name, sources / name, follow_symlinks=False)
+    subprocess.run([sys.executable, "-P", "-c", BUILD, sources, out], check=True, capture_output=True)
+    (built,) = out.glob("*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
+def python(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An environment that has the wheel, and what it depends on, and knows nothing of the clone."""
+    folder = tmp_path_factory.mktemp("environment")
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder], check=True)
+    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    site = folder / "lib" / version / "site-packages"
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(site)
+    # a .pth file of the clone's environment, which would lead to the clone, is not obeyed there
+    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    return folder / "bin" / "python"
+
+
+def acrc(python: Path, folder: Path, *words: str, path: str = "") -> subprocess.CompletedProcess[str]:
+    """What a command line says that Python finds in the environment, or first in the folders of `path`."""
+    command = [str(python), "-P", "-m", "command_line", *words]
+    env = os.environ | {"PYTHONPATH": path}  # the tests' own leads to the clone
+    return subprocess.run(
+        command, cwd=folder, env=env, capture_output=True, text=True, check=False, timeout=600
+    )
+
+
+def test_the_wheel_has_every_file_of_the_packages_and_the_data(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        held = {name: archive.read(name) for name in archive.namelist() if ".dist-info/" not in name}
+    wanted = {
+        f"actors/installation/shipped/{name}"
+        if name.partition("/")[0] in {*DATA, "constraints.txt"}
+        else name
+        for name in committed()
+        if name.partition("/")[0] in {*PACKAGES, *DATA, "constraints.txt"}
+        and not name.startswith(f"{SHIPPED}/")
+    }
+    assert set(held) == wanted
+    for name, content in held.items():
+        assert content == (REPOSITORY / name.removeprefix(f"{SHIPPED}/")).read_bytes(), name
+
+
+def test_its_scenarios_are_found_and_what_needs_a_clone_says_so(python: Path, tmp_path: Path) -> None:
+    listed = json.loads(acrc(python, tmp_path, "list", "scenarios", "--json").stdout)
+    assert {row["name"] for row in listed} == {path.stem for path in (REPOSITORY / "scenarios").iterdir()}
+    assert all((tmp_path / row["path"]).is_file() for row in listed)
+    site = next((python.parents[1] / "lib").glob("python*")) / "site-packages"
+    for command in ("test", "check", "docs"):
+        done = acrc(python, tmp_path, command)
+        assert done.returncode == 1
+        assert done.stderr == f"acrc: {command}: requires a clone of the repository (got a wheel in {site})\n"
+
+
+def test_an_extra_that_is_missing_is_named(python: Path, tmp_path: Path) -> None:
+    (tmp_path / "absent").mkdir()
+    (tmp_path / "absent" / "scipy.py").write_text("raise ModuleNotFoundError('scipy', name='scipy.stats')")
+    done = acrc(python, tmp_path, "plan-study", path=str(tmp_path / "absent"))
+    assert done.returncode == 1
+    assert done.stderr == (
+        "acrc: the Python package scipy.stats is not installed; to install it: pip install "
+        "'acrc-testbed[experiments]'\n"
+    )
+
+
+def test_every_package_of_an_extra_has_its_name() -> None:
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    imported = {"pyserial": "serial", "rerun-sdk": "rerun"}
+    needs_a_clone = {"dev", "docs"}
+    named = {imported.get(name, name): extra for extra, all_of_it in extras.items() for name in all_of_it}
+    wanted = {name: extra for name, extra in named.items() if extra not in needs_a_clone}
+    assert wanted == usage._EXTRAS
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(900)
+def test_a_run_of_the_wheel_is_that_of_the_clone(python: Path, tmp_path: Path) -> None:
+    """Nightly: every kernel is compiled anew, for it lies in another place."""
+    words = ("run", "--robots", "2", "--seed", "1", "--duration", "5", "--json")
+    done = acrc(python, tmp_path, *words, "--out", "of_the_wheel")
+    assert done.returncode == 0, done.stderr
+    here = subprocess.run(
+        [sys.executable, "-P", "-m", "command_line", *words, "--out", "of_the_clone"],
+        cwd=tmp_path, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    of_the_wheel, of_the_clone = json.loads(done.stdout), json.loads(here.stdout)
+    assert of_the_wheel["digest"] == of_the_clone["digest"]
+    assert of_the_wheel["isolation"] == of_the_clone["isolation"]
+    assert acrc(python, tmp_path, "replay", "of_the_wheel").stdout.startswith("identical: ")
