@@ -5,9 +5,9 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-from actors.robot.program import code_of
+from actors.robot.assembly import RobotSetup
 from actors.runtime.bus.replay_bus import ReplayError
-from deploy.replay.moved_runs import run_of
+from deploy.replay.moved_runs import code_folders, run_of, told
 from deploy.replay.run_recordings import recordings
 from deploy.run.foreign import Permit, admitted
 from deploy.run.isolating import warn
@@ -28,8 +28,8 @@ def check_trust(out: Path, actor: str, permit: Permit) -> tuple[Path, ...] | Non
     if actor not in files or actor in {"world", "radio"}:
         return None
     run = run_of(files[actor])
-    entry, recorded = code_of(run.argv)
-    folders = admitted(files[actor], entry, recorded, permit)
+    entry = told(files[actor], run, RobotSetup, "a robot").behaviour
+    folders = admitted(files[actor], entry, code_folders(out), permit)
     if folders and run.code is None and not permit.trust:
         say_unhashed(files[actor])
     return folders

@@ -3,15 +3,13 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from actors.floor.map_file import load_map
 from actors.instant import in_seconds
 from actors.robot_model import load_model
-from actors.runtime import regular_file
-from actors.world.world_setup import WorldSetup
 from deploy.evidence.recorded import outcome
+from deploy.evidence.run_evidence import world_setup
 from deploy.replay.run_recordings import recordings
 from experiments.accounting import blockings, decisions, diagnosis
 from experiments.accounting.classify import CAUSES, Classified, classify
@@ -28,16 +26,17 @@ def account(out: Path, parameters: EpisodeParameters = STANDARD) -> TimeSpent:
 
     Raises TracksError if that holds no simulated run, and RecordingError or OutcomeError if it is damaged.
     """
-    setup = _setup(out)
     files = recordings(out)
+    if "world" not in files:
+        raise TracksError(f"{out}: has no recording of the world; must be a simulated run's folder")
+    setup = world_setup(files["world"])
     tracks = recorded(files, setup.step_us)
     said = {
         robot.id: said_by([path for path in files.values() if path.parent.name == robot.id])
         for robot in setup.robots
     }
-    radius = max(_radius(out, robot.id, robot.model) for robot in setup.robots)
-    map_file = out / setup.robots[0].id / "map.yaml"
-    classified = classify(tracks, said, Passages(load_map(map_file), radius, parameters.neck), parameters)
+    radius = max(load_model(robot.model).footprint.circumradius for robot in setup.robots)
+    classified = classify(tracks, said, Passages(load_map(setup.map), radius, parameters.neck), parameters)
     return TimeSpent(
         robots=_robots(tracks, classified),
         blockings=blockings.events(tracks, classified, parameters),
@@ -59,23 +58,6 @@ def _robots(tracks: Tracks, classified: Classified) -> dict[str, dict[str, float
             for cause, count in zip(CAUSES, steps, strict=True)
         }
     return spent
-
-
-def _setup(out: Path) -> WorldSetup:
-    file = out / "world" / "setup.json"
-    try:
-        return msgspec.json.decode(regular_file.content(file), type=WorldSetup)
-    except OSError:
-        raise TracksError(
-            f"{out}: has no {file.relative_to(out)}; must be a simulated run's folder"
-        ) from None
-    except (ValueError, RecursionError) as error:
-        raise TracksError(f"{file}: is not what a run has written: {error}") from None
-
-
-def _radius(out: Path, robot: str, model: str) -> float:
-    own = out / robot / "model.toml"
-    return load_model(str(own) if own.exists() else model, None).footprint.circumradius
 
 
 def _frames(radio: Path) -> Mapping[str, Mapping[str, int]]:
