@@ -109,6 +109,16 @@ class Server(Protocol):
         """Wait for its end; the exit code, or less than 0: the signal that ended it."""
 
 
+def _write_setup(program: Program) -> None:
+    """Write what the program reads. Raises LaunchError."""
+    assert program.setup is not None
+    file = program.log.parent / SETUP
+    try:
+        regular_file.write(file, setup_bytes(program.setup))
+    except OSError as error:
+        raise LaunchError(f"{program.actor} is not started; {file}: {error.strerror}") from None
+
+
 class ServedLauncher:
     """Children of a small server (`deploy.processes.forkserver`), which reaps them, and what they leave."""
 
@@ -157,7 +167,7 @@ class ServedLauncher:
     def start(self, program: Program) -> Child:
         """Start one program; a set-up is in its file then, in place of an earlier start's."""
         if program.setup is not None:
-            regular_file.write(program.log.parent / SETUP, setup_bytes(program.setup))
+            _write_setup(program)
         names = None if program.names is None else asdict(program.names)
         self._ask({"start": "plain" if names is None else "confined"})
         self._ask({"module": program.module, "argv": program.argv, "log": str(program.log), "names": names})

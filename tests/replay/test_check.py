@@ -232,8 +232,8 @@ def test_a_recording_of_before_there_were_set_ups_names_the_version_that_reads_i
     with Recorder(path, 100_000) as recorder:
         recorder.note("run", Earlier())
     assert fault(copy) == (
-        f"{path}: its record 'run' is not what it should be: it holds no set-up; version abc has made it, and "
-        "can read it; this one cannot"
+        f"{path}: its record 'run' is not what it should be: it holds no set-up; version abc has made it, "
+        "and can read it; this one cannot"
     )
 
 

@@ -138,6 +138,10 @@ def _actor(name: str, value: object) -> Callable[[dict[str, Any]], object]:
             "Object contains unknown field `deco` - at `$.actor.adaptation`",
         ),
         (
+            lambda told: told["actor"]["stack"]["dwa"].update(speed=1),
+            "Object contains unknown field `speed` - at `$.actor.stack.dwa`",
+        ),
+        (
             lambda told: told["actor"]["stack"]["localisation"].update(beams=0),
             "localisation.beams is 0, but must be at least 1 - at `$.actor.stack.localisation`",
         ),
