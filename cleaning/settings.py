@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, get_args, get
 from actors.bounds import ParameterError
 from actors.instant import Duration, seconds
 from actors.robot.behaviour import Setting
-from actors.robot.behaviour.adaptation import LONGEST_S
+from actors.robot.behaviour.ports import LONGEST_S
 from actors.runtime.errors import AcrcError
 from actors.wording import shown, unknown_key
 from deeco import DeecoError

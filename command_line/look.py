@@ -217,7 +217,6 @@ def scenario(
     from deploy.scenario import part_survey, survey
     from deploy.scenario.resolve import resolve
     from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, settings
-    from deploy.scenario.scenario_text import adaptation
 
     if png is not None and (png.suffix not in {".png", ".svg"} or not png.absolute().parent.is_dir()):
         raise wrong_value("--png", png, "a file in a folder that exists, its name ending in .png or .svg")
@@ -240,7 +239,7 @@ def scenario(
             scenario_picture.write(found, png)
         console.print(str(png), markup=False)
     folders = admitted(file, settled.behaviour, module_folders(settled.scenario), permit)
-    preflight_here(settled, adaptation(settled.scenario), folders)
+    preflight_here(settled, folders)
 
 
 def _part(file: Path, png: Path | None, *, is_map: bool) -> None:

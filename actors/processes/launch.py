@@ -16,10 +16,12 @@ from typing import Any, Protocol, Self
 
 from actors.installation.repository import REPOSITORY
 from actors.processes.confined import MESSAGE_LIMIT
+from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.neutral import Names, outside
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.environment import passed_on
+from actors.runtime.process_setup import SETUP, ActorSetup, setup_bytes
 
 
 class LaunchError(AcrcError):
@@ -38,6 +40,8 @@ class Program:
     """The MCAP file that it writes; None for an observer, without which a run goes on."""
     names: Names | None = None
     """Of a robot that is shut off: what is called otherwise in `argv`; None: nothing is."""
+    setup: ActorSetup[Any, Any] | None = None
+    """What its process reads, beside its log; None: it reads none."""
 
     def in_our_words(self, told: str) -> str:
         """What the program has said, its paths as they are called outside of its sandbox."""
@@ -105,6 +109,16 @@ class Server(Protocol):
         """Wait for its end; the exit code, or less than 0: the signal that ended it."""
 
 
+def _write_setup(program: Program) -> None:
+    """Write what the program reads. Raises LaunchError."""
+    assert program.setup is not None
+    file = program.log.parent / SETUP
+    try:
+        regular_file.write(file, setup_bytes(program.setup))
+    except OSError as error:
+        raise LaunchError(f"{program.actor} is not started; {file}: {error.strerror}") from None
+
+
 class ServedLauncher:
     """Children of a small server (`actors.processes.forkserver`), which reaps them, and what they leave."""
 
@@ -151,7 +165,9 @@ class ServedLauncher:
         self._ask_about(router.parent, {"withdraw": router.name})
 
     def start(self, program: Program) -> Child:
-        """Start one program."""
+        """Start one program; a set-up is in its file then, in place of an earlier start's."""
+        if program.setup is not None:
+            _write_setup(program)
         names = None if program.names is None else asdict(program.names)
         self._ask({"start": "plain" if names is None else "confined"})
         self._ask({"module": program.module, "argv": program.argv, "log": str(program.log), "names": names})

@@ -1,15 +1,15 @@
-"""What isolated robots saw under other names: kept in the run's folder, where none of them can read it."""
+"""Where the code of a run's strategy lay: kept in the run's folder, where no isolated robot can read it."""
 
 from typing import Final
 
 import msgspec
 
 NAMES: Final = "names.json"
-"""File in a run's folder with what isolated robots saw under other names."""
+"""File in the folder of a run with a strategy of the user's own."""
 
 
 class RealNames(msgspec.Struct, frozen=True):
-    """What was called otherwise for the robots of a run; absolute paths."""
+    """What isolated robots saw under other names; absolute paths, as they were then."""
 
     out: str
     """The run's folder; a robot's own lies in it."""

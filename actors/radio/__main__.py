@@ -1,11 +1,12 @@
-"""The radio as a program: `python -m actors.radio --setup FILE --router ENDPOINT …`."""
+"""The radio as a program: `python -m actors.radio SETUP`."""
 
 import os
 import sys
 from collections.abc import Sequence
 
-from actors.radio.program import parse, part
+from actors.radio.program import load_setup, part
 from actors.runtime.access.rules import client_config
+from actors.runtime.client_options import setup_parser
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import answer_where, die_with_parent
 from actors.runtime.process import play
@@ -16,12 +17,15 @@ def main(argv: Sequence[str]) -> int:
     """Run the radio; the exit code."""
     answer_where()
     try:
-        options = parse(argv)
-        if options.client.with_parent:
+        file = setup_parser("actors.radio", "Simulates the radio medium.").parse_args(argv).setup
+        told, folder = load_setup(file), file.parent
+        process = told.process
+        if process.with_parent:
             die_with_parent(os.getppid())
-        config = client_config(options.client.credentials, options.client.router)
-        radio, client = part(argv), options.client
-        return play(radio, Recorder(client.record, radio.run.step_us), config, patience_s=client.patience_s)
+        config = client_config(folder / process.credentials, process.endpoint(folder))
+        radio = part(told.actor, folder, process.commit, process.spans)
+        recorder = Recorder(folder / process.record, radio.run.step_us)
+        return play(radio, recorder, config, patience_s=process.patience_s)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

@@ -1,10 +1,6 @@
-"""The radio's process: its command line, its set-up and its core."""
+"""The radio's process: its set-up and its core."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-
-import msgspec
 
 from actors.messages import RADIO_READY, TRANSMIT, TRUTH, Ready
 from actors.portable import arrays, foundations
@@ -14,14 +10,14 @@ from actors.radio.core import RadioCore
 from actors.radio.medium import medium
 from actors.radio.propagation import indoor
 from actors.radio.radio_model import radio_model
-from actors.radio.radio_setup import RadioSetup
-from actors.runtime import regular_file
+from actors.radio.radio_setup import RadioProgram, RadioSetup
 from actors.runtime.bus.quota_bus import QuotaBus
-from actors.runtime.client_options import ArgumentParser, ClientOptions, add_client_options, client_options
 from actors.runtime.core import at, to
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined, fingerprints
 from actors.runtime.process import ActorProcess, run_note
+from actors.runtime.process_setup import read_setup
+from actors.runtime.spans import Window
 
 KERNELS = (foundations, arrays, portable_draws, indoor, medium, transceiver_truth)
 """Modules with numeric kernels that a radio computes with."""
@@ -52,44 +48,16 @@ def build(setup: RadioSetup) -> RadioCore:
     return RadioCore(setup.robots, setup.step_us, model, setup.seed)
 
 
-@dataclass(frozen=True)
-class RadioOptions:
-    """The radio's command line."""
-
-    setup: Path
-    """JSON file with a RadioSetup."""
-    client: ClientOptions
+def load_setup(path: Path) -> RadioProgram:
+    """What a radio's process is told in a file; its files are called as in there. Raises SetupError."""
+    return read_setup(path, RadioProgram, "a radio")
 
 
-def parse(argv: Sequence[str]) -> RadioOptions:
-    """The options in `argv`; ArgumentError if they make no sense."""
-    parser = ArgumentParser(prog="python -m actors.radio", description="Simulates the radio medium.")
-    parser.add_argument("--setup", required=True, type=Path, help="JSON file with the radio's set-up")
-    add_client_options(parser)
-    given = parser.parse_args(argv)
-    return RadioOptions(given.setup, client_options(given))
-
-
-def load_setup(path: Path) -> RadioSetup:
-    """The set-up in a JSON file; AcrcError if there is none."""
-    try:
-        return msgspec.json.decode(regular_file.content(path), type=RadioSetup)
-    except (OSError, ValueError, RecursionError) as error:
-        raise AcrcError(f"{path}: no set-up of a radio: {str(error)[:300]}") from None
-
-
-def part(
-    argv: Sequence[str], settle: Callable[[RadioSetup], RadioSetup] = lambda setup: setup
-) -> ActorProcess:
-    """The radio that `argv` describes, with its connections.
-
-    `settle` is given the set-up, and says where its files are: a replay may find them elsewhere.
-    """
-    options = parse(argv)
-    setup = settle(load_setup(options.setup))
+def part(setup: RadioSetup, folder: Path, commit: str, spans: Window | None = None) -> ActorProcess:
+    """The radio of a set-up that lies in `folder`, with its connections."""
     prints = fingerprints(KERNELS)
-    core = build(setup)
-    run = run_note("radio", argv, setup, options.client.commit, seed=setup.seed, kernels=prints)
+    core = build(setup.located(folder))
+    run = run_note("radio", setup, commit, seed=setup.seed, kernels=prints)
     return ActorProcess(
         core=core,
         listens=(at(TRUTH), at(TRANSMIT, "*")),
@@ -97,5 +65,5 @@ def part(
         bus=QuotaBus,
         ready=to(RADIO_READY, Ready(0, "radio", 0, combined(prints))),
         outcome=lambda: {"frames": core.counters(), "frames_by_robot": core.counters_by_robot()},
-        spans=options.client.spans,
+        spans=spans,
     )

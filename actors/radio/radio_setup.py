@@ -1,12 +1,16 @@
 """What the radio's process is told at its start."""
 
+from pathlib import Path
+from typing import Self
+
 import msgspec
 
 from actors.radio.propagation.interferers import WifiParameters
 from actors.radio.propagation.walls import WallPatch
+from actors.runtime.process_setup import ActorSetup, ProcessSetup
 
 
-class RadioSetup(msgspec.Struct, frozen=True):
+class RadioSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The robots with transceivers, and the radio's model; what is None is as the preset has it."""
 
     seed: int
@@ -31,3 +35,11 @@ class RadioSetup(msgspec.Struct, frozen=True):
     """11 to 26."""
     wifi: tuple[WifiParameters, ...] = ()
     """Wi-Fi stations about."""
+
+    def located(self, folder: Path) -> Self:
+        """With its map as it is called for who does not stand in `folder`, where the set-up lies."""
+        return msgspec.structs.replace(self, map=str(folder / self.map)) if self.map else self
+
+
+RadioProgram = ActorSetup[RadioSetup, ProcessSetup]
+"""What a radio's process reads."""

@@ -1,4 +1,4 @@
-"""A robot as a program: `python -m actors.robot --id r1 --map FILE … --router ENDPOINT …`.
+"""A robot as a program: `python -m actors.robot SETUP`.
 
 The same whoever sends it Senses: time arrives in messages.
 """
@@ -12,13 +12,13 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from actors.robot import assembly, program
-from actors.robot.behaviour.modules import look_in
 from actors.runtime import debugger, prints
 from actors.runtime.access.rules import client_config
 from actors.runtime.background import SparingRecorder
-from actors.runtime.client_options import own_folder
+from actors.runtime.client_options import own_folder, setup_parser
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.neutral import RECORDING
 from actors.runtime.isolation.resource_limits import enforce
@@ -40,11 +40,20 @@ def preflight(make: Callable[[], ActorProcess], recorder: Recorder, patience_s: 
     return 0
 
 
-def _robot(options: program.RobotOptions, argv: Sequence[str]) -> ActorProcess:
+def _robot(told: program.RobotProgram, folder: Path) -> ActorProcess:
     """What its code prints goes to the log, with simulated time."""
-    printed = prints.on(sys.stdout, options.setup.step_us)
-    with printed.during(options.setup.first_step):
-        return replace(program.part_of(options, argv), prints=printed)
+    printed = prints.on(sys.stdout, told.actor.step_us)
+    with printed.during(told.actor.first_step):
+        return replace(program.part(told, folder), prints=printed)
+
+
+def _answer_breakpoints(told: program.RobotProgram) -> None:
+    if told.process.debugger:
+        debugger.stop_at(told.process.debugger)
+    elif told.process.debugger is not None:
+        debugger.ignore_breakpoints()
+    else:
+        debugger.refuse_breakpoints(told.actor.id)
 
 
 def main(argv: Sequence[str]) -> int:
@@ -52,35 +61,32 @@ def main(argv: Sequence[str]) -> int:
     parent, threads = os.getppid(), threading.enumerate()
     answer_where()
     try:
-        options = program.parse(argv)
+        parser = setup_parser("actors.robot", "One robot.")
+        parser.add_argument("--preflight", type=float, metavar="S", help="only make the robot, within S s")
+        options = parser.parse_args(argv)
+        told, folder = program.load_setup(options.setup), options.setup.parent
+        process, step_us = told.process, told.actor.step_us
         assembly.kernels()
-        kind = SparingRecorder if options.client.spares_record else Recorder
-        path, descriptor = options.client.record, RECORDING if options.isolate else None
-        recorder = kind(path, options.setup.step_us, descriptor)
-        reserve.hold(own_folder(path.parent) if options.isolate else path.parent)
-        if options.client.with_parent and not options.isolate:  # else its keeper sees to that
+        kind = SparingRecorder if process.spares_record else Recorder
+        recorder = kind(folder / process.record, step_us, RECORDING if process.isolate else None)
+        reserve.hold(own_folder(folder) if process.isolate else folder)
+        if process.with_parent and not process.isolate:  # else its keeper sees to that
             die_with_parent(parent)
-        if options.debugger:
-            debugger.stop_at(options.debugger)
-        elif options.debugger is not None:
-            debugger.ignore_breakpoints()
-        else:
-            debugger.refuse_breakpoints(options.setup.id)
-        if options.limits is not None:
-            enforce(options.limits, isolated=options.isolate)
-        look_in(options.path)
-        if options.preflight_s is not None:
-            return preflight(lambda: program.part_of(options, argv), recorder, options.preflight_s)
-        config = client_config(options.client.credentials, options.client.router)
+        _answer_breakpoints(told)
+        if process.limits is not None:
+            enforce(process.limits, isolated=process.isolate)
+        if options.preflight is not None:
+            return preflight(lambda: program.part(told, folder), recorder, options.preflight)
+        config = client_config(folder / process.credentials, process.endpoint(folder))
         try:
-            robot, patience_s = _robot(options, argv), options.client.patience_s
+            robot = _robot(told, folder)
         except AcrcError:
             raise
         except BaseException as error:
             with recorder:
-                tell(recorder, options.setup.id, options.setup.first_step, error)
+                tell(recorder, told.actor.id, told.actor.first_step, error)
             return 1
-        return play(robot, recorder, config, threads=threads, patience_s=patience_s)
+        return play(robot, recorder, config, threads=threads, patience_s=process.patience_s)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

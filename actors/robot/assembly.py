@@ -1,12 +1,14 @@
 """A robot from its parts: which localiser, which driver, whose behaviour."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final
+from typing import Annotated, Final
+
+import msgspec
 
 from actors.floor import distance, flood
 from actors.floor.grid import OccupancyGrid
-from actors.geometry import Point, Pose
+from actors.geometry import Point, Pose, wrap
 from actors.portable import arrays, draws, foundations
 from actors.randomness import generator
 from actors.robot import localisation
@@ -45,25 +47,46 @@ KERNELS: Final = (
 )
 
 
-@dataclass(frozen=True)
-class RobotSetup:
-    """Everything that makes up one robot, whatever process it runs in."""
+Count = Annotated[int, msgspec.Meta(ge=0)]
 
-    id: str
-    epoch: int
-    first_step: int
-    seed: int
+
+class RobotSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Everything that makes up one robot, whatever process it runs in.
+
+    Paths are relative to the folder of the set-up, and may be absolute.
+    """
+
+    id: Annotated[str, msgspec.Meta(pattern=r"\A[A-Za-z0-9_-]{1,32}\Z")]
+    epoch: Count
+    """How often it has been restarted."""
+    first_step: Count
+    seed: Count
     """The robot's own, not the run's: from that, and the scenario, it could compute where its peers are."""
-    step_us: int
-    address: int
-    start: Pose
+    step_us: Annotated[int, msgspec.Meta(ge=1)]
+    address: Count
+    """On the radio."""
+    start: tuple[float, float, float]
+    """x, y in m and heading in rad at switch-on, map frame."""
     places: tuple[Point, ...]
+    """That it has to clean, m, map frame."""
     behaviour: str
     """Entry string `module:function`."""
-    adaptation: Adaptation = field(default_factory=Adaptation)
-    stack: Stack = field(default_factory=Stack)
-    doubt: float | None = None
+    model: str
+    """Name of a shipped robot model, or the path of a model file."""
+    sensor: str | None = None
+    """The model's range sensor to use; None: the model's own."""
+    map: str = "map.yaml"
+    """The floor plan."""
+    adaptation: Adaptation = Adaptation()
+    stack: Stack = Stack()
+    doubt: Annotated[float, msgspec.Meta(gt=0, le=100)] | None = None
     """Standard deviation of `start`, m and rad: it stands until it has been located; None: it knows."""
+
+    @property
+    def pose(self) -> Pose:
+        """Where it starts."""
+        x, y, heading = self.start
+        return Pose(x, y, wrap(heading))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,12 +119,12 @@ def start(setup: RobotSetup, model: RobotModel, floor: Ground) -> Start:
         robot=setup.id,
         address=setup.address,
         epoch=setup.epoch,
-        pose=setup.start,
+        pose=setup.pose,
         places=setup.places,
         generator=own,
         settings=MappingProxyType(dict(told.settings)),
         exchange=told.exchange,
-        floor=ReachableFloor(floor, model.footprint.circumradius, setup.start.point, told.areas, own),
+        floor=ReachableFloor(floor, model.footprint.circumradius, setup.pose.point, told.areas, own),
     )
 
 
@@ -125,9 +148,9 @@ def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCor
 def _localisation(setup: RobotSetup, model: RobotModel, field: LikelihoodField | None) -> Localisation:
     parameters = setup.stack.localisation
     if parameters is None or field is None:
-        return DeadReckoning(setup.start, setup.doubt)
+        return DeadReckoning(setup.pose, setup.doubt)
     own = generator(setup.seed, "localisation", setup.id, setup.epoch)
-    return Amcl(field, model.sensor, setup.start, own, parameters, setup.doubt)
+    return Amcl(field, model.sensor, setup.pose, own, parameters, setup.doubt)
 
 
 def kernels() -> dict[str, str]:

@@ -37,19 +37,25 @@ class RunNote(msgspec.Struct, frozen=True):
     """The first record of every file: what this process is and what it was started with."""
 
     actor: str
-    argv: tuple[str, ...]
     seed: int
     """The run's; a robot's is one of its own, which follows from the run's (`randomness.derived_seed`)."""
     step_us: int
     commit: str
-    scenario: str
-    kernels: dict[str, str]
+    setup: msgspec.Raw = msgspec.Raw()
+    """What it was started with, as its set-up has it: what it is, apart from its place in a run."""
+    kernels: dict[str, str] = {}
     """Fingerprint of each numeric kernel on fixed inputs, by module or function."""
     processor: Processor = Processor("")
     """What it ran on."""
     code: dict[str, str] | None = None
     """Sha256 of each module that it had loaded from a folder, and not from what is installed, by its place
     there; None: it had loaded none, or this was recorded before it was noted."""
+
+    def __post_init__(self) -> None:
+        """Recordings had a command line here, and the set-up as text, before there was one."""
+        if not bytes(self.setup):
+            made_by = f"version {self.commit[:60]}" if self.commit else "an earlier version"
+            raise ValueError(f"it holds no set-up; {made_by} has made it, and can read it; this one cannot")
 
 
 class Setup(Protocol):
@@ -62,7 +68,6 @@ class Setup(Protocol):
 
 def run_note(
     actor: str,
-    argv: Sequence[str],
     setup: Setup,
     commit: str,
     *,
@@ -70,8 +75,8 @@ def run_note(
     kernels: Mapping[str, str] = MappingProxyType({}),
 ) -> RunNote:
     """The first record of the file of a process with this set-up."""
-    told = msgspec.json.encode(setup).decode()
-    return RunNote(actor, tuple(argv), seed, setup.step_us, commit, told, dict(kernels), processor())
+    told = msgspec.Raw(msgspec.json.encode(setup))
+    return RunNote(actor, seed, setup.step_us, commit, told, dict(kernels), processor())
 
 
 class FinalNote(msgspec.Struct, frozen=True):

@@ -1,10 +1,9 @@
 """What a process does in some of its steps, span by span: waiting for what, taking, advancing, sending.
 
-For whoever asks for it by `--spans`. Only the shell is measured, from outside of the core, and what it does
-stays the same; a process that is not asked has none of this around it.
+For whoever asks for it in the process's set-up. Only the shell is measured, from outside of the core, and
+what it does stays the same; a process that is not asked has none of this around it.
 """
 
-import argparse
 import time
 from collections.abc import Callable, Sequence
 from typing import Annotated, Final, Literal, NamedTuple
@@ -164,27 +163,6 @@ class _WatchedBus:
         before = self._shell.tally.arrived.get(delivery.key, 0)
         self._watch.end("wait", delivery.key, before + 1, missing)
         return delivery
-
-
-def window(text: str) -> Window:
-    """`FIRST:STEPS` as `--spans` has it; ValueError if it is not that."""
-    first, _, steps = text.partition(":")
-    found = Window(int(first), int(steps))
-    if found.first < 0 or found.steps < 1:
-        raise ValueError
-    return found
-
-
-def add_span_option(parser: argparse.ArgumentParser) -> None:
-    """Add `--spans`, whose value is a Window or None."""
-    parser.add_argument(
-        "--spans", type=window, metavar="FIRST:STEPS", help="note what is done in these steps, span by span"
-    )
-
-
-def span_words(asked: Window | None) -> tuple[str, ...]:
-    """`--spans` as it stands on a command line; nothing without a window."""
-    return () if asked is None else ("--spans", f"{asked.first}:{asked.steps}")
 
 
 def _now() -> tuple[int, int, int]:

@@ -1,4 +1,4 @@
-"""The world as a program: `python -m actors.world --setup FILE --router FILE --record FILE`."""
+"""The world as a program: `python -m actors.world SETUP`."""
 
 import os
 import signal
@@ -8,11 +8,12 @@ from collections.abc import Sequence
 from actors.runtime.access import router_file
 from actors.runtime.access.credentials import reveal
 from actors.runtime.access.rules import router_config
+from actors.runtime.client_options import setup_parser
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import answer_where, die_with_parent, leave_in_order
 from actors.runtime.process import play
 from actors.runtime.recording import Recorder
-from actors.world.program import Conductor, build, load_setup, parse, part, world_note
+from actors.world.program import Conductor, build, load_setup, part, world_note
 
 
 def main(argv: Sequence[str]) -> int:
@@ -20,20 +21,22 @@ def main(argv: Sequence[str]) -> int:
     leave_in_order()
     answer_where()
     try:
-        options = parse(argv)
-        if options.with_parent:
+        file = setup_parser("actors.world", "Conducts a run.").parse_args(argv).setup
+        told, folder = load_setup(file), file.parent
+        process = told.process
+        if process.with_parent:
             die_with_parent(os.getppid(), signal.SIGTERM)
-        setup = load_setup(options.setup)
-        core = build(setup)
-        conductor = Conductor(core, options.speed)
-        note = world_note(setup, argv, options.commit)
-        issued = router_file.read(options.router)
-        world = part(core, note, conductor.drive, options.spans)
-        recorder = Recorder(options.record, setup.step_us)
+        core = build(told.actor.located(folder))
+        conductor = Conductor(core, process.speed)
+        note = world_note(told.actor, process.commit)
+        router = folder / process.router
+        issued = router_file.read(router)
+        world = part(core, note, conductor.drive, process.spans)
+        recorder = Recorder(folder / process.record, told.actor.step_us)
         try:
             return play(world, recorder, router_config(issued), lambda: reveal(issued))
         finally:
-            router_file.remove(options.router)
+            router_file.remove(router)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

@@ -1,84 +1,37 @@
-"""The world's process: its command line, its core, and the router that it is."""
+"""The world's process: its set-up, its core, and the router that it is."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 from typing import Final
 
-import msgspec
-
 from actors.floor import distance, flood
 from actors.messages import PROGRESS
 from actors.portable import arrays, draws, foundations
-from actors.runtime import regular_file
 from actors.runtime.bus.quota_bus import QuotaBus
 from actors.runtime.bus_interface import Bus
-from actors.runtime.client_options import ArgumentParser
 from actors.runtime.core import to
-from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import fingerprints
 from actors.runtime.pace import Pace
 from actors.runtime.process import ActorProcess, RunNote, run_note
+from actors.runtime.process_setup import read_setup
 from actors.runtime.shell import Shell, run_shell
-from actors.runtime.spans import Window, add_span_option
+from actors.runtime.spans import Window
 from actors.runtime.ticks import ticking
 from actors.task import visits
 from actors.task.referee import Referee
 from actors.world import drive, odometry_kernel, physics, rays
 from actors.world.body import Bodies
 from actors.world.core import WorldCore
-from actors.world.world_setup import WorldSetup
+from actors.world.world_setup import WorldProgram, WorldSetup
 
 KERNELS: Final = (foundations, arrays, draws, odometry_kernel, drive, physics, rays, visits, distance, flood)
 """Modules with numeric kernels that a world computes with."""
 
 
-class SetupError(AcrcError):
-    """A set-up file that does not decode."""
-
-
-@dataclass(frozen=True)
-class WorldOptions:
-    """The world's command line."""
-
-    setup: Path
-    """JSON file with a WorldSetup."""
-    router: Path
-    """JSON file with the actors that the router knows, as `actors.runtime.access.router_file` writes it."""
-    record: Path
-    commit: str
-    speed: float | None
-    """Simulated seconds per second; None = as fast as possible."""
-    with_parent: bool
-    """End as soon as the process that started this one has ended."""
-    spans: Window | None
-    """Steps in which what it does is noted, span by span."""
-
-
-def parse(argv: Sequence[str]) -> WorldOptions:
-    """The options in `argv`; ArgumentError if they make no sense."""
-    parser = ArgumentParser(prog="python -m actors.world", description="Conducts a run.")
-    parser.add_argument("--setup", required=True, type=Path, help="JSON file with the world's set-up")
-    parser.add_argument("--router", required=True, type=Path, help="JSON file with whom the router knows")
-    parser.add_argument("--record", required=True, type=Path, help="MCAP file to write")
-    parser.add_argument("--commit", default="", help="version of the software, for the first record")
-    parser.add_argument("--speed", default="max", help='"max", or simulated seconds per second')
-    parser.add_argument("--with-parent", action="store_true", help="end when the starting process ends")
-    add_span_option(parser)
-    given = parser.parse_args(argv)
-    speed = None if given.speed == "max" else float(given.speed)
-    return WorldOptions(
-        given.setup, given.router, given.record, given.commit, speed, given.with_parent, given.spans
-    )
-
-
-def load_setup(path: Path) -> WorldSetup:
-    """The set-up in a JSON file."""
-    try:
-        return msgspec.json.decode(regular_file.content(path), type=WorldSetup)
-    except (OSError, ValueError, RecursionError) as error:
-        raise SetupError(f"{path}: no set-up of a world: {str(error)[:300]}") from None
+def load_setup(path: Path) -> WorldProgram:
+    """What a world's process is told in a file; its files are called as in there. Raises SetupError."""
+    return read_setup(path, WorldProgram, "a world")
 
 
 def build(setup: WorldSetup) -> WorldCore:
@@ -86,16 +39,9 @@ def build(setup: WorldSetup) -> WorldCore:
     return WorldCore(setup, Bodies(setup), Referee(setup.robots, setup.reach))
 
 
-def part_of(
-    argv: Sequence[str], settle: Callable[[WorldSetup], WorldSetup] = lambda setup: setup
-) -> ActorProcess:
-    """The world that `argv` describes, without a conductor's clock: for replays.
-
-    `settle` is given the set-up, and says where its files are.
-    """
-    options = parse(argv)
-    setup = settle(load_setup(options.setup))
-    return part(build(setup), world_note(setup, argv, options.commit))
+def part_of(setup: WorldSetup, folder: Path, commit: str) -> ActorProcess:
+    """The world of a set-up in `folder`, without a conductor's clock: in memory, and for replays."""
+    return part(build(setup.located(folder)), world_note(setup, commit))
 
 
 def part(
@@ -124,9 +70,9 @@ def part(
     )
 
 
-def world_note(setup: WorldSetup, argv: Sequence[str], commit: str) -> RunNote:
+def world_note(setup: WorldSetup, commit: str) -> RunNote:
     """The first record of the world's file."""
-    return run_note("world", argv, setup, commit, seed=setup.seed, kernels=fingerprints(KERNELS))
+    return run_note("world", setup, commit, seed=setup.seed, kernels=fingerprints(KERNELS))
 
 
 class Conductor:

@@ -1,10 +1,14 @@
-"""What a world is built from: one JSON file, written by whoever starts the run."""
+"""What a world is built from, as whoever starts the run has it."""
+
+from pathlib import Path
+from typing import Self
 
 import msgspec
 
 from actors.orders import Order
 from actors.randomness import derived_seed, keyed_seed
 from actors.robot_model import OdometryKind
+from actors.runtime.process_setup import ActorSetup, ProcessSetup, located_model
 from actors.world.uncertainty import Uncertainty
 
 
@@ -50,6 +54,13 @@ class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     key: str = ""
     """Hexadecimal digits without which nothing that is drawn follows from `seed`; empty: there is none."""
 
+    def located(self, folder: Path) -> Self:
+        """With its files as they are called for who does not stand in `folder`, where the set-up lies."""
+        robots = tuple(
+            msgspec.structs.replace(robot, model=located_model(robot.model, folder)) for robot in self.robots
+        )
+        return msgspec.structs.replace(self, map=str(folder / self.map), robots=robots)
+
     @property
     def world_seed(self) -> int:
         """The seed of what the world draws."""
@@ -58,3 +69,14 @@ class WorldSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def robot_seed(self, robot: str) -> int:
         """The seed of what a robot draws."""
         return derived_seed(self.seed, robot, self.key)
+
+
+class WorldProcess(ProcessSetup, frozen=True, forbid_unknown_fields=True):
+    """A world's place in a run."""
+
+    speed: float | None = None
+    """Simulated seconds per second; None: as fast as possible."""
+
+
+WorldProgram = ActorSetup[WorldSetup, WorldProcess]
+"""What a world's process reads."""

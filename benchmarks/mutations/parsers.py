@@ -10,25 +10,27 @@ from typing import TypeVar
 from actors.floor.map_file import load_map
 from actors.installation.repository import REPOSITORY
 from actors.instant import START
-from actors.messages import TOPICS, TRANSMIT, Transmit
+from actors.messages import TOPICS, TRANSMIT, ProcessOrder, Transmit
+from actors.processes.launch import Program
 from actors.radio import frame_codec
-from actors.robot.behaviour.adaptation import load_adaptation
-from actors.robot.behaviour.places import load_places
-from actors.robot.stack import load_stack
+from actors.radio import program as radio
+from actors.robot.program import load_setup
 from actors.robot_model import load_model
 from actors.runtime.access import credentials, router_file
 from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.codec import decode
 from actors.runtime.lifecycle.failure import FailureNote
 from actors.runtime.process import FinalNote, RunNote
+from actors.runtime.process_setup import setup_bytes
 from actors.runtime.recording import Entry, decoded, read_notes, read_recording
-from actors.world.program import load_setup
+from actors.world import program as world
 from benchmarks.mutations.devices import device_parsers
 from deeco.replication.packet import unpack
 from deeco.replication.reassembly import Reassembly
 from deploy.fleet.fleet_file import load_fleet
-from deploy.run import swarm
+from deploy.run import plan, swarm
 from deploy.run.options import RunOptions
+from deploy.run.plan import Plan
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.field_trial.laboratory_truth import read_truth
 from observation.field_trial.recordings import read_field_trial
@@ -49,14 +51,16 @@ class Parser:
 def parsers(scratch: Path, run: Path | None = None) -> Iterator[Parser]:
     """All of them; `scratch` is an empty folder to work in. `run`: the folder of a run to begin with."""
     out = scratch / "run"
+    scenario = load_scenario(REPOSITORY / "scenarios" / "head_on.toml", Overrides(duration=5.0))
+    planned = swarm.plan(scenario, RunOptions(out, bus="memory"))
     if run is not None:
         shutil.copytree(run, out)
     else:
-        scenario = load_scenario(REPOSITORY / "scenarios" / "head_on.toml", Overrides(duration=5.0))
-        swarm.run_in_memory(swarm.plan(scenario, RunOptions(out, bus="memory")), lambda progress: None)
+        swarm.run_in_memory(planned, lambda progress: None)
     yield from _messages(out)
     yield from _recordings(out)
     yield from _files(out, scratch)
+    yield from _setups(planned, scratch)
     yield from (Parser(*one) for one in device_parsers())
 
 
@@ -117,14 +121,9 @@ def _files(out: Path, scratch: Path) -> Iterator[Parser]:
             (REPOSITORY / "actors" / "models").glob("*.toml"),
             lambda path: load_model(str(path)),
         ),
-        ("places", (robot / "places.toml",), load_places),
-        ("adaptation", (robot / "adaptation.toml",), load_adaptation),
-        ("navigation", (robot / "navigation.toml",), load_stack),
         ("map", (robot / "map.yaml",), load_map),
-        ("set-up of a world", (out / "world" / "setup.json",), load_setup),
         ("router file", (scratch / "router.json",), router_file.read),
         ("credentials", (robot / "credentials",), credentials.read),
-        ("laboratory's result", (out / "world" / "setup.json",), read_truth),
     )
     (scratch / "map.png").write_bytes(image)
     for name, paths, reader in readers:
@@ -133,6 +132,19 @@ def _files(out: Path, scratch: Path) -> Iterator[Parser]:
     (scratch / "map.yaml").write_bytes((robot / "map.yaml").read_bytes())
     through = _through_a_file(scratch / "map.png", lambda path: load_map(path.with_suffix(".yaml")))
     yield Parser("image of a map", (image,), through)
+
+
+def _setups(planned: Plan, scratch: Path) -> Iterator[Parser]:
+    robot = planned.world.robots[0]
+    readers: tuple[tuple[str, Program, Callable[[Path], object]], ...] = (
+        ("set-up of a world", plan.world_program(planned), world.load_setup),
+        ("set-up of a radio", plan.radio_program(planned), radio.load_setup),
+        ("set-up of a robot", plan.robot_program(planned, robot, ProcessOrder(robot.id, 0), 0), load_setup),
+        ("laboratory's result", plan.world_program(planned), read_truth),
+    )
+    for name, program, reader in readers:
+        assert program.setup is not None
+        yield Parser(name, (setup_bytes(program.setup),), _through_a_file(scratch / "setup.json", reader))
 
 
 def _decoder(topic: object) -> Callable[[bytes], object]:

@@ -18,7 +18,7 @@ from actors.instant import Instant
 from actors.messages import SENSES, Senses
 from actors.robot.core import RobotCore
 from actors.robot.navigation.local_planner import Cycle, LocalPlanner
-from actors.robot.stack import Stack, load_stack
+from actors.robot.stack import Stack
 from actors.robot.sweep import Sweeps
 from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.codec import decode
@@ -55,7 +55,7 @@ def write(file: Path, course: NavigationCourse, robot: str = "r1") -> Written:
         plan = swarm.plan(scenario(course), RunOptions(out, bus="memory"))
         swarm.run_in_memory(plan, lambda progress: None)
         cycles, scans = _cycles(out, robot), _scans(out, robot)
-        stack = load_stack(out / robot / "navigation.toml")
+        stack = plan.stack
     members, written = _members(course, stack, cycles)
     members["scans.csv"] = "\n".join([_scan_columns(), *scans, ""])
     pack(file, members)

@@ -20,14 +20,14 @@ class ListedPreset(msgspec.Struct, frozen=True):
 def listed() -> tuple[ListedPreset, ...]:
     """All presets, table by table."""
     from actors.radio import presets as radio
-    from actors.robot import stack
     from actors.robot.localisation import parameters
     from actors.robot.navigation import navigator
+    from deploy.scenario import stack_tables
 
     return (
         *_of("radio", radio, "PRESETS"),
         *_of("localisation", parameters, "PRESETS"),
-        ListedPreset("localisation", stack.ODOMETRY, _doc(stack, "ODOMETRY").removesuffix(".")),
+        ListedPreset("localisation", stack_tables.ODOMETRY, _doc(stack_tables, "ODOMETRY").removesuffix(".")),
         *_of("navigation", navigator, "NAVIGATION_PRESETS"),
     )
 

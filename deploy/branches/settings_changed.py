@@ -12,14 +12,12 @@ from typing import Any, Final
 from actors.installation.usage import wrong_value
 from actors.robot.behaviour import Setting, succession
 from actors.robot.behaviour.succession import Turn
-from actors.robot.stack import TABLES, stack
 from cleaning.settings import Made, made_meanwhile
 from cleaning.strategies import entry
 from deploy.branches.change import Change
 from deploy.run.preflight import preflight_here
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from deploy.scenario.scenario_text import adaptation
 from deploy.scenario.tables import Scenario
 
 _STRATEGY: Final = "strategy."
@@ -47,8 +45,7 @@ def strategy_settings(given: Iterable[tuple[str, Any]], file: Path) -> Mapping[s
 def _told(scenario: Scenario) -> tuple[object, ...]:
     """All that the actors of a run are told of it."""
     settled = resolve(scenario)
-    tables = stack(settled.scenario.model_dump(include=set(TABLES)))
-    return settled.world, settled.radio, settled.behaviour, adaptation(settled.scenario), tables
+    return settled.world, settled.radio, settled.behaviour, settled.adaptation, settled.stack
 
 
 def changed(scenario: Scenario, change: Change) -> Scenario:
@@ -89,7 +86,7 @@ def _exact(settings: Mapping[str, Setting]) -> list[tuple[str, str, Setting]]:
 def _made(scenario: Scenario, modules: Sequence[Path]) -> list[Made]:
     settled = resolve(scenario)
     with made_meanwhile() as made:
-        preflight_here(settled, adaptation(settled.scenario), modules)
+        preflight_here(settled, modules)
     return made
 
 

@@ -1,4 +1,4 @@
-"""The map page as a program: `python -m deploy.control --setup FILE --router ENDPOINT …`."""
+"""The map page as a program: `python -m deploy.control SETUP --router ENDPOINT …`."""
 
 import asyncio
 import os
@@ -35,18 +35,16 @@ class ControlOptions:
     router: str
     observer: Path
     operator: Path
-    speed: str
 
 
 def parse(argv: Sequence[str]) -> ControlOptions:
     """The options in `argv`; ArgumentError if they make no sense."""
     parser = ArgumentParser(prog="python -m deploy.control", description="Serves the map page of a run.")
-    parser.add_argument("--setup", required=True, type=Path, help="JSON file with the world's set-up")
+    parser.add_argument("setup", type=Path, help="the world's set-up, its setup.json")
     parser.add_argument("--address", required=True, type=Path, help="file for the page's address")
     parser.add_argument("--router", required=True, help="endpoint of the router")
     parser.add_argument("--observer", required=True, type=Path, help="credentials of who looks on")
     parser.add_argument("--operator", required=True, type=Path, help="credentials of who gives orders")
-    parser.add_argument("--speed", required=True, help="simulated seconds per second, or max")
     return ControlOptions(**vars(parser.parse_args(argv)))
 
 
@@ -56,8 +54,9 @@ def main(argv: Sequence[str]) -> int:
     die_with_parent(os.getppid())
     try:
         options = parse(argv)
-        setup = load_setup(options.setup)
-        scene = Scene(setup, load_map(setup.map), 0.0 if options.speed == "max" else float(options.speed))
+        told = load_setup(options.setup)
+        setup = told.actor.located(options.setup.parent)
+        scene = Scene(setup, load_map(setup.map), told.process.speed or 0.0)
         observer = client_config(options.observer, options.router, onlooker=True)
         operator = client_config(options.operator, options.router)
         with ExitStack() as stack:

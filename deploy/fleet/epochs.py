@@ -165,6 +165,6 @@ def _begun(path: Path) -> _Begun | None:
         if not isinstance(first, Note) or first.name != "run":
             return None
         run = msgspec.json.decode(first.json, type=RunNote)
-        return msgspec.json.decode(run.scenario, type=_Begun)
+        return msgspec.json.decode(run.setup, type=_Begun)
     except (RecordingError, OSError, ValueError):
         return None

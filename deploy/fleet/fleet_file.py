@@ -15,13 +15,14 @@ from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
 
 from actors import table_wording, toml_file
 from actors.installation.usage import OptionError
-from actors.robot.behaviour.adaptation import AreaTable, DeecoTable, Settings
+from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.behaviour.ports import Setting
+from actors.robot.stack import Stack
 from actors.runtime.errors import AcrcError
 from actors.table import A_POINT, A_POSE, Point, Pose, Right, Table, Text, as_tuples
+from deploy.scenario.adaptation_tables import AreaTable, DeecoTable, Settings, adaptation
 from deploy.scenario.kinds import MOST_PLACES, Model, Parameters, RobotId, Sensor
-from deploy.scenario.scenario_text import adaptation, navigation
-from deploy.scenario.stack_tables import stack_fault
+from deploy.scenario.stack_tables import stack_fault, stack_of
 from firmware_bridge.beeclick.signal import POWERS, power_setting
 from firmware_bridge.onboard.onboard_setup import OPENNI
 
@@ -164,10 +165,10 @@ class Fleet:
     """Settings of the strategy that `run` names."""
     deeco: DeecoTable
     area: tuple[AreaTable, ...]
-    adaptation: str
-    """What every robot reads about its strategy and exchange, as TOML."""
-    navigation: str
-    """What every robot reads about how it localises and navigates, as TOML."""
+    adaptation: Adaptation
+    """What every robot is told about its strategy and exchange."""
+    stack: Stack
+    """What every robot is told about how it localises and navigates."""
     robots: tuple[FleetRobot, ...]
 
     def robot(self, name: str) -> FleetRobot:
@@ -248,6 +249,6 @@ def _fleet(file: _FleetFile, path: Path) -> Fleet:
         deeco=file.deeco,
         area=file.area,
         adaptation=adaptation(file),
-        navigation=navigation(file),
+        stack=stack_of(file),
         robots=tuple(robot.model_copy(update={"model": absolute(robot.model)}) for robot in file.robot),
     )

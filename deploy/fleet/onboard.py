@@ -1,6 +1,6 @@
-"""A robot's own processes: base, bridge, and the robot program with the argv that simulation gives it.
+"""A robot's own processes: base, bridge, and the robot program with the set-up that simulation gives it.
 
-One word more lets it go on where the disk takes no record.
+On board it goes on where the disk takes no record.
 """
 
 from collections.abc import Callable
@@ -15,13 +15,23 @@ from actors.messages import ProcessOrder
 from actors.processes.launch import Program
 from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials
+from actors.runtime.process_setup import ActorSetup, ProcessSetup
 from actors.world.world_setup import BodySetup
-from deploy.run.plan import Plan, client_argv, lay_out_robot, robot_program, write_names
+from deploy.run.plan import (
+    MODEL,
+    Plan,
+    actor_program,
+    client,
+    lay_out_robot,
+    robot_program,
+    write_names,
+)
 from firmware_bridge.onboard import last_pose
-from firmware_bridge.onboard.onboard_setup import BaseSetup, BridgeSetup
+from firmware_bridge.onboard.onboard_setup import PATIENCE_S, BaseSetup, BridgeSetup
 
 BASE: Final = "base"
 BRIDGE: Final = "radio"
+_LAST_POSE: Final = "last.pose"
 OPERATORS: Final = ("radio", "observer", "operator")
 
 
@@ -62,7 +72,7 @@ class Onboard:
     @property
     def pose_file(self) -> Path:
         """As `last_pose`."""
-        return self.last_pose or self.folder(BASE) / "last.pose"
+        return self.last_pose or self.folder(BASE) / _LAST_POSE
 
     @property
     def router(self) -> Path:
@@ -82,40 +92,15 @@ class Onboard:
 
 def lay_out(onboard: Onboard) -> None:
     """Write the files that the processes read; the robot must have no folder there yet."""
-    plan, robot, ports = onboard.plan, onboard.robot, onboard.ports
+    plan, robot = onboard.plan, onboard.robot
     own = plan.folder(robot.id)
     if own.exists():
         raise OptionError(f"--out: {plan.out} has a folder of {robot.id}; must be a folder without")
     plan.out.mkdir(parents=True, exist_ok=True)
     write_names(plan)
     lay_out_robot(plan, robot)
-    base = BaseSetup(
-        robot.id,
-        robot.model,
-        robot.sensor,
-        robot.start,
-        len(robot.places),
-        plan.world.step_us,
-        ports.base,
-        ports.range,
-        ports.listen,
-        ports.keys,
-        str(onboard.pose_file),
-        *((None,) if onboard.debug_port is not None else ()),
-    )
-    bridge = BridgeSetup(
-        robot.id,
-        plan.world.step_us,
-        ports.radio,
-        plan.address(robot.id),
-        ports.pan,
-        ports.channel,
-        ports.power_dbm,
-        ports.board,
-    )
-    for actor, setup in ((BASE, base), (BRIDGE, bridge)):
+    for actor in (BASE, BRIDGE):
         onboard.folder(actor).mkdir()
-        (onboard.folder(actor) / "setup.json").write_bytes(msgspec.json.format(msgspec.json.encode(setup)))
 
 
 def issue(onboard: Onboard) -> Credentials:
@@ -133,38 +118,60 @@ def withdraw(onboard: Onboard) -> None:
 
 def base_program(onboard: Onboard, start: int) -> Program:
     """The base's program; `start` counts its starts."""
-    plan, folder = onboard.plan, onboard.folder(BASE)
-    name = _numbered(folder.name, start)
-    argv = (
-        *("--setup", str(folder / "setup.json"), "--router", str(onboard.router)),
-        *("--record", str(folder / f"{name}.mcap"), "--commit", plan.commit, "--with-parent"),
+    plan, ports, folder = onboard.plan, onboard.ports, onboard.folder(BASE)
+    robot = onboard.robot
+    base = BaseSetup(
+        robot=robot.id,
+        model=f"../{robot.id}/{MODEL}" if robot.model.endswith(".toml") else robot.model,
+        sensor=robot.sensor,
+        start=robot.start,
+        places=len(robot.places),
+        step_us=plan.world.step_us,
+        base=ports.base,
+        range=ports.range,
+        listen=ports.listen,
+        keys=ports.keys,
+        last_pose=str(onboard.last_pose or _LAST_POSE),
+        patience_s=PATIENCE_S if onboard.debug_port is None else None,
     )
-    log, record = folder / f"{name}.log", folder / f"{name}.mcap"
-    return Program(BASE, "firmware_bridge.onboard.base", argv, log, record)
+    process = ProcessSetup(
+        record=f"{_numbered(folder.name, start)}.mcap",
+        router=router_file.NAME,
+        commit=plan.commit,
+        with_parent=True,
+    )
+    return actor_program(BASE, "firmware_bridge.onboard.base", folder, ActorSetup(base, process))
 
 
 def bridge_program(onboard: Onboard, start: int) -> Program:
     """The bridge's program."""
-    plan, folder = onboard.plan, onboard.folder(BRIDGE)
-    name = _numbered(folder.name, start)
-    record = folder / f"{name}.mcap"
-    argv = (
-        "--setup",
-        str(folder / "setup.json"),
-        *client_argv(plan, onboard.folder(BASE).name, "radio", record),
+    plan, ports, folder = onboard.plan, onboard.ports, onboard.folder(BRIDGE)
+    bridge = BridgeSetup(
+        robot=onboard.robot.id,
+        step_us=plan.world.step_us,
+        radio=ports.radio,
+        address=plan.address(onboard.robot.id),
+        pan=ports.pan,
+        channel=ports.channel,
+        power_dbm=ports.power_dbm,
+        board=ports.board,
     )
-    return Program(BRIDGE, "firmware_bridge.onboard.bridge", argv, folder / f"{name}.log", record)
+    record = f"{_numbered(folder.name, start)}.mcap"
+    process = client(plan, f"../{onboard.folder(BASE).name}", "radio", record)
+    return actor_program(BRIDGE, "firmware_bridge.onboard.bridge", folder, ActorSetup(bridge, process))
 
 
 def onboard_robot_program(onboard: Onboard, start: int) -> Program:
     """The robot's program, as in simulation and in a new epoch; under a debugger if one is wanted."""
-    robot, doubt = onboard.robot, tuple[str, ...]()
+    robot, doubt = onboard.robot, None
     if (last := last_pose.read(onboard.pose_file)) is not None:
-        robot = msgspec.structs.replace(robot, start=(*last.origin,))
-        doubt = ("--doubt", f"{last.spread!r}")
+        robot, doubt = msgspec.structs.replace(robot, start=(*last.origin,)), last.spread
     order = ProcessOrder(robot.id, onboard.epochs())
     program = robot_program(onboard.plan, robot, order, first_step=0, name=_numbered(robot.id, start))
-    program = replace(program, argv=(*program.argv, "--spare-record", *doubt))
+    assert program.setup is not None
+    told = msgspec.structs.replace(program.setup.actor, doubt=doubt)
+    process = msgspec.structs.replace(program.setup.process, spares_record=True)
+    program = replace(program, setup=ActorSetup(told, process))
     if onboard.debug_port is None:
         return program
     waiting = ("--listen", str(onboard.debug_port), "-m", program.module)

@@ -191,7 +191,7 @@ def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> Plan:
         behaviour=entry(fleet.run.strategy),
         modules=own_code(fleet, Permit(options.modules)),
         adaptation=fleet.adaptation,
-        navigation=fleet.navigation,
+        stack=fleet.stack,
         scenario=ScenarioCopy("", ()),
         commit=software(),
         speed="1",

@@ -24,6 +24,7 @@ from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.isolating import warn
+from actors.runtime.process_setup import SETUP, setup_bytes
 from deploy.fleet import onboard as layout
 from deploy.fleet.collect import collect
 from deploy.fleet.onboard import Onboard, Ports
@@ -113,13 +114,13 @@ class _Room:
         self._folder = folder
         self._child: Child | None = None
         setup = LaboratorySetup(plan.world, plan.radio, simulated)
-        (folder / "setup.json").write_bytes(msgspec.json.format(msgspec.json.encode(setup)))
+        (folder / SETUP).write_bytes(setup_bytes(setup))
 
     def start(self) -> None:
         """Start it, and stay until the devices are plugged in."""
         folder = self._folder
         argv = (
-            *("--setup", str(folder / "setup.json"), "--links", str(folder / "links")),
+            *("--setup", str(folder / SETUP), "--links", str(folder / "links")),
             *("--result", str(folder / "result.json"), "--with-parent"),
         )
         log = folder / "laboratory.log"

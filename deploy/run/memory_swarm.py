@@ -126,25 +126,28 @@ class MemorySwarm:
         plan = self._plan
         self._bus.listen(at(PROGRESS), self._take_progress)
         self._bus.listen(at(ROSTER), self._take_roster)
-        world = world_as_program(plan)
-        self._core = world_program.build(plan.world)
-        note = world_program.world_note(plan.world, world.argv, plan.commit)
-        self._add(world, world_program.part(self._core, note))
-        radio = radio_program(plan)
-        self._add(radio, radio_part(radio.argv))
+        world, radio = world_as_program(plan), radio_program(plan)
+        assert world.setup is not None and radio.setup is not None
+        part = world_program.part_of(world.setup.actor, plan.folder("world"), plan.commit)
+        assert isinstance(part.core, WorldCore)
+        self._core = part.core
+        self._add(world, part)
+        self._add(radio, radio_part(radio.setup.actor, plan.folder("radio"), plan.commit))
         self._shared = [share(*words) for words in in_common(plan)]
         for robot in plan.world.robots:
             self._add_robot(robot_program(plan, robot, ProcessOrder(robot.id, 0), 0), 0)
 
     def _add_robot(self, program: Program, first_step: int) -> None:
         """What its code prints goes where a process of its own would write it; if it is debugged, its way."""
+        assert program.setup is not None
+        folder = self._plan.folder(program.actor)
         if self._plan.debug is not None and program.actor == self._plan.debug.robot:
-            self._add(program, robot_part(program.argv))
+            self._add(program, robot_part(program.setup, folder))
             return
         printed = prints.in_file(program.log, self._plan.world.step_us)
         self._stack.callback(printed.close)
         with printed.during(first_step):
-            part = robot_part(program.argv)
+            part = robot_part(program.setup, folder)
         self._add(program, part)
         self._shells[-1].prints = printed
 

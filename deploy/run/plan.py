@@ -1,9 +1,9 @@
-"""Lays a run out on disk: what every process reads, and the command line it is started with."""
+"""Lays a run out on disk, and says what every process is started with."""
 
 import shutil
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import msgspec
 import yaml
@@ -13,18 +13,29 @@ from actors.processes.launch import Program
 from actors.processes.real_names import NAMES, RealNames
 from actors.processes.silence import Timeout
 from actors.radio.radio_setup import RadioSetup
+from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour import succession
+from actors.robot.behaviour.adaptation import Adaptation
+from actors.robot.program import RobotProcess
+from actors.robot.stack import Stack
 from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials, unix_endpoint
 from actors.runtime.client_options import own_folder
 from actors.runtime.isolation.neutral import FOLDER, Names
 from actors.runtime.isolation.neutral import code as seen_code
-from actors.runtime.isolation.resource_limits import ProcessLimits, as_words
-from actors.runtime.spans import Window, span_words
-from actors.world.world_setup import BodySetup, WorldSetup
+from actors.runtime.isolation.resource_limits import ProcessLimits
+from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, located_model
+from actors.runtime.spans import Window
+from actors.world.world_setup import BodySetup, WorldProcess, WorldSetup
 from cleaning.strategies.registry import STRATEGIES
 from deploy.run import scenario_copy
 from deploy.run.out_folder import make_folder
+from deploy.scenario.resolve import robot_setup
+
+MODEL: Final = "model.toml"
+"""The robot's model in its folder, if that is the user's own."""
+_MAP: Final = f"../{scenario_copy.MAP}/map.yaml"
+"""The run's map, as world and radio call it."""
 
 
 class Debugged(NamedTuple):
@@ -47,10 +58,10 @@ class Plan:
     """Entry string `module:function` of the robots' behaviour."""
     modules: tuple[Path, ...]
     """Folders in which a strategy of the user's own is looked for, the first one first, as was admitted."""
-    adaptation: str
-    """What every robot reads about its strategy and exchange, as TOML."""
-    navigation: str
-    """What every robot reads about how it localises and navigates, as TOML."""
+    adaptation: Adaptation
+    """What every robot is told about its strategy and exchange."""
+    stack: Stack
+    """What every robot is told about how it localises and navigates."""
     scenario: scenario_copy.ScenarioCopy
     """The resolved scenario, as it lies beside the result."""
     commit: str
@@ -111,29 +122,25 @@ def lay_out(plan: Plan) -> None:
     make_folder(plan.out)
     plan.write_scenario()
     write_names(plan)
-    for actor, setup in (("world", plan.world), ("radio", plan.radio)):
+    for actor in ("world", "radio"):
         plan.folder(actor).mkdir()
-        (plan.folder(actor) / "setup.json").write_bytes(msgspec.json.format(msgspec.json.encode(setup)))
     for robot in plan.world.robots:
         lay_out_robot(plan, robot)
 
 
 def write_names(plan: Plan) -> None:
-    """Write what isolated robots see under other names, where none of them can read it."""
-    if plan.isolate:
+    """Write where the strategy's code lies, where no isolated robot can read it."""
+    if plan.modules:
         names = RealNames(str(plan.out.resolve()), tuple(str(path.absolute()) for path in plan.modules))
         (plan.out / NAMES).write_bytes(msgspec.json.format(msgspec.json.encode(names)) + b"\n")
 
 
 def lay_out_robot(plan: Plan, robot: BodySetup) -> None:
-    """Write the files that one robot reads."""
+    """Write the files that one robot reads beside its set-up."""
     own_folder(plan.folder(robot.id)).mkdir(parents=True)
     copy_map(Path(plan.world.map), plan.folder(robot.id))
-    _write_places(robot, plan.folder(robot.id) / "places.toml")
-    (plan.folder(robot.id) / "adaptation.toml").write_text(plan.adaptation)
-    (plan.folder(robot.id) / "navigation.toml").write_text(plan.navigation)
-    if Path(robot.model).is_file():
-        shutil.copy(robot.model, plan.folder(robot.id) / "model.toml")
+    if robot.model.endswith(".toml"):
+        shutil.copy(robot.model, plan.folder(robot.id) / MODEL)
 
 
 def copy_map(map_file: Path, folder: Path) -> None:
@@ -147,24 +154,47 @@ def copy_map(map_file: Path, folder: Path) -> None:
 
 def world_program(plan: Plan) -> Program:
     """The world's program."""
-    folder = plan.folder("world")
-    argv = (
-        *("--setup", str(folder / "setup.json"), "--router", str(router_of(plan))),
-        *("--record", str(folder / "world.mcap"), "--commit", plan.commit),
-        *("--speed", plan.speed, "--with-parent", *span_words(plan.spans)),
+    robots = tuple(
+        msgspec.structs.replace(robot, model=str(Path("..", robot.id, MODEL)))
+        if robot.model.endswith(".toml")
+        else robot
+        for robot in plan.world.robots
     )
-    return Program("world", "actors.world", argv, folder / "world.log", folder / "world.mcap")
+    process = WorldProcess(
+        record="world.mcap",
+        router=router_file.NAME,
+        commit=plan.commit,
+        with_parent=True,
+        spans=plan.spans,
+        speed=None if plan.speed == "max" else float(plan.speed),
+    )
+    world = msgspec.structs.replace(plan.world, map=_MAP, robots=robots)
+    return actor_program("world", "actors.world", plan.folder("world"), ActorSetup(world, process))
 
 
 def radio_program(plan: Plan) -> Program:
     """The radio's program."""
-    folder = plan.folder("radio")
-    argv = (
-        "--setup",
-        str(folder / "setup.json"),
-        *client_argv(plan, "world", "radio", folder / "radio.mcap"),
+    radio = msgspec.structs.replace(plan.radio, map=_MAP) if plan.radio.map else plan.radio
+    process = client(plan, "../world", "radio", "radio.mcap")
+    return actor_program("radio", "actors.radio", plan.folder("radio"), ActorSetup(radio, process))
+
+
+def client(plan: Plan, place: str, user: str, record: str) -> ProcessSetup:
+    """Of a client that is no robot; router's socket and `user`'s credentials lie in `place`."""
+    return ProcessSetup(
+        record=record,
+        router=f"{place}/router.sock",
+        credentials=f"{place}/{user}.credentials",
+        commit=plan.commit,
+        with_parent=True,
+        spans=plan.spans,
     )
-    return Program("radio", "actors.radio", argv, folder / "radio.log", folder / "radio.mcap")
+
+
+def actor_program(actor: str, module: str, folder: Path, setup: ActorSetup[Any, Any]) -> Program:
+    """The program of an actor with its set-up in `folder`."""
+    record = folder / setup.process.record
+    return Program(actor, module, (str(folder / SETUP),), record.with_suffix(".log"), record, setup=setup)
 
 
 def robot_program(
@@ -178,16 +208,28 @@ def robot_program(
     name = name or (robot.id if order.epoch == 0 else f"{robot.id}.{order.epoch}")
     isolated = plan.isolate and not _is_debugged(plan, robot.id)
     seen, code = (FOLDER, seen_code(len(plan.modules))) if isolated else (folder, plan.modules)
-    argv = (
-        *_robot_argv(plan, robot, order.epoch, first_step, seen),
-        *(word for path in code for word in ("--path", str(path))),
-        *_client_argv(plan, seen if isolated else seen.resolve(), "credentials", seen / f"{name}.mcap"),
-        *(("--isolate",) if isolated else ()),
-        *(() if plan.debug is None else ("--debugger", _terminal(plan, robot.id))),
-        *(word for limit in (as_words(plan.limits) or ("",)) for word in ("--limit", limit)),
+    process = RobotProcess(
+        record=f"{name}.mcap",
+        router="router.sock",
+        credentials="credentials",
+        commit=plan.commit,
+        with_parent=True,
+        spans=plan.spans,
+        code=tuple(str(path) for path in code),
+        limits=plan.limits,
+        isolate=isolated,
+        debugger=None if plan.debug is None else _terminal(plan, robot.id),
     )
+    told = msgspec.structs.replace(_beside(plan, robot), epoch=order.epoch, first_step=first_step)
+    program = actor_program(robot.id, "actors.robot", folder, ActorSetup(told, process))
     names = plan.names(robot.id, f"{name}.mcap") if isolated else None
-    return Program(robot.id, "actors.robot", argv, folder / f"{name}.log", folder / f"{name}.mcap", names)
+    return replace(program, argv=(str(seen / SETUP),), names=names)
+
+
+def _beside(plan: Plan, robot: BodySetup) -> RobotSetup:
+    """What the robot is told, with a model of the user's own as it lies beside its set-up."""
+    told = robot_setup(plan, robot)
+    return msgspec.structs.replace(told, model=MODEL) if told.model.endswith(".toml") else told
 
 
 def _is_debugged(plan: Plan, robot: str) -> bool:
@@ -202,38 +244,15 @@ def _terminal(plan: Plan, robot: str) -> str:
 def in_common(plan: Plan, out: Path | None = None) -> list[tuple[str, ...]]:
     """For each kind of robot the words for `share` of its program, once the run is laid out.
 
-    `out`: what the run's folder is called there.
+    Nothing in them is of one robot alone. `out`: what the run's folder is called there.
     """
     kinds = {(robot.model, robot.sensor): robot for robot in plan.world.robots}
-    folders = {kind: (out or plan.out) / robot.id for kind, robot in kinds.items()}
+    stack = msgspec.json.encode(plan.stack).decode()
+    told = [(_beside(plan, robot), (out or plan.out) / robot.id) for robot in kinds.values()]
     return [
-        (
-            *(str(folders[kind] / "map.yaml"), _model(plan, robot, folders[kind])),
-            *(robot.sensor or "", str(folders[kind] / "navigation.toml")),
-        )
-        for kind, robot in kinds.items()
+        (str(folder / one.map), located_model(one.model, folder), one.sensor or "", stack)
+        for one, folder in told
     ]
-
-
-def _robot_argv(plan: Plan, robot: BodySetup, epoch: int, first_step: int, folder: Path) -> tuple[str, ...]:
-    """What a robot is, apart from its connections; its files lie in `folder`, as it sees it."""
-    x, y, heading = robot.start
-    return (
-        *("--id", robot.id, "--epoch", str(epoch), "--first-step", str(first_step)),
-        *("--seed", str(plan.world.robot_seed(robot.id)), "--step-us", str(plan.world.step_us)),
-        *("--address", str(plan.address(robot.id)), "--map", str(folder / "map.yaml")),
-        *("--model", _model(plan, robot, folder)),
-        *(("--sensor", robot.sensor) if robot.sensor else ()),
-        *(f"--start={x!r},{y!r},{heading!r}", "--places", str(folder / "places.toml")),
-        *("--adaptation", str(folder / "adaptation.toml"), "--navigation", str(folder / "navigation.toml")),
-        *("--behaviour", plan.behaviour),
-    )
-
-
-def _model(plan: Plan, robot: BodySetup, folder: Path) -> str:
-    """The robot's own copy of its model's file, in `folder`, or the name of a shipped one."""
-    own = plan.folder(robot.id) / "model.toml"
-    return str(folder / own.name) if own.exists() else robot.model
 
 
 def router_of(plan: Plan) -> Path:
@@ -273,28 +292,9 @@ def control_program(plan: Plan) -> Program:
     """The map page's program."""
     folder = plan.folder("world").resolve()
     argv = (
-        *("--setup", str(folder / "setup.json"), "--address", str(plan.out / CONTROL_ADDRESS)),
+        *(str(folder / SETUP), "--address", str(plan.out / CONTROL_ADDRESS)),
         *("--router", unix_endpoint(folder / "router.sock")),
         *("--observer", str(folder / "observer.credentials")),
-        *("--operator", str(folder / "operator.credentials"), "--speed", plan.speed),
+        *("--operator", str(folder / "operator.credentials")),
     )
     return Program("control", "deploy.control", argv, plan.out / "control.log", None)
-
-
-def client_argv(plan: Plan, folder: str, user: str, record: Path) -> tuple[str, ...]:
-    """The options of a client that is no robot; router's socket and `user`'s credentials lie in `folder`."""
-    return _client_argv(plan, plan.folder(folder).resolve(), f"{user}.credentials", record)
-
-
-def _client_argv(plan: Plan, place: Path, secret: str, record: Path) -> tuple[str, ...]:
-    return (
-        *("--router", unix_endpoint(place / "router.sock"), "--credentials", str(place / secret)),
-        *("--record", str(record), "--commit", plan.commit, "--with-parent"),
-        *span_words(plan.spans),
-    )
-
-
-def _write_places(robot: BodySetup, path: Path) -> None:
-    title = f"# Places that {robot.id} has to clean: x, y in metres, map frame."
-    rows = "".join(f"    [{x!r}, {y!r}],\n" for x, y in robot.places)
-    path.write_text(f"{title}\nplaces = [\n{rows}]\n")

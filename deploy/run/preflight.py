@@ -17,13 +17,11 @@ from typing import Final
 import msgspec
 
 from actors.floor.map_file import load_map
-from actors.geometry import Point, Pose
 from actors.messages import ProcessOrder
 from actors.processes.launch import Child, Launcher, Program
 from actors.processes.log_end import said, show
 from actors.processes.scratch import scratch_folder
 from actors.robot import assembly
-from actors.robot.behaviour.adaptation import adaptation
 from actors.robot.behaviour.modules import look_in
 from actors.robot.behaviour.succession import rehearse
 from actors.robot_model import load_model
@@ -33,7 +31,7 @@ from actors.runtime.prints import taken_by
 from actors.runtime.recording import RecordingError, read_notes
 from deploy.run.household import exits_caught
 from deploy.run.plan import Debugged, Plan, lay_out_robot, robot_program
-from deploy.scenario.resolve import ResolvedScenario
+from deploy.scenario.resolve import ResolvedScenario, robot_setup
 
 _HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL | re.MULTILINE)
 """What faulthandler writes of the place where the main thread was."""
@@ -74,29 +72,18 @@ def preflight(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None
         _judge(plan, child, bounds, hung=hung)
 
 
-def preflight_here(settled: ResolvedScenario, text: str, modules: Sequence[Path]) -> None:
-    """Make the first robot's behaviour in this process, told the adaptation.toml `text`, and drop it.
+def preflight_here(settled: ResolvedScenario, modules: Sequence[Path]) -> None:
+    """Make the first robot's behaviour in this process, and drop it.
 
     For a run in memory, where the strategy runs in this process anyway. Raises an AcrcError for settings,
     areas or equipment that do not fit, and for an entry that leads nowhere. Any other error is in the
     strategy's own code, and is passed on with a note of which one it is.
     """
     name, robot = settled.scenario.run.strategy, settled.world.robots[0]
-    behaviour = assembly.RobotSetup(
-        id=robot.id,
-        epoch=0,
-        first_step=0,
-        seed=settled.world.robot_seed(robot.id),
-        step_us=settled.world.step_us,
-        address=dict(settled.radio.robots)[robot.id],
-        start=Pose(*robot.start),
-        places=tuple(Point(*place) for place in robot.places),
-        behaviour=settled.behaviour,
-        adaptation=adaptation(text),
-    )
+    told = robot_setup(settled, robot)
     model = load_model(robot.model, robot.sensor)
-    floor = assembly.floor(load_map(settled.world.map), model, behaviour.stack)
-    start = assembly.start(behaviour, model, floor)
+    floor = assembly.floor(load_map(settled.world.map), model, told.stack)
+    start = assembly.start(told, model, floor)
     # --json leaves nothing else there; and a module is imported once, so what it keeps hold of is kept here
     look_in(modules)
     with contextlib.redirect_stdout(sys.stderr), taken_by(None), exits_caught():

@@ -81,7 +81,7 @@ class ResourceWatch:
                 f"{robot} has taken more than {limits.memory_mb} MB of memory with all its processes; "
                 "--limit memory_mb=N allows more"
             )
-        if "--isolate" in child.program.argv and sum(one.threads for one in holdings) > (
+        if child.program.names is not None and sum(one.threads for one in holdings) > (
             limits.processes + _KEEPERS
         ):
             return (

@@ -52,7 +52,6 @@ from deploy.run.preflight import preflight, preflight_here
 from deploy.run.resource_watch import ResourceWatch
 from deploy.run.supervisor import Supervisor
 from deploy.scenario.resolve import ResolvedScenario, resolve
-from deploy.scenario.scenario_text import adaptation, navigation
 from deploy.scenario.tables import Scenario
 from observation.results import summary
 from observation.results.place_table import write_table
@@ -101,15 +100,14 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
     """
     choice = IsolationChoice(False) if options.bus == "memory" else choose(options.isolate)
     settled = resolve(scenario)
-    told = adaptation(settled.scenario)
     planned = Plan(
         out=options.out,
         world=settled.world,
         radio=settled.radio,
         behaviour=settled.behaviour,
         modules=options.modules,
-        adaptation=told,
-        navigation=navigation(settled.scenario),
+        adaptation=settled.adaptation,
+        stack=settled.stack,
         scenario=scenario_copy.beside(settled, options),
         commit=software(),
         speed=options.speed,
@@ -126,7 +124,7 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
     if options.bus == "memory":
         expect(options.recorded)
         with warded(planned.timeout.step_s) if planned.own_code else nullcontext():
-            preflight_here(settled, told, options.modules)
+            preflight_here(settled, options.modules)
     return planned
 
 

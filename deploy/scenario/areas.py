@@ -5,9 +5,9 @@ from collections.abc import Sequence
 
 from actors.floor.grid import OccupancyGrid
 from actors.floor.placement import Area, areas_named, has_free_floor
-from actors.robot.behaviour.adaptation import AreaTable
 from actors.runtime.errors import AcrcError
 from actors.wording import shown
+from deploy.scenario.adaptation_tables import AreaTable
 from deploy.scenario.tables import Scenario
 
 

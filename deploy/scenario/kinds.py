@@ -25,4 +25,4 @@ OdometryName = Annotated[OdometryKind, Right('"exact", "stage" or "kobuki"')]
 Radius = Annotated[float, Field(gt=0, le=1000), Right("a number of metres above 0, at most 1000")]
 Seconds = Annotated[float, Field(gt=0, le=1e6), Right("a number of seconds above 0, at most 1000000")]
 Parameters = Annotated[Mapping[str, Any], Right("a table of a preset and of parameters")]
-"""As it stands in the file; what may stand there, `actors.robot.stack` says."""
+"""As it stands in the file; what may stand there, `deploy.scenario.stack_tables` says."""

@@ -2,19 +2,26 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from actors.floor.map_file import load_map
+from actors.geometry import Point
 from actors.instant import milliseconds, seconds
 from actors.radio import presets as radio_presets
 from actors.radio.radio_setup import RadioSetup
+from actors.robot.assembly import RobotSetup
+from actors.robot.behaviour.adaptation import Adaptation
+from actors.robot.stack import Stack
 from actors.robot_model import load_model
 from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
+from deploy.scenario.adaptation_tables import adaptation
 from deploy.scenario.air import check_walls, radio_setup
 from deploy.scenario.areas import check_areas, of_places
 from deploy.scenario.events import timed_orders
 from deploy.scenario.placement import RobotSpec, check_doors, check_events, places, starts
+from deploy.scenario.stack_tables import stack_of
 from deploy.scenario.tables import PlacesTable, RobotTable, Scenario
 
 
@@ -28,6 +35,51 @@ class ResolvedScenario:
     radio: RadioSetup
     behaviour: str
     """Entry string `module:function` of the robots' behaviour."""
+    adaptation: Adaptation
+    stack: Stack
+
+
+class Swarm(Protocol):
+    """A swarm of which nothing is left open: a resolved scenario, or what is planned of it."""
+
+    @property
+    def world(self) -> WorldSetup:
+        """Floor and bodies."""
+
+    @property
+    def radio(self) -> RadioSetup:
+        """The air."""
+
+    @property
+    def behaviour(self) -> str:
+        """Entry string `module:function` of the robots' behaviour."""
+
+    @property
+    def adaptation(self) -> Adaptation:
+        """What every robot is told about its strategy and exchange."""
+
+    @property
+    def stack(self) -> Stack:
+        """What every robot is told about how it localises and navigates."""
+
+
+def robot_setup(swarm: Swarm, robot: BodySetup) -> RobotSetup:
+    """What one of its robots is told at its first start."""
+    return RobotSetup(
+        id=robot.id,
+        epoch=0,
+        first_step=0,
+        seed=swarm.world.robot_seed(robot.id),
+        step_us=swarm.world.step_us,
+        address=dict(swarm.radio.robots)[robot.id],
+        start=robot.start,
+        places=tuple(Point(*place) for place in robot.places),
+        behaviour=swarm.behaviour,
+        model=robot.model,
+        sensor=robot.sensor,
+        adaptation=swarm.adaptation,
+        stack=swarm.stack,
+    )
 
 
 def resolve(scenario: Scenario) -> ResolvedScenario:
@@ -66,7 +118,15 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
     if world.uncertainty != Uncertainty():  # else what is said above of the map holds
         _check_floor(world)
     addresses = tuple((robot.id, number) for number, robot in enumerate(robots, start=1))
-    return ResolvedScenario(_settled(scenario, robots), world, radio_setup(scenario, addresses), behaviour)
+    settled = _settled(scenario, robots)
+    return ResolvedScenario(
+        scenario=settled,
+        world=world,
+        radio=radio_setup(scenario, addresses),
+        behaviour=behaviour,
+        adaptation=adaptation(settled),
+        stack=stack_of(settled),
+    )
 
 
 def _check_floor(world: WorldSetup) -> None:

@@ -1,13 +1,123 @@
-"""What the tables about localisation and navigation say, in a scenario or in a fleet file."""
+"""How robots localise and navigate, as a scenario and a fleet say it.
 
-from actors.robot.stack import TABLES, StackError, stack
-from actors.table import Table
+    [localisation]
+    preset = "robust"      # "chapter" if nothing is said, "robust", or "odometry": none at all
+    max_particles = 1000   # any field of AmclParameters
+
+    [navigation]
+    preset = "chapter"     # or "robust": for this table, [planner], [local_map] and [dwa]
+
+Beside the presets, any field of the parameters may be set; durations in s.
+"""
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Annotated, Any, Final, Literal, TypeVar, cast, get_type_hints
+
+from pydantic import AfterValidator, Field, create_model
+
+from actors import table_wording
+from actors.bounds import ParameterError
+from actors.instant import Duration, seconds
+from actors.robot.behaviour.ports import LONGEST_S
+from actors.robot.localisation import PRESETS, AmclParameters
+from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMapParameters
+from actors.robot.navigation.dwa_parameters import DWA_PRESETS, DwaParameters
+from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationParameters
+from actors.robot.navigation.planning import PlanningParameters
+from actors.robot.stack import Stack
+from actors.runtime.errors import AcrcError
+from actors.table import Right, Table
+
+ODOMETRY: Final = "odometry"
+"""The preset of [localisation] that trusts the odometry alone."""
+_P = TypeVar("_P")
+
+
+class StackError(AcrcError):
+    """Tables of localisation and navigation that make no sense."""
+
+
+_Seconds = Annotated[
+    float,
+    Field(ge=0, le=LONGEST_S),
+    AfterValidator(seconds),
+    Right(f"a number of seconds from 0 to {LONGEST_S}"),
+]
+
+_Whole = Annotated[int, Field(ge=-(2**63), lt=2**63), Right("a whole number of 64 bits")]
+_KINDS: Final[Mapping[Any, Any]] = {Duration: _Seconds, int: _Whole}
+"""How the file has a field of that type; others as they are."""
+
+
+def _table(kind: type[Any], presets: tuple[str, ...] = ()) -> type[Table]:
+    """The table of a kind of parameters: any of their fields, and a preset if there are some."""
+    hints = get_type_hints(kind)
+    keys: dict[str, Any] = {
+        one.name: (_KINDS.get(hints[one.name], hints[one.name]), None) for one in fields(kind)
+    }
+    if presets:
+        keys["preset"] = (Literal[presets], "chapter")
+    return create_model(f"{kind.__name__}Table", __base__=Table, **keys)
+
+
+_TABLES: Final[Mapping[str, type[Table]]] = {
+    "localisation": _table(AmclParameters, (*PRESETS, ODOMETRY)),
+    "navigation": _table(NavigationParameters, tuple(NAVIGATION_PRESETS)),
+    "planner": _table(PlanningParameters),
+    "local_map": _table(CostMapParameters),
+    "dwa": _table(DwaParameters),
+}
+TABLES: Final = tuple(_TABLES)
+_FILE_KEYS: Final[Mapping[str, Any]] = {name: (table, table()) for name, table in _TABLES.items()}
+_NavigationFile: Final = create_model("_NavigationFile", __base__=Table, **_FILE_KEYS)
+
+
+def stack(tables: Mapping[str, Mapping[str, object]]) -> Stack:
+    """What the tables say; those that are absent are as the preset `chapter` has them. Raises StackError."""
+    return _stack(table_wording.checked(tables, _NavigationFile, StackError))
+
+
+def _stack(file: Any) -> Stack:
+    """What a _NavigationFile says, of whose fields mypy does not know."""
+    preset = file.navigation.preset
+    try:
+        return Stack(
+            localisation=_localisation(file.localisation),
+            navigation=_with(NAVIGATION_PRESETS[preset], file.navigation),
+            planner=_with(PlanningParameters(), file.planner),
+            local_map=_with(LOCAL_MAP_PRESETS[preset], file.local_map),
+            dwa=_with(DWA_PRESETS[preset], file.dwa),
+        )
+    except ParameterError as error:
+        raise StackError(str(error)) from None
+
+
+def _localisation(table: Any) -> AmclParameters | None:
+    if table.preset != ODOMETRY:
+        return _with(PRESETS[table.preset], table)
+    for name in table.model_dump(exclude_unset=True, exclude={"preset"}):
+        raise StackError(
+            f'localisation.{name} is set, but must be left out where the preset is "{ODOMETRY}", '
+            "which has no parameters"
+        )
+    return None
+
+
+def _with(preset: _P, table: Table) -> _P:
+    """The parameters of a preset with what the table sets. Raises ParameterError."""
+    return cast(_P, replace(cast(Any, preset), **table.model_dump(exclude_unset=True, exclude={"preset"})))
+
+
+def stack_of(file: Table) -> Stack:
+    """What a scenario or a fleet file says. Raises StackError."""
+    return stack(file.model_dump(include=set(TABLES)))
 
 
 def stack_fault(file: Table) -> str | None:
-    """What is wrong in them, in words without an end; None if nothing is."""
+    """What is wrong in its tables, in words without an end; None if nothing is."""
     try:
-        stack(file.model_dump(include=set(TABLES)))
+        stack_of(file)
     except StackError as error:
         return str(error)
     return None

@@ -5,8 +5,8 @@ from typing import Annotated, Final, Literal
 from pydantic import BeforeValidator, Field
 
 from actors.randomness import keyed_seed
-from actors.robot.behaviour.adaptation import AreaTable, DeecoTable, Settings
 from actors.table import A_POINT, A_POSE, Point, Pose, Right, Table, Text, as_tuples
+from deploy.scenario.adaptation_tables import AreaTable, DeecoTable, Settings
 from deploy.scenario.kinds import (
     MOST_PLACES,
     Model,
@@ -172,7 +172,7 @@ class Scenario(Table):
     """Settings of the strategy that [run] names; what is absent is as the strategy has it."""
     deeco: DeecoTable = DeecoTable()
     localisation: Parameters = Field(default_factory=dict)
-    """How robots localise: a preset, and parameters where they differ from it (`actors.robot.stack`)."""
+    """How robots localise: a preset, and parameters where they differ from it (`stack_tables`)."""
     navigation: Parameters = Field(default_factory=dict)
     """The same of their navigation; the preset holds for the next three tables, too."""
     planner: Parameters = Field(default_factory=dict)

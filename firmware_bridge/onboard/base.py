@@ -1,4 +1,4 @@
-"""The base as a program: `python -m firmware_bridge.onboard.base --setup FILE --router FILE --record FILE`.
+"""The base as a program: `python -m firmware_bridge.onboard.base SETUP`.
 
 It is the router of its robot, as the world is that of a simulated swarm.
 """
@@ -9,7 +9,6 @@ import signal
 import socket
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from socket import SOCK_STREAM
 from types import FrameType
@@ -22,10 +21,11 @@ from actors.runtime.access.credentials import AccessError, reveal
 from actors.runtime.access.tls import onboard_router_config
 from actors.runtime.background import BackgroundRecorder, Log, to_stderr
 from actors.runtime.bus.waking_bus import WakingBus
-from actors.runtime.client_options import ArgumentParser
+from actors.runtime.client_options import setup_parser
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent
 from actors.runtime.process import ActorProcess, play, run_note
+from actors.runtime.process_setup import read_setup
 from actors.runtime.shell import Shell
 from firmware_bridge.kobuki import port as kobuki_port
 from firmware_bridge.kobuki.driver import KobukiDriver
@@ -34,37 +34,12 @@ from firmware_bridge.onboard.clock import Clock
 from firmware_bridge.onboard.conduct import conduct
 from firmware_bridge.onboard.last_pose import UNHEARD, PoseKeeper
 from firmware_bridge.onboard.last_word import LastWord
-from firmware_bridge.onboard.onboard_setup import OPENNI, BaseSetup, load
+from firmware_bridge.onboard.onboard_setup import OPENNI, BaseProgram, BaseSetup
 from firmware_bridge.onboard.vehicle import DepthRanger, Lidar, MotionUnknownError, Ranger, Say, TurtleBot
 from firmware_bridge.range_sensors import rplidar
 from firmware_bridge.range_sensors.camera_feed import CameraFeed
 from firmware_bridge.range_sensors.depth import DepthScanner
 from firmware_bridge.range_sensors.openni import OpenNICamera
-
-
-@dataclass(frozen=True)
-class BaseOptions:
-    """The base's command line."""
-
-    setup: Path
-    router: Path
-    """JSON file with the actors that the router knows."""
-    record: Path
-    commit: str
-    with_parent: bool
-
-
-def parse(argv: Sequence[str]) -> BaseOptions:
-    """The options in `argv`; ArgumentError if they make no sense."""
-    parser = ArgumentParser(
-        prog="python -m firmware_bridge.onboard.base", description="Drives a TurtleBot 2."
-    )
-    parser.add_argument("--setup", required=True, type=Path, help="JSON file with the base's set-up")
-    parser.add_argument("--router", required=True, type=Path, help="JSON file with whom the router knows")
-    parser.add_argument("--record", required=True, type=Path, help="MCAP file to write")
-    parser.add_argument("--commit", default="", help="version of the software, for the first record")
-    parser.add_argument("--with-parent", action="store_true", help="end when the starting process ends")
-    return BaseOptions(**vars(parser.parse_args(argv)))
 
 
 def turtlebot(setup: BaseSetup, clock: Clock, say: Say) -> TurtleBot:
@@ -144,9 +119,9 @@ class Base:
         self._stopped = True
 
 
-def part(base: Base, setup: BaseSetup, argv: Sequence[str], commit: str) -> ActorProcess:
+def part(base: Base, setup: BaseSetup, commit: str) -> ActorProcess:
     """The base and its connections."""
-    run = run_note("base", argv, setup, commit)
+    run = run_note("base", setup, commit)
     return ActorProcess(
         core=base.core,
         listens=base.core.listens(),
@@ -178,20 +153,21 @@ def check_free(listen: str | None) -> None:
 def main(argv: Sequence[str]) -> int:
     """Drive a robot until told to stop; the exit code."""
     try:
-        options = parse(argv)
-        if options.with_parent:
+        file = setup_parser("firmware_bridge.onboard.base", "Drives a TurtleBot 2.").parse_args(argv).setup
+        told, folder = read_setup(file, BaseProgram, "a base"), file.parent
+        setup, router = told.actor, folder / told.process.router
+        if told.process.with_parent:
             die_with_parent(os.getppid(), signal.SIGTERM)
-        setup = load(options.setup, BaseSetup)
-        issued = router_file.read(options.router)
-        base = Base(setup, Clock())
-        process = part(base, setup, argv, options.commit)
-        router = onboard_router_config(issued, Path(setup.keys or ""), setup.listen)
+        issued = router_file.read(router)
+        base = Base(setup.located(folder), Clock())
+        process = part(base, setup, told.process.commit)
+        config = onboard_router_config(issued, Path(setup.keys or ""), setup.listen)
         try:
             check_free(setup.listen)
-            recorder = BackgroundRecorder(options.record, setup.step_us)
-            return play(process, recorder, router, lambda: reveal(issued))
+            recorder = BackgroundRecorder(folder / told.process.record, setup.step_us)
+            return play(process, recorder, config, lambda: reveal(issued))
         finally:
-            router_file.remove(options.router)
+            router_file.remove(router)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

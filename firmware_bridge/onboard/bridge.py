@@ -1,22 +1,21 @@
-"""The bridge as a program: `python -m firmware_bridge.onboard.bridge --setup FILE --router ENDPOINT …`."""
+"""The bridge as a program: `python -m firmware_bridge.onboard.bridge SETUP`."""
 
 import functools
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 from actors.instant import Instant
 from actors.messages import RADIO_READY, Ready
 from actors.runtime.access.rules import client_config
 from actors.runtime.background import SparingRecorder, to_stderr
 from actors.runtime.bus.waking_bus import WakingBus
-from actors.runtime.client_options import ArgumentParser, ClientOptions, add_client_options, client_options
+from actors.runtime.client_options import setup_parser
 from actors.runtime.core import to
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent
 from actors.runtime.process import ActorProcess, play, run_note
+from actors.runtime.process_setup import read_setup
 from actors.runtime.shell import Shell
 from firmware_bridge.beeclick.link import Link
 from firmware_bridge.beeclick.parameters import BoardSettings
@@ -24,28 +23,9 @@ from firmware_bridge.beeclick.port import BoardPort
 from firmware_bridge.onboard.bridge_core import BridgeCore
 from firmware_bridge.onboard.clock import Clock
 from firmware_bridge.onboard.conduct import conduct
-from firmware_bridge.onboard.onboard_setup import BridgeSetup, load
+from firmware_bridge.onboard.onboard_setup import BridgeProgram, BridgeSetup
 from firmware_bridge.onboard.reconnecting_port import ReconnectingPort
 from firmware_bridge.transceiver_line import TransceiverLink
-
-
-@dataclass(frozen=True)
-class BridgeOptions:
-    """The bridge's command line."""
-
-    setup: Path
-    client: ClientOptions
-
-
-def parse(argv: Sequence[str]) -> BridgeOptions:
-    """The options in `argv`; ArgumentError if they make no sense."""
-    parser = ArgumentParser(
-        prog="python -m firmware_bridge.onboard.bridge", description="Talks by a BEE click."
-    )
-    parser.add_argument("--setup", required=True, type=Path, help="JSON file with the bridge's set-up")
-    add_client_options(parser)
-    given = parser.parse_args(argv)
-    return BridgeOptions(given.setup, client_options(given))
 
 
 class Bridge:
@@ -93,9 +73,9 @@ class Bridge:
         return True
 
 
-def part(bridge: Bridge, setup: BridgeSetup, argv: Sequence[str], commit: str) -> ActorProcess:
+def part(bridge: Bridge, setup: BridgeSetup, commit: str) -> ActorProcess:
     """The bridge and its connections."""
-    run = run_note("radio", argv, setup, commit)
+    run = run_note("radio", setup, commit)
     return ActorProcess(
         core=bridge.core,
         listens=bridge.core.listens(),
@@ -110,14 +90,16 @@ def part(bridge: Bridge, setup: BridgeSetup, argv: Sequence[str], commit: str) -
 def main(argv: Sequence[str]) -> int:
     """Bridge until the base has ended; the exit code."""
     try:
-        options = parse(argv)
-        if options.client.with_parent:
+        parser = setup_parser("firmware_bridge.onboard.bridge", "Talks by a BEE click.")
+        file = parser.parse_args(argv).setup
+        told, folder = read_setup(file, BridgeProgram, "a bridge"), file.parent
+        setup, place = told.actor, told.process
+        if place.with_parent:
             die_with_parent(os.getppid())
-        setup = load(options.setup, BridgeSetup)
         bridge = Bridge(setup, Clock())
-        process = part(bridge, setup, argv, options.client.commit)
-        config = client_config(options.client.credentials, options.client.router)
-        return play(process, SparingRecorder(options.client.record, setup.step_us), config)
+        process = part(bridge, setup, place.commit)
+        config = client_config(folder / place.credentials, place.endpoint(folder))
+        return play(process, SparingRecorder(folder / place.record, setup.step_us), config)
     except AcrcError as error:
         sys.stderr.write(f"{error}\n")
         return 2

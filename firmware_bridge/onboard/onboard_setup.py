@@ -1,16 +1,16 @@
-"""What a base and a bridge are started with: JSON files, written by whoever starts the robot."""
+"""What a base and a bridge are started with, as whoever starts the robot has it."""
 
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final, Self
 
 import msgspec
 
-from actors.runtime import regular_file
-from actors.runtime.errors import AcrcError
+from actors.runtime.process_setup import ActorSetup, ProcessSetup, located_model
 
 OPENNI: Final = "openni"
 """The range sensor that is no port: a depth camera, found by itself."""
-S = TypeVar("S", bound=msgspec.Struct)
+PATIENCE_S: Final = 30.0
+"""Of a base; own choice: a restarted robot should be there by then."""
 
 
 class BaseSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -35,9 +35,14 @@ class BaseSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Folder with the robot's own keys; needed to listen."""
     last_pose: str | None = None
     """File with where the robot last held itself to be; None: nobody keeps it."""
-    patience_s: float | None = 30.0
-    """A robot or bridge that does not answer for so long hangs, and the base ends, s; own choice: a restarted
-    robot should be there by then. None: a debugger may hold it."""
+    patience_s: float | None = PATIENCE_S
+    """A robot or bridge that does not answer for so long hangs, and the base ends, s. None: a debugger may
+    hold it."""
+
+    def located(self, folder: Path) -> Self:
+        """With its files as they are called for who does not stand in `folder`, where the set-up lies."""
+        last_pose = None if self.last_pose is None else str(folder / self.last_pose)
+        return msgspec.structs.replace(self, model=located_model(self.model, folder), last_pose=last_pose)
 
 
 class BridgeSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -56,9 +61,7 @@ class BridgeSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """False: at the port is a transceiver of a laboratory's, without a board (`transceiver_line`)."""
 
 
-def load(path: Path, kind: type[S]) -> S:
-    """The set-up in a JSON file. Raises AcrcError."""
-    try:
-        return msgspec.json.decode(regular_file.content(path), type=kind)
-    except (OSError, ValueError, RecursionError) as error:
-        raise AcrcError(f"{path}: no {kind.__name__}: {error}") from None
+BaseProgram = ActorSetup[BaseSetup, ProcessSetup]
+"""What a base's process reads."""
+BridgeProgram = ActorSetup[BridgeSetup, ProcessSetup]
+"""What a bridge's process reads."""

@@ -35,7 +35,7 @@ def judge(run: RunEvidence, parameters: EpisodeParameters = STANDARD) -> Judged:
     said = {
         robot: said_by([path for path in files.values() if path.parent.name == robot]) for robot in run.robots
     }
-    radius = max(_radius(run.out, robot.id, robot.model) for robot in run.setup.robots)
+    radius = max(load_model(robot.model).footprint.circumradius for robot in run.setup.robots)
     tracks = tracks_of(run)
     passages = Passages(run.grid, radius, parameters.neck)
     return Judged(tracks, said, classify(tracks, said, passages, parameters))
@@ -68,11 +68,6 @@ def _robots(tracks: Tracks, classified: Classified) -> dict[str, dict[str, float
             for cause, count in zip(CAUSES, steps, strict=True)
         }
     return spent
-
-
-def _radius(out: Path, robot: str, model: str) -> float:
-    own = out / robot / "model.toml"
-    return load_model(str(own) if own.exists() else model, None).footprint.circumradius
 
 
 def _frames(radio: Path) -> Mapping[str, Mapping[str, int]]:

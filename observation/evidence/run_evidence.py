@@ -23,7 +23,7 @@ from actors.task.words import PlaceKey
 from actors.world.world_setup import WorldSetup
 from observation.evidence.recorded import outcome, taken
 from observation.evidence.said_places import Deed, Route, SaidPlaces
-from observation.replay.moved_runs import map_here, run_of
+from observation.replay.moved_runs import setup_of
 from observation.replay.run_recordings import recordings
 from observation.results.result import RunResult
 
@@ -125,7 +125,7 @@ def read_run(out: Path) -> RunEvidence:
     return RunEvidence(
         out=out,
         setup=setup,
-        grid=load_map(map_here(setup, out)),
+        grid=load_map(setup.map),
         robots=robots,
         seconds=np.array([in_seconds(truth.instant) for truth in truths]),
         true=true,
@@ -176,12 +176,8 @@ class _Said:
 
 
 def world_setup(path: Path) -> WorldSetup:
-    """What the world was told. Raises RecordingError, or EvidenceError for what is no world's recording."""
-    run = run_of(path)
-    try:
-        return msgspec.json.decode(run.scenario, type=WorldSetup)
-    except (ValueError, RecursionError) as error:
-        raise EvidenceError(f"{path}: its first record holds no world's set-up: {error}") from error
+    """What the world was told, its files as they lie now. Raises RecordingError."""
+    return setup_of(path, WorldSetup, "a world").located(path.parent)
 
 
 def _count_heard(path: Path, robot: str, counts: NDArray[np.int64], receptions: list[Reception]) -> None:

@@ -6,7 +6,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final, NamedTuple
 
-import msgspec
 import numpy as np
 
 from actors.instant import Instant, in_seconds
@@ -14,12 +13,11 @@ from actors.messages import RECEIVED, TRANSMIT, Heard
 from actors.radio.frame import airtime_us
 from actors.radio.medium.state import Outcome
 from actors.radio.radio_setup import RadioSetup
-from actors.runtime.recording import RecordingError
 from deeco.replication.fragments import HEADER
 from observation.evidence.knowledge_trace import Arrival
 from observation.evidence.recorded import taken
 from observation.inside.fates import Fates, read_fates
-from observation.replay.moved_runs import run_of
+from observation.replay.moved_runs import setup_of
 from observation.replay.run_recordings import recordings
 
 _TOGETHER_US: Final = 2_000_000
@@ -114,12 +112,7 @@ class Air:
     def _robots(self) -> dict[int, str]:
         if not self.simulated:
             return {}
-        path = self._files["radio"]
-        run = run_of(path)
-        try:
-            setup = msgspec.json.decode(run.scenario, type=RadioSetup)
-        except (ValueError, RecursionError) as error:
-            raise RecordingError(f"{path}: its first record holds no radio's set-up: {error}") from error
+        setup = setup_of(self._files["radio"], RadioSetup, "a radio")
         return {address: robot for robot, address in setup.robots}
 
     @cached_property

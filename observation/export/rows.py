@@ -3,25 +3,17 @@
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import msgspec
-
 from actors.messages import TRUTH
+from actors.radio.radio_setup import RadioSetup
 from actors.robot.behaviour.foreign import Permit
-from actors.runtime.process import RunNote
-from actors.runtime.recording import decoded, read_notes
 from observation.evidence.frame_fates import FrameFate, frame_fates
 from observation.evidence.recorded import taken
 from observation.evidence.run_evidence import RunEvidence, read_run
 from observation.export.answered import BOUNDS, ExportError, read_answer, words
 from observation.export.robot_rows import EXECUTED, Row, Tables
+from observation.replay.moved_runs import setup_of
 from observation.replay.run_recordings import recordings
 from observation.replay.shut_off_calls import Bounds, Call, ask
-
-
-class _RadioSetup(msgspec.Struct):
-    """What is needed here of what the radio was told (`actors.radio.radio_setup`)."""
-
-    robots: tuple[tuple[str, int], ...]
 
 
 def tables(
@@ -43,8 +35,8 @@ def tables(
     on_actor("radio")
     found["frames"] = [row for number, one in enumerate(frame_fates(out)) for row in _frame(number, one)]
     found |= {name: [] for name in EXECUTED}
-    told = decoded(files["radio"], "run", read_notes(files["radio"])["run"], RunNote)
-    addresses = {number: name for name, number in msgspec.json.decode(told.scenario, type=_RadioSetup).robots}
+    told = setup_of(files["radio"], RadioSetup, "a radio")
+    addresses = {number: name for name, number in told.robots}
     robots = {actor: path.parent.name for actor, path in files.items() if actor not in ("world", "radio")}
     calls = [Call(actor, (actor,), words()) for actor in robots]
     on_actor("robots")

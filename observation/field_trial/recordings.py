@@ -9,7 +9,6 @@ from pathlib import Path
 
 import msgspec
 
-from actors.robot.behaviour.places import load_places
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote
 from actors.runtime.recording import LARGE, Note, RecordingError, decoded, read_notes, read_recording
@@ -83,7 +82,7 @@ def read_field_trial(folders: Sequence[Path]) -> FieldTrial:
         kept |= large_messages(path, LARGE)
         _take_base(path, run, trial)
     for path, identity in sorted(own, key=lambda one: (natural(one[1].id), one[1].epoch)):
-        log = read_log(path, _with_places(path, identity, trial.notes), kept)
+        log = read_log(path, identity, kept)
         trial.logs.setdefault(identity.id, []).append(log)
         trial.notes += _said_of(log)
     trial.notes += _strangers(trial)
@@ -139,7 +138,7 @@ def _first_record(path: Path, notes: list[str]) -> RunNote | None:
 def _identity(run: RunNote) -> RobotIdentity | None:
     """Whose recording it is; None if it is no robot's."""
     try:
-        return msgspec.json.decode(run.scenario, type=RobotIdentity)
+        return msgspec.json.decode(run.setup, type=RobotIdentity)
     except (ValueError, RecursionError):
         return None
 
@@ -155,24 +154,12 @@ def _check_twice(own: Sequence[tuple[Path, RobotIdentity]]) -> None:
             )
 
 
-def _with_places(path: Path, identity: RobotIdentity, notes: list[str]) -> RobotIdentity:
-    """With the places in the file beside the recording if its first record has none."""
-    if identity.places is not None:
-        return identity
-    try:
-        places = load_places(path.parent / "places.toml")
-    except AcrcError as error:
-        notes.append(f"{path}: does not name the places of {identity.id}, and {error}")
-        return identity
-    return msgspec.structs.replace(identity, places=tuple((x, y) for x, y in places))
-
-
 def _take_base(path: Path, run: RunNote, trial: FieldTrial) -> None:
     """Add what a robot's base has counted, if it is a base's recording with a last record."""
     if run.actor != "base":
         return
     try:
-        robot = msgspec.json.decode(run.scenario, type=_Base).robot
+        robot = msgspec.json.decode(run.setup, type=_Base).robot
         final = read_notes(path).get("final")
         if final is None:
             trial.notes.append(f"{path}: has no last record, so the lateness that it counted is not known")

@@ -57,7 +57,7 @@ class RobotIdentity(msgspec.Struct, frozen=True):
     epoch: int
     address: int
     step_us: int
-    places: tuple[tuple[float, float], ...] | None = None
+    places: tuple[tuple[float, float], ...]
 
 
 class Tick(NamedTuple):

@@ -14,13 +14,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from actors.instant import Duration
-from actors.robot import program
+from actors.robot.assembly import RobotSetup
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
+from actors.runtime.process_setup import located_model
 from observation.inside.onlooker import Onlooker
 from observation.inside.telemetry import MOST_BYTES, Inside, encode
 from observation.replay import shut_off
-from observation.replay.moved_runs import run_of
+from observation.replay.moved_runs import setup_of
 from observation.replay.record_replay import Onlook, replay_actor
 from observation.replay.run_recordings import recordings
 
@@ -58,8 +59,9 @@ def look_into(out: Path, actor: str, period: Duration) -> Inside:
 
 def onlooker_of(out: Path, actor: str, period: Duration) -> Onlooker:
     """Who is to look into a recorded robot, once in `period`. RecordingError without a first record."""
-    options = program.parse(run_of(recordings(out)[actor]).argv)
-    sensor, setup = load_model(options.model, options.sensor).sensor, options.setup
+    path = recordings(out)[actor]
+    setup = setup_of(path, RobotSetup, "a robot")
+    sensor = load_model(located_model(setup.model, path.parent), setup.sensor).sensor
     return Onlooker(setup.id, sensor, setup.stack.local_map.cell, period)
 
 

@@ -1,116 +1,65 @@
-"""What a recorded process was started with, where that lies now: a run's folder may be moved or copied.
+"""What a recorded process was started with: its set-up, as its recording begins with it.
 
-A recording names files as they were called when it was made. Those of the run's folder are looked for in the
-folder where the recording lies now; folders with code, where they were, and else as they lay beside the run.
+Paths in it are relative to the folder that the recording lies in, wherever a run was moved or copied. Only
+folders with a strategy's code lie elsewhere: looked for where they were, and else where they lay beside the
+run.
 """
 
 import os
-from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import msgspec
 
 from actors.processes.real_names import NAMES, RealNames
-from actors.radio.radio_setup import RadioSetup
-from actors.runtime.isolation.neutral import FOLDER, code
+from actors.runtime import regular_file
+from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote
 from actors.runtime.recording import RecordingError, decoded, read_notes
-from actors.world.world_setup import WorldSetup
 
-_MAP: Final = Path("map", "map.yaml")
-_MODEL: Final = "model.toml"
-_CODE: Final = "--path"
-_RECORDING: Final = "--record"
+S = TypeVar("S", bound=msgspec.Struct)
 _MOST_NAMES: Final = 100_000
 """Bytes of it."""
 
 
 def run_of(path: Path) -> RunNote:
-    """The first record of a recording, its command line with the files where they are now.
-
-    Raises RecordingError if there is none.
-    """
+    """The first record of a recording. Raises RecordingError if there is none."""
     notes = read_notes(path)
     if "run" not in notes:
         raise RecordingError(f"{path}: ends before its first record")
-    run = decoded(path, "run", notes["run"], RunNote)
-    return msgspec.structs.replace(run, argv=tuple(_moved(run.argv, path)))
+    return decoded(path, "run", notes["run"], RunNote)
 
 
-def world_here(setup: WorldSetup, out: Path) -> WorldSetup:
-    """The world's set-up with the map and the robot models that lie in the run's folder."""
-    robots = tuple(
-        msgspec.structs.replace(robot, model=_either(out / robot.id / _MODEL, robot.model))
-        for robot in setup.robots
-    )
-    return msgspec.structs.replace(setup, robots=robots, map=_either(out / _MAP, setup.map))
+def setup_of(path: Path, kind: type[S], actor: str) -> S:
+    """What was told to the process of a recording, which should be what is called `actor`: "a robot".
+
+    Its files are called as they are seen from the recording's folder. Raises RecordingError.
+    """
+    return told(path, run_of(path), kind, actor)
 
 
-def radio_here(setup: RadioSetup, out: Path) -> RadioSetup:
-    """The radio's set-up with the map that lies in the run's folder."""
-    return msgspec.structs.replace(setup, map=_either(out / _MAP, setup.map)) if setup.map else setup
+def told(path: Path, run: RunNote, kind: type[S], actor: str) -> S:
+    """As `setup_of`, of a first record that has been read."""
+    try:
+        return msgspec.json.decode(run.setup, type=kind)
+    except (ValueError, RecursionError, AcrcError) as error:
+        raise RecordingError(
+            f"{path}: its first record holds no set-up of {actor}: {str(error)[:300]}"
+        ) from None
 
 
-def map_here(setup: WorldSetup, out: Path) -> str:
-    """The map's file; that which lies in the folder, wherever the folder was taken."""
-    return _either(out / _MAP, setup.map)
-
-
-def _either(beside: Path, named: str) -> str:
-    return str(beside if beside.is_file() else named)
-
-
-def _moved(argv: Sequence[str], path: Path) -> Iterator[str]:
-    """The words of a command line; what lay in the run's folder stands there as it is called now."""
-    if _RECORDING not in argv[:-1]:
-        yield from argv
-        return
-    record = Path(argv[argv.index(_RECORDING) + 1])
-    now = path.resolve().parent.parent
-    if record.parent == FOLDER:
-        real = _names(now)
-        argv = [_called(word, real, path.resolve().parent.name) for word in argv]
-        record = Path(real.out, path.resolve().parent.name, record.name)
-    then = record.parent.parent
-    before = ""
-    for word in argv:
-        yield _place(word, then, now, is_code=before == _CODE)
-        before = word
-
-
-def _names(out: Path) -> RealNames:
-    """What robots saw under other names; the folder as it is called now, where the run does not say it."""
+def code_folders(out: Path) -> tuple[Path, ...]:
+    """Where the code of the strategy of a run in the folder `out` is said to lie. Raises RecordingError."""
     file = out / NAMES
     if not file.is_file() or file.is_symlink():
-        return RealNames(str(out))
-    with file.open("rb") as stream:
-        text = stream.read(_MOST_NAMES)
+        return ()
     try:
-        return msgspec.json.decode(text, type=RealNames)
-    except (msgspec.MsgspecError, ValueError) as error:
+        real = msgspec.json.decode(regular_file.content(file, _MOST_NAMES), type=RealNames)
+    except (OSError, ValueError, RecursionError) as error:
         raise RecordingError(f"{file}: {error}") from None
+    return tuple(_folder(Path(code), Path(real.out), out.resolve()) for code in real.code if "\0" not in code)
 
 
-def _called(word: str, real: RealNames, robot: str) -> str:
-    """A word as it would have been without other names."""
-    folders = zip(code(len(real.code)), real.code, strict=True)
-    for seen, path in ((FOLDER, str(Path(real.out, robot))), *folders):
-        before, here, rest = word.partition(str(seen))  # an endpoint has the socket's path in it
-        if here and rest[:1] in {"", "/"} and (not before or before.endswith("stream/")):
-            return f"{before}{path}{rest}"
-    return word
-
-
-def _place(word: str, then: Path, now: Path, *, is_code: bool) -> str:
-    """Where a file or folder of the command line is; any other word as it is."""
-    named = Path(word)
-    if then == now or "\0" in word or not named.is_absolute():
-        return word
-    if is_code:
-        beside = Path(os.path.normpath(now / os.path.relpath(named, then)))
-        return str(beside) if beside.is_dir() and not named.is_dir() else word
-    if not named.is_relative_to(then):
-        return word
-    inside = now / named.relative_to(then)
-    return str(inside) if inside.exists() or not named.exists() else word
+def _folder(code: Path, then: Path, now: Path) -> Path:
+    """A folder where it was, or else where it lies now as seen from the run's folder."""
+    return code if code.is_dir() else Path(os.path.normpath(now / os.path.relpath(code, then)))

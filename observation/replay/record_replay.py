@@ -1,14 +1,17 @@
 """Actors executed again from what they received."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
 from actors.radio.program import part as radio_part
-from actors.robot.behaviour.adaptation import load_adaptation
+from actors.radio.radio_setup import RadioSetup
+from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.modules import Recorded, expect
-from actors.robot.program import parse, part_of
+from actors.robot.program import part_of
 from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.core import Core
 from actors.runtime.errors import AcrcError
@@ -18,8 +21,9 @@ from actors.runtime.process import ActorProcess, FinalNote, RunNote
 from actors.runtime.recording import Entry, RecordingError, Unrecorded, decoded, read_notes, read_recording
 from actors.runtime.shell import Shell
 from actors.world import program as world_program
+from actors.world.world_setup import WorldSetup
 from observation.replay.debugging import EnoughError
-from observation.replay.moved_runs import radio_here, run_of, world_here
+from observation.replay.moved_runs import run_of, told
 from observation.replay.run_recordings import recordings
 
 
@@ -42,9 +46,7 @@ class Onlook:
     """Is given the actor's core before its first step, and the length of a step, µs; EnoughError, raised by
     the core, ends the replay."""
     behaviour: str | None = None
-    """Entry string of a behaviour that is to decide in place of the recorded one ..."""
-    adaptation: Path | None = None
-    """... and the file with its settings."""
+    """Entry string of a behaviour that is to decide in place of the recorded one, on settings of its own."""
     prints: Callable[[int], Prints] | None = None
     """Makes, from the length of a step, what takes the code's prints; None: they go their way."""
 
@@ -74,8 +76,7 @@ def made_again(out: Path, actor: str, onlook: Onlook = Onlook(), prints: Prints 
     run = run_of(path)
     with nullcontext() if prints is None else prints.during(0):
         expect(None if run.code is None or onlook.behaviour is not None else _recorded(path, run.code))
-        build = _builders(out).get(actor)
-        part = _robot(run.argv, onlook) if build is None else build(run.argv)
+        part = _part(path, actor, run, onlook)
     if onlook.prepare is not None:
         onlook.prepare(part.core, run.step_us)
     return Again(part, run, path, lambda sha256: _recall(files.values(), sha256))
@@ -135,22 +136,18 @@ def recorded_code(out: Path) -> Recorded | None:
     return Recorded(hashes, all(one.whole for one in known))
 
 
-def _robot(argv: Sequence[str], onlook: Onlook) -> ActorProcess:
-    """The recorded robot, but for what is to decide instead."""
-    options = parse(argv)
-    setup = options.setup
-    if onlook.behaviour is not None:
-        setup = replace(setup, behaviour=onlook.behaviour)
-    if onlook.adaptation is not None:
-        setup = replace(setup, adaptation=load_adaptation(onlook.adaptation))
-    return part_of(replace(options, setup=setup), argv)
-
-
-def _builders(out: Path) -> dict[str, Callable[[tuple[str, ...]], ActorProcess]]:
-    return {
-        "world": lambda argv: world_program.part_of(argv, lambda setup: world_here(setup, out)),
-        "radio": lambda argv: radio_part(argv, lambda setup: radio_here(setup, out)),
-    }
+def _part(path: Path, actor: str, run: RunNote, onlook: Onlook) -> ActorProcess:
+    """The recorded actor, but for what is to decide instead."""
+    folder = path.parent
+    if actor == "world":
+        return world_program.part_of(told(path, run, WorldSetup, "a world"), folder, run.commit)
+    if actor == "radio":
+        return radio_part(told(path, run, RadioSetup, "a radio"), folder, run.commit)
+    setup = told(path, run, RobotSetup, "a robot")
+    if onlook.behaviour is not None:  # the settings belong to the strategy that was recorded
+        adaptation = msgspec.structs.replace(setup.adaptation, settings={})
+        setup = msgspec.structs.replace(setup, behaviour=onlook.behaviour, adaptation=adaptation)
+    return part_of(setup, folder, run.actor, run.commit)
 
 
 def _recall(files: Iterable[Path], sha256: bytes) -> bytes | None:

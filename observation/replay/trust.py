@@ -5,11 +5,11 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
+from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.foreign import Permit, admitted
-from actors.robot.program import code_of
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.isolation.isolating import warn
-from observation.replay.moved_runs import run_of
+from observation.replay.moved_runs import code_folders, run_of, told
 from observation.replay.run_recordings import recordings
 
 _ON_DEVICES: Final = re.compile(r"\.(base|radio)(\.|$)")
@@ -28,8 +28,8 @@ def check_trust(out: Path, actor: str, permit: Permit) -> tuple[Path, ...] | Non
     if actor not in files or actor in {"world", "radio"}:
         return None
     run = run_of(files[actor])
-    entry, recorded = code_of(run.argv)
-    folders = admitted(files[actor], entry, recorded, permit)
+    entry = told(files[actor], run, RobotSetup, "a robot").behaviour
+    folders = admitted(files[actor], entry, code_folders(out), permit)
     if folders and run.code is None and not permit.trust:
         say_unhashed(files[actor])
     return folders

@@ -17,7 +17,6 @@ from actors.topic import Topic
 from observation.evidence.run_evidence import EvidenceError, world_setup
 from observation.evidence.said_places import SaidPlaces
 from observation.recordings.topics import Growing, Recorded
-from observation.replay.moved_runs import map_here
 from observation.replay.run_recordings import recordings
 from observation.view.story import Floats, Source, Story, Track
 
@@ -46,7 +45,7 @@ class GrowingRun:
                 )
         self.out, self.setup = out, world_setup(files["world"])
         self.robots = tuple(body.id for body in self.setup.robots)
-        self.grid = load_map(map_here(self.setup, out))
+        self.grid = load_map(self.setup.map)
         self._stack, self._files = ExitStack(), dict[str, Growing]()
         self._said = SaidPlaces({body.id: len(body.places) for body in self.setup.robots}, self.setup.step_us)
         self._truths: list[Truth] = []
@@ -126,7 +125,7 @@ class GrowingRun:
                 self._told_by(robot, one)
         if growing.run is not None and robot in self.robots and actor not in self._known:
             self._known.add(actor)
-            identity = msgspec.json.decode(growing.run.scenario, type=_Identity)
+            identity = msgspec.json.decode(growing.run.setup, type=_Identity)
             self._senders[identity.address] = self.robots.index(robot)
 
     def _true(self, truth: Any) -> None:

@@ -10,13 +10,12 @@ from actors.messages import DRIVE, MESSAGE_VERSION, Drive
 from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
-from actors.runtime.recording import Entry, Note, read_recording
+from actors.runtime.recording import Entry, read_recording
 from deploy.fleet.collect import collect
 from observation.field_trial.recordings import natural
 from tests.field_trial.conftest import Run
 from tests.field_trial.rewriting import clock
 from tests.field_trial.runs import copies
-from tests.replay.forging import forge
 from tests.swarm.command import acrc
 
 
@@ -152,28 +151,6 @@ def test_an_instant_that_no_clock_shows_is_damage(head_on: Run, tmp_path: Path) 
     assert collect([far]).notes[0] == (
         f"{far}/r2/r2.mcap: damaged: an instant is {1 << 61} µs, as no clock shows; what comes before is "
         "taken"
-    )
-
-
-def test_places_come_from_the_file_beside_if_the_first_record_has_none(head_on: Run, tmp_path: Path) -> None:
-    def nameless(item: Entry | Note) -> Entry | Note:
-        return (
-            item._replace(json=item.json.replace(r"\"places\":", r"\"spaces\":"))
-            if isinstance(item, Note)
-            else item
-        )
-
-    far = copies(head_on.out, tmp_path / "far", {"r1": clock(), "r2": clock()})
-    for robot in ("r1", "r2"):
-        forge(far / robot / f"{robot}.mcap", nameless)
-    shutil.copy(head_on.out / "r1" / "places.toml", far / "r1" / "places.toml")
-    ours = collect([far])
-    assert (ours.places_total, ours.per_robot["r1"].places_total) == (6, 3)
-    assert ours.notes == (
-        f"{far}/r2/r2.mcap: does not name the places of r2, and {far}/r2/places.toml: the places file "
-        "cannot be read: No such file or directory",
-        "r2: its list of places is not known, so the table has those that others spoke of, without where "
-        "they are",
     )
 
 

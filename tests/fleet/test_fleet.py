@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from actors.installation.usage import OptionError
-from actors.robot.behaviour.adaptation import adaptation
 from deploy.fleet.fleet_file import FleetError, load_fleet
 from tests.fleet.texts import HEAD, OFFICE, ROBOT, ROOT, fault, fleet, robot
 
@@ -56,12 +55,10 @@ def test_paths_are_relative_to_the_file_wherever_one_stands(
 
 
 def test_robots_read_strategy_exchange_and_areas_as_in_a_simulation() -> None:
-    told = adaptation(
-        fleet(
-            '[strategy]\nreach = 0.5\n[deeco]\nrelay = true\n[[area]]\nname = "A"\nx = [0, 1]\ny = [2, 3]\n'
-            + ROBOT
-        ).adaptation
-    )
+    told = fleet(
+        '[strategy]\nreach = 0.5\n[deeco]\nrelay = true\n[[area]]\nname = "A"\nx = [0, 1]\ny = [2, 3]\n'
+        + ROBOT
+    ).adaptation
     assert told.settings == {"reach": 0.5}
     assert told.exchange.relay
     assert [area.name for area in told.areas] == ["A"]

@@ -38,9 +38,9 @@ class Robot:
         """Leave a recording of that epoch, which ends in its first step."""
         path = self.runs / run / robot / f"{robot}.mcap"
         path.parent.mkdir(parents=True, exist_ok=True)
-        scenario = msgspec.json.encode({"id": robot, "epoch": epoch, "seed": 1}).decode()
+        setup = msgspec.Raw(msgspec.json.encode({"id": robot, "epoch": epoch, "seed": 1}))
         with Recorder(path, 100_000) as recorder:
-            recorder.note("run", RunNote(robot, (), 1, 100_000, "", scenario, {}))
+            recorder.note("run", RunNote(robot, 1, 100_000, "", setup))
 
 
 @pytest.fixture

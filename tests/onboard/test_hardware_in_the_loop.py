@@ -113,8 +113,8 @@ def test_boards_and_simulated_transceivers_talk_on_one_air_with_its_walls(tmp_pa
     assert checked.stdout.startswith("no digest without a recording of the world, over "), checked.stdout
     setup = json.loads((out / "laboratory" / "setup.json").read_text())
     assert setup["without_board"] == ["r2", "r3"]
-    links = [json.loads((out / f"r{number}.radio" / "setup.json").read_text())["board"] for number in (1, 2)]
-    assert links == [True, False]
+    links = [out / f"r{number}.radio" / "setup.json" for number in (1, 2)]
+    assert [json.loads(link.read_text())["actor"]["board"] for link in links] == [True, False]
     again = acrc("record", "replay", out, "r2")
     assert again.returncode == 0 and "all equal to the recorded ones" in again.stdout, again.stderr
     assert processes_of(out) == [] and leftovers(out) == []

@@ -11,6 +11,7 @@ from actors.geometry import Pose
 from actors.installation.usage import OptionError
 from actors.instant import Instant, seconds
 from actors.messages import Odometry
+from actors.robot.assembly import RobotSetup
 from deploy.fleet import keys as fleet_keys
 from deploy.fleet.fleet_file import FleetRobot
 from deploy.fleet.onboard import Onboard, onboard_robot_program
@@ -23,6 +24,13 @@ from tests.onboard.test_same_robot import PORTS, alone
 
 __all__ = ["alone"]
 NOW = Instant(1_000_000)
+
+
+def told(prepared: Onboard, start: int) -> RobotSetup:
+    """What the robot is told at that start."""
+    setup = onboard_robot_program(prepared, start).setup
+    assert setup is not None and isinstance(setup.actor, RobotSetup)
+    return setup.actor
 
 
 def test_it_is_kept_twice_a_second_and_is_its_successors_whose_odometry_begins_anew(tmp_path: Path) -> None:
@@ -64,11 +72,9 @@ def test_a_damaged_file_is_none(tmp_path: Path, text: bytes) -> None:
 def test_a_robot_that_was_on_before_is_started_in_doubt(alone: Plan, tmp_path: Path) -> None:
     path = tmp_path / "r1.pose"
     prepared = Onboard(alone, PORTS, lambda: 0, last_pose=path)
-    assert "--doubt" not in onboard_robot_program(prepared, 0).argv
+    assert told(prepared, 0).doubt is None
     last_pose.write(path, LastPose((2.0, 3.0, 0.0), (1.0, 0.5, 0.0)))
-    argv = onboard_robot_program(prepared, 1).argv
-    assert argv[argv.index("--doubt") + 1] == "0.3"
-    assert "--start=1.0,2.5,0.0" in argv
+    assert (told(prepared, 1).doubt, told(prepared, 1).start) == (0.3, (1.0, 2.5, 0.0))
     assert replace(prepared, last_pose=None).pose_file == alone.out / "r1.base" / "last.pose"
 
 
@@ -94,7 +100,7 @@ def test_a_robot_that_is_told_where_it_is_begins_there_without_doubt(
     last_pose.write(pose, LastPose((2.0, 3.0, 0.0), (1.0, 0.5, 0.0)))
     prepared = prepare(stands, "r2", OnboardOptions(tmp_path / "runs" / "one", at=at), lambda sentence: None)
     assert prepared.robot.start == start
-    assert not pose.exists() and "--doubt" not in onboard_robot_program(prepared, 0).argv
+    assert not pose.exists() and told(prepared, 0).doubt is None
 
 
 def test_a_laptop_that_cannot_watch_is_told_why_once_for_each_reason(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,6 +12,7 @@ from actors.installation.usage import OptionError
 from actors.messages import ProcessOrder
 from actors.runtime.access.rules import client_config
 from actors.runtime.process import ActorProcess, RunNote, play
+from actors.runtime.process_setup import SETUP, setup_bytes
 from actors.runtime.recording import Recorder, read_notes
 from deploy.fleet import onboard
 from deploy.fleet.onboard import Onboard, Ports
@@ -34,11 +35,14 @@ def alone(tmp_path: Path) -> Plan:
     return replace(whole, world=msgspec.structs.replace(whole.world, robots=whole.world.robots[:1]))
 
 
-def test_argv_and_module_are_those_of_the_simulation(alone: Plan) -> None:
+def test_set_up_and_module_are_those_of_the_simulation(alone: Plan) -> None:
     robot = alone.world.robots[0]
     on_board = onboard.onboard_robot_program(Onboard(alone, PORTS, lambda: 0), start=0)
     simulated = plan.robot_program(alone, robot, ProcessOrder("r1", 0), first_step=0)
-    assert on_board == replace(simulated, argv=(*simulated.argv, "--spare-record")), "it outlives a full disk"
+    assert simulated.setup is not None and on_board.setup is not None
+    spares = msgspec.structs.replace(simulated.setup.process, spares_record=True)
+    outlives = msgspec.structs.replace(simulated.setup, process=spares)
+    assert on_board == replace(simulated, setup=outlives), "it outlives a full disk"
 
 
 def test_a_debugger_changes_who_runs_it_and_nothing_else(alone: Plan) -> None:
@@ -54,7 +58,7 @@ def test_what_the_robot_reads_is_the_same_and_base_and_bridge_lie_beside_it(
     simulated = replace(alone, out=tmp_path / "simulated")
     plan.lay_out(simulated)
     onboard.lay_out(Onboard(alone, PORTS, lambda: 0))
-    assert sorted(path.name for path in alone.out.iterdir()) == ["names.json", "r1", "r1.base", "r1.radio"]
+    assert sorted(path.name for path in alone.out.iterdir()) == ["r1", "r1.base", "r1.radio"]
     for path in filter(Path.is_file, (simulated.out / "r1").iterdir()):
         assert (alone.out / "r1" / path.name).read_bytes() == path.read_bytes()
     with pytest.raises(OptionError) as refused:
@@ -66,7 +70,7 @@ def test_each_start_of_the_program_is_in_an_epoch_of_its_own_and_named_by_its_nu
     epochs = iter((7, 8, 12))
     prepared = Onboard(alone, PORTS, lambda: next(epochs))
     programs = [onboard.onboard_robot_program(prepared, start) for start in range(3)]
-    assert [one.argv[one.argv.index("--epoch") + 1] for one in programs] == ["7", "8", "12"]
+    assert [one.setup.actor.epoch for one in programs if one.setup is not None] == [7, 8, 12]
     names = [one.record.name for one in programs if one.record is not None]
     assert names == ["r1.mcap", "r1.1.mcap", "r1.2.mcap"]
 
@@ -85,8 +89,12 @@ def test_a_port_that_is_taken_is_said_in_the_log_and_nothing_stays(
         prepared = Onboard(alone, replace(PORTS, listen=listen, keys=str(keys)), lambda: 0)
         onboard.lay_out(prepared)
         onboard.issue(prepared)
-        argv = [word for word in onboard.base_program(prepared, 0).argv if word != "--with-parent"]
-        assert base.main(argv) == 2
+        program = onboard.base_program(prepared, 0)
+        assert program.setup is not None
+        process = msgspec.structs.replace(program.setup.process, with_parent=False)
+        file = program.log.parent / SETUP
+        file.write_bytes(setup_bytes(msgspec.structs.replace(program.setup, process=process)))
+        assert base.main(program.argv) == 2
     assert capsys.readouterr().err == (
         f"{listen}: no laptop can be awaited there: address already in use; end the program that has the "
         "port, or name another address as `listen` in the fleet file\n"
@@ -99,7 +107,7 @@ def test_what_keeps_a_process_from_its_robot_is_said_in_the_log_too(
 ) -> None:
     (tmp_path / "credentials").write_text("radio:word\n")
     config = client_config(tmp_path / "credentials", f"unixsock-stream/{tmp_path}/nobody.sock")
-    run = RunNote("radio", (), 1, 100_000, "", "", {})
+    run = RunNote("radio", 1, 100_000, "", msgspec.Raw(b"{}"))
     part = ActorProcess(Answerer("r1"), (), run)
     assert play(part, Recorder(tmp_path / "radio.mcap", 100_000), config) == 1
     note = json.loads(read_notes(tmp_path / "radio.mcap")["failure"])

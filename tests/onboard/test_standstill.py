@@ -98,7 +98,7 @@ def doubtful(rig: Rig) -> bool:
     """The robot was started not knowing where it is, as the recording of its last start says."""
     starts = sorted((rig.out / "r1").glob("r1*.mcap"), key=lambda path: path.stat().st_mtime)
     try:
-        return "--doubt" in json.loads(read_notes(starts[-1])["run"])["argv"]
+        return json.loads(read_notes(starts[-1])["run"])["setup"]["doubt"] is not None
     except (IndexError, KeyError, OSError, RecordingError):
         return False
 

@@ -218,6 +218,25 @@ def test_notes_of_the_wrong_form(copy: Path) -> None:
         assert why is None or sentence.endswith(why)
 
 
+def test_a_recording_of_before_there_were_set_ups_names_the_version_that_reads_it(copy: Path) -> None:
+    class Earlier(msgspec.Struct):
+        actor: str = "r1"
+        argv: tuple[str, ...] = ("--id", "r1")
+        seed: int = 7
+        step_us: int = 100_000
+        commit: str = "abc"
+        scenario: str = "{}"
+
+    path = copy / "r1" / "r1.mcap"
+    path.unlink()
+    with Recorder(path, 100_000) as recorder:
+        recorder.note("run", Earlier())
+    assert fault(copy) == (
+        f"{path}: its record 'run' is not what it should be: it holds no set-up; version abc has made it, "
+        "and can read it; this one cannot"
+    )
+
+
 def test_what_is_no_recording_at_all(tmp_path: Path) -> None:
     path = tmp_path / "r1" / "r1.mcap"
     path.parent.mkdir()

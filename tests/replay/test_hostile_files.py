@@ -12,9 +12,6 @@ from actors import toml_file
 from actors.floor.map_file import MapError, load_map
 from actors.messages import MESSAGE_VERSION, TOPICS
 from actors.processes.log_end import last_line
-from actors.robot.behaviour.adaptation import adaptation
-from actors.robot.behaviour.places import load_places
-from actors.robot.stack import parse as parse_stack
 from actors.robot_model import load_model
 from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import AccessError
@@ -24,6 +21,7 @@ from actors.topic import Message, Topic
 from deploy.fleet.collect import collect
 from deploy.fleet.fleet_file import load_fleet
 from deploy.scenario.scenario_file import load_scenario
+from deploy.scenario.stack_tables import stack
 
 SECONDS = 3.0
 """On a busy machine; what is quadratic takes minutes."""
@@ -42,15 +40,12 @@ TOMLS = {
     "keys that nobody knows": "".join(f"k{number} = 1\n" for number in range(70_000)),
     "the same in a table": "[deeco]\n" + "".join(f"k{number} = 1\n" for number in range(70_000)),
     "settings that are none": "[strategy]\n" + "".join(f"k{number} = [[]]\n" for number in range(60_000)),
-    "places that are none": "places = [" + "3, " * 300_000 + "]",
+    "places that are none": "[[robot]]\nplaces = [" + "3, " * 300_000 + "]",
 }
 READERS: dict[str, Callable[[Path], object]] = {
     "scenario": load_scenario,
     "fleet": load_fleet,
-    "places": load_places,
     "model": lambda path: load_model(str(path)),
-    "adaptation": lambda path: adaptation(path.read_text()),
-    "navigation": lambda path: parse_stack(path.read_text()),
 }
 
 
@@ -87,7 +82,7 @@ def test_a_path_with_a_zero_character(tmp_path: Path, key: str) -> None:
 def test_links_that_lead_to_themselves(tmp_path: Path) -> None:
     loop = tmp_path / "loop.toml"
     loop.symlink_to(loop)
-    for reader in (load_scenario, load_fleet, load_places):
+    for reader in (load_scenario, load_fleet):
         with pytest.raises(AcrcError, match="Too many levels of symbolic links"):
             reader(loop)
     (tmp_path / "scenario.toml").write_text('map = "loop.toml"\n')
@@ -172,6 +167,6 @@ def test_the_last_line_of_an_endless_log(tmp_path: Path) -> None:
 
 def test_a_key_without_end_is_cut_in_its_sentence() -> None:
     with pytest.raises(AcrcError) as caught:
-        parse_stack("[localisation]\n" + "a" * 5000 + " = 1\n")
+        stack({"localisation": {"a" * 5000: 1}})
     assert str(caught.value).startswith(f"localisation.{'a' * 60}… is not known; ")
     assert len(str(caught.value)) < 1000

@@ -6,15 +6,16 @@ from pathlib import Path
 import pytest
 
 from actors.installation.repository import REPOSITORY
+from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError
 from deploy.branches.swarm_replay import replay_swarm
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
-from observation.evidence.run_evidence import read_run
+from observation.evidence.run_evidence import read_run, world_setup
 from observation.explanation.explain import listed
-from observation.replay.moved_runs import run_of
+from observation.replay.moved_runs import code_folders, setup_of
 from observation.replay.record_replay import replay_actor
 from observation.replay.run_recordings import recordings
 from tests.swarm.command import acrc
@@ -96,10 +97,10 @@ def test_what_a_copy_lacks_is_named(moved: Path, tmp_path: Path) -> None:
         "'moved_strategy' here, nor in "
     )
     shutil.copytree(moved.parent / "code", tmp_path / "code")
-    (out / "r1" / "places.toml").unlink()
+    (out / "r1" / "model.toml").unlink()
     with pytest.raises(AcrcError) as caught:
         replay_actor(out, "r1")
-    assert str(caught.value).startswith(f"{out / 'r1' / 'places.toml'}: the places file cannot be read")
+    assert str(caught.value).startswith(f"{out / 'r1' / 'model.toml'}: the robot model file cannot be read")
 
 
 def test_a_copy_beside_its_original_has_files_of_its_own(moved: Path, tmp_path: Path) -> None:
@@ -107,7 +108,10 @@ def test_a_copy_beside_its_original_has_files_of_its_own(moved: Path, tmp_path: 
     for out in twice:
         shutil.copytree(moved, out)
     for out in (moved, *twice):
-        argv = run_of(recordings(out)["r1"]).argv
-        files = [argv[argv.index(f"--{name}") + 1] for name in ("map", "model", "places", "adaptation")]
-        assert [Path(file).parent for file in files] == [out / "r1"] * 4
-        assert Path(argv[argv.index("--path") + 1]).name == "code"
+        setup = setup_of(recordings(out)["r1"], RobotSetup, "a robot")
+        assert (setup.map, setup.model) == ("map.yaml", "model.toml")
+        world = world_setup(recordings(out)["world"])
+        assert Path(world.map).resolve() == (out / "map" / "map.yaml").resolve()
+        assert Path(world.robots[0].model).resolve() == (out / "r1" / "model.toml").resolve()
+        assert [folder.name for folder in code_folders(out)] == ["code"]
+    assert code_folders(moved) == (moved.parent / "code",)

@@ -113,12 +113,10 @@ READ = [
     ("map/map.yaml", ("run", "{out}/scenario.toml", "--out", "{to}", "--bus", "memory")),
     ("map/map.png", ("run", "{out}/scenario.toml", "--out", "{to}", "--bus", "memory")),
     ("r1/map.yaml", ("replay", "{out}", "--robot", "r1", "--to", "1")),
-    ("r1/places.toml", ("replay", "{out}", "--robot", "r1", "--to", "1")),
-    ("r1/adaptation.toml", ("replay", "{out}", "--robot", "r1", "--to", "1")),
-    ("r1/navigation.toml", ("explain", "{out}", "r1")),
+    ("r1/map.png", ("explain", "{out}", "r1")),
     ("r1/r1.mcap", ("record", "check", "{out}")),
-    ("world/setup.json", ("record", "replay", "{out}", "world")),
-    ("world/setup.json", ("causes", "{out}")),
+    ("map/map.yaml", ("record", "replay", "{out}", "world")),
+    ("map/map.yaml", ("causes", "{out}")),
     ("run.json", ("report", "{out}")),
 ]
 """A file of a run, and a command that reads it."""

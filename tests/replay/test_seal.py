@@ -74,9 +74,7 @@ def test_no_flipped_bit_of_any_file_passes(damaged: Path) -> None:
     assert check_seal(damaged) is not None
 
 
-@pytest.mark.parametrize(
-    "name", ["run.json", "places.csv", "scenario.toml", "r1/places.toml", "world/setup.json"]
-)
+@pytest.mark.parametrize("name", ["run.json", "places.csv", "scenario.toml", "r1/map.yaml", "map/map.yaml"])
 def test_a_change_is_named(name: str, damaged: Path) -> None:
     path = damaged / name
     path.write_bytes(path.read_bytes() + b"\n")
@@ -123,7 +121,7 @@ def add_file(out: Path) -> str:
 
 def rename(out: Path) -> str:
     (out / "r1").rename(out / "r7")
-    return f"{out}/r1/adaptation.toml: is missing; it was there when SHA256SUMS was written"
+    return f"{out}/r1/map.png: is missing; it was there when SHA256SUMS was written"
 
 
 def link(out: Path) -> str:

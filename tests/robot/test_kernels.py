@@ -13,7 +13,8 @@ from numba.core.dispatcher import Dispatcher
 from actors.geometry import Point, Pose
 from actors.robot import assembly
 from actors.robot.behaviour.ports import Decision
-from actors.robot.stack import parse
+from actors import toml_file
+from deploy.scenario.stack_tables import stack
 from actors.robot_model import load_model
 from tests.robot.base import TWO_ROOMS, FakeBase
 
@@ -25,7 +26,8 @@ assembly.kernels()
 compiled = variants()
 model, start = load_model("turtlebot2", "chapter"), Pose(1.0, 1.0, 0.0)
 told = assembly.RobotSetup(
-    "r1", 0, 0, 7, 100_000, 1, start, (), "tests.robot.behaviours:idle", stack=parse(sys.argv[1])
+    "r1", 0, 0, 7, 100_000, 1, (*start,), (), "tests.robot.behaviours:idle", "turtlebot2",
+    stack=stack(toml_file.loads(sys.argv[1])),
 )
 core, base = assembly.robot(told, model, TWO_ROOMS), FakeBase(TWO_ROOMS, model, start)
 core._parts.behaviour.decision = Decision(Point(9.0, 3.0), peers=(Point(2.0, 2.0),))

@@ -1,95 +1,95 @@
-"""The robot's command line."""
+"""The robot's set-up, as its process reads it."""
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 
+from actors.floor.placement import Area
 from actors.geometry import Point, Pose
+from actors.instant import seconds
 from actors.messages import READY, SENSES, Ready
-from actors.robot.assembly import kernels
+from actors.robot import __main__ as robot_program
+from actors.robot.assembly import RobotSetup, kernels
 from actors.robot.behaviour.adaptation import Adaptation
-from actors.robot.behaviour.modules import FOLDERS, look_in
-from actors.robot.behaviour.places import load_places
-from actors.robot.program import build, parse, part
+from actors.robot.behaviour.modules import FOLDERS
+from actors.robot.behaviour.ports import ExchangeSettings
+from actors.robot.localisation import PRESETS
+from actors.robot.program import RobotProcess, RobotProgram, build, load_setup, part
+from actors.robot.stack import Stack
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined
+from actors.runtime.isolation.resource_limits import ProcessLimits
+from actors.runtime.process_setup import SETUP, ActorSetup, setup_bytes
+from actors.runtime.spans import Window
 
-POINT = "but must be a point [x, y] in m"
 MAPS = Path(__file__).parents[2] / "maps"
+ROBOT = RobotSetup(
+    id="r1",
+    epoch=2,
+    first_step=40,
+    seed=7,
+    step_us=50_000,
+    address=3,
+    start=(12.0, 5.0, 4.0),
+    places=(Point(12.5, 6.0), Point(9.0, 12.25)),
+    behaviour="tests.robot.behaviours:keeper",
+    model="turtlebot2",
+    sensor="kinect",
+    map=str(MAPS / "corridor.yaml"),
+)
+PLACE = RobotProcess(record="r1.2.mcap", router="router.sock", credentials="credentials", commit="abc")
+AN_ID = r"Expected `str` matching regex '\\A[A-Za-z0-9_-]{1,32}\\Z' - at `$.actor.id`"
 
 
-@pytest.fixture
-def argv(tmp_path: Path) -> dict[str, str]:
-    places = tmp_path / "places.toml"
-    places.write_text("# two\nplaces = [\n    [12.5, 6.0],\n    [9, 12.25],\n]\n")
-    return {
-        "--id": "r1",
-        "--epoch": "2",
-        "--first-step": "40",
-        "--seed": "7",
-        "--step-us": "50000",
-        "--address": "3",
-        "--map": str(MAPS / "corridor.yaml"),
-        "--model": "turtlebot2",
-        "--sensor": "kinect",
-        "--start": "12.0,5.0,4.0",
-        "--places": str(places),
-        "--behaviour": "tests.robot.behaviours:keeper",
-        "--router": "tcp/127.0.0.1:1",
-        "--credentials": str(tmp_path / "credentials"),
-        "--record": str(tmp_path / "r1.mcap"),
-    }
+def test_all_that_is_told_reads_back_as_it_was_written(tmp_path: Path) -> None:
+    exchange = ExchangeSettings(publish=seconds(0.5), relay=True)
+    adaptation = Adaptation(
+        {"lease": 3, "reach": 0.5, "fair": True, "mode": "bold", "gains": (1, 2.5)},
+        exchange,
+        (Area("hall", 0.0, 0.0, 1.0, 2.0),),
+    )
+    stack = Stack(localisation=PRESETS["robust"])
+    told: RobotProgram = ActorSetup(
+        msgspec.structs.replace(ROBOT, adaptation=adaptation, stack=stack, doubt=0.3),
+        msgspec.structs.replace(PLACE, code=("/code/1",), limits=ProcessLimits(), spans=Window(3, 5)),
+    )
+    (tmp_path / SETUP).write_bytes(setup_bytes(told))
+    assert load_setup(tmp_path / SETUP) == told
 
 
-def flat(argv: dict[str, str]) -> list[str]:
-    return [f"{name}={value}" for name, value in argv.items()]
+def test_it_starts_with_a_heading_within_a_turn() -> None:
+    assert ROBOT.pose == pytest.approx(Pose(12.0, 5.0, 4.0 - math.tau))
 
 
-def test_every_option_is_read(argv: dict[str, str], tmp_path: Path) -> None:
-    options = parse(flat(argv))
-    setup = options.setup
-    assert (setup.id, setup.epoch, setup.first_step, setup.seed) == ("r1", 2, 40, 7)
-    assert (setup.step_us, setup.address, setup.behaviour) == (50_000, 3, "tests.robot.behaviours:keeper")
-    assert setup.start == pytest.approx(Pose(12.0, 5.0, 4.0 - math.tau))
-    assert setup.places == (Point(12.5, 6.0), Point(9.0, 12.25))
-    assert (options.model, options.sensor) == ("turtlebot2", "kinect")
-    assert options.map == MAPS / "corridor.yaml"
-    assert options.client.record == tmp_path / "r1.mcap"
-    assert not options.isolate
-    assert setup.adaptation == Adaptation()
+def test_the_folder_that_is_named_first_goes_first(tmp_path: Path) -> None:
+    part(ActorSetup(ROBOT, msgspec.structs.replace(PLACE, code=("/one", "two"))), tmp_path)
+    assert FOLDERS.folders == (Path("/one"), tmp_path / "two")
+    part(ActorSetup(ROBOT, PLACE), tmp_path)
 
 
-def test_the_adaptation_is_read_from_its_file(argv: dict[str, str], tmp_path: Path) -> None:
-    file = tmp_path / "adaptation.toml"
-    file.write_text("[strategy]\nlease = 3\n")
-    robot = part(flat(argv | {"--adaptation": str(file)}))
-    assert json.loads(robot.run.scenario)["adaptation"]["settings"] == {"lease": 3}
-
-
-def test_the_folder_that_is_named_first_goes_first(argv: dict[str, str]) -> None:
-    look_in(parse([*flat(argv), "--path", "/one", "--path", "/two"]).path)
-    assert FOLDERS.folders == (Path("/one"), Path("/two"))
-
-
-def test_the_core_begins_with_the_step_and_listens_to_its_own_keys(argv: dict[str, str]) -> None:
-    options = parse(flat(argv))
-    core = build(options)
+def test_the_core_begins_with_the_step_and_listens_to_its_own_keys(tmp_path: Path) -> None:
+    core = build(ROBOT, tmp_path)
     assert core.step == 40
     assert core.missing({}) == (at(SENSES, "r1"),)
-    assert options.setup.id == "r1"
 
 
-def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_with(
-    argv: dict[str, str],
-) -> None:
-    robot = part(flat(argv))
+def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_with(tmp_path: Path) -> None:
+    robot = part(ActorSetup(ROBOT, PLACE), tmp_path)
     assert robot.ready == (at(READY, "r1"), Ready(40, "r1", 2, combined(kernels())))
     assert [address.key for address in robot.listens] == ["swarm/down/r1/senses", "swarm/down/r1/received"]
-    assert (robot.run.actor, robot.run.seed, robot.run.step_us) == ("r1", 7, 50_000)
-    assert robot.run.argv == tuple(flat(argv))
+    assert (robot.run.actor, robot.run.seed, robot.run.step_us, robot.run.commit) == (
+        "r1.2",
+        7,
+        50_000,
+        "abc",
+    )
+    assert msgspec.json.decode(robot.run.setup, type=RobotSetup) == ROBOT
     ours = [name for name in sorted(robot.run.kernels) if not name.startswith("actors.portable.")]
     assert ours == [
         "actors.floor.distance",
@@ -111,54 +111,80 @@ def test_the_part_says_ready_with_its_kernels_and_records_what_it_was_started_wi
     ]
 
 
-@pytest.mark.parametrize(
-    ("option", "value", "sentence"),
-    [
-        ("--id", "r/1", "--id is 'r/1'; it should be 1 to 32 letters, digits, '-' or '_'"),
-        ("--id", "*", "--id is '*'; it should be 1 to 32 letters, digits, '-' or '_'"),
-        ("--seed", "-1", "--seed is -1; it should be at least 0"),
-        ("--epoch", "-1", "--epoch is -1; it should be at least 0"),
-        ("--first-step", "-1", "--first-step is -1; it should be at least 0"),
-        ("--step-us", "0", "--step-us is 0; it should be at least 1"),
-        ("--address", "-1", "--address is -1; it should be at least 0"),
-        ("--start", "1,2", "--start is '1,2'; it should be three numbers x,y,heading in m and rad"),
-        ("--start", "1,2,nan", "--start is '1,2,nan'; it should be three numbers x,y,heading in m and rad"),
-        ("--start", "a,2,3", "--start is 'a,2,3'; it should be three numbers x,y,heading in m and rad"),
-        ("--seed", "x", "python -m actors.robot: argument --seed: invalid int value: 'x'"),
-    ],
-)
-def test_wrong_values_are_one_sentence(argv: dict[str, str], option: str, value: str, sentence: str) -> None:
-    with pytest.raises(AcrcError) as caught:
-        parse(flat(argv | {option: value}))
-    assert str(caught.value) == sentence
+def _actor(name: str, value: object) -> Callable[[dict[str, Any]], object]:
+    return lambda told: told["actor"].update({name: value})
 
 
 @pytest.mark.parametrize(
-    ("text", "fault"),
+    ("change", "fault"),
     [
-        ("places = [[1, 2, 3]]", f": places[0] is [1, 2, 3], {POINT}"),
-        ("places = [[1, 2], [1, inf]]", f": places[1] is [1, Infinity], {POINT}"),
-        ("places = [[1, true]]", f": places[0] is [1, true], {POINT}"),
-        ("places = [3]", f": places[0] is 3, {POINT}"),
-        ("places = 3", ": places is 3, but must be a list of points [x, y] in m"),
-        ("", ": places is missing, but must be a list of points [x, y] in m"),
-        ("a = 1", ": places is missing, but must be a list of points [x, y] in m"),
-        ("places = [", ": this is no TOML: Invalid value (at end of document)"),
-        ("#" * 1_000_001, ": the places file may have at most 1000000 bytes, but has more"),
+        (_actor("id", "r/1"), AN_ID),
+        (
+            _actor("id", "r1\n"),
+            AN_ID,
+        ),
+        (_actor("seed", -1), "Expected `int` >= 0 - at `$.actor.seed`"),
+        (_actor("seed", "x"), "Expected `int`, got `str` - at `$.actor.seed`"),
+        (_actor("epoch", -1), "Expected `int` >= 0 - at `$.actor.epoch`"),
+        (_actor("first_step", -1), "Expected `int` >= 0 - at `$.actor.first_step`"),
+        (_actor("step_us", 0), "Expected `int` >= 1 - at `$.actor.step_us`"),
+        (_actor("address", -1), "Expected `int` >= 0 - at `$.actor.address`"),
+        (_actor("start", [1, 2]), "Expected `array` of length 3 - at `$.actor.start`"),
+        (_actor("doubt", 0), "Expected `float` > 0.0 - at `$.actor.doubt`"),
+        (_actor("places", [[1, True]]), "Expected `float`, got `bool` - at `$.actor.places[0][1]`"),
+        (_actor("peers", ["r2"]), "Object contains unknown field `peers` - at `$.actor`"),
+        (
+            lambda told: told["actor"]["adaptation"].update(deco={}),
+            "Object contains unknown field `deco` - at `$.actor.adaptation`",
+        ),
+        (
+            lambda told: told["actor"]["stack"]["dwa"].update(speed=1),
+            "Object contains unknown field `speed` - at `$.actor.stack.dwa`",
+        ),
+        (
+            lambda told: told["actor"]["stack"]["localisation"].update(beams=0),
+            "localisation.beams is 0, but must be at least 1 - at `$.actor.stack.localisation`",
+        ),
+        (
+            lambda told: told["process"].update(limits={"memory_mb": 0}),
+            "Expected `int` >= 1 - at `$.process.limits.memory_mb`",
+        ),
+        (lambda told: told.pop("process"), "Object missing required field `process`"),
     ],
 )
-def test_wrong_files_of_places_are_one_sentence(tmp_path: Path, text: str, fault: str) -> None:
-    path = tmp_path / "places.toml"
-    path.write_text(text)
+def test_what_is_wrong_in_it_is_one_sentence(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    change: Callable[[dict[str, Any]], object],
+    fault: str,
+) -> None:
+    told = json.loads(setup_bytes(ActorSetup(ROBOT, PLACE)))
+    change(told)
+    file = tmp_path / SETUP
+    file.write_text(json.dumps(told))
     with pytest.raises(AcrcError) as caught:
-        load_places(path)
-    assert str(caught.value) == f"{path}{fault}"
+        load_setup(file)
+    assert str(caught.value) == f"{file}: no set-up of a robot: {fault}"
+    assert robot_program.main([str(file)]) == 2
+    assert capsys.readouterr().err == f"{caught.value}\n"
 
 
-def test_a_missing_file_of_places_is_one_sentence(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("data", "fault"),
+    [
+        (b"{", "no set-up of a robot: Input data was truncated"),
+        (b"[" * 100_000, "no set-up of a robot: Expected `object`, got `array`"),
+        (bytes(64_000_001), "the set-up cannot be read: has more than 64000000 bytes"),
+    ],
+)
+def test_hostile_bytes_are_one_sentence(tmp_path: Path, data: bytes, fault: str) -> None:
+    (tmp_path / SETUP).write_bytes(data)
     with pytest.raises(AcrcError) as caught:
-        load_places(tmp_path / "none.toml")
-    assert (
-        str(caught.value)
-        == f"{tmp_path}/none.toml: the places file cannot be read: No such file or directory"
-    )
+        load_setup(tmp_path / SETUP)
+    assert str(caught.value) == f"{tmp_path}/{SETUP}: {fault}"
+
+
+def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(AcrcError) as caught:
+        load_setup(tmp_path / SETUP)
+    assert str(caught.value) == f"{tmp_path}/{SETUP}: the set-up cannot be read: No such file or directory"

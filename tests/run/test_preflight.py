@@ -157,7 +157,7 @@ def sends_a_courier(start):
                 os.close(number)
             while True:
                 for folder in Path(__file__).parent.glob("out*/r2/own"):
-                    (folder / "mail").write_text(Path(folder, "../../r1/places.toml").read_text())
+                    (folder / "mail").write_text(Path(folder, "../../r1/setup.json").read_text())
                 time.sleep(0.01)
         os._exit(0)
     os.wait()
@@ -228,7 +228,7 @@ def test_what_a_strategy_starts_before_the_run_reaches_no_robot_and_is_gone(
 ) -> None:
     for robot in ("r1", "r2"):
         (tmp_path / "out1" / robot / "own").mkdir(parents=True)
-        (tmp_path / "out1" / robot / "places.toml").write_text("where r1 has to go")
+        (tmp_path / "out1" / robot / "setup.json").write_text("where r1 has to go")
     with pytest.raises(PreflightError):
         preflight(hostile(tmp_path, "sends_a_courier"), launched)
     assert [path.name for path in (tmp_path / "out1" / "r2" / "own").iterdir()] == []

@@ -15,6 +15,8 @@ import msgspec
 import pytest
 
 from actors.installation.repository import REPOSITORY
+from actors.processes.real_names import NAMES, RealNames
+from actors.robot.assembly import RobotSetup
 from actors.runtime.process import RunNote
 from actors.runtime.recording import Entry, Note
 from deploy.run import swarm
@@ -58,8 +60,8 @@ class Received:
         file.write_text(EVIL.format(mark=str(self.mark)))
         return file
 
-    def forge(self, strategy: str, words: Sequence[str] = ()) -> None:
-        """All that names the strategy names this one; `words` stand behind the robot's command line."""
+    def forge(self, strategy: str, code: Sequence[Path] = ()) -> None:
+        """All that names the strategy names this one; `code` is where it is said to lie."""
         scenario = self.run / "scenario.toml"
         text = re.sub(r"(?m)^modules = .*\n", "", scenario.read_text())
         text = re.sub(r'strategy = ".*"', f'strategy = "{strategy}"\nmodules = ".."', text, count=1)
@@ -71,12 +73,13 @@ class Received:
             if not isinstance(item, Note) or item.name != "run":
                 return item
             note = msgspec.json.decode(item.json, type=RunNote)
-            argv = list(note.argv)
-            argv[argv.index("--behaviour") + 1] = strategy
-            argv += words or ("--path", str(self.folder))
-            text = msgspec.json.encode(msgspec.structs.replace(note, argv=tuple(argv)))
+            told = msgspec.json.decode(note.setup, type=RobotSetup)
+            setup = msgspec.Raw(msgspec.json.encode(msgspec.structs.replace(told, behaviour=strategy)))
+            text = msgspec.json.encode(msgspec.structs.replace(note, setup=setup))
             return item._replace(json=text.decode())
 
+        names = RealNames(str(self.run), tuple(map(str, code or (self.folder,))))
+        (self.run / NAMES).write_bytes(msgspec.json.encode(names))
         forge(self.run / "r1" / "r1.mcap", changed)
 
     def acrc(self, *words: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -154,7 +157,7 @@ def test_a_package_that_is_a_link_into_the_library_is_not_installed(received: Re
 
 
 @pytest.mark.parametrize("own", ["library", "repository", "packages"])
-def test_folders_that_a_recording_names_count_for_nothing_whatever_their_order(
+def test_folders_that_a_run_names_count_for_nothing_whatever_their_order(
     received: Received, own: str
 ) -> None:
     """The check once went by the recorded order, and the program by its own."""
@@ -166,7 +169,7 @@ def test_folders_that_a_recording_names_count_for_nothing_whatever_their_order(
     received.plant("json/evil.py")
     received.plant("json/__init__.py")
     file = received.plant("evil.py")
-    places = ("--path", str(first), "--path", str(received.folder))
+    places = (first, received.folder)
     received.forge("evil:behaviour", places)
     for words in (("--robot", "r1"), ("--robot", "r1", "--to", 1), ("--robot", "r1", "--pdb")):
         assert received.refuses("replay", received.run, *words) == sentence(
@@ -178,22 +181,6 @@ def test_folders_that_a_recording_names_count_for_nothing_whatever_their_order(
             f"acrc: {received.run}/r1/r1.mcap names the strategy json.evil:behaviour, and 'json', which is "
             "installed, has no such module\n"
         )
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("--behaviour=evil:behaviour",),
-        ("--beh", "evil:behaviour"),
-        ("--behaviour", "cleaning.strategies.none:behaviour", "--behaviour", "evil:behaviour"),
-    ],
-)
-def test_a_robots_words_are_read_as_the_robot_reads_them(received: Received, words: tuple[str, ...]) -> None:
-    file = received.plant("evil.py")
-    received.forge("cleaning.strategies.none:behaviour", (*words, f"--pat={received.folder}"))
-    assert received.refuses("replay", received.run, "--robot", "r1", "--to", 1) == sentence(
-        received.run / "r1" / "r1.mcap", "evil:behaviour", file, received.folder
-    )
 
 
 def test_one_of_several_that_follow_one_another_is_enough(received: Received) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from actors.processes.launch import Child, Program
+from actors.runtime.isolation.neutral import Names
 from actors.runtime.isolation.resource_limits import ProcessLimits
 from actors.runtime.lifecycle import process_table
 from deploy.run.resource_watch import ResourceWatch, Use, used
@@ -16,8 +17,8 @@ from deploy.run.resource_watch import ResourceWatch, Use, used
 PLENTY = 1 << 40
 
 
-def child(folder: Path, module: str = "actors.robot", pid: int = 0, argv: tuple[str, ...] = ()) -> Child:
-    return Child(Program(folder.name, module, argv, folder / "r1.log", folder / "r1.mcap"), pid)
+def child(folder: Path, module: str = "actors.robot", pid: int = 0, names: Names | None = None) -> Child:
+    return Child(Program(folder.name, module, (), folder / "r1.log", folder / "r1.mcap", names), pid)
 
 
 class Clock:
@@ -113,7 +114,7 @@ def test_all_processes_of_a_robot_count(tmp_path: Path, where: str) -> None:
     ) as robot:
         assert robot.stdout is not None
         assert [robot.stdout.readline() for _ in range(4)] == [b"held\n"] * 4
-        suspects = [child(tmp_path, pid=robot.pid, argv=("--isolate",))]
+        suspects = [child(tmp_path, pid=robot.pid, names=Names("", ""))]
         faults = []
         for limits in (ProcessLimits(), ProcessLimits(memory_mb=200), ProcessLimits(processes=1)):
             watch = ResourceWatch(limits, clock)

@@ -3,6 +3,7 @@
 import shutil
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from PIL import Image
 from actors.floor import distance
 from actors.floor.map_file import load_map
 from actors.processes.launch import Program, launcher
+from actors.robot.stack import Stack
 from deploy.run.options import RunOptions
 from deploy.run.plan import in_common
 from deploy.run.swarm import plan, run_in_memory
@@ -22,11 +24,11 @@ CHAPTER = MAPS.parent / "scenarios" / "chapter.toml"
 
 def test_a_forked_process_finds_what_its_server_was_told_to_share(tmp_path: Path) -> None:
     shutil.copytree(MAPS, tmp_path / "maps")
-    (tmp_path / "navigation.toml").write_text("")
+    stack = msgspec.json.encode(Stack()).decode()
     log = tmp_path / "heir.log"
     with launcher("forkserver") as launched:
         for name in ("none.yaml", "maps/corridor.yaml"):  # the first is left to who needs it
-            launched.share("actors.robot.program", (name, "turtlebot2", "", "navigation.toml"), tmp_path)
+            launched.share("actors.robot.program", (name, "turtlebot2", "", stack), tmp_path)
         argv = (str(tmp_path / "maps" / "corridor.yaml"), str(tmp_path / "maps" / "maze.yaml"))
         heir = launched.start(Program("heir", "tests.run.heir", argv, log, None))
         while heir.exit_code is None:

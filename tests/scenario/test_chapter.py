@@ -4,11 +4,11 @@ import tomllib
 from dataclasses import fields
 
 from actors.installation.repository import REPOSITORY
-from actors.robot.stack import TABLES
 from cleaning.parameters import AdaptationParameters
 from cleaning.settings import from_settings
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import load_scenario
+from deploy.scenario.stack_tables import TABLES
 
 CHAPTER = REPOSITORY / "scenarios" / "chapter.toml"
 FIRST_PLACES = [

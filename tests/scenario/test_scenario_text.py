@@ -7,11 +7,13 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as some
 
+from actors.floor.placement import Area
 from actors.instant import seconds
-from actors.robot.behaviour.adaptation import adaptation as robot_adaptation
+from actors.robot.behaviour.adaptation import Adaptation
+from deploy.scenario.adaptation_tables import adaptation
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario, parse
-from deploy.scenario.scenario_text import adaptation, to_toml
+from deploy.scenario.scenario_text import to_toml
 from deploy.scenario.tables import Scenario
 from tests.scenario.faults import scenario
 
@@ -99,7 +101,7 @@ scenarios = some.fixed_dictionaries(
 def test_every_scenario_reads_back_as_it_was_written(content: dict[str, Any]) -> None:
     written = Scenario.model_validate(_as_lists(content))
     assert parse(to_toml(written), Path("/some.toml")) == written
-    told = robot_adaptation(adaptation(written))
+    told = adaptation(written)
     assert told.settings == written.strategy
     assert {name: type(value) for name, value in told.settings.items()} == {
         name: type(value) for name, value in written.strategy.items()
@@ -118,26 +120,16 @@ def test_what_a_run_writes_down_gives_the_same_run() -> None:
     assert to_toml(second.scenario) == written
 
 
-def test_the_text_of_a_robots_adaptation() -> None:
+def test_robots_are_told_the_areas_of_their_places_alone() -> None:
     text = "[strategy]\nlease = 3\n[places]\nareas = ['hall']\n"
     text += "".join(
         f"[[area]]\nname = '{name}'\nx = [8, 12]\ny = [10.5, 13.8]\n" for name in ("yard", "hall")
     )
-    told = (
-        "# What the robot's strategy is told, and how it exchanges knowledge.\n"
-        "\n"
-        "[strategy]\nlease = 3\n"
-        "\n"
-        "[deeco]\npublish = 1.0\nrelay = false\nhop_limit = 3\nrelay_delay = 1.0\n"
-        "relay_below = 0.0\nforget = 30.0\n"
-        "\n"
-        '[[area]]\nname = "hall"\nx = [8.0, 12.0]\ny = [10.5, 13.8]\n'
-    )
-    settled = resolve(scenario(text)).scenario
-    assert adaptation(settled) == told
-    assert adaptation(resolve(settled).scenario) == told
-    free = resolve(scenario(text.replace("areas = ['hall']", "preset = 'free'"))).scenario
-    assert adaptation(free) == told.partition("\n[[area]]")[0]
+    settled = resolve(scenario(text))
+    assert settled.adaptation == Adaptation({"lease": 3}, areas=(Area("hall", 8.0, 10.5, 12.0, 13.8),))
+    assert resolve(settled.scenario).adaptation == settled.adaptation
+    free = resolve(scenario(text.replace("areas = ['hall']", "preset = 'free'")))
+    assert free.adaptation == Adaptation({"lease": 3})
 
 
 def test_a_type_stays_what_it_was() -> None:

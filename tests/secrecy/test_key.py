@@ -63,7 +63,7 @@ def test_a_run_with_a_key_is_made_again_from_its_folder(tmp_path: Path) -> None:
     assert [_key(one) for one in (there, here, again, without)] == [KEY, KEY, KEY, ""]
     assert {one["seed"] for one in (there, here, again, without)} == {5}
     setup = (tmp_path / "keyed" / "world" / "setup.json").read_bytes()
-    assert json.loads(setup)["key"] == KEY
+    assert json.loads(setup)["actor"]["key"] == KEY
     for words in (("record", "check", tmp_path / "keyed"), ("replay", tmp_path / "keyed")):
         done = acrc(*words)
         assert done.returncode == 0, done.stderr

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from actors.robot.program import load_setup
 from tests.swarm.command import ROOT, acrc, run
 
 WANDERER = '''
@@ -181,8 +182,10 @@ def test_settings_reach_every_robot(tmp_path: Path) -> None:
     memory = run(tmp_path / "memory", other, "--trust", "--bus", "memory")
     assert memory["digest"] != default["digest"]
     assert run(tmp_path / "processes", other, "--trust")["digest"] == memory["digest"]
-    told = (tmp_path / "processes" / "r2" / "adaptation.toml").read_text()
-    assert "[strategy]\npause = 0.5\n" in told and "'left'" not in told and 'name = "right"' in told
+    file = tmp_path / "processes" / "r2" / "setup.json"
+    told = load_setup(file).actor.adaptation
+    assert told.settings == {"pause": 0.5} and [area.name for area in told.areas] == ["right"]
+    assert b"left" not in file.read_bytes()
 
 
 def test_what_is_wrong_with_a_strategy_is_said_before_anything_is_written(tmp_path: Path) -> None:

@@ -1,10 +1,11 @@
 """Walls, Wi-Fi and distance in a whole run: what it says of robots that do and do not reach each other."""
 
-import json
 from pathlib import Path
 
 import pytest
 
+from actors.radio.radio_setup import RadioSetup
+from observation.replay.moved_runs import setup_of
 from tests.swarm.command import ROOT, run
 
 TWO = f"""
@@ -35,8 +36,8 @@ def test_walls_of_the_map_stand_between_robots(tmp_path: Path, walls: str, share
     scenario.write_text(f'{TWO}walls = "{walls}"\n')
     result = run(tmp_path / walls, scenario, "--bus", "memory")
     assert result["direct_reach"] == share
-    setup = json.loads((tmp_path / walls / "radio" / "setup.json").read_text())
-    assert (setup["walls"], setup["preset"]) == (walls, "chapter")
+    setup = setup_of(tmp_path / walls / "radio" / "radio.mcap", RadioSetup, "a radio")
+    assert (setup.walls, setup.preset) == (walls, "chapter")
 
 
 def test_a_robot_alone_has_nobody_to_reach(tmp_path: Path) -> None:

@@ -6,15 +6,14 @@ from pathlib import Path
 import pytest
 
 from actors.installation.usage import OptionError
-from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, as_words, limits
+from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, limits
 from deploy.run.options import run_options
 from tests.swarm.command import acrc, leftovers, processes_of
 
 
-def test_limits_as_words_and_back() -> None:
-    chosen = ProcessLimits(memory_mb=1500, processes=9)
-    assert as_words(chosen) == ("memory_mb=1500", "processes=9") and limits(as_words(chosen)) == chosen
-    assert as_words(ProcessLimits()) == ()
+def test_limits_as_words() -> None:
+    assert limits(("memory_mb=1500", "processes=9")) == ProcessLimits(memory_mb=1500, processes=9)
+    assert limits(()) == ProcessLimits()
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from actors.installation.repository import REPOSITORY
 from actors.processes.launch import LaunchError, Program, launcher
 from actors.runtime.isolation.sandbox import available
 from actors.runtime.lifecycle.log import create_log
+from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup
 from actors.runtime.recording import Entry, read_recording
 from tests.swarm.command import acrc, run
 
@@ -87,3 +88,21 @@ def test_a_log_is_a_new_file(tmp_path: Path) -> None:
                 launched.start(Program(name, "this", (), log, None))
             assert str(caught.value) == f"{name} is not started; {log}: File exists"
     assert victim.read_text() == "untouched" and not (tmp_path / "nothing.txt").exists()
+
+
+def test_a_set_up_is_written_anew_at_each_start_and_through_no_link(tmp_path: Path) -> None:
+    victim, file = tmp_path / "victim.txt", tmp_path / SETUP
+    victim.write_text("untouched")
+    file.symlink_to(victim)
+    with launcher("exec") as launched:
+        for number in range(2):
+            told = ActorSetup({"epoch": number}, ProcessSetup(record="r1.mcap", router="router.sock"))
+            log = tmp_path / f"r1.{number}.log"
+            launched.start(Program("r1", "this", (), log, None, setup=told))
+            assert json.loads(file.read_text())["actor"] == {"epoch": number}
+        file.unlink()
+        file.mkdir()
+        with pytest.raises(LaunchError) as caught:
+            launched.start(Program("r1", "this", (), tmp_path / "r1.log", None, setup=told))
+    assert str(caught.value) == f"r1 is not started; {file}: Is a directory"
+    assert victim.read_text() == "untouched"

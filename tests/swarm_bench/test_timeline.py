@@ -9,8 +9,6 @@ from typing import Any
 import pytest
 
 from actors.installation.usage import OptionError
-from actors.runtime.client_options import ArgumentError, ArgumentParser
-from actors.runtime.spans import add_span_option
 from benchmarks.swarm.task import SwarmTask, planned
 from benchmarks.swarm.timeline import command, trace_file
 from deploy.run import swarm
@@ -122,11 +120,3 @@ def test_what_cannot_be_drawn_is_one_sentence(tmp_path: Path) -> None:
     done = acrc(*words)
     assert done.returncode == 2
     assert done.stderr.strip() == "acrc: --robots: '4 20'; must be one number with --timeline"
-
-
-@pytest.mark.parametrize("window", ["5", "a:3", "-1:2", "4:0"])
-def test_a_process_asked_for_no_window_says_so(window: str) -> None:
-    parser = ArgumentParser(prog="robot")
-    add_span_option(parser)
-    with pytest.raises(ArgumentError, match="argument --spans: invalid window value"):
-        parser.parse_args([f"--spans={window}"])

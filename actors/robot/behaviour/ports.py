@@ -31,6 +31,10 @@ FARTHEST_BACK: Final = 3.0
 _NO_MAP: Final = LookupError("this Start was made without a floor plan")
 
 
+LONGEST_S: Final = 1_000_000
+"""Longest duration that a file may give, s."""
+
+
 @dataclass(frozen=True)
 class ExchangeSettings:
     """How nodes of the component model exchange knowledge: a scenario's table [deeco]."""

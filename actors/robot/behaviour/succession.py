@@ -17,17 +17,15 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import msgspec
-from pydantic import TypeAdapter, ValidationError
 
 from actors.instant import Instant, seconds
-from actors.robot.behaviour.adaptation import Settings
 from actors.robot.behaviour.entry import BehaviourError, entry_function, load_behaviour
 from actors.robot.behaviour.node_host import take_over
 from actors.robot.behaviour.ports import Behaviour, Decision, Setting, Start, View
 
 _THEN: Final = ">"
 _AT: Final = "@"
-_SETTINGS: Final = TypeAdapter[Mapping[str, Setting]](Settings)
+_SETTINGS: Final = msgspec.json.Decoder(dict[str, Setting])
 _NONE: Final[Mapping[str, Setting]] = MappingProxyType({})
 
 
@@ -149,8 +147,8 @@ def _turn(text: str, other: str) -> Turn:
     if not brace:
         return Turn(at_s, name)
     try:
-        return Turn(at_s, name, MappingProxyType(dict(_SETTINGS.validate_json(brace + rest))))
-    except ValidationError:
+        return Turn(at_s, name, MappingProxyType(dict(_SETTINGS.decode(brace + rest))))
+    except (ValueError, RecursionError):
         raise BehaviourError(
             f"behaviour {text!r}: what stands behind {name} should be its settings in JSON, such as "
             '{"reach": 0.5}'

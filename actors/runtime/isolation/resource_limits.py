@@ -2,7 +2,9 @@
 
 import resource
 from dataclasses import dataclass, fields, replace
-from typing import Final
+from typing import Annotated, Final
+
+import msgspec
 
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import reserve
@@ -10,6 +12,8 @@ from actors.runtime.lifecycle import reserve
 _MB: Final = 1_000_000
 _STACK: Final = 64 * 1024 * 1024
 """What the first thread's stack may grow to, B; own choice, eight times what most systems give."""
+
+Amount = Annotated[int, msgspec.Meta(ge=1, lt=10**9)]
 
 
 class LimitError(AcrcError):
@@ -20,19 +24,19 @@ class LimitError(AcrcError):
 class ProcessLimits:
     """How much one robot's process may have; own choices, far above what a strategy needs."""
 
-    memory_mb: int = 4096
+    memory_mb: Amount = 4096
     """Its data, MB (RLIMIT_DATA); what it asks for beyond is a MemoryError in the strategy's line. A robot
     itself has about 300. All its processes together are looked at twice a second."""
-    open_files: int = 256
+    open_files: Amount = 256
     """Open files (RLIMIT_NOFILE)."""
-    file_mb: int = 16_384
+    file_mb: Amount = 16_384
     """Each file that it writes, its log and its recording among them, MB (RLIMIT_FSIZE)."""
-    disk_mb: int = 32_768
+    disk_mb: Amount = 32_768
     """All files in its folder together, MB; looked at twice a second. One that it has deleted and keeps open
     is not counted, nor what an open robot writes elsewhere."""
-    disk_files: int = 100_000
+    disk_files: Amount = 100_000
     """Files and folders there."""
-    processes: int = 64
+    processes: Amount = 64
     """Processes and threads (RLIMIT_NPROC, which is none for root; looked at twice a second); isolated robots
     only, for else the system counts all of the user's."""
 
@@ -54,15 +58,6 @@ def limits(words: tuple[str, ...]) -> ProcessLimits:
             )
         found = replace(found, **{name: int(number[:10])})
     return found
-
-
-def as_words(chosen: ProcessLimits) -> tuple[str, ...]:
-    """What `limits` makes them of: those that differ from the default."""
-    usual = ProcessLimits()
-    names = [field.name for field in fields(chosen)]
-    return tuple(
-        f"{name}={getattr(chosen, name)}" for name in names if getattr(chosen, name) != getattr(usual, name)
-    )
 
 
 def enforce(chosen: ProcessLimits, *, isolated: bool) -> None:

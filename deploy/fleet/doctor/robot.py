@@ -7,14 +7,12 @@ from collections.abc import Iterator, Mapping
 from actors.floor.grid import OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.floor.placement import check_pose
-from actors.geometry import Point, Pose, wrap
+from actors.geometry import Point
 from actors.instant import milliseconds
 from actors.randomness import derived_seed
 from actors.robot import assembly
-from actors.robot.behaviour.adaptation import adaptation
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.behaviour.modules import look_in
-from actors.robot.stack import parse
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.access.tls import load_keys
 from actors.runtime.errors import AcrcError
@@ -114,7 +112,6 @@ def _places(robot: FleetRobot, grid: OccupancyGrid) -> Finding:
 
 
 def _make(fleet: Fleet, robot: FleetRobot) -> None:
-    x, y, heading = robot.start
     told = assembly.RobotSetup(
         id=robot.id,
         epoch=0,
@@ -122,11 +119,12 @@ def _make(fleet: Fleet, robot: FleetRobot) -> None:
         seed=derived_seed(fleet.seed, robot.id),
         step_us=milliseconds(fleet.step_ms),
         address=robot.address,
-        start=Pose(x, y, wrap(heading)),
+        start=robot.start,
         places=tuple(Point(*place) for place in robot.places),
         behaviour=entry(fleet.run.strategy),
-        adaptation=adaptation(fleet.adaptation),
-        stack=parse(fleet.navigation),
+        model=robot.model,
+        adaptation=fleet.adaptation,
+        stack=fleet.stack,
     )
     model = _model(robot)
     assembly.robot(told, model, load_map(fleet.map))

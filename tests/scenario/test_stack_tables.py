@@ -1,17 +1,18 @@
 """How a robot localises and navigates: presets, parameters, all ways in which the tables can be wrong."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
+from actors import toml_file
 from actors.instant import seconds
 from actors.robot.localisation import PRESETS
 from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS
 from actors.robot.navigation.dwa_parameters import DWA_PRESETS
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.robot.navigation.planning import PlanningParameters
-from actors.robot.stack import Stack, StackError, load_stack, parse
+from actors.robot.stack import Stack
+from deploy.scenario.stack_tables import StackError, stack
 
 WHOLE = """
 [localisation]
@@ -36,15 +37,19 @@ sim_time = 2.5
 """
 
 
+def parse(text: str) -> Stack:
+    return stack(toml_file.loads(text))
+
+
 def test_everything_that_a_file_may_hold() -> None:
-    stack = parse(WHOLE)
-    assert stack.localisation == replace(PRESETS["robust"], max_particles=1000, weighting="product")
-    assert stack.navigation == replace(
+    found = parse(WHOLE)
+    assert found.localisation == replace(PRESETS["robust"], max_particles=1000, weighting="product")
+    assert found.navigation == replace(
         NAVIGATION_PRESETS["robust"], tolerance=0.2, controller_patience=seconds(2), mark_robots=False
     )
-    assert stack.planner == PlanningParameters(cached=4)
-    assert stack.local_map == replace(LOCAL_MAP_PRESETS["robust"], size=3.0)
-    assert stack.dwa == replace(DWA_PRESETS["robust"], sim_time=2.5)
+    assert found.planner == PlanningParameters(cached=4)
+    assert found.local_map == replace(LOCAL_MAP_PRESETS["robust"], size=3.0)
+    assert found.dwa == replace(DWA_PRESETS["robust"], sim_time=2.5)
 
 
 def test_an_empty_file_means_the_chapter() -> None:
@@ -89,7 +94,6 @@ def test_without_localisation_the_odometry_is_trusted() -> None:
         ("planner.cell = 0", "planner.cell is 0, but must be above 0"),
         ("local_map.cell = 0", "local_map.cell is 0, but must be above 0"),
         ("dwa.sim_time = 0", "dwa.sim_time is 0, but must be above 0"),
-        ("= 3", "this is no TOML: "),
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(text: str, fault: str | None) -> None:
@@ -98,18 +102,3 @@ def test_what_is_wrong_is_said_in_one_sentence(text: str, fault: str | None) -> 
     sentence = str(raised.value)
     assert sentence.startswith(fault or "localisation.particles is not known; did you mean localisation.m")
     assert "\n" not in sentence
-
-
-def test_a_file_is_named_in_the_sentence(tmp_path: Path) -> None:
-    path = tmp_path / "navigation.toml"
-    for content, fault in (
-        (None, "the navigation file cannot be read: No such file or directory"),
-        (b"\xff", "byte 0 of the navigation file is not UTF-8"),
-        (b"#" * 100_001, "the navigation file may have at most 100000 bytes, but has more"),
-        (b"dwa = 1", "dwa is 1, but must be a table [dwa]"),
-    ):
-        if content is not None:
-            path.write_bytes(content)
-        with pytest.raises(StackError) as raised:
-            load_stack(path)
-        assert str(raised.value) == f"{path}: {fault}"

@@ -1,10 +1,12 @@
-"""What a robot reads about its adaptation, and every way in which the file can be wrong."""
+"""What files say about the robots' adaptation, and every way in which it can be wrong."""
 
 import tracemalloc
 from dataclasses import FrozenInstanceError
 from pathlib import Path
+from typing import Annotated
 
 import pytest
+from pydantic import BeforeValidator, Field
 
 from actors import table_wording, toml_file
 from actors.floor.map_file import load_map
@@ -13,15 +15,12 @@ from actors.geometry import Point, Pose
 from actors.instant import milliseconds, seconds
 from actors.randomness import generator
 from actors.robot import assembly
-from actors.robot.behaviour.adaptation import (
-    Adaptation,
-    AdaptationError,
-    AdaptationFile,
-    adaptation,
-    load_adaptation,
-)
+from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.behaviour.ports import ExchangeSettings, Start
 from actors.robot_model import load_model
+from actors.runtime.errors import AcrcError
+from actors.table import Table, as_tuples
+from deploy.scenario.adaptation_tables import AreaTable, DeecoTable, Settings, adaptation
 
 WHOLE = """
 [strategy]
@@ -52,8 +51,20 @@ STRENGTH = "but must be a number of dBm from -90 to 0"
 SPAN = "but must be two numbers [from, to] in m, the first below the second"
 
 
+class File(Table):
+    """The tables as scenario and fleet have them."""
+
+    strategy: Settings = Field(default_factory=dict)
+    deeco: DeecoTable = DeecoTable()
+    area: Annotated[tuple[AreaTable, ...], BeforeValidator(as_tuples)] = ()
+
+
+def parse(text: str) -> Adaptation:
+    return adaptation(table_wording.parse(text, File, AcrcError))
+
+
 def test_everything_that_a_file_may_hold() -> None:
-    assert adaptation(WHOLE) == Adaptation(
+    assert parse(WHOLE) == Adaptation(
         settings={"lease": 2.5, "tries": 3, "fair": True, "the mode": "bold"},
         exchange=ExchangeSettings(milliseconds(500), True, 15, seconds(0), -81.5, seconds(10)),
         areas=(Area("hall", 11.5, 1.0, 13.5, 7.0),),
@@ -61,7 +72,7 @@ def test_everything_that_a_file_may_hold() -> None:
 
 
 def test_an_empty_file_says_nothing() -> None:
-    assert adaptation("") == Adaptation()
+    assert parse("") == Adaptation()
     assert ExchangeSettings() == ExchangeSettings(seconds(1), False, 3, seconds(1), 0.0, seconds(30))
 
 
@@ -114,29 +125,10 @@ def test_an_empty_file_says_nothing() -> None:
         ("[strategy", "this is no TOML: Expected ']' at the end of a table declaration (at end of document)"),
     ],
 )
-def test_a_wrong_file_is_one_sentence(tmp_path: Path, text: str, fault: str) -> None:
-    path = tmp_path / "adaptation.toml"
-    path.write_text(text)
-    with pytest.raises(AdaptationError) as caught:
-        load_adaptation(path)
-    assert str(caught.value) == f"{path}: {fault}"
-
-
-@pytest.mark.parametrize(
-    ("data", "fault"),
-    [
-        (b"#" * 4_000_001, "the adaptation file may have at most 4000000 bytes, but has more"),
-        (b"a = '\xff'", "byte 5 of the adaptation file is not UTF-8"),
-        (b"x = " + b"[" * 5000, "this is no TOML: maximum recursion depth exceeded"),
-        (b"x = " + b"1" * 5000, "this is no TOML: Exceeds the limit (4300 digits) for integer string"),
-    ],
-)
-def test_hostile_bytes_are_one_sentence(tmp_path: Path, data: bytes, fault: str) -> None:
-    path = tmp_path / "adaptation.toml"
-    path.write_bytes(data)
-    with pytest.raises(AdaptationError) as caught:
-        load_adaptation(path)
-    assert str(caught.value).startswith(f"{path}: {fault}")
+def test_a_wrong_file_is_one_sentence(text: str, fault: str) -> None:
+    with pytest.raises(AcrcError) as caught:
+        parse(text)
+    assert str(caught.value) == fault
 
 
 @pytest.mark.parametrize("table", ["", "[deeco]\n", "[strategy]\n", "[[area]]\n"])
@@ -144,26 +136,17 @@ def test_of_many_faults_only_the_first_is_kept(table: str) -> None:
     text = table + "".join(f"k{number} = [[]]\n" for number in range(100_000))
     content = toml_file.loads(text)
     tracemalloc.start()
-    with pytest.raises(AdaptationError, match=r"k0|area"):
-        table_wording.checked(content, AdaptationFile, AdaptationError)
+    with pytest.raises(AcrcError, match=r"k0|area"):
+        table_wording.checked(content, File, AcrcError)
     assert tracemalloc.get_traced_memory()[1] < 1_000_000
     tracemalloc.stop()
-
-
-def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(AdaptationError) as caught:
-        load_adaptation(tmp_path / "none.toml")
-    assert (
-        str(caught.value)
-        == f"{tmp_path}/none.toml: the adaptation file cannot be read: No such file or directory"
-    )
 
 
 def test_the_behaviour_is_told() -> None:
     floor_plan = load_map(Path(__file__).parents[2] / "maps" / "corridor.yaml")
     model = load_model("turtlebot2", "chapter")
     robot = assembly.RobotSetup(
-        "r1", 0, 0, 7, 100_000, 1, Pose(12.0, 5.0, 0.0), (), "x:y", adaptation=adaptation(WHOLE)
+        "r1", 0, 0, 7, 100_000, 1, (12.0, 5.0, 0.0), (), "x:y", model="turtlebot2", adaptation=parse(WHOLE)
     )
     start = assembly.start(robot, model, assembly.floor(floor_plan, model, robot.stack))
     assert dict(start.settings) == {"lease": 2.5, "tries": 3, "fair": True, "the mode": "bold"}

@@ -1,0 +1,90 @@
+"""What an actor's process is started with: one struct in one file, `setup.json` in the actor's folder.
+
+World, radio and robots read the same kind of file, and so do base and bridge on board. In memory nobody reads
+a file: the struct is handed over as it is.
+"""
+
+import math
+from pathlib import Path
+from typing import Final, Generic, TypeVar
+
+import msgspec
+
+from actors.runtime import regular_file
+from actors.runtime.access.credentials import unix_endpoint
+from actors.runtime.errors import AcrcError
+from actors.runtime.spans import Window
+
+SETUP: Final = "setup.json"
+"""The file, in the actor's folder of the run."""
+A = TypeVar("A")
+P = TypeVar("P", bound="ProcessSetup")
+
+
+class SetupError(AcrcError):
+    """A set-up that cannot be read."""
+
+
+class ProcessSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A process's place in a run. Paths are relative to the folder of the set-up, and may be absolute."""
+
+    record: str
+    """The MCAP file to write; must not exist."""
+    router: str
+    """The router's socket; for the router itself the file that says whom it knows."""
+    credentials: str = ""
+    """File with one line `user:password`; the router needs none."""
+    commit: str = ""
+    """Version of the software, for the first record."""
+    with_parent: bool = False
+    """End as soon as the process that started this one has ended."""
+    spans: Window | None = None
+    """Steps in which what it does is noted, span by span."""
+
+    @property
+    def patience_s(self) -> float:
+        """How long the router may take to be there, s; who is looked after waits until he is ended."""
+        return math.inf if self.with_parent else 30.0
+
+    def endpoint(self, folder: Path) -> str:
+        """Of the router, as Zenoh spells it; the set-up lies in `folder`."""
+        return unix_endpoint(folder.resolve() / self.router)
+
+
+class ActorSetup(msgspec.Struct, Generic[A, P], frozen=True, forbid_unknown_fields=True):
+    """All of the file: what the actor is, which its recording begins with, and its process's place."""
+
+    actor: A
+    process: P
+
+
+def read_setup(path: Path, kind: type[ActorSetup[A, P]], actor: str) -> ActorSetup[A, P]:
+    """The set-up of what is called `actor`, such as "a robot", in a file. Raises SetupError."""
+    try:
+        data = regular_file.content(path)
+        setup = msgspec.json.decode(data, type=kind)
+        _refuse_unknown(msgspec.json.decode(data), msgspec.to_builtins(setup), "$")
+        return setup
+    except OSError as error:
+        raise SetupError(f"{path}: the set-up cannot be read: {error.strerror or error}") from None
+    except (ValueError, RecursionError, AcrcError) as error:
+        raise SetupError(f"{path}: no set-up of {actor}: {str(error)[:300]}") from None
+
+
+def _refuse_unknown(given: object, taken: object, place: str) -> None:
+    """Raise ValueError for a key that was not taken: dataclasses, as parameters are, pass over such a key."""
+    if isinstance(given, dict) and isinstance(taken, dict):
+        for name, value in given.items():
+            if name not in taken:
+                raise ValueError(f"Object contains unknown field `{name}` - at `{place}`")
+            _refuse_unknown(value, taken[name], f"{place}.{name}")
+
+
+def setup_bytes(setup: msgspec.Struct) -> bytes:
+    """The file's content."""
+    return msgspec.json.format(msgspec.json.encode(setup)) + b"\n"
+
+
+def located_model(model: str, folder: Path) -> str:
+    """A robot model as a set-up in `folder` names it: the path of a file, or the name of a shipped one."""
+    return str(folder / model) if model.endswith(".toml") else model
