@@ -17,8 +17,7 @@ from actors.robot.program import RobotProcess
 from actors.robot.stack import Stack
 from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials, unix_endpoint
-from actors.runtime.client_options import own_folder
-from actors.runtime.isolation.neutral import FOLDER, Names
+from actors.runtime.isolation.neutral import FOLDER, Names, own_folder
 from actors.runtime.isolation.neutral import code as seen_code
 from actors.runtime.isolation.resource_limits import ProcessLimits
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, located_model
