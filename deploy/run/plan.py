@@ -1,6 +1,7 @@
 """Lays a run out on disk, and says what every process is started with."""
 
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -153,12 +154,6 @@ def copy_map(map_file: Path, folder: Path) -> None:
 
 def world_program(plan: Plan) -> Program:
     """The world's program."""
-    robots = tuple(
-        msgspec.structs.replace(robot, model=str(Path("..", robot.id, MODEL)))
-        if robot.model.endswith(".toml")
-        else robot
-        for robot in plan.world.robots
-    )
     process = WorldProcess(
         record="world.mcap",
         router=router_file.NAME,
@@ -167,15 +162,28 @@ def world_program(plan: Plan) -> Program:
         spans=plan.spans,
         speed=None if plan.speed == "max" else float(plan.speed),
     )
-    world = msgspec.structs.replace(plan.world, map=_MAP, robots=robots)
+    world = told_world(plan, lambda robot: f"../{robot.id}/{MODEL}")
     return actor_program("world", "actors.world", plan.folder("world"), ActorSetup(world, process))
+
+
+def told_world(plan: Plan, own_model: Callable[[BodySetup], str]) -> WorldSetup:
+    """The world, its files as they are called in a folder of the run; `own_model`: where the user's lie."""
+    robots = tuple(
+        msgspec.structs.replace(robot, model=own_model(robot)) if robot.model.endswith(".toml") else robot
+        for robot in plan.world.robots
+    )
+    return msgspec.structs.replace(plan.world, map=_MAP, robots=robots)
+
+
+def told_radio(plan: Plan) -> RadioSetup:
+    """The air, its map as it is called in a folder of the run."""
+    return msgspec.structs.replace(plan.radio, map=_MAP) if plan.radio.map else plan.radio
 
 
 def radio_program(plan: Plan) -> Program:
     """The radio's program."""
-    radio = msgspec.structs.replace(plan.radio, map=_MAP) if plan.radio.map else plan.radio
     process = client(plan, "../world", "radio", "radio.mcap")
-    return actor_program("radio", "actors.radio", plan.folder("radio"), ActorSetup(radio, process))
+    return actor_program("radio", "actors.radio", plan.folder("radio"), ActorSetup(told_radio(plan), process))
 
 
 def client(plan: Plan, place: str, user: str, record: str) -> ProcessSetup:
