@@ -9,7 +9,7 @@ from types import FrameType
 from typing import Final, Protocol
 
 from actors.instant import Instant
-from actors.runtime.client_options import ArgumentParser
+from actors.runtime.command_line import ArgumentParser
 from firmware_bridge.pseudo_terminal import PseudoTerminal
 
 _ROUND_S: Final = 0.002

@@ -18,9 +18,9 @@ from actors.robot import assembly, program
 from actors.runtime import debugger, prints
 from actors.runtime.access.rules import client_config
 from actors.runtime.background import SparingRecorder
-from actors.runtime.client_options import own_folder, setup_parser
+from actors.runtime.command_line import setup_parser
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.neutral import RECORDING
+from actors.runtime.isolation.neutral import RECORDING, own_folder
 from actors.runtime.isolation.resource_limits import enforce
 from actors.runtime.lifecycle import reserve
 from actors.runtime.lifecycle.parent import answer_where, die_with_parent, leave

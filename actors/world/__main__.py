@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from actors.runtime.access import router_file
 from actors.runtime.access.credentials import reveal
 from actors.runtime.access.rules import router_config
-from actors.runtime.client_options import setup_parser
+from actors.runtime.command_line import setup_parser
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import answer_where, die_with_parent, leave_in_order
 from actors.runtime.process import play

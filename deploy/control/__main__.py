@@ -12,7 +12,7 @@ from typing import Final
 from actors.floor.map_file import load_map
 from actors.runtime.access.rules import client_config
 from actors.runtime.bus.zenoh_bus import open_mesh
-from actors.runtime.client_options import ArgumentParser
+from actors.runtime.command_line import ArgumentParser
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent, leave_in_order
 from actors.world.program import load_setup

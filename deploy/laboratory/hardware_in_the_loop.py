@@ -33,7 +33,7 @@ from deploy.laboratory import loop_limits
 from deploy.run import progress, swarm
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import make_folder
-from deploy.run.plan import Plan
+from deploy.run.plan import Plan, told_radio, told_world
 from deploy.run.preflight import preflight
 from deploy.scenario.tables import Scenario
 from firmware_bridge.beeclick.parameters import BoardSettings
@@ -113,7 +113,9 @@ class _Room:
         self._launched = launched
         self._folder = folder
         self._child: Child | None = None
-        setup = LaboratorySetup(plan.world, plan.radio, simulated)
+        models = {str(path): place for path, place in plan.scenario.models}
+        world = told_world(plan, lambda robot: f"../{models[str(Path(robot.model))]}")
+        setup = LaboratorySetup(world, told_radio(plan), simulated)
         (folder / SETUP).write_bytes(setup_bytes(setup))
 
     def start(self) -> None:

@@ -1,6 +1,7 @@
 """Lays a run out on disk, and says what every process is started with."""
 
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -20,8 +21,7 @@ from actors.robot.program import RobotProcess
 from actors.robot.stack import Stack
 from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials, unix_endpoint
-from actors.runtime.client_options import own_folder
-from actors.runtime.isolation.neutral import FOLDER, Names
+from actors.runtime.isolation.neutral import FOLDER, Names, own_folder
 from actors.runtime.isolation.neutral import code as seen_code
 from actors.runtime.isolation.resource_limits import ProcessLimits
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, located_model
@@ -154,12 +154,6 @@ def copy_map(map_file: Path, folder: Path) -> None:
 
 def world_program(plan: Plan) -> Program:
     """The world's program."""
-    robots = tuple(
-        msgspec.structs.replace(robot, model=str(Path("..", robot.id, MODEL)))
-        if robot.model.endswith(".toml")
-        else robot
-        for robot in plan.world.robots
-    )
     process = WorldProcess(
         record="world.mcap",
         router=router_file.NAME,
@@ -168,15 +162,28 @@ def world_program(plan: Plan) -> Program:
         spans=plan.spans,
         speed=None if plan.speed == "max" else float(plan.speed),
     )
-    world = msgspec.structs.replace(plan.world, map=_MAP, robots=robots)
+    world = told_world(plan, lambda robot: f"../{robot.id}/{MODEL}")
     return actor_program("world", "actors.world", plan.folder("world"), ActorSetup(world, process))
+
+
+def told_world(plan: Plan, own_model: Callable[[BodySetup], str]) -> WorldSetup:
+    """The world, its files as they are called in a folder of the run; `own_model`: where the user's lie."""
+    robots = tuple(
+        msgspec.structs.replace(robot, model=own_model(robot)) if robot.model.endswith(".toml") else robot
+        for robot in plan.world.robots
+    )
+    return msgspec.structs.replace(plan.world, map=_MAP, robots=robots)
+
+
+def told_radio(plan: Plan) -> RadioSetup:
+    """The air, its map as it is called in a folder of the run."""
+    return msgspec.structs.replace(plan.radio, map=_MAP) if plan.radio.map else plan.radio
 
 
 def radio_program(plan: Plan) -> Program:
     """The radio's program."""
-    radio = msgspec.structs.replace(plan.radio, map=_MAP) if plan.radio.map else plan.radio
     process = client(plan, "../world", "radio", "radio.mcap")
-    return actor_program("radio", "actors.radio", plan.folder("radio"), ActorSetup(radio, process))
+    return actor_program("radio", "actors.radio", plan.folder("radio"), ActorSetup(told_radio(plan), process))
 
 
 def client(plan: Plan, place: str, user: str, record: str) -> ProcessSetup:

@@ -19,7 +19,7 @@ import msgspec
 from actors.instant import seconds
 from actors.radio.program import KERNELS as RADIO_KERNELS
 from actors.randomness import generator
-from actors.runtime.client_options import ArgumentError, ArgumentParser
+from actors.runtime.command_line import ArgumentError, ArgumentParser
 from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import fingerprints
 from actors.runtime.lifecycle.parent import die_with_parent

@@ -81,10 +81,12 @@ class LaboratoryResult(msgspec.Struct, frozen=True):
 
 
 def load(path: Path) -> LaboratorySetup:
-    """The set-up in a JSON file. Raises LaboratorySetupError."""
+    """The set-up in a JSON file, whose paths are relative to its folder. Raises LaboratorySetupError."""
     try:
-        return msgspec.json.decode(regular_file.content(path), type=LaboratorySetup)
+        setup = msgspec.json.decode(regular_file.content(path), type=LaboratorySetup)
     except OSError as error:
         raise LaboratorySetupError(f"{path}: cannot be read ({error.strerror}); give a JSON file") from None
     except (ValueError, RecursionError) as error:
         raise LaboratorySetupError(f"{path}: no set-up of a laboratory: {error}") from None
+    world, radio = setup.world.located(path.parent), setup.radio.located(path.parent)
+    return msgspec.structs.replace(setup, world=world, radio=radio)

@@ -21,7 +21,7 @@ from actors.runtime.access.credentials import AccessError, reveal
 from actors.runtime.access.tls import onboard_router_config
 from actors.runtime.background import BackgroundRecorder, Log, to_stderr
 from actors.runtime.bus.waking_bus import WakingBus
-from actors.runtime.client_options import setup_parser
+from actors.runtime.command_line import setup_parser
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent
 from actors.runtime.process import ActorProcess, play, run_note

@@ -10,7 +10,7 @@ from actors.messages import RADIO_READY, Ready
 from actors.runtime.access.rules import client_config
 from actors.runtime.background import SparingRecorder, to_stderr
 from actors.runtime.bus.waking_bus import WakingBus
-from actors.runtime.client_options import setup_parser
+from actors.runtime.command_line import setup_parser
 from actors.runtime.core import to
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.parent import die_with_parent

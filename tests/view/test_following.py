@@ -191,7 +191,7 @@ def test_who_follows_a_robot_reads_neither_its_password_nor_its_socket(folder: P
     for name in ("credentials", "router.sock"):
         (tmp_path / "r1" / name).write_text("a secret")
     shown = {path.name for path in following_program._readable(tmp_path / "r1" / "r1.mcap")}
-    assert {"r1.mcap", "map.yaml", "setup.json"} <= shown
+    assert {"r1.mcap", "map.yaml", "map.png"} <= shown
     assert not {"credentials", "router.sock", "r1.log"} & shown
 
 

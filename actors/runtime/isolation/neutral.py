@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from actors.runtime.client_options import own_folder
 from actors.runtime.isolation import mounts
 from actors.runtime.isolation.sandbox import Confinement, code_entries, file_view, unseen
 
@@ -27,6 +26,14 @@ class Names:
     code: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
     """What is not seen although it lies beside the code: the run's folder, the scenario."""
+
+
+def own_folder(folder: Path) -> Path:
+    """In the folder of an actor, the part that it may write to, and that no other process writes to or reads.
+
+    What others rely on lies beside it: recordings and logs, which the actor keeps open and cannot replace.
+    """
+    return folder / "own"
 
 
 def code(count: int) -> tuple[Path, ...]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import zenoh
 
-from actors.runtime.client_options import ArgumentParser
+from actors.runtime.command_line import ArgumentParser
 
 PAYLOAD = bytes(100)
 STOP = b"stop"

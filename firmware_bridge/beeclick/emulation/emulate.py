@@ -7,7 +7,7 @@ from pathlib import Path
 
 from actors.instant import START
 from actors.radio.radio_setup import RadioSetup
-from actors.runtime.client_options import ArgumentError, ArgumentParser
+from actors.runtime.command_line import ArgumentError, ArgumentParser
 from actors.runtime.errors import AcrcError
 from actors.world.physics import SUBSTEP
 from firmware_bridge.beeclick.emulation.air import Air, State, air

@@ -1,4 +1,4 @@
-"""The command line of an actor's process, and the folder that is its own."""
+"""The command line of an actor's process."""
 
 import argparse
 from pathlib import Path
@@ -24,11 +24,3 @@ def setup_parser(program: str, description: str) -> ArgumentParser:
     parser = ArgumentParser(prog=f"python -m {program}", description=description)
     parser.add_argument("setup", type=Path, help="its set-up, setup.json in its folder of the run")
     return parser
-
-
-def own_folder(folder: Path) -> Path:
-    """In the folder of an actor, the part that it may write to, and that no other process writes to or reads.
-
-    What others rely on lies beside it: recordings and logs, which the actor keeps open and cannot replace.
-    """
-    return folder / "own"
