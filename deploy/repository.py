@@ -15,7 +15,17 @@ SHIPPED: Final = REPOSITORY if IS_CLONE else Path(__file__).resolve().parent / "
 another, since scenarios name their maps by relative paths; in a clone `shipped` has links to them."""
 
 PACKAGES: Final = frozenset(
-    {"actors", "benchmarks", "cleaning", "deeco", "deploy", "documentation", "experiments", "firmware_bridge"}
+    {
+        "acrc_testbed",
+        "actors",
+        "benchmarks",
+        "cleaning",
+        "deeco",
+        "deploy",
+        "documentation",
+        "experiments",
+        "firmware_bridge",
+    }
 )
 """What is installed of it (pyproject.toml); whatever else lies here is not this project's code."""
 

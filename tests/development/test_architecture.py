@@ -19,7 +19,8 @@ from deploy.scenario.scenario_file import Overrides, load_scenario
 
 PAGE = (REPOSITORY / "docs" / "architecture.md").read_text()
 PACKAGES = (
-    "actors", "benchmarks", "cleaning", "deeco", "deploy", "documentation", "experiments", "firmware_bridge",
+    "acrc_testbed", "actors", "benchmarks", "cleaning", "deeco", "deploy", "documentation", "experiments",
+    "firmware_bridge",
 )  # fmt: skip
 PAGES = [
     "README.md",
