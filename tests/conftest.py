@@ -20,6 +20,7 @@ LONGEST: Final = (
     "experiments/test_campaign.py",
     "localisation/test_search.py",
     "strategies/test_strategies.py",
+    "library/test_library.py",
     "documentation/test_site.py",
     "pictures/test_pictures.py",
     "experiments/report/test_bundle.py",

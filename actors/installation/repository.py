@@ -16,6 +16,7 @@ another, since scenarios name their maps by relative paths; in a clone `shipped`
 
 PACKAGES: Final = frozenset(
     {
+        "acrc_testbed",
         "actors",
         "benchmarks",
         "cleaning",

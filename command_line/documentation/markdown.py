@@ -88,5 +88,6 @@ class Page:
 
 
 def pages() -> list[Page]:
-    """README.md and everything in docs/, by name."""
-    return [Page(REPOSITORY / "README.md"), *map(Page, sorted((REPOSITORY / "docs").rglob("*.md")))]
+    """The pages of the root, and everything in docs/, by name."""
+    root = [REPOSITORY / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")]
+    return [*map(Page, root), *map(Page, sorted((REPOSITORY / "docs").rglob("*.md")))]

@@ -42,6 +42,7 @@ PAGES: Final[MappingProxyType[tuple[str, str], str]] = MappingProxyType({
     ("docs/tutorial.md", "sh"): "tests/cli/test_tutorial.py",
     ("docs/tutorial.md", "python"): "tests/cli/test_tutorial.py",
     ("docs/deeco.md", "python"): "tests/deeco/test_docs.py",
+    ("docs/library.md", "python"): "tests/library/test_library.py",
     ("docs/tables.md", "python"): "tests/recordings/test_export.py",
     ("docs/experiments.md", "yaml"): "tests/experiments/test_cluster.py",
     ("docs/localisation-log.md", "python"): "tests/localisation_bench/test_log.py",

@@ -82,8 +82,8 @@ def campaign(
     """Run every strategy in every variant of a scenario with the same seeds; what is interrupted goes on."""
     from actors.robot.behaviour.foreign import permit_of
     from command_line.experiments import campaign_command
-    from command_line.experiments.study_wishes import Wishes
     from experiments.campaign.campaign import CampaignOptions
+    from experiments.study.study_wishes import Wishes
 
     wishes = Wishes(
         study, preset, scenario, strategies, seeds, robots, duration, tuple(setting or ()), tuning, isolate

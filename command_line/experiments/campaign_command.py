@@ -15,7 +15,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from actors.processes.signals import Interrupted
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.isolation.isolating import choose
-from command_line.experiments.study_wishes import Wishes, check, path_of, study_of
 from experiments.campaign import campaign, results_table, store
 from experiments.campaign.campaign import CampaignOptions
 from experiments.campaign.cluster_address import check as check_address
@@ -24,6 +23,7 @@ from experiments.comparison import decision
 from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
 from experiments.comparison.summary import summaries
+from experiments.study.study_wishes import Wishes, check, path_of, study_of
 from observation.results.seal import seal
 
 

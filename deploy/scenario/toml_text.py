@@ -1,4 +1,7 @@
-"""Tables as the text of a TOML file, which reads back as the very same values."""
+"""Tables as the text of a TOML file, which reads back as the very same values.
+
+A point is one line, as a person writes it; tomli-w would spread it over four, each number on its own.
+"""
 
 import json
 import re

@@ -28,18 +28,23 @@ def write(store: Store) -> tuple[Path, Path]:
     import pyarrow  # noqa: PLC0415 - a quarter of a second, for who writes
     from pyarrow import parquet  # noqa: PLC0415
 
-    table = list(rows(store))
-    columns = {name: _column(row.get(name) for row in table) for name in _names(table)}
+    table = columns(store)
     binary = pyarrow.BufferOutputStream()
-    parquet.write_table(pyarrow.table(columns), binary)
+    parquet.write_table(pyarrow.table(table), binary)
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
+    writer.writerow(table)
+    writer.writerows(zip(*table.values(), strict=True))
     paths = store.folder / "results.parquet", store.folder / "results.csv"
     for path, content in zip(paths, (binary.getvalue().to_pybytes(), text.getvalue().encode()), strict=True):
         keep_bytes(path, content)
     return paths
+
+
+def columns(store: Store) -> dict[str, list[object]]:
+    """The same by column, each of one type. Raises CampaignError for a damaged record."""
+    table = list(rows(store))
+    return {name: _column(row.get(name) for row in table) for name in _names(table)}
 
 
 def rows(store: Store) -> Iterator[Row]:

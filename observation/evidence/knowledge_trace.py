@@ -74,7 +74,7 @@ class KnowledgeChange(NamedTuple):
     instant: Instant
     component: str
     by: str
-    """The process or the ensemble's exchange, as in `Cleaner.sense` or `Adoption.at_member`."""
+    """The process or the ensemble's exchange, `CleaningRobot.sense` or `DestinationAdoption.at_member`."""
     adaptation: bool
     """True of an ensemble, and of a process of the adaptation layer."""
     changed: tuple[Changed, ...]

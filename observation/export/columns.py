@@ -103,7 +103,11 @@ TABLES: Final = (
             _STEP, _SECONDS, _ROBOT, _PROCESS,
             Column("component", "text", "the component's id"),
             Column("change", "int", "the same for all fields that changed at once; counts from 0 by process"),
-            Column("by", "text", "the process, `Cleaner.sense`, or exchange, `Adoption.at_member`"),
+            Column(
+                "by", "text",
+                "the process, such as `CleaningRobot.sense`, "
+                "or exchange, such as `DestinationAdoption.at_member`",
+            ),
             Column("adaptation", "bool", "true of an ensemble, and of a process of the adaptation layer"),
             Column("field", "text", "such as `destination.owner`; of a mapping, `bids[r2]`"),
             Column("before", "text", "the value before, as JSON"),

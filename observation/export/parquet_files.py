@@ -26,12 +26,17 @@ def write(rows: Tables, folder: Path) -> list[tuple[Path, int]]:
     """
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for table in TABLES:
-        path = folder / f"{table.name}.parquet"
+    for name, table in arrow(rows).items():
+        path = folder / f"{name}.parquet"
         with regular_file.replaced(path) as part:
-            parquet.write_table(_columns(table, rows[table.name]), part)
-        written.append((path, len(rows[table.name])))
+            parquet.write_table(table, part)
+        written.append((path, table.num_rows))
     return written
+
+
+def arrow(rows: Tables) -> dict[str, pyarrow.Table]:
+    """The tables in memory, by name, with the meanings of their columns as metadata."""
+    return {table.name: _columns(table, rows[table.name]) for table in TABLES}
 
 
 def _columns(table: Table, rows: Sequence[Row]) -> Any:

@@ -20,7 +20,12 @@ from deploy.scenario.scenario_file import Overrides, load_scenario
 
 PAGE = (REPOSITORY / "docs" / "architecture.md").read_text()
 PACKAGES = tuple(sorted(repository.PACKAGES))
-PAGES = ["README.md", *sorted(f"docs/{page.name}" for page in (REPOSITORY / "docs").glob("*.md"))]
+PAGES = [
+    "README.md",
+    "CONTRIBUTING.md",
+    "SECURITY.md",
+    *sorted(f"docs/{page.name}" for page in (REPOSITORY / "docs").glob("*.md")),
+]
 CLASS = r"(?<![\w./:-])([A-Z][a-z]+(?:[A-Z][a-z0-9]*)+|[A-Z][a-z]+(?=\.[a-z]))(?:\.([a-z_]\w*))?"
 ELSEWHERE = {
     "CostmapModel", "ExecStopPost", "InOut", "LaserScan", "MemoryMax", "NamedTuple", "ObstacleCostFunction",

@@ -4,6 +4,7 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -134,3 +135,9 @@ def test_the_script_says_how_much_an_extra_takes(extra: str) -> None:
     ]
     true = sum(file.stat().st_size for file in files if file.is_file()) / 1e6
     assert abs(true - int(said[1])) < max(5.0, 0.25 * true)
+
+
+def test_who_cites_the_software_cites_what_is_installed() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert (cited["version"], cited["license"]) == (project["version"], project["license"])

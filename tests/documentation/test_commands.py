@@ -17,7 +17,13 @@ PAGES = {page.name: page for page in pages()}
 TREE = commands.tree()
 ANYTHING = {"…", "...", "COMMAND", "X"}
 REASONS = {
-    *("goes on until Ctrl-C", "in the other terminal", "it is what runs them", "makes 240 runs"),
+    *(
+        "goes on until Ctrl-C",
+        "in the other terminal",
+        "it is what runs them",
+        "it is one of the checks",
+        "makes 240 runs",
+    ),
     *(
         "makes 75 runs",
         "makes many runs",

@@ -43,4 +43,4 @@ def test_every_page_is_in_the_contents_once() -> None:
     named = [name for names in chapters(PAGES["docs/index.md"]).values() for name in names]
     assert len(set(named)) == len(named)
     own = {name.removeprefix("docs/") for name in PAGES if not name.startswith("docs/decisions/0")}
-    assert own - set(named) == {"README.md", "index.md"}
+    assert own - set(named) == {"README.md", "CONTRIBUTING.md", "SECURITY.md", "index.md"}

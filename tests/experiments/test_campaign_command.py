@@ -8,11 +8,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from command_line.experiments.study_wishes import Wishes, study_of
 from experiments.campaign import results_table, store
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
 from experiments.campaign.trust import IN_MEMORY
 from experiments.study.study import Study
+from experiments.study.study_wishes import Wishes, study_of
 from observation.results.result import RunResult
 from tests import warm
 

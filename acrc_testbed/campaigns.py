@@ -1,0 +1,108 @@
+"""Campaigns: carried out, opened, and compared."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from acrc_testbed.shipped import file_of
+from actors.installation.usage import extras_named, wrong_value
+
+if TYPE_CHECKING:
+    import pyarrow
+
+    from experiments.campaign.store import Store
+    from experiments.comparison.comparison import Comparison
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A campaign in its folder, finished or not."""
+
+    folder: Path
+
+    @extras_named()
+    def results(self) -> "pyarrow.Table":
+        """Return a row for each run that has ended: strategy, seed, variant, and every metric."""
+        import pyarrow
+
+        from experiments.campaign import results_table
+
+        return pyarrow.table(results_table.columns(self._kept()))
+
+    @extras_named()
+    def compare(self, metric: str | None = None) -> "list[Comparison]":
+        """Compare every pair of strategies by effect, interval and test; p-values also after Holm.
+
+        `metric`: only this one. Warns where a repeated run had another digest.
+        """
+        from experiments.comparison import comparison, metrics
+
+        if metric is not None and metric not in metrics.NAMES:
+            raise wrong_value("metric", metric, f"one of {', '.join(metrics.NAMES)}")
+        kept = self._kept()
+        return comparison.compare(comparison.samples(kept.records(), kept.study.primary_pairs), metric)
+
+    @extras_named()
+    def sentences(self) -> list[str]:
+        """Say what the comparisons show, the chapter's order first: places decide, then time."""
+        from experiments.comparison.comparison import compare, samples
+        from experiments.comparison.sentences import chapter_order, too_few
+
+        kept = self._kept()
+        found = samples(kept.records(), kept.study.primary_pairs)
+        return [*too_few(found), *chapter_order(compare(found))]
+
+    def _kept(self) -> "Store":
+        from experiments.campaign import store
+        from experiments.campaign.trust import differing
+
+        kept = store.load(self.folder)
+        for sentence in differing(kept):
+            warnings.warn(sentence, stacklevel=3)
+        return kept
+
+
+@extras_named()
+def campaign(
+    study: str | PathLike[str],
+    out: str | PathLike[str] | None = None,
+    *,
+    seeds: int | None = None,
+    jobs: int = 0,
+    check_every: int = 20,
+    modules: Sequence[str | PathLike[str]] = (),
+    trust: bool = False,
+) -> Campaign:
+    """Carry out a study, by its file or the name of a shipped one; a campaign that was begun goes on.
+
+    Arguments mean what the options of `acrc campaign` mean. `out`: its folder; None: one in campaigns/.
+    """
+    from actors.robot.behaviour.foreign import permit_of
+    from actors.runtime.isolation.isolating import choose
+    from experiments.campaign import results_table, store
+    from experiments.campaign.campaign import CampaignOptions, carry_out
+    from experiments.study.study_wishes import Wishes, check, study_of
+    from observation.results.seal import seal
+
+    file = file_of("studies", study)
+    asked = study_of(Wishes(file, seeds=seeds))
+    if asked.isolated:
+        choose(True)  # refused here, not run by run
+    _, folders = check(asked, permit_of([Path(one) for one in modules], trust=trust), file)
+    kept = store.create(Path(out or Path("campaigns", asked.name)).absolute(), asked)
+    try:
+        carry_out(kept, CampaignOptions(jobs, check_every=check_every, modules=folders))
+    finally:
+        results_table.write(kept)
+        seal(kept.folder)
+    return Campaign(kept.folder)
+
+
+def open_campaign(folder: str | PathLike[str]) -> Campaign:
+    """Open the campaign in a folder. Raises AcrcError if there is none, or if it is not as it was left."""
+    from experiments.campaign import store
+
+    return Campaign(store.load(Path(folder)).folder.absolute())

@@ -1,0 +1,155 @@
+"""Runs: made, opened, and looked at as tables and pictures."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from acrc_testbed.shipped import file_of
+from actors.installation.usage import extras_named, wrong_value
+
+if TYPE_CHECKING:
+    import pyarrow
+    from matplotlib.figure import Figure
+
+    from observation.accounting.time_spent import TimeSpent
+    from observation.evidence.run_evidence import RunEvidence
+    from observation.results.result import RunResult
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run in its folder: finished, cut off, or still going on."""
+
+    folder: Path
+
+    @cached_property
+    def evidence(self) -> "RunEvidence":
+        """What the recordings show, as numpy arrays by step and robot; read once, and kept."""
+        from observation.evidence.run_evidence import read_run
+
+        return read_run(self.folder)
+
+    @property
+    def result(self) -> "RunResult | None":
+        """The content of run.json; None while the run goes on, or if it was cut off."""
+        return self.evidence.result
+
+    @extras_named()
+    def tables(
+        self, *, modules: Sequence[str | PathLike[str]] = (), trust: bool = False
+    ) -> "dict[str, pyarrow.Table]":
+        """Return the tables of `acrc export`, by name (docs/tables.md says what is in them).
+
+        Radio and robots are replayed for it, in a sandbox where the machine has one. For a strategy that is
+        not installed: `modules` and `trust`, which mean the options `--modules` and `--trust`.
+        """
+        from actors.robot.behaviour.foreign import permit_of
+        from actors.runtime.isolation.isolating import choose
+        from observation.export import parquet_files, rows
+        from observation.replay.run_recordings import recordings
+        from observation.replay.trust import check_trust
+
+        permit = permit_of([Path(one) for one in modules], trust=trust)
+        for actor in recordings(self.folder):
+            check_trust(self.folder, actor, permit)
+        found = rows.tables(self.folder, permit=permit, isolate=choose(None).isolate)
+        return parquet_files.arrow(found)
+
+    @extras_named()
+    def picture(self, file: str | PathLike[str] | None = None) -> "Figure":
+        """Draw the run on one page: floor, trails, who did what when, radio, progress.
+
+        `file`: write it there, too, as .png or .svg.
+        """
+        from observation.picture import run_page
+
+        return _drawn(lambda: run_page.draw(self.evidence), file)
+
+    @extras_named()
+    def time_spent(self) -> "TimeSpent":
+        """Return where the robots' time went, by cause, as `acrc causes` does."""
+        from observation.accounting.account import account
+
+        return account(self.folder)
+
+
+@extras_named()
+def run(
+    scenario: str | PathLike[str] = "chapter",
+    out: str | PathLike[str] | None = None,
+    *,
+    robots: int | None = None,
+    seed: int | None = None,
+    duration: float | None = None,
+    strategy: str | None = None,
+    settings: Mapping[str, object] | None = None,
+    bus: Literal["zenoh", "memory"] = "zenoh",
+    modules: Sequence[str | PathLike[str]] = (),
+    trust: bool = False,
+) -> Run:
+    """Run a scenario, by its file or the name of a shipped one, and return the run.
+
+    Arguments mean what the options of `acrc run` mean; `settings` maps keys of the scenario, such as
+    "deeco.publish", to values. `out`: a new or empty folder; None: a new one in runs/. A strategy of one's
+    own is a module in the working directory or in a folder of `modules`.
+    """
+    from actors.processes.kernels import compile_kernels
+    from actors.robot.behaviour.foreign import admitted, permit_of
+    from cleaning.strategies import entry
+    from deploy.run import out_folder, swarm
+    from deploy.run.options import folder_name, run_options
+    from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders
+
+    file = file_of("scenarios", scenario)
+    own = tuple((settings or {}).items())
+    chosen = load_scenario(file, Overrides(robots, seed, None, duration, None, strategy, own))
+    named = entry(chosen.run.strategy)
+    permit = permit_of(
+        [Path(one) for one in modules], trust=trust, typed=named if strategy is not None else ""
+    )
+    folders = admitted(file, named, module_folders(chosen), permit)
+    name = folder_name(file)
+    options = run_options(
+        Path(out) if out is not None else Path("runs", name),
+        bus=bus, scenario=file.name, hidden=(file.absolute(),), json=True,
+    )  # fmt: skip
+    if out is None:
+        options = replace(options, out=out_folder.claim(options.out.parent, name))
+    with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
+        compile_kernels()
+        swarm.run(chosen, replace(options, modules=folders))
+    return Run(options.out)
+
+
+def open_run(folder: str | PathLike[str]) -> Run:
+    """Open the run in a folder. Raises AcrcError if there is none."""
+    from observation.replay.run_recordings import recordings
+
+    recordings(Path(folder))
+    return Run(Path(folder).absolute())
+
+
+@extras_named()
+def beside(*runs: Run, file: str | PathLike[str] | None = None) -> "Figure":
+    """Draw several runs side by side, such as one without and one with adaptation; `file` as for a run."""
+    from observation.picture import side_by_side
+
+    return _drawn(lambda: side_by_side.draw([one.evidence for one in runs]), file)
+
+
+def _drawn(draw: Callable[[], "Figure"], file: str | PathLike[str] | None) -> "Figure":
+    from deploy.run import out_folder
+    from observation.picture import look, style
+
+    path = None if file is None else Path(file)
+    if path is not None and path.suffix not in {".png", ".svg"}:
+        raise wrong_value("file", path, "a name that ends in .png or .svg")
+    with look.applied(style.LOOK):
+        figure = draw()
+        if path is not None:
+            with out_folder.writing(path.absolute().parent):
+                style.save(figure, path)
+    return figure
