@@ -14,7 +14,8 @@ COMMANDS: Final = {
     "report": ("experiments.cli.app", "report"),
     "plan-study": ("experiments.cli.app", "plan_study"),
     "docs": ("documentation.cli.app", "docs"),
-    "bench": ("benchmarks.cli.app", "app"),
+    "verify": ("benchmarks.cli.verify", "verify"),
+    "bench": ("benchmarks.cli.bench", "bench"),
 }
 """The module behind each, and what it has there: a function, or a `typer.Typer` for a group."""
 
