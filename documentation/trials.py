@@ -31,7 +31,7 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
     "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter": "--seeds 2 --duration 2",
     "./acrc bench swarm": "--robots 1 --duration 1 --repeat 1",
     "./acrc verify navigation --log cycles.zip --map maps/corridor.yaml --robots 4 --seed 7": "--goals 8",
-    "./acrc verify localisation --log course.zip --cell 'tracking/*/360/kobuki/4/*' --seed 7": "--duration 20",
+    "./acrc verify localisation --log course.zip --cell 'tracking/*/360/kobuki/4/*' --seed 7": "--duration 9",
     "./acrc verify localisation --from course.zip --runs 20": "--runs 1",
     "./acrc verify localisation --from logs/ --against theirs.json --runs 10": "--runs 1",
 })  # fmt: skip

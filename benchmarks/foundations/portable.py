@@ -11,11 +11,10 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from rich.table import Table
 
 from actors.portable import compiled
 from actors.runtime.errors import AcrcError
-from benchmarks.statistics.measured import Measured
+from benchmarks.statistics.measured import Measured, table_of
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -191,20 +190,22 @@ def check(count: int) -> Measured:
     """The largest error over about so many arguments of each kind; it holds where each is within bounds."""
     if importlib.util.find_spec("mpmath") is None:
         raise AcrcError("exact values need the package mpmath, which the extra dev has")
-    rows = [(one, largest_error(one, count)) for one in FUNCTIONS]
-    table = Table("function", "stated, ulp", "found, ulp")
-    for one, error in rows:
-        table.add_row(one.name, f"{one.bound:.2f}", f"{error:.3f}")
-    figures = [{"name": one.name, "bound": one.bound, "error": error} for one, error in rows]
-    return Measured(figures, (table,), all(error <= one.bound for one, error in rows))
+    errors = [largest_error(one, count) for one in FUNCTIONS]
+    rows = [
+        {"name": one.name, "bound": one.bound, "error": round(error, 4)}
+        for one, error in zip(FUNCTIONS, errors, strict=True)
+    ]
+    holds = all(error <= one.bound for one, error in zip(FUNCTIONS, errors, strict=True))
+    return Measured(rows, (table_of(rows, "error, ulp"),), holds)
 
 
 def measure(rounds: int = _ROUNDS) -> Measured:
     """The time of each beside the C library's; the best of so many rounds."""
-    table, figures = Table("function", "ours, ns", "C library, ns", "ratio"), []
+    rows = []
     for one in FUNCTIONS:
         ours, library = times(one, rounds=rounds)
-        table.add_row(one.name, f"{ours:.1f}", f"{library:.1f}", f"{ours / library:.2f}")
-        ratio = ours / library
-        figures.append({"name": one.name, "ours_ns": ours, "library_ns": library, "ratio": ratio})
-    return Measured(figures, (table,))
+        ratio = round(ours / library, 2)
+        rows.append(
+            {"name": one.name, "ours_ns": round(ours, 1), "library_ns": round(library, 1), "ratio": ratio}
+        )
+    return Measured(rows, (table_of(rows, "a call, beside the C library's"),))

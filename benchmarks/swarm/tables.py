@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
-from benchmarks.swarm.budget import growth, whole
+from benchmarks.swarm.budget import whole
 from benchmarks.swarm.figures import ROBOTS, SpeedGoal, SwarmFigures, memory_mb
 from benchmarks.swarm.over_mesh import MeshFigures
 from benchmarks.swarm.task import Range, SwarmTask
@@ -16,8 +16,6 @@ def shown(task: SwarmTask, swarms: Sequence[SwarmFigures], goals: Sequence[Speed
     tables: list[Table | str] = [_speeds(swarms, task), _budget(swarms), _traffic(swarms)]
     if meshes:
         tables += [_processes(meshes), _memory(meshes)]
-    if len(swarms) > 1:
-        tables.append(_growth(swarms[0], swarms[-1]))
     said = [f"goal, {one.words}: {one.figure:.2f}, {'met' if one.met else 'MISSED'}" for one in goals]
     return [*tables, *said]
 
@@ -109,20 +107,4 @@ def _memory(meshes: dict[int, MeshFigures]) -> Table:
         table.add_row(str(robots), "all", number, "", *(f"{size:.1f}" for size in sums), style="bold")
         table.add_row(str(robots), "a robot", "1", "", f"{memory_mb(mesh.memory, ROBOTS):.1f}", "")
         table.add_section()
-    return table
-
-
-def _growth(few: SwarmFigures, many: SwarmFigures) -> Table:
-    """Which part grows with the number of robots."""
-    title = f"growth from {few.robots} to {many.robots} robots, per robot and second"
-    table = Table("", "part", "ms before", "ms after", "factor", "share of the growth", title=title)
-    rows = growth(few.lines, many.lines)
-    before, after = whole(few.lines), whole(many.lines)
-    sums = (f"{before:.3f}", f"{after:.3f}", f"{after / before:.2f}")
-    table.add_row("all", "", *sums, "100%", style="bold")
-    for row in rows:
-        factor_text = "-" if row.factor is None else f"{row.factor:.2f}"
-        table.add_row(
-            row.actor, row.part, f"{row.few_ms:.3f}", f"{row.many_ms:.3f}", factor_text, f"{row.share:.0%}"
-        )
     return table

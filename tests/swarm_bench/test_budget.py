@@ -1,4 +1,4 @@
-"""The arithmetic of a budget: it adds up to the whole, and names what grows."""
+"""The arithmetic of a budget: it adds up to the whole; and the goals that swarms are judged by."""
 
 import math
 from unittest.mock import Mock
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.swarm.budget import REST, Growth, Key, Line, budget, growth, whole, with_processes
+from benchmarks.swarm.budget import REST, Key, Line, budget, whole, with_processes
 from benchmarks.swarm.figures import SwarmFigures, judged
 from benchmarks.swarm.in_memory import MemoryFigures
 from benchmarks.swarm.over_mesh import MeshFigures
@@ -53,20 +53,6 @@ def test_what_processes_cost_beyond_their_parts_fills_each_actor_up() -> None:
         ("robots", "mesh", -0.1),
         ("parent", "mesh", 0.1),
     ]
-
-
-def test_growth_names_the_line_that_grows_most_first_and_shares_add_up() -> None:
-    few = [Line("world", "scans", 1.0), Line("world", "physics", 0.8), Line("radio", "old", 0.2)]
-    many = [Line("world", "scans", 1.5), Line("world", "physics", 0.3), Line("radio", "medium", 2.0)]
-    rows = growth(few, many)
-    assert [(row.part, row.factor) for row in rows] == [
-        ("medium", None),
-        ("scans", 1.5),
-        ("old", 0.0),
-        ("physics", pytest.approx(0.375)),
-    ]
-    assert sum(row.share for row in rows) == pytest.approx(1.0)
-    assert growth(few, few)[0] == Growth("world", "scans", 1.0, 1.0, 0.0)
 
 
 def swarm(
