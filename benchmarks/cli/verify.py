@@ -20,7 +20,9 @@ def verify(
     claim: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="CLAIM", help="Which; --list names them.  [default: all]", autocompletion=claims
+            metavar="CLAIM",
+            help="Check only these; --list names them.  [default: all]",
+            autocompletion=claims,
         ),
     ] = None,
     listed: Annotated[bool, typer.Option("--list", help="List the claims, and how long each takes.")] = False,
@@ -102,9 +104,9 @@ def verify(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Check claims of docs/how-true.md: small, unless --full or sizes are given.
+    """Check what docs/how-true.md claims, in a small size unless --full is given.
 
-    The exit code is 1 if one does not hold. With one claim, --json prints its figures; with several, an
+    The exit code is 1 if a claim does not hold. --json prints the figures of one claim; of several, an
     object with those of each.
     """
     from benchmarks.claims import verification

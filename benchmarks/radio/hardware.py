@@ -9,7 +9,6 @@ CCAEDTH and BBREG2). All else is as in preset `ns3`, so that only the assessment
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from rich.table import Table
 
 from actors.ieee802154 import airtime_ns
 from actors.radio.medium.medium import Medium
@@ -19,7 +18,7 @@ from actors.radio.medium.transceiver import Transceiver
 from actors.radio.presets import preset
 from actors.radio.propagation.indoor import IndoorPropagation
 from benchmarks.radio.trials import SECOND
-from benchmarks.statistics.measured import Measured
+from benchmarks.statistics.measured import Measured, table_of
 
 
 @dataclass(frozen=True)
@@ -54,15 +53,8 @@ def measure(task: HardwareTask | None = None) -> Measured:
     task = task or HardwareTask()
     costs = [cost(side, load, task) for side in task.sides for load in task.loads]
     figures = {"task": asdict(task), "costs": [asdict(one) for one in costs]}
-    table = Table(title="Mean pair delivery, ten robots in a square")
-    for name in ("side", "G", "textbook", "firmware", "loss"):
-        table.add_column(name, justify="right")
-    for one in costs:
-        table.add_row(
-            f"{one.side:g} m", f"{one.load:g}", f"{one.textbook:.3f}", f"{one.firmware:.3f}",
-            f"{one.times_the_loss:.1f} times",
-        )  # fmt: skip
-    return Measured(figures, (table,))
+    rows = [{name: f"{value:.3g}" for name, value in asdict(one).items()} for one in costs]
+    return Measured(figures, (table_of(rows, "mean pair delivery, robots in a square"),))
 
 
 def cost(side: float, load: float, task: HardwareTask) -> Cost:

@@ -5,14 +5,13 @@ from dataclasses import asdict, dataclass
 from statistics import median
 
 import numpy as np
-from rich.table import Table
 
 from actors.ieee802154 import airtime_ns
 from actors.radio.medium.medium import Medium
 from actors.radio.medium.traffic import Poisson
 from actors.radio.presets import preset
 from benchmarks.radio.trials import SECOND, LossTable
-from benchmarks.statistics.measured import Measured
+from benchmarks.statistics.measured import Measured, table_of
 
 
 @dataclass(frozen=True)
@@ -31,16 +30,18 @@ class SpeedTask:
 def measure(task: SpeedTask | None = None) -> Measured:
     """The speed with each number of senders and each load."""
     task = task or SpeedTask()
-    table, speeds = Table("senders", "G", "frames per CPU second", title="the medium alone"), []
-    for senders in task.senders:
-        for load in task.loads:
-            speed = median(
-                medium_speed(senders, load, task.octets, task.frames, seed)
-                for seed in range(1, task.repeats + 1)
-            )
-            speeds.append({"senders": senders, "load": load, "medium": speed})
-            table.add_row(str(senders), f"{load:g}", f"{speed:,.0f}")
+    speeds = [
+        {"senders": senders, "load": load, "medium": round(_speed(senders, load, task))}
+        for senders in task.senders
+        for load in task.loads
+    ]
+    table = table_of(speeds, "the medium alone: frames on the air per CPU second")
     return Measured({"task": asdict(task), "speeds": speeds}, (table,))
+
+
+def _speed(senders: int, load: float, task: SpeedTask) -> float:
+    seeds = range(1, task.repeats + 1)
+    return median(medium_speed(senders, load, task.octets, task.frames, seed) for seed in seeds)
 
 
 def medium_speed(senders: int, load: float, octets: int, frames: int, seed: int = 1) -> float:
