@@ -1,1 +1,1 @@
-"""Measurements that a person runs to judge the testbed."""
+"""What is claimed and what is measured: what a person runs to judge the testbed."""

@@ -14,7 +14,8 @@ COMMANDS: Final = {
     "report": ("command_line.experiments.app", "report"),
     "plan-study": ("command_line.experiments.app", "plan_study"),
     "docs": ("command_line.documentation.command", "docs"),
-    "bench": ("command_line.bench.app", "app"),
+    "verify": ("command_line.bench.verify", "verify"),
+    "bench": ("command_line.bench.bench", "bench"),
 }
 """The module behind each, and what it has there: a function, or a `typer.Typer` for a group."""
 

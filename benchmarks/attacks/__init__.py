@@ -1,1 +1,1 @@
-"""Ways past the radio, each tried by a swarm's own members: for `acrc bench attacks` and the tests."""
+"""Ways past the radio, each tried by a swarm's own members: for `acrc verify attacks` and the tests."""

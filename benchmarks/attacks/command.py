@@ -1,13 +1,10 @@
 """Every attack on a swarm of two: what held, what got through, and whether the documentation says so."""
 
-import json
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from rich.console import Console
 from rich.table import Table
 
 from actors.runtime.errors import AcrcError
@@ -17,12 +14,13 @@ from benchmarks.attacks.attacks import ATTACKS
 from benchmarks.attacks.network_attacks import REPOSITORY
 from benchmarks.attacks.swarm import Swarm
 from benchmarks.attacks.table import row
+from benchmarks.statistics.measured import Measured
 
 DOCUMENT: Final = REPOSITORY / "docs" / "isolation.md"
 
 
 class AttacksError(AcrcError):
-    """Attacks that cannot be carried out, or one that got through unstated."""
+    """Attacks that cannot be carried out."""
 
 
 @dataclass(frozen=True)
@@ -37,29 +35,36 @@ class AttackVerdict:
     """Whether the documentation says that it gets through."""
 
 
-def run(json_output: bool = False) -> list[AttackVerdict]:
-    """Carry out all attacks on isolated robots and print what came of them.
+def check() -> Measured:
+    """Carry out all attacks on isolated robots.
 
-    Raises AttacksError where robots cannot be isolated, and for an attack that gets through unstated.
+    It holds where every attack that gets through is one that the documentation owns up to. Raises
+    AttacksError where robots cannot be isolated.
     """
     reason = available()
     if reason is not None:
         raise AttacksError(reason)
     with Swarm("isolated") as swarm:
         verdicts = list(_verdicts(swarm, DOCUMENT))
-    if json_output:
-        sys.stdout.write(json.dumps([asdict(verdict) for verdict in verdicts], indent=1) + "\n")
-    else:
-        _print(verdicts)
-    judge(verdicts)
-    return verdicts
+    return told(verdicts)
 
 
-def judge(verdicts: Sequence[AttackVerdict]) -> None:
-    """Raise AttacksError where an attack got through that the documentation does not own up to."""
-    unstated = [verdict.name for verdict in verdicts if verdict.outcome == "through" and not verdict.stated]
+def told(verdicts: Sequence[AttackVerdict]) -> Measured:
+    """What the attacks came to, and which got through although the documentation does not say so."""
+    table = Table("attack", "closed by", "outcome")
+    for verdict in verdicts:
+        stated = ", as stated" if verdict.stated else ""
+        table.add_row(verdict.name, verdict.closed_by, f"{verdict.outcome}{stated}")
+    through = [verdict for verdict in verdicts if verdict.outcome == "through"]
+    held = sum(verdict.outcome == "held" for verdict in verdicts)
+    unstated = [verdict.name for verdict in through if not verdict.stated]
+    sentences = [
+        f"{len(verdicts)} attacks: {held} held, {len(through)} through, of which {len(unstated)} unstated; "
+        f"{len(verdicts) - held - len(through)} not tried"
+    ]
     if unstated:
-        raise AttacksError(f"through, and {DOCUMENT.name} does not say so: {'; '.join(unstated)}")
+        sentences.append(f"through, and {DOCUMENT.name} does not say so: {'; '.join(unstated)}")
+    return Measured([asdict(verdict) for verdict in verdicts], (table, *sentences), not unstated)
 
 
 def is_stated(attack: Attack, text: str) -> bool:
@@ -80,20 +85,3 @@ def _verdicts(swarm: Swarm, document: Path) -> Iterator[AttackVerdict]:
             continue
         outcome = why_not or ("through" if reached else "held")
         yield AttackVerdict(attack.name, attack.closed_by, outcome, is_stated(attack, text))
-
-
-def _print(verdicts: Sequence[AttackVerdict]) -> None:
-    table = Table("attack", "closed by", "outcome")
-    for verdict in verdicts:
-        stated = ", as stated" if verdict.stated else ""
-        table.add_row(verdict.name, verdict.closed_by, f"{verdict.outcome}{stated}")
-    through = [verdict for verdict in verdicts if verdict.outcome == "through"]
-    held = sum(verdict.outcome == "held" for verdict in verdicts)
-    console = Console()
-    console.print(table, highlight=False, markup=False)
-    console.print(
-        f"{len(verdicts)} attacks: {held} held, {len(through)} through, of which "
-        f"{sum(not verdict.stated for verdict in through)} unstated; "
-        f"{len(verdicts) - held - len(through)} not tried",
-        highlight=False,
-    )

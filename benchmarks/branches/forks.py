@@ -11,7 +11,7 @@ from typing import Final
 from actors.installation.repository import REPOSITORY
 from actors.robot.behaviour.foreign import INSTALLED
 from benchmarks.branches.losses import heard, named
-from benchmarks.statistics.rows import print_rows
+from benchmarks.statistics.measured import Measured, table_of
 from deploy.branches.branching import branch
 from deploy.branches.change import Change
 from deploy.run import swarm
@@ -19,20 +19,6 @@ from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 
 _SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
-
-
-@dataclass(frozen=True)
-class BranchesTask:
-    """What is tried."""
-
-    forks: int = 20
-    """Branches without a change."""
-    frames: int = 20
-    """As many more, each without one frame at one robot; at random, too."""
-    duration: float = 60.0
-    """Of the run that they leave, simulated s."""
-    seed: int = 1
-    """Of the run, and of the instants."""
 
 
 @dataclass(frozen=True)
@@ -54,35 +40,41 @@ class _Branch:
         }  # fmt: skip
 
 
-def run(task: BranchesTask, json_output: bool = False) -> bool:
-    """Branch and compare, print, and say whether all came out as they should."""
-    rng = random.Random(task.seed)
+def check(runs: int = 20, duration: float = 60.0, seed: int = 1) -> Measured:
+    """Branch so often unchanged, and so often without one frame at one robot, and compare.
+
+    `duration`: of the run that they leave, simulated s. `seed`: of the run, and of the instants. It holds
+    where each unchanged branch is the run, and each other one names its frame as the first difference.
+    """
+    rng = random.Random(seed)
     with tempfile.TemporaryDirectory(prefix="acrc-") as name:
         origin = Path(name) / "run"
-        scenario = load_scenario(_SCENARIO, Overrides(seed=task.seed, duration=task.duration))
+        scenario = load_scenario(_SCENARIO, Overrides(seed=seed, duration=duration))
         plan = swarm.plan(scenario, RunOptions(origin, bus="memory"))
         digest = swarm.run_in_memory(plan, lambda progress: None).digest
-        same = list(_unchanged(task, rng, origin, digest))
-        lacking = list(_without_a_frame(task, rng, origin))
+        same = list(_unchanged(runs, duration, rng, origin, digest))
+        lacking = list(_without_a_frame(runs, rng, origin))
     right, told = sum(one.right for one in same), sum(one.right for one in lacking)
     title = (
         f"{right} of {len(same)} unchanged have the run's digest {digest}; "
         f"{told} of {len(lacking)} without a frame name it as the first difference"
     )
-    print_rows([one.row for one in (*same, *lacking)], title, json_output=json_output)
-    return right == len(same) and told == len(lacking)
+    rows = [one.row for one in (*same, *lacking)]
+    return Measured(rows, (table_of(rows, title),), right == len(same) and told == len(lacking))
 
 
-def _unchanged(task: BranchesTask, rng: random.Random, origin: Path, digest: str) -> Iterator[_Branch]:
-    for number in range(task.forks):
-        at_s, began = rng.uniform(0.1, task.duration - 1), time.monotonic()
+def _unchanged(
+    runs: int, duration: float, rng: random.Random, origin: Path, digest: str
+) -> Iterator[_Branch]:
+    for number in range(runs):
+        at_s, began = rng.uniform(0.1, duration - 1), time.monotonic()
         options = RunOptions(origin.with_name(f"unchanged-{number}"), bus="memory")
         made = branch(origin, Change(at_s), options, permit=INSTALLED)
         yield _Branch("", at_s, time.monotonic() - began, made.result.digest == digest)
 
 
-def _without_a_frame(task: BranchesTask, rng: random.Random, origin: Path) -> Iterator[_Branch]:
-    for number, copy in enumerate(heard(origin, task.frames, rng)):
+def _without_a_frame(runs: int, rng: random.Random, origin: Path) -> Iterator[_Branch]:
+    for number, copy in enumerate(heard(origin, runs, rng)):
         began = time.monotonic()
         found = named(origin, copy, origin.with_name(f"frame-{number}"))
         change = f"a frame of {copy.sender} at {copy.receiver}"

@@ -2,17 +2,17 @@
 
 import math
 import tempfile
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from actors.randomness import generator
 from benchmarks.causes.situations import NECKS, Robot, Situation
+from benchmarks.statistics.measured import Measured
 from benchmarks.statistics.pool import in_order
 from deploy.run import swarm
 from deploy.run.options import RunOptions
@@ -51,20 +51,22 @@ class Parted:
     """Of a robot, on average."""
 
 
-def run(seeds: int = 5, workers: int | None = None) -> None:
-    """Run `seeds` pairs of each kind, and print what became of them."""
+def check(runs: int = 5) -> Measured:
+    """Run so many pairs of each kind; it holds where each pair that backs off comes free."""
     table = Table("where", "apart, m", "strategy", "back_off", "came free", "places", "wedged, s per robot")
     kinds = list(product((True, False), _GAPS, ("none", "chapter"), (False, True)))
-    tasks = [WedgeTask(*kind, seed) for kind in kinds for seed in range(1, seeds + 1)]
-    parted = list(in_order(part, tasks, workers))
+    tasks = [WedgeTask(*kind, seed) for kind in kinds for seed in range(1, runs + 1)]
+    parted = list(in_order(part, tasks))
     for number, (passage, gap, strategy, back_off) in enumerate(kinds):
-        group = parted[number * seeds : (number + 1) * seeds]
+        group = parted[number * runs : (number + 1) * runs]
         where = "passage" if passage else "open floor"
         free, places = sum(one.free for one in group), sum(one.places for one in group)
-        wedged = sum(one.wedged_s for one in group) / seeds
-        row = (where, f"{gap[0]:.2f} to {gap[1]:.2f}", strategy, str(back_off).lower(), f"{free} of {seeds}")
-        table.add_row(*row, f"{places} of {2 * seeds}", f"{wedged:.1f}")
-    Console(width=110).print(table)
+        wedged = sum(one.wedged_s for one in group) / runs
+        row = (where, f"{gap[0]:.2f} to {gap[1]:.2f}", strategy, str(back_off).lower(), f"{free} of {runs}")
+        table.add_row(*row, f"{places} of {2 * runs}", f"{wedged:.1f}")
+    figures = [asdict(task) | asdict(one) for task, one in zip(tasks, parted, strict=True)]
+    holds = all(one.free for task, one in zip(tasks, parted, strict=True) if task.back_off)
+    return Measured(figures, (table,), holds)
 
 
 def part(task: WedgeTask) -> Parted:

@@ -1,7 +1,5 @@
 """How often the chapter's three failures come about, over many seeds, with 95 % intervals."""
 
-import json
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
@@ -16,50 +14,50 @@ from actors.installation.repository import REPOSITORY
 from benchmarks.failures.found import FailureRun
 from benchmarks.failures.run import FailureTask, examine
 from benchmarks.statistics.confidence import Interval, average, proportion
+from benchmarks.statistics.measured import Measured
 from benchmarks.statistics.pool import in_order
 
 SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
 ROBOTS: Final = (4, 8)
-SEEDS: Final = 20
 BESIDE: Final = 1.0
 """Another robot within this distance is what stood in the way, m, centre to centre; own choice: where the
 chapter's driver looks, sim_time * speed = 1.5 m, less half a second."""
 Count = Callable[[FailureRun], float]
 
 
-def run(
+def check(
     scenario: Path = SCENARIO,
     robots: Sequence[int] = ROBOTS,
-    seeds: int = SEEDS,
+    runs: int = 20,
     *,
     strategy: str = "none",
     duration: float | None = None,
     localisation: str | None = None,
     navigation: str | None = None,
-    json_output: bool = False,
     workers: int | None = None,
-) -> list[FailureRun]:
-    """Run a scenario from each of the seeds 1 to `seeds`; print and give what came about.
+) -> Measured:
+    """Run a scenario from each of the seeds 1 to `runs`, and count what came about.
 
     `duration`: simulated s of each run; None: as in the scenario. `localisation` and `navigation`: names of
-    presets in place of the scenario's tables. `workers`: processes; None: one per processor.
+    presets in place of the scenario's tables. `workers`: processes; None: one per processor. It holds where
+    robots block one another or find no trajectory, and none is lost.
     """
     console = Console(stderr=True)
     found: list[FailureRun] = []
     for count in robots:
-        console.print(f"strategy {strategy}, robots {count}, seeds 1 to {seeds} …", highlight=False)
+        console.print(f"strategy {strategy}, robots {count}, seeds 1 to {runs} …", highlight=False)
         first = FailureTask(scenario, strategy, count, 1, duration, localisation, navigation)
-        tasks = [replace(first, seed=seed) for seed in range(1, seeds + 1)]
+        tasks = [replace(first, seed=seed) for seed in range(1, runs + 1)]
         found += in_order(examine, tasks, workers)
-    if json_output:
-        sys.stdout.write(json.dumps([asdict(one) for one in found]) + "\n")
-    else:
-        for count in robots:
-            _print(strategy, [one for one in found if one.robots == count])
-    return found
+    shown: list[Table | str] = []
+    for count in robots:
+        of_count = [one for one in found if one.robots == count]
+        shown += [_table(strategy, of_count), *_sentences(of_count)]
+    some = any(one.blockings or one.spells for one in found)
+    return Measured([asdict(one) for one in found], shown, some and not any(one.lost for one in found))
 
 
-def _print(strategy: str, runs: Sequence[FailureRun]) -> None:
+def _table(strategy: str, runs: Sequence[FailureRun]) -> Table:
     first = runs[0]
     different = len({one.motion for one in runs})
     title = f"strategy {strategy}, robots {first.robots}, {len(runs)} seeds, {different} different"
@@ -74,10 +72,7 @@ def _print(strategy: str, runs: Sequence[FailureRun]) -> None:
         table.add_row(
             name, f"{share.value:.0%}", _span(share, ".0%"), f"{mean.value:.2f}", _span(mean, ".2f")
         )
-    console = Console(width=110)
-    console.print(table)
-    for sentence in _sentences(runs):
-        console.print(sentence, highlight=False, soft_wrap=True)
+    return table
 
 
 def _span(interval: Interval, form: str) -> str:

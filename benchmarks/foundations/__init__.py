@@ -1,1 +1,1 @@
-"""What the least parts cost: portable mathematics, the component model."""
+"""What all stands on: portable mathematics, the component model, the same bits however a run is made."""

@@ -1,13 +1,10 @@
 """What the component model costs: memberships, activations, packets, and the chapter's robot among peers."""
 
-import json
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from actors.geometry import Point, Pose
@@ -15,6 +12,7 @@ from actors.instant import Instant, in_seconds, milliseconds, seconds
 from actors.messages import Heard
 from actors.robot.behaviour import Behaviour, Goal, GoalStatus, Start, View
 from benchmarks.statistics.cpu_time import best
+from benchmarks.statistics.measured import Measured
 from cleaning.adoption import DestinationAdoption
 from cleaning.cleaner import Cleaner, State
 from cleaning.place import Assignment
@@ -82,8 +80,8 @@ class Lasting(DestinationAdoption):
     """As the original, in which replicas stay for ever."""
 
 
-def run(json_output: bool = False, task: DeecoTask | None = None) -> dict[str, Any]:
-    """Measure, print and give the figures beside their goals."""
+def measure(task: DeecoTask | None = None) -> Measured:
+    """The figures beside their goals."""
     task = task or DeecoTask()
     memberships, activation, robot = _memberships(task), _activation_us(task), _robot_ms(task)
     fresh, stale = _packets_us(task)
@@ -97,11 +95,7 @@ def run(json_output: bool = False, task: DeecoTask | None = None) -> dict[str, A
         "robot_second_cpu_ms": robot,
         "goal_met": all(met for *_, met in rows),
     }
-    if json_output:
-        sys.stdout.write(json.dumps(figures) + "\n")
-    else:
-        _print(rows)
-    return figures
+    return Measured(figures, (_table(rows),))
 
 
 def _memberships(task: DeecoTask) -> float:
@@ -255,8 +249,8 @@ def _rows(
     ]
 
 
-def _print(rows: Sequence[tuple[str, str, str, bool]]) -> None:
+def _table(rows: Sequence[tuple[str, str, str, bool]]) -> Table:
     table = Table("measured", "reached", "goal", "", title="the component model, of CPU time")
     for what, reached, goal, met in rows:
         table.add_row(what, reached, goal, "met" if met else "MISSED")
-    Console().print(table)
+    return table

@@ -1,12 +1,10 @@
 """The portable functions: how far off exact values, and how fast beside the C library's, in kernels."""
 
 import importlib.util
-import json as json_format
 import math
-import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final, TypeAlias
 
@@ -15,6 +13,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from actors.portable import compiled
+from actors.runtime.errors import AcrcError
+from benchmarks.statistics.measured import Measured, table_of
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -34,23 +34,6 @@ class Function:
     """Arguments for the error: all sizes, and those that are hard."""
     usual: Callable[[np.random.Generator, int], tuple[Floats, ...]]
     """Arguments for the speed: as robots have them."""
-
-
-@dataclass(frozen=True)
-class FunctionRow:
-    """What was measured of a function."""
-
-    name: str
-    bound: float
-    error: float | None
-    """The largest found, ulp; None without mpmath."""
-    ours_ns: float
-    library_ns: float
-
-    @property
-    def ratio(self) -> float:
-        """Our time for the C library's."""
-        return self.ours_ns / self.library_ns
 
 
 def _even(low: float, high: float) -> Callable[[np.random.Generator, int], tuple[Floats, ...]]:
@@ -203,33 +186,26 @@ def times(function: Function, count: int = 10_000, rounds: int = _ROUNDS) -> tup
     return best[0] / count * 1e9, best[1] / count * 1e9
 
 
-def measured(count: int) -> list[FunctionRow]:
-    """All of them."""
-    exact = importlib.util.find_spec("mpmath") is not None
+def check(count: int) -> Measured:
+    """The largest error over about so many arguments of each kind; it holds where each is within bounds."""
+    if importlib.util.find_spec("mpmath") is None:
+        raise AcrcError("exact values need the package mpmath, which the extra dev has")
+    errors = [largest_error(one, count) for one in FUNCTIONS]
+    rows = [
+        {"name": one.name, "bound": one.bound, "error": round(error, 4)}
+        for one, error in zip(FUNCTIONS, errors, strict=True)
+    ]
+    holds = all(error <= one.bound for one, error in zip(FUNCTIONS, errors, strict=True))
+    return Measured(rows, (table_of(rows, "error, ulp"),), holds)
+
+
+def measure(rounds: int = _ROUNDS) -> Measured:
+    """The time of each beside the C library's; the best of so many rounds."""
     rows = []
-    for function in FUNCTIONS:
-        error = largest_error(function, count) if exact else None
-        rows.append(FunctionRow(function.name, function.bound, error, *times(function)))
-    return rows
-
-
-def run(count: int, json: bool) -> None:
-    """Print the table."""
-    rows = measured(count)
-    if json:
-        out = [{**asdict(row), "ratio": row.ratio} for row in rows]
-        sys.stdout.write(json_format.dumps(out) + "\n")
-        return
-    sys.stdout.write(table(rows))
-
-
-def table(rows: Sequence[FunctionRow]) -> str:
-    """The rows for people."""
-    lines = ["function   stated, ulp   found, ulp   ours, ns   C library, ns   ratio"]
-    for row in rows:
-        found = "no mpmath" if row.error is None else f"{row.error:.3f}"
-        lines.append(
-            f"{row.name:8s} {row.bound:13.2f} {found:>12s} {row.ours_ns:10.1f} {row.library_ns:15.1f}"
-            f" {row.ratio:7.2f}"
+    for one in FUNCTIONS:
+        ours, library = times(one, rounds=rounds)
+        ratio = round(ours / library, 2)
+        rows.append(
+            {"name": one.name, "ours_ns": round(ours, 1), "library_ns": round(library, 1), "ratio": ratio}
         )
-    return "\n".join(lines) + "\n"
+    return Measured(rows, (table_of(rows, "a call, beside the C library's"),))

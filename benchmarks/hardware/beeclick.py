@@ -1,15 +1,12 @@
 """The link to a radio board: how it bears noise, how soon it is back, and how much it carries."""
 
-import json
 import time
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from actors.instant import START, Duration, Instant, milliseconds, seconds
 from actors.messages import AccessFailure, Overflow, Refused, Sent
@@ -76,6 +73,13 @@ class BoardSoak:
     most_back_unnoticed_ms: float
     """The same after noise that only the board has got, or its reboot: nothing shows but its silence."""
     wall_s: float
+
+    @property
+    def borne(self) -> bool:
+        """Every packet is reported once, as the board has told; the link is soon back and keeps little."""
+        false = self.reported_twice + self.unreported + self.invented
+        back = self.most_back_ms <= 100 or self.most_bytes_back <= 300
+        return false == 0 and back and self.most_kept < 300
 
 
 @dataclass(frozen=True)
@@ -260,22 +264,3 @@ def _most_on_air(data_bytes: int, duration: Duration) -> float:
     medium.offer(0, Saturated(octets(data_bytes)))
     medium.run(duration * 1000)
     return int(medium.counters()["sent"][0]) / (duration / 1e6)
-
-
-def run(bytes_: int, json_output: bool = False) -> None:
-    """Print what the link bears and carries; `bytes_`: how many come to it."""
-    borne, carried = soak(bytes_, 1), [throughput(size) for size in SIZES]
-    console = Console()
-    if json_output:
-        console.print_json(json.dumps({"soak": asdict(borne), "throughput": [asdict(t) for t in carried]}))
-        return
-    table = Table("noise", "", title="A link and a board over a line that is noisy at times")
-    for name, value in asdict(borne).items():
-        table.add_row(name, f"{value:.1f}" if isinstance(value, float) else f"{value:_}".replace("_", " "))
-    console.print(table)
-    table = Table(
-        "data bytes", "packets per s", "share of line or medium", title="Throughput in virtual time"
-    )
-    for one in carried:
-        table.add_row(str(one.data_bytes), f"{one.packets_per_s:.1f}", f"{one.share:.3f}")
-    console.print(table)

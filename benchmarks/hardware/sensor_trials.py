@@ -4,22 +4,20 @@ In simulated time, on emulated devices, on several floors and at several speeds;
 """
 
 import itertools
-import json
 import statistics
-import sys
 import tempfile
 from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from rich.console import Console
 from rich.table import Table
 
 from actors.processes.kernels import compile_kernels
 from benchmarks.hardware.sensor_faults import FAULTS, SensorFault
 from benchmarks.hardware.sensor_rig import SensorRig
 from benchmarks.hardware.sensor_situations import FLOORS, SITUATIONS, accusations, starts_on
+from benchmarks.statistics.measured import Measured
 from benchmarks.statistics.pool import in_order
 
 SPEEDS: Final = (0.5, 0.5, 0.3, 0.4)
@@ -27,16 +25,6 @@ SPEEDS: Final = (0.5, 0.5, 0.3, 0.4)
 _PATIENCE_S: Final = 4.0
 _STARTED: Final = 2.0
 _MOST_S: Final = 120.0
-
-
-@dataclass(frozen=True)
-class SensorTask:
-    """What is measured."""
-
-    trials: int = 20
-    """Of each fault."""
-    hours: float = 2.0
-    """Of robots whose sensors are right, simulated."""
 
 
 @dataclass(frozen=True)
@@ -112,30 +100,28 @@ def peace(number: int) -> Peace:
     return Peace(situation.name, situation.time_s * len(rig.vehicles), way, told)
 
 
-def run(json_output: bool = False, task: SensorTask | None = None) -> dict[str, object]:
-    """Run, print and give what came of it."""
-    task = task or SensorTask()
+def check(trials: int = 20, hours: float = 2.0) -> Measured:
+    """So many trials of each fault, and so many simulated hours of robots whose sensors are right.
+
+    It holds where each fault is told within its limits, and nobody is accused without one.
+    """
     compile_kernels()
-    pairs = list(itertools.product(range(len(FAULTS)), range(task.trials)))
+    pairs = list(itertools.product(range(len(FAULTS)), range(trials)))
     found = list(in_order(_trial, pairs))
     cases = [
         [one for (fault, _), one in zip(pairs, found, strict=True) if fault == which]
         for which in range(len(FAULTS))
     ]
-    calm = list(in_order(peace, range(_situations(task.hours))))
+    calm = list(in_order(peace, range(_situations(hours))))
     by_fault = zip(FAULTS, cases, strict=True)
     figures: dict[str, object] = {
-        "task": asdict(task),
+        "task": {"trials": trials, "hours": hours},
         "faults": {f"{fault.what}: {fault.how}": [asdict(one) for one in runs] for fault, runs in by_fault},
         "calm": [asdict(one) for one in calm],
         "goal_met": not any(one.accused for one in calm)
-        and all(within(fault, one) for fault, trials in zip(FAULTS, cases, strict=True) for one in trials),
+        and all(within(fault, one) for fault, runs in zip(FAULTS, cases, strict=True) for one in runs),
     }
-    if json_output:
-        sys.stdout.write(json.dumps(figures) + "\n")
-    else:
-        _print(cases, calm)
-    return figures
+    return Measured(figures, _shown(cases, calm), bool(figures["goal_met"]))
 
 
 def _trial(pair: tuple[int, int]) -> SensorCase:
@@ -151,8 +137,7 @@ def _situations(hours: float) -> int:
     return count
 
 
-def _print(cases: list[list[SensorCase]], calm: list[Peace]) -> None:
-    console = Console()
+def _shown(cases: list[list[SensorCase]], calm: list[Peace]) -> list[Table | str]:
     heads = ("what", "how", "told, median", "worst", "way, worst", "not told", "said", "")
     table = Table(*heads, title="sensors")
     for fault, trials in zip(FAULTS, cases, strict=True):
@@ -169,14 +154,10 @@ def _print(cases: list[list[SensorCase]], calm: list[Peace]) -> None:
             ", ".join(f"{cause} {count}" for cause, count in said.most_common(3)),
             f"{missed} MISSED" if missed else "" if fault.limit else "no limit",
         )
-    console.print(table)
     hours, way = sum(one.robot_s for one in calm) / 3600, sum(one.way_m for one in calm)
     accused = [f"{one.name}: {said}" for one in calm for said in one.accused]
-    console.print(
+    peaceful = (
         f"without a fault: {len(accused)} false alarms in {hours:.1f} h and {way:.0f} m of robots, in "
-        f"{len(calm)} runs of {len(SITUATIONS)} situations",
-        highlight=False,
-        soft_wrap=True,
+        f"{len(calm)} runs of {len(SITUATIONS)} situations"
     )
-    for line in accused:
-        console.print(line, highlight=False, soft_wrap=True)
+    return [table, peaceful, *accused]

@@ -5,21 +5,19 @@ Told to stand it brakes as the robot's model does, which is the world's and not 
 are measured, that at which the wheels are told and that at which they stand.
 """
 
-import json
 import statistics
-import sys
 import tempfile
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from rich.console import Console
 from rich.table import Table
 
 from actors.processes.kernels import compile_kernels
 from benchmarks.hardware.standstill_rig import GUARDIAN, Rig, held, killed, stopped
+from benchmarks.statistics.measured import Measured
 from firmware_bridge.laboratory.laboratory import RADIO, RANGE
 
 PROCESSES: Final = {
@@ -74,28 +72,24 @@ class StandstillCase:
 Case = tuple[str, str]
 
 
-def run(json_output: bool = False, task: StandstillTask | None = None) -> dict[str, object]:
-    """Run, print and give what came of it."""
-    task = task or StandstillTask()
+def check(trials: int = 3, cases: Sequence[Case] | None = None) -> Measured:
+    """So many trials of each case, all if none are named; it holds where all stand in time."""
+    task = StandstillTask(trials)
     compile_kernels()  # or the first robot would take a minute to start
     found: dict[Case, list[StandstillCase]] = defaultdict(list)
     for _ in range(task.trials):
-        for case, event in events().items():
+        for case, event in events(cases).items():
             found[case].append(trial(event))
     figures = {
         "task": asdict(task),
         "cases": {" ".join(case): [asdict(one) for one in trials] for case, trials in found.items()},
         "goal_met": all(meets(case, trials, task) for case, trials in found.items()),
     }
-    if json_output:
-        sys.stdout.write(json.dumps(figures) + "\n")
-    else:
-        _print(found, task)
-    return figures
+    return Measured(figures, _shown(found, task), bool(figures["goal_met"]))
 
 
-def events() -> dict[Case, Callable[[Rig], None]]:
-    """What happens, by what it happens to and how."""
+def events(cases: Sequence[Case] | None = None) -> dict[Case, Callable[[Rig], None]]:
+    """What happens, by what it happens to and how; all, or only these."""
     ways = {"killed": killed, "stopped": stopped, "held": held}
     made: dict[Case, Callable[[Rig], None]] = {
         (process, way): lambda rig, word=word, act=act: act(rig.processes(word))  # type: ignore[misc]
@@ -107,7 +101,7 @@ def events() -> dict[Case, Callable[[Rig], None]]:
     )
     for case, order in DEVICES.items():
         made[case] = lambda rig, order=order: rig.expect_ok(order)  # type: ignore[misc]
-    return made
+    return made if cases is None else {case: made[case] for case in cases}
 
 
 def meets(case: Case, trials: list[StandstillCase], task: StandstillTask) -> bool:
@@ -145,8 +139,7 @@ def measured(rig: Rig, event: Callable[[Rig], None]) -> StandstillCase:
     )
 
 
-def _print(found: dict[Case, list[StandstillCase]], task: StandstillTask) -> None:
-    console = Console()
+def _shown(found: dict[Case, list[StandstillCase]], task: StandstillTask) -> tuple[Table | str, ...]:
     table = Table(
         "what", "how", "told, median", "worst", "way", "stood, worst", "way", "", title="standstill"
     )
@@ -162,14 +155,12 @@ def _print(found: dict[Case, list[StandstillCase]], task: StandstillTask) -> Non
             f"{max(one.stood_m for one in trials):.2f} m",
             verdict,
         )
-    console.print(table)
     speeds = [one.speed for trials in found.values() for one in trials]
-    console.print(
+    goal = (
         f"goal: told within {task.goal_s:g} s and {task.goal_m:g} m; {task.trials} trials each at "
-        f"{min(speeds):.2f} to {max(speeds):.2f} m/s",
-        highlight=False,
-        soft_wrap=True,
+        f"{min(speeds):.2f} to {max(speeds):.2f} m/s"
     )
+    return table, goal
 
 
 def _times(times: list[float | None]) -> tuple[str, str]:

@@ -86,6 +86,20 @@ def rows(ours: Mapping[str, Mapping[str, Sequence[Run]]], others: Mapping[str, O
     return found
 
 
+def as_good(
+    found: Sequence[PairedRow],
+    ours: Mapping[str, Mapping[str, Sequence[Run]]],
+    others: Mapping[str, Other],
+    preset: str,
+) -> bool:
+    """Whether that preset errs no more than the other one, over all logs, and is lost no more often."""
+    ratio = [row.ratio for row in found if row.preset == preset][-1]
+    lost = sum(run.lost for by_preset in ours.values() for run in by_preset[preset])
+    of = sum(len(by_preset[preset]) for by_preset in ours.values())
+    their = [run.lost for log in ours for run in others[log].runs]
+    return ratio <= 1.0 and lost / of <= sum(their) / len(their)
+
+
 def table(found: Sequence[PairedRow]) -> Table:
     """For people."""
     shown = Table(title="beside another localisation, on the same logs")

@@ -1,8 +1,6 @@
 """Runs the courses of many cells, each once, on several processors."""
 
-import multiprocessing
-import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from actors.randomness import generator
@@ -12,6 +10,7 @@ from benchmarks.localisation.filters import Arm
 from benchmarks.localisation.metrics import Run, beside_truth
 from benchmarks.localisation.peer_reports import reports
 from benchmarks.localisation.replay import replay
+from benchmarks.statistics.pool import in_order
 
 Key = tuple[CourseSetup, Arm]
 
@@ -46,24 +45,12 @@ def drive(task: CourseTask) -> list[Run]:
     return runs
 
 
-def processors() -> int:
-    """How many this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
-def run_all(todo: Sequence[CourseTask], workers: int, tell: Callable[[int], None]) -> Mapping[Key, Run]:
+def run_all(
+    todo: Sequence[CourseTask], workers: int | None, tell: Callable[[int], None]
+) -> Mapping[Key, Run]:
     """Every run by course and arm; `tell` is called with the number of courses done, after each."""
     runs: dict[Key, Run] = {}
-    for done, (task, its) in enumerate(zip(todo, _results(todo, workers), strict=True), start=1):
+    for done, (task, its) in enumerate(zip(todo, in_order(drive, todo, workers), strict=True), start=1):
         runs |= {(task.course, arm): run for arm, run in zip(task.arms, its, strict=True)}
         tell(done)
     return runs
-
-
-def _results(todo: Sequence[CourseTask], workers: int) -> Iterator[list[Run]]:
-    if workers == 1:
-        yield from map(drive, todo)
-        return
-    # spawned, as numba's threads and caches do not survive a fork
-    with multiprocessing.get_context("spawn").Pool(workers) as pool:
-        yield from pool.imap(drive, todo)

@@ -16,8 +16,6 @@ FIGURES = (
     "rmse", "median run", "median", "max", f"> {BEYOND:g} m", "lost", "NEES", "low/high", "told", "false",
     "µs",
 )  # fmt: skip
-WIDTH = 250
-"""Characters that the widest table needs."""
 TITLES = {
     "alone": "alone: nobody near",
     "realistic": "realistic: four others near for 15 s of every minute",

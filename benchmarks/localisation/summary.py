@@ -9,8 +9,8 @@ import numpy as np
 
 from benchmarks.localisation.course import STEP_US
 from benchmarks.localisation.metrics import BEYOND, NEES_BOUNDS, Run, finite
+from benchmarks.statistics.confidence import proportion
 
-_NORMAL_975: Final = 1.959964
 _RESAMPLES: Final = 2000
 
 
@@ -103,7 +103,4 @@ def share(count: int, of: int) -> Share:
     """With Wilson's interval, which holds for 0 and all as well."""
     if not of:
         return Share(0, 0, 0.0, 1.0)
-    z2 = _NORMAL_975**2
-    middle = (count + z2 / 2) / (of + z2)
-    half = _NORMAL_975 / (of + z2) * math.sqrt(count * (of - count) / of + z2 / 4)
-    return Share(count, of, max(middle - half, 0.0), min(middle + half, 1.0))
+    return Share(count, of, *proportion(count, of)[1:])

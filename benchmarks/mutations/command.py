@@ -1,8 +1,6 @@
 """Feeds every parser with damaged bytes, and counts what is more than a sentence."""
 
-import json
 import resource
-import sys
 import tempfile
 import time
 import traceback
@@ -10,15 +8,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from actors.runtime.errors import AcrcError
 from benchmarks.mutations.mutator import mutated
 from benchmarks.mutations.parsers import Parser, parsers
+from benchmarks.statistics.measured import Measured
 
-BYTES: int = 10_000_000
-SEED: int = 1
 LONGEST_SENTENCE: int = 1000
 """Characters; what is longer counts as a traceback."""
 
@@ -41,19 +37,15 @@ class ParserOutcome:
     """The first traceback."""
 
 
-def run(bytes_: int = BYTES, json_output: bool = False, seed: int = SEED) -> list[ParserOutcome]:
-    """Feed each parser with so many bytes; print and give what came of it. AcrcError after a traceback."""
+def check(size: int, seed: int = 1) -> Measured:
+    """Feed each parser with so many damaged bytes; it holds where none gives a traceback."""
     with tempfile.TemporaryDirectory() as scratch:
-        outcomes = [feed(parser, bytes_, seed) for parser in parsers(Path(scratch))]
-    if json_output:
-        sys.stdout.write(json.dumps([asdict(outcome) for outcome in outcomes]) + "\n")
-    else:
-        _print(outcomes, seed)
-    if failed := [outcome for outcome in outcomes if outcome.tracebacks]:
-        raise AcrcError(
-            f"{sum(one.tracebacks for one in failed)} tracebacks; the first one: {failed[0].first}"
-        )
-    return outcomes
+        outcomes = [feed(parser, size, seed) for parser in parsers(Path(scratch))]
+    shown: list[Table | str] = [_table(outcomes, seed)]
+    failed = [outcome for outcome in outcomes if outcome.tracebacks]
+    if failed:
+        shown.append(f"{sum(one.tracebacks for one in failed)} tracebacks; the first one: {failed[0].first}")
+    return Measured([asdict(outcome) for outcome in outcomes], shown, not failed)
 
 
 def feed(parser: Parser, bytes_: int, seed: int) -> ParserOutcome:
@@ -88,7 +80,7 @@ def _peak_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def _print(outcomes: list[ParserOutcome], seed: int) -> None:
+def _table(outcomes: list[ParserOutcome], seed: int) -> Table:
     table = Table(
         "parser", "bytes", "inputs", "refused", "longest", "memory", "tracebacks", title=f"seed {seed}"
     )
@@ -102,4 +94,4 @@ def _print(outcomes: list[ParserOutcome], seed: int) -> None:
             f"+{one.grown_mb:.0f} MB",
             f"{one.tracebacks}",
         )
-    Console(soft_wrap=True).print(table)
+    return table

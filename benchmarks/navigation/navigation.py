@@ -1,8 +1,6 @@
 """How well robots get to their goals: how many, how fast, how near to walls and to each other."""
 
-import json
 import math
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -14,17 +12,16 @@ from rich.console import Console
 from rich.table import Table
 
 from actors.installation.repository import REPOSITORY
-from benchmarks.navigation import goal_log, log
+from benchmarks.navigation import goal_log
+from benchmarks.navigation import log as cycle_log
 from benchmarks.navigation.course import NavigationCourse
 from benchmarks.navigation.run import Leg, RunFigures, measure
 from benchmarks.statistics.confidence import proportion
+from benchmarks.statistics.measured import Measured
 from benchmarks.statistics.pool import in_order
 
 MAPS: Final = tuple(REPOSITORY / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))
 ROBOTS: Final = (1, 4)
-GOALS: Final = 200
-"""Of all robots together, on each map with each number of robots."""
-RUNS: Final = 8
 SPEED: Final = 0.5
 """With which the shortest way is thought to be driven, m/s: DWA max_vel_x of d3scomp/ROSRemote."""
 LONG: Final = 2.0
@@ -62,16 +59,39 @@ class NavigationTask:
 
     maps: Sequence[Path] = MAPS
     robots: Sequence[int] = ROBOTS
-    goals: int = GOALS
-    runs: int = RUNS
+    goals: int = 200
+    """Of all robots together, on each map with each number of robots."""
+    runs: int = 8
     localisation: str | None = None
     navigation: str | None = None
     workers: int | None = None
     """Processes; None: one per processor."""
 
 
-def run(task: NavigationTask = NavigationTask(), json_output: bool = False) -> list[NavigationFigures]:
-    """Measure, print and give the figures."""
+def check(
+    maps: Sequence[Path] = MAPS,
+    robots: Sequence[int] = ROBOTS,
+    goals: int = 200,
+    runs: int = 8,
+    localisation: str | None = None,
+    navigation: str | None = None,
+    log: Path | None = None,
+    seed: int = 1,
+) -> Measured:
+    """Measure a task as `NavigationTask` has it, or only write what r1 decides in one run from that seed.
+
+    It holds where no wall is touched. Raises LogError.
+    """
+    task = NavigationTask(tuple(maps), tuple(robots), goals, runs, localisation, navigation)
+    if log is not None:
+        return write_log(task, log, seed)
+    figures = measured(task)
+    holds = not any(one.wall_contacts for one in figures)
+    return Measured([asdict(one) for one in figures], _shown(figures, holds), holds)
+
+
+def measured(task: NavigationTask) -> list[NavigationFigures]:
+    """Every map with every number of robots."""
     console = Console(stderr=True)
     figures = []
     for map_file in task.maps:
@@ -79,14 +99,10 @@ def run(task: NavigationTask = NavigationTask(), json_output: bool = False) -> l
             console.print(f"{map_file.stem}, robots {robots} …", highlight=False)
             courses = _courses(task, map_file, robots)
             figures.append(_summed(courses[0], list(in_order(measure, courses, task.workers))))
-    if json_output:
-        sys.stdout.write(json.dumps([asdict(one) for one in figures]) + "\n")
-    else:
-        _print(figures)
     return figures
 
 
-def write_log(task: NavigationTask, file: Path, seed: int) -> None:
+def write_log(task: NavigationTask, file: Path, seed: int) -> Measured:
     """Write what r1 decides in one run on the first map, with the largest number of robots asked for.
 
     Raises LogError.
@@ -94,13 +110,12 @@ def write_log(task: NavigationTask, file: Path, seed: int) -> None:
     robots = max(task.robots)
     each = math.ceil(task.goals / (task.runs * robots))
     course = NavigationCourse(task.maps[0], robots, each, seed, task.localisation, task.navigation)
-    written = log.write(file, course)
-    Console(stderr=True).print(
+    written = cycle_log.write(file, course)
+    says = (
         f"{file}: {written.cycles} cycles of r1 among {robots} on {course.map.stem}, seed {seed}, "
-        f"{written.plans} plans, {written.invalid} cycles without a valid trajectory",
-        highlight=False,
-        soft_wrap=True,
+        f"{written.plans} plans, {written.invalid} cycles without a valid trajectory"
     )
+    return Measured({"file": str(file), **asdict(written)}, (says,))
 
 
 def _courses(task: NavigationTask, map_file: Path, robots: int) -> list[NavigationCourse]:
@@ -144,20 +159,17 @@ def _slowness(reached: Sequence[Leg]) -> tuple[float, float] | tuple[None, None]
     return median(taken / ideal for taken, ideal in long), total
 
 
-def _print(figures: Sequence[NavigationFigures]) -> None:
+def _shown(figures: Sequence[NavigationFigures], untouched: bool) -> tuple[Table, str]:
     table = Table(
         *("map", "robots", "goals", "succeeded", "95 %", "aborted", "x shortest", "sums"),
         *("to walls", "to robots", "contacts/h: walls", "robots"),
     )
     for one in figures:
         table.add_row(*_row(one))
-    Console(width=170).print(table)
-    touched = sum(one.wall_contacts for one in figures)
-    verdict = "met" if touched == 0 else "MISSED"
-    Console(soft_wrap=True).print(
+    return table, (
         f"x shortest: time by that of the shortest way at {SPEED:g} m/s, over the ways of {LONG:g} m and more"
-        f" that succeeded, median and of the sums; goal, no contact with a wall: {verdict}",
-        highlight=False,
+        f" that succeeded, median and of the sums; goal, no contact with a wall: "
+        f"{'met' if untouched else 'MISSED'}"
     )
 
 

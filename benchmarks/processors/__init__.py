@@ -1,1 +1,1 @@
-"""One run on several processors: `acrc bench processors` builds what it needs and compares the digests."""
+"""One run on several processors: `acrc verify processors` builds what it needs and compares the digests."""

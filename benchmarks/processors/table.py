@@ -1,16 +1,21 @@
 """The table of digests: all tasks on all computers."""
 
-import json as json_format
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
+from rich.console import Console
+
 from actors.installation.repository import REPOSITORY
 from benchmarks.processors import aarch64, here, pythons
 from benchmarks.processors.computer import Computer, RunOutcome, RunTask, make
+from benchmarks.statistics.measured import Measured
 
+_BUILT: Final = REPOSITORY / ".processors"
+"""Where what is built is kept."""
+_CROWD_S: Final = 50.0
+"""Simulated time of the house test's run, whose events all lie in it."""
 _PATIENCE_S: Final = 3600.0
 _SHOWN: Final = 12
 """Digits of a digest."""
@@ -75,31 +80,26 @@ def line(row: ProcessorRow) -> str:
     )
 
 
-def run(
-    seconds: float, crowd_seconds: float, install: bool, folder: Path, json: bool, only: Sequence[str] = ()
-) -> int:
-    """Print the table; 1 if there is more than one digest of a task, or none, or a run has failed.
+def check(
+    duration: float = 600.0, only: Sequence[str] = (), install: bool = False, folder: Path = _BUILT
+) -> Measured:
+    """Make two runs on each computer; it holds where there is one digest of each, and no run has failed.
 
-    `only`: parts of the names of the computers that are wanted; none: all.
+    `duration`: of the chapter's run, simulated s. `only`: parts of the names of the computers that are
+    wanted; none: all. `install`: let apt-get install what an emulator needs. `folder`: for what is built.
     """
-    wanted = tasks(seconds, crowd_seconds)
-    if not json:
-        heads = [f"{task.title}, {task.seconds:g} s" for task in wanted]
-        sys.stdout.write(f"{'':44s} " + "  ".join(f"{head:{_SHOWN}s}" for head in heads) + "\n")
-
-    def tell(row: ProcessorRow) -> None:
-        if not json:
-            sys.stdout.write(line(row).rstrip() + "\n")
-            sys.stdout.flush()
-
-    rows = measure(wanted, computers(folder, install, only), folder, tell)
+    wanted = tasks(duration, _CROWD_S)
+    console = Console(stderr=True)
+    rows = measure(
+        wanted, computers(folder, install, only), folder,
+        lambda row: console.print(line(row).rstrip(), highlight=False, markup=False, soft_wrap=True),
+    )  # fmt: skip
     found = {task.title: digests(rows, task.title) for task in wanted}
-    if json:
-        sys.stdout.write(json_format.dumps([asdict(row) for row in rows]) + "\n")
-    else:
-        sys.stdout.writelines(f"{title}: {verdict(different)}\n" for title, different in found.items())
+    heads = "  ".join(f"{f'{task.title}, {task.seconds:g} s':{_SHOWN}s}" for task in wanted)
+    shown = [f"{'':44s} {heads}", *(line(row).rstrip() for row in rows)]
+    shown += [f"{title}: {verdict(different)}" for title, different in found.items()]
     sound = all(len(different) == 1 for different in found.values()) and not any(map(failed, rows))
-    return 0 if sound else 1
+    return Measured([asdict(row) for row in rows], shown, sound)
 
 
 def failed(row: ProcessorRow) -> bool:

@@ -6,13 +6,9 @@ sensitivity, or while receiving. Firmware: energy from -69 dBm alone (d3scomp/be
 CCAEDTH and BBREG2). All else is as in preset `ns3`, so that only the assessment differs.
 """
 
-import json
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from actors.ieee802154 import airtime_ns
 from actors.radio.medium.medium import Medium
@@ -22,6 +18,7 @@ from actors.radio.medium.transceiver import Transceiver
 from actors.radio.presets import preset
 from actors.radio.propagation.indoor import IndoorPropagation
 from benchmarks.radio.trials import SECOND
+from benchmarks.statistics.measured import Measured, table_of
 
 
 @dataclass(frozen=True)
@@ -51,24 +48,13 @@ class Cost:
     times_the_loss: float
 
 
-def run(json_output: bool = False, task: HardwareTask | None = None) -> dict[str, Any]:
-    """Print, and give, what pairs deliver to one another with either assessment."""
+def measure(task: HardwareTask | None = None) -> Measured:
+    """What pairs deliver to one another with either assessment."""
     task = task or HardwareTask()
     costs = [cost(side, load, task) for side in task.sides for load in task.loads]
     figures = {"task": asdict(task), "costs": [asdict(one) for one in costs]}
-    if json_output:
-        Console().print_json(json.dumps(figures))
-        return figures
-    table = Table(title="Mean pair delivery, ten robots in a square")
-    for name in ("side", "G", "textbook", "firmware", "loss"):
-        table.add_column(name, justify="right")
-    for one in costs:
-        table.add_row(
-            f"{one.side:g} m", f"{one.load:g}", f"{one.textbook:.3f}", f"{one.firmware:.3f}",
-            f"{one.times_the_loss:.1f} times",
-        )  # fmt: skip
-    Console().print(table)
-    return figures
+    rows = [{name: f"{value:.3g}" for name, value in asdict(one).items()} for one in costs]
+    return Measured(figures, (table_of(rows, "mean pair delivery, robots in a square"),))
 
 
 def cost(side: float, load: float, task: HardwareTask) -> Cost:

@@ -1,7 +1,6 @@
 """The figures of docs/radio.md: what the medium does, beside formulas, ns-3 and measured links."""
 
-import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -9,7 +8,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from rich.console import Console
 
 from actors.floor.grid import FREE, OCCUPIED
 from actors.floor.map_file import load_map
@@ -24,12 +22,17 @@ from actors.radio.propagation.shadowing import ShadowingParameters
 from actors.radio.radio_model import radio_model
 from actors.radio.radio_setup import RadioSetup
 from benchmarks.radio.reference import OperatingPoint, points
-from benchmarks.radio.svg_chart import Axis, Series, chart
 from benchmarks.radio.trials import contend, scene
+from benchmarks.statistics.measured import Measured
+from observation.picture import look, style
 
 _SPACING_NS: Final = 45_000_000
 """Between frames that shall not meet: longer than the longest channel access."""
-_SHARE: Final = Axis("share of frames that arrive", 0.0, 1.02, (0, 0.2, 0.4, 0.6, 0.8, 1.0))
+_ARRIVES: Final = "share of frames that arrive"
+_WIDTH, _HEIGHT = 7.6, 3.8
+"""Inches."""
+_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#000000")
+"""Told apart by the colour-blind (Okabe and Ito, "Color Universal Design", 2008); black: others' dots."""
 _LENGTHS: Final = (20, 60, 127)
 _LOADS: Final = ("0.200", "0.800", "sat")
 MEASURED_LINKS: Final[Mapping[int, float]] = {
@@ -56,34 +59,73 @@ class PlotTask:
     """Of the map of the corridor, m: the first robot's start."""
 
 
-_KEY_COUNTED: Final = Series("dots: counted", (), (), 6, dots=True)
-_KEY_NS3: Final = Series("dots: ns-3.44", (), (), 6, dots=True)
+@dataclass(frozen=True)
+class Series:
+    """Points that belong together: joined by a line, or as dots."""
+
+    name: str
+    """Empty: not in the legend."""
+    x: Sequence[float]
+    y: Sequence[float]
+    colour: int
+    """Index into _COLOURS."""
+    dots: bool = False
 
 
-def run(
-    folder: Path, map_file: Path, data: Path | None, json_output: bool, task: PlotTask | None = None
-) -> None:
+@dataclass(frozen=True)
+class Chart:
+    """Lines and dots over two axes."""
+
+    title: str
+    label: str
+    """Of x."""
+    ticks: Sequence[float]
+    """Of x, which goes from the first to the last."""
+    series: Sequence[Series]
+    shares: str = _ARRIVES
+    """What y shows."""
+    logarithmic: bool = False
+
+
+_KEY_COUNTED: Final = Series("dots: counted", (), (), 3, dots=True)
+_KEY_NS3: Final = Series("dots: ns-3.44", (), (), 3, dots=True)
+
+
+def draw(folder: Path, map_file: Path, data: Path | None = None, task: PlotTask | None = None) -> Measured:
     """Write the figures into the folder; without the reference's data, without its dots."""
     task = task or PlotTask()
     folder.mkdir(parents=True, exist_ok=True)
-    texts = {
+    charts = {
         "reach.svg": _reach(task),
         "error_rate.svg": _error_rate(_points(data, "a_per")),
         "grey_zone.svg": _grey_zone(task),
         "wifi.svg": _wifi(task),
         "contention.svg": _contention(task, _points(data, "c_contention")),
     }
-    for name, text in texts.items():
-        (folder / name).write_text(text)
+    for name, one in charts.items():
+        _drawn(one, folder / name)
     _corridor(folder / "corridor.png", map_file, task)
-    written = [str(folder / name) for name in (*texts, "corridor.png")]
-    if json_output:
-        Console().print_json(json.dumps({"written": written, "reference": data is not None}))
-        return
-    for name in written:
-        Console().print(name, highlight=False, soft_wrap=True)
-    if data is None:
-        Console().print("Without the dots of ns-3, whose figures --data gives.")
+    written = [str(folder / name) for name in (*charts, "corridor.png")]
+    dots = [] if data else ["Without the dots of ns-3, whose figures --data gives."]
+    return Measured({"written": written, "reference": data is not None}, [*written, *dots])
+
+
+def _drawn(chart: Chart, path: Path) -> None:
+    with look.applied(style.LOOK):
+        figure = style.new_figure(_WIDTH, _HEIGHT)
+        axes = figure.subplots()
+        if chart.logarithmic:
+            axes.set_xscale("log")
+        for one in chart.series:
+            form = {"linestyle": "none", "marker": "o", "markersize": 4} if one.dots else {"linewidth": 1.5}
+            axes.plot(one.x, one.y, color=_COLOURS[one.colour], label=one.name or "_", **form)
+        axes.set(title=chart.title, xlabel=chart.label, ylabel=chart.shares)
+        axes.set(xlim=(chart.ticks[0], chart.ticks[-1]), ylim=(0.0, 1.02))
+        axes.set_xticks(chart.ticks, [f"{tick:g}" for tick in chart.ticks])
+        axes.minorticks_off()
+        axes.grid(color="#dddddd")
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        style.save(figure, path)
 
 
 def _points(data: Path | None, family: str) -> list[OperatingPoint]:
@@ -113,7 +155,7 @@ def _arriving(
     return arriving
 
 
-def _reach(task: PlotTask) -> str:
+def _reach(task: PlotTask) -> Chart:
     distances = np.geomspace(4.0, 80.0, 300).astype(np.float64)
     away = np.stack([distances, np.zeros(300)], axis=1)
     series = [_KEY_COUNTED]
@@ -126,13 +168,11 @@ def _reach(task: PlotTask) -> str:
         measured = np.linspace(grey[0] - 0.2, grey[-1] + 0.2, 9).tolist()
         counted = [_heard(parameters, d, task) for d in measured]
         series.append(Series("", measured, counted, colour, dots=True))
-    x = Axis(
-        "distance in line of sight, m", 4.0, 80.0, (4, 6, 8, 10, 15, 20, 30, 40, 60, 80), logarithmic=True
-    )
-    return chart("How far 127-octet frames get", x, _SHARE, series)
+    label, ticks = "distance in line of sight, m", (4, 6, 8, 10, 15, 20, 30, 40, 60, 80)
+    return Chart("How far 127-octet frames get", label, ticks, series, logarithmic=True)
 
 
-def _error_rate(reference: list[OperatingPoint]) -> str:
+def _error_rate(reference: list[OperatingPoint]) -> Chart:
     ratios = np.linspace(-3.0, 4.0, 200).astype(np.float64)
     series = [_KEY_NS3] if reference else []
     for colour, octets in enumerate(_LENGTHS):
@@ -141,11 +181,11 @@ def _error_rate(reference: list[OperatingPoint]) -> str:
         found = [p for p in reference if p.settings["psdu"] == str(octets)]
         at = [float(p.settings["rx_dbm"]) - float(p.settings["noise_dbm"]) for p in found]
         series.append(Series("", at, [p.figures["per"].value for p in found], colour, dots=True))
-    x = Axis("signal to noise, dB", -3.0, 4.0, (-3, -2, -1, 0, 1, 2, 3, 4))
-    return chart("Frames lost in white noise", x, replace(_SHARE, label="share of frames lost"), series)
+    label, ticks = "signal to noise, dB", (-3, -2, -1, 0, 1, 2, 3, 4)
+    return Chart("Frames lost in white noise", label, ticks, series, "share of frames lost")
 
 
-def _grey_zone(task: PlotTask) -> str:
+def _grey_zone(task: PlotTask) -> Chart:
     """Over the mean received power: that of a link whose shadowing is not known."""
     parameters, powers = preset("beeclick"), np.arange(-100.0, -78.0, 0.25)
     ends = np.random.default_rng(1).uniform(0.0, 2000.0, (2, task.places, 2))
@@ -165,29 +205,24 @@ def _grey_zone(task: PlotTask) -> str:
         losses = parameters.transceiver.tx_power_dbm - powers[:, None] + shadows
         shares = _arriving(parameters, losses).mean(axis=1).tolist()
         series.append(Series(f"shadowing {sigma:g} dB", powers.tolist(), shares, colour))
-    series.append(Series("dots: measured", list(MEASURED_LINKS), list(MEASURED_LINKS.values()), 6, dots=True))
-    x = Axis("mean received power, dBm", -100.0, -78.0, (-100, -96, -92, -88, -84, -80))
-    return chart("The grey zone of 127-octet frames", x, _SHARE, series)
+    series.append(Series("dots: measured", list(MEASURED_LINKS), list(MEASURED_LINKS.values()), 3, dots=True))
+    label, ticks = "mean received power, dBm", (-100, -96, -92, -88, -84, -80)
+    return Chart("The grey zone of 127-octet frames", label, ticks, series)
 
 
-def _wifi(task: PlotTask) -> str:
+def _wifi(task: PlotTask) -> Chart:
     parameters, series = preset("chapter"), []
     distances = np.geomspace(1.0, 40.0, 12).tolist()
     for colour, duty in enumerate((0.1, 0.3, 0.6)):
         shares = [_heard(parameters, 3.0, task, WifiParameters(3.0, d, 1, duty)) for d in distances]
         series.append(Series(f"on {duty:.0%} of the time", distances, shares, colour, dots=True))
         series.append(Series("", distances, shares, colour))
-    x = Axis(
-        "distance of the Wi-Fi station from the receiver, m",
-        1.0,
-        40.0,
-        (1, 2, 3, 5, 8, 12, 20, 40),
-        logarithmic=True,
-    )
-    return chart("127-octet frames over 3 m beside Wi-Fi on the same channel", x, _SHARE, series)
+    title = "127-octet frames over 3 m beside Wi-Fi on the same channel"
+    label, ticks = "distance of the Wi-Fi station from the receiver, m", (1, 2, 3, 5, 8, 12, 20, 40)
+    return Chart(title, label, ticks, series, logarithmic=True)
 
 
-def _contention(task: PlotTask, reference: list[OperatingPoint]) -> str:
+def _contention(task: PlotTask, reference: list[OperatingPoint]) -> Chart:
     series = [_KEY_NS3] if reference else []
     for colour, load in enumerate(_LOADS):
         name = "backlogged" if load == "sat" else f"G = {float(load):g}"
@@ -202,8 +237,8 @@ def _contention(task: PlotTask, reference: list[OperatingPoint]) -> str:
         at = [float(p.settings["n"]) for p in found]
         heard = [p.figures["pdr_tx"].value for p in found]
         series.append(Series("", at, heard, colour, dots=True))
-    x = Axis("senders, all in range of each other", 2.0, 50.0, (2, 5, 10, 20, 50), logarithmic=True)
-    return chart("60-octet broadcasts that arrive, of those sent", x, _SHARE, series)
+    label, ticks = "senders, all in range of each other", (2, 5, 10, 20, 50)
+    return Chart("60-octet broadcasts that arrive, of those sent", label, ticks, series, logarithmic=True)
 
 
 def _corridor(file: Path, map_file: Path, task: PlotTask) -> None:

@@ -9,12 +9,11 @@ variable that is exceeded as rarely (Wallace, "Bounds on normal approximations t
 distributions", Annals of Mathematical Statistics 30, 1959). `welch_t`: with each side's own variance.
 """
 
-import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from rich.console import Console
 from rich.table import Table
@@ -22,6 +21,7 @@ from rich.table import Table
 from actors.runtime.errors import AcrcError
 from benchmarks.radio.reference import FAMILIES, LATENCIES, OperatingPoint, ReferenceEstimate, points
 from benchmarks.radio.trials import NS3_MAC_OCTETS, measure
+from benchmarks.statistics.measured import Measured
 from observation.field_trial.clocks.student_t import quantile
 
 _FREEDOM_ENOUGH: Final = 200.0
@@ -31,18 +31,18 @@ _FAR: Final = 99.0
 """As many standard errors is a difference where there should be none at all."""
 
 
-@dataclass(frozen=True)
-class TruthTask:
-    """What is asked."""
-
-    times: int = 10
-    """Own frames per frame of the reference."""
-    inside_goal: float = 0.95
-    excess_goal: float = 0.005
-    """Of a share, beyond three combined standard errors."""
-    z_goal: float = 4.5
-    throughput_goal: float = 0.002
-    """Relative, of one backlogged sender against the closed formula."""
+INSIDE_GOAL: Final = 0.95
+EXCESS_GOAL: Final = 0.005
+"""Of a share, beyond three combined standard errors."""
+Z_GOAL: Final = 4.5
+THROUGHPUT_GOAL: Final = 0.002
+"""Relative, of one backlogged sender against the closed formula."""
+_BACKLOGGED: Final = tuple(
+    OperatingPoint(family, {"n": "1", "psdu": psdu, "load": "sat"}, 1, 2000, {})
+    for family in ("b_single_saturated", "b_single_saturated_ack")
+    for psdu in ("20", "60", "127")
+)
+"""What the closed formula is about, without figures of anybody else."""
 
 
 @dataclass(frozen=True)
@@ -79,21 +79,29 @@ class Agreement:
     """Where `worst_z` is."""
 
 
-def run(folder: Path, json_output: bool = False, task: TruthTask | None = None) -> dict[str, Any]:
-    """Print, and give, how the medium compares with the reference in the folder."""
-    task = task or TruthTask()
-    console = Console(stderr=json_output)
+def check(data: Path | None = None, runs: int = 10) -> Measured:
+    """How the medium compares with the reference in the folder, with so many own frames per frame of it.
+
+    Without a folder: how one backlogged sender compares with the closed formula.
+    """
+    if data is None:
+        worst = max(
+            abs(measure(point, runs)["goodput_kbps"].value / formula_kbps(point) - 1) for point in _BACKLOGGED
+        )
+        says = f"One backlogged sender: within {worst:.3%} of the closed formula."
+        return Measured({"throughput_error": worst}, (says,), worst <= THROUGHPUT_GOAL)
+    console = Console(stderr=True)
     families: dict[str, list[Comparison]] = {}
     numbers: dict[str, int] = {}
     throughput: list[float] = []
     for family in FAMILIES:
-        there = points(folder, family)
+        there = points(data, family)
         if not there:
             console.print(f"{family}: no file {family}.csv with rows, left out.", highlight=False)
             continue
         families[family], numbers[family] = [], len(there)
         for point in there:
-            own = measure(point, task.times)
+            own = measure(point, runs)
             families[family] += [
                 compare(point, name, reference, own[name])
                 for name, reference in point.figures.items()
@@ -102,30 +110,43 @@ def run(folder: Path, json_output: bool = False, task: TruthTask | None = None) 
             if family.startswith("b_"):
                 throughput.append(own["goodput_kbps"].value / formula_kbps(point) - 1)
     if not families:
-        raise AcrcError(f"{folder}: there is none of the files {', '.join(FAMILIES)}, each with .csv.")
+        raise AcrcError(f"{data}: there is none of the files {', '.join(FAMILIES)}, each with .csv.")
+    return _judged(families, numbers, max((abs(error) for error in throughput), default=0.0), runs)
+
+
+def _judged(
+    families: Mapping[str, Sequence[Comparison]], numbers: Mapping[str, int], worst: float, runs: int
+) -> Measured:
+    """`worst`: throughput error; `numbers`: points by family."""
     agreements = [agreement(family, numbers[family], found) for family, found in families.items()]
     every = [comparison for found in families.values() for comparison in found]
     total = agreement("all", sum(numbers.values()), every)
-    worst_throughput = max((abs(error) for error in throughput), default=0.0)
     met = {
-        "inside": total.inside >= task.inside_goal * total.comparisons,
-        "excess": total.worst_ratio_excess <= task.excess_goal,
-        "z": total.worst_z <= task.z_goal,
-        "throughput": worst_throughput <= task.throughput_goal,
+        "inside": total.inside >= INSIDE_GOAL * total.comparisons,
+        "excess": total.worst_ratio_excess <= EXCESS_GOAL,
+        "z": total.worst_z <= Z_GOAL,
+        "throughput": worst <= THROUGHPUT_GOAL,
     }
+    goals = {
+        "inside_goal": INSIDE_GOAL, "excess_goal": EXCESS_GOAL, "z_goal": Z_GOAL,
+        "throughput_goal": THROUGHPUT_GOAL,
+    }  # fmt: skip
     figures = {
-        "task": asdict(task),
+        "task": {"times": runs, **goals},
         "families": [asdict(one) for one in agreements],
         "all": asdict(total),
-        "throughput_error": worst_throughput,
+        "throughput_error": worst,
         "outside": [asdict(c) for c in every if not c.inside],
         "met": met,
     }
-    if json_output:
-        Console().print_json(json.dumps(figures))
-    else:
-        _print(console, [*agreements, total], worst_throughput, met)
-    return figures
+    missed = [name for name, reached in met.items() if not reached]
+    shown = (
+        _table([*agreements, total]),
+        f"Worst: {total.worst}",
+        f"One backlogged sender: within {worst:.3%} of the closed formula.",
+        f"Goals missed: {', '.join(missed)}." if missed else "All goals met.",
+    )
+    return Measured(figures, shown, not missed)
 
 
 def compare(
@@ -202,7 +223,7 @@ def _ratio(difference: float, error: float) -> float:
     return 0.0 if abs(difference) <= _ROUNDING else math.copysign(_FAR, difference)
 
 
-def _print(console: Console, rows: Sequence[Agreement], throughput: float, met: dict[str, bool]) -> None:
+def _table(rows: Sequence[Agreement]) -> Table:
     table = Table(title="The medium beside the reference, preset ns3")
     for name in ("family", "points", "comparisons", "inside", "trivial", "worst z", "worst excess"):
         table.add_column(name, justify="left" if name == "family" else "right")
@@ -212,8 +233,4 @@ def _print(console: Console, rows: Sequence[Agreement], throughput: float, met: 
             row.family, str(row.points), str(row.comparisons), share, str(row.trivial),
             f"{row.worst_z:.2f}", f"{row.worst_ratio_excess:+.4f}",
         )  # fmt: skip
-    console.print(table)
-    console.print(f"Worst: {rows[-1].worst}", highlight=False)
-    console.print(f"One backlogged sender: within {throughput:.3%} of the closed formula.", highlight=False)
-    missed = [name for name, reached in met.items() if not reached]
-    console.print(f"Goals missed: {', '.join(missed)}." if missed else "All goals met.", highlight=False)
+    return table

@@ -1,1 +1,1 @@
-"""Recordings of a whole swarm: what they cost, how large they get, how fast a robot is replayed."""
+"""Recordings of a swarm: cost, size, how fast a robot is replayed, and what their seal finds."""

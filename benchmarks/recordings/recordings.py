@@ -10,7 +10,7 @@ from unittest.mock import patch
 from actors.runtime.bus.memory_bus import run_shells
 from actors.runtime.recording import Recorder
 from actors.runtime.shell import Shell
-from benchmarks.statistics.rows import print_rows
+from benchmarks.statistics.measured import Measured, table_of
 from benchmarks.swarm import part_clock
 from benchmarks.swarm.part_clock import PartClock
 from benchmarks.swarm.task import SwarmTask, planned
@@ -52,17 +52,21 @@ class Found:
         return cheap and self.lost == 0 and self.replay_speed >= GOAL_SPEED
 
 
-def run(robots: int, seconds: float, robot: str, json_output: bool = False) -> bool:
-    """Measure and print; True where every goal is reached. AcrcError if the run, or the replay, fails."""
-    found = measure(robots, seconds, robot)
-    title = f"{found.robots} robots, {found.simulated_s:g} s, in memory; {found.run_cpu_s:.0f} s CPU"
-    print_rows([row(found)], title, json_output=json_output)
-    return found.reached
+def measure(robots: Sequence[int] = (20,), duration: float = 600.0) -> Measured:
+    """Each number of robots for so many simulated s; AcrcError if the run, or the replay, fails."""
+    found = [figures(count, duration, "r1") for count in robots]
+    rows = [row(one) for one in found]
+    return Measured(
+        rows, (table_of(rows, "in memory, each with its goal"),), all(one.reached for one in found)
+    )
 
 
 def row(found: Found) -> dict[str, object]:
     """What is printed: each figure with its goal."""
     return {
+        "robots": found.robots,
+        "simulated s": f"{found.simulated_s:g}",
+        "CPU s": f"{found.run_cpu_s:.0f}",
         f"CPU for recording (≤ {GOAL_SHARE:.0%})": f"{found.share:.1%}",
         f"MB per simulated minute (≤ {GOAL_MB:g})": f"{found.mb_per_minute:.1f}",
         "lost (0)": found.lost,
@@ -71,7 +75,7 @@ def row(found: Found) -> dict[str, object]:
     }
 
 
-def measure(robots: int, seconds: float, robot: str) -> Found:
+def figures(robots: int, seconds: float, robot: str) -> Found:
     """One run of the chapter's scenario, with the recorder clocked and nothing else."""
     cost = part_clock.overhead()
     clock = PartClock()

@@ -1,1 +1,1 @@
-"""What benchmarks share: independent runs, confidence intervals, rows of a table, CPU time."""
+"""What claims and benchmarks share: figures with a verdict, independent runs, intervals, CPU time."""

@@ -1,1 +1,1 @@
-"""Whole swarms: speed, CPU time by part, relays, crowded starts, campaigns and violent ends."""
+"""Whole swarms: speed, CPU time by part, traffic, relays, crowded starts, campaigns and violent ends."""

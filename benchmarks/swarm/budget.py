@@ -1,4 +1,4 @@
-"""A budget of CPU time: what each part of a swarm costs per robot and second, and how that grows."""
+"""A budget of CPU time: what each part of a swarm costs per robot and second."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -17,22 +17,6 @@ class Line(NamedTuple):
     part: str
     ms: float
     """CPU ms per robot and simulated second."""
-
-
-class Growth(NamedTuple):
-    """What one line comes to with few robots and with many."""
-
-    actor: str
-    part: str
-    few_ms: float
-    many_ms: float
-    share: float
-    """Of the growth of the whole; negative where the line shrinks."""
-
-    @property
-    def factor(self) -> float | None:
-        """None where there was nothing with few robots."""
-        return self.many_ms / self.few_ms if self.few_ms else None
 
 
 def budget(
@@ -71,15 +55,3 @@ def with_processes(lines: Sequence[Line], by_actor: Mapping[str, float], part: s
         for actor, ms in by_actor.items()
     ]
     return [*own, *beyond]
-
-
-def growth(few: Sequence[Line], many: Sequence[Line]) -> list[Growth]:
-    """Line by line, the one that grows most first; a line that is missing on one side counts as 0."""
-    before = {(line.actor, line.part): line.ms for line in few}
-    after = {(line.actor, line.part): line.ms for line in many}
-    grown = whole(many) - whole(few)
-    rows = []
-    for key in dict.fromkeys((*before, *after)):
-        was, now = before.get(key, 0.0), after.get(key, 0.0)
-        rows.append(Growth(*key, was, now, (now - was) / grown if grown else 0.0))
-    return sorted(rows, key=lambda row: row.few_ms - row.many_ms)

@@ -8,54 +8,43 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from actors.installation.repository import REPOSITORY
-from actors.runtime.errors import AcrcError
-from benchmarks.statistics.rows import print_rows
+from benchmarks.statistics.command_line import answer
+from benchmarks.statistics.measured import Measured, table_of
 
-_ACRC: Final = (sys.executable, "-P", "-m", "command_line")
 _SPIN: Final = (sys.executable, "-c", "while True: pass")
 
 
-@dataclass(frozen=True)
-class CrowdedStartTask:
-    """What is tried."""
-
-    robots: int = 100
-    simulated_s: float = 2.0
-    hogs_per_core: int = 4
-    """Processes that do nothing but compute, for each of the computer's cores; own choice."""
-    patience_s: float = 1800.0
-    """After so long a run counts as hung."""
+_SIMULATED_S: Final = 2.0
+_PATIENCE_S: Final = 1800.0
+"""After so long a run counts as hung."""
 
 
-def run(task: CrowdedStartTask, json_output: bool = False) -> bool:
-    """Start them with and without company, print, and say whether all runs ended with one digest."""
+def check(robots: int = 100, hogs_per_core: int = 4) -> Measured:
+    """Start them with and without company; it holds where all runs end with one digest.
+
+    `hogs_per_core`: processes that do nothing but compute, for each of the computer's cores.
+    """
+    hogs = hogs_per_core * (os.cpu_count() or 1)
     rows = [
-        _row("in memory", ("--bus", "memory"), 0, task),
-        _row("processes", (), 0, task),
-        _row("processes, busy computer", (), task.hogs_per_core * (os.cpu_count() or 1), task),
+        _row("in memory", ("--bus", "memory"), 0, robots),
+        _row("processes", (), 0, robots),
+        _row("processes, busy computer", (), hogs, robots),
     ]
-    print_rows(rows, f"{task.robots} robots, {task.simulated_s:g} s simulated", json_output=json_output)
-    return len({row["digest"] for row in rows}) == 1
+    table = table_of(rows, f"{robots} robots, {_SIMULATED_S:g} s simulated")
+    return Measured(rows, (table,), len({row["digest"] for row in rows}) == 1)
 
 
-def _row(name: str, words: Sequence[str], hogs: int, task: CrowdedStartTask) -> dict[str, object]:
+def _row(name: str, words: Sequence[str], hogs: int, robots: int) -> dict[str, object]:
     began_s = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder, busy(hogs):
-        done = subprocess.run(
-            [
-                *_ACRC, "run", "--robots", str(task.robots), "--duration", f"{task.simulated_s:g}", "--json",
-                *words, "--out", str(Path(folder) / "out"),
-            ],
-            capture_output=True, text=True, cwd=REPOSITORY, timeout=task.patience_s, check=False,
+        told = answer(
+            "run", "--robots", str(robots), "--duration", f"{_SIMULATED_S:g}", "--json", *words,
+            "--out", str(Path(folder) / "out"), patience_s=_PATIENCE_S,
         )  # fmt: skip
-    if done.returncode != 0:
-        raise AcrcError(f"{name}: {task.robots} robots do not run: {done.stderr.strip()[-300:]}")
-    result = json.loads(done.stdout)
+    result = json.loads(told)
     return {
         "run": name,
         "other processes": hogs,

@@ -2,7 +2,6 @@
 
 import json
 import signal
-import subprocess
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
@@ -11,14 +10,17 @@ from pathlib import Path
 
 from rich.console import Console
 
-from actors.installation.repository import REPOSITORY
-from actors.runtime.errors import AcrcError
-from benchmarks.statistics.rows import print_rows
-from benchmarks.swarm.endings_trial import MODES, Ending, EndingsTask, attempt, deed, run_command
+from benchmarks.statistics.command_line import answer
+from benchmarks.statistics.measured import Measured, table_of
+from benchmarks.swarm.endings_trial import MODES, Ending, EndingsTask, attempt, deed, run_words
 
 
-def run(task: EndingsTask, workers: int, json_output: bool = False) -> bool:
-    """Try, print, and say whether every run ended, or went on, as it must."""
+def check(runs: int = 200, seed: int = 1, longest_stop: float = 60.0, workers: int = 4) -> Measured:
+    """Kill, stop and signal so many runs; it holds where each ends, or goes on, as it must.
+
+    `longest_stop`: processes are stopped for 5 s to so long. `workers`: so many runs at a time.
+    """
+    task = EndingsTask(runs, seed, longest_stop=longest_stop)
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     _obeyed_by_children()
     digest = _undisturbed(task)
@@ -30,8 +32,8 @@ def run(task: EndingsTask, workers: int, json_output: bool = False) -> bool:
             for fault in ending.faults:
                 console.print(f"{len(endings)}: {ending.deed}: {fault}", markup=False)
     rows = table_rows(endings)
-    print_rows(rows, f"{task.count} runs, seed {task.seed}", json_output=json_output)
-    return not any(ending.faults for ending in endings)
+    table = table_of(rows, f"{task.count} runs, seed {task.seed}")
+    return Measured(rows, (table,), not any(ending.faults for ending in endings))
 
 
 def table_rows(endings: Sequence[Ending]) -> list[dict[str, object]]:
@@ -67,9 +69,6 @@ def _obeyed_by_children() -> None:
 def _undisturbed(task: EndingsTask) -> str:
     """The digest of the run when nothing is done to it."""
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
-        command = run_command(Path(folder) / "out", "forkserver", task)
-        done = subprocess.run(command, capture_output=True, text=True, cwd=REPOSITORY, check=False)
-    if done.returncode != 0:
-        raise AcrcError(f"the run that nothing is done to fails: {done.stderr.strip()[-300:]}")
-    digest: str = json.loads(done.stdout)["digest"]
+        told = answer(*run_words(Path(folder) / "out", "forkserver", task))
+    digest: str = json.loads(told)["digest"]
     return digest

@@ -7,7 +7,6 @@ import random
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -16,7 +15,9 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from actors.installation.repository import REPOSITORY
+from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
+from benchmarks.statistics.command_line import ACRC, answer
 
 MODES: Final = {
     "forkserver": ("--no-isolate",),
@@ -26,7 +27,6 @@ MODES: Final = {
 """How a run is started, by its name in the table."""
 SWARM: Final = ("world", "radio", "r1", "r2")
 DEEDS: Final = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGSTOP)
-_ACRC: Final = (sys.executable, "-m", "command_line")
 _FORKSERVER: Final = "forkserver"
 _ALL: Final = "all"
 _PARENT: Final = "acrc"
@@ -91,10 +91,10 @@ def deed(number: int, task: EndingsTask) -> Deed:
     return Deed(draw.choice(list(MODES)), what, victim, draw.uniform(0.0, task.window), hold)
 
 
-def run_command(out: Path, mode: str, task: EndingsTask) -> list[str]:
-    """The run that it is done to."""
+def run_words(out: Path, mode: str, task: EndingsTask) -> list[str]:
+    """The command line of the run that it is done to."""
     words = ("--robots", "2", "--duration", f"{task.simulated}", "--speed", f"{task.speed}", "--json")
-    return [*_ACRC, "run", *words, *MODES[mode], "--out", str(out)]
+    return ["run", *words, *MODES[mode], "--out", str(out)]
 
 
 def attempt(one: Deed, task: EndingsTask, digest: str) -> Ending:
@@ -103,7 +103,7 @@ def attempt(one: Deed, task: EndingsTask, digest: str) -> Ending:
     out = folder / "out"
     try:
         process = subprocess.Popen(
-            run_command(out, one.mode, task),
+            [*ACRC, *run_words(out, one.mode, task)],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -204,7 +204,8 @@ def _unchecked(out: Path) -> Sequence[str]:
     """Whether `acrc record check` refuses what was recorded, if anything was."""
     if not any(out.glob("*/*.mcap")):
         return ()
-    done = subprocess.run(
-        [*_ACRC, "record", "check", str(out)], capture_output=True, text=True, cwd=REPOSITORY, check=False
-    )
-    return () if done.returncode == 0 else (f"record check: {done.stderr.strip()[-200:]}",)
+    try:
+        answer("record", "check", str(out))
+    except AcrcError as error:
+        return (str(error),)
+    return ()

@@ -1,8 +1,5 @@
-"""A full swarm in one process: CPU time by part, and the functions that take most of it."""
+"""A full swarm in one process: CPU time by part."""
 
-import cProfile
-import io
-import pstats
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -72,6 +69,12 @@ def in_memory(count: int, task: SwarmTask, clock_cost: part_clock.Overhead) -> M
     )
 
 
+def plain_ms(count: int, task: SwarmTask) -> float:
+    """CPU per robot and simulated second of one run, ms, with nothing measured inside."""
+    spent_ns, result = _plain_run(count, task)
+    return spent_ns / count / result.simulated_s / 1e6
+
+
 def _plain_run(count: int, task: SwarmTask) -> tuple[int, RunResult]:
     spent: list[int] = []
 
@@ -96,16 +99,3 @@ def _clocked_run(count: int, task: SwarmTask) -> PartClock:
 
     _memory_run(count, task, clocked)
     return clock
-
-
-def profile(count: int, task: SwarmTask, most: int = 25) -> str:
-    """The functions that take most of a run in memory, by their own time."""
-    profiler = cProfile.Profile()
-
-    def profiled(shells: Sequence[Shell], hold: Callable[[Shell], None]) -> None:
-        profiler.runcall(run_shells, shells, hold)
-
-    _memory_run(count, task, profiled)
-    text = io.StringIO()
-    pstats.Stats(profiler, stream=text).strip_dirs().sort_stats("tottime").print_stats(most)
-    return text.getvalue()

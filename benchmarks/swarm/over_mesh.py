@@ -78,6 +78,12 @@ def over_mesh(count: int, task: SwarmTask) -> MeshFigures:
     )
 
 
+def plain_mesh_ms(count: int, task: SwarmTask) -> float:
+    """CPU of all processes per robot and simulated second of one run, ms."""
+    run = _mesh_run(count, task)
+    return sum(run.by_actor.values()) / count / run.result.simulated_s * 1e3
+
+
 def _mesh_run(count: int, task: SwarmTask) -> _MeshRun:
     parent: list[float] = []
 

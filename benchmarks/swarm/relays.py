@@ -1,9 +1,7 @@
 """Rules of relaying side by side: what they have robots send and hear, and how old what robots know is."""
 
-import json
-import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from statistics import mean
 from typing import Final
@@ -12,61 +10,52 @@ from rich.console import Console
 from rich.table import Table
 
 from actors.installation.repository import REPOSITORY
+from actors.installation.usage import wrong_value
 from actors.robot.behaviour.ports import EVERYBODY_DBM
 from benchmarks.statistics.confidence import Interval, average
+from benchmarks.statistics.measured import Measured
 from benchmarks.statistics.pool import in_order
 from benchmarks.swarm.relay_run import OLD_S, UNKNOWN_S, RelayFigures, RelayTask, examine
 from deploy.scenario.scenario_file import load_scenario
 
 SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
 ROBOTS: Final = (4, 10, 20, 50, 100)
+_LEAST_ROBOTS: Final = 2
+_LEAST_S: Final = 15.0
+"""Simulated; knowledge is as old as it gets by then."""
 BELOW_DBM: Final = (-75.0, -80.0, -82.0, -85.0)
 
 
-@dataclass(frozen=True)
-class RelaysTask:
-    """What is compared: the scenario's own rule, everybody, and each threshold."""
+def measure(
+    robots: Sequence[int] = ROBOTS,
+    duration: float = 20.0,
+    below: Sequence[float] = BELOW_DBM,
+    seeds: int = 2,
+    seed: int = 1,
+    scenario: Path = SCENARIO,
+) -> Measured:
+    """Run the scenario's own rule, everybody's, and each threshold, from so many seeds, `seed` first.
 
-    scenario: Path = SCENARIO
-    robots: tuple[int, ...] = ROBOTS
-    below_dbm: tuple[float, ...] = BELOW_DBM
-    seeds: int = 2
-    first_seed: int = 1
-    duration: float = 20.0
-    """Simulated s of each run."""
-
-
-def run(task: RelaysTask, json_output: bool = False, workers: int | None = None) -> list[RelayFigures]:
-    """Run each rule with each number of robots from each seed; print and give what came of it."""
-    own_dbm = load_scenario(task.scenario).deeco.relay_below
-    rules = sorted({EVERYBODY_DBM, own_dbm, *task.below_dbm}, reverse=True)
-    seeds = range(task.first_seed, task.first_seed + task.seeds)
+    `duration`: simulated s of each run. `below`: thresholds, dBm.
+    """
+    if min(robots) < _LEAST_ROBOTS:
+        raise wrong_value("--robots", min(robots), f"at least {_LEAST_ROBOTS} for relays")
+    if duration < _LEAST_S:
+        raise wrong_value("--duration", f"{duration:g}", f"at least {_LEAST_S:g} for relays")
+    own_dbm = load_scenario(scenario).deeco.relay_below
+    rules = sorted({EVERYBODY_DBM, own_dbm, *below}, reverse=True)
     tasks = [
-        RelayTask(task.scenario, robots, seed, task.duration, below_dbm)
-        for robots in sorted(set(task.robots), reverse=True)  # those that take longest first
-        for seed in seeds
+        RelayTask(scenario, count, one, duration, below_dbm)
+        for count in sorted(set(robots), reverse=True)  # those that take longest first
+        for one in range(seed, seed + seeds)
         for below_dbm in rules
     ]
     Console(stderr=True).print(f"{len(tasks)} runs …", highlight=False)
-    found = list(in_order(examine, tasks, workers))
-    if json_output:
-        sys.stdout.write(json.dumps([asdict(one) for one in found]) + "\n")
-    else:
-        _print(found, own_dbm)
-    return found
-
-
-def _print(found: Sequence[RelayFigures], own_dbm: float) -> None:
-    console = Console()
-    of_each = [
-        [one for one in found if one.robots == robots] for robots in sorted({one.robots for one in found})
-    ]
-    for runs in of_each:
-        console.print(_figures(runs, own_dbm))
-    console.print(_LEGEND, highlight=False)
-    for runs in of_each:
-        for sentence in _changes(runs):
-            console.print(sentence, highlight=False, soft_wrap=True)
+    found = list(in_order(examine, tasks))
+    of_each = [[one for one in found if one.robots == count] for count in sorted(set(robots))]
+    shown: list[Table | str] = [_figures(runs, own_dbm) for runs in of_each]
+    changes = [sentence for runs in of_each for sentence in _changes(runs)]
+    return Measured([asdict(one) for one in found], [*shown, _LEGEND, *changes])
 
 
 def _figures(runs: Sequence[RelayFigures], own_dbm: float) -> Table:

@@ -4,74 +4,55 @@ import json
 import random
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from actors.installation.repository import REPOSITORY
-from actors.runtime.errors import AcrcError
-from benchmarks.statistics.rows import print_rows
+from benchmarks.statistics.command_line import ACRC, answer
+from benchmarks.statistics.measured import Measured, table_of
 
 _LOOK_S: Final = 0.02
-_ACRC: Final = (sys.executable, "-P", "-m", "command_line", "campaign")
 
 
-@dataclass(frozen=True)
-class ResumeTask:
-    """What is tried."""
+def check(runs: int = 10, duration: float = 20.0, seed: int = 1) -> Measured:
+    """Kill a campaign so often, and resume it; it holds where each record is as without, and made once.
 
-    kills: int = 10
-    seeds: int = 10
-    """Of the strategies none and chapter, with two robots."""
-    duration: float = 20.0
-    """Simulated s of each run."""
-    seed: int = 1
-    """From which the moments are drawn."""
-
-
-def run(task: ResumeTask, json_output: bool = False) -> bool:
-    """Kill and resume, print, and say whether every record is as without, and none was made twice."""
+    The campaign has the strategies none and chapter, two robots, and as many seeds, `duration` simulated s
+    each. `seed`: from which the moments are drawn.
+    """
     words = (
-        *("--strategies", "none,chapter", "--seeds", str(task.seeds), "--robots", "2"),
-        *("--duration", f"{task.duration:g}", "--check-every", "0", "--json"),
+        *("--strategies", "none,chapter", "--seeds", str(runs), "--robots", "2"),
+        *("--duration", f"{duration:g}", "--check-every", "0", "--json"),
     )
-    rng, rows, kept = random.Random(task.seed), [], dict[str, int]()
+    rng, rows, kept = random.Random(seed), [], dict[str, int]()
     with tempfile.TemporaryDirectory(prefix="acrc-") as name:
         whole, cut = Path(name) / "whole", Path(name) / "cut"
-        _finish((*words, "--out", str(whole)))
-        each_s = _lasted_s(whole) / task.kills
+        answer("campaign", *words, "--out", str(whole))
+        each_s = _lasted_s(whole) / runs
         stayed = True
-        for number in range(1, task.kills + 1):
+        for number in range(1, runs + 1):
             after_s = rng.uniform(0.0, 2 * each_s)
             over = _kill((*words, "--out", str(cut)), cut, after_s)
             there = _times(cut)
             same = kept.items() <= there.items()
             rows.append({"kill": number, "after s": f"{after_s:.1f}", "runs kept": len(there), "over": over})
             stayed, kept = stayed and same, there
-        _finish((*words, "--out", str(cut)))
+        answer("campaign", *words, "--out", str(cut))
         stayed = stayed and kept.items() <= _times(cut).items()
         equal = _digests(whole) == _digests(cut)
     title = f"records as without any kill: {equal}; none made twice or changed: {stayed}"
-    print_rows(rows, title, json_output=json_output)
-    return equal and stayed
-
-
-def _finish(words: tuple[str, ...]) -> None:
-    done = subprocess.run([*_ACRC, *words], cwd=REPOSITORY, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise AcrcError(f"a campaign does not come to its end: {done.stderr.strip()[-300:]}")
+    return Measured(rows, (table_of(rows, title),), equal and stayed)
 
 
 def _kill(words: tuple[str, ...], folder: Path, after_s: float) -> bool:
     """Begin, and kill so long after a run has begun; True if all was over by then."""
     began_ns = time.time_ns()
     with subprocess.Popen(
-        [*_ACRC, *words], cwd=REPOSITORY, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [*ACRC, "campaign", *words], cwd=REPOSITORY, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     ) as process:
         while process.poll() is None and not any(
             at > began_ns for at in _times(folder, "logs/*.log").values()

@@ -1,145 +1,110 @@
-"""The figures of full swarms as a person reads them."""
+"""The figures of swarms as a person reads them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
-from rich.console import Console
 from rich.table import Table
 
-from benchmarks.swarm.budget import growth, whole
-from benchmarks.swarm.figures import SwarmFigures
-from benchmarks.swarm.speed_goals import SpeedGoal
+from benchmarks.swarm.budget import whole
+from benchmarks.swarm.figures import ROBOTS, SpeedGoal, SwarmFigures, memory_mb
+from benchmarks.swarm.over_mesh import MeshFigures
 from benchmarks.swarm.task import Range, SwarmTask
 
 
-def show(
-    task: SwarmTask, figures: Sequence[SwarmFigures], goals: Sequence[SpeedGoal], profiles: Mapping[int, str]
-) -> None:
-    """Print everything."""
-    console = Console(width=150)
-    console.print(_speeds(figures, task))
-    console.print(_budget(figures))
-    console.print(_processes(figures))
-    console.print(_memory(figures))
-    for one in figures:
-        memory = one.memory
-        net = memory.clocked_ms - memory.clock_ms
-        console.print(
-            f"{one.robots} robots: the clocks in the parts cost {memory.clock_ms:.2f} of "
-            f"{memory.clocked_ms:.2f} ms; without them {net:.2f} is left, and a run without any takes "
-            f"{memory.ms:.2f}",
-            highlight=False,
-        )
-    if len(figures) > 1:
-        console.print(_growth(figures[0], figures[-1]))
-    for count, profile in profiles.items():
-        console.print(f"{count} robots in memory, by the functions' own time:", highlight=False)
-        console.print(profile, highlight=False, markup=False, soft_wrap=True)
-    for goal in goals:
-        console.print(
-            f"goal, {goal.words}: {goal.figure:.2f}, {'met' if goal.met else 'MISSED'}", highlight=False
-        )
+def shown(task: SwarmTask, swarms: Sequence[SwarmFigures], goals: Sequence[SpeedGoal]) -> list[Table | str]:
+    """Everything."""
+    meshes = {one.robots: one.mesh for one in swarms if one.mesh}
+    tables: list[Table | str] = [_speeds(swarms, task), _budget(swarms), _traffic(swarms)]
+    if meshes:
+        tables += [_processes(meshes), _memory(meshes)]
+    said = [f"goal, {one.words}: {one.figure:.2f}, {'met' if one.met else 'MISSED'}" for one in goals]
+    return [*tables, *said]
 
 
-def _speeds(figures: Sequence[SwarmFigures], task: SwarmTask) -> Table:
-    columns = (
-        "simulated s",
-        "x real time",
-        "in memory",
-        "CPU ms",
-        "in memory",
-        "ping-pong",
-        "start s",
-        "its CPU s",
-        "load",
+def _speeds(swarms: Sequence[SwarmFigures], task: SwarmTask) -> Table:
+    title = (
+        f"{task.scenario.name}, over Zenoh: median (least-greatest) of {task.repeat}; CPU ms per robot and "
+        "simulated second;\nothers: cores busy with something else; yardstick: CPU ms of fixed work"
     )
-    table = Table("robots", *columns, "others", "yardstick", title=_title(task))
-    for one in figures:
-        mesh = one.mesh
+    table = Table(
+        *("robots", "simulated s", "x real time", "in memory", "CPU ms", "in memory"),
+        *("idle", "idle, in memory", "ping-pong", "start s", "its CPU s", "load", "others", "yardstick"),
+        title=title,
+    )
+    for one in swarms:
+        mesh, memory = one.mesh, one.memory
         table.add_row(
             str(one.robots),
             f"{one.simulated_s:g}",
-            _spread(mesh.real_time_factor, 1),
-            f"{one.memory.real_time_factor:.1f}",
-            _spread(mesh.ms, 2),
-            f"{one.memory.ms:.2f}",
+            _spread(mesh.real_time_factor, 1) if mesh else "-",
+            f"{memory.real_time_factor:.1f}",
+            _spread(mesh.ms, 2) if mesh else "-",
+            f"{memory.ms:.2f}",
+            f"{one.idle.ms:.2f}" if one.idle else "-",
+            f"{one.idle.memory_ms:.2f}" if one.idle else "-",
             f"{one.ping_pong_ms:.2f}",
-            f"{mesh.startup_s.median:.1f}",
-            f"{mesh.startup_cpu_s.median:.1f}",
+            f"{mesh.startup_s.median:.1f}" if mesh else "-",
+            f"{mesh.startup_cpu_s.median:.1f}" if mesh else "-",
             f"{one.load:.1f}",
-            f"{mesh.others.median:.1f}",
+            f"{mesh.others.median:.1f}" if mesh else "-",
             f"{one.yardstick_ms:.1f}",
         )
     return table
-
-
-def _title(task: SwarmTask) -> str:
-    return (
-        f"{task.scenario.name}, over Zenoh: median (least-greatest) of {task.repeat}; "
-        "CPU per robot and simulated second;\nothers: cores busy with something else; "
-        "yardstick: CPU ms of a fixed piece of work"
-    )
 
 
 def _spread(spread: Range, digits: int) -> str:
     return f"{spread.median:.{digits}f} ({spread.least:.{digits}f}-{spread.greatest:.{digits}f})"
 
 
-def _budget(figures: Sequence[SwarmFigures]) -> Table:
+def _budget(swarms: Sequence[SwarmFigures]) -> Table:
     """Every line for every number of robots, and what they add up to."""
     title = "CPU by part, ms per robot and simulated second, over Zenoh"
-    table = Table("", "part", *(f"{one.robots} robots" for one in figures), title=title)
-    by_key = [{(line.actor, line.part): line.ms for line in one.lines} for one in figures]
-    actors = dict.fromkeys(line.actor for one in figures for line in one.lines)
+    table = Table("", "part", *(f"{one.robots} robots" for one in swarms), title=title)
+    by_key = [{(line.actor, line.part): line.ms for line in one.lines} for one in swarms]
+    actors = dict.fromkeys(line.actor for one in swarms for line in one.lines)
     for actor in actors:
         keys = dict.fromkeys(key for table_of in by_key for key in table_of if key[0] == actor)
         rows = [(key[1], [of.get(key, 0.0) for of in by_key]) for key in keys]
         for name, values in sorted(rows, key=lambda row: -row[1][-1]):
             table.add_row("", name, *(f"{value:.3f}" for value in values))
-        sums = [whole([line for line in one.lines if line.actor == actor]) for one in figures]
+        sums = [whole([line for line in one.lines if line.actor == actor]) for one in swarms]
         table.add_row(actor, "all", *(f"{value:.3f}" for value in sums), style="bold")
         table.add_section()
-    table.add_row("all", "", *(f"{whole(one.lines):.3f}" for one in figures), style="bold")
+    table.add_row("all", "", *(f"{whole(one.lines):.3f}" for one in swarms), style="bold")
     return table
 
 
-def _processes(figures: Sequence[SwarmFigures]) -> Table:
+def _traffic(swarms: Sequence[SwarmFigures]) -> Table:
+    names = ("published", "frames sent", "copies computed", "frames heard", "packets", "news", "no news")
+    table = Table("robots", *names, title="the air, per robot and simulated second")
+    for one in swarms:
+        of = one.traffic
+        rates = (of.published, of.frames, of.copies, of.heard, of.packets, of.news, of.stale)
+        table.add_row(str(one.robots), *(f"{rate:.2f}" for rate in rates))
+    return table
+
+
+def _processes(meshes: dict[int, MeshFigures]) -> Table:
     title = "processes: CPU ms per robot and simulated second, the kernel's share, context switches"
     table = Table("robots", "kind", "CPU ms", "kernel", "switches per robot and step", title=title)
-    for one in figures:
-        for actor, ms in one.mesh.by_actor.items():
-            share, switches = one.mesh.system[actor], one.mesh.switches[actor]
-            table.add_row(str(one.robots), actor, f"{ms:.3f}", f"{share:.0%}", f"{switches:.2f}")
+    for robots, mesh in meshes.items():
+        for actor, ms in mesh.by_actor.items():
+            share, switches = mesh.system[actor], mesh.switches[actor]
+            table.add_row(str(robots), actor, f"{ms:.3f}", f"{share:.0%}", f"{switches:.2f}")
         table.add_section()
     return table
 
 
-def _memory(figures: Sequence[SwarmFigures]) -> Table:
-    table = Table(
-        "robots", "kind", "processes", "RSS MB", "PSS MB", "private MB", title="memory, all of a kind"
-    )
-    for one in figures:
-        for name, of in one.mesh.memory.items():
+def _memory(meshes: dict[int, MeshFigures]) -> Table:
+    columns = ("robots", "kind", "processes", "RSS MB", "PSS MB", "private MB")
+    table = Table(*columns, title="memory, all of a kind; a robot: PSS of one")
+    for robots, mesh in meshes.items():
+        for name, of in mesh.memory.items():
             sizes = (of.rss_mb, of.pss_mb, of.private_mb)
-            table.add_row(str(one.robots), name, str(of.processes), *(f"{size:.1f}" for size in sizes))
-        total = one.mesh.memory.values()
+            table.add_row(str(robots), name, str(of.processes), *(f"{size:.1f}" for size in sizes))
+        total = mesh.memory.values()
         sums = (sum(of.pss_mb for of in total), sum(of.private_mb for of in total))
         number = str(sum(of.processes for of in total))
-        table.add_row(str(one.robots), "all", number, "", *(f"{size:.1f}" for size in sums), style="bold")
+        table.add_row(str(robots), "all", number, "", *(f"{size:.1f}" for size in sums), style="bold")
+        table.add_row(str(robots), "a robot", "1", "", f"{memory_mb(mesh.memory, ROBOTS):.1f}", "")
         table.add_section()
-    return table
-
-
-def _growth(few: SwarmFigures, many: SwarmFigures) -> Table:
-    """Which part grows with the number of robots."""
-    title = f"growth from {few.robots} to {many.robots} robots, per robot and second"
-    table = Table("", "part", "ms before", "ms after", "factor", "share of the growth", title=title)
-    rows = growth(few.lines, many.lines)
-    before, after = whole(few.lines), whole(many.lines)
-    sums = (f"{before:.3f}", f"{after:.3f}", f"{after / before:.2f}")
-    table.add_row("all", "", *sums, "100%", style="bold")
-    for row in rows:
-        factor_text = "-" if row.factor is None else f"{row.factor:.2f}"
-        table.add_row(
-            row.actor, row.part, f"{row.few_ms:.3f}", f"{row.many_ms:.3f}", factor_text, f"{row.share:.0%}"
-        )
     return table

@@ -1,1 +1,1 @@
-"""The world alone: physics, scans and floor plans, beside other simulators."""
+"""The world alone: physics and scans, beside other simulators."""

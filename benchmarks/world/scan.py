@@ -1,15 +1,12 @@
 """How fast scans are computed, and how exactly, beside pymunk's own segment queries in the same run."""
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
-from typing import Any
 
 import numpy as np
 import pymunk
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
 from actors.floor.grid import outline
@@ -19,6 +16,7 @@ from actors.messages import NO_ECHO_MM
 from actors.robot_model import scan_angles
 from actors.world.sensing import RangeSensors
 from benchmarks.statistics.cpu_time import best
+from benchmarks.statistics.measured import Measured
 from benchmarks.world.plain_swarm import strewn, turtlebot
 
 
@@ -53,8 +51,8 @@ class ScanTask:
     difference_goal_mm: float = 5.0
 
 
-def run(map_file: Path, json_output: bool = False, task: ScanTask | None = None) -> dict[str, Any]:
-    """Print, and give, the speeds for each number of rays on that map."""
+def measure(map_file: Path, task: ScanTask | None = None) -> Measured:
+    """The speeds for each number of rays on that map."""
     task = task or ScanTask()
     speeds = [_measure(map_file, rays, task) for rays in task.rays]
     met = all(
@@ -62,10 +60,6 @@ def run(map_file: Path, json_output: bool = False, task: ScanTask | None = None)
         for speed in speeds
     )
     figures = {"task": asdict(task), "speeds": [asdict(speed) for speed in speeds], "goal_met": met}
-    console = Console()
-    if json_output:
-        console.print_json(json.dumps(figures))
-        return figures
     columns = ("rays", "scans per CPU second", "pymunk", "ratio", "median difference", "beyond 5 mm")
     table = Table(*columns)
     table.title = f"scans by {task.robots} robots on {map_file.name}"
@@ -78,10 +72,8 @@ def run(map_file: Path, json_output: bool = False, task: ScanTask | None = None)
             f"{speed.median_difference_mm:.2f} mm",
             f"{speed.disagreements:.2%}",
         )
-    console.print(table)
     goal = f"at least {task.ratio_goal:g} times pymunk, at most {task.difference_goal_mm:g} mm"
-    console.print(f"goal, {goal}: {'met' if met else 'MISSED'}")
-    return figures
+    return Measured(figures, (table, f"goal, {goal}: {'met' if met else 'MISSED'}"))
 
 
 def _measure(map_file: Path, rays: int, task: ScanTask) -> ScanSpeed:

@@ -1,22 +1,23 @@
-"""How fast physics, collisions and scans alone are, in one process, beside Stage and navground."""
+"""How fast physics, collisions and scans alone are, in one process, beside navground and given figures."""
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from actors.floor.grid import OccupancyGrid, outline
 from actors.floor.map_file import load_map
+from actors.installation.repository import REPOSITORY
 from actors.world.physics import Arena
 from actors.world.sensing import RangeSensors
 from benchmarks.statistics.cpu_time import best
-from benchmarks.world import navground_peer, stage_peer
+from benchmarks.statistics.measured import Measured
+from benchmarks.world import navground_peer, scan
 from benchmarks.world.plain_swarm import strewn, turtlebot, wishes
 
+_CORRIDOR: Final = REPOSITORY / "maps" / "corridor.yaml"
 STAGE: Final = {
     (640, 4): 71.0,
     (640, 20): 9.3,
@@ -27,10 +28,7 @@ STAGE: Final = {
     (60, 50): 24.0,
     (60, 100): 9.6,
 }
-"""Simulated seconds per CPU second by rays and robots, given: Stage 4.3, one core of such a machine.
-
-Used where Stage is not installed.
-"""
+"""Simulated seconds per CPU second by rays and robots, given: Stage 4.3, one core of such a machine."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,7 @@ class WorldSpeed:
     rays: int
     speed: float
     stage: float
-    """Measured here where Stage is installed, else the given figure."""
+    """Given."""
     ratio: float
     navground: float | None
     """None if navground is not installed."""
@@ -67,48 +65,30 @@ class WorldSpeed:
     contacts: int
 
 
-def run(map_file: Path, json_output: bool = False, task: WorldTask | None = None) -> dict[str, Any]:
-    """Print, and give, the speeds for each number of robots and rays on that map."""
+def measure(map_file: Path = _CORRIDOR, task: WorldTask | None = None) -> Measured:
+    """The speeds for each number of robots and rays on that map, and those of scans beside pymunk's."""
     task = task or WorldTask()
     grid = load_map(map_file)
     speeds = [_measure(grid, robots, rays, task) for rays in task.rays for robots in task.robots]
-    goals = _judged(speeds, task)
+    goals, peer, scans = _judged(speeds, task), navground_peer.version(), scan.measure(map_file)
     figures = {
         "task": asdict(task),
-        "stage": _stage_words(),
-        "stage_measured": stage_peer.binary() is not None,
-        "navground": navground_peer.version(),
+        "navground": peer,
         "speeds": [asdict(speed) for speed in speeds],
         "goals": goals,
+        "scans": scans.figures,
     }
-    console = Console()
-    if json_output:
-        console.print_json(json.dumps(figures))
-    else:
-        _show(console, speeds, goals, map_file)
-    return figures
-
-
-def _show(
-    console: Console, speeds: list[WorldSpeed], goals: list[tuple[str, str, str]], map_file: Path
-) -> None:
-    console.print(_table(speeds, f"physics and scans on {map_file.name}: simulated seconds per CPU second"))
-    console.print(f"Stage: {_stage_words()}.")
-    if stage_peer.binary() is None:
-        console.print("[bold]Stage is not installed: it was NOT measured.[/bold]")
-    peer = navground_peer.version()
-    if peer is None:
-        console.print("[bold]navground is not installed: it was NOT measured.[/bold]")
-    else:
-        console.print(f"navground {peer}: steps of 0.1 s, no masses and no pushing, the same scans.")
-    for words, reached, verdict in goals:
-        console.print(f"goal, {words}: {reached}, {verdict}", highlight=False)
-
-
-def _stage_words() -> str:
-    if stage_peer.binary() is None:
-        return "given figures of Stage 4.3, one core of such a machine"
-    return "measured here, its controller wander at the wheel"
+    beside = "navground is not installed: it was NOT measured."
+    if peer is not None:
+        beside = f"navground {peer}: steps of 0.1 s, no masses and no pushing, the same scans."
+    shown = (
+        _table(speeds, f"physics and scans on {map_file.name}: simulated seconds per CPU second"),
+        "Stage: given figures of Stage 4.3, one core of such a machine.",
+        beside,
+        *(f"goal, {words}: {reached}, {verdict}" for words, reached, verdict in goals),
+        *scans.shown,
+    )
+    return Measured(figures, shown)
 
 
 def _judged(speeds: list[WorldSpeed], task: WorldTask) -> list[tuple[str, str, str]]:
@@ -159,8 +139,7 @@ def _measure(grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> Wo
     contacts: list[int] = []
     whole = best(swarm, lambda it: contacts.append(it.wander(scanning=True)), task.repeats)
     physics = best(swarm, lambda it: it.wander(scanning=False), task.repeats)
-    measured = stage_peer.speed(grid, robots, rays, task.seconds_long, task.repeats, task.seed)
-    speed, stage = task.seconds_long / whole, STAGE[rays, robots] if measured is None else measured[1]
+    speed, stage = task.seconds_long / whole, STAGE[rays, robots]
     return WorldSpeed(
         robots,
         rays,

@@ -1,1 +1,1 @@
-"""The benchmarks on the command line: `acrc bench …`."""
+"""Claims and benchmarks on the command line: `acrc verify` and `acrc bench`."""

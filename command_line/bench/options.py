@@ -1,19 +1,29 @@
-"""Options that several benchmarks have."""
+"""Options of claims and benchmarks: each is for some of them, and refused by all others."""
 
-from pathlib import Path
-from typing import Annotated, Final
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
-import typer
+from actors.installation.usage import OptionError
 
-from actors.installation.repository import REPOSITORY
+_WORDS: Final = {"size": "--bytes", "source": "--from", "maps": "--map", "map_file": "--map"}
 
-CORRIDOR: Final = REPOSITORY / "maps" / "corridor.yaml"
-MapFile = Annotated[
-    Path | None, typer.Option("--map", metavar="YAML", help="Floor plan.  [default: maps/corridor.yaml]")
-]
-Localisation = Annotated[
-    str | None, typer.Option(metavar="PRESET", help="As in [localisation] of a scenario.")
-]
-Navigation = Annotated[
-    str | None, typer.Option("--navigation", metavar="PRESET", help="As in [navigation] of a scenario.")
-]
+
+def given(
+    options: Mapping[str, Any], takers: Mapping[str, Sequence[str]], chosen: Sequence[str]
+) -> dict[str, Any]:
+    """What was given of the options, by the name of the setting.
+
+    `takers`: which settings each claim or benchmark takes. Raises OptionError for one that none of the
+    `chosen` takes.
+    """
+    named = {name: value for name, value in options.items() if value is not None}
+    taken = {setting for name in chosen for setting in takers[name]}
+    for name in named:
+        if name not in taken:
+            others = ", ".join(taker for taker, settings in takers.items() if name in settings)
+            word = _WORDS.get(name, f"--{name.replace('_', '-')}")
+            wrong = (
+                f"is not for {', '.join(chosen)}, but for" if chosen else "must stand beside what it is for:"
+            )
+            raise OptionError(f"{word}: {wrong} {others}")
+    return named

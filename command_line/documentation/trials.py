@@ -29,12 +29,11 @@ SHORTENED: Final[MappingProxyType[str, str]] = MappingProxyType({
     "./acrc run scenarios/head_on.toml --strategy chapter --out runs/tables": "--duration 5",
     "./acrc campaign --preset chapter": "--seeds 1 --duration 2",
     "./acrc campaign --strategies none,chapter --seeds 40 --out campaigns/chapter": "--seeds 2 --duration 2",
-    "./acrc bench failures": "--seeds 1 --robots 2 --duration 10",
-    "./acrc bench steps": "--robots 1 --duration 1",
-    "./acrc bench navigation --log cycles.zip --map maps/corridor.yaml --robots 4 --seed 7": "--goals 8",
-    "./acrc bench localisation --log course.zip --cell 'tracking/*/360/kobuki/4/*' --seed 7": "--duration 20",
-    "./acrc bench localisation --from course.zip --runs 20": "--runs 1",
-    "./acrc bench localisation --from logs/ --against theirs.json --runs 10": "--runs 1",
+    "./acrc bench swarm": "--robots 1 --duration 1 --repeat 1",
+    "./acrc verify navigation --log cycles.zip --map maps/corridor.yaml --robots 4 --seed 7": "--goals 8",
+    "./acrc verify localisation --log course.zip --cell 'tracking/*/360/kobuki/4/*' --seed 7": "--duration 9",
+    "./acrc verify localisation --from course.zip --runs 20": "--runs 1",
+    "./acrc verify localisation --from logs/ --against theirs.json --runs 10": "--runs 1",
 })  # fmt: skip
 """Words behind a command, by the command, with which the suite runs what takes long."""
 

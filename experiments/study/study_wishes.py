@@ -9,6 +9,7 @@ import msgspec
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, wrong_value
 from actors.robot.behaviour.foreign import Permit, admitted
+from cleaning.strategies import entry
 from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, settings
 from experiments.study.draws import drawn
 from experiments.study.places import close_places
@@ -87,8 +88,6 @@ def check(study: Study, permit: Permit, source: Path | None) -> tuple[list[str],
     to be looked for. `source`: the study's file; None: the command line itself names the strategies. Raises
     as `actors.robot.behaviour.foreign.admitted` does.
     """
-    from cleaning.strategies import entry
-
     said, modules = dict[str, None](), dict[Path, None]()
     for trial in study.trials_of(study.first_seed):
         own = (*study.settings, *trial.variant, *drawn(study, trial).items())

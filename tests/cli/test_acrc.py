@@ -137,7 +137,7 @@ def test_nothing_is_installed_but_by_its_hash_and_the_build_has_what_is_pinned_t
 def test_extras_come_when_a_command_needs_them_and_stay(clone: Clone) -> None:
     clone.call("--help")
     assert clone.extras() == []
-    clone.call("bench", "scan")
+    clone.call("bench", "world")
     assert clone.extras() == ["sim"]
     clone.call("run", "--seed", "3", "--view")
     assert clone.extras() == ["observe", "sim"]
@@ -177,8 +177,12 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
         (("topic", "plot", "out"), ["pictures"]),
         (("log", "out"), []),
         (("export", "out"), ["experiments", "sim"]),
-        (("bench", "onboard"), ["hardware", "sim"]),
-        (("bench", "portable"), ["dev", "sim"]),
+        (("verify", "onboard"), ["hardware", "sim"]),
+        (("verify", "functions", "--full"), ["dev", "sim"]),
+        (("verify", "radio", "causes"), ["experiments", "sim"]),
+        (("verify", "--full"), ["dev", "experiments", "hardware", "sim"]),
+        (("verify", "--list"), ["sim"]),
+        (("bench", "radio"), ["pictures", "sim"]),
         (("fleet", "doctor"), []),
         (("fleet", "watch", "tls/r1:7447"), []),
         (("fleet", "stop", "tls/r1:7447"), []),
@@ -197,7 +201,7 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
         (("campaign", "--help"), []),
         (("campaign", "study.toml", "--on", "dask://HOST", "--help"), []),
         (("run", "--view", "--help"), []),
-        (("bench", "onboard", "--help"), []),
+        (("verify", "onboard", "--help"), []),
         (("view", "--help"), []),
         (("docs", "--help"), []),
         (("test", "--help"), []),

@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 import typer
 
+from benchmarks.claims.verification import CHECKED
 from command_line.app import app
-from command_line.bench.app import app as bench
+from command_line.bench.bench import BENCHMARKS
 from command_line.lazy import COMMANDS
 
 ROOT = Path(__file__).parents[2]
@@ -44,22 +45,21 @@ STARTS = {
     "view --png": ("observation.evidence.run_evidence", "observation.picture.run_page"),
     "view --html": ("observation.picture.run_html", "observation.picture.moving"),
     "fleet onboard": ("actors.robot.__main__", *ON_BOARD),
-    "bench onboard": ("firmware_bridge.laboratory.__main__", *ACTORS, *ON_BOARD),
-    "bench standstill": ("firmware_bridge.laboratory.__main__", ACTORS[2], *ON_BOARD),
-    "bench endings": ("deploy.run.swarm", "actors.processes.forkserver", *ACTORS),
-    "bench crowded-start": ("deploy.run.swarm", "actors.processes.forkserver", *ACTORS),
-    "bench resume": (
+    "verify onboard": ("firmware_bridge.laboratory.__main__", *ACTORS, *ON_BOARD),
+    "verify standstill": ("firmware_bridge.laboratory.__main__", ACTORS[2], *ON_BOARD),
+    "verify endings": ("deploy.run.swarm", "actors.processes.forkserver", *ACTORS),
+    "verify crowded-start": ("deploy.run.swarm", "actors.processes.forkserver", *ACTORS),
+    "verify resume": (
         "command_line.experiments.campaign_command",
         "experiments.campaign.trial_program",
         *ACTORS,
     ),
     "bench recordings": ("deploy.run.swarm", *ACTORS),
-    "bench attacks": ("deploy.run.swarm", *ACTORS),
-    "bench processors": ("deploy.run.swarm", *ACTORS),
-    "bench steps": ("benchmarks.swarm.ping_pong", *ACTORS),
-    "bench swarm": ACTORS,
-    "bench growth": ACTORS,
-    "bench portable": ("mpmath",),
+    "verify attacks": ("deploy.run.swarm", *ACTORS),
+    "verify processors": ("deploy.run.swarm", *ACTORS),
+    "verify same-bits": ("actors.processes.forkserver", *ACTORS),
+    "verify functions": ("mpmath",),
+    "bench swarm": ("benchmarks.swarm.ping_pong.__main__", *ACTORS),
     "fleet keys": ("deploy.fleet.certificates",),
     "campaign --on x": ("experiments.campaign.dask_pool", "experiments.campaign.remote"),
     "campaign": (
@@ -71,6 +71,11 @@ STARTS = {
     "docs": ("command_line.documentation.site", "command_line.documentation.sources", "furo", "myst_parser"),
 }
 """What a command starts or imports beside what its function imports itself."""
+MEASURED = {
+    **{f"verify {name}": claim.module for name, claim in CHECKED.items()},
+    **{f"bench {name}": one.module for name, one in BENCHMARKS.items()},
+}
+"""The module that a command imports by name."""
 PROGRAM = """
 import importlib, json, sys
 blocked, commands = json.loads(sys.argv[1])
@@ -91,7 +96,7 @@ for command, modules in commands.items():
 def functions() -> dict[str, ast.FunctionDef]:
     """The function behind every command, by the words that call it."""
     found = {}
-    tree: list[tuple[str, typer.Typer]] = [("", app), ("bench ", bench)]
+    tree: list[tuple[str, typer.Typer]] = [("", app)]
     for prefix, one in tree:
         tree += [
             (f"{prefix}{group.name} ", group.typer_instance)
@@ -144,6 +149,7 @@ def extras(words: str) -> tuple[str, ...]:
 def commands() -> dict[str, list[str]]:
     """What each command imports sooner or later, by its words."""
     found = {name: [*imported(function), *STARTS.get(name, ())] for name, function in functions().items()}
+    found |= {name: [module, *STARTS.get(name, ())] for name, module in MEASURED.items()}
     found["run"] = list(STARTS["run"])
     found |= {name: list(starts) for name, starts in STARTS.items() if name not in found}
     return {name: modules for name, modules in found.items() if name not in {"test", "check", "add"}}
@@ -158,7 +164,7 @@ def by_extras() -> dict[tuple[str, ...], dict[str, list[str]]]:
 
 def test_every_command_is_looked_at() -> None:
     some = {
-        *("run", "record replay", "list presets", "list maps", "bench onboard"),
+        *("run", "record replay", "list presets", "list maps", "verify onboard", "bench world"),
         *("fleet onboard", "fleet watch", "fleet stop", "fleet collect", "fleet doctor", "fleet keys"),
     }
     assert some <= set(commands())
@@ -179,12 +185,8 @@ def starts_processes(module: str, seen: set[str]) -> bool:
 
 
 def test_what_a_benchmark_starts_is_looked_at_too() -> None:
-    starting = {
-        name
-        for name, function in functions().items()
-        if name.startswith("bench ") and any(starts_processes(one, set()) for one in imported(function))
-    }
-    assert "bench standstill" in starting
+    starting = {name for name, module in MEASURED.items() if starts_processes(module, set())}
+    assert "verify standstill" in starting
     assert starting <= set(STARTS)
 
 

@@ -89,10 +89,13 @@ def test_what_a_command_is_called_now_is_a_command(was: tuple[str, ...]) -> None
         ("run --timeout soon", "--timeout: soon; must be a number from 1 to 86400"),
         ("run --timeout nan", "--timeout: nan; must be a number from 1 to 86400"),
         ("fleet keys f.toml --days x", "--days: x; must be a whole number"),
-        ("bench failures --robots 0", "--robots: 0; must be a whole number from 1 to 500"),
-        ("bench relays --robots 1", "--robots: 1; must be a whole number from 2 to 500"),
+        ("verify failures --robots 0", "--robots: 0; must be a whole number from 1 to 500"),
+        ("verify failure", "CLAIM: failure; did you mean failures?"),
+        ("verify radio seal --trials 3", "--trials: is not for radio, seal, but for standstill, sensors"),
+        ("verify --from x", "--from: must stand beside what it is for: localisation"),
         ("bench relays --below -91", "--below: -91; must be a number from -90 to 0"),
-        ("bench relays --duration 14", "--duration: 14; must be a number from 15 to 3600"),
+        ("bench relays --out x", "--out: is not for relays, but for radio"),
+        ("bench x", "NAME: x; must be one of swarm, recordings, relays, radio, world, deeco, functions"),
         ("run --bus tcp", "--bus: tcp; must be zenoh or memory"),
         ("run --strategy prayer", "--strategy: strategy 'prayer' is not known; it should be one of "
          f"{', '.join(sorted(STRATEGIES))}, or the entry 'module:function' of your own"),
@@ -137,7 +140,7 @@ def test_what_is_for_developers_stands_apart() -> None:
     code, out, _ = acrc("--help")
     users, developers = out.partition("Commands for those who change the testbed:\n")[::2]
     assert code == 0
-    for name in ("run", "order", "record", "list", "fleet", "bench", "add"):
+    for name in ("run", "order", "record", "list", "fleet", "verify", "bench", "add"):
         assert f"\n  {name} " in users
     assert [line.split()[0] for line in developers.splitlines()] == ["test", "check"]
 

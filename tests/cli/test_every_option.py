@@ -21,7 +21,6 @@ from tests.radio.test_truth import HEAD, RUNS
 
 TREE = tree()
 HEAD_ON = "scenarios/head_on.toml --seed 3"
-BENCH = "bench"
 STORIES: dict[str, tuple[Line, ...]] = {
     "root": (
         Line("--version", r"^acrc \S+, commit \S+"),
@@ -202,74 +201,76 @@ STORIES: dict[str, tuple[Line, ...]] = {
         Line("topic echo runs/two r1/drive", r"vx"),
     ),
     "docs": (Line("docs --out site --open", r"site/index.html", "site/index.html"),),
-    f"{BENCH} radio": (
-        Line("bench radio-truth --data rows --times 1 --json", r'"points": 1\b'),
-        Line("bench radio-speed --ns3 ./ns3 --json", r'"ns3": 12345.0'),
-        Line("bench radio-hardware --json", r'"firmware":'),
+    "verify floors": (
+        Line("verify --list --json", r'"name": "seal"'),
+        Line("verify radio --data rows --runs 1 --json", r'"points": 1\b'),
+        Line("verify radio functions seal boards", r"boards\s*│ holds"),
         Line(
-            "bench radio-plots --out figures --data rows --map maps/corridor.yaml --json",
-            r'"reference": true',
-            "figures/contention.svg",
+            "verify branches seal causes --runs 1 --seed 2 --duration 2 --json",
+            r'"branches": \{"holds": true',
         ),
+        Line("verify mutations boards --bytes 1000 --seed 2 --json", r'"mutations": \{"holds": true'),
+        Line("verify attacks --full --json", r'"outcome": "held"'),
     ),
-    f"{BENCH} floors": (
-        Line("bench scan --map maps/maze.yaml --json", r'"scans_per_second"'),
-        Line("bench world --map maps/maze.yaml --json", r'"scan_us"'),
-        Line("bench map --against other --map maps/corridor.yaml --json", r'"overlap": 1.0'),
+    "verify ends": (
+        Line("verify same-bits", r"same-bits: holds"),
+        Line("verify causes wedged mutations branches", r"mutations\s*│ holds"),
+        Line("verify endings --runs 1 --seed 2 --workers 1 --json", r'"not as due": 0'),
+        Line("verify resume --runs 1 --duration 1 --json", r'"kill": 1'),
+        Line("verify crowded-start --json", r'"processes, busy computer"'),
     ),
-    f"{BENCH} swarms": (
-        Line("bench steps --robots 1 --duration 1 --json", r'"memory"'),
-        Line("bench swarm --robots 1 --duration 1 --repeat 1 --json", r'"robots"'),
-        Line("bench swarm --robots 1 --duration 1 --timeline t.json", r"t.json", "t.json"),
-        Line("bench growth --robots 1 --duration 2 --json", r'"forkserver"'),
-        Line("bench recordings --robots 1 --duration 1 --robot r1 --json", r'"replayed"', codes=(0, 1)),
-        Line("bench relays --robots 2 --below -80 --seeds 1 --seed 3 --duration 15 --json", r"-80"),
-        Line("bench branches --forks 1 --frames 1 --duration 2 --seed 2 --json", r'"branch"'),
-    ),
-    f"{BENCH} ends": (
-        Line("bench endings --runs 1 --seed 2 --longest-stop 5 --workers 1 --json", r"^\[|^\{"),
-        Line("bench resume --kills 1 --seeds 1 --duration 1 --json", r"^\[|^\{"),
-        Line("bench crowded-start --robots 1 --hogs 1 --json", r'"processes, busy computer"'),
-    ),
-    f"{BENCH} driving": (
+    "verify driving": (
         Line(
-            "bench navigation --map maps/corridor.yaml --robots 1 --goals 1 --runs 1 --localisation robust "
+            "verify navigation --map maps/corridor.yaml --robots 1 --goals 1 --runs 1 --localisation robust "
             "--navigation robust --json",
             r"corridor",
         ),
-        Line("bench navigation --log n.zip --seed 2 --robots 1 --goals 1", r"n.zip", "n.zip"),
+        Line("verify navigation --log n.zip --seed 2 --robots 1 --goals 8", r"n.zip", "n.zip"),
         Line(
-            "bench failures scenarios/head_on.toml --robots 2 --seeds 1 --duration 1 --strategy none "
-            "--localisation robust --navigation robust --json",
+            "verify failures --scenario scenarios/head_on.toml --robots 2 --runs 1 --duration 1 "
+            "--strategy none --localisation robust --navigation robust --json",
             r'"robots"',
+            codes=(1,),
         ),
-        Line("bench causes 1 --json", r'"named"'),
-        Line("bench wedge --seeds 1", r"came free"),
+        Line("verify failures navigation", r"failures\s*│ holds"),
     ),
-    f"{BENCH} localisation": (
-        Line("bench localisation --log l.zip --seed 2 --cell tracking --duration 2", r"l.zip", "l.zip"),
-        Line("bench localisation --from l.zip --runs 1 --against theirs.json --json", r'"against"'),
+    "verify localisation": (
+        Line("verify localisation --log l.zip --seed 2 --cell tracking --duration 2", r"l.zip", "l.zip"),
         Line(
-            "bench localisation --cell kidnapped --runs 1 --long-runs 1 --duration 20 --workers 1 --json",
-            r"kidnapped",
+            "verify localisation --from l.zip --runs 1 --against theirs.json --json",
+            r'"against"',
+            codes=(0, 1),
         ),
+        Line("verify localisation --cell kidnapped --runs 1 --duration 20 --workers 1 --json", r"kidnapped"),
+        Line("verify localisation", r"localisation: holds"),
     ),
-    f"{BENCH} boards": (
-        Line("bench beeclick --bytes 1 --json", r'"share"'),
-        Line("bench kobuki --bytes 1 --json", r'"noise"'),
-        Line("bench mutations --bytes 1 --seed 2 --json", r'"parser"'),
+    "verify robots": (
+        Line("verify onboard --duration 10 --json", r'"executed_again"', codes=(0, 1)),
+        Line("verify standstill", r"told, median", codes=(0, 1)),
+        Line("verify sensors --trials 1 --hours 0.01 --json", r'"calm": \[\{'),
+        Line("verify processors --duration 1 --install --only AVX2 --json", r"crowd"),
+    ),
+    "bench": (
+        Line("bench", r"^functions   elementary functions"),
+        Line(
+            "bench radio --out figures --data rows --map maps/corridor.yaml --json",
+            r'"reference": true',
+            "figures/contention.svg",
+        ),
+        Line("bench radio --json", r'"firmware":'),
+        Line("bench world --map maps/maze.yaml --json", r'"scan_us"'),
         Line("bench deeco --json", r'"robot_second_cpu_ms"'),
-        Line("bench portable --arguments 1 --json", r'"hypot"'),
-        Line(
-            "bench processors --duration 1 --crowd 1 --install --folder p --only AVX2 --json",
-            r"crowd",
-        ),
-        Line("bench attacks --json", r'"outcome": "held"'),
+        Line("bench functions --json", r'"hypot"'),
     ),
-    f"{BENCH} robots": (
-        Line("bench onboard --json", r'"executed_again"', codes=(0, 1)),
-        Line("bench standstill --trials 1 --json", r'"cases": \{".*": \['),
-        Line("bench standstill --sensors --trials 1 --hours 0.01 --json", r'"calm": \[\{'),
+    "bench swarms": (
+        Line("bench swarm --robots 1 --duration 2 --repeat 1 --json", r'"forkserver"'),
+        Line("bench swarm --robots 1 --duration 1 --timeline t.json", r"t.json", "t.json"),
+        Line("bench recordings --robots 1 --duration 1 --json", r'"replayed"', codes=(0, 1)),
+        Line(
+            "bench relays --scenario scenarios/chapter.toml --robots 2 --below -80 --seeds 1 --seed 3 "
+            "--duration 15 --json",
+            r"-80",
+        ),
     ),
 }
 MINE = """
@@ -346,11 +347,6 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "rows").mkdir()
     (tmp_path / "rows" / "b_single_saturated.csv").write_text("\n".join([HEAD, *RUNS]) + "\n")
-    (tmp_path / "ns3").write_text('#!/bin/sh\n[ "$1" = -c ] || echo 12345.0\n')
-    (tmp_path / "ns3").chmod(0o755)
-    (tmp_path / "other").mkdir()
-    for name in ("corridor.yaml", "corridor.png"):
-        (tmp_path / "other" / name).symlink_to(ROOT / "maps" / name)
     told = [{"log": "l", "runs": [{"rmse": 0.1, "lost": False, "nmed": 0.2, "updates": 12}]}]
     (tmp_path / "theirs.json").write_text(json.dumps(told))
     (tmp_path / "stand-ins").mkdir()
@@ -358,7 +354,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-NIGHTLY = {"docs", *(f"{BENCH} {name}" for name in ("swarms", "ends", "boards", "robots"))}
+NIGHTLY = {"docs", "bench swarms", "verify ends", "verify robots"}
 """What takes minutes: run by `acrc test --nightly`."""
 MARKED = [pytest.param(name, marks=pytest.mark.nightly if name in NIGHTLY else ()) for name in STORIES]
 
@@ -377,7 +373,7 @@ def test_every_line_does_what_it_should(story: str, folder: Path, request: pytes
         "PYTHONPATH": f"{ROOT}{os.pathsep}{folder / 'stand-ins'}", "COLUMNS": "200",
         "DASK_CONFIG": str(folder / "keys"),
     }  # fmt: skip
-    program = "tests.cli.small_benchmarks" if story.startswith(BENCH) else warm.ACRC
+    program = "tests.cli.small_benchmarks" if story == "bench" else warm.ACRC
     tell(STORIES[story], folder, given, {**os.environ, **told}, program)
 
 

@@ -110,7 +110,7 @@ def give(clone: Path, name: str) -> None:
     """What the commands of one page want beside that: logs, and what another program made of them."""
     if name == "docs/localisation-log.md":
         (clone / "logs").mkdir()
-        type_in(clone, "./acrc bench localisation --log logs/course.zip --cell alone --duration 20", 200.0)
+        type_in(clone, "./acrc verify localisation --log logs/course.zip --cell alone --duration 20", 200.0)
         theirs = [{"log": "course", "runs": [{"rmse": 0.05, "lost": False}, {"rmse": 0.04, "lost": False}]}]
         (clone / "theirs.json").write_bytes(msgspec.json.encode(theirs))
     if name == "docs/experiments.md":

@@ -70,10 +70,10 @@ def test_every_command_of_a_page_exists(name: str) -> None:
     ("text", "wrong"),
     [
         ("acrc run --robots 4 scenario.toml", ""),
-        ("acrc bench failures --robots 4", ""),
+        ("acrc verify failures --robots 4", ""),
         ("acrc bench …", ""),
         ("./acrc run --colour red", "acrc run has no --colour"),
-        ("acrc bench everything", "acrc bench everything is no command"),
+        ("acrc record everything", "acrc record everything is no command"),
         ("acrc strategies", "acrc strategies is no command"),
     ],
 )

@@ -49,8 +49,8 @@ def test_every_strategy_runs_with_every_seed_as_it_would_alone(tmp_path: Path) -
 
 @pytest.mark.timeout(240)
 def test_killed_at_any_moment_it_goes_on_without_losing_or_repeating_a_run() -> None:
-    """`acrc bench resume` does the same with more kills."""
-    assert resume.run(resume.ResumeTask(kills=3, seeds=2, duration=3.0, seed=4))
+    """`acrc verify resume --full` does the same with more kills."""
+    assert resume.check(runs=3, duration=3.0, seed=4).holds
 
 
 def test_a_run_that_fails_is_kept_with_its_cause(tmp_path: Path) -> None:

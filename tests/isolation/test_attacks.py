@@ -3,15 +3,11 @@
 The robots that are isolated are those of the benchmark, which tries all attacks on them.
 """
 
-import json
 import os
 from collections.abc import Iterator
-from contextlib import ExitStack, redirect_stdout
-from dataclasses import asdict
+from contextlib import ExitStack
 from functools import cache
-from io import StringIO
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
@@ -21,6 +17,7 @@ from benchmarks.attacks.attack import Attack, Layer, missing_means
 from benchmarks.attacks.attacks import ATTACKS
 from benchmarks.attacks.swarm import MODES, Swarm
 from benchmarks.attacks.table import table
+from benchmarks.statistics.measured import Measured
 
 SEEN_BY_ALL = ("page cache", "common file")
 """Attacks by way of a file that nobody else may open meanwhile; each name has one of these words."""
@@ -41,20 +38,11 @@ def swarms() -> Iterator[dict[str, Swarm]]:
         yield Started()
 
 
-class Benched(NamedTuple):
-    """What the benchmark made of the isolated robots, and printed."""
-
-    verdicts: dict[str, command.AttackVerdict]
-    """By the attack's name."""
-    printed: str
-
-
 @pytest.fixture(scope="module")
-def benched() -> Benched:
+def checked() -> Measured:
+    """What came of all attacks on isolated robots."""
     need_isolation()
-    with redirect_stdout(StringIO()) as printed:
-        verdicts = command.run(json_output=True)
-    return Benched({verdict.name: verdict for verdict in verdicts}, printed.getvalue())
+    return command.check()
 
 
 def need_isolation() -> None:
@@ -109,22 +97,23 @@ def test_the_documentation_has_the_table_of_attacks() -> None:
 @pytest.mark.alone
 @pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.name)
 def test_an_attack_on_isolated_robots_gets_through_only_if_nothing_closes_its_way(
-    attack: Attack, benched: Benched
+    attack: Attack, checked: Measured
 ) -> None:
     need_means(attack)
+    outcomes = {verdict["name"]: verdict["outcome"] for verdict in checked.figures}
     if attack.layer == Layer.NONE:
-        assert attack.name not in benched.verdicts, "a control that does not get through ends the benchmark"
+        assert attack.name not in outcomes, "a control that does not get through ends the check"
         return
-    assert benched.verdicts[attack.name].outcome == ("through" if attack.layer == Layer.REMAINS else "held")
+    assert outcomes[attack.name] == ("through" if attack.layer == Layer.REMAINS else "held")
 
 
 @pytest.mark.alone
-def test_the_benchmark_prints_what_it_found(benched: Benched) -> None:
-    assert json.loads(benched.printed) == [asdict(verdict) for verdict in benched.verdicts.values()]
-    assert len(benched.verdicts) == sum(attack.layer != Layer.NONE for attack in ATTACKS)
+def test_the_claim_holds_and_every_attack_is_told(checked: Measured) -> None:
+    assert checked.holds
+    assert len(checked.figures) == sum(attack.layer != Layer.NONE for attack in ATTACKS)
 
 
-def test_what_gets_through_unstated_fails_the_benchmark() -> None:
+def test_the_claim_does_not_hold_where_something_gets_through_unstated() -> None:
     remains = [attack for attack in ATTACKS if attack.layer == Layer.REMAINS]
     text = DOCUMENT.read_text("utf-8")
     assert all(command.is_stated(attack, text) for attack in remains)
@@ -133,6 +122,6 @@ def test_what_gets_through_unstated_fails_the_benchmark() -> None:
         command.AttackVerdict(attack.name, attack.closed_by, "through", command.is_stated(attack, silent))
         for attack in remains
     ]
-    with pytest.raises(command.AttacksError) as caught:
-        command.judge(verdicts)
-    assert str(caught.value) == f"through, and isolation.md does not say so: {remains[0].name}"
+    found = command.told(verdicts)
+    assert found.holds is False
+    assert found.shown[-1] == f"through, and isolation.md does not say so: {remains[0].name}"

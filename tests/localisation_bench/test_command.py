@@ -2,16 +2,14 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
+from actors.installation.usage import OptionError
 from benchmarks.localisation import command, logs
 from benchmarks.localisation.cells import CellError, Extent, cells, chosen
 from benchmarks.localisation.log import LogError
 from benchmarks.localisation.speed import update_costs
-from command_line.bench.app import app
 from tests.localisation_bench.scenes import APARTMENT, CORRIDOR
 
-MAPS = Path(CORRIDOR), [Path(APARTMENT)]
 SMALL = Extent(seeds=1, runs=2, seconds=5, after=(1.0, 3.0), carried_at=2.0)
 
 
@@ -57,11 +55,12 @@ def test_cells_are_chosen_by_section_or_pattern() -> None:
         chosen(everything, ["masks"])
 
 
-def test_the_figures_of_every_seed_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_figures_of_every_seed_are_told() -> None:
     patterns = ["alone", "global/corridor/*", "kidnapped/apartment/*/recovery"]
-    figures = command.run(*MAPS, patterns, SMALL, workers=1, json_output=True)
-    captured = capsys.readouterr()
-    assert json.loads(captured.out) == json.loads(json.dumps(figures, allow_nan=False))
+    found = command.measured(patterns, SMALL, workers=1)
+    figures = found.figures
+    assert json.dumps(figures, allow_nan=False)
+    assert found.holds == all(cell["goal"]["reached"] for cell in figures["cells"] if cell["goal"])
     told = {cell["cell"]: cell for cell in figures["cells"]}
     assert len(told) == 2 + 4 + 2
     alone = told["alone/corridor/360/exact/0/robust"]
@@ -81,7 +80,7 @@ def test_tables_and_goals_are_printed(capsys: pytest.CaptureFixture[str]) -> Non
         "causes/*/360/exact/0/robust/*",
         "crowd/apartment/58",
     ]
-    command.run(*MAPS, patterns, SMALL, workers=1)
+    command.measured(patterns, SMALL, workers=1).show()
     printed = capsys.readouterr().out
     titles = "realistic: four others near", "mask: peers' positions told", "kidnapped: carried"
     for title in (*titles, "causes: one at a time", "map_error 0.1", "furniture 30", "crowd: ten others"):
@@ -93,16 +92,18 @@ def test_tables_and_goals_are_printed(capsys: pytest.CaptureFixture[str]) -> Non
 
 def test_a_course_is_written_and_fed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "course.zip"
-    command.write_log(file, *MAPS, ["tracking/*/4/chapter"], 7, SMALL)
-    said = capsys.readouterr().err
-    assert "the course of tracking/corridor/360/exact/4/chapter, seed 7: 51 poses, 51 scans" in said
-    figures = logs.run(file, seeds=2)
+    (said,) = command.write_log(file, ["tracking/*/4/chapter"], 7, SMALL).shown
+    assert "the course of tracking/corridor/360/exact/4/chapter, seed 7: 51 poses, 51 scans" in str(said)
+    found = logs.check(file, seeds=2)
+    figures = found.figures
+    found.show()
     printed = capsys.readouterr().out
     assert "course" in printed and all(name in printed for name in ("chapter", "robust", "odometry"))
     assert [len(runs) for runs in figures.values()] == [2, 2, 2]
     assert figures["odometry"][0]["max"] < 1e-6  # this odometry is exact
-    direct = command.run(*MAPS, ["tracking/corridor/360/exact/4/chapter"], Extent(7, 1, 5), workers=1)
-    assert direct["cells"][0]["runs"][6]["seed"] == 7
+    direct = command.measured(["tracking/corridor/360/exact/4/chapter"], Extent(7, 1, 5), workers=1)
+    assert direct.holds is None, "a cell without a goal"
+    assert direct.figures["cells"][0]["runs"][6]["seed"] == 7
 
 
 def test_the_cost_of_an_update_is_measured_with_exactly_500_particles_and_60_beams() -> None:
@@ -113,14 +114,14 @@ def test_the_cost_of_an_update_is_measured_with_exactly_500_particles_and_60_bea
         assert cost.goal_met == (cost.min_us <= 150)
 
 
-def test_the_command_line_writes_a_log_and_feeds_it(tmp_path: Path) -> None:
-    shell, file = CliRunner(), tmp_path / "course.zip"
-    written = shell.invoke(
-        app, ["localisation", "--log", str(file), "--cell", "alone", "--duration", "4", "--seed", "3"]
-    )
-    assert written.exit_code == 0 and file.exists(), written.output
-    fed = shell.invoke(app, ["localisation", "--from", str(file), "--runs", "1", "--json"])
-    assert fed.exit_code == 0 and set(json.loads(fed.stdout)) == {"chapter", "robust", "odometry"}
+def test_what_excludes_one_another_is_refused_and_a_damaged_log_named(tmp_path: Path) -> None:
+    file = tmp_path / "course.zip"
+    command.check(log=file, cell=["alone"], duration=4, seed=3)
+    assert set(command.check(source=file, runs=1).figures) == {"chapter", "robust", "odometry"}
+    with pytest.raises(OptionError, match="--log: is another thing to do than --from; give one of them"):
+        command.check(log=file, source=file)
+    with pytest.raises(OptionError, match="--against: needs --from, the logs to compare on"):
+        command.check(against=file)
     file.write_text("damaged")
-    refused = shell.invoke(app, ["localisation", "--from", str(file)])
-    assert isinstance(refused.exception, LogError)
+    with pytest.raises(LogError):
+        command.check(source=file)

@@ -36,8 +36,9 @@ def _run(rmse: float) -> dict[str, object]:
 
 
 def test_a_folder_of_logs_is_compared_log_by_log(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    figures = logs.run(folder, 2, folder.parent / "other.json", json_output=True)
-    assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(figures))
+    found = logs.check(folder, 2, folder.parent / "other.json")
+    figures = found.figures
+    assert set(figures) == {"logs", "against"} and json.dumps(figures)
     rows = {(row["preset"], row["log"]): row for row in figures["against"]}
     assert set(rows) == {(p, name) for p in ("chapter", "robust") for name in ("a", "b", "all 2")}
     row = rows["robust", "a"]
@@ -46,10 +47,12 @@ def test_a_folder_of_logs_is_compared_log_by_log(folder: Path, capsys: pytest.Ca
     assert row["ratio"] == pytest.approx(ours / 0.05) and row["low"] <= row["ratio"] <= row["high"]
     assert row["lost"] == "0/2, 0/2" and row["nees"].endswith(", 0.20")
     assert rows["robust", "all 2"]["ratio"] == pytest.approx(row["ratio"])
-    logs.run(folder, 1, folder.parent / "other.json")
+    ratio = rows["chapter", "all 2"]["ratio"]
+    assert found.holds == (ratio <= 1 and not any(run["lost"] for run in figures["logs"]["a"]["chapter"]))
+    logs.check(folder, 1, folder.parent / "other.json").show()
     printed = capsys.readouterr().out
     assert "beside another localisation" in printed and "all 2" in printed
-    logs.run(folder)
+    logs.check(folder).show()
     assert capsys.readouterr().out.count("odometry") == 2
 
 
@@ -73,7 +76,7 @@ def test_odometry_may_begin_anywhere(tmp_path: Path, preset: str) -> None:
     moved = np.array([frame.compose(Pose(*pose)) for pose in here.odometry.tolist()])
     log.write(tmp_path / "moved.zip", replace(here, odometry=moved))
     log.write(tmp_path / "same.zip", here)
-    there, same = (logs.run(tmp_path / name, 3) for name in ("moved.zip", "same.zip"))
+    there, same = (logs.check(tmp_path / name, 3).figures for name in ("moved.zip", "same.zip"))
     rmse = [np.mean([run["rmse"] for run in figures[preset]]) for figures in (there, same)]
     assert rmse[0] == pytest.approx(rmse[1], rel=0.3, abs=1e-6) and rmse[0] < 0.1
 
@@ -93,12 +96,12 @@ def test_what_another_one_made_is_checked(folder: Path, content: str, sentence: 
     wrong = folder.parent / "wrong.json"
     wrong.write_text(content)
     with pytest.raises(LogError, match=sentence) as caught:
-        logs.run(folder, 1, wrong)
+        logs.check(folder, 1, wrong)
     assert str(caught.value).startswith(str(wrong)) and "\n" not in str(caught.value)
 
 
 def test_a_folder_without_logs_and_a_missing_file_are_named(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"this folder holds no log, which would be a \*\.zip"):
-        logs.run(tmp_path)
+        logs.check(tmp_path)
     with pytest.raises(LogError, match=r"other\.json: cannot be read: No such file"):
-        logs.run(tmp_path, 1, tmp_path / "other.json")
+        logs.check(tmp_path, 1, tmp_path / "other.json")

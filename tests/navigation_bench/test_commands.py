@@ -1,6 +1,5 @@
-"""That both benchmarks run, count what there is, and give the same whoever computes it."""
+"""That both checks run, count what there is, and give the same whoever computes it."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,15 +40,18 @@ def test_one_robot_reaches_what_it_is_sent_to() -> None:
     assert figures.wall_gap > 0
 
 
-def test_navigation_is_the_same_in_one_process_and_in_two(capsys: pytest.CaptureFixture[str]) -> None:
+def test_navigation_is_the_same_in_one_process_and_in_two() -> None:
     task = navigation.NavigationTask((MAZE,), (2,), goals=4, runs=2, localisation="odometry", workers=1)
-    (alone,) = navigation.run(task, json_output=True)
-    printed = json.loads(capsys.readouterr().out)
+    (alone,) = navigation.measured(task)
     assert alone.goals == 4 and len(set(alone.digests)) == 2
     assert alone.succeeded + sum(alone.aborted.values()) + alone.unfinished == 4
-    assert printed[0]["digests"] == list(alone.digests)
-    assert navigation.run(replace(task, workers=2)) == [alone]
-    assert "goal, no contact with a wall: met" in capsys.readouterr().out
+    assert navigation.measured(replace(task, workers=2)) == [alone]
+
+
+def test_the_claim_on_navigation_is_about_walls() -> None:
+    found = navigation.check((MAZE,), (1,), goals=1, runs=1, localisation="odometry")
+    assert found.holds and found.figures[0]["wall_contacts"] == 0
+    assert str(found.shown[-1]).endswith("; goal, no contact with a wall: met")
 
 
 def plain_run(seed: int, out: Path) -> RunResult:
@@ -58,24 +60,23 @@ def plain_run(seed: int, out: Path) -> RunResult:
     return swarm.run_in_memory(plan, lambda progress: None)
 
 
-def test_failures_are_counted_in_the_runs_that_acrc_would_make(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    found = failures.run(robots=(4,), seeds=2, duration=5.0, json_output=True, workers=1)
-    assert len(json.loads(capsys.readouterr().out)) == 2
-    assert [(one.robots, one.seed, one.simulated_s, one.places) for one in found] == [
+def test_failures_are_counted_in_the_runs_that_acrc_would_make(tmp_path: Path) -> None:
+    checked = failures.check(robots=(4,), runs=2, duration=5.0, workers=1)
+    found = checked.figures
+    assert not checked.holds, "none comes about in 5 s"
+    assert [(one["robots"], one["seed"], one["simulated_s"], one["places"]) for one in found] == [
         (4, 1, 5.0, 40),
         (4, 2, 5.0, 40),
     ]
     plain = [plain_run(seed, tmp_path / str(seed)) for seed in (1, 2)]
-    assert [one.digest for one in found] == [one.digest for one in plain], "to look on changes nothing"
+    assert [one["digest"] for one in found] == [one.digest for one in plain], "to look on changes nothing"
     for one, same in zip(found, plain, strict=True):
-        assert one.left == same.places_total - same.places_done and one.goals >= 4
-        assert one.lost_share is not None and one.blockings == (), "no window of 30 s in a run of 5 s"
+        assert one["left"] == same.places_total - same.places_done and one["goals"] >= 4
+        assert one["lost_share"] is not None and not one["blockings"], "no window of 30 s in a run of 5 s"
 
 
 def test_failures_print_a_rate_and_an_interval_for_each(capsys: pytest.CaptureFixture[str]) -> None:
-    failures.run(robots=(2,), seeds=2, duration=2.0)
+    failures.check(robots=(2,), runs=2, duration=2.0).show()
     printed = capsys.readouterr().out
     assert "strategy none, robots 2, 2 seeds" in printed
     for name in ("robots lost", "no valid trajectory", "mutual blocking", "goals aborted", "places left"):
@@ -85,4 +86,4 @@ def test_failures_print_a_rate_and_an_interval_for_each(capsys: pytest.CaptureFi
 
 def test_a_preset_that_there_is_not_is_refused() -> None:
     with pytest.raises(OptionError, match=r'localisation.preset is "none", but must be'):
-        failures.run(robots=(2,), seeds=1, duration=2.0, localisation="none", workers=1)
+        failures.check(robots=(2,), runs=1, duration=2.0, localisation="none", workers=1)

@@ -1,6 +1,6 @@
 """Sensors that lie are told, and the robot stands; those that are right are never accused.
 
-In simulated time, on emulated devices: `acrc bench standstill --sensors` does it with more seeds and floors.
+In simulated time, on emulated devices: `acrc verify sensors --full` does it with more seeds and floors.
 """
 
 import functools

@@ -1,7 +1,7 @@
 """A robot in the loop stands whatever becomes of its processes, and drives again once it knows where it is.
 
 How soon is a matter of wall time, so nothing runs beside these; what takes 0.2 s at most is given more.
-The figures come from `acrc bench standstill`, which does the same for all processes.
+The figures come from `acrc verify standstill --full`, which does the same for all processes.
 """
 
 import json

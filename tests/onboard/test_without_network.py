@@ -29,14 +29,13 @@ places = [[17.9, 12.5]]
 
 
 @pytest.mark.timeout(240)
-def test_three_robots_talk_by_serial_bytes_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_three_robots_talk_by_serial_bytes_alone(tmp_path: Path) -> None:
     scenario = tmp_path / "three.toml"
     scenario.write_text(SCENARIO)
-    figures = onboard.run(task=onboard.OnboardTask(scenario=scenario, robots=3, duration=100.0))
+    found = onboard.check(scenario=scenario, robots=3, duration=100.0)
+    figures = found.figures
     assert (figures["places_done"], figures["places_total"], figures["contacts"]) == (3, 3, 0)
     heard = figures["copies_heard"]
-    assert isinstance(heard, dict) and sorted(heard) == ["r1", "r2", "r3"] and min(heard.values()) > 0
-    again = figures["executed_again"]
-    assert isinstance(again, dict)
-    assert all(word.endswith("messages, all equal") for word in again.values())
-    assert "goal, 99 % of the steps answered within 20 ms: " in capsys.readouterr().out
+    assert sorted(heard) == ["r1", "r2", "r3"] and min(heard.values()) > 0
+    assert all(word.endswith("messages, all equal") for word in figures["executed_again"].values())
+    assert found.holds and str(found.shown[-1]).startswith("goal, 99 % of the steps answered within 20 ms: ")

@@ -71,9 +71,9 @@ def test_a_run_that_fails_on_a_computer_that_is_there_is_a_fault_and_a_missing_c
     (worse,) = measure([RunTask("t", tmp_path, 1.0)], [broken], tmp_path, lambda row: None)
     assert not table.failed(lost) and table.failed(worse)
     well = Computer("well", ("/bin/true",))
-    for there, code in (([absent, well], 0), ([absent, broken, well], 1)):
+    for there, holds in (([absent, well], True), ([absent, broken, well], False)):
         monkeypatch.setattr(table, "computers", lambda *_, there=there: there)
-        assert table.run(1.0, 1.0, False, tmp_path, json=True) == code
+        assert table.check(1.0, folder=tmp_path).holds is holds
 
 
 def test_what_is_not_wanted_is_not_built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""How radio-truth reads its reference and what it makes of differences; the medium's own side is short."""
+"""How the radio's check reads its reference and what it makes of differences; its own side is short."""
 
 import math
 from pathlib import Path
@@ -7,7 +7,7 @@ import pytest
 
 from actors.runtime.errors import AcrcError
 from benchmarks.radio.reference import OperatingPoint, ReferenceEstimate, over_runs, points, share
-from benchmarks.radio.truth import TruthTask, combined, compare, normal_score, run
+from benchmarks.radio.truth import check, combined, compare, normal_score
 
 HEAD = (
     "n,psdu,run,fixed,load,generated,queue_drop,transmitted,csma_fail,sink_ok,pdr_gen,pdr_tx,allpairs_pdr_tx,"
@@ -39,16 +39,22 @@ def test_runs_of_one_setting_are_one_point(folder: Path) -> None:
 
 
 def test_a_small_reference_is_met(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    figures = run(folder, json_output=True, task=TruthTask(times=10))
+    found = check(folder, runs=10)
+    figures = found.figures
+    assert found.holds and set(figures) == {"task", "families", "all", "throughput_error", "outside", "met"}
     assert figures["all"]["points"] == 2 and figures["all"]["comparisons"] == 4
     assert figures["met"] == dict.fromkeys(("inside", "excess", "z", "throughput"), True)
-    said = capsys.readouterr()
-    assert said.out.startswith("{") and "c_contention: no file c_contention.csv with rows" in said.err
+    assert "c_contention: no file c_contention.csv with rows" in capsys.readouterr().err
 
 
 def test_a_folder_without_rows_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(AcrcError, match="there is none of the files a_per, b_single_saturated,"):
-        run(tmp_path, json_output=True)
+        check(tmp_path)
+
+
+def test_without_a_reference_the_closed_formula_is_met() -> None:
+    found = check(runs=10)
+    assert found.holds and 0 < found.figures["throughput_error"] < 0.002
 
 
 def test_a_row_without_a_number_is_an_error(folder: Path) -> None:

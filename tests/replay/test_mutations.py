@@ -1,4 +1,4 @@
-"""A sample of `acrc bench mutations`: damaged bytes over every parser, and never more than a sentence."""
+"""A sample of `acrc verify mutations`: damaged bytes over every parser, and never more than a sentence."""
 
 from pathlib import Path
 

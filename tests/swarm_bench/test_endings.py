@@ -1,4 +1,4 @@
-"""The bench of endings: what it does follows from its seed, and a handful of it, fixed."""
+"""The check of endings: what it does follows from its seed, and a handful of it, fixed."""
 
 import signal
 import subprocess
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.swarm.endings_trial import MODES, Deed, Ending, EndingsTask, attempt, deed, run_command
+from benchmarks.swarm.endings_trial import MODES, Deed, Ending, EndingsTask, attempt, deed, run_words
 from tests.swarm.command import run
 
 TASK = EndingsTask(simulated=8.0, speed=4.0, patience=90.0)
@@ -27,8 +27,8 @@ def test_what_is_done_follows_from_the_seed_and_covers_everything() -> None:
 @pytest.fixture(scope="module")
 def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
     out = tmp_path_factory.mktemp("undisturbed") / "out"
-    words = run_command(out, "forkserver", TASK)
-    given: str = run(out, *words[words.index("run") + 1 : words.index("--json")], "--no-isolate")["digest"]
+    words = run_words(out, "forkserver", TASK)
+    given: str = run(out, *words[1 : words.index("--json")], "--no-isolate")["digest"]
     return given
 
 
@@ -46,7 +46,7 @@ def test_an_ending_leaves_nothing_and_is_named(digest: str, one: Deed, came: str
     assert ending == Ending(one, came, (), ending.said)
 
 
-def test_also_a_bench_that_ignores_signals_starts_runs_that_do_not() -> None:
+def test_also_a_check_that_ignores_signals_starts_runs_that_do_not() -> None:
     shown = "import signal; print(signal.getsignal(signal.SIGINT), repr(signal.getsignal(signal.SIGHUP)))"
     program = (
         "import signal, subprocess, sys; from benchmarks.swarm import endings\n"

@@ -1,38 +1,27 @@
-"""That the benchmark of full swarms runs and measures what it says; never how fast anything is."""
+"""That the benchmark of swarms runs and measures what it says; never how fast anything is."""
 
 import dataclasses
 import json
-from collections.abc import Iterator
-from functools import cache
-from unittest.mock import patch
+import math
+from itertools import combinations
 
 import pytest
-from rich.console import Console
 
 from actors.robot.core import RobotParts
-from benchmarks.swarm import full_swarm, in_memory
-from benchmarks.swarm.task import SwarmTask
-
-TASK = SwarmTask(robots=(1, 4), seconds=1.5, repeat=1)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def measured_once() -> Iterator[None]:
-    """What is printed for programs and for people is one measurement."""
-    measured = cache(lambda task: full_swarm._figures(task, Console(quiet=True)))
-    measured(TASK)
-    profiled = cache(in_memory.profile)
-    with (
-        patch.object(full_swarm, "_figures", lambda task, console: measured(task)),
-        patch.object(full_swarm, "profile", profiled),
-    ):
-        yield
+from benchmarks.statistics.measured import Measured
+from benchmarks.swarm import benchmark
+from benchmarks.swarm.task import SwarmTask, planned
 
 
-def test_the_budget_names_all_parts_and_adds_up(capsys: pytest.CaptureFixture[str]) -> None:
-    figures = full_swarm.run(TASK, json_output=True)
-    assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(figures))
-    for swarm in figures["swarms"]:
+@pytest.fixture(scope="module")
+def measured() -> Measured:
+    return benchmark.measure((1, 4), 3.0, repeat=1)
+
+
+def test_the_budget_names_all_parts_and_adds_up(measured: Measured) -> None:
+    assert json.dumps(measured.figures)
+    assert measured.figures["task"]["seconds"] == 3.0 and measured.holds is None
+    for swarm in measured.figures["swarms"]:
         mesh, memory = swarm["mesh"], swarm["memory"]
         assert {actor for actor, _, _ in swarm["lines"]} == {"world", "radio", "robots", "parent"}
         parts = {part for actor, part, _ in swarm["lines"] if actor == "robots"}
@@ -48,11 +37,32 @@ def test_the_budget_names_all_parts_and_adds_up(capsys: pytest.CaptureFixture[st
         assert mesh["memory"]["robots"]["processes"] == swarm["robots"]
         for kind in mesh["memory"].values():
             assert 0 < kind["private_mb"] <= kind["pss_mb"] <= kind["rss_mb"]
+        assert 0 < swarm["idle"]["memory_ms"] < memory["ms"] and swarm["ping_pong"]["cpu_us"] > 0
 
 
-def test_what_a_person_reads(capsys: pytest.CaptureFixture[str]) -> None:
-    full_swarm.run(TASK)
+def test_traffic_adds_up(measured: Measured) -> None:
+    alone, few = (swarm["traffic"] for swarm in measured.figures["swarms"])
+    assert alone["copies"] == alone["packets"] == 0.0
+    assert few["copies"] == pytest.approx(3 * few["frames"], rel=0.15)  # at the three others
+    assert 0 < few["heard"] <= few["copies"] and 0 <= few["stale"] <= few["packets"]
+
+
+def test_what_a_person_reads(measured: Measured, capsys: pytest.CaptureFixture[str]) -> None:
+    measured.show()
     printed = capsys.readouterr().out
-    for title in ("chapter.toml, over Zenoh", "CPU by part", "processes:", "memory, all of a kind"):
+    for title in (
+        "chapter.toml, over Zenoh",
+        "CPU by part",
+        "processes:",
+        "memory, all of a kind",
+        "the air",
+    ):
         assert title in printed
     assert "goal, 4 robots: simulated seconds per second over Zenoh, at least 100:" in printed
+
+
+def test_more_robots_than_the_scenario_has_room_for_stand_closer() -> None:
+    with planned(150, SwarmTask(seconds=1.0), "zenoh") as plan:
+        places = [robot.start[:2] for robot in plan.world.robots]
+    assert len(places) == 150
+    assert min(math.dist(one, other) for one, other in combinations(places, 2)) >= 0.42 - 1e-9

@@ -1,21 +1,19 @@
 """What `acrc bench recordings` finds: a run that is recorded, of which one robot is executed again."""
 
-import json
-
 import pytest
 
 from benchmarks.recordings import recordings
 from benchmarks.recordings.recordings import Found
 
 
-def test_a_swarm_is_recorded_and_one_robot_executed_again(capsys: pytest.CaptureFixture[str]) -> None:
-    recordings.run(2, 5.0, "r2", json_output=True)
-    (row,) = json.loads(capsys.readouterr().out)
-    share, size, lost, replayed, speed = row.values()
+def test_a_swarm_is_recorded_and_one_robot_executed_again() -> None:
+    (row,) = recordings.measure((2,), 5.0).figures
+    *_, share, size, lost, replayed, speed = row.values()
+    assert [*row][:3] == ["robots", "simulated s", "CPU s"]
     assert 0.01 < float(share.rstrip("%")) / 100 < 0.5
     assert 0.5 < float(size) < 20.0
     assert lost == 0
-    assert replayed.startswith("r2: identical, ")
+    assert replayed.startswith("r1: identical, ")
     assert float(speed) > 1.0
 
 

@@ -1,25 +1,27 @@
 """That the benchmark of relays runs each rule from each seed, and that its ages are true ones."""
 
-import json
 from pathlib import Path
 
 import pytest
 
 from actors.installation.usage import OptionError
+from benchmarks.statistics.measured import Measured
 from benchmarks.swarm import relays
-from benchmarks.swarm.relay_run import RelayTask, examine, relay_scenario
-from benchmarks.swarm.relays import SCENARIO, RelaysTask
+from benchmarks.swarm.relay_run import RelayFigures, RelayTask, examine, relay_scenario
+from benchmarks.swarm.relays import SCENARIO
 from deploy.scenario.scenario_file import Overrides, load_scenario
 
-TASK = RelaysTask(robots=(4,), below_dbm=(-90.0,), first_seed=3, duration=15.0)
+
+@pytest.fixture(scope="module")
+def measured() -> Measured:
+    return relays.measure((4,), 15.0, below=(-90.0,), seed=3)
 
 
-def test_each_rule_runs_from_each_seed(capsys: pytest.CaptureFixture[str]) -> None:
-    found = relays.run(TASK, json_output=True, workers=1)
+def test_each_rule_runs_from_each_seed(measured: Measured) -> None:
+    found = [RelayFigures(**one) for one in measured.figures]
     own = load_scenario(SCENARIO).deeco.relay_below
     rules = sorted({0.0, own, -90.0}, reverse=True)
     assert [(one.seed, one.below_dbm) for one in found] == [(seed, rule) for seed in (3, 4) for rule in rules]
-    assert [one["digest"] for one in json.loads(capsys.readouterr().out)] == [one.digest for one in found]
     for one in found:
         assert 0.0 < one.age_s <= one.age_95_s and one.age_s <= one.capped_age_s <= 10.0
         assert one.frames == pytest.approx(one.relays + 1, rel=0.2), "a publication a second, frames shared"
@@ -34,8 +36,10 @@ def test_the_scenario_itself_is_not_changed_but_for_the_rule() -> None:
     assert scenario.model_copy(update={"deeco": plain.deeco}) == plain
 
 
-def test_the_table_says_which_rule_is_the_scenarios(capsys: pytest.CaptureFixture[str]) -> None:
-    relays.run(TASK, workers=1)
+def test_the_table_says_which_rule_is_the_scenarios(
+    measured: Measured, capsys: pytest.CaptureFixture[str]
+) -> None:
+    measured.show()
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].strip() == "4 robots, means over 2 seeds"
     assert sum(" * " in line for line in lines if line.startswith("│")) == 1
@@ -48,3 +52,16 @@ def test_robots_that_never_talk_are_one_sentence(tmp_path: Path) -> None:
     path.write_text(f'map = "{floor}"\n[run]\nstrategy = "tests.robot.behaviours:idle"\n')
     with pytest.raises(OptionError, match="they should talk"):
         examine(RelayTask(path, 2, 1, 15.0, -80.0))
+
+
+@pytest.mark.parametrize(
+    ("robots", "duration", "sentence"),
+    [((1, 4), 20.0, "--robots: 1; must be at least 2 for relays"),
+     ((4,), 14.0, "--duration: 14; must be at least 15 for relays")],
+)  # fmt: skip
+def test_too_few_robots_and_too_short_runs_are_refused(
+    robots: tuple[int, ...], duration: float, sentence: str
+) -> None:
+    with pytest.raises(OptionError) as caught:
+        relays.measure(robots, duration)
+    assert str(caught.value) == sentence

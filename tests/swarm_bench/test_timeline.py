@@ -21,7 +21,7 @@ KINDS = ("world", "radio", "r1", "r2", "r3")
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], dict[str, Any]]:
     path = tmp_path_factory.mktemp("timeline") / "t.json"
-    figures = command.run(ROBOTS, SECONDS, path, steps=STEPS)
+    figures = command.draw((ROBOTS,), SECONDS, path, steps=STEPS).figures
     content: dict[str, Any] = json.loads(path.read_text())
     return figures, content
 

@@ -29,7 +29,7 @@ class Positioning(Protocol):
     def is_lost(self) -> float:
         """The probability that the robot is somewhere else altogether, 0 to 1, by what its scans say.
 
-        Above 0.95 it is time to act on it: `acrc bench localisation` counts how seldom that is wrong. The
+        Above 0.95 it is time to act on it: `acrc verify localisation` counts how seldom that is wrong. The
         odometry alone never finds out, and says 0.
         """
 

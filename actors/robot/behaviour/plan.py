@@ -11,7 +11,7 @@ from actors.geometry import Point
 from actors.instant import Duration, seconds
 
 PACE: Final = 0.33
-"""So fast robots get on, m/s: 0.5 m/s by the slowness of 1.5 that `acrc bench navigation` measures."""
+"""So fast robots get on, m/s: 0.5 m/s by the slowness of 1.5 that `acrc verify navigation` measures."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from actors.robot_model import RangeSensor
 
 _SIGMA: Final = 0.025
 """How far a wall of the map is from where a beam meets it, m, standard deviation: half a cell of 5 cm. Own
-fit, as is all below: courses of `acrc bench localisation`, 0 to 10 others, at 58° and 360°, three maps."""
+fit, as is all below: courses of `acrc verify localisation`, 0 to 10 others, at 58° and 360°, three maps."""
 _TOGETHER: Final = math.radians(10.0)
 """Beams within this angle meet one wall, and are wrong together."""
 _OF_CLOUD: Final = 0.03

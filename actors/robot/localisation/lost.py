@@ -13,7 +13,7 @@ class _Shares(NamedTuple):
 
 _TRACKING: Final = _Shares(0.05, 8.0)
 """From the right pose: a beam that grazes a corner, now and then. Own fit, as is the next: courses of
-`acrc bench localisation` with 0 to 10 others, at 58° and 360°, on three maps."""
+`acrc verify localisation` with 0 to 10 others, at 58° and 360°, on three maps."""
 _LOST: Final = _Shares(0.5, 1.2)
 """From a wrong pose: anything, but in the mean a third."""
 _HAZARD: Final = 1e-4

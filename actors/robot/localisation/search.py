@@ -21,7 +21,7 @@ from actors.robot.localisation.lost import LostProbability
 from actors.robot.localisation.motion import around
 
 _MOST: Final = 20
-"""Hypotheses at once; own choices, as all below: tried on 36 courses of `acrc bench localisation` in which
+"""Hypotheses at once; own choices, as all below: tried on 36 courses of `acrc verify localisation` in which
 the robot is carried away, on three maps, at 58° and 360°, alone and among four others."""
 _FRESH: Final = 8
 """New ones per scan."""

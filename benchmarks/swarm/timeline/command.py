@@ -1,16 +1,14 @@
-"""`acrc bench swarm --timeline`: a run is watched, its picture written, what it comes to printed."""
+"""A timeline of some steps: a run is watched, its picture written, and told what it comes to."""
 
-import json
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from rich.console import Console
 from rich.table import Table
 
 from actors.installation.usage import wrong_value
+from benchmarks.statistics.measured import Measured
 from benchmarks.swarm.task import SwarmTask
 from benchmarks.swarm.timeline import trace_file
 from benchmarks.swarm.timeline.shares import StepShares, shares
@@ -23,31 +21,19 @@ SECONDS: Final = 20.0
 """Simulated time of a run, unless it is said; robots have found their ways by its middle."""
 
 
-def one(robots: Sequence[int] | None) -> int:
-    """The one swarm that `--robots` means; OptionError if it is several."""
-    if robots is not None and len(robots) > 1:
+def draw(robots: Sequence[int], seconds: float, path: Path, steps: int = STEPS) -> Measured:
+    """Watch one swarm and write the file. OptionError for several, and for a file that cannot be made."""
+    if len(robots) != 1:
         raise wrong_value("--robots", " ".join(map(str, robots)), "one number with --timeline")
-    return robots[0] if robots else ROBOTS
-
-
-def run(
-    robots: int, seconds: float, path: Path, json_output: bool = False, steps: int = STEPS
-) -> dict[str, Any]:
-    """Watch, write the file, print and give the figures. OptionError for a file that cannot be made."""
     trace_file.check(path)
-    seen = watch(robots, SwarmTask(seconds=seconds, robot_seconds=None), steps)
+    seen = watch(robots[0], SwarmTask(seconds=seconds, robot_seconds=None), steps)
     trace_file.write(seen, path)
     found = shares(seen)
     figures = asdict(found) | {"digest": seen.digest, "first_step": seen.window.first, "file": str(path)}
-    if json_output:
-        sys.stdout.write(json.dumps(figures) + "\n")
-    else:
-        _show(found, seen.window.first, path)
-    return figures
+    return Measured(figures, _shown(found, seen.window.first, path))
 
 
-def _show(found: StepShares, first: int, path: Path) -> None:
-    console = Console(width=120)
+def _shown(found: StepShares, first: int, path: Path) -> tuple[Table | str, ...]:
     title = (
         f"{found.robots} robots, a step of {found.step_ms:.1f} ms\n"
         f"ms, medians of {found.steps} steps from step {first} on"
@@ -56,10 +42,10 @@ def _show(found: StepShares, first: int, path: Path) -> None:
     for kind in found.kinds:
         sizes = (kind.works_ms, kind.works_cpu_ms, kind.waits_ms, kind.cpu_ms)
         table.add_row(kind.kind, str(kind.processes), *(f"{size:.2f}" for size in sizes))
-    console.print(table)
     waits = ", ".join(f"{name} {ms:.2f} ms" for name, ms in found.world_waits_ms.items())
     last = found.slowest
-    for sentence in (
+    return (
+        table,
         f"the world waits for: {waits}; from Senses to a robot that goes on: {found.delivery_ms:.2f} ms",
         f"idle at the barrier: {found.idle_share:.0%} of {found.cores} cores, {found.idle_ms:.2f} ms a step "
         f"(busy with something else: {found.others:.1f} cores; load before: {found.load:.1f})",
@@ -67,5 +53,4 @@ def _show(found: StepShares, first: int, path: Path) -> None:
         f"all robots {last.robots_work_ms:.2f} ms; the last answer comes {last.behind_ms:.2f} ms after the "
         "median one",
         f"{path}: for Perfetto (ui.perfetto.dev) or chrome://tracing",
-    ):
-        console.print(sentence, highlight=False, soft_wrap=True)
+    )

@@ -1,0 +1,180 @@
+"""All claims, in the order of the page."""
+
+from typing import Final
+
+from benchmarks.claims.claim import Claim
+
+_BITS: Final = "The same bits"
+_RADIO: Final = "The radio"
+_NAVIGATION: Final = "Navigation"
+_PAST: Final = "The way past the radio"
+_ENDS: Final = "Ends, losses, damage"
+_BOARD: Final = "On board"
+_CORNERS: Final = ("alone/corridor/360/exact/0", "crowd/apartment/360/kobuki/10/robust")
+_FEW_CASES: Final = (("robot", "killed"), ("base", "stopped"), ("lidar", "silent"))
+
+CLAIMS: Final = (
+    Claim(
+        "same-bits", _BITS,
+        "A run follows from scenario, seed and commit; a strategy from its inputs only.",
+        "One digest in memory and over processes, isolated or not, at any speed; replayed in processes with "
+        "another hash seed, every message is equal. Tests do it on every change.",
+        "benchmarks.foundations.same_bits", small={"duration": 5.0}, full={"duration": 120.0},
+        seconds=(15, 90), takes=("duration",),
+    ),
+    Claim(
+        "processors", _BITS,
+        "The digest is the same on any processor.",
+        "Equal digests of two runs on x86-64 with and without AVX-512, AVX2 and FMA, on emulated aarch64, "
+        "with Python 3.11 to 3.13 ([decision 11](decisions/0011-portable-functions.md)).",
+        "benchmarks.processors.table", small={"duration": 5.0, "only": ("x86_64", "FMA")},
+        full={"duration": 600.0}, seconds=(120, 5400), takes=("duration", "only", "install"),
+    ),
+    Claim(
+        "functions", _BITS,
+        "Elementary functions are our own and exact.",
+        "Within 2.5 ulp of mpmath at most, 1 ulp for most.",
+        "benchmarks.foundations.portable", small={"count": 200}, full={"count": 5000}, seconds=(5, 40),
+    ),
+    Claim(
+        "radio", _RADIO,
+        "The medium behaves as ns-3.44's lr-wpan (C++) with one correction, and as the closed formula of one "
+        "backlogged sender.",
+        "744 of 772 comparisons lie within the joint 95 % interval, none further off than 3.27 standard "
+        "errors; the formula is met within 0.05 %. Without `--data DIR`, rows of ns-3, only the formula is "
+        "checked.",
+        "benchmarks.radio.truth", small={"runs": 20}, full={"runs": 10}, seconds=(3, 300),
+        takes=("data", "runs"),
+    ),
+    Claim(
+        "links", _RADIO,
+        "Shadowing of 6 dB makes links as measured ones (motes in a building).",
+        "It gives their grey zone from 70 % of frames upward; further down theirs fall off 2.5 dB sooner.",
+        command="acrc bench radio --out",
+    ),
+    Claim(
+        "localisation", _NAVIGATION,
+        "The robot's localisation is as good as the original amcl, and keeps track among up to ten others.",
+        "Over twelve courses with ten runs each the error of preset `chapter` is 0.69 times amcl's (0.65 to "
+        "0.73), on no course more than 0.80 times; neither loses any of 120 runs (`--from DIR --against "
+        "JSON`). Beside the truth: 0.024 to 0.747 m with `chapter`, 0.013 to 0.039 m with `robust`.",
+        "benchmarks.localisation.command",
+        small={"cell": _CORNERS, "runs": 1, "duration": 60.0}, full={"runs": 20}, seconds=(5, 540),
+        takes=("source", "against", "runs", "cell", "duration", "log", "seed", "workers"),
+    ),
+    Claim(
+        "navigation", _NAVIGATION,
+        "Robots reach random goals and touch no wall.",
+        "On three maps a robot alone reaches 593 of 600 goals; no wall is touched.",
+        "benchmarks.navigation.navigation", small={"robots": (1,), "goals": 2, "runs": 1},
+        full={"goals": 200, "runs": 8}, seconds=(8, 1200),
+        takes=("maps", "robots", "goals", "runs", "localisation", "navigation", "log", "seed"),
+    ),
+    Claim(
+        "failures", _NAVIGATION,
+        "The chapter's failures come about by themselves.",
+        "Deadlocks and lost trajectories do; *lost* does not, with the chapter's sensor, odometry and map.",
+        "benchmarks.failures.failures", small={"robots": (4,), "runs": 1, "duration": 200.0},
+        full={"runs": 20}, seconds=(10, 900),
+        takes=("scenario", "robots", "runs", "duration", "strategy", "localisation", "navigation"),
+    ),
+    Claim(
+        "wedged", _NAVIGATION,
+        "A robot with `back_off` gets free of another one that it stands head-on and too near to.",
+        "All of 40 pairs come free, in a passage and on open floor "
+        "([and what it does not cure](navigation.md#the-three-failures)).",
+        "benchmarks.causes.wedge", small={"runs": 1}, full={"runs": 5}, seconds=(10, 60), takes=("runs",),
+    ),
+    Claim(
+        "attacks", _PAST,
+        "The radio is the only way from one robot to another.",
+        "Some hundred attacks by a swarm's own members are tried on every change. Those that get through are "
+        "expected to, and [named](isolation.md#what-remains): session ids, page faults, load and timing.",
+        "benchmarks.attacks.command", seconds=(6, 6),
+    ),
+    Claim(
+        "endings", _ENDS,
+        "Whatever ends a run, nothing is left behind, and the recordings are good.",
+        "200 runs killed, stopped or signalled at random instants: none hung, all as due.",
+        "benchmarks.swarm.endings", small={"runs": 3, "longest_stop": 5.0}, full={"runs": 200},
+        seconds=(35, 2400), takes=("runs", "seed", "workers"),
+    ),
+    Claim(
+        "crowded-start", _ENDS,
+        "A busy computer makes a run slow, and nothing else.",
+        "A hundred robots beside four computing processes per core: one digest, nothing undelivered.",
+        "benchmarks.swarm.crowded_start", small={"robots": 4, "hogs_per_core": 1}, full={"robots": 100},
+        seconds=(20, 120),
+    ),
+    Claim(
+        "resume", _ENDS,
+        "A campaign that is killed is resumed as if it had never been.",
+        "Killed ten times at random moments: every record as without, none made twice.",
+        "benchmarks.swarm.resume", small={"runs": 2, "duration": 3.0}, full={"runs": 10}, seconds=(25, 300),
+        takes=("runs", "duration"),
+    ),
+    Claim(
+        "branches", _ENDS,
+        "A branch without a change is the run, and one without a frame differs by that frame first.",
+        "20 of 20 each ([observe and replay](observe-and-replay.md)).",
+        "benchmarks.branches.forks", small={"runs": 2, "duration": 10.0}, full={"runs": 20},
+        seconds=(5, 180),
+        takes=("runs", "duration", "seed"),
+    ),
+    Claim(
+        "causes", _ENDS,
+        "The accounting of lost time names causes that are there, and invents none.",
+        "197 of 200 planted causes are named; in 200 quiet situations nothing was invented.",
+        "benchmarks.causes.causes", small={"runs": 5}, full={"runs": 200}, seconds=(8, 900), takes=("runs",),
+    ),
+    Claim(
+        "places", _ENDS,
+        "No place is lost by the shipped strategies.",
+        "A proof and its test ([strategies](strategies.md#why-no-place-is-lost)); a robot that is killed "
+        "keeps what it holds.",
+        command="acrc campaign",
+    ),
+    Claim(
+        "seal", _ENDS,
+        "A run's files are as it left them, or the one that is not is named.",
+        "Flipped bits, files removed, added, renamed or replaced by links: each is named "
+        "([seal](observe-and-replay.md#what-a-run-leaves)).",
+        "benchmarks.recordings.seals", small={"runs": 10}, full={"runs": 200}, seconds=(3, 60),
+        takes=("runs", "seed"),
+    ),
+    Claim(
+        "mutations", _ENDS,
+        "Bytes from outside never crash a parser.",
+        "10 MB of damaged bytes for every parser: a sentence at most.",
+        "benchmarks.mutations.command", small={"size": 50_000}, full={"size": 10_000_000}, seconds=(8, 5400),
+        takes=("size", "seed"),
+    ),
+    Claim(
+        "boards", _BOARD,
+        "The drivers of base and radio board bear a noisy line, and the latter fills its line or the air.",
+        "10 MB of noise and talk each: no packet reported twice, never or falsely; back within 100 ms.",
+        "benchmarks.hardware.boards", small={"size": 100_000}, full={"size": 10_000_000}, seconds=(8, 900),
+        takes=("size", "seed"),
+    ),
+    Claim(
+        "onboard", _BOARD,
+        "Processes as on board need no network between robots, and their recordings replay.",
+        "Three robots, each process in a network namespace of its own: they clean six places.",
+        "benchmarks.hardware.onboard", small={"robots": 2, "duration": 15.0}, full={"robots": 3},
+        seconds=(25, 120), takes=("duration",),
+    ),
+    Claim(
+        "standstill", _BOARD,
+        "The base stands when a process fails.",
+        "Told within 0.3 s and 0.15 m, whatever fails ([table](deployment.md#what-stops-it)).",
+        "benchmarks.hardware.standstill", small={"trials": 1, "cases": _FEW_CASES}, full={"trials": 3},
+        seconds=(30, 1200), takes=("trials",),
+    ),
+    Claim(
+        "sensors", _BOARD,
+        "The base stands when a sensor lies.",
+        "Each lie by name ([table](deployment.md#sensors-that-lie)).",
+        "benchmarks.hardware.sensor_trials", small={"trials": 1, "hours": 0.02},
+        full={"trials": 20, "hours": 2.0}, seconds=(20, 3600), takes=("trials", "hours"),
+    ),
+)  # fmt: skip

@@ -1,0 +1,113 @@
+"""`acrc bench`: what is measured in time and memory."""
+
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from command_line import completion
+from command_line.options import Json
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """One of them."""
+
+    module: str
+    """Has the function `measure`, which gives `Measured`."""
+    says: str
+    takes: tuple[str, ...] = ()
+    """Settings of `measure` that can be given on the command line."""
+
+
+BENCHMARKS: Final = {
+    "swarm": Benchmark(
+        "benchmarks.swarm.benchmark", "the whole stack: speed, CPU by part, traffic, memory",
+        ("robots", "duration", "repeat", "timeline"),
+    ),
+    "recordings": Benchmark(
+        "benchmarks.recordings.recordings", "recording a swarm, and replaying a robot", ("robots", "duration")
+    ),
+    "relays": Benchmark(
+        "benchmarks.swarm.relays", "rules of relaying: what robots hear, how old what they know is",
+        ("robots", "duration", "below", "seeds", "seed", "scenario"),
+    ),
+    "radio": Benchmark(
+        "benchmarks.radio.benchmark", "the medium; with --out the figures of docs/radio.md",
+        ("out", "data", "map_file"),
+    ),
+    "world": Benchmark("benchmarks.world.world", "physics and scans beside other simulators", ("map_file",)),
+    "deeco": Benchmark("benchmarks.foundations.deeco", "the component model"),
+    "functions": Benchmark("benchmarks.foundations.portable", "elementary functions beside the C library's"),
+}  # fmt: skip
+"""By name."""
+
+
+def names() -> list[str]:
+    """For completion."""
+    return list(BENCHMARKS)
+
+
+def bench(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help=f"{', '.join(BENCHMARKS)}.", autocompletion=names)
+    ] = None,
+    robots: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=1, max=1000, help="swarm, recordings, relays: use so many robots."),
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option(metavar="S", min=1, max=3600, help="The same: simulate so long.")
+    ] = None,
+    repeat: Annotated[
+        int | None, typer.Option(metavar="N", min=1, max=100, help="swarm: take the median of so many runs.")
+    ] = None,
+    timeline: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="swarm: only draw some steps, for a viewer of Chrome traces."),
+    ] = None,
+    below: Annotated[
+        list[float] | None,
+        typer.Option(metavar="DBM", min=-90, max=0, help="relays: try this threshold. May be repeated."),
+    ] = None,
+    seeds: Annotated[
+        int | None, typer.Option(metavar="N", min=1, max=10_000, help="relays: run each from so many seeds.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(metavar="N", min=0, help="relays: begin with this one.")] = None,
+    scenario: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="SCENARIO.toml", help="relays: run this scenario.", autocompletion=completion.scenarios
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="radio: only draw the figures, into this folder.")
+    ] = None,
+    data: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="radio --out: draw these rows of ns-3 as dots.")
+    ] = None,
+    map_file: Annotated[
+        Path | None, typer.Option("--map", metavar="YAML", help="world, radio --out: use this map.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Measure time and memory of one part; without a name, say which there are."""
+    from actors.installation.usage import wrong_value
+    from benchmarks.claims.verification import told
+    from command_line.bench.options import given
+
+    if name is None:
+        for known, one in BENCHMARKS.items():
+            print(f"{known:<12}{one.says}")
+        return
+    if name not in BENCHMARKS:
+        raise wrong_value("NAME", name, f"one of {', '.join(BENCHMARKS)}")
+    options = {
+        "robots": robots, "duration": duration, "repeat": repeat, "timeline": timeline, "below": below,
+        "seeds": seeds, "seed": seed, "scenario": scenario, "out": out, "data": data, "map_file": map_file,
+    }  # fmt: skip
+    settings = given(options, {known: one.takes for known, one in BENCHMARKS.items()}, (name,))
+    found = import_module(BENCHMARKS[name].module).measure(**settings)
+    raise typer.Exit(told(found, json_output=json))
