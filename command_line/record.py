@@ -6,8 +6,6 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from command_line.options import Modules, Trust
-
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 _Out = Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")]
 
@@ -71,28 +69,3 @@ def check(out: _Target) -> None:
             f"recording is good up {until}"
         )
     console.print(seal.sentence(out, report.sealed), markup=False)
-
-
-@app.command()
-def replay(
-    out: _Out,
-    actor: Annotated[str, typer.Argument(metavar="ACTOR", help="world, radio, r1, or r1.1 once restarted.")],
-    modules: Modules = None,
-    trust: Trust = False,
-    isolate: Annotated[
-        bool | None,
-        typer.Option(
-            "--isolate/--no-isolate",
-            help="Shut the robot's process off from everything.  [default: where the machine can]",
-        ),
-    ] = None,
-) -> None:
-    """Execute one actor again from what it received, and compare everything it sends."""
-    from actors.robot.behaviour.foreign import permit_of
-    from observation.replay import trusted_replay
-
-    permit = permit_of(modules, trust=trust)
-    report = trusted_replay.replay(out, actor, permit=permit, isolate=isolate)
-    Console(soft_wrap=True, highlight=False).print(
-        f"{report.actor}: {report.outputs} messages sent again, all equal to the recorded ones"
-    )

@@ -1,4 +1,4 @@
-"""`acrc replay` and `acrc explain`: a run or one robot executed again, to compare, to stop in, to ask why."""
+"""`acrc replay` and `acrc explain`: a run or one actor replayed, to compare, to stop in, to ask why."""
 
 import sys
 from collections.abc import Callable
@@ -23,7 +23,8 @@ def replay(
     robot: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="Only this robot, from what it sensed and heard: r1, or r1.1 once restarted."
+            metavar="NAME",
+            help="Only this actor, from what it took in: r1, r1.1 once restarted, world or radio.",
         ),
     ] = None,
     begin: Annotated[
@@ -51,9 +52,17 @@ def replay(
     ] = None,
     modules: Modules = None,
     trust: Trust = False,
+    isolate: Annotated[
+        bool | None,
+        typer.Option(
+            "--isolate/--no-isolate",
+            help="With --robot: replay it in a sandbox.  [default: where the machine can]",
+        ),
+    ] = None,
 ) -> None:
-    """Make a simulated run again, and compare every message; with --robot, execute that one alone again."""
+    """Make a simulated run again, and compare every message; with --robot, replay one actor alone."""
     options = {
+        "--isolate": isolate,
         "--from": begin,
         "--to": end,
         "--pdb": pdb or None,
@@ -64,7 +73,7 @@ def replay(
     if robot is None:
         alone = [name for name, value in options.items() if value is not None]
         if alone:
-            raise OptionError(f"{alone[0]}: is about one robot; must stand with --robot")
+            raise OptionError(f"{alone[0]}: is about one actor; must stand with --robot")
         from actors.robot.behaviour.foreign import permit_of
         from deploy.branches.swarm_replay import replay_swarm
 
@@ -79,7 +88,16 @@ def replay(
         raise OptionError("--from: is where a debugger stops; must stand with --pdb or --debugpy")
     if begin is not None and end is not None and begin > end:
         raise OptionError(f"--from: is {begin:g}; must be at most {end:g}, which is --to")
-    report = _one(out, robot, begin or 0.0, end, (pdb, debugpy), strategy, (modules, trust))
+    watched = pdb or debugpy is not None or end is not None or strategy is not None
+    if isolate and watched:
+        raise OptionError("--isolate: must stand without --pdb, --debugpy, --to and --strategy")
+    if watched:
+        report = _one(out, robot, begin or 0.0, end, (pdb, debugpy), strategy, (modules, trust))
+    else:
+        from actors.robot.behaviour.foreign import permit_of
+        from observation.replay import trusted_replay
+
+        report = trusted_replay.replay(out, robot, permit=permit_of(modules, trust=trust), isolate=isolate)
     until = "" if report.whole else " so far" if end is None else f" up to {end:g} s"
     console.print(f"{report.actor}: identical: {report.outputs} outputs{until}")
 
@@ -108,13 +126,11 @@ def _one(
     from actors.runtime.prints import on
     from cleaning.strategies import entry
     from deploy.branches import other_strategy
-    from observation.replay import debugging, trusted_replay
+    from observation.replay import debugging
     from observation.replay.record_replay import Onlook, replay_actor
     from observation.replay.trust import check_trust
 
     permit = permit_of(words[0], trust=words[1])
-    if debugger == (False, None) and end is None and strategy is None:
-        return trusted_replay.replay(out, robot, permit=permit, isolate=None)
     if strategy is None:
         folders = check_trust(out, robot, permit) or ()
     else:

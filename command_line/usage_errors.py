@@ -12,7 +12,6 @@ from typer._click import exceptions as faults  # typer has no public names for t
 
 from actors.runtime.errors import printable
 
-_RENAMED: Final = {"--patience": "--timeout"}
 _NUMBERS: Final = {int: "a whole number", float: "a number"}
 
 
@@ -48,8 +47,6 @@ def _other(error: typer.TyperException, command: str, context: Any) -> str:
 
 
 def _unknown_option(error: faults.NoSuchOption, command: str, context: Any) -> str:
-    if error.option_name in _RENAMED:
-        return f"{error.option_name}: is no longer an option; it is {_RENAMED[error.option_name]} now"
     near = error.possibilities or []
     right = f"did you mean {near[0]}?" if near else f"{command} --help lists those that there are"
     return f"{error.option_name}: is no option of {command}; {right}"

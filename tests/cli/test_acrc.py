@@ -171,7 +171,7 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
     ("command", "extras"),
     [
         (("record", "check", "out"), []),
-        (("record", "replay", "out", "r1"), ["sim"]),
+        (("replay", "out", "--robot", "r1"), ["sim"]),
         (("record", "merge", "out"), []),
         (("topic", "list", "out"), []),
         (("topic", "plot", "out"), ["pictures"]),
@@ -195,8 +195,6 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
         (("explain", "out", "r1"), ["sim"]),
         (("list", "maps"), []),
         (("docs",), ["docs"]),
-        (("deploy", "keys", "fleet.toml"), []),
-        (("onboard", "fleet.toml"), []),
         (("order", "out", "stop"), []),
         (("campaign", "--help"), []),
         (("campaign", "study.toml", "--on", "dask://HOST", "--help"), []),

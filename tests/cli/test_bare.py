@@ -34,7 +34,6 @@ STARTS = {
     "fleet watch --view": ("deploy.fleet.fleet_file", "deploy.fleet.watched"),
     "run --control": ("deploy.run.swarm", "deploy.control.__main__"),
     "run --hardware-in-the-loop": ("firmware_bridge.laboratory.__main__", *ACTORS[2:], *ON_BOARD),
-    "record replay": ACTORS,
     "view": (
         *("observation.view.command", "observation.view.beside", "observation.inside.following_program"),
         *("observation.inside.inside_program", "observation.explanation.explain_program"),
@@ -164,7 +163,7 @@ def by_extras() -> dict[tuple[str, ...], dict[str, list[str]]]:
 
 def test_every_command_is_looked_at() -> None:
     some = {
-        *("run", "record replay", "list presets", "list maps", "verify onboard", "bench world"),
+        *("run", "list presets", "list maps", "verify onboard", "bench world"),
         *("fleet onboard", "fleet watch", "fleet stop", "fleet collect", "fleet doctor", "fleet keys"),
     }
     assert some <= set(commands())

@@ -15,7 +15,6 @@ from actors.installation.version import release
 from actors.world.whereabouts import PoseError
 from cleaning.strategies import STRATEGIES
 from command_line.development.checks import Check, run_checks
-from command_line.groups import MOVED
 from observation.results import summary
 from observation.results.deeco_result import DeecoResult
 from observation.results.navigation_result import NavigationResult
@@ -45,32 +44,6 @@ def test_a_wrong_scenario_is_one_line_and_exit_code_1_however_long(tmp_path: Pat
     file = tmp_path / f"{'long' * 30}.toml"
     file.write_text('map = "[bold]"\n[run]\nsed = 1\n')
     assert acrc("run", str(file)) == (1, "", f"acrc: {file}: run.sed is not known; did you mean run.seed?\n")
-
-
-@pytest.mark.parametrize(
-    ("words", "now"),
-    [
-        ("deploy keys fleet.toml", "deploy keys: is no longer a command; it is acrc fleet keys now"),
-        ("deploy units --help", "deploy units: is no longer a command; it is acrc fleet units now"),
-        ("deploy", "deploy: is no longer a command; it is acrc fleet now"),
-        ("doctor", "doctor: is no longer a command; it is acrc fleet doctor now"),
-        ("onboard f --robot r1", "onboard: is no longer a command; it is acrc fleet onboard now"),
-        ("watch tls/r1:1 --keys k", "watch: is no longer a command; it is acrc fleet watch now"),
-        ("watch tls/r1:1 --stop", "watch --stop: is no longer a command; it is acrc fleet stop now"),
-        ("watch --pause x", "watch --pause: is no longer a command; it is acrc fleet pause now"),
-        ("collect --help", "collect: is no longer a command; it is acrc fleet collect now"),
-        ("strategies --json", "strategies: is no longer a command; it is acrc list strategies now"),
-        ("run --patience 3", "--patience: is no longer an option; it is --timeout now"),
-    ],
-)
-def test_an_old_spelling_names_the_new_one(words: str, now: str) -> None:
-    assert acrc(*words.split()) == (2, "", f"acrc: {now}\n")
-
-
-@pytest.mark.parametrize("was", MOVED)
-def test_what_a_command_is_called_now_is_a_command(was: tuple[str, ...]) -> None:
-    code, out, _ = acrc(*MOVED[was].split(), "--help")
-    assert code == 0 and out.startswith(f"Usage: acrc {MOVED[was]} ")
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,7 @@ READ = [
     ("r1/map.yaml", ("replay", "{out}", "--robot", "r1", "--to", "1")),
     ("r1/map.png", ("explain", "{out}", "r1")),
     ("r1/r1.mcap", ("record", "check", "{out}")),
-    ("map/map.yaml", ("record", "replay", "{out}", "world")),
+    ("map/map.yaml", ("replay", "{out}", "--robot", "world")),
     ("map/map.yaml", ("causes", "{out}")),
     ("run.json", ("report", "{out}")),
 ]

@@ -66,7 +66,7 @@ def test_nothing_that_a_robot_can_reach_tells_of_scenario_folder_or_seed(
     out, found = look_around(tmp_path, "--isolate", *words)
     assert json.loads((out / "run.json").read_bytes())["isolation"] == "full"
     assert found == []
-    again = acrc("record", "replay", out, "r1", "--trust")  # by the names that only the run's folder knows
+    again = acrc("replay", out, "--robot", "r1", "--trust")  # by the names that only the run's folder knows
     assert again.returncode == 0, again.stderr
 
 

@@ -147,7 +147,7 @@ def test_a_module_beside_the_scenario_gives_one_digest_and_runs_again(tmp_path: 
     again = run(tmp_path / "again", tmp_path / "isolated" / "scenario.toml", "--trust", "--bus", "memory")
     assert again["digest"] == memory["digest"]  # with its module, its settings and its areas
     (tmp_path / "study" / "mark").unlink()
-    asked = acrc("record", "replay", tmp_path / "isolated", "r2")
+    asked = acrc("replay", tmp_path / "isolated", "--robot", "r2")
     assert asked.returncode == 1
     assert asked.stderr == (
         f"acrc: {tmp_path}/isolated/r2/r2.mcap names the strategy wanderer:behaviour, whose code "
@@ -155,7 +155,7 @@ def test_a_module_beside_the_scenario_gives_one_digest_and_runs_again(tmp_path: 
         f"then say --modules {tmp_path}/study, or --trust\n"
     )
     named = ("--modules", tmp_path / "study")
-    replayed = acrc("record", "replay", tmp_path / "isolated", "r2", *named)
+    replayed = acrc("replay", tmp_path / "isolated", "--robot", "r2", *named)
     assert (replayed.returncode, replayed.stderr) == (0, "")
     assert not (tmp_path / "study" / "mark").exists()
     # what is executed again is what was recorded

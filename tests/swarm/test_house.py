@@ -205,6 +205,6 @@ def test_every_actor_can_be_replayed(recorded: Run, actor: str) -> None:
 
 
 def test_a_robot_that_was_started_again_is_replayed_by_the_command(recorded: Run) -> None:
-    done = acrc("record", "replay", recorded.out, "r8.1")
+    done = acrc("replay", recorded.out, "--robot", "r8.1")
     assert done.returncode == 0, done.stderr
     assert "equal" in done.stdout
