@@ -56,7 +56,18 @@ def _moved(places: Floats, velocities: Floats, omega: Floats, elapsed: float) ->
 def fingerprint() -> bytes:
     """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
     robots = [
-        RobotTruth(f"r{k}", 0.3 * k, 2.0 - k, 0.0, 0.1 * k, 0.4, 0.2 * k - 0.4, True, True, 0)
+        RobotTruth(
+            id=f"r{k}",
+            x=0.3 * k,
+            y=2.0 - k,
+            heading=0.0,
+            vx=0.1 * k,
+            vy=0.4,
+            omega=0.2 * k - 0.4,
+            stepping=True,
+            powered=True,
+            transmits=0,
+        )
         for k in range(5)
     ]
     return TransceiverTruth(0, robots).positions(73_000_001).tobytes()

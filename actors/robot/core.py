@@ -173,10 +173,19 @@ class RobotCore:
         if estimate.located:  # else it stands: navigation waits, too
             twist = parts.navigation.advance(instant, here, pose, velocity, senses.bumper != 0)
         moving = parts.moving.exceeded_by(velocity)
-        trust = estimate.covariance, estimate.lost
         driven = parts.navigation
-        new = tuple(Point(*place) for place in senses.places)
-        view = View(instant, pose, moving, driven.goal, events, *trust, driven.plan, driven.backing_out, new)
+        view = View(
+            instant=instant,
+            pose=pose,
+            moving=moving,
+            goal=driven.goal,
+            radio=events,
+            covariance=estimate.covariance,
+            lost=estimate.lost,
+            plan=driven.plan,
+            backing_out=driven.backing_out,
+            places=tuple(Point(*place) for place in senses.places),
+        )
         decision = self._decide(view, Instant(instant + self._step_us))
         driven.take(decision.goal, decision.paused, decision.back_out)
         if decision.relocalise:

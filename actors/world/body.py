@@ -107,7 +107,17 @@ class Bodies:
         scan = scans.pop() if scans else None
         bumper, self._bumpers[index] = int(self._bumpers[index]), 0
         odometry, earlier = self._odometers.read(index), tuple(scans)
-        return Senses(step, instant, events, odometry, bumper, scan, halt, earlier, places)
+        return Senses(
+            step=step,
+            instant=instant,
+            events=events,
+            odometry=odometry,
+            bumper=bumper,
+            scan=scan,
+            halt=halt,
+            earlier_scans=earlier,
+            places=places,
+        )
 
     def command(self, index: int, drive: Drive, instant: Instant) -> None:
         """The robot's wish from `instant` on."""

@@ -325,7 +325,17 @@ class WorldCore:
         x, y, heading, vx, vy, omega = self._bodies.truth(member.index)
         stepping = member.standing is Standing.STEPPING
         return RobotTruth(
-            member.id, x, y, heading, vx, vy, omega, stepping, member.alive, transmits, member.epoch
+            id=member.id,
+            x=x,
+            y=y,
+            heading=heading,
+            vx=vx,
+            vy=vy,
+            omega=omega,
+            stepping=stepping,
+            powered=member.alive,
+            transmits=transmits,
+            epoch=member.epoch,
         )
 
     def _move(self) -> Sequence[Output]:

@@ -86,7 +86,16 @@ def campaign(
     from experiments.study.study_wishes import Wishes
 
     wishes = Wishes(
-        study, preset, scenario, strategies, seeds, robots, duration, tuple(setting or ()), tuning, isolate
+        study=study,
+        preset=preset,
+        scenario=scenario,
+        strategies=strategies,
+        seeds=seeds,
+        robots=robots,
+        duration=duration,
+        settings=tuple(setting or ()),
+        tuning=tuning,
+        isolate=isolate,
     )
     options = CampaignOptions(jobs, check_every=check_every, on=on)
     permit = permit_of(modules, trust=trust)

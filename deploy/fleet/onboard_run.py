@@ -76,14 +76,14 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
     model = load_model(robot.model, robot.sensor)
     check_pose(load_map(str(fleet.map)), Point(*robot.start[:2]), model.footprint.circumradius, name)
     ports = Ports(
-        robot.base,
-        robot.radio,
-        robot.range,
-        fleet.radio.pan,
-        fleet.radio.channel,
-        fleet.radio.power_db,
-        robot.listen,
-        None if robot.listen is None else str(fleet.keys_of(name)),
+        base=robot.base,
+        radio=robot.radio,
+        range=robot.range,
+        pan=fleet.radio.pan,
+        channel=fleet.radio.channel,
+        power_dbm=fleet.radio.power_db,
+        listen=robot.listen,
+        keys=None if robot.listen is None else str(fleet.keys_of(name)),
     )
     counter = EpochCounter(name, options.out.parent, say)
     if options.at is not None:

@@ -4,7 +4,7 @@ import math
 import re
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, cast, get_args
@@ -29,6 +29,7 @@ class RunOptions:
 
     out: Path
     """Absolute path of a new or empty folder for everything that the run writes."""
+    _: KW_ONLY
     speed: str = "max"
     """Simulated seconds per second as a number, or "max"."""
     bus: Bus = "zenoh"
@@ -124,24 +125,24 @@ def run_options(  # one for each option of the command line
             "--timeout", f"{timeout:g}", f"more than the {slowest:g} s of a step at --speed {speed}"
         )
     return RunOptions(
-        out_folder.checked(out, mesh=bus == "zenoh"),
-        _speed(speed),
-        cast(Bus, bus),
-        cast(Spawn, spawn),
-        isolate,
-        scenario,
-        hidden,
-        view,
-        debug,
-        control,
-        hardware,
-        tuple(boards),
-        _limits(limit),
-        timeout,
-        json,
-        check,
-        tuple(log),
-        tuple(followed),
+        out=out_folder.checked(out, mesh=bus == "zenoh"),
+        speed=_speed(speed),
+        bus=cast(Bus, bus),
+        spawn=cast(Spawn, spawn),
+        isolate=isolate,
+        scenario=scenario,
+        hidden=hidden,
+        view=view,
+        debug=debug,
+        control=control,
+        hardware=hardware,
+        boards=tuple(boards),
+        limits=_limits(limit),
+        timeout_s=timeout,
+        json=json,
+        check=check,
+        log=tuple(log),
+        followed=tuple(followed),
     )
 
 

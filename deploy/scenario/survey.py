@@ -63,14 +63,14 @@ def survey(resolved: ResolvedScenario) -> ScenarioSurvey:
     radius = max(radii.values())
     standing = passable(grid, radius)
     return ScenarioSurvey(
-        resolved,
-        grid,
-        radius,
-        np.logical_or.reduce(list(floors.values())),
-        regions(grid, standing, grid.clearance),
-        far,
-        tuple(_close(resolved, reach_m)),
-        reach(radio_model(resolved.radio).parameters),
+        resolved=resolved,
+        grid=grid,
+        radius=radius,
+        reached=np.logical_or.reduce(list(floors.values())),
+        parts=regions(grid, standing, grid.clearance),
+        out_of_reach=far,
+        close=tuple(_close(resolved, reach_m)),
+        radio_reach=reach(radio_model(resolved.radio).parameters),
     )
 
 

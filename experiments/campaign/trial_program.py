@@ -54,7 +54,16 @@ def record(order: TrialOrder, out: Path) -> TrialRecord:
         done, fault = attempted(lambda: _run(order, of_all, out))
     result, time, seconds = done or (None, None, "")
     trial = order.trial
-    return TrialRecord(trial.strategy, trial.seed, {}, result, fault, time, settings or {}, seconds)
+    return TrialRecord(
+        strategy=trial.strategy,
+        seed=trial.seed,
+        variant={},
+        result=result,
+        failure=fault,
+        time=time,
+        drawn=settings or {},
+        trace=seconds,
+    )
 
 
 def attempted(work: Callable[[], T]) -> tuple[T | None, str | None]:

@@ -93,9 +93,15 @@ def _campaign(kept: store.Store, name: str, *, several: bool) -> Source:
             Case(condition, record.strategy, record.seed, record.result, record.failure, record.time)
         )
     return Source(
-        name, kept.study, kept.about().commit, records, len(kept.pending()), tuple(cases),
-        tuple(protection(kept)), tuple(differing(kept)),
-    )  # fmt: skip
+        name=name,
+        study=kept.study,
+        commit=kept.about().commit,
+        records=records,
+        pending=len(kept.pending()),
+        cases=tuple(cases),
+        protection=tuple(protection(kept)),
+        differing=tuple(differing(kept)),
+    )
 
 
 def _single(folder: Path, name: str) -> Source:

@@ -306,7 +306,17 @@ class BaseCore:
         c, s = cos_sin(heading)
         vx, vy = c * odometry.vx - s * odometry.vy, s * odometry.vx + c * odometry.vy
         return RobotTruth(
-            self._robot, x, y, heading, vx, vy, odometry.omega, True, True, self._transmits, self._epoch
+            id=self._robot,
+            x=x,
+            y=y,
+            heading=heading,
+            vx=vx,
+            vy=vy,
+            omega=odometry.omega,
+            stepping=True,
+            powered=True,
+            transmits=self._transmits,
+            epoch=self._epoch,
         )
 
     def _instant(self, step: int) -> Instant:

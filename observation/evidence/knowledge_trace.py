@@ -167,15 +167,15 @@ class Tracer:
         """One change."""
         self.trace.changes.append(
             KnowledgeChange(
-                self._step,
-                commit.instant,
-                commit.after.id,
-                commit.by,
-                commit.adaptation,
-                tuple(differences(commit.before, commit.after)),
-                commit.peer,
-                None if replica is None else self._read(replica, commit.instant),
-                commit.after,
+                step=self._step,
+                instant=commit.instant,
+                component=commit.after.id,
+                by=commit.by,
+                adaptation=commit.adaptation,
+                changed=tuple(differences(commit.before, commit.after)),
+                peer=commit.peer,
+                read=None if replica is None else self._read(replica, commit.instant),
+                after=commit.after,
             )
         )
 

@@ -176,7 +176,14 @@ class Growing:
         size = _HASH if entry.payload is None else len(entry.payload)
         instant = Instant(step * (0 if self.run is None else self.run.step_us))
         return Recorded(
-            step, instant, entry.key, entry.direction, entry.sequence, entry.payload, entry.sha256, size
+            step=step,
+            instant=instant,
+            key=entry.key,
+            direction=entry.direction,
+            sequence=entry.sequence,
+            payload=entry.payload,
+            sha256=entry.sha256,
+            size=size,
         )
 
 

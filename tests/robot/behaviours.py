@@ -28,7 +28,7 @@ def idle(start: Start) -> Behaviour:
 
 
 def chatty(start: Start) -> Behaviour:
-    return Scripted(Decision(Point(1.0, 2.0), (Outgoing(0, 0, b"x"),)))
+    return Scripted(Decision(Point(1.0, 2.0), frames=(Outgoing(0, 0, b"x"),)))
 
 
 def nothing(start: Start) -> None:

@@ -53,7 +53,7 @@ def test_frames_go_out_before_drive_which_counts_them_and_carries_the_word_on_pl
     reports = (PlaceReport("r1", 4, 50_000),)
     given_up = (PlaceGivenUp("r1", 3, 60_000, "door shut"),)
     route = (PlaceKey("r2", 7), PlaceKey("r1", 0))
-    robot = Robot(Decision(GoalOrder.KEEP, frames, reports, given_up, route))
+    robot = Robot(Decision(frames=frames, reports=reports, given_up=given_up, route=route))
     assert robot.take_step() == (
         to(TRANSMIT, Transmit(0, frames), "r1"),
         to(DRIVE, Drive(0, 0.0, 0.0, 0.0, 2, reports, given_up, route, START), "r1"),

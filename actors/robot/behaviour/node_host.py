@@ -146,7 +146,17 @@ class _Hosted:
         reports, given_up, route = self._monitor.give()
         goal, paused, back_out = self._navigation.give()
         peers, relocalise = self._positioning.give()
-        return Decision(goal, frames, reports, given_up, route, paused, peers, back_out, relocalise)
+        return Decision(
+            goal=goal,
+            frames=frames,
+            reports=reports,
+            given_up=given_up,
+            route=route,
+            paused=paused,
+            peers=peers,
+            back_out=back_out,
+            relocalise=relocalise,
+        )
 
     def outcome(self) -> dict[str, object]:
         """What node and link have counted, and what the adaptation has decided."""

@@ -6,7 +6,7 @@ other way.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from types import MappingProxyType
 from typing import Final, NamedTuple, Protocol, TypeAlias
 
@@ -143,6 +143,7 @@ class Decision:
 
     goal: Point | GoalOrder = GoalOrder.KEEP
     """A point is a new goal and replaces the present one, also if it is the same point again."""
+    _: KW_ONLY
     frames: tuple[Outgoing, ...] = ()
     """Frames to broadcast, in order of their instants, which lie within the step."""
     reports: tuple[PlaceReport, ...] = ()
