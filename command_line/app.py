@@ -27,6 +27,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.command()(run.run)
+app.command()(run.branch)
 app.command(context_settings={"ignore_unknown_options": True})(run.order)
 app.command()(look.demo)
 app.command()(look.view)

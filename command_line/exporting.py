@@ -6,26 +6,22 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from actors.installation.usage import OptionError
 from command_line.options import Modules, Trust
 
 
 def export(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")],
-    parquet: Annotated[bool, typer.Option("--parquet", help="As Parquet files.")] = False,
     folder: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Where to.  [default: OUT/tables]")
     ] = None,
     modules: Modules = None,
     trust: Trust = False,
 ) -> None:
-    """Write poses, estimates, goals, frames, knowledge, exchanges, places and decisions as tables.
+    """Write poses, estimates, goals, frames, knowledge, exchanges, places and decisions as Parquet files.
 
     What is not recorded is computed by executing radio and robots again; where the machine can, robots are
     shut off.
     """
-    if not parquet:
-        raise OptionError(f"export {out}: should stand with --parquet")
     from actors.robot.behaviour.foreign import permit_of
     from actors.runtime import regular_file
     from observation.replay.run_recordings import recordings

@@ -124,19 +124,6 @@ def run(
             help="The run ends once a process keeps all others from the next step for longer.",
         ),
     ] = 30.0,
-    origin: Annotated[
-        str | None,
-        typer.Option(
-            "--from",
-            metavar="DIR@S",
-            help="Continue a recorded run from an instant, with another --strategy, other settings of "
-            "it (--set), an --event, or nothing changed.",
-        ),
-    ] = None,
-    event: Annotated[
-        list[str] | None,
-        typer.Option(metavar="ORDER", help="With --from: an order such as 'kill r2 at 130'. Repeatable."),
-    ] = None,
     json: Json = False,
     check: Annotated[
         bool,
@@ -150,20 +137,6 @@ def run(
     from deploy.scenario.scenario_file import module_folders
 
     permit = foreign.permit_of(modules, trust=trust)
-    if origin is not None:
-        from deploy.branches.command import continue_run
-
-        whole = {
-            "SCENARIO": scenario, "--robots": robots, "--seed": seed, "--key": key, "--duration": duration,
-            "--step": step, "--isolate": isolate, "--view": view, "--robot": robot, "--control": control,
-            "--debug": debug, "--speed": speed, "--hardware-in-the-loop": hardware,
-            "--board": board, "--limit": limit, "--check": check,
-        }  # fmt: skip
-        others = [name for name, value in whole.items() if value]
-        continue_run(origin, strategy, setting or (), event or (), out, others, permit=permit, json=json)
-        return
-    if event:
-        raise OptionError(f"--event: {event[0]!r}; must stand with --from")
     from deploy.run.options import folder_name, run_options
     from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, settings
 
@@ -238,6 +211,43 @@ def _behaviour(strategy: str, *, by_option: bool) -> str:
         return entry(strategy)
     except StrategyError as error:
         raise OptionError(f"--strategy: {error}") if by_option else error from None
+
+
+def branch(
+    place: Annotated[
+        str,
+        typer.Argument(metavar="RUN@S", help="A recorded run's folder, and an instant in simulated seconds."),
+    ],
+    strategy: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Let robots follow this strategy from then on.",
+            autocompletion=completion.strategies,
+        ),
+    ] = None,
+    setting: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="A setting of it: strategy.N=3. Repeatable."),
+    ] = None,
+    event: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ORDER", help="An order such as 'kill r2 at 130'. Repeatable."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="New folder for the branch.  [default: in runs/]"),
+    ] = None,
+    modules: Modules = None,
+    trust: Trust = False,
+    json: Json = False,
+) -> None:
+    """Continue a recorded run from an instant with one thing changed, or nothing, and say what differs."""
+    from actors.robot.behaviour.foreign import permit_of
+    from deploy.branches.command import continue_run
+
+    permit = permit_of(modules, trust=trust)
+    continue_run(place, strategy, setting or (), event or (), out, permit=permit, json=json)
 
 
 def order(

@@ -59,7 +59,7 @@ def place(text: str) -> tuple[Path, float]:
     folder, _, instant = text.rpartition("@")
     at_s = succession.instant_of(instant)
     if not folder or at_s is None:
-        raise wrong_value("--from", text, "a run's folder and an instant above 0 in s, such as runs/seen@120")
+        raise wrong_value("branch", text, "a run's folder and an instant above 0 in s, such as runs/seen@120")
     return Path(folder), at_s
 
 

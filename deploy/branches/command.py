@@ -1,4 +1,4 @@
-"""`acrc run --from`: a recorded run continued with one thing changed."""
+"""`acrc branch`: a recorded run continued with one thing changed."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -29,14 +29,11 @@ def continue_run(
     settings: Sequence[str],
     events: Sequence[str],
     out: Path | None,
-    others: Sequence[str],
     *,
     permit: Permit,
     json: bool,
 ) -> None:
-    """Carry the branch out and say what came of it; `others`: options that belong to whole runs only."""
-    if others:
-        raise OptionError(f"{others[0]}: a branch is as its run was; must stand without --from")
+    """Carry the branch out and say what came of it."""
     origin, at_s = place_of(place)
     try:
         changed = strategy_settings(settings_of(settings), origin / SCENARIO)

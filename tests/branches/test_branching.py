@@ -155,20 +155,17 @@ def _lone_frame(origin: Path) -> tuple[int, str, str]:
 
 
 def test_the_command_says_what_came_of_it(origin: Path, tmp_path: Path) -> None:
-    done = acrc("run", "--from", f"{origin}@11", "--event", "move r1 12.44 3.7 0", "--out", tmp_path / "out")
+    done = acrc("branch", f"{origin}@11", "--event", "move r1 12.44 3.7 0", "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     assert f"branch of {origin} at 11 s: move r1 12.44 3.7 0 at 11 s; up to there again in " in done.stderr
     assert "\nfirst difference: step 110: " in done.stderr
     assert "\ndoes or meets otherwise: r1 from 11 s" in done.stderr
     for words, sentence in (
-        (("--event", "kill r2"), "--event: 'kill r2'; must stand with --from"),
-        (
-            ("--from", f"{origin}@5", "--seed", 3),
-            "--seed: a branch is as its run was; must stand without --from",
-        ),
-        (("--from", f"{origin}@5", "--strategy", "x"), "--strategy: strategy 'x' is not known"),
+        ((origin,), f"branch: {origin}; must be a run's folder and an instant above 0 in s"),
+        ((f"{origin}@5", "--seed", 3), "--seed: is no option of acrc branch"),
+        ((f"{origin}@5", "--strategy", "x"), "--strategy: strategy 'x' is not known"),
     ):
-        refused = acrc("run", *words, "--out", tmp_path / "none")
+        refused = acrc("branch", *words, "--out", tmp_path / "none")
         assert (refused.returncode, sentence in refused.stderr) == (2, True), refused.stderr
 
 
@@ -200,7 +197,7 @@ def test_a_new_value_is_compared_with_the_same_strategy_made_anew(leave: Leave) 
 
 
 def test_the_command_tells_what_is_the_value_s_doing(origin: Path, tmp_path: Path) -> None:
-    words = ("run", "--from", f"{origin}@11", "--set")
+    words = ("branch", f"{origin}@11", "--set")
     done = acrc(*words, "strategy.reach=0.50", "--set", "deeco.publish=1", "--out", tmp_path / "same")
     assert done.returncode == 0, done.stderr
     assert f"branch of {origin} at 11 s: nothing changed; up to there again in " in done.stderr

@@ -51,5 +51,5 @@ def test_a_place_in_a_run() -> None:
 
 @pytest.mark.parametrize("text", ["runs/seen", "@5", "runs/seen@", "runs/seen@0", "runs/seen@nan"])
 def test_no_place_in_a_run(text: str) -> None:
-    with pytest.raises(OptionError, match="--from"):
+    with pytest.raises(OptionError, match="branch: "):
         change.place(text)

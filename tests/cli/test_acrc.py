@@ -193,6 +193,7 @@ def test_the_suite_does_without_the_view_and_says_how_much_it_installs(clone: Cl
         (("view", "out", "--html"), ["pictures"]),
         (("view", "out", "--movie=m.gif"), ["pictures"]),
         (("explain", "out", "r1"), ["sim"]),
+        (("branch", "out@3"), ["sim"]),
         (("list", "maps"), []),
         (("docs",), ["docs"]),
         (("order", "out", "stop"), []),

@@ -46,7 +46,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         ),
         Line("run --robots 2 --set run.duration=1.5 --isolate --out runs/b", r"2 robots"),
         Line(
-            "run --from runs/a@1 --event 'kill r2 at 1.5' --out runs/branch --trust",
+            "branch runs/a@1 --event 'kill r2 at 1.5' --out runs/branch --trust",
             r"r2",
             "runs/branch/run.json",
         ),
@@ -99,9 +99,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         ),
         Line("explain runs/a r1 --json --modules . --trust", r"^\["),
         Line("log runs/a --follow", r"step 30  r[12] looks"),
-        Line(
-            "export runs/a --parquet --out tables --modules . --trust", r"poses.*rows", "tables/poses.parquet"
-        ),
+        Line("export runs/a --out tables --modules . --trust", r"poses.*rows", "tables/poses.parquet"),
         Line("record merge runs/a --out all.mcap", r"messages of digest", "all.mcap"),
         Line("replay runs/a --robot r1 --modules . --isolate", r"^r1: identical: \d+ outputs$"),
         Line("replay runs/a --robot r2 --no-isolate --trust", r"^r2: identical: \d+ outputs$"),

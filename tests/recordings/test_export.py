@@ -25,7 +25,7 @@ def exported(met: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """As the page has it, seen from a folder in which `runs/tables` is the run."""
     here = tmp_path_factory.mktemp("exported")
     (here / "runs" / "tables").mkdir(parents=True)
-    done = acrc("export", met, "--parquet", "--out", here / "runs" / "tables" / "tables")
+    done = acrc("export", met, "--out", here / "runs" / "tables" / "tables")
     assert done.returncode == 0, done.stderr
     assert len(done.stdout.splitlines()) == len(TABLES)
     return here
@@ -94,8 +94,3 @@ def test_poses_and_estimates_are_those_of_every_step(tables: dict[str, Rows]) ->
     assert [row["step"] for row in tables["estimates"]] == sorted(row["step"] for row in tables["poses"])
     assert all(row["error"] < 0.5 and row["located"] for row in tables["estimates"])
     assert {row["owner"] for row in tables["places"]} == {"r1", "r2"} and len(tables["places"]) == 6
-
-
-def test_a_format_must_be_named(met: Path) -> None:
-    done = acrc("export", met)
-    assert (done.returncode, done.stderr) == (2, f"acrc: export {met}: should stand with --parquet\n")

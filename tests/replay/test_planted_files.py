@@ -37,7 +37,7 @@ def victim(tmp_path: Path) -> Path:
         ("run.html", ("view", "{out}", "--html")),
         ("beside.png", ("view", "{out}", "--beside", "{out}", "--png")),
         ("run.gif", ("view", "{out}", "--movie", "{out}/run.gif", "--speed", "100")),
-        ("tables/poses.parquet", ("export", "{out}", "--parquet")),
+        ("tables/poses.parquet", ("export", "{out}")),
         ("report/report.html", ("report", "{out}")),
         ("report/origin.csv", ("report", "{out}")),
     ],
@@ -61,7 +61,7 @@ def test_nothing_is_written_through_a_linked_folder(
     copy: Path, victim: Path, name: str, command: str
 ) -> None:
     (copy / name).symlink_to(victim.parent)
-    done = acrc(command, copy, *(("--parquet",) if command == "export" else ()))
+    done = acrc(command, copy)
     assert (done.returncode, done.stderr) == (
         1,
         f"acrc: {copy / name}: cannot be written: is a link, through which nothing is written\n",

@@ -109,7 +109,7 @@ def commands(received: Received) -> list[tuple[object, ...]]:
         (scenario, "replay", run),
         (scenario, "run", scenario, "--bus", "memory", *out),
         (scenario, "run", scenario, *out),
-        (scenario, "run", "--from", f"{run}@0.5", *out),
+        (scenario, "branch", f"{run}@0.5", *out),
         (study, "campaign", study, *out),
         (recording, "replay", run, "--robot", "r1"),
         (recording, "replay", run, "--robot", "r1", "--to", 0.5),
@@ -117,7 +117,7 @@ def commands(received: Received) -> list[tuple[object, ...]]:
         (recording, "replay", run, "--robot", "r1", "--no-isolate"),
         (recording, "explain", run, "r1"),
         (recording, "explain", run, "r1@0.5"),
-        (recording, "export", run, "--parquet"),
+        (recording, "export", run),
     ]
 
 
@@ -195,8 +195,8 @@ def test_a_typed_strategy_lets_no_other_one_in(received: Received) -> None:
     received.plant("mine.py")
     file = received.plant("evil.py")
     received.forge("evil:behaviour")
-    words = ("--from", f"{received.run}@0.5", "--strategy", "mine:behaviour", "--out", received.here / "o")
-    assert received.refuses("run", *words, cwd=received.folder) == sentence(
+    words = (f"{received.run}@0.5", "--strategy", "mine:behaviour", "--out", received.here / "o")
+    assert received.refuses("branch", *words, cwd=received.folder) == sentence(
         received.run / "scenario.toml", "evil:behaviour", file, "."
     )
 

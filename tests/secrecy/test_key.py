@@ -67,7 +67,7 @@ def test_a_run_with_a_key_is_made_again_from_its_folder(tmp_path: Path) -> None:
     for words in (("record", "check", tmp_path / "keyed"), ("replay", tmp_path / "keyed")):
         done = acrc(*words)
         assert done.returncode == 0, done.stderr
-    branch = acrc("run", "--from", f"{tmp_path / 'keyed'}@1", "--out", tmp_path / "branch", "--json")
+    branch = acrc("branch", f"{tmp_path / 'keyed'}@1", "--out", tmp_path / "branch", "--json")
     assert branch.returncode == 0, branch.stderr
     assert json.loads(branch.stdout)["digest"] == there["digest"]
     for file in (tmp_path / "keyed").glob("r?/*"):
