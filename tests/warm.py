@@ -45,8 +45,8 @@ def read_at_start(env: Mapping[str, str]) -> dict[str, str]:
     return {k: v for k, v in env.items() if k.startswith(READ_AT_START) and k != "PYTHONPATH"}
 
 
-BEGUN: Final = read_at_start(os.environ)
-"""What the waiting process begins with, whatever a test has set when it is first needed."""
+BEGUN: Final = read_at_start(os.environ) | {"OPENBLAS_NUM_THREADS": "1"}
+"""What the waiting process begins with, whatever a test, or a program that one imports, has set by then."""
 
 
 def heeds(env: Mapping[str, str]) -> bool:
@@ -87,7 +87,7 @@ class Waiting:
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._lock = threading.Lock()
         rest = {name: value for name, value in os.environ.items() if name not in read_at_start(os.environ)}
-        own = {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+        own = {"PYTHONPATH": str(ROOT)}
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "tests.warm", str(theirs.fileno())],
             cwd=ROOT,
