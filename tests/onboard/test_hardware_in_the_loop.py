@@ -87,7 +87,7 @@ def test_two_robots_clean_their_places_by_serial_bytes(tmp_path: Path) -> None:
     with (out / "result" / "places.csv").open() as table:
         assert {row["verdict"] for row in csv.DictReader(table)} == {"done"}
     again = acrc("replay", out, "--robot", "r2")
-    assert again.returncode == 0 and "all equal to the recorded ones" in again.stdout, again.stderr
+    assert again.returncode == 0 and ": identical: " in again.stdout, again.stderr
     base = acrc("replay", out, "--robot", "r2.base")
     assert (base.returncode, base.stdout, base.stderr) == (
         1, "", "acrc: r2.base: is a process with devices on board; must be a robot, world or radio\n"
@@ -116,7 +116,7 @@ def test_boards_and_simulated_transceivers_talk_on_one_air_with_its_walls(tmp_pa
     links = [out / f"r{number}.radio" / "setup.json" for number in (1, 2)]
     assert [json.loads(link.read_text())["actor"]["board"] for link in links] == [True, False]
     again = acrc("replay", out, "--robot", "r2")
-    assert again.returncode == 0 and "all equal to the recorded ones" in again.stdout, again.stderr
+    assert again.returncode == 0 and ": identical: " in again.stdout, again.stderr
     assert processes_of(out) == [] and leftovers(out) == []
 
 

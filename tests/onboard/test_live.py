@@ -118,7 +118,7 @@ def test_it_drives_records_stops_and_is_executed_again(links: Path, tmp_path: Pa
     board = json.loads(read_notes(out / "r1.radio" / "r1.radio.mcap")["final"])["outcome"]["board"]
     assert board["sent"] >= 3 and board["ups"] == 1
     again = acrc("replay", out, "--robot", "r1")
-    assert again.returncode == 0 and "all equal to the recorded ones" in again.stdout, again.stderr
+    assert again.returncode == 0 and ": identical: " in again.stdout, again.stderr
     assert processes_of(out) == [] and leftovers(out) == []
 
 
