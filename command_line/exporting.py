@@ -19,8 +19,8 @@ def export(
 ) -> None:
     """Write poses, estimates, goals, frames, knowledge, exchanges, places and decisions as Parquet files.
 
-    What is not recorded is computed by executing radio and robots again; where the machine can, robots are
-    shut off.
+    It replays radio and robots to compute what was not recorded, robots in a sandbox where the machine has
+    one.
     """
     from actors.robot.behaviour.foreign import permit_of
     from actors.runtime import regular_file

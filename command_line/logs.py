@@ -13,7 +13,7 @@ def log(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder, also while it goes on.")],
     names: Annotated[list[str] | None, typer.Argument(metavar="[ROBOT…]", help="[default: all]")] = None,
     follow: Annotated[
-        bool, typer.Option("--follow", "-f", help="Go on with what is printed, to the run's end.")
+        bool, typer.Option("--follow", "-f", help="Follow what is printed, to the end of the run.")
     ] = False,
 ) -> None:
     """Show what the strategy of robots has printed or logged, with simulated time and step."""

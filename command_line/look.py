@@ -90,21 +90,21 @@ def view(
     ] = None,
     why: Annotated[
         bool,
-        typer.Option(
-            "--why", help="Tell beside it why robots decided what they did; executes them once more."
-        ),
+        typer.Option("--why", help="Tell why robots decided what they did; replays them once more."),
     ] = False,
     modules: Modules = None,
     trust: Trust = False,
     isolate: Annotated[
         bool | None,
-        typer.Option("--isolate/--no-isolate", help="Shut that code off.  [default: where the machine can]"),
+        typer.Option(
+            "--isolate/--no-isolate", help="Replay robots in a sandbox.  [default: where the machine can]"
+        ),
     ] = None,
 ) -> None:
     """Open a run in the viewer: the floor, each robot's own view, radio, lanes, plots, over time.
 
-    What was not recorded is computed: robots are executed again. With --png, --svg, --html or
-    --movie, which execute nothing: floor, trails, places, meetings, radio and progress.
+    It replays the robots to compute what was not recorded. With --png, --svg, --html or
+    --movie, which run no strategy: floor, trails, places, meetings, radio and progress.
     """
     if beside and (html or movie or why):
         raise OptionError("--beside: must stand without --html, --movie and --why")

@@ -29,12 +29,14 @@ Modules = Annotated[
 Trust = Annotated[
     bool,
     typer.Option(
-        "--trust", help="Run the code that the file names, wherever it lies and whatever it is now."
+        "--trust", help="Run the code that the file names, even if it lies elsewhere or has changed."
     ),
 ]
 Robots = Annotated[str | None, typer.Option(metavar="N", help="How many robots.")]
-Seed = Annotated[str | None, typer.Option(metavar="N", help="From which all that is random follows.")]
+Seed = Annotated[str | None, typer.Option(metavar="N", help="Random seed: the same one gives the same run.")]
 Setting = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="A key of the scenario: deeco.publish=0.5. Repeatable."),
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Replace a key of the scenario: deeco.publish=0.5. Repeatable."
+    ),
 ]

@@ -28,10 +28,10 @@ def replay(
         ),
     ] = None,
     begin: Annotated[
-        float | None, typer.Option("--from", metavar="S", help="Stop there, with a debugger.", min=0.0)
+        float | None, typer.Option("--from", metavar="S", help="Stop there, in a debugger.", min=0.0)
     ] = None,
     end: Annotated[
-        float | None, typer.Option("--to", metavar="S", help="Do not go on behind it.", min=0.0)
+        float | None, typer.Option("--to", metavar="S", help="Stop replaying there.", min=0.0)
     ] = None,
     pdb: Annotated[
         bool, typer.Option("--pdb", help="Stop in the strategy's own code, in Python's debugger.")
@@ -46,7 +46,7 @@ def replay(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Let another strategy decide, and say where it would have decided otherwise.",
+            help="Let another strategy decide, and say where it decides differently.",
             autocompletion=completion.strategies,
         ),
     ] = None,
@@ -170,7 +170,7 @@ def explain(
 ) -> None:
     """Say why a robot decided as it did: the knowledge, the frame that brought it, and what was lost before.
 
-    The robot and the radio are executed again from their recordings, shut off where the machine can.
+    It replays the robot and the radio from their recordings, in a sandbox where the machine has one.
     """
     from actors.robot.behaviour.foreign import permit_of
     from actors.runtime.errors import printable

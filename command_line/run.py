@@ -18,7 +18,8 @@ def run(
     robots: Robots = None,
     seed: Seed = None,
     key: Annotated[
-        str | None, typer.Option(metavar="HEX", help="Secret that all that is random follows from, too.")
+        str | None,
+        typer.Option(metavar="HEX", help="Secret part of the random seed, which no strategy can guess."),
     ] = None,
     duration: Annotated[str | None, typer.Option(metavar="S", help="Simulated seconds.")] = None,
     step: Annotated[str | None, typer.Option(metavar="MS", help="Length of a step, 10 to 100 ms.")] = None,
@@ -26,8 +27,8 @@ def run(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="What robots do about being stuck: a name that `acrc list strategies` shows, or "
-            "module:function. Settings of another one in the scenario are left out.",
+            help="Adaptation strategy: a name from `acrc list strategies`, or module:function. "
+            "Drops the scenario's settings of another strategy.",
             autocompletion=completion.strategies,
         ),
     ] = None,
@@ -42,7 +43,7 @@ def run(
         str,
         typer.Option(
             metavar="zenoh|memory",
-            help="A process per robot, or all of them in one.",
+            help="Run each robot as a process (zenoh), or all in one process (memory).",
             autocompletion=lambda: ["zenoh", "memory"],
         ),
     ] = "zenoh",
@@ -50,7 +51,7 @@ def run(
         str,
         typer.Option(
             metavar="forkserver|exec",
-            help="How processes are started.",
+            help="How to start processes.",
             autocompletion=lambda: ["forkserver", "exec"],
         ),
     ] = "forkserver",
@@ -58,7 +59,7 @@ def run(
         bool | None,
         typer.Option(
             "--isolate/--no-isolate",
-            help="Shut each robot's process off from all but its own senses and radio.  "
+            help="Run each robot in a sandbox that leaves it its own senses and radio only.  "
             "[default: where the machine can]",
         ),
     ] = None,
@@ -94,7 +95,8 @@ def run(
     hardware: Annotated[
         bool,
         typer.Option(
-            "--hardware-in-the-loop", help="Robots as on board, their devices emulated; in wall time."
+            "--hardware-in-the-loop",
+            help="Run the processes of real robots, with emulated devices, in wall time.",
         ),
     ] = False,
     board: Annotated[
@@ -111,7 +113,7 @@ def run(
         list[str] | None,
         typer.Option(
             metavar="NAME=N",
-            help="What each robot's process may have: memory_mb, open_files, file_mb, disk_mb, disk_files, "
+            help="Limit each robot's process: memory_mb, open_files, file_mb, disk_mb, disk_files, "
             "processes. Repeatable.",
         ),
     ] = None,
@@ -121,14 +123,14 @@ def run(
             metavar="S",
             min=1,
             max=86400,
-            help="The run ends once a process keeps all others from the next step for longer.",
+            help="End the run if one process keeps all others waiting for longer.",
         ),
     ] = 30.0,
     json: Json = False,
     check: Annotated[
         bool,
         typer.Option(
-            "--check", help="Then execute every robot again: what follows more than it is told is found."
+            "--check", help="Replay every robot afterwards, and fail if one depends on more than its inputs."
         ),
     ] = False,
 ) -> None:

@@ -20,7 +20,7 @@ _Target = Annotated[
 _Key = Annotated[
     str, typer.Argument(metavar="KEY", help="r1/drive, truth, */senses for all robots, or in full.")
 ]
-_Follow = Annotated[bool, typer.Option("--follow", "-f", help="Go on with what the run adds, to its end.")]
+_Follow = Annotated[bool, typer.Option("--follow", "-f", help="Follow what the run adds, to its end.")]
 _EVERY_S = 1.0
 
 

@@ -20,7 +20,6 @@ import msgspec
 
 from actors.installation.repository import REPOSITORY
 from actors.runtime.errors import AcrcError
-from actors.runtime.process import RunNote
 from actors.runtime.recording import Note, RecordingError, read_recording
 
 STATE: Final = REPOSITORY / ".state"
@@ -48,6 +47,13 @@ class _Begun(msgspec.Struct):
 
     id: str
     epoch: int
+
+
+class _Run(msgspec.Struct, frozen=True):
+    """Of a recording's first record; earlier versions had the set-up as a text. Their starts count, too."""
+
+    setup: msgspec.Raw = msgspec.Raw()
+    scenario: str = ""
 
 
 @dataclass(frozen=True)
@@ -164,7 +170,7 @@ def _begun(path: Path) -> _Begun | None:
         first = next(read_recording(path), None)
         if not isinstance(first, Note) or first.name != "run":
             return None
-        run = msgspec.json.decode(first.json, type=RunNote)
-        return msgspec.json.decode(run.setup, type=_Begun)
+        run = msgspec.json.decode(first.json, type=_Run)
+        return msgspec.json.decode(bytes(run.setup) or run.scenario, type=_Begun)
     except (RecordingError, OSError, ValueError):
         return None

@@ -112,6 +112,14 @@ def test_a_lost_file_goes_on_behind_the_latest_recording(robot: Robot) -> None:
     assert [robot.claim(), robot.claim()] == [42, 43]
 
 
+def test_recordings_of_earlier_versions_count_too(robot: Robot) -> None:
+    path = robot.runs / "old" / "r1" / "r1.mcap"
+    path.parent.mkdir(parents=True)
+    with Recorder(path, 100_000) as recorder:
+        recorder.note("run", {"actor": "r1", "argv": [], "scenario": '{"id": "r1", "epoch": 7, "seed": 1}'})
+    assert robot.claim() == 8
+
+
 def test_of_a_damaged_file_recordings_and_clock_the_latest_counts(robot: Robot) -> None:
     robot.record(BY_CLOCK + 1000)
     robot.claim()
