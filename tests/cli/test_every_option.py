@@ -53,7 +53,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         Line(
             f"run {HEAD_ON} --duration 3 --strategy tests.debugging.stopping:behaviour --debug r1 "
             "--modules {root} --out runs/debug",
-            r"stopping.py",
+            r"stopping\.py[\s\S]*\(Pdb\) ",
             typed="c\n",
         ),
         Line(
