@@ -116,7 +116,7 @@ def _write_setup(program: Program) -> None:
     try:
         regular_file.write(file, setup_bytes(program.setup))
     except OSError as error:
-        raise LaunchError(f"{program.actor} is not started; {file}: {error.strerror}") from None
+        raise LaunchError(f"{program.actor} is not started; {file}: {error.strerror}") from error
 
 
 class ServedLauncher:

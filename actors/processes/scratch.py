@@ -36,7 +36,8 @@ def scratch_folder() -> Iterator[Path]:
             if why is None:
                 raise
             fault = _full(folder.parent, why)
-            raise (ScratchError(f"{error}; {fault}") if isinstance(error, AcrcError) else fault) from error
+            refused = isinstance(error, OSError) or isinstance(error.__cause__, OSError)
+            raise (fault if refused else ScratchError(f"{error}; {fault}")) from error
 
 
 def write_fault(folder: Path) -> str | None:

@@ -5,6 +5,7 @@ a file: the struct is handed over as it is.
 """
 
 import math
+import os
 from pathlib import Path
 from typing import Final, Generic, TypeVar
 
@@ -48,7 +49,8 @@ class ProcessSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def endpoint(self, folder: Path) -> str:
         """Of the router, as Zenoh spells it; the set-up lies in `folder`."""
-        return unix_endpoint(folder.resolve() / self.router)
+        # A socket's path has room for a hundred characters, of which none are to be spent on `..`.
+        return unix_endpoint(Path(os.path.normpath(folder.resolve() / self.router)))
 
 
 class ActorSetup(msgspec.Struct, Generic[A, P], frozen=True, forbid_unknown_fields=True):

@@ -44,11 +44,15 @@ STORIES: dict[str, tuple[Line, ...]] = {
             f"--key {'0f' * 16} --check --json",
             r"checked: 4 actors executed again.*messages equal",
         ),
-        Line("run --robots 2 --set run.duration=1.5 --isolate --out runs/b", r"2 robots"),
+        Line("run --robots 2 --set run.duration=1.5 --isolate --out runs/b --trust", r"2 robots"),
         Line(
             "branch runs/a@1 --event 'kill r2 at 1.5' --out runs/branch --trust",
             r"r2",
             "runs/branch/run.json",
+        ),
+        Line(
+            "branch runs/a@1 --strategy chapter --set strategy.reach=0.6 --out runs/c2 --modules . --json",
+            r'"digest"',
         ),
         Line(
             f"run {HEAD_ON} --duration 3 --strategy tests.debugging.stopping:behaviour --debug r1 "

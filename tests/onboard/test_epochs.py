@@ -43,6 +43,14 @@ class Robot:
             recorder.note("run", RunNote(robot, 1, 100_000, "", setup))
 
 
+class EarlierNote(msgspec.Struct):
+    """What a recording began with before there were set-ups."""
+
+    actor: str
+    argv: tuple[str, ...]
+    scenario: str
+
+
 @pytest.fixture
 def robot(tmp_path: Path) -> Robot:
     return Robot(tmp_path)
@@ -116,7 +124,7 @@ def test_recordings_of_earlier_versions_count_too(robot: Robot) -> None:
     path = robot.runs / "old" / "r1" / "r1.mcap"
     path.parent.mkdir(parents=True)
     with Recorder(path, 100_000) as recorder:
-        recorder.note("run", {"actor": "r1", "argv": [], "scenario": '{"id": "r1", "epoch": 7, "seed": 1}'})
+        recorder.note("run", EarlierNote("r1", (), '{"id": "r1", "epoch": 7, "seed": 1}'))
     assert robot.claim() == 8
 
 

@@ -37,7 +37,7 @@ def test_another_start_is_found_and_named(copy: Path) -> None:
 def test_what_is_no_simulated_run_is_told(tmp_path: Path, recorded: Path) -> None:
     for words, code, sentence in (
         ((tmp_path,), 1, f"{tmp_path}: has no scenario.toml; it should be the folder of a simulated run"),
-        ((recorded, "--to", 1), 2, "--to: is about one robot; must stand with --robot"),
+        ((recorded, "--to", 1), 2, "--to: is about one actor; must stand with --robot"),
         (
             (recorded, "--robot", "r1", "--from", 1), 2,
             "--from: is where a debugger stops; must stand with --pdb or --debugpy",

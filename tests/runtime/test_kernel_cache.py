@@ -13,8 +13,8 @@ def cache_of(folder: Path) -> str:
     """The cache that a process uses whose `actors` lies in `folder`."""
     environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     done = subprocess.run(
-        [sys.executable, "-P", "-c", "import actors, os; print(os.environ['NUMBA_CACHE_DIR'])"],
-        env=environment | {"PYTHONPATH": str(folder)},
+        [sys.executable, "-P", "-S", "-c", "import actors, os; print(os.environ['NUMBA_CACHE_DIR'])"],
+        env=environment | {"PYTHONPATH": str(folder)},  # and no installed `actors`, which would come first
         capture_output=True,
         text=True,
         check=True,
