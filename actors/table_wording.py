@@ -6,6 +6,7 @@ from typing import Any, Final, Literal, NamedTuple, TypeVar, get_args, get_origi
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
 
 from actors import toml_file, wording
 from actors.runtime.errors import AcrcError
@@ -51,7 +52,11 @@ def _of(name: str, sentence: str) -> str:
 
 def first(error: ValidationError, model: type[BaseModel], content: object) -> str:
     """The first thing that is wrong in `content`, as a sentence without its end."""
-    one = error.errors(include_url=False)[0]
+    return sentence(error.errors(include_url=False)[0], model, content)
+
+
+def sentence(one: ErrorDetails, model: type[BaseModel], content: object) -> str:
+    """One thing that is wrong; listing them all takes a second where somebody has made a million."""
     location = one["loc"]
     place = _place(model, location)
     if one["type"] == "extra_forbidden":

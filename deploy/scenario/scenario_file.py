@@ -150,11 +150,11 @@ def _first(
     first = error.errors(include_url=False)[0]
     option = options.get(tuple(str(part) for part in first["loc"]))
     if option is not None and first["type"] == "extra_forbidden":
-        return OptionError(f"{option}: {table_wording.first(error, Scenario, content)}")
+        return OptionError(f"{option}: {table_wording.sentence(first, Scenario, content)}")
     if option is not None:
         right = table_wording.right_at(Scenario, first["loc"])
         return wrong_value(option, first["input"], right.words)
-    return ScenarioError(f"{path}: {table_wording.first(error, Scenario, content)}")
+    return ScenarioError(f"{path}: {table_wording.sentence(first, Scenario, content)}")
 
 
 def _with_absolute_paths(scenario: Scenario, folder: Path) -> Scenario:
