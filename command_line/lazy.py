@@ -1,4 +1,4 @@
-"""Commands from packages above this one, found by name: nothing imports them before they are asked for."""
+"""Commands of the rooms of this package, found by name: nothing imports them before they are asked for."""
 
 from importlib import import_module
 from typing import Any, Final
@@ -21,7 +21,7 @@ COMMANDS: Final = {
 
 
 class WithLazyCommands(TyperGroup):
-    """The commands of this package, and those of `COMMANDS`."""
+    """The commands that are always imported, and those of `COMMANDS`."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Their names, those from elsewhere last."""
