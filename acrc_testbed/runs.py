@@ -28,7 +28,7 @@ class Run:
     @cached_property
     def evidence(self) -> "RunEvidence":
         """What the recordings show, as numpy arrays by step and robot; read once, and kept."""
-        from observation.evidence.run_evidence import read_run
+        from observation.evidence.run_reader import read_run
 
         return read_run(self.folder)
 

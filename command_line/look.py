@@ -26,7 +26,7 @@ def demo(
     from actors.processes.kernels import compile_kernels
     from deploy.run import demonstration, out_folder
     from deploy.run.options import folder_name, run_options
-    from observation.evidence.run_evidence import read_run
+    from observation.evidence.run_reader import read_run
     from observation.picture import side_by_side
 
     name = folder_name(Path("demo"))
@@ -154,7 +154,7 @@ def _show(
 def _draw_beside(folders: Sequence[Path], kinds: Sequence[str]) -> None:
     """Draw several runs beside one another, in the folder of the first."""
     from deploy.run import out_folder
-    from observation.evidence.run_evidence import read_run
+    from observation.evidence.run_reader import read_run
     from observation.picture import side_by_side
 
     runs = [read_run(folder) for folder in folders]
@@ -168,7 +168,7 @@ def _draw_beside(folders: Sequence[Path], kinds: Sequence[str]) -> None:
 def _draw_page(out: Path, names: Sequence[str], movie: Path | None, speed: float) -> None:
     """Draw the run on one page, once into each file, and as a movie if one is wished."""
     from deploy.run import out_folder
-    from observation.evidence.run_evidence import read_run
+    from observation.evidence.run_reader import read_run
     from observation.picture import moving, run_html, run_page
 
     if movie is not None:

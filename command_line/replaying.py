@@ -170,20 +170,20 @@ def explain(
 ) -> None:
     """Say why a robot decided as it did: the knowledge, the frame that brought it, and what was lost before.
 
-    It replays the robot and the radio from their recordings, in a sandbox where the machine has one.
+    It replays the robot and the radio if that was not done before, in a sandbox where the machine has one.
     """
     from actors.robot.behaviour.foreign import permit_of
     from actors.runtime.errors import printable
     from actors.runtime.isolation.isolating import choose, warn
-    from observation.explanation import asking
     from observation.explanation import explain as explanation
 
     permit = permit_of(modules, trust=trust)
     console = Console(soft_wrap=True, highlight=False, markup=False)
     asked, choice = explanation.wish(who), choose(None)
     warn(choice.warning)
+    explainer = explanation.Explainer(out, permit=permit, isolate=choice.isolate)
     if asked.at_s is None:
-        rows = asking.decisions(out, asked.robot, permit=permit, isolate=choice.isolate)
+        rows = explainer.listed(asked.robot)
         if json:
             print(explanation.as_json(rows))
             return
@@ -192,7 +192,7 @@ def explain(
         if not rows:
             console.print(f"{asked.robot} never decides anything.")
         return
-    found = asking.explained(out, asked, permit=permit, isolate=choice.isolate)
+    found = explainer.explain(asked)
     if json:
         print(explanation.as_json(found))
         return

@@ -12,7 +12,7 @@ from deploy.branches.branching import branch
 from deploy.branches.change import Change, Event
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
-from observation.evidence.frame_fates import frame_fates
+from observation.trace.frame_fates import frame_fates
 
 
 class Copy(NamedTuple):

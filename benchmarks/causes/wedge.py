@@ -19,7 +19,7 @@ from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.accounting.account import account
 from observation.accounting.time_spent import Cause
-from observation.evidence.run_evidence import read_run
+from observation.evidence.run_reader import read_run
 
 _APART: Final = 1.0
 """Who has been so far apart, m, came free."""

@@ -14,7 +14,7 @@ from deploy.run.options import RunOptions
 from deploy.scenario.tables import Scenario
 from observation.accounting.tracks import Tracks, tracks_of
 from observation.evidence.recorded import outcomes
-from observation.evidence.run_evidence import read_run
+from observation.evidence.run_reader import read_run
 from observation.results.navigation_result import NavigationOutcome, navigation_outcome
 from observation.results.result import RunResult
 

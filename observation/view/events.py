@@ -7,7 +7,7 @@ import numpy as np
 from actors.observer.drawing.words import Event
 from actors.task.words import PlaceKey
 from observation.evidence.said_places import Deed
-from observation.inside.telemetry import Inside
+from observation.trace.rows import Trace
 from observation.view.story import Clock, Source, Story
 
 
@@ -63,7 +63,7 @@ class InnerHappenings:
         self._blocked: float | None = None
         self._activity = ""
 
-    def of(self, inside: Inside) -> Iterator[Event]:
+    def of(self, inside: Trace) -> Iterator[Event]:
         """What happened in it since the last time."""
         source = self._source
         for one in inside.doings:
@@ -77,13 +77,11 @@ class InnerHappenings:
             if one.activity == "aborted" and self._activity != "aborted":
                 yield Event(second, source.robot, "navigation gives its goal up", "ERROR")
             self._activity = one.activity
-        for learnt in inside.learnt:
-            by = learnt.by.partition(".")[0]
-            own = learnt.source == source.robot
-            told = "" if own else f" from {learnt.source}, {learnt.age / 1e6:.1f} s old"
-            yield Event(
-                at(source.clock, learnt.instant), source.robot, f"{learnt.words} ({by}{told})", "WARN"
-            )
+        for change, decision in inside.decisions():
+            by = change.by.partition(".")[0]
+            told = f" from {change.peer}, {change.age / 1e6:.1f} s old" if change.peer else ""
+            words = f"{decision.words} ({by}{told})"
+            yield Event(at(source.clock, change.instant), source.robot, words, "WARN")
         if inside.fault is not None:
             last = at(source.clock, int(inside.instants[-1])) if len(inside.instants) else 0.0
             yield Event(last, source.robot, inside.fault, "ERROR")

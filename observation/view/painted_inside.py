@@ -8,7 +8,7 @@ import numpy as np
 from actors.observer.drawing import insides, places, words
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.words import Exchange, Spell
-from observation.inside.telemetry import Doing, Inside
+from observation.trace.rows import Doing, Trace
 from observation.view.events import InnerHappenings, at
 from observation.view.story import Clock, Floats, Source
 from observation.view.ways import Way
@@ -61,7 +61,7 @@ class PaintedInside:
         if detailed:
             insides.introduce_inside(canvas, source.robot)
 
-    def draw(self, inside: Inside, end: float | None = None) -> Iterator[Exchange]:
+    def draw(self, inside: Trace, end: float | None = None) -> Iterator[Exchange]:
         """Draw what is new; what it has learnt from others. `end`: of the run, s, if nothing will follow."""
         canvas, robot, clock = self._canvas, self._source.robot, self._source.clock
         if self._detailed:
@@ -74,11 +74,11 @@ class PaintedInside:
         words.draw_knowledge(canvas, robot, tables)
         self._intents(inside, until)
         words.draw_events(canvas, "inside", list(self._happenings.of(inside)))
-        for one in inside.learnt:
-            if one.source != robot:
-                yield Exchange(at(clock, one.instant), one.by.partition(".")[0], one.source, robot)
+        for one, _ in inside.decisions():
+            if one.peer:
+                yield Exchange(at(clock, one.instant), one.by.partition(".")[0], one.peer, robot)
 
-    def _intents(self, inside: Inside, until: float) -> None:
+    def _intents(self, inside: Trace, until: float) -> None:
         """Where the robot heads for, twice a second."""
         doings = [*([] if self._doing is None else [self._doing]), *inside.doings]
         if not doings:
@@ -95,7 +95,7 @@ class PaintedInside:
         there = points[np.maximum(np.searchsorted(begins, seconds, side="right") - 1, 0)]
         places.draw_intents(self._canvas, self._source.robot, seconds, self._way.at(seconds), there)
 
-    def _ages(self, inside: Inside, end: float | None) -> None:
+    def _ages(self, inside: Trace, end: float | None) -> None:
         """How old what it knows of each other robot is."""
         canvas, robot, clock = self._canvas, self._source.robot, self._source.clock
         until = at(clock, int(inside.instants[-1])) if len(inside.instants) else 0.0
@@ -118,7 +118,7 @@ class PaintedInside:
             self._met[peer] = due + len(seconds) * _AGE_S, float(heard[-1])
 
 
-def _draw(canvas: Canvas, robot: str, clock: Clock, inside: Inside) -> None:
+def _draw(canvas: Canvas, robot: str, clock: Clock, inside: Trace) -> None:
     """Scan, particles, estimate, costs, plan and arc."""
     seconds: Floats = clock(inside.instants)
     insides.draw_clouds(canvas, robot, "scan", seconds, inside.scans.counts, inside.scans.values)

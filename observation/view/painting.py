@@ -12,8 +12,8 @@ from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.words import Event, Exchange, Spell
 from actors.radio.medium.state import Outcome
 from observation.explanation.explain import Explanation
-from observation.inside.fates import LOSSES, Fates, fate_name
-from observation.inside.telemetry import Inside
+from observation.trace.fates import LOSSES, Fates, fate_name
+from observation.trace.rows import Trace
 from observation.view.events import Happenings, name
 from observation.view.painted_inside import PaintedInside, RobotLane
 from observation.view.place_history import PlaceHistory
@@ -86,7 +86,7 @@ class Painting:
         self._lost = [one for one in self._lost if one[0] > until - shown - radio.period(canvas)]
         self._plots.copies(fates, until, last=last)
 
-    def inside(self, source: Source, inside: Inside, end: float | None = None) -> None:
+    def inside(self, source: Source, inside: Trace, end: float | None = None) -> None:
         """What a robot perceived, meant and knew. `end`: of the run, s, if nothing will follow."""
         if source.actor not in self._insides:
             way, lane = self._ways[source.robot], self._lanes[source.robot]

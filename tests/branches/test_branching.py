@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from actors.installation.usage import OptionError
-from actors.instant import milliseconds, seconds
+from actors.instant import seconds
 from actors.messages import TRANSMIT, Transmit
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.codec import decode
@@ -18,8 +18,8 @@ from deploy.branches.branching import BranchError
 from deploy.branches.change import Change, event
 from deploy.branches.settings_changed import strategy_settings
 from deploy.branches.swarm_replay import SCENARIO, replay_swarm
-from observation.inside.inside_program import look_into
 from observation.replay.run_recordings import recordings
+from observation.trace.program import whole
 from tests.branches.conftest import Leave
 from tests.swarm.command import acrc
 
@@ -49,7 +49,7 @@ def test_another_strategy_begins_at_its_instant_and_can_be_replayed(leave: Leave
     )
     assert other.result.origin.strategy == "chapter>none@8.0"
     assert replay_swarm(Path(other.result.out), permit=INSTALLED).digest == other.result.digest
-    inside = look_into(Path(other.result.out), "r1", milliseconds(500))
+    (inside,) = whole(Path(other.result.out), "r1")
     known = [one.instant for one in inside.knowledge]
     assert min(known) < seconds(8) < max(known), "of both strategies"
     assert {"state" in dict(one.rows) for one in inside.knowledge if one.instant < seconds(8)} == {True}

@@ -12,13 +12,12 @@ from actors.runtime.isolation import sandbox
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import parse
-from observation.explanation.asking import decisions, explained
-from observation.explanation.explain import ExplanationError, decode, wish
-from observation.export.answered import ExportError, read_answer
-from observation.export.robot_rows import EXECUTED
-from observation.export.rows import tables
-from observation.replay.shut_off_calls import Answer, Bounds
+from observation.explanation.explain import Explainer, ExplanationError, wish
+from observation.export.rows import ExportError, tables
+from observation.replay.shut_off_calls import Bounds
 from observation.replay.trusted_replay import replay
+from observation.trace.coding import PART, TraceError, decode, encode, parts
+from observation.trace.program import whole
 from tests.swarm.command import processes_of, start
 
 ABLE = sandbox.available() is None
@@ -50,7 +49,7 @@ def fault(out: Path, mood: str, least_s: float = 120.0) -> str:
     (out / "mood").write_text(mood)
     bounds = Bounds(64_000_000, least_s, bytes_per_s=1e9)
     with pytest.raises(ExplanationError) as caught:
-        explained(out, wish("r1@1"), permit=Permit((REPOSITORY,)), isolate=ABLE, bounds=bounds)
+        Explainer(out, permit=Permit((REPOSITORY,)), isolate=ABLE, bounds=bounds).explain(wish("r1@1"))
     assert processes_of(out) == []
     assert "\n" not in str(caught.value) and len(str(caught.value)) < 600
     return str(caught.value)
@@ -104,58 +103,39 @@ def test_more_than_an_answer_may_have_is_not_read(hostile: Path) -> None:
     assert str(caught.value) == "r1: answers with more than 1000 bytes"
 
 
-def test_an_explanation_that_lies_is_told() -> None:
-    link = {"at_s": 1.0, "kind": "order", "says": "stands", "depth": 0, "about": {}}
-    told = {"robot": "r1", "asked_s": 1.0, "at_s": 1.0, "exact": True, "decision": "x", "by": "y"}
-    sound = msgspec.msgpack.encode({"explanations": [told | {"chain": [link]}]})
-    assert decode("r1", sound).explanations[0].chain[0].says == "stands"
-    lies: dict[bytes, str] = {
+def test_a_trace_that_lies_is_told(hostile: Path) -> None:
+    (hostile / "mood").write_text("")
+    (trace,) = whole(hostile, "r1")
+    sound = msgspec.msgpack.decode(encode(trace)[PART.size :])
+    goal = {"step": 3, "point": (1.0, 2.0), "status": "active", "reason": None, "phase": "driving"}
+    assert decode(msgspec.msgpack.encode(sound | {"goals": [goal]})).goals[0].step == 3
+
+    def told(**other: object) -> bytes:
+        return msgspec.msgpack.encode(sound | other)
+
+    lies = {
         b"": "Input data was truncated",
         b"\xc1 no such thing": "MessagePack data is malformed",
         b"\x91" * 100_000: "Expected `object`, got `array`",
-        msgspec.msgpack.encode({"explanations": [told | {"robot": "r2", "chain": []}]}): "it is about 'r2'",
-        msgspec.msgpack.encode({"explanations": [told | {"chain": [link | {"depth": 10**12}]}]}): "<= 100",
-        msgspec.msgpack.encode({"explanations": [told | {"at_s": float("nan"), "chain": []}]}): ">= 0.0",
+        told(goals=[goal | {"step": None}]): "Expected `int`, got `None`",
+        told(goals=[goal | {"step": -1}]): "Expected `int` >= 0",
+        told(goals=[goal | {"step": 2**63}]): "Expected `int` <= 10",
+        msgspec.msgpack.encode(
+            sound | {"goals": [goal | {"point": ("x", 2.0)}]}
+        ): "Expected `float`, got `str`",
+        told(doings=[{"instant": 0, "activity": "\x1b"}]): "are no activities",
+        told(lost=[[2**40], b""]): "cannot reshape array",
+        told(lost=[[9], bytes(72)]): "lost has the shape (9,), and must have",
     }
     for lie, words in lies.items():
-        with pytest.raises(ExplanationError) as caught:
-            decode("r1", lie)
-        assert str(caught.value).startswith("r1: what it answers makes no sense: ")
-        assert words in str(caught.value)
-    with pytest.raises(ExplanationError, match=r"^a fault \\x1b$"):
-        decode("r1", msgspec.msgpack.encode({"fault": "a fault \x1b"}))
-
-
-def test_an_export_of_other_tables_is_told() -> None:
-    with pytest.raises(ExportError, match="r1: what it answers makes no sense: it has the tables 'mine'"):
-        read_answer(Answer("r1", msgspec.msgpack.encode({"tables": {"mine": []}})))
-
-
-GOAL = (3, 0.3, 1.0, 2.0, "active", None, "driving")
-
-
-@pytest.mark.parametrize(
-    ("row", "sentence"),
-    [
-        (GOAL[:-1], "row 0 of goals has 6 cells, and must have 7"),
-        ((None, *GOAL[1:]), "step is None in row 0 of goals; must be int"),
-        ((True, *GOAL[1:]), "step is True in row 0 of goals; must be int"),
-        ((2**63, *GOAL[1:]), "step is 9223372036854775808 in row 0 of goals; must be int"),
-        ((*GOAL[:2], "x", *GOAL[3:]), "x is 'x' in row 0 of goals; must be float"),
-        ((*GOAL[:4], ["a"], *GOAL[5:]), "status is ['a'] in row 0 of goals; must be text"),
-    ],
-)
-def test_cells_are_held_to_their_columns(row: tuple[object, ...], sentence: str) -> None:
-    def answer(row: tuple[object, ...]) -> Answer:
-        rows: dict[str, list[object]] = {name: [] for name in EXECUTED} | {"goals": [row]}
-        return Answer("r1", msgspec.msgpack.encode({"tables": rows}))
-
-    assert read_answer(answer(GOAL))["goals"] == [GOAL]
-    with pytest.raises(ExportError) as caught:
-        read_answer(answer(row))
-    assert str(caught.value) == f"r1: what it answers makes no sense: {sentence}"
+        with pytest.raises(TraceError) as caught:
+            decode(lie)
+        assert str(caught.value).startswith("its trace makes no sense: ")
+        assert words in str(caught.value) and "\x1b" not in str(caught.value)
+    with pytest.raises(TraceError, match=r"^its trace makes no sense: it ends within a part$"):
+        list(parts(encode(trace)[:-1]))
 
 
 def test_a_robot_that_is_none_is_refused_before_anything_runs(hostile: Path) -> None:
     with pytest.raises(ExplanationError, match="r7: is no robot of this run; there are r1"):
-        decisions(hostile, "r7", permit=Permit((REPOSITORY,)), isolate=ABLE)
+        Explainer(hostile, permit=Permit((REPOSITORY,)), isolate=ABLE).listed("r7")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from actors.radio.medium.state import Outcome
-from observation.evidence.frame_fates import FrameFate, frame_fates
+from observation.trace.frame_fates import FrameFate, frame_fates
 
 LOSSES: Final = tuple(
     one for one in Outcome if one not in (Outcome.HEARD, Outcome.FILTERED, Outcome.NOT_COUNTED)
@@ -34,7 +34,7 @@ class Fates:
 
 
 def read_fates(out: Path, robots: tuple[str, ...]) -> Fates:
-    """Execute a run's radio again, which is this project's own code. AcrcError where that goes wrong.
+    """Of a run; its radio is replayed unless that was done before. AcrcError where that goes wrong.
 
     `robots`: in the order of the scenario.
     """

@@ -1,6 +1,7 @@
-"""What became of every frame, and of each at every other robot; from executing the radio again.
+"""What became of every frame, and of each at every other robot; from replaying the radio.
 
-Recordings have what was heard. Who has not heard a frame, and why, the medium knows alone.
+Recordings have what was heard. Who has not heard a frame, and why, the medium knows alone. It is this
+project's own code, so it is replayed in this process; what came of it is kept like a robot's trace.
 """
 
 import math
@@ -9,15 +10,20 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final, NamedTuple, cast
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.radio.core import RadioCore
 from actors.radio.medium.medium import Medium, Request
 from actors.radio.medium.state import Kind, Outcome
+from actors.radio.radio_setup import RadioSetup
 from actors.radio.robot_medium import RobotMedium
 from actors.runtime.core import Core
+from observation.replay.moved_runs import setup_of
 from observation.replay.record_replay import Onlook, replay_actor
+from observation.replay.run_recordings import recordings
+from observation.trace.kept import inputs, keep, kept
 
 _SHORTEST_PAUSE_NS: Final = 190_000
 """Between two frames of one transceiver there is at least the turnaround, 192 µs."""
@@ -61,9 +67,37 @@ def frame_fates(out: Path) -> list[FrameFate]:
 
     Raises ReplayError if the radio does not do again what it did, RecordingError for damaged recordings.
     """
+    path = recordings(out).get("radio")
+    found = None if path is None else _kept(path)
+    if path is None or found is not None:
+        return found or replayed(out)
+    came_of = inputs(path)
+    found = replayed(out)
+    keep(path, came_of, [msgspec.msgpack.encode(found)])
+    return found
+
+
+def replayed(out: Path) -> list[FrameFate]:
+    """The same from a replay, whatever was kept."""
     watch = FrameWatch()
     replay_actor(out, "radio", Onlook(watch.prepare))
     return watch.found
+
+
+def _kept(path: Path) -> list[FrameFate] | None:
+    """What was kept, if it makes sense."""
+    names = {outcome.name.lower() for outcome in Outcome}
+    try:
+        robots = {robot for robot, _ in setup_of(path, RadioSetup, "a radio").robots}
+        found = [msgspec.msgpack.decode(part, type=list[FrameFate]) for part in kept(path) or ()]
+    except (ValueError, RecursionError):
+        return None
+    frames = [frame for part in found for frame in part]
+    known = all(
+        frame.robot in robots and all(one.robot in robots and one.fate in names for one in frame.copies)
+        for frame in frames
+    )
+    return frames if found and known else None
 
 
 class FrameWatch:

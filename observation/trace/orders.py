@@ -1,16 +1,17 @@
-"""What a behaviour told its robot, step by step, while the robot is executed again."""
+"""What a behaviour told its robot, step by step, while the robot is replayed."""
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from actors.geometry import Point
 from actors.instant import Instant
-from actors.robot.behaviour.goal import Goal, GoalOrder, GoalStatus
+from actors.robot.behaviour.goal import Goal, GoalOrder
 from actors.robot.behaviour.node_host import ensembles_of
 from actors.robot.behaviour.ports import Behaviour, Decision, View
 from actors.robot.core import RobotCore
+from observation.trace.points import Points
+from observation.trace.rows import GoalChange, Order
 
 SETS_OFF: Final = "sets off for"
 AGAIN: Final = "sets off again for"
@@ -18,30 +19,15 @@ STOPS: Final = "stops"
 GIVES_UP: Final = "gives up"
 
 
-class Order(NamedTuple):
-    """Something that a behaviour wanted done from a step on."""
-
-    step: int
-    instant: Instant
-    """The step's start, or when the behaviour says that it was."""
-    words: str
-    verb: str
-    """What kind of order it is: the first of the words."""
-    point: Point | None
-    """Where to, m, map frame; of `STOPS`, where it had been heading for."""
-    goal: Goal | None
-    """How navigation's last goal stood before."""
-
-
-@dataclass
 class OrderWatch:
-    """Takes down the orders of one core's behaviour."""
+    """Takes down the orders of one core's behaviour; none of one that is an object nobody can look at."""
 
-    orders: list[Order] = field(default_factory=list)
-    followed: bool = False
-    """False: the behaviour is an object that nobody can look at."""
-    _heading: Point | None = None
-    _behaviour: Behaviour | None = None
+    def __init__(self, points: Points) -> None:
+        """`points`: of the same robot's knowledge."""
+        self.found: list[Order] = []
+        self._points = points
+        self._heading: Point | None = None
+        self._behaviour: Behaviour | None = None
 
     @property
     def ensembles(self) -> tuple[object, ...]:
@@ -53,23 +39,26 @@ class OrderWatch:
         behaviour = self._behaviour = core.behaviour
         advance = behaviour.advance
 
-        def watched(view: View, until: Instant) -> Decision:
+        def watched(view: View, until: Any) -> Decision:
             decision = advance(view, until)
-            self.orders += self._told(core.step, view, decision)
+            self.found += self._told(core.step, view, decision)
             return decision
 
         with suppress(AttributeError):  # an object with slots takes no other method
             object.__setattr__(behaviour, "advance", watched)
-            self.followed = True
 
     def _told(self, step: int, view: View, decision: Decision) -> Iterator[Order]:
-        def order(verb: str, more: str = "", point: Point | None = None, at: int | None = None) -> Order:
+        goal = goal_change(step, view.goal) if view.goal is not None else None
+
+        def order(verb: str, more: str = "", point: Point | None = None, at: Instant | None = None) -> Order:
+            moved = self._points.behind(point, step, gone=verb == STOPS, again=verb == AGAIN)
+            place = None if point is None else (point.x, point.y)
             words = f"{verb} {more}" if more else verb
-            return Order(step, Instant(view.instant if at is None else at), words, verb, point, view.goal)
+            return Order(step, Instant(view.instant) if at is None else at, words, verb, place, goal, moved)
 
         for place in decision.given_up:
             named = f"{place.owner}/{place.place}: {place.reason}"
-            yield order(GIVES_UP, named, at=place.instant)
+            yield order(GIVES_UP, named, at=Instant(place.instant))
         yield from self._driving(view, decision, order)
         if decision.paused is not None:
             yield order("pauses" if decision.paused else "goes on")
@@ -88,14 +77,9 @@ class OrderWatch:
             yield order(STOPS, "", left)
 
 
-def stands(goal: Goal | None) -> str:
-    """How a goal stood, in words."""
+def goal_change(step: int, goal: Goal | None) -> GoalChange:
+    """How a goal stands from a step on."""
     if goal is None:
-        return "there was no goal before"
-    at = f"({goal.point.x:.2f}, {goal.point.y:.2f})"
-    if goal.status is GoalStatus.ABORTED and goal.reason is not None:
-        return f"navigation had given up the goal {at}: {goal.reason.value}"
-    if goal.status is GoalStatus.SUCCEEDED:
-        return f"navigation had reached the goal {at}"
-    phase = "" if goal.phase is None else f", {goal.phase.value}"
-    return f"navigation was under way to {at}{phase}"
+        return GoalChange(step, None)
+    status, reason, phase = (one and one.value for one in (goal.status, goal.reason, goal.phase))
+    return GoalChange(step, (goal.point.x, goal.point.y), status, reason, phase)

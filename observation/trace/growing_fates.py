@@ -1,12 +1,15 @@
-"""What becomes of frames in a run that is going on: its radio, executed again as its recording grows."""
+"""What becomes of frames in a run that is going on: its radio, replayed as its recording grows."""
 
 from pathlib import Path
 from typing import Self
 
-from observation.evidence.frame_fates import FrameWatch
-from observation.inside.fates import Fates, fates_of
+import msgspec
+
 from observation.replay.growing_replay import GrowingReplay
 from observation.replay.record_replay import Onlook, made_again
+from observation.trace.fates import Fates, fates_of
+from observation.trace.frame_fates import FrameWatch
+from observation.trace.kept import inputs, keep
 
 
 class GrowingFates:
@@ -17,6 +20,8 @@ class GrowingFates:
         self._robots = robots
         self._watch = FrameWatch()
         self._replay = GrowingReplay(made_again(out, "radio", Onlook(self._watch.prepare)))
+        self._parts: list[bytes] = []
+        """To be kept at the end."""
 
     def __enter__(self) -> Self:
         return self
@@ -31,4 +36,8 @@ class GrowingFates:
         """
         whole = self._replay.advance(budget_s)
         found, self._watch.found = self._watch.found, []
+        self._parts += [msgspec.msgpack.encode(found)] if found else []
+        if self._replay.ended and self._parts:
+            keep(self._replay.path, inputs(self._replay.path), self._parts)
+            self._parts = []
         return fates_of(found, self._robots), self._watch.instant / 1e6, whole

@@ -1,4 +1,4 @@
-"""Looks into a robot's core while that is executed again: reads, draws no random number, changes nothing."""
+"""Looks into a robot's core while that is replayed: reads, draws no random number, changes nothing."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -10,7 +10,6 @@ from actors.geometry import CERTAIN, Point, Pose
 from actors.instant import Duration, Instant
 from actors.messages import DRIVE, NO_ECHO_MM, SENSES, Drive
 from actors.portable import arrays
-from actors.robot.behaviour.decision_log import SUBJECT
 from actors.robot.behaviour.goal import Goal, GoalPhase, GoalStatus
 from actors.robot.behaviour.node_host import node_of
 from actors.robot.behaviour.plan import Plan
@@ -22,8 +21,9 @@ from actors.robot_model import RangeSensor
 from actors.runtime.core import Inputs, Output, read
 from actors.task.words import PlaceKey
 from deeco.node import Node
-from observation.inside.knowledge_rows import in_words, rows
-from observation.inside.telemetry import Contact, Doing, Inside, Known, Learnt, Singles, ragged
+from observation.trace.orders import goal_change
+from observation.trace.rows import Contact, Doing, GoalChange, Held, Known, Singles, ragged
+from observation.trace.words import in_words, rows
 
 _PARTICLES: Final = 300
 """So many of the filter's particles are kept: more are a blot."""
@@ -45,10 +45,10 @@ _TOLD: Final = (
 )
 
 
-class Onlooker:
-    """Takes down what one robot perceives and means, once in `period`.
+class Perception:
+    """Takes down what one robot perceives and means, closely once in `period`.
 
-    `attach` it to the core before its first step; `result` is what it has seen, at the end or on the way.
+    `attach` it to the core before its first step; `taken` is what it has seen, at the end or on the way.
     """
 
     def __init__(self, robot: str, sensor: RangeSensor, cell: float, period: Duration) -> None:
@@ -61,6 +61,7 @@ class Onlooker:
         self._due: Instant | None = None
         self._now = Instant(0)
         self._estimate = Estimate(Pose(0.0, 0.0, 0.0), CERTAIN)
+        self._updated = False
         self._here = Pose(0.0, 0.0, 0.0)
         self._sweep: Sweep | None = None
         self._cycle: Cycle | None = None
@@ -69,8 +70,7 @@ class Onlooker:
         self._heard: dict[str, int] = {}
         self._doing: Doing | None = None
         self._known: Known | None = None
-        self._decisions = 0
-        """Of the adaptation, that have been handed out."""
+        self._goal: Goal | None = None
         self._begin()
 
     def _begin(self) -> None:
@@ -79,22 +79,27 @@ class Onlooker:
         self._doings: list[Doing] = []
         self._knowledge: list[Known] = []
         self._contacts: list[Contact] = []
+        self._held: list[tuple[int, Estimate]] = []
+        """By step."""
+        self._goals: list[GoalChange] = []
 
     def attach(self, core: Any, step_us: int) -> None:
         """Look at every step that the core takes from now on."""
         assert isinstance(core, RobotCore)
-        self._core, self._first_step = core, core.step
+        self._core, self._first_step, self._goal = core, core.step, core.navigation.goal
         advance, update = core.advance, core.localisation.update
 
         def watched(inputs: Inputs) -> Sequence[Output]:
             outputs = advance(inputs)
             if not core.finished:
                 self._now = Instant(read(inputs, SENSES, self._robot).instant)
+                self._stand(core.step - 1)
                 self._step(outputs)
             return outputs
 
         def noted(here: Pose, sweep: Sweep | None) -> Estimate:
             self._estimate, self._here = update(here, sweep), here
+            self._updated = True
             self._sweep = self._sweep if sweep is None else sweep
             return self._estimate
 
@@ -104,39 +109,43 @@ class Onlooker:
         if isinstance(driver, LocalPlanner):
             driver.witness = self._steered
 
-    def result(self, fault: str | None = None) -> Inside:
-        """What it has seen since the last result; `fault`: why the robot cannot be followed any further."""
-        found = self._found(fault)
-        self._decisions += len(found.learnt)
+    @property
+    def has_looked(self) -> bool:
+        """There was a close look since `taken`."""
+        return bool(self._told["instants"])
+
+    def taken(self) -> dict[str, Any]:
+        """What it has seen since the last call, by field of a trace."""
+        found = self._taken()
         self._begin()
         return found
 
-    def _found(self, fault: str | None) -> Inside:
+    def _taken(self) -> dict[str, Any]:
         told = self._told
         side = told["costs"][0].shape if told["costs"] else (1, 1)  # of none numpy cannot count the windows
-        return Inside(
-            robot=self._robot,
-            first_step=self._first_step,
-            instants=np.array(told["instants"], np.int64),
-            estimates=np.array(told["estimates"], np.float64).reshape(-1, 3),
-            covariances=np.array(told["covariances"], np.float64).reshape(-1, 3),
-            lost=np.array(told["lost"], np.float64),
-            scans=ragged(told["scans"]),
-            particles_at=np.array(told["particles_at"], np.int64),
-            particles=ragged(told["particles"]),
-            plans_at=np.array(told["plans_at"], np.int64),
-            plans=ragged(told["plans"]),
-            twists=np.array(told["twists"], np.float64).reshape(-1, 2),
-            cell=self._cell,
-            costs_at=np.array(told["costs_at"], np.int64),
-            costs=np.array(told["costs"], np.uint8).reshape(len(told["costs"]), *side),
-            corners=np.array(told["corners"], np.float64).reshape(-1, 3),
-            doings=tuple(self._doings),
-            knowledge=tuple(self._knowledge),
-            contacts=tuple(self._contacts),
-            learnt=tuple(self._learnt()),
-            fault=fault,
-        )
+        return {
+            "robot": self._robot,
+            "first_step": self._first_step,
+            "instants": np.array(told["instants"], np.int64),
+            "estimates": np.array(told["estimates"], np.float64).reshape(-1, 3),
+            "covariances": np.array(told["covariances"], np.float64).reshape(-1, 3),
+            "lost": np.array(told["lost"], np.float64),
+            "scans": ragged(told["scans"]),
+            "particles_at": np.array(told["particles_at"], np.int64),
+            "particles": ragged(told["particles"]),
+            "plans_at": np.array(told["plans_at"], np.int64),
+            "plans": ragged(told["plans"]),
+            "twists": np.array(told["twists"], np.float64).reshape(-1, 2),
+            "cell": self._cell,
+            "costs_at": np.array(told["costs_at"], np.int64),
+            "costs": np.array(told["costs"], np.uint8).reshape(len(told["costs"]), *side),
+            "corners": np.array(told["corners"], np.float64).reshape(-1, 3),
+            "doings": tuple(self._doings),
+            "knowledge": tuple(self._knowledge),
+            "contacts": tuple(self._contacts),
+            "held": _held(self._held),
+            "goals": tuple(self._goals),
+        }
 
     def _steered(self, cycle: Cycle) -> None:
         self._cycle = cycle
@@ -156,6 +165,16 @@ class Onlooker:
         self._sample(outputs)
         if knowledge is not None:
             self._know(knowledge)
+
+    def _stand(self, step: int) -> None:
+        """Where it held itself to be when a step began, and how its goal stands at its end."""
+        if self._updated:
+            self._held.append((step, self._estimate))
+            self._updated = False
+        goal = self._robot_core.navigation.goal
+        if goal != self._goal:
+            self._goals.append(goal_change(step, goal))
+            self._goal = goal
 
     @property
     def _robot_core(self) -> RobotCore:
@@ -227,7 +246,7 @@ class Onlooker:
             return
         for peer, instant in heard.items():
             if self._heard.get(peer) != instant:
-                self._contacts.append(Contact(self._now, peer, instant))
+                self._contacts.append(Contact(self._now, peer, Instant(instant)))
         for peer in sorted(self._heard.keys() - heard.keys()):
             self._contacts.append(Contact(self._now, peer, None))
         self._heard = heard
@@ -270,15 +289,17 @@ class Onlooker:
             return "elsewhere"
         return "adopted" if destination is not None and destination.owner != self._robot else phase
 
-    def _learnt(self) -> list[Learnt]:
-        """What the adaptation has decided since the last result, as the behaviour tells it."""
-        say = getattr(self._core.behaviour, "outcome", None) if self._core is not None else None
-        told = say() if callable(say) else {}
-        said = told.get(SUBJECT, {}).get("decisions", ()) if isinstance(told, dict) else ()
-        return [
-            Learnt(one["instant"], one["by"], one["words"], one["source"], int(one["age"]))
-            for one in said[self._decisions :]
-        ]
+
+def _held(rows: Sequence[tuple[int, Estimate]]) -> Held:
+    estimates = [estimate for _, estimate in rows]
+    spreads = np.array([one.covariance for one in estimates], np.float64).reshape(-1, 9)
+    return Held(
+        steps=np.array([step for step, _ in rows], np.int64),
+        poses=np.array([tuple(one.pose) for one in estimates], np.float64).reshape(-1, 3),
+        located=np.array([one.located for one in estimates], np.bool_),
+        variances=spreads[:, (0, 4, 8)],
+        lost=np.array([one.lost for one in estimates], np.float64),
+    )
 
 
 def _placed(points: Any, frame: Pose) -> Singles:
