@@ -201,7 +201,7 @@ def _check_again(out: Path, modules: tuple[Path, ...]) -> None:
 
     again = recheck(out, modules)
     Console(stderr=True, soft_wrap=True, highlight=False).print(
-        f"checked: {again.actors} actors executed again, all {again.outputs} messages equal"
+        f"checked: {again.actors} actors replayed, all {again.outputs} messages equal"
     )
 
 

@@ -68,7 +68,7 @@ def _again(out: Path, robot: str) -> str:
 def _shown(
     figures: dict[str, object], late: dict[str, tuple[int | None, int | None]], again: dict[str, str]
 ) -> tuple[Table | str, ...]:
-    table = Table("robot", "late p50", "late p99", "executed again", title="robots on board, without network")
+    table = Table("robot", "late p50", "late p99", "replayed", title="robots on board, without network")
     for robot, delays in late.items():
         table.add_row(robot, *("-" if one is None else f"{one} ms" for one in delays), again[robot])
     done = (

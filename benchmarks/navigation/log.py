@@ -1,6 +1,6 @@
 """What a robot's navigation decided, cycle by cycle, and from what; see docs/navigation-log.md.
 
-A run in memory, of which one robot is then executed again from its recording: what it decides is the same,
+A run in memory, of which one robot is then replayed from its recording: what it decides is the same,
 byte by byte, and somebody looks on.
 """
 

@@ -1,4 +1,4 @@
-"""One swarm in memory, recorded as any run: CPU and bytes of recording it, and one robot executed again."""
+"""One swarm in memory, recorded as any run: CPU and bytes of recording it, and one robot replayed."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ GOAL_SHARE: Final = 0.15
 GOAL_MB: Final = 20.0
 """Per simulated minute, all processes together, at most."""
 GOAL_SPEED: Final = 200.0
-"""Times real time, at least: one robot executed again."""
+"""Times real time, at least: one robot replayed."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Found:
     lost: int
     """Messages that were sent and arrived nowhere."""
     replayed: str
-    """The robot that was executed again."""
+    """The robot that was replayed."""
     outputs: int
     """Its messages, all equal to the recorded ones; ReplayError otherwise."""
     replay_speed: float

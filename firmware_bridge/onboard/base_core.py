@@ -4,7 +4,7 @@ The same keys and messages as the world's, with one difference: nobody is waited
 instant on a fixed grid. If the robot has not answered the step before, this one is left out and counted; if
 the bridge does not say in time what it has heard, the robot hears it a step later.
 
-The core is told the time, an input that a recording does not hold: what is executed again is the robot, from
+The core is told the time, an input that a recording does not hold: what is replayed is the robot, from
 what it received.
 """
 

@@ -1,6 +1,6 @@
 """A run as its recordings have it: ground truth, what robots said of themselves, and what became of places.
 
-Nothing is executed again, so whoever's code it was, nothing of it runs.
+Nothing is replayed, so whoever's code it was, nothing of it runs.
 """
 
 from collections.abc import Mapping

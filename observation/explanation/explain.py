@@ -15,7 +15,7 @@ from observation.explanation.air import Air
 from observation.explanation.chain import Chain, Link, Second
 from observation.explanation.decisions import Made, decisions
 from observation.replay.run_recordings import recordings
-from observation.replay.shut_off_calls import Bounds
+from observation.replay.sandboxed_calls import Bounds
 from observation.trace.coding import TraceError
 from observation.trace.rows import Trace
 from observation.trace.traces import BOUNDS, traces

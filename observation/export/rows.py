@@ -13,7 +13,7 @@ from observation.evidence.run_reader import read_run
 from observation.export.robot_rows import TRACED, Row, Tables, robot_rows
 from observation.replay.moved_runs import run_of, setup_of
 from observation.replay.run_recordings import recordings
-from observation.replay.shut_off_calls import Bounds
+from observation.replay.sandboxed_calls import Bounds
 from observation.trace.coding import TraceError
 from observation.trace.frame_fates import FrameFate, frame_fates
 from observation.trace.traces import BOUNDS, traces

@@ -1,4 +1,4 @@
-"""Stops a robot that is executed again in the user's own code."""
+"""Stops a robot that is replayed in the user's own code."""
 
 import bdb
 import importlib.util

@@ -1,4 +1,4 @@
-"""Actors executed again from what they received."""
+"""Actors replayed from what they received."""
 
 from collections.abc import Callable, Iterable
 from contextlib import nullcontext
@@ -29,7 +29,7 @@ from observation.replay.run_recordings import recordings
 
 @dataclass(frozen=True)
 class ReplayReport:
-    """One actor executed again."""
+    """One actor replayed."""
 
     actor: str
     outputs: int
@@ -40,7 +40,7 @@ class ReplayReport:
 
 @dataclass(frozen=True)
 class Onlook:
-    """What somebody wants of an actor that is executed again."""
+    """What somebody wants of an actor that is replayed."""
 
     prepare: Callable[[Core, int], None] | None = None
     """Is given the actor's core before its first step, and the length of a step, µs; EnoughError, raised by
@@ -53,7 +53,7 @@ class Onlook:
 
 @dataclass(frozen=True)
 class Again:
-    """An actor that is to be executed again."""
+    """An actor that is to be replayed."""
 
     part: ActorProcess
     run: RunNote
@@ -102,7 +102,7 @@ def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayRepo
 
 
 def shell_of(again: Again, bus: ReplayBus) -> Shell:
-    """The shell around an actor that is executed again; it has said that it is ready."""
+    """The shell around an actor that is replayed; it has said that it is ready."""
     part = again.part
     shell = Shell(part.core, bus, Unrecorded(), actor=again.run.actor, open_to=part.open_to)
     if part.ready is not None:

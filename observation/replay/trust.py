@@ -13,7 +13,7 @@ from observation.replay.moved_runs import code_folders, run_of, told
 from observation.replay.run_recordings import recordings
 
 _ON_DEVICES: Final = re.compile(r"\.(base|radio)(\.|$)")
-"""Processes on board that serve devices: no program executes those again."""
+"""Processes on board that serve devices: no program replays those."""
 
 
 def check_trust(out: Path, actor: str, permit: Permit) -> tuple[Path, ...] | None:

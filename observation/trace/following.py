@@ -14,7 +14,7 @@ from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError
 from observation.recordings.topics import is_closed
 from observation.replay.run_recordings import recordings
-from observation.replay.shut_off_calls import Call, failed, start, told
+from observation.replay.sandboxed_calls import Call, failed, start, told
 from observation.trace.coding import PART, TraceError, decode, parts
 from observation.trace.kept import inputs, keep
 from observation.trace.rows import Trace

@@ -17,7 +17,7 @@ from typing import Final
 
 from actors.runtime.errors import AcrcError
 from actors.runtime.prints import nowhere
-from observation.replay import shut_off
+from observation.replay import sandboxed
 from observation.replay.growing_replay import GrowingReplay
 from observation.replay.record_replay import Onlook, made_again, replay_actor
 from observation.replay.run_recordings import recordings
@@ -35,7 +35,7 @@ _POLL_S: Final = 0.3
 
 def main(argv: Sequence[str]) -> int:
     """Write the trace of one robot; the exit code."""
-    parser = shut_off.parser("observation.trace.program")
+    parser = sandboxed.parser("observation.trace.program")
     parser.add_argument("--file-mb", type=int, default=MOST_BYTES // 1_000_000, help="at most so much")
     parser.add_argument("--follow", action="store_true", help="the run goes on")
     options = parser.parse_args(argv)
@@ -43,11 +43,11 @@ def main(argv: Sequence[str]) -> int:
     if options.follow:
         os.nice(_NICE)
         readable = tuple(own_files(recordings(options.out)[options.actor]))
-    with shut_off.answering(options, options.file_mb, readable) as answer:
+    with sandboxed.answering(options, options.file_mb, readable) as answer:
         make = follow if options.follow else whole
         try:
             for part in make(options.out, options.actor):
-                shut_off.write_whole(answer, encode(part))
+                sandboxed.write_whole(answer, encode(part))
         except AcrcError as error:
             sys.stderr.write(f"{error}\n")
             return 2
@@ -69,7 +69,7 @@ def whole(out: Path, actor: str) -> Iterator[Trace]:
     except AcrcError as error:
         fault = str(error)
     except Exception as error:  # a strategy on another processor may go where it never went
-        fault = shut_off.bug(actor, error)
+        fault = sandboxed.bug(actor, error)
     yield collector.part(fault)
 
 
@@ -90,7 +90,7 @@ def follow(out: Path, actor: str) -> Iterator[Trace]:
     except AcrcError as error:
         fault = str(error)
     except Exception as error:  # a strategy on another processor may go where it never went
-        fault = shut_off.bug(actor, error)
+        fault = sandboxed.bug(actor, error)
     yield collector.part(fault)
 
 

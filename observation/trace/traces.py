@@ -8,7 +8,7 @@ from typing import Final
 from actors.robot.behaviour.foreign import Permit
 from observation.replay.moved_runs import run_of
 from observation.replay.run_recordings import recordings
-from observation.replay.shut_off_calls import Answer, Bounds, Call, ask
+from observation.replay.sandboxed_calls import Answer, Bounds, Call, ask
 from observation.replay.trust import check_trust
 from observation.trace.coding import MOST_BYTES, TraceError, decode, joined, parts
 from observation.trace.kept import inputs, keep, kept

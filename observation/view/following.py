@@ -28,7 +28,7 @@ from observation.view.simulated import Teller
 from observation.view.story import Source, Story
 
 _BUDGET_S: Final = 0.1
-"""So long the radio is executed again before robots are drawn anew, s."""
+"""So long the radio is replayed before robots are drawn anew, s."""
 _LATE_S: Final = 10.0
 """What is computed may lie so far behind what is recorded, s; then the events say so."""
 _LOOK_S: Final = 5.0
@@ -66,7 +66,7 @@ class Following:
         self._fates: GrowingFates | None = None
         self._fates_s = 0.0
         self._deaf = False
-        """The radio cannot be executed again."""
+        """The radio cannot be replayed."""
         self._sources: dict[str, Source] = {}
         """By actor, of the robots that are looked into."""
         self._waiting: list[Traced] = []

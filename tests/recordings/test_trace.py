@@ -13,7 +13,7 @@ from actors.geometry import Point
 from actors.messages import RECEIVED, Heard
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from observation.evidence.recorded import taken
-from observation.replay.shut_off_calls import Call, ask
+from observation.replay.sandboxed_calls import Call, ask
 from observation.trace import kept as keeping
 from observation.trace import traces as tracing
 from observation.trace.coding import PART

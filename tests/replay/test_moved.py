@@ -1,4 +1,4 @@
-"""A run's folder that was moved, or copied, is executed again from what lies in it and beside it."""
+"""A run's folder that was moved, or copied, is replayed from what lies in it and beside it."""
 
 import shutil
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What `acrc bench recordings` finds: a run that is recorded, of which one robot is executed again."""
+"""What `acrc bench recordings` finds: a run that is recorded, of which one robot is replayed."""
 
 import pytest
 

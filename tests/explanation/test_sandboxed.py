@@ -14,7 +14,7 @@ from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import parse
 from observation.explanation.explain import Explainer, ExplanationError, wish
 from observation.export.rows import ExportError, tables
-from observation.replay.shut_off_calls import Bounds
+from observation.replay.sandboxed_calls import Bounds
 from observation.replay.trusted_replay import replay
 from observation.trace.coding import PART, TraceError, decode, encode, parts
 from observation.trace.program import whole
@@ -57,7 +57,7 @@ def fault(out: Path, mood: str, least_s: float = 120.0) -> str:
 
 def test_one_that_hangs_is_ended(hostile: Path) -> None:
     said = fault(hostile, "hang", least_s=2.0)
-    assert said == "r1: could not be executed again: what it runs has not ended after 2 s, and was ended"
+    assert said == "r1: could not be replayed: what it runs has not ended after 2 s, and was ended"
 
 
 def test_one_that_hangs_while_it_is_replayed_is_ended(hostile: Path) -> None:
@@ -66,7 +66,7 @@ def test_one_that_hangs_while_it_is_replayed_is_ended(hostile: Path) -> None:
     with pytest.raises(ReplayError) as caught:
         replay(hostile, "r1", permit=Permit((REPOSITORY,)), isolate=ABLE or None, bounds=bounds)
     assert str(caught.value) == (
-        "r1: could not be executed again: what it runs has not ended after 2 s, and was ended"
+        "r1: could not be replayed: what it runs has not ended after 2 s, and was ended"
     )
     assert processes_of(hostile) == []
 
@@ -88,11 +88,11 @@ def test_it_sees_neither_the_swarms_code_nor_writes_anywhere(hostile: Path) -> N
 
 def test_one_that_leaves_takes_along_what_it_started(hostile: Path) -> None:
     (hostile / "mood").write_text("leave")
-    # what is executed again has words of its own
+    # what is replayed has words of its own
     process = start("explain", hostile, "r1", "--modules", REPOSITORY)
     told, said = process.communicate(timeout=100)
     assert process.returncode == 1 and told == ""
-    assert said.endswith("acrc: r1: could not be executed again (exit code 3)\n")
+    assert said.endswith("acrc: r1: could not be replayed (exit code 3)\n")
     assert processes_of(hostile) == []
 
 

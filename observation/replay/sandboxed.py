@@ -1,4 +1,4 @@
-"""What programs share that execute recorded code shut off like a robot: their command line, and the walls."""
+"""What programs share that replay recorded code in a sandbox: their command line, and the walls."""
 
 import os
 from argparse import ArgumentParser, Namespace
@@ -30,7 +30,7 @@ def parser(program: str) -> ArgumentParser:
 
 @contextmanager
 def answering(options: Namespace, file_mb: int, readable: Sequence[Path] | None = None) -> Iterator[FileIO]:
-    """The new file for the answer, open before this process is shut off, where `--isolate` stands.
+    """The new file for the answer, open before this process is in its sandbox, where `--isolate` stands.
 
     `readable`: what it may read of the run; None: all, for one that has ended, where no secret is left.
     From here on it ends with its parent, and neither answer nor log nor another file becomes larger than

@@ -1,4 +1,4 @@
-"""Programs that execute recorded code shut off: started, waited for, heard out, and ended whatever they do.
+"""Programs that replay recorded code in a sandbox: started, waited for, heard out, and ended in any case.
 
 What they answer is bytes, and whoever's code ran wrote them: nothing is said of these here but that they are
 not too many.
@@ -70,7 +70,7 @@ class CallError(AcrcError):
 def ask(
     out: Path, module: str, calls: Sequence[Call], bounds: Bounds, *, permit: Permit, isolate: bool
 ) -> Iterator[Answer]:
-    """Call a program (see `shut_off`) with each, as many at a time as there are processors.
+    """Call a program (see `sandboxed`) with each, as many at a time as there are processors.
 
     Answers come as they are there. Of code that the permit does not cover it is a fault: it was not run.
     `isolate`: see `actors.runtime.isolation.isolating`.
@@ -132,7 +132,7 @@ def failed(child: Child) -> str:
     """Why a program has left no answer, in a sentence."""
     last = " ".join(said(child.program).split())[-_SHOWN:]
     why = f"exit code {child.exit_code}" + (f"; the last that it said: {last}" if last else "")
-    return f"{child.program.actor}: could not be executed again ({why})"
+    return f"{child.program.actor}: could not be replayed ({why})"
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ class _Running:
             launched.wait(0.5)
         if hung:
             why = f"what it runs has not ended after {self.patience_s:.0f} s, and was ended"
-            return self._answered(fault=f"{name}: could not be executed again: {why}")
+            return self._answered(fault=f"{name}: could not be replayed: {why}")
         data = b""
         with suppress(OSError), (self.stage / "answer").open("rb") as file:
             data = file.read(bounds.most_bytes + 1)
