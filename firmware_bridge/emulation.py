@@ -27,7 +27,7 @@ class EmulatedDevice(Protocol):
 
 
 def serve(device: EmulatedDevice, link: Path, what: str) -> None:
-    """Be that device at the path `link` until SIGTERM or SIGINT. Raises LinkError."""
+    """Be that device at the path `link` until SIGTERM or SIGINT. Raises AcrcError."""
     with PseudoTerminal(link) as line:
 
         def exchange(now: Callable[[], Instant]) -> None:

@@ -22,10 +22,6 @@ A = TypeVar("A")
 P = TypeVar("P", bound="ProcessSetup")
 
 
-class SetupError(AcrcError):
-    """A set-up that cannot be read."""
-
-
 class ProcessSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A process's place in a run. Paths are relative to the folder of the set-up, and may be absolute."""
 
@@ -61,16 +57,16 @@ class ActorSetup(msgspec.Struct, Generic[A, P], frozen=True, forbid_unknown_fiel
 
 
 def read_setup(path: Path, kind: type[ActorSetup[A, P]], actor: str) -> ActorSetup[A, P]:
-    """The set-up of what is called `actor`, such as "a robot", in a file. Raises SetupError."""
+    """The set-up of what is called `actor`, such as "a robot", in a file. Raises AcrcError."""
     try:
         data = regular_file.content(path)
         setup = msgspec.json.decode(data, type=kind)
         _refuse_unknown(msgspec.json.decode(data), msgspec.to_builtins(setup), "$")
         return setup
     except OSError as error:
-        raise SetupError(f"{path}: the set-up cannot be read: {error.strerror or error}") from None
+        raise AcrcError(f"{path}: the set-up cannot be read: {error.strerror or error}") from None
     except (ValueError, RecursionError, AcrcError) as error:
-        raise SetupError(f"{path}: no set-up of {actor}: {str(error)[:300]}") from None
+        raise AcrcError(f"{path}: no set-up of {actor}: {str(error)[:300]}") from None
 
 
 def _refuse_unknown(given: object, taken: object, place: str) -> None:

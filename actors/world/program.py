@@ -30,7 +30,7 @@ KERNELS: Final = (foundations, arrays, draws, odometry_kernel, drive, physics, r
 
 
 def load_setup(path: Path) -> WorldProgram:
-    """What a world's process is told in a file; its files are called as in there. Raises SetupError."""
+    """What a world's process is told in a file; its files are called as in there. Raises AcrcError."""
     return read_setup(path, WorldProgram, "a world")
 
 

@@ -20,6 +20,7 @@ from actors.processes.signals import signals_as_interrupts
 from actors.radio.radio_setup import RadioSetup
 from actors.robot.behaviour.foreign import Permit
 from actors.robot_model import load_model
+from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.isolating import choose
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
@@ -29,7 +30,7 @@ from deploy.fleet.doctor.this_machine import ThisMachine
 from deploy.fleet.epochs import EpochCounter
 from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.fleet.onboard import Onboard, Ports
-from deploy.fleet.onboard_supervisor import OnboardError, OnboardSupervisor
+from deploy.fleet.onboard_supervisor import OnboardSupervisor
 from deploy.fleet.own_code import own_code
 from deploy.fleet.service_notice import ServiceNotice
 from deploy.fleet.stand_in import LOOK_S, StandIn
@@ -65,7 +66,7 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
     `say` is told what comes up later, a sentence at a time.
     """
     if options.debug_port is not None and importlib.util.find_spec("debugpy") is None:
-        raise OnboardError(
+        raise AcrcError(
             f"--debugpy: {options.debug_port} needs the Python package debugpy, which is not installed; "
             f"`{command()} add debugpy` brings it"
         )

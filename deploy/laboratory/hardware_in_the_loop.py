@@ -48,10 +48,6 @@ _PATIENCE_S: Final = 60.0
 OnProgress = Callable[[Progress], None]
 
 
-class LaboratoryError(AcrcError):
-    """Emulated devices that did not start, or did not last."""
-
-
 def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = None) -> TrialResult:
     """Run the scenario until no robot has a place left, or to its limit, and gather what came of it.
 
@@ -133,13 +129,13 @@ class _Room:
             self._launched.wait(0.05)
             self.check()
             if time.monotonic() > deadline:
-                raise LaboratoryError(f"the emulated devices were not there within {_PATIENCE_S:g} s")
+                raise AcrcError(f"the emulated devices were not there within {_PATIENCE_S:g} s")
 
     def check(self) -> None:
-        """Raise LaboratoryError if it has ended."""
+        """Raise AcrcError if it has ended."""
         assert self._child is not None
         if self._child.exit_code is not None:
-            raise LaboratoryError(
+            raise AcrcError(
                 f"the emulated devices ended with exit code {self._child.exit_code}; "
                 f"{self._folder / 'laboratory.log'} says why"
             )

@@ -24,6 +24,7 @@ from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.debugger import stop_here
+from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import fingerprints
 from actors.runtime.lifecycle import reserve
 from actors.runtime.lifecycle.failure import TimedOut, failure_note, in_words
@@ -36,7 +37,6 @@ from actors.world.core import WorldCore
 from deploy.run.household import Leftovers, exits_caught, quiet, watched
 from deploy.run.plan import Plan, in_common, radio_program, robot_program
 from deploy.run.plan import world_program as world_as_program
-from deploy.run.supervisor import RunFailedError
 
 
 class MemorySwarm:
@@ -81,13 +81,13 @@ class MemorySwarm:
                 with Leftovers() as leftovers:
                     self._play()
             except (SystemExit, TimedOut) as error:
-                raise RunFailedError(self._note_failure(error)) from None
+                raise AcrcError(self._note_failure(error)) from None
             except Exception as error:
                 reserve.release()  # here already: not even a call may be possible
                 self._note_failure(error)
                 raise
             if leftovers.fault is not None:
-                raise RunFailedError(f"a strategy failed: {leftovers.fault}")
+                raise AcrcError(f"a strategy failed: {leftovers.fault}")
             cpu_s = time.process_time() / len(self._actors)  # one process: everyone gets an equal share
             for _, part, shell, recorder in self._actors:
                 recorder.note("final", final_note(shell, part, cpu_s))

@@ -9,16 +9,12 @@ from actors.runtime.errors import AcrcError
 from deploy.scenario.tables import Scenario
 
 
-class WallError(AcrcError):
-    """A table [[wall]] without a wall."""
-
-
 def check_walls(grid: OccupancyGrid, scenario: Scenario) -> None:
-    """Raise WallError if a table [[wall]] holds nothing that is occupied."""
+    """Raise AcrcError if a table [[wall]] holds nothing that is occupied."""
     for index, (patch, table) in enumerate(zip(_patches(scenario), scenario.wall, strict=True)):
         if not (grid.cells[inside(grid, patch)] == OCCUPIED).any():
             (x0, x1), (y0, y1) = table.x, table.y
-            raise WallError(
+            raise AcrcError(
                 f"wall[{index}] spans x {x0:g} to {x1:g} and y {y0:g} to {y1:g} m, where nothing is occupied,"
                 " but must hold a wall"
             )

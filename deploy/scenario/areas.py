@@ -11,10 +11,6 @@ from deploy.scenario.adaptation_tables import AreaTable
 from deploy.scenario.tables import Scenario
 
 
-class AreaError(AcrcError):
-    """An area that is not on the map."""
-
-
 def fault(scenario: Scenario) -> str | None:
     """What is wrong with the areas and with who names them, in words without an end; None if nothing is."""
     return (
@@ -47,10 +43,10 @@ def of_places(scenario: Scenario) -> tuple[AreaTable, ...]:
 
 
 def check_areas(grid: OccupancyGrid, scenario: Scenario) -> None:
-    """Raise AreaError if an area holds no free floor at all."""
+    """Raise AcrcError if an area holds no free floor at all."""
     for index, area in enumerate(table.area for table in scenario.area):
         if not has_free_floor(grid, area):
-            raise AreaError(
+            raise AcrcError(
                 f"area[{index}] {shown(area.name)} spans x {area.x0:g} to {area.x1:g} and"
                 f" y {area.y0:g} to {area.y1:g} m, where nothing is free, but must hold free floor"
             )

@@ -26,10 +26,6 @@ _RESULTS: Final = ("run.json", "result/run.json")
 """Where a run's result lies in its folder; the second is that of emulated devices."""
 
 
-class ReportError(AcrcError):
-    """A folder of which nothing can be told."""
-
-
 class Case(NamedTuple):
     """One run, or an attempt at one."""
 
@@ -64,7 +60,7 @@ class Source:
 
 
 def read(folders: Sequence[Path]) -> tuple[Source, ...]:
-    """What lies in the folders, in their order. Raises ReportError, CampaignError."""
+    """What lies in the folders, in their order. Raises AcrcError."""
     several = sum(map(store.holds, folders)) > 1
     named = zip(folders, _names(folders), strict=True)
     return tuple(
@@ -107,7 +103,7 @@ def _campaign(kept: store.Store, name: str, *, several: bool) -> Source:
 def _single(folder: Path, name: str) -> Source:
     path = next((folder / one for one in _RESULTS if (folder / one).is_file()), None)
     if path is None:
-        raise ReportError(
+        raise AcrcError(
             f"{folder}: holds neither a campaign nor the result of a run; must be a folder that "
             "acrc campaign, acrc run or acrc fleet collect has made"
         )
@@ -128,4 +124,4 @@ def _outcome(path: Path) -> Outcome:
         except msgspec.ValidationError:
             return msgspec.json.decode(content, type=TrialResult)
     except (OSError, msgspec.DecodeError) as error:
-        raise ReportError(f"{path}: cannot be read as the result of a run: {error}") from None
+        raise AcrcError(f"{path}: cannot be read as the result of a run: {error}") from None

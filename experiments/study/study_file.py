@@ -17,10 +17,6 @@ MOST_SEEDS: Final = 100_000
 _LARGEST: Final = 1 << 20
 
 
-class StudyError(AcrcError):
-    """A study that cannot be carried out."""
-
-
 def _as_pair(value: object) -> object:
     """A number alone is the range from it to itself."""
     return (value, value) if isinstance(value, int | float) else as_tuples(value)
@@ -128,15 +124,15 @@ class StudyTable(Table):
 
 
 def load_study(path: Path, *, tuning: bool = False) -> Study:
-    """The study in a file, also in one that a campaign has written (`study.json`). Raises StudyError."""
+    """The study in a file, also in one that a campaign has written (`study.json`). Raises AcrcError."""
     if path.suffix == ".json":
         return _written(path)
-    table = table_wording.load(path, StudyTable, "study", StudyError, _LARGEST)
+    table = table_wording.load(path, StudyTable, "study", AcrcError, _LARGEST)
     strategies = tuple(dict.fromkeys(table.strategies))
     for pair in table.primary:
         for name in pair:
             if name not in strategies:
-                raise StudyError(
+                raise AcrcError(
                     f"{path}: primary compares {name!r}, which is none of the study's strategies: "
                     f"{', '.join(strategies)}"
                 )
@@ -166,5 +162,5 @@ def _written(path: Path) -> Study:
     try:
         study = msgspec.json.decode(regular_file.content(path), type=Study)
     except (OSError, msgspec.DecodeError) as error:
-        raise StudyError(f"{path}: cannot be read as the study of a campaign: {error}") from None
+        raise AcrcError(f"{path}: cannot be read as the study of a campaign: {error}") from None
     return msgspec.structs.replace(study, scenario=str((path.parent / study.scenario).resolve()))

@@ -26,7 +26,7 @@ def replay(
     """Execute one actor again; a robot in a process that is shut off, where the machine can and `isolate`
     lets it.
 
-    World and radio run no code but this project's. Raises ForeignCodeError for a robot whose recording names
+    World and radio run no code but this project's. Raises AcrcError for a robot whose recording names
     code that the permit does not cover; ReplayError at the first output that differs.
     """
     folders = check_trust(out, actor, permit)

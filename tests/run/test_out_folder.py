@@ -15,7 +15,7 @@ from actors.processes.signals import Interrupted
 from actors.runtime.errors import AcrcError
 from deploy.run import out_folder
 from deploy.run.options import folder_name, run_options
-from deploy.run.out_folder import OutFolderError, claim, make_folder, writing
+from deploy.run.out_folder import claim, make_folder, writing
 from tests.swarm.command import ACRC, ROOT, acrc, processes_of
 
 APART = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c")
@@ -117,10 +117,10 @@ def test_what_the_disk_refuses_is_one_sentence_and_what_we_do_wrong_is_not(
     tmp_path: Path, number: int
 ) -> None:
     words = os.strerror(number).lower()
-    with pytest.raises(OutFolderError) as caught, writing(tmp_path):
+    with pytest.raises(AcrcError) as caught, writing(tmp_path):
         raise OSError(number, os.strerror(number))
     assert str(caught.value) == f"{tmp_path}: cannot be written: {words}"
-    with pytest.raises(OutFolderError) as caught, writing(tmp_path):
+    with pytest.raises(AcrcError) as caught, writing(tmp_path):
         raise OSError(number, os.strerror(number), str(tmp_path / "run.json"))
     assert str(caught.value) == f"{tmp_path / 'run.json'}: cannot be written: {words}"
     with pytest.raises(FileNotFoundError), writing(tmp_path):

@@ -6,12 +6,6 @@ They would outlive the run, and what they do depends on the machine: no run coul
 import threading
 from collections.abc import Collection
 
-from actors.runtime.errors import AcrcError
-
-
-class LeftoverError(AcrcError):
-    """Something is still running that must not."""
-
 
 def fault(strays: bool, at_first: Collection[threading.Thread] | None = None) -> str | None:
     """What is wrong with an actor that leaves processes, or other threads than `at_first`."""

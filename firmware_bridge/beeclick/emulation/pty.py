@@ -16,7 +16,7 @@ _ROUND_S: Final = 0.001
 
 
 def serve(air: Air, links: Sequence[Path]) -> None:
-    """Be the air's boards at those paths until SIGTERM or SIGINT. Raises LinkError."""
+    """Be the air's boards at those paths until SIGTERM or SIGINT. Raises AcrcError."""
     with ExitStack() as stack:
         lines = [stack.enter_context(PseudoTerminal(link)) for link in links]
 
