@@ -31,10 +31,6 @@ _LISTEN: Final = re.compile(
 )
 
 
-class FleetError(AcrcError):
-    """A fleet file that cannot be used, or a robot that is not in it."""
-
-
 def _power(power_dbm: float) -> float:
     power_setting(power_dbm)
     return power_dbm
@@ -185,15 +181,15 @@ class Fleet:
 
 
 def load_fleet(path: Path) -> Fleet:
-    """The fleet in the file. Raises FleetError."""
-    return parse(toml_file.read(path, "fleet", FleetError), path)
+    """The fleet in the file. Raises AcrcError."""
+    return parse(toml_file.read(path, "fleet"), path)
 
 
 def parse(text: str, path: Path) -> Fleet:
     """The fleet in the text of the file `path`, as load_fleet gives it."""
-    file = table_wording.parse(text, _FleetFile, FleetError, str(path))
+    file = table_wording.parse(text, _FleetFile, str(path))
     if fault := _fault(file) or stack_fault(file):
-        raise FleetError(f"{path}: {fault}")
+        raise AcrcError(f"{path}: {fault}")
     return _fleet(file, Path(os.path.realpath(path)))
 
 

@@ -56,12 +56,12 @@ def load_scenario(path: Path | None = None, overrides: Overrides = Overrides()) 
     Paths in it are absolute. Raises AcrcError, or OptionError where a value of `overrides` is wrong.
     """
     path = DEFAULT_SCENARIO if path is None else path
-    return parse(toml_file.read(path, "scenario", AcrcError), path, overrides)
+    return parse(toml_file.read(path, "scenario"), path, overrides)
 
 
 def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario:
     """The scenario in the text of the file `path`, as load_scenario gives it."""
-    content = toml_file.tables(text, path, AcrcError)
+    content = toml_file.tables(text, path)
     options = _lay_over(content, overrides)
     try:
         scenario = Scenario.model_validate(content)

@@ -127,7 +127,7 @@ def load_study(path: Path, *, tuning: bool = False) -> Study:
     """The study in a file, also in one that a campaign has written (`study.json`). Raises AcrcError."""
     if path.suffix == ".json":
         return _written(path)
-    table = table_wording.load(path, StudyTable, "study", AcrcError, _LARGEST)
+    table = table_wording.load(path, StudyTable, "study", _LARGEST)
     strategies = tuple(dict.fromkeys(table.strategies))
     for pair in table.primary:
         for name in pair:

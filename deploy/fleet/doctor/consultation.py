@@ -37,7 +37,7 @@ def consult(
 ) -> bool:
     """Check this computer, or as the robot `name` of the fleet in the file, and print; True if all is well.
 
-    Raises OptionError if only one of both is given, and FleetError for a file that cannot be used.
+    Raises OptionError if only one of both is given, and AcrcError for a file that cannot be used.
     """
     if path is None and name is not None:
         raise OptionError(
