@@ -10,7 +10,7 @@ import msgspec
 from actors.instant import in_seconds, milliseconds
 from actors.messages import Progress
 from actors.robot.behaviour.foreign import Permit, admitted
-from actors.runtime import regular_file
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import entry
 from deploy.branches import settings_changed
@@ -142,7 +142,7 @@ class _Outcome(msgspec.Struct):
 
 def _outcome(origin: Path) -> _Outcome | None:
     path = origin / "run.json"
-    return msgspec.json.decode(regular_file.content(path), type=_Outcome) if path.is_file() else None
+    return typed_json.read(path, _Outcome, "result of a run") if path.is_file() else None
 
 
 def _undone(change: Change, step_us: int, result: RunResult, done: _Outcome | None) -> tuple[str, ...]:

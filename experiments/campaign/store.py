@@ -5,19 +5,18 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple
 
 import msgspec
 
 from actors.installation.version import software
-from actors.runtime import regular_file
+from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 from experiments.campaign.draw import Draw, Run, draw, run_of
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep, keep_bytes
 from experiments.study.study import Study, Trial
 from observation.results.seal import SUMS, check_seal
 
-T = TypeVar("T")
 _STUDY: Final = "study.json"
 _ABOUT: Final = "campaign.json"
 _TRIALS: Final = "trials"
@@ -63,7 +62,7 @@ class Store:
 
     def about(self) -> About:
         """What all trials have in common beside the study. Raises AcrcError for a damaged file."""
-        return _decoded(self.about_file, About)
+        return typed_json.read(self.about_file, About, "campaign")
 
     def pending(self) -> list[Pending]:
         """The trials that have no record yet, in the study's order."""
@@ -110,7 +109,7 @@ class Store:
     def draws(self) -> tuple[Draw, ...]:
         """Which runs were drawn to be repeated, and from what, in the order of time."""
         path = self.draws_file
-        return _decoded(path, tuple[Draw, ...]) if path.exists() else ()
+        return typed_json.read(path, tuple[Draw, ...], "draws of a campaign") if path.exists() else ()
 
     def unchecked(self) -> list[Pending]:
         """What was drawn, and not repeated yet."""
@@ -145,7 +144,7 @@ class Store:
 
     def check(self, trial: Trial) -> CheckRecord:
         """Of a trial that was repeated. Raises AcrcError for a damaged one."""
-        return _decoded(self.check_path(trial), CheckRecord)
+        return typed_json.read(self.check_path(trial), CheckRecord, "record of a repeated trial")
 
     def declare_looks(self) -> None:
         """Keep that this campaign stops early by its rule. Raises AcrcError if it began with another."""
@@ -162,12 +161,12 @@ class Store:
     def looks(self) -> Looks | None:
         """None if nobody looks before the end."""
         path = self.folder / _LOOKS
-        return _decoded(path, Looks) if path.exists() else None
+        return typed_json.read(path, Looks, "looks at a campaign") if path.exists() else None
 
     @property
     def commit(self) -> str:
         """What all its trials were made with."""
-        return _decoded(self.folder / _ABOUT, About).commit
+        return self.about().commit
 
     def path(self, trial: Trial) -> Path:
         """Where a trial's record is, or will be."""
@@ -185,7 +184,7 @@ class Store:
 
     def record(self, trial: Trial) -> TrialRecord:
         """Of a trial that has ended. Raises AcrcError for a damaged one."""
-        return _decoded(self.path(trial), TrialRecord)
+        return typed_json.read(self.path(trial), TrialRecord, "record of a trial")
 
 
 def create(folder: Path, study: Study) -> Store:
@@ -196,7 +195,7 @@ def create(folder: Path, study: Study) -> Store:
     """
     store, about = Store(folder, study), About(software())
     if store.study_file.exists():
-        before = _decoded(store.study_file, Study)
+        before = typed_json.read(store.study_file, Study, "study of a campaign")
         if study.seeds < before.seeds:
             raise AcrcError(
                 f"{folder}: has {before.seeds} seeds, more than {study.seeds}; must be as many, or more"
@@ -244,7 +243,7 @@ def load(folder: Path) -> Store:
     if not holds(folder):
         raise AcrcError(f"{folder}: holds no campaign; must be a folder that acrc campaign has made")
     check_seal(folder)
-    return Store(folder, _decoded(folder / _STUDY, Study))
+    return Store(folder, typed_json.read(folder / _STUDY, Study, "study of a campaign"))
 
 
 def _was_among(run: Run, draws: Sequence[Draw], every: float = math.inf) -> bool:
@@ -256,10 +255,3 @@ def _was_among(run: Run, draws: Sequence[Draw], every: float = math.inf) -> bool
 def _differs(one: Study, other: Study) -> str:
     names = (field.name for field in msgspec.structs.fields(Study) if field.name != "seeds")
     return next(name for name in names if getattr(one, name) != getattr(other, name))
-
-
-def _decoded(path: Path, kind: type[T]) -> T:
-    try:
-        return msgspec.json.decode(regular_file.content(path), type=kind)
-    except (OSError, msgspec.DecodeError, msgspec.ValidationError) as error:
-        raise AcrcError(f"{path}: cannot be read: {error}") from None

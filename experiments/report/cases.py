@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from actors.runtime import regular_file
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord
@@ -117,11 +117,6 @@ def _single(folder: Path, name: str) -> Source:
 
 
 def _outcome(path: Path) -> Outcome:
-    try:
-        content = regular_file.content(path)
-        try:
-            return msgspec.json.decode(content, type=RunResult)
-        except msgspec.ValidationError:
-            return msgspec.json.decode(content, type=TrialResult)
-    except (OSError, msgspec.DecodeError) as error:
-        raise AcrcError(f"{path}: cannot be read as the result of a run: {error}") from None
+    if "reference" in typed_json.read(path, dict[str, msgspec.Raw], "result of a run"):
+        return typed_json.read(path, TrialResult, "result of a field trial")
+    return typed_json.read(path, RunResult, "result of a run")

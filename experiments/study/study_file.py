@@ -7,7 +7,7 @@ import msgspec
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from actors import table_wording
-from actors.runtime import regular_file
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from actors.table import A_POINT, Point, Right, Table, as_tuples
 from experiments.study.draws import PARAMETERS
@@ -159,8 +159,5 @@ def _distribution(table: VaryTable) -> Distribution:
 
 def _written(path: Path) -> Study:
     """A path in it is relative to the file, as in any study's."""
-    try:
-        study = msgspec.json.decode(regular_file.content(path), type=Study)
-    except (OSError, msgspec.DecodeError) as error:
-        raise AcrcError(f"{path}: cannot be read as the study of a campaign: {error}") from None
+    study = typed_json.read(path, Study, "study of a campaign")
     return msgspec.structs.replace(study, scenario=str((path.parent / study.scenario).resolve()))

@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 
 from actors.radio.radio_setup import RadioSetup
-from actors.runtime import regular_file
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome
 from actors.world.world_setup import WorldSetup
@@ -78,11 +78,6 @@ class LaboratoryResult(msgspec.Struct, frozen=True):
 
 def load(path: Path) -> LaboratorySetup:
     """The set-up in a JSON file, whose paths are relative to its folder. Raises AcrcError."""
-    try:
-        setup = msgspec.json.decode(regular_file.content(path), type=LaboratorySetup)
-    except OSError as error:
-        raise AcrcError(f"{path}: cannot be read ({error.strerror}); give a JSON file") from None
-    except (ValueError, RecursionError) as error:
-        raise AcrcError(f"{path}: no set-up of a laboratory: {error}") from None
+    setup = typed_json.read(path, LaboratorySetup, "set-up of a laboratory")
     world, radio = setup.world.located(path.parent), setup.radio.located(path.parent)
     return msgspec.structs.replace(setup, world=world, radio=radio)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +15,7 @@ from actors.floor.grid import OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.instant import in_seconds
 from actors.messages import DRIVE, RECEIVED, TRUTH, Drive, Heard, Jam
-from actors.runtime import regular_file
+from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome
 from actors.task.words import PlaceKey
@@ -221,6 +220,6 @@ def _result(path: Path) -> RunResult | None:
     if path.stat().st_size > _MOST_BYTES:
         raise EvidenceError(f"{path}: has more than {_MOST_BYTES} bytes; it should be a run's result")
     try:
-        return msgspec.json.decode(regular_file.content(path), type=RunResult)
-    except (ValueError, RecursionError) as error:
+        return typed_json.decode(regular_file.content(path), RunResult)
+    except ValueError as error:
         raise EvidenceError(f"{path}: is no run's result: {error}") from error

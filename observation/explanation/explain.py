@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 from actors.instant import in_seconds
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError, printable
 from observation.explanation.air import Air
 from observation.explanation.chain import Chain, Link, Second
@@ -70,8 +71,8 @@ def encode(answer: ExplainAnswer) -> bytes:
 def decode(robot: str, data: bytes) -> ExplainAnswer:
     """What `encode` made of an answer for the robot. Raises ExplanationError for a fault and for all else."""
     try:
-        answer = msgspec.msgpack.decode(data, type=ExplainAnswer)
-    except (ValueError, RecursionError) as error:
+        answer = typed_json.decode(data, ExplainAnswer, form=msgspec.msgpack)
+    except ValueError as error:
         raise ExplanationError(f"{robot}: what it answers makes no sense: {printable(str(error))}") from None
     if answer.fault is not None:
         raise ExplanationError(printable(answer.fault))

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import msgspec
 
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError, printable
 from observation.export.columns import TABLES, Column
 from observation.export.robot_rows import EXECUTED, Tables
@@ -53,8 +54,8 @@ def read_answer(answer: Answer) -> Tables:
     if answer.data is None:
         raise ExportError(answer.fault or f"{answer.name}: nothing was answered")
     try:
-        found = msgspec.msgpack.decode(answer.data, type=RowsAnswer)
-    except (ValueError, RecursionError) as error:
+        found = typed_json.decode(answer.data, RowsAnswer, form=msgspec.msgpack)
+    except ValueError as error:
         raise ExportError(f"{answer.name}: what it answers makes no sense: {printable(str(error))}") from None
     if found.fault is not None:
         raise ExportError(found.fault)

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 
 Floats = NDArray[np.float64]
@@ -137,8 +138,8 @@ def encode(inside: Inside) -> bytes:
 def decode(data: bytes) -> Inside:
     """What `encode` made. Raises TelemetryError for anything else."""
     try:
-        inside = msgspec.msgpack.decode(data, type=Inside, dec_hook=_array)
-    except (ValueError, TypeError, RecursionError) as error:
+        inside = typed_json.decode(data, Inside, form=msgspec.msgpack, hook=_array)
+    except (ValueError, TypeError) as error:
         raise TelemetryError(f"a robot's telemetry makes no sense: {error}") from None
     if wrong := _misfit(inside):
         raise TelemetryError(f"a robot's telemetry makes no sense: {wrong}")

@@ -112,10 +112,10 @@ def test_an_explanation_that_lies_is_told() -> None:
     lies: dict[bytes, str] = {
         b"": "Input data was truncated",
         b"\xc1 no such thing": "MessagePack data is malformed",
-        b"\x91" * 100_000: "Expected `object`, got `array`",
+        b"\x91" * 100_000: "it is wrong, but must be an object",
         msgspec.msgpack.encode({"explanations": [told | {"robot": "r2", "chain": []}]}): "it is about 'r2'",
-        msgspec.msgpack.encode({"explanations": [told | {"chain": [link | {"depth": 10**12}]}]}): "<= 100",
-        msgspec.msgpack.encode({"explanations": [told | {"at_s": float("nan"), "chain": []}]}): ">= 0.0",
+        msgspec.msgpack.encode({"explanations": [told | {"chain": [link | {"depth": 10**12}]}]}): "most 100",
+        msgspec.msgpack.encode({"explanations": [told | {"at_s": float("nan"), "chain": []}]}): "least 0",
     }
     for lie, words in lies.items():
         with pytest.raises(ExplanationError) as caught:

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import msgspec
 
-from actors.runtime import regular_file
+from actors.runtime import typed_json
 from actors.runtime.access.credentials import Credentials, unnamed
 from actors.runtime.errors import AcrcError
 
@@ -20,10 +20,7 @@ def write(path: Path, issued: Credentials) -> None:
 
 def read(path: Path) -> Credentials:
     """What `write` wrote; AcrcError where that cannot be read."""
-    try:
-        return msgspec.json.decode(regular_file.content(path), type=Credentials, dec_hook=_path)
-    except (OSError, ValueError, RecursionError) as error:
-        raise AcrcError(f"{path}: no router file: {str(error)[:300]}") from None
+    return typed_json.read(path, Credentials, "router file", hook=_path)
 
 
 def remove(path: Path) -> None:
