@@ -10,6 +10,7 @@ from firmware_bridge.kobuki.events import (
     BaseIdentity,
     BatteryChanged,
     Changed,
+    Fed,
     Found,
     Identified,
     Lost,
@@ -22,12 +23,12 @@ from firmware_bridge.kobuki.packets import (
     BaseControl,
     Basic,
     Command,
-    DockingIR,
     FirmwareVersion,
     GeneralOutput,
     Melody,
     RequestExtra,
     SoundSequence,
+    Unknown,
 )
 from firmware_bridge.kobuki.safety import Cause
 from tests.kobuki.drives import Rig
@@ -130,11 +131,10 @@ def test_sensors_that_change_are_events() -> None:
     rig.run(0.1)
     changes = [(e.sense, e.before, e.now) for e in rig.told if isinstance(e, Changed)]
     assert changes == [(Sense.BUTTONS, 0, 2), (Sense.CHARGER, 0, 6), (Sense.BUTTONS, 2, 0)]
-    docking = rig.driver.latest(DockingIR)
-    assert docking == DockingIR(0, 0, 0)
-    latest = rig.driver.latest(Basic)
-    assert latest is not None
-    assert latest.charger == 6
+    fed = [event for event in rig.told if isinstance(event, Fed)]
+    assert Unknown(3, bytes(3)) in fed[-1].packets  # docking
+    assert isinstance(basic := fed[-1].packets[0], Basic)
+    assert basic.charger == 6
 
 
 def test_a_bumper_that_was_pressed_between_two_looks_is_not_missed() -> None:
