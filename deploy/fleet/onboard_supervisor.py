@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from actors.processes.last_word import last_line
 from actors.processes.launch import Child, Launcher, Program
-from actors.processes.log_end import last_line
 from actors.runtime.errors import AcrcError
 from deploy.fleet import onboard as layout
 from deploy.fleet.onboard import Onboard

@@ -11,9 +11,9 @@ from typing import NoReturn
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.messages import Roster as RosterMessage
-from actors.processes.hold_ups import HoldUp
 from actors.processes.kernels import kernel_modules
 from actors.processes.launch import Program
+from actors.processes.silence import HoldUp
 from actors.processes.turn_board import Show, Turn, warded
 from actors.radio.program import part as radio_part
 from actors.robot.program import part as robot_part

@@ -11,7 +11,6 @@ import yaml
 
 from actors.messages import ProcessOrder
 from actors.processes.launch import Program
-from actors.processes.real_names import NAMES, RealNames
 from actors.processes.silence import Timeout
 from actors.radio.radio_setup import RadioSetup
 from actors.robot.assembly import RobotSetup
@@ -21,7 +20,7 @@ from actors.robot.program import RobotProcess
 from actors.robot.stack import Stack
 from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials, unix_endpoint
-from actors.runtime.isolation.neutral import FOLDER, Names, own_folder
+from actors.runtime.isolation.neutral import FOLDER, NAMES, Names, RealNames, own_folder
 from actors.runtime.isolation.neutral import code as seen_code
 from actors.runtime.isolation.resource_limits import ProcessLimits
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, located_model

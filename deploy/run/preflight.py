@@ -18,8 +18,8 @@ import msgspec
 
 from actors.floor.map_file import load_map
 from actors.messages import ProcessOrder
+from actors.processes.last_word import said, show
 from actors.processes.launch import Child, Launcher, Program
-from actors.processes.log_end import said, show
 from actors.processes.scratch import scratch_folder
 from actors.robot import assembly
 from actors.robot.behaviour.modules import look_in

@@ -8,11 +8,9 @@ from pathlib import Path
 from typing import Final
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress, Roster
-from actors.processes.hold_ups import HoldUp
-from actors.processes.last_word import where_it_crashed
+from actors.processes.last_word import last_line, where_it_crashed
 from actors.processes.launch import Child, Launcher, LaunchError, Program
-from actors.processes.log_end import last_line
-from actors.processes.silence import Timeout
+from actors.processes.silence import HoldUp, Timeout
 from actors.runtime.bus_interface import Bus
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError

@@ -16,12 +16,11 @@ from actors.installation.usage import wrong_value
 from actors.installation.version import software
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.orders import Give
-from actors.processes import hold_ups
-from actors.processes.hold_ups import HoldUp
+from actors.processes import silence
 from actors.processes.launch import Launcher, Program, launcher
 from actors.processes.robot_logs import check_names, shown
 from actors.processes.signals import Interrupted, signals_as_interrupts
-from actors.processes.silence import Timeout
+from actors.processes.silence import HoldUp, Timeout
 from actors.processes.turn_board import warded
 from actors.robot.behaviour.modules import expect
 from actors.runtime.access import rules
@@ -222,7 +221,7 @@ def _say(sentence: str) -> None:
 
 
 def _tell(held_up: Mapping[str, HoldUp]) -> None:
-    for sentence in hold_ups.sentences(held_up):
+    for sentence in silence.sentences(held_up):
         _say(sentence)
 
 

@@ -17,8 +17,7 @@ from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
 from deploy.scenario.adaptation_tables import adaptation
-from deploy.scenario.air import check_walls, radio_setup
-from deploy.scenario.areas import check_areas, of_places
+from deploy.scenario.areas import check_areas, check_walls, of_places, radio_setup
 from deploy.scenario.events import timed_orders
 from deploy.scenario.placement import RobotSpec, check_doors, check_events, places, starts
 from deploy.scenario.stack_tables import stack_of

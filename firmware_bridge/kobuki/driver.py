@@ -13,10 +13,11 @@ from typing import Final
 from actors.instant import Duration, Instant, in_seconds, milliseconds
 from firmware_bridge.kobuki import frame, motion
 from firmware_bridge.kobuki import packets as wire_packets
-from firmware_bridge.kobuki.battery import BatteryLevel, BatteryParameters, level
 from firmware_bridge.kobuki.events import (
     BaseIdentity,
     BatteryChanged,
+    BatteryLevel,
+    BatteryParameters,
     Changed,
     Event,
     Fed,
@@ -25,6 +26,7 @@ from firmware_bridge.kobuki.events import (
     Lost,
     Sense,
     StopsChanged,
+    level,
 )
 from firmware_bridge.kobuki.frame import FrameReader, WireCounts
 from firmware_bridge.kobuki.odometry import KobukiOdometry, OdometryParameters

@@ -30,8 +30,7 @@ from actors.runtime.shell import Shell
 from firmware_bridge.kobuki import port as kobuki_port
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.onboard.base_core import BaseCore
-from firmware_bridge.onboard.clock import Clock
-from firmware_bridge.onboard.conduct import conduct
+from firmware_bridge.onboard.conduct import Clock, conduct
 from firmware_bridge.onboard.last_pose import UNHEARD, PoseKeeper
 from firmware_bridge.onboard.last_word import LastWord
 from firmware_bridge.onboard.onboard_setup import OPENNI, BaseProgram, BaseSetup

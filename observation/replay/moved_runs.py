@@ -11,9 +11,9 @@ from typing import Final, TypeVar
 
 import msgspec
 
-from actors.processes.real_names import NAMES, RealNames
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.neutral import NAMES, RealNames
 from actors.runtime.process import RunNote
 from actors.runtime.recording import RecordingError, decoded, read_notes
 

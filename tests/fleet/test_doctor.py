@@ -12,8 +12,7 @@ import pytest
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from deploy.fleet.doctor import computer, consultation, ports
 from deploy.fleet.doctor import robot as robot_checks
-from deploy.fleet.doctor.findings import Finding, well, wrong
-from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels, Machine
+from deploy.fleet.doctor.machine import Certified, Finding, GroupMembership, Kernels, Machine, well, wrong
 from deploy.fleet.doctor.this_machine import ThisMachine
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.usb_ports import UsbPort

@@ -4,13 +4,12 @@ import pytest
 
 from actors.instant import Instant
 from firmware_bridge.kobuki import frame
-from firmware_bridge.kobuki.battery import BatteryLevel
 from firmware_bridge.kobuki.driver import Colour
 from firmware_bridge.kobuki.events import (
     BaseIdentity,
     BatteryChanged,
+    BatteryLevel,
     Changed,
-    Fed,
     Found,
     Identified,
     Lost,
@@ -21,14 +20,12 @@ from firmware_bridge.kobuki.packets import (
     POWER_RAILS,
     UDID,
     BaseControl,
-    Basic,
     Command,
     FirmwareVersion,
     GeneralOutput,
     Melody,
     RequestExtra,
     SoundSequence,
-    Unknown,
 )
 from firmware_bridge.kobuki.safety import Cause
 from tests.kobuki.drives import Rig
@@ -131,10 +128,6 @@ def test_sensors_that_change_are_events() -> None:
     rig.run(0.1)
     changes = [(e.sense, e.before, e.now) for e in rig.told if isinstance(e, Changed)]
     assert changes == [(Sense.BUTTONS, 0, 2), (Sense.CHARGER, 0, 6), (Sense.BUTTONS, 2, 0)]
-    fed = [event for event in rig.told if isinstance(event, Fed)]
-    assert Unknown(3, bytes(3)) in fed[-1].packets  # docking
-    assert isinstance(basic := fed[-1].packets[0], Basic)
-    assert basic.charger == 6
 
 
 def test_a_bumper_that_was_pressed_between_two_looks_is_not_missed() -> None:

@@ -11,7 +11,7 @@ import pytest
 from actors import toml_file
 from actors.floor.map_file import MapError, load_map
 from actors.messages import MESSAGE_VERSION, TOPICS
-from actors.processes.log_end import last_line
+from actors.processes.last_word import last_line
 from actors.robot_model import load_model
 from actors.runtime.access import credentials, router_file
 from actors.runtime.codec import WireError, decode

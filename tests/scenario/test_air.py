@@ -10,7 +10,7 @@ from actors.radio.propagation.walls import WallPatch
 from actors.runtime.errors import AcrcError
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import load_scenario, parse
-from deploy.scenario.scenario_text import to_toml
+from deploy.scenario.toml_text import to_toml
 from tests.scenario.faults import scenario
 
 TABLES = """

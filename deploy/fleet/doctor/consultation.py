@@ -13,8 +13,7 @@ from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from deploy.fleet.doctor import computer, ports
 from deploy.fleet.doctor import robot as robot_checks
-from deploy.fleet.doctor.findings import Finding
-from deploy.fleet.doctor.machine import Machine
+from deploy.fleet.doctor.machine import Finding, Machine
 from deploy.fleet.doctor.this_machine import ThisMachine
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet
 

@@ -5,8 +5,28 @@ from datetime import datetime
 from pathlib import Path
 from typing import Protocol
 
+import msgspec
+
 from deploy.fleet.usb_ports import UsbPort
 from firmware_bridge.serial_port import Device
+
+
+class Finding(msgspec.Struct, frozen=True):
+    """One thing that was looked at: how it is, and if it is wrong what would put it right: one sentence."""
+
+    subject: str
+    ok: bool
+    text: str
+
+
+def well(subject: str, text: str) -> Finding:
+    """As it should be."""
+    return Finding(subject, True, text)
+
+
+def wrong(subject: str, text: str) -> Finding:
+    """Not as it should be."""
+    return Finding(subject, False, text)
 
 
 @dataclass(frozen=True)

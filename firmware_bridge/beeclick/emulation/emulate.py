@@ -2,17 +2,46 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Final
 
-from actors.instant import START
+from actors.instant import START, Instant
 from actors.radio.radio_setup import RadioSetup
 from actors.runtime.command_line import ArgumentError, ArgumentParser
 from actors.runtime.errors import AcrcError
 from actors.world.physics import SUBSTEP
 from firmware_bridge.beeclick.emulation.air import Air, State, air
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
-from firmware_bridge.beeclick.emulation.pty import serve
+from firmware_bridge.emulation import run_until_stopped
+from firmware_bridge.pseudo_terminal import PseudoTerminal
+
+_ROUND_S: Final = 0.001
+"""Longest wait for bytes from a host, s."""
+
+
+def serve(air: Air, links: Sequence[Path]) -> None:
+    """Be the air's boards at those paths until SIGTERM or SIGINT. Raises AcrcError."""
+    with ExitStack() as stack:
+        lines = [stack.enter_context(PseudoTerminal(link)) for link in links]
+
+        def wait_and_exchange(now: Callable[[], Instant]) -> None:
+            time.sleep(_ROUND_S)
+            exchange(air, lines, now())
+
+        run_until_stopped(f"boards at {', '.join(map(str, links))}", wait_and_exchange)
+
+
+def exchange(air: Air, lines: Sequence[PseudoTerminal], now: Instant) -> None:
+    """Let the boards take and give on their lines what they have taken and given by `now`."""
+    air.advance(now)
+    for board, line in zip(air.devices, lines, strict=True):
+        if data := line.read(0.0):
+            board.take(now, data)
+        line.write(board.run(now))
+
 
 _MOST = 100
 

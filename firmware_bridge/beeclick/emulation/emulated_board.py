@@ -34,7 +34,7 @@ from firmware_bridge.beeclick.commands import (
     SYNC,
 )
 from firmware_bridge.beeclick.emulation.rings import AnswerRing, CommandRing, CrashError
-from firmware_bridge.beeclick.signal import radiated
+from firmware_bridge.beeclick.parameters import radiated
 from firmware_bridge.beeclick.wire import byte_time, bytes_in
 
 _GRAIN: Final = 9
