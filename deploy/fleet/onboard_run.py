@@ -35,6 +35,7 @@ from deploy.fleet.epochs import EpochCounter
 from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
 from deploy.fleet.onboard import Onboard, Ports
 from deploy.fleet.onboard_supervisor import OnboardSupervisor
+from deploy.run.options import RunOptions
 from deploy.run.out_folder import claim, writing
 from deploy.run.plan import Plan
 from deploy.run.scenario_copy import ScenarioCopy
@@ -251,16 +252,14 @@ def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> Plan:
     )
     choice = choose(options.isolate, debugged=options.debug_port is not None)
     return Plan(
-        out=options.out,
+        options=RunOptions(options.out, speed="1", modules=own_code(fleet, Permit(options.modules))),
         world=WorldSetup(str(fleet.map), fleet.seed, step_us, FOREVER, (body,)),
         radio=RadioSetup(fleet.seed, step_us, ((robot.id, robot.address),), "beeclick"),
         behaviour=entry(fleet.run.strategy),
-        modules=own_code(fleet, Permit(options.modules)),
         adaptation=fleet.adaptation,
         stack=fleet.stack,
         scenario=ScenarioCopy("", ()),
         commit=software(),
-        speed="1",
         isolate=choice.isolate,
         warning=choice.warning,
     )

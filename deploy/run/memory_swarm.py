@@ -53,7 +53,7 @@ class MemorySwarm:
         self._turn: Shell | None = None
         self._shared: list[object] = []
         """What the robots have in common, held for those to come."""
-        self._pace = None if plan.speed == "max" else Pace(float(plan.speed))
+        self._pace = None if plan.options.speed == "max" else Pace(float(plan.options.speed))
         self._show: Show | None = None
         """Shows others whose turn it is."""
         self._silence = quiet(plan.timeout)

@@ -54,7 +54,8 @@ def preflight(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None
     """
     robot = plan.world.robots[0]
     with scratch_folder() as folder:
-        stage = replace(plan, out=folder, debug=plan.debug and Debugged("", ""))
+        options = replace(plan.options, out=folder)
+        stage = replace(plan, options=options, debug=plan.debug and Debugged("", ""))
         lay_out_robot(stage, robot)
         program = robot_program(stage, robot, ProcessOrder(robot.id, 0), 0)
         program = replace(program, argv=(*program.argv, "--preflight", f"{bounds.patience_s:g}"))

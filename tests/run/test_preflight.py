@@ -69,7 +69,7 @@ def test_the_first_robot_is_made_as_it_will_be(
     assert (dict(start.settings), parameters.lease) == ({"lease": 3}, 3_000_000)
     assert start.exchange.hop_limit == 5
     assert 8 <= place.x <= 12 and 10.5 <= place.y <= 13.8
-    assert plan.modules == (tmp_path,)
+    assert plan.options.modules == (tmp_path,)
     assert capsys.readouterr().out == ""
 
 
