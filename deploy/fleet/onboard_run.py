@@ -29,8 +29,8 @@ from actors.runtime.lifecycle.process_table import glance
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
 from deploy.fleet import onboard as layout
+from deploy.fleet.doctor.machine import Machine
 from deploy.fleet.doctor.robot import keys
-from deploy.fleet.doctor.this_machine import ThisMachine
 from deploy.fleet.epochs import EpochCounter
 from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
 from deploy.fleet.onboard import Onboard, Ports
@@ -196,7 +196,7 @@ def run(prepared: Onboard, say: Callable[[str], None]) -> None:
 
 def _link_fault(fleet: Fleet, robot: FleetRobot) -> str:
     """What is wrong with the keys with which a laptop may watch the robot; empty if nothing is."""
-    return next((found.text for found in keys(ThisMachine(), fleet, robot) if not found.ok), "")
+    return next((found.text for found in keys(Machine(), fleet, robot) if not found.ok), "")
 
 
 class OperatorLink:

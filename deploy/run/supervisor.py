@@ -15,8 +15,7 @@ from actors.runtime.bus_interface import Bus
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.failure import FailureNote, in_words
-from actors.runtime.lifecycle.leftovers import fault
-from actors.runtime.lifecycle.process_table import glance
+from actors.runtime.lifecycle.process_table import fault, glance
 from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.topic import Message, Topic
 from deploy.run.resource_watch import ResourceWatch

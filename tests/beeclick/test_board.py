@@ -29,9 +29,9 @@ from firmware_bridge.beeclick.commands import (
     Synchronise,
 )
 from firmware_bridge.beeclick.emulation.air import Air
-from firmware_bridge.beeclick.emulation.emulate import standing
 from firmware_bridge.beeclick.emulation.emulated_board import BoardParameters, EmulatedBoard
 from firmware_bridge.beeclick.wire import SYNC_PATTERN, byte_time
+from firmware_bridge.emulate import standing
 
 
 class Bench:

@@ -7,7 +7,7 @@ import pytest
 
 from actors.geometry import Pose
 from actors.instant import START, Instant
-from firmware_bridge.kobuki import emulate
+from firmware_bridge import emulate
 from firmware_bridge.kobuki.base import EmulatedKobuki
 from firmware_bridge.kobuki.body import BodyTruth, Unicycle
 from firmware_bridge.kobuki.driver import KobukiDriver
@@ -99,8 +99,8 @@ def test_a_lifted_base_does_not_move_and_a_deaf_one_drives_on() -> None:
 def test_a_wrong_command_line_is_one_sentence(
     argv: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert emulate.main(argv) == 2
-    assert capsys.readouterr().err == f"python -m firmware_bridge.kobuki.emulate: {sentence}\n"
+    assert emulate.main(["kobuki", *argv]) == 2
+    assert capsys.readouterr().err == f"python -m firmware_bridge.emulate kobuki: {sentence}\n"
 
 
 def test_a_link_that_cannot_be_made_ends_the_program(
@@ -108,7 +108,7 @@ def test_a_link_that_cannot_be_made_ends_the_program(
 ) -> None:
     path = tmp_path / "notes.txt"
     path.write_text("kept")
-    assert emulate.main(["--link", str(path), "--noisy", "--seed", "3"]) == 2
+    assert emulate.main(["kobuki", "--link", str(path), "--noisy", "--seed", "3"]) == 2
     assert capsys.readouterr().err == (
         f"{path}: there is something that is no link; give a path where a link can be made\n"
     )

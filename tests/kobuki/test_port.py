@@ -138,7 +138,7 @@ def test_a_link_is_not_put_in_place_of_a_file(tmp_path: Path) -> None:
 
 def test_an_emulated_base_in_a_process_of_its_own_is_found_and_driven(tmp_path: Path) -> None:
     link = tmp_path / "kobuki"
-    command = [sys.executable, "-m", "firmware_bridge.kobuki.emulate", "--link", str(link)]
+    command = [sys.executable, "-m", "firmware_bridge.emulate", "kobuki", "--link", str(link)]
     root = Path(serial_port.__file__).parent.parent
     with subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, text=True) as process:
         try:

@@ -14,7 +14,6 @@ from actors.robot.behaviour.foreign import INSTALLED, Permit
 from deploy.fleet.doctor import computer, ports
 from deploy.fleet.doctor import robot as robot_checks
 from deploy.fleet.doctor.machine import Finding, Machine
-from deploy.fleet.doctor.this_machine import ThisMachine
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet
 
 
@@ -48,7 +47,7 @@ def consult(
         raise OptionError(f"--robot: is missing; must say which of the robots this computer is: {known}")
     robot = fleet.robot(name) if fleet is not None and name is not None else None
     found: list[Finding] = []
-    for finding in findings(machine or ThisMachine(), fleet, robot, permit):
+    for finding in findings(machine or Machine(), fleet, robot, permit):
         found.append(finding)
         if not json:
             _print(finding)
