@@ -21,10 +21,6 @@ from actors.table import Right, Table, Text, as_tuples
 OdometryKind = Literal["exact", "stage", "kobuki"]
 
 
-class RobotModelError(AcrcError):
-    """A robot model that cannot be used."""
-
-
 Vertices = Annotated[
     tuple[Annotated[tuple[float, float], BeforeValidator(as_tuples)], ...], BeforeValidator(as_tuples)
 ]
@@ -213,15 +209,15 @@ def scan_angles(sensor: RangeSensor) -> NDArray[np.float64]:
 def load_model(name_or_path: str, sensor: str | None = None) -> RobotModel:
     """The robot model of that name (`turtlebot2`) or in that .toml file, with that sensor mounted.
 
-    Without `sensor` the file's default is taken. Anything wrong is a RobotModelError.
+    Without `sensor` the file's default is taken. Anything wrong is a AcrcError.
     """
     name, text = _read(name_or_path)
-    file = table_wording.parse(text, _ModelFile, RobotModelError, name)
+    file = table_wording.parse(text, _ModelFile, name)
     mounted = file.default_sensor if sensor is None else sensor
     if mounted not in file.sensors:
         asked = "default_sensor" if sensor is None else "the sensor"
         right = wording.one_of(sorted(file.sensors))
-        raise RobotModelError(f"{name}: {asked} is {wording.shown(mounted)}, but must be {right}")
+        raise AcrcError(f"{name}: {asked} is {wording.shown(mounted)}, but must be {right}")
     return RobotModel(
         name=file.name,
         footprint=file.footprint,
@@ -243,5 +239,5 @@ def _read(name_or_path: str) -> tuple[str, str]:
         return f"{name_or_path}.toml", shipped.joinpath(f"{name_or_path}.toml").read_text("utf-8")
     if not name_or_path.endswith(".toml"):
         right = f"{', '.join(map(wording.shown, known))} or the path of a .toml file"
-        raise RobotModelError(f"the robot model is {wording.shown(name_or_path)}, but must be {right}")
-    return name_or_path, toml_file.read(Path(name_or_path), "robot model", RobotModelError)
+        raise AcrcError(f"the robot model is {wording.shown(name_or_path)}, but must be {right}")
+    return name_or_path, toml_file.read(Path(name_or_path), "robot model")

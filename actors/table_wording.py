@@ -21,29 +21,32 @@ _BOUNDS: Final = ("gt", "ge", "lt", "le")
 """As pydantic's Field and what it makes of them call them."""
 
 
-def load(path: Path, model: type[M], kind: str, fault: type[AcrcError], most: int) -> M:
-    """What stands in a TOML file of that kind, such as "places", of at most so many bytes. Raises `fault`."""
-    return parse(toml_file.read(path, kind, fault, most), model, fault, str(path))
+def load(path: Path, model: type[M], kind: str, most: int) -> M:
+    """What stands in a TOML file of that kind, such as "places", of at most so many bytes.
+
+    Raises AcrcError.
+    """
+    return parse(toml_file.read(path, kind, most), model, str(path))
 
 
-def parse(text: str, model: type[M], fault: type[AcrcError], name: str = "") -> M:
+def parse(text: str, model: type[M], name: str = "") -> M:
     """What the text of a TOML file says; a sentence begins with the file's name, if it has one.
 
-    Raises `fault`.
+    Raises AcrcError.
     """
     try:
         content = toml_file.loads(text)
     except ValueError as error:
-        raise fault(_of(name, f"this is no TOML: {error}")) from None
-    return checked(content, model, fault, name)
+        raise AcrcError(_of(name, f"this is no TOML: {error}")) from None
+    return checked(content, model, name)
 
 
-def checked(content: Mapping[str, Any], model: type[M], fault: type[AcrcError], name: str = "") -> M:
+def checked(content: Mapping[str, Any], model: type[M], name: str = "") -> M:
     """The same of a file that has been parsed."""
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        raise fault(_of(name, first(error, model, content))) from None
+        raise AcrcError(_of(name, first(error, model, content))) from None
 
 
 def _of(name: str, sentence: str) -> str:

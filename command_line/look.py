@@ -25,12 +25,12 @@ def demo(
     """Show the problem and its cure: two robots meet in a doorway, without adaptation and with it."""
     from actors.processes.kernels import compile_kernels
     from deploy.run import demonstration, out_folder
-    from deploy.run.options import folder_name, run_options
+    from deploy.run.options import RunOptions, checked, folder_name
     from observation.evidence.run_reader import read_run
     from observation.picture import side_by_side
 
     name = folder_name(Path("demo"))
-    options = run_options(out or Path("runs", name))
+    options = checked(RunOptions(out or Path("runs", name)))
     if out is None:
         options = replace(options, out=out_folder.claim(options.out.parent, name))
     with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):

@@ -122,7 +122,7 @@ def _one(
 ) -> "ReplayReport":
     from actors.robot.behaviour.foreign import admitted, permit_of
     from actors.robot.behaviour.modules import look_in
-    from actors.runtime.debugger import DebuggerError
+    from actors.runtime.errors import AcrcError
     from actors.runtime.prints import on
     from cleaning.strategies import entry
     from deploy.branches import other_strategy
@@ -152,7 +152,7 @@ def _one(
     else:
         report = other_strategy.replay_otherwise(out, robot, entry(strategy), onlook)
     if wanted is not None and not reached:
-        raise DebuggerError(f"--from: is {begin:g}, but {robot}'s recording ends before")
+        raise AcrcError(f"--from: is {begin:g}, but {robot}'s recording ends before")
     return report
 
 

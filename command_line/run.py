@@ -139,12 +139,12 @@ def run(
     from deploy.scenario.scenario_file import module_folders
 
     permit = foreign.permit_of(modules, trust=trust)
-    from deploy.run.options import folder_name, run_options
+    from deploy.run.options import RunOptions, checked, folder_name
     from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, settings
 
     overrides = Overrides(robots, seed, key, duration, step, strategy, settings(setting or ()))
     name = folder_name(scenario or DEFAULT_SCENARIO)
-    options = run_options(
+    options = RunOptions(
         out or Path("runs", name),
         speed=speed or ("1" if control else "max"),
         bus=bus,
@@ -156,14 +156,14 @@ def run(
         debug=debug,
         control=control,
         hardware=hardware,
-        boards=board or (),
-        limit=limit or (),
-        timeout=timeout,
+        boards=tuple(board or ()),
+        timeout_s=timeout,
         json=json,
         check=check,
-        log=log or (),
-        followed=robot or (),
+        log=tuple(log or ()),
+        followed=tuple(robot or ()),
     )
+    options = checked(options, limit or ())
     chosen = load_scenario(scenario, overrides)
     behaviour = _behaviour(chosen.run.strategy, by_option=strategy is not None)
     permit = replace(permit, typed=behaviour if strategy is not None else "")

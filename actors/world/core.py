@@ -50,18 +50,6 @@ _SHOWN: Final = 32
 """Characters of a name, which somebody else says, that a sentence shows; none of ours is longer."""
 
 
-class RollCallError(AcrcError):
-    """An actor that cannot take part."""
-
-
-class FalseMessageError(AcrcError):
-    """A message that nobody who keeps to the rules sends."""
-
-
-class FalseWordError(FalseMessageError):
-    """A robot that says of its task what cannot be true, such as a place that there is not."""
-
-
 class WorldPhase(Enum):
     """Where in the step the world is."""
 
@@ -201,7 +189,7 @@ class WorldCore:
 
     def _admit(self, member: Member, ready: Ready) -> None:
         if (ready.actor, ready.epoch, ready.step) != (member.id, member.epoch, self._step):
-            raise RollCallError(
+            raise AcrcError(
                 f"step {self._step}: {ready.actor[:_SHOWN]} is ready for step {ready.step} in epoch "
                 f"{ready.epoch}; "
                 f"{member.id} in epoch {member.epoch} was due"
@@ -210,7 +198,7 @@ class WorldCore:
         if first.kernels and ready.kernels != first.kernels:
             names = otherwise(parted(first.kernels), parted(ready.kernels))
             source = few(names) or "other kernels"
-            raise RollCallError(
+            raise AcrcError(
                 f"{ready.actor} computes otherwise than {first.id}: other bits come from {source}; "
                 "all robots of a run need the same version of this software and processors that compute alike"
             )
@@ -257,13 +245,13 @@ class WorldCore:
 
     def _take_counts(self, aired: Aired) -> None:
         if aired.step != self._step - 1:
-            raise FalseMessageError(
+            raise AcrcError(
                 f"{self._when()}: the radio says what it aired in step {aired.step}; "
                 f"it should be of step {self._step - 1}"
             )
         for count in aired.counts:
             if count.id not in self._participants or count.events < 1:
-                raise FalseMessageError(
+                raise AcrcError(
                     f"{self._when()}: the radio counts {count.events} events for {brief(count.id)}; "
                     "it should be at least 1, for a robot of the run"
                 )
@@ -305,10 +293,10 @@ class WorldCore:
             drive: Drive = read(inputs, DRIVE, member.id)
             end = self.instant + self._setup.step_us
             if wrong := drive_fault(drive, self._step, self.instant, end):
-                raise FalseMessageError(f"{self._when()}: {member.id} {wrong}")
+                raise AcrcError(f"{self._when()}: {member.id} {wrong}")
             self._bodies.command(member.index, drive, self.instant)
             if wrong := self._task.take(member.id, drive):
-                raise FalseWordError(f"{self._when()}: {member.id} {wrong}")
+                raise AcrcError(f"{self._when()}: {member.id} {wrong}")
             held[member.index] = drive.pose
             transmits[member.id] = drive.transmits
         truths = tuple(self._truth(member, transmits[member.id]) for member in self._participants.members)

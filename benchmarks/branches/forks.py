@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.robot.behaviour.foreign import INSTALLED
 from benchmarks.branches.losses import heard, named
 from benchmarks.statistics.measured import Measured, table_of
@@ -18,7 +18,7 @@ from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 
-_SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
+_SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from typing import Final
 
 from numpy.random import Generator
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.randomness import generator
 
-_MAP: Final = REPOSITORY / "maps" / "corridor.yaml"
+_MAP: Final = SHIPPED / "maps" / "corridor.yaml"
 NECKS: Final = (12.44, 17.25)
 """x of the middle of the two passages between office and corridor, m; 0.88 m wide for y from 8.2 to 10.4."""
 _EVERYWHERE: Final = ((12.5, 4.5), (17.3, 4.5), (3.5, 12.4), (9.0, 12.4), (21.0, 12.4), (27.0, 12.4))

@@ -10,14 +10,14 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from benchmarks.failures.found import FailureRun
 from benchmarks.failures.run import FailureTask, examine
 from benchmarks.statistics.confidence import Interval, average, proportion
 from benchmarks.statistics.measured import Measured
 from benchmarks.statistics.pool import in_order
 
-SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
+SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 ROBOTS: Final = (4, 8)
 BESIDE: Final = 1.0
 """Another robot within this distance is what stood in the way, m, centre to centre; own choice: where the

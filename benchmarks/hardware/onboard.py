@@ -9,7 +9,7 @@ from typing import Final
 
 from rich.table import Table
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.processes.launch import ServedLauncher
 from actors.runtime.errors import AcrcError
 from benchmarks.statistics.measured import Measured
@@ -22,7 +22,7 @@ NO_NETWORK: Final = ("unshare", "--map-root-user", "--net")
 """util-linux; a namespace without a single link that is up."""
 
 
-HEAD_ON: Final = REPOSITORY / "scenarios" / "head_on.toml"
+HEAD_ON: Final = SHIPPED / "scenarios" / "head_on.toml"
 LATE_GOAL_MS: Final = 20
 """99 % of the steps are to be answered within this; said, and no part of the verdict: it is the machine's."""
 _EQUAL: Final = "messages, all equal"

@@ -11,13 +11,13 @@ import numpy as np
 from actors.floor.map_file import load_map
 from actors.floor.placement import PlacementError, check_pose
 from actors.geometry import Point, Pose
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.messages import Scan
 from actors.randomness import generator
 from benchmarks.hardware.sensor_rig import Pilot, SensorRig
 from firmware_bridge.kobuki.safety import Cause
 
-FLOORS: Final = tuple(REPOSITORY / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))
+FLOORS: Final = tuple(SHIPPED / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))
 _CELL: Final = 0.05
 _ROOM: Final = 0.6
 """Free floor round a start, m."""

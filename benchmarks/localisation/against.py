@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 from rich.table import Table
 
+from actors.runtime import typed_json
 from benchmarks.localisation.log import LogError
 from benchmarks.localisation.metrics import Run
 from benchmarks.localisation.summary import resampled
@@ -62,10 +63,10 @@ def load(file: Path) -> dict[str, Other]:
             data = stream.read(_LARGEST + 1)
         if len(data) > _LARGEST:
             raise LogError(f"{file}: may have at most {_LARGEST} bytes, and has more.")
-        others = msgspec.json.decode(data, type=list[Other])
+        others = typed_json.decode(data, list[Other])
     except OSError as error:
         raise LogError(f"{file}: cannot be read: {error.strerror}.") from None
-    except (msgspec.DecodeError, RecursionError) as error:
+    except ValueError as error:
         raise LogError(
             f"{file}: must be a list of logs, each with its runs (docs/localisation-log.md): {error}."
         ) from None

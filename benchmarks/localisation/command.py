@@ -8,7 +8,7 @@ from typing import Any, Final
 from rich.console import Console
 from rich.table import Table
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
 from benchmarks.localisation import log as course_log
 from benchmarks.localisation import logs, report
@@ -20,7 +20,7 @@ from benchmarks.localisation.speed import BEAMS, GOAL_US, PARTICLES, UpdateCost,
 from benchmarks.localisation.summary import summary
 from benchmarks.statistics.measured import Measured
 
-_MAPS: Final = REPOSITORY / "maps"
+_MAPS: Final = SHIPPED / "maps"
 CORRIDOR: Final = _MAPS / "corridor.yaml"
 OTHERS: Final = (_MAPS / "apartment.yaml", _MAPS / "maze.yaml")
 """Maps without symmetry."""

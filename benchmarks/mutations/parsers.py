@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from actors.floor.map_file import load_map
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import REPOSITORY, SHIPPED
 from actors.instant import START
 from actors.messages import TOPICS, TRANSMIT, ProcessOrder, Transmit
 from actors.processes.launch import Program
@@ -51,7 +51,7 @@ class Parser:
 def parsers(scratch: Path, run: Path | None = None) -> Iterator[Parser]:
     """All of them; `scratch` is an empty folder to work in. `run`: the folder of a run to begin with."""
     out = scratch / "run"
-    scenario = load_scenario(REPOSITORY / "scenarios" / "head_on.toml", Overrides(duration=5.0))
+    scenario = load_scenario(SHIPPED / "scenarios" / "head_on.toml", Overrides(duration=5.0))
     planned = swarm.plan(scenario, RunOptions(out, bus="memory"))
     if run is not None:
         shutil.copytree(run, out)
@@ -114,8 +114,8 @@ def _files(out: Path, scratch: Path) -> Iterator[Parser]:
     (scratch / "world").mkdir()
     router_file.write(scratch / "router.json", credentials.issue({"r1": robot}, scratch / "world"))
     readers: tuple[tuple[str, Iterable[Path], Callable[[Path], object]], ...] = (
-        ("scenario", (REPOSITORY / "scenarios").glob("*.toml"), load_scenario),
-        ("fleet", (REPOSITORY / "fleets").glob("*.toml"), load_fleet),
+        ("scenario", (SHIPPED / "scenarios").glob("*.toml"), load_scenario),
+        ("fleet", (SHIPPED / "fleets").glob("*.toml"), load_fleet),
         (
             "robot model",
             (REPOSITORY / "actors" / "models").glob("*.toml"),

@@ -11,7 +11,7 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from benchmarks.navigation import goal_log
 from benchmarks.navigation import log as cycle_log
 from benchmarks.navigation.course import NavigationCourse
@@ -20,7 +20,7 @@ from benchmarks.statistics.confidence import proportion
 from benchmarks.statistics.measured import Measured
 from benchmarks.statistics.pool import in_order
 
-MAPS: Final = tuple(REPOSITORY / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))
+MAPS: Final = tuple(SHIPPED / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))
 ROBOTS: Final = (1, 4)
 SPEED: Final = 0.5
 """With which the shortest way is thought to be driven, m/s: DWA max_vel_x of d3scomp/ROSRemote."""

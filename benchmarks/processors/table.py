@@ -7,7 +7,7 @@ from typing import Final
 
 from rich.console import Console
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import REPOSITORY, SHIPPED
 from benchmarks.processors import aarch64, here, pythons
 from benchmarks.processors.computer import Computer, RunOutcome, RunTask, make
 from benchmarks.statistics.measured import Measured
@@ -33,7 +33,7 @@ class ProcessorRow:
 def tasks(seconds: float, crowd_seconds: float) -> list[RunTask]:
     """The house test's crowd, with a contact every second, and the chapter's four robots."""
     crowd = RunTask("crowd", REPOSITORY / "tests" / "swarm" / "crowd.toml", crowd_seconds)
-    chapter = RunTask("chapter", REPOSITORY / "scenarios" / "chapter.toml", seconds, robots=4)
+    chapter = RunTask("chapter", SHIPPED / "scenarios" / "chapter.toml", seconds, robots=4)
     return [crowd, chapter]
 
 

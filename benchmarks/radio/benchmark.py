@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
 from benchmarks.radio import hardware, plots, speed
 from benchmarks.statistics.measured import Measured
 
-_CORRIDOR = REPOSITORY / "maps" / "corridor.yaml"
+_CORRIDOR = SHIPPED / "maps" / "corridor.yaml"
 
 
 def measure(out: Path | None = None, data: Path | None = None, map_file: Path = _CORRIDOR) -> Measured:

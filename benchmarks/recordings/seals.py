@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.runtime.errors import AcrcError
 from benchmarks.statistics.measured import Measured, table_of
 from deploy.run import swarm
@@ -16,7 +16,7 @@ from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.replay import record_check
 from observation.results.seal import SUMS
 
-_SCENARIO: Final = REPOSITORY / "scenarios" / "head_on.toml"
+_SCENARIO: Final = SHIPPED / "scenarios" / "head_on.toml"
 _SECONDS: Final = 2.0
 
 

@@ -9,7 +9,7 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.installation.usage import wrong_value
 from actors.robot.behaviour.ports import EVERYBODY_DBM
 from benchmarks.statistics.confidence import Interval, average
@@ -18,7 +18,7 @@ from benchmarks.statistics.pool import in_order
 from benchmarks.swarm.relay_run import OLD_S, UNKNOWN_S, RelayFigures, RelayTask, examine
 from deploy.scenario.scenario_file import load_scenario
 
-SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
+SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 ROBOTS: Final = (4, 10, 20, 50, 100)
 _LEAST_ROBOTS: Final = 2
 _LEAST_S: Final = 15.0

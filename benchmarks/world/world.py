@@ -9,7 +9,7 @@ from rich.table import Table
 
 from actors.floor.grid import OccupancyGrid, outline
 from actors.floor.map_file import load_map
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.world.physics import Arena
 from actors.world.sensing import RangeSensors
 from benchmarks.statistics.cpu_time import best
@@ -17,7 +17,7 @@ from benchmarks.statistics.measured import Measured
 from benchmarks.world import navground_peer, scan
 from benchmarks.world.plain_swarm import strewn, turtlebot, wishes
 
-_CORRIDOR: Final = REPOSITORY / "maps" / "corridor.yaml"
+_CORRIDOR: Final = SHIPPED / "maps" / "corridor.yaml"
 STAGE: Final = {
     (640, 4): 71.0,
     (640, 20): 9.3,

@@ -22,7 +22,7 @@ from experiments.campaign.trust import differing, protection
 from experiments.comparison import decision
 from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
-from experiments.comparison.summary import summaries
+from experiments.comparison.sentences import summaries
 from experiments.study.study_wishes import Wishes, check, path_of, study_of
 from observation.results.seal import seal
 

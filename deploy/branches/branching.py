@@ -10,7 +10,7 @@ import msgspec
 from actors.instant import in_seconds, milliseconds
 from actors.messages import Progress
 from actors.robot.behaviour.foreign import Permit, admitted
-from actors.runtime import regular_file
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import entry
 from deploy.branches import settings_changed
@@ -27,10 +27,6 @@ from observation.replay.run_recordings import recordings
 from observation.results.origin import BranchOrigin
 from observation.results.result import RunResult
 from observation.results.seal import seal
-
-
-class BranchError(AcrcError):
-    """A run that cannot be continued from there."""
 
 
 @dataclass(frozen=True)
@@ -63,21 +59,21 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     """Continue the run in the folder `origin`, simulated or a branch itself, into `options.out`.
 
     Up to the change everything is as it was, and all orders that the run was given later are given again.
-    Raises BranchError for an instant that the run has not come to, and where the part before it does not come
-    out the same; ForeignCodeError for code that the permit does not cover.
+    Raises AcrcError for an instant that the run has not come to, and where the part before it does not come
+    out the same, and for code that the permit does not cover.
     """
     if not (origin / SCENARIO).is_file():
-        raise BranchError(f"{origin}: has no {SCENARIO}; it should be the folder of a simulated run")
+        raise AcrcError(f"{origin}: has no {SCENARIO}; it should be the folder of a simulated run")
     told, files = check(origin), recordings(origin)
     if "world" not in files or "radio" not in files:
-        raise BranchError(f"{origin}: lacks the recording of the world or of the radio")
+        raise AcrcError(f"{origin}: lacks the recording of the world or of the radio")
     scenario = load_scenario(origin / SCENARIO)
     step_us = milliseconds(scenario.run.step_ms)
     first = boundary(change.at_s, step_us)
     done = _outcome(origin)
     last = boundary(done.simulated_s, step_us) if told.complete and done else (told.good_until or 0)
     if first >= last:
-        raise BranchError(
+        raise AcrcError(
             f"{origin}: the run ends at {in_seconds(last * step_us):g} s; a branch must leave it before"
         )
     chosen = change.strategy is not None or bool(change.settings)
@@ -97,7 +93,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     result = carry_out(changed, options, watch)
     parted = None if result.digest == told.digest else divergence(origin, options.out, step_us)
     if parted is not None and parted.step < first:
-        raise BranchError(
+        raise AcrcError(
             f"{origin}: does not come out the same up to {change.at_s:g} s, so there is nothing to continue: "
             f"{parted.words}; `acrc replay {origin}` says more"
         )
@@ -146,7 +142,7 @@ class _Outcome(msgspec.Struct):
 
 def _outcome(origin: Path) -> _Outcome | None:
     path = origin / "run.json"
-    return msgspec.json.decode(regular_file.content(path), type=_Outcome) if path.is_file() else None
+    return typed_json.read(path, _Outcome, "result of a run") if path.is_file() else None
 
 
 def _undone(change: Change, step_us: int, result: RunResult, done: _Outcome | None) -> tuple[str, ...]:

@@ -27,7 +27,7 @@ def strategy_settings(given: Iterable[tuple[str, Any]], file: Path) -> Mapping[s
     """The strategy's settings that a command line sets, by name.
 
     Every other key must have the value that the run had, as its scenario in `file` says.
-    Raises OptionError, and ScenarioError for what no scenario can hold.
+    Raises OptionError, and AcrcError for what no scenario can hold.
     """
     found: dict[str, Setting] = {}
     for key, value in given:

@@ -45,9 +45,9 @@ class SwarmReplay:
 def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     """Make the run in the folder `out` again, and compare everything that anybody sent or took.
 
-    Raises ReplayError at the first difference, naming step, message and field; ForeignCodeError for a
-    scenario that names code that the permit does not cover, MissingCodeError for one whose code is not here,
-    ModuleError for code that is not what the robots have recorded.
+    Raises ReplayError at the first difference, naming step, message and field; AcrcError for a
+    scenario that names code that the permit does not cover, that is not here, or that is not what the robots
+    have recorded.
     """
     if not (out / SCENARIO).is_file():
         raise ReplayError(f"{out}: has no {SCENARIO}; it should be the folder of a simulated run")

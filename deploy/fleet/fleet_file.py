@@ -16,23 +16,21 @@ from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
 from actors import table_wording, toml_file
 from actors.installation.usage import OptionError
 from actors.robot.behaviour.adaptation import Adaptation
+from actors.robot.behaviour.foreign import Permit, admitted
 from actors.robot.behaviour.ports import Setting
 from actors.robot.stack import Stack
 from actors.runtime.errors import AcrcError
 from actors.table import A_POINT, A_POSE, Point, Pose, Right, Table, Text, as_tuples
+from cleaning.strategies import entry
 from deploy.scenario.adaptation_tables import AreaTable, DeecoTable, Settings, adaptation
-from deploy.scenario.kinds import MOST_PLACES, Model, Parameters, RobotId, Sensor
 from deploy.scenario.stack_tables import stack_fault, stack_of
-from firmware_bridge.beeclick.signal import POWERS, power_setting
+from deploy.scenario.tables import MOST_PLACES, Model, Parameters, RobotId, Sensor
+from firmware_bridge.beeclick.parameters import POWERS, power_setting
 from firmware_bridge.onboard.onboard_setup import OPENNI
 
 _LISTEN: Final = re.compile(
     r"tls/(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9][A-Za-z0-9.-]*):(?P<port>[0-9]{1,5})"
 )
-
-
-class FleetError(AcrcError):
-    """A fleet file that cannot be used, or a robot that is not in it."""
 
 
 def _power(power_dbm: float) -> float:
@@ -185,15 +183,15 @@ class Fleet:
 
 
 def load_fleet(path: Path) -> Fleet:
-    """The fleet in the file. Raises FleetError."""
-    return parse(toml_file.read(path, "fleet", FleetError), path)
+    """The fleet in the file. Raises AcrcError."""
+    return parse(toml_file.read(path, "fleet"), path)
 
 
 def parse(text: str, path: Path) -> Fleet:
     """The fleet in the text of the file `path`, as load_fleet gives it."""
-    file = table_wording.parse(text, _FleetFile, FleetError, str(path))
+    file = table_wording.parse(text, _FleetFile, str(path))
     if fault := _fault(file) or stack_fault(file):
-        raise FleetError(f"{path}: {fault}")
+        raise AcrcError(f"{path}: {fault}")
     return _fleet(file, Path(os.path.realpath(path)))
 
 
@@ -252,3 +250,9 @@ def _fleet(file: _FleetFile, path: Path) -> Fleet:
         stack=stack_of(file),
         robots=tuple(robot.model_copy(update={"model": absolute(robot.model)}) for robot in file.robot),
     )
+
+
+def own_code(fleet: Fleet, permit: Permit) -> tuple[Path, ...]:
+    """Its folders, none for one that is installed. Raises as `foreign.admitted` does."""
+    hints = (Path(fleet.run.modules),) if fleet.run.modules else ()
+    return admitted(fleet.path, entry(fleet.run.strategy), hints, permit)

@@ -13,11 +13,10 @@ from actors.processes.silence import Silence, Suspect, Telling, Timeout
 from actors.processes.turn_board import Turn
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.failure import HardExit, TimedOut, where
-from actors.runtime.lifecycle.leftovers import fault
 from actors.runtime.lifecycle.linux import PR_SET_CHILD_SUBREAPER, prctl
-from actors.runtime.lifecycle.process_table import Glance
+from actors.runtime.lifecycle.process_table import Glance, fault
+from actors.runtime.pace import ticking
 from actors.runtime.shell import Shell
-from actors.runtime.ticks import ticking
 
 _TICK_S: Final = 0.25
 

@@ -11,26 +11,23 @@ import yaml
 
 from actors.messages import ProcessOrder
 from actors.processes.launch import Program
-from actors.processes.real_names import NAMES, RealNames
 from actors.processes.silence import Timeout
 from actors.radio.radio_setup import RadioSetup
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour import succession
-from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.program import RobotProcess
-from actors.robot.stack import Stack
 from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials, unix_endpoint
-from actors.runtime.isolation.neutral import FOLDER, Names, own_folder
+from actors.runtime.isolation.neutral import FOLDER, NAMES, Names, RealNames, own_folder
 from actors.runtime.isolation.neutral import code as seen_code
-from actors.runtime.isolation.resource_limits import ProcessLimits
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, located_model
 from actors.runtime.spans import Window
 from actors.world.world_setup import BodySetup, WorldProcess, WorldSetup
 from cleaning.strategies.registry import STRATEGIES
 from deploy.run import scenario_copy
+from deploy.run.options import RunOptions
 from deploy.run.out_folder import make_folder
-from deploy.scenario.resolve import robot_setup
+from deploy.scenario.resolve import Swarm, robot_setup
 
 MODEL: Final = "model.toml"
 """The robot's model in its folder, if that is the user's own."""
@@ -46,46 +43,30 @@ class Debugged(NamedTuple):
     """The path of its device; empty in memory, where the debugger has the process's own streams."""
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, kw_only=True)
+class Plan(Swarm):
     """A run that is ready to be laid out."""
 
-    out: Path
-    """Absolute path of the folder for everything that the run writes."""
-    world: WorldSetup
-    radio: RadioSetup
-    behaviour: str
-    """Entry string `module:function` of the robots' behaviour."""
-    modules: tuple[Path, ...]
-    """Folders in which a strategy of the user's own is looked for, the first one first, as was admitted."""
-    adaptation: Adaptation
-    """What every robot is told about its strategy and exchange."""
-    stack: Stack
-    """What every robot is told about how it localises and navigates."""
+    options: RunOptions
+    """As they were asked for; `modules`: as was admitted."""
     scenario: scenario_copy.ScenarioCopy
     """The resolved scenario, as it lies beside the result."""
     commit: str
     """Version of the software."""
-    speed: str
-    """As on the command line: "max" or a number."""
     isolate: bool
     warning: str = ""
     """What is missing of the robots' isolation, for the user; empty if nothing is."""
-    hidden: tuple[Path, ...] = ()
-    """Files beside the strategy's code that a robot must not see: the scenario."""
-    view: bool = False
-    followed: tuple[str, ...] = ()
-    """Robots that the view looks into; none named: as many as it does by itself."""
     debug: Debugged | None = None
     """The robot at whose breakpoints the run stops; None: as Python has it."""
-    control: bool = False
-    """Serve the map page."""
-    limits: ProcessLimits = field(default=ProcessLimits())
-    """What each robot's process may have."""
     timeout: Timeout = field(default=Timeout())
     """How long the run may take no step."""
     spans: Window | None = None
     """Steps in which every process notes what it does, span by span."""
+
+    @property
+    def out(self) -> Path:
+        """Absolute path of the folder for everything that the run writes."""
+        return self.options.out
 
     @property
     def own_code(self) -> bool:
@@ -109,8 +90,13 @@ class Plan:
     def names(self, robot: str, record: str) -> Names:
         """What a robot that is shut off sees under other names; `record`: the name of its recording."""
         folder = self.folder(robot).resolve()
-        code, hidden = (tuple(str(path.absolute()) for path in some) for some in (self.modules, self.hidden))
-        return Names(str(folder), str(folder / record), code, hidden)
+        hidden = tuple(str(path.absolute()) for path in self.options.hidden)
+        return Names(str(folder), str(folder / record), self.code, hidden)
+
+    @property
+    def code(self) -> tuple[str, ...]:
+        """Absolute paths of the folders with the strategy's own code."""
+        return tuple(str(path.absolute()) for path in self.options.modules)
 
     def address(self, robot: str) -> int:
         """The robot's short address on the air."""
@@ -130,8 +116,8 @@ def lay_out(plan: Plan) -> None:
 
 def write_names(plan: Plan) -> None:
     """Write where the strategy's code lies, where no isolated robot can read it."""
-    if plan.modules:
-        names = RealNames(str(plan.out.resolve()), tuple(str(path.absolute()) for path in plan.modules))
+    if plan.code:
+        names = RealNames(str(plan.out.resolve()), plan.code)
         (plan.out / NAMES).write_bytes(msgspec.json.format(msgspec.json.encode(names)) + b"\n")
 
 
@@ -160,7 +146,7 @@ def world_program(plan: Plan) -> Program:
         commit=plan.commit,
         with_parent=True,
         spans=plan.spans,
-        speed=None if plan.speed == "max" else float(plan.speed),
+        speed=None if plan.options.speed == "max" else float(plan.options.speed),
     )
     world = told_world(plan, lambda robot: f"../{robot.id}/{MODEL}")
     return actor_program("world", "actors.world", plan.folder("world"), ActorSetup(world, process))
@@ -214,7 +200,8 @@ def robot_program(
     folder = plan.folder(robot.id)
     name = name or (robot.id if order.epoch == 0 else f"{robot.id}.{order.epoch}")
     isolated = plan.isolate and not _is_debugged(plan, robot.id)
-    seen, code = (FOLDER, seen_code(len(plan.modules))) if isolated else (folder, plan.modules)
+    modules = plan.options.modules
+    seen, code = (FOLDER, seen_code(len(modules))) if isolated else (folder, modules)
     process = RobotProcess(
         record=f"{name}.mcap",
         router="router.sock",
@@ -223,7 +210,7 @@ def robot_program(
         with_parent=True,
         spans=plan.spans,
         code=tuple(str(path) for path in code),
-        limits=plan.limits,
+        limits=plan.options.limits,
         isolate=isolated,
         debugger=None if plan.debug is None else _terminal(plan, robot.id),
     )
@@ -284,8 +271,8 @@ def remove_credentials(plan: Plan) -> None:
 def observer_program(plan: Plan) -> Program:
     """The observer's program, which reads what the others record, and needs nothing of the mesh."""
     argv = (
-        *("--out", str(plan.out), *(word for robot in plan.followed for word in ("--robot", robot))),
-        *(word for path in plan.modules for word in ("--modules", str(path))),
+        *("--out", str(plan.out), *(word for robot in plan.options.followed for word in ("--robot", robot))),
+        *(word for path in plan.options.modules for word in ("--modules", str(path))),
         *(("--isolate",) if plan.isolate and plan.debug is None else ()),
     )
     return Program("observer", "observation.view", argv, plan.out / "view.log", None)

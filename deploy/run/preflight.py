@@ -18,8 +18,8 @@ import msgspec
 
 from actors.floor.map_file import load_map
 from actors.messages import ProcessOrder
+from actors.processes.last_word import said, show
 from actors.processes.launch import Child, Launcher, Program
-from actors.processes.log_end import said, show
 from actors.processes.scratch import scratch_folder
 from actors.robot import assembly
 from actors.robot.behaviour.modules import look_in
@@ -37,10 +37,6 @@ _HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL 
 """What faulthandler writes of the place where the main thread was."""
 
 
-class PreflightError(AcrcError):
-    """A robot that cannot be made."""
-
-
 @dataclass(frozen=True)
 class Bounds:
     """What a preflight may take."""
@@ -54,11 +50,12 @@ class Bounds:
 def preflight(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None:
     """Make the first robot in a process of its own, in a folder that is gone afterwards.
 
-    Raises PreflightError where that fails, hangs or ends; a bug's traceback is shown first.
+    Raises AcrcError where that fails, hangs or ends; a bug's traceback is shown first.
     """
     robot = plan.world.robots[0]
     with scratch_folder() as folder:
-        stage = replace(plan, out=folder, debug=plan.debug and Debugged("", ""))
+        options = replace(plan.options, out=folder)
+        stage = replace(plan, options=options, debug=plan.debug and Debugged("", ""))
         lay_out_robot(stage, robot)
         program = robot_program(stage, robot, ProcessOrder(robot.id, 0), 0)
         program = replace(program, argv=(*program.argv, "--preflight", f"{bounds.patience_s:g}"))
@@ -104,7 +101,7 @@ def _await_end(child: Child, launched: Launcher, bounds: Bounds) -> None:
 
 
 def _judge(plan: Plan, child: Child, bounds: Bounds, *, hung: bool) -> None:
-    """PreflightError unless the robot's process says that the robot could be made.
+    """AcrcError unless the robot's process says that the robot could be made.
 
     `hung`: it had not ended by itself in time, so the signal that ended it was ours.
     """
@@ -113,26 +110,26 @@ def _judge(plan: Plan, child: Child, bounds: Bounds, *, hung: bool) -> None:
     if "failure" in notes:
         note = msgspec.json.decode(notes["failure"], type=FailureNote)
         if note.expected:
-            raise PreflightError(printable(note.cause))
+            raise AcrcError(printable(note.cause))
         show(said(child.program))
-        raise PreflightError(f"{made}: {printable(note.cause)}")
+        raise AcrcError(f"{made}: {printable(note.cause)}")
     if child.exit_code == 0 and "run" in notes:
         return
     told = said(child.program)
     place = _HUNG.search(told)
     if place is not None:
         where = f"{Path(place[1]).name}:{place[2]}"
-        raise PreflightError(f"{made}: is not done after {bounds.patience_s:g} s; it is at {where}")
+        raise AcrcError(f"{made}: is not done after {bounds.patience_s:g} s; it is at {where}")
     if child.exit_code == 2 and told.strip():  # it says why before it comes to the strategy
-        raise PreflightError(told.strip().splitlines()[-1])
+        raise AcrcError(told.strip().splitlines()[-1])
     show(told)
     if hung:
-        raise PreflightError(f"{made}: is not done after {bounds.patience_s + bounds.grace_s:g} s")
+        raise AcrcError(f"{made}: is not done after {bounds.patience_s + bounds.grace_s:g} s")
     assert child.exit_code is not None
     if child.exit_code < 0:
         number = signal.Signals(-child.exit_code)
-        raise PreflightError(f"{made}: its process was ended by signal {number.name}")
-    raise PreflightError(f"{made}: its process ended with exit code {child.exit_code}")
+        raise AcrcError(f"{made}: its process was ended by signal {number.name}")
+    raise AcrcError(f"{made}: its process ended with exit code {child.exit_code}")
 
 
 def _notes(program: Program) -> dict[str, bytes]:

@@ -16,12 +16,11 @@ from actors.installation.usage import wrong_value
 from actors.installation.version import software
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.orders import Give
-from actors.processes import hold_ups
-from actors.processes.hold_ups import HoldUp
+from actors.processes import silence
 from actors.processes.launch import Launcher, Program, launcher
 from actors.processes.robot_logs import check_names, shown
 from actors.processes.signals import Interrupted, signals_as_interrupts
-from actors.processes.silence import Timeout
+from actors.processes.silence import HoldUp, Timeout
 from actors.processes.turn_board import warded
 from actors.robot.behaviour.modules import expect
 from actors.runtime.access import rules
@@ -100,25 +99,19 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
     """
     choice = IsolationChoice(False) if options.bus == "memory" else choose(options.isolate)
     settled = resolve(scenario)
+    _check_followed(settled, options)
     planned = Plan(
-        out=options.out,
+        options=options,
         world=settled.world,
         radio=settled.radio,
         behaviour=settled.behaviour,
-        modules=options.modules,
         adaptation=settled.adaptation,
         stack=settled.stack,
         scenario=scenario_copy.beside(settled, options),
         commit=software(),
-        speed=options.speed,
         isolate=choice.isolate,
         warning=choice.warning,
-        limits=options.limits,
         timeout=Timeout(step_s=options.timeout_s if options.debug is None else math.inf),
-        hidden=options.hidden,
-        view=options.view,
-        followed=_followed(settled, options),
-        control=options.control,
         debug=_debugged(settled, options),
     )
     if options.bus == "memory":
@@ -128,12 +121,11 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
     return planned
 
 
-def _followed(settled: ResolvedScenario, options: RunOptions) -> tuple[str, ...]:
+def _check_followed(settled: ResolvedScenario, options: RunOptions) -> None:
     robots = [robot.id for robot in settled.world.robots]
     for robot in options.followed:
         if robot not in robots:
             raise wrong_value("--robot", robot, f"one of {', '.join(robots)}")
-    return options.followed
 
 
 def _debugged(settled: ResolvedScenario, options: RunOptions) -> Debugged | None:
@@ -185,7 +177,7 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
         lambda order, step: robot_program(plan, robots[order.robot], order, step),
         on_progress,
         plan.timeout,
-        ResourceWatch(plan.limits),
+        ResourceWatch(plan.options.limits),
         _say,
     )
     try:
@@ -195,11 +187,11 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
         supervisor.await_file(issued.sockets[OPERATOR], "world")
         config = rules.client_config(issued.files[OPERATOR], issued.endpoint(OPERATOR))
         with open_mesh(config, (at(PROGRESS), at(ROSTER)), between=supervisor.look) as bus:
-            if plan.view:
+            if plan.options.view:
                 supervisor.start([observer_program(plan)])
                 supervisor.await_file(plan.out / "view.rrd", "observer")
                 summary.print_viewer(plan.out)
-            if plan.control:
+            if plan.options.control:
                 supervisor.start([control_program(plan)])
                 if supervisor.await_file(plan.out / CONTROL_ADDRESS, "control"):
                     _say(f"the map page is {(plan.out / CONTROL_ADDRESS).read_text()}")
@@ -222,7 +214,7 @@ def _say(sentence: str) -> None:
 
 
 def _tell(held_up: Mapping[str, HoldUp]) -> None:
-    for sentence in hold_ups.sentences(held_up):
+    for sentence in silence.sentences(held_up):
         _say(sentence)
 
 

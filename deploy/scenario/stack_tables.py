@@ -34,10 +34,6 @@ ODOMETRY: Final = "odometry"
 _P = TypeVar("_P")
 
 
-class StackError(AcrcError):
-    """Tables of localisation and navigation that make no sense."""
-
-
 _Seconds = Annotated[
     float,
     Field(ge=0, le=LONGEST_S),
@@ -74,8 +70,8 @@ _NavigationFile: Final = create_model("_NavigationFile", __base__=Table, **_FILE
 
 
 def stack(tables: Mapping[str, Mapping[str, object]]) -> Stack:
-    """What the tables say; those that are absent are as the preset `chapter` has them. Raises StackError."""
-    return _stack(table_wording.checked(tables, _NavigationFile, StackError))
+    """What the tables say; those that are absent are as the preset `chapter` has them. Raises AcrcError."""
+    return _stack(table_wording.checked(tables, _NavigationFile))
 
 
 def _stack(file: Any) -> Stack:
@@ -90,14 +86,14 @@ def _stack(file: Any) -> Stack:
             dwa=_with(DWA_PRESETS[preset], file.dwa),
         )
     except ParameterError as error:
-        raise StackError(str(error)) from None
+        raise AcrcError(str(error)) from None
 
 
 def _localisation(table: Any) -> AmclParameters | None:
     if table.preset != ODOMETRY:
         return _with(PRESETS[table.preset], table)
     for name in table.model_dump(exclude_unset=True, exclude={"preset"}):
-        raise StackError(
+        raise AcrcError(
             f'localisation.{name} is set, but must be left out where the preset is "{ODOMETRY}", '
             "which has no parameters"
         )
@@ -110,7 +106,7 @@ def _with(preset: _P, table: Table) -> _P:
 
 
 def stack_of(file: Table) -> Stack:
-    """What a scenario or a fleet file says. Raises StackError."""
+    """What a scenario or a fleet file says. Raises AcrcError."""
     return stack(file.model_dump(include=set(TABLES)))
 
 
@@ -118,6 +114,6 @@ def stack_fault(file: Table) -> str | None:
     """What is wrong in its tables, in words without an end; None if nothing is."""
     try:
         stack_of(file)
-    except StackError as error:
+    except AcrcError as error:
         return str(error)
     return None

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from experiments.campaign.store import CampaignError, Store
+from actors.runtime.errors import AcrcError
+from experiments.campaign.store import Store
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison import metrics
 from experiments.comparison.comparison import scores
@@ -40,15 +41,15 @@ class Watch:
     """The primary comparisons of a campaign that is going on."""
 
     def __init__(self, store: Store) -> None:
-        """Raises CampaignError for a study without one primary comparison at least."""
+        """Raises AcrcError for a study without one primary comparison at least."""
         study = store.study
         self._pairs = study.primary_pairs
         if not self._pairs:
-            raise CampaignError(
+            raise AcrcError(
                 "--until-decided: the study declares no comparison; must have primary = [[ONE, OTHER]]"
             )
         if study.primary_metric not in metrics.NAMES:
-            raise CampaignError(
+            raise AcrcError(
                 f"primary_metric is {study.primary_metric!r}; must be one of {', '.join(metrics.NAMES)}"
             )
         self._store = store

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from actors.runtime import regular_file
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord
@@ -24,10 +24,6 @@ REAL: Final = "real robots"
 """Condition of field trials."""
 _RESULTS: Final = ("run.json", "result/run.json")
 """Where a run's result lies in its folder; the second is that of emulated devices."""
-
-
-class ReportError(AcrcError):
-    """A folder of which nothing can be told."""
 
 
 class Case(NamedTuple):
@@ -64,7 +60,7 @@ class Source:
 
 
 def read(folders: Sequence[Path]) -> tuple[Source, ...]:
-    """What lies in the folders, in their order. Raises ReportError, CampaignError."""
+    """What lies in the folders, in their order. Raises AcrcError."""
     several = sum(map(store.holds, folders)) > 1
     named = zip(folders, _names(folders), strict=True)
     return tuple(
@@ -107,7 +103,7 @@ def _campaign(kept: store.Store, name: str, *, several: bool) -> Source:
 def _single(folder: Path, name: str) -> Source:
     path = next((folder / one for one in _RESULTS if (folder / one).is_file()), None)
     if path is None:
-        raise ReportError(
+        raise AcrcError(
             f"{folder}: holds neither a campaign nor the result of a run; must be a folder that "
             "acrc campaign, acrc run or acrc fleet collect has made"
         )
@@ -121,11 +117,6 @@ def _single(folder: Path, name: str) -> Source:
 
 
 def _outcome(path: Path) -> Outcome:
-    try:
-        content = regular_file.content(path)
-        try:
-            return msgspec.json.decode(content, type=RunResult)
-        except msgspec.ValidationError:
-            return msgspec.json.decode(content, type=TrialResult)
-    except (OSError, msgspec.DecodeError) as error:
-        raise ReportError(f"{path}: cannot be read as the result of a run: {error}") from None
+    if "reference" in typed_json.read(path, dict[str, msgspec.Raw], "result of a run"):
+        return typed_json.read(path, TrialResult, "result of a field trial")
+    return typed_json.read(path, RunResult, "result of a run")

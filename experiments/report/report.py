@@ -34,7 +34,7 @@ _SECTIONS: Final[tuple[Callable[[View], Section | None], ...]] = (
 def write(folders: Sequence[Path], out: Path) -> Path:
     """Read campaigns and runs, write the report into the folder `out`, and give the page's path.
 
-    The same folders give the same bytes. Raises ReportError or CampaignError for a folder of which nothing
+    The same folders give the same bytes. Raises AcrcError for a folder of which nothing
     can be told.
     """
     sources = read(folders)

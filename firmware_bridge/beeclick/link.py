@@ -20,24 +20,8 @@ from typing import Final
 from actors.instant import Instant
 from actors.messages import AccessFailure, Overflow, Refused, Sent
 from actors.radio.frame import size_fault
-from firmware_bridge.beeclick.answers import (
-    AddressSet,
-    Answer,
-    ChannelSet,
-    Echo,
-    PacketSent,
-    PowerSet,
-    Synchronised,
-)
-from firmware_bridge.beeclick.commands import (
-    Command,
-    SendPacket,
-    SetAddress,
-    SetChannel,
-    SetPower,
-    Synchronise,
-    encode,
-)
+from firmware_bridge.beeclick.answers import Answer, PacketSent, Synchronised
+from firmware_bridge.beeclick.commands import SendPacket, Setting, Synchronise, encode
 from firmware_bridge.beeclick.counters import LinkCounters
 from firmware_bridge.beeclick.events import Event, Unconfirmed
 from firmware_bridge.beeclick.news import news
@@ -94,7 +78,7 @@ class Link:
         self._setup = settings.commands()
         self._asked: deque[_Asked] = deque()
         self._waiting: deque[_Packet] = deque()
-        self._to_set: deque[Command] = deque()
+        self._to_set: deque[Setting] = deque()
         self._events: list[Event] = []
         self._packets = 0
         """How many numbers have been used."""
@@ -211,7 +195,7 @@ class Link:
                 self._answer(now, found)
 
     def _answer(self, now: Instant, answer: Answer) -> None:
-        if isinstance(answer, Synchronised | PacketSent | Echo):
+        if isinstance(answer, Synchronised | PacketSent | Setting):
             self.counters.add("answers")
             place = self._place(answer)
             if place is None:
@@ -342,8 +326,8 @@ class Link:
     def _sync_asked(self) -> bool:
         return bool(self._asked) and self._asked[-1].answer == Synchronised()
 
-    def _ask(self, now: Instant, command: Command) -> bytes:
-        self._asked.append(_Asked(_echo(command), now))
+    def _ask(self, now: Instant, command: Setting) -> bytes:
+        self._asked.append(_Asked(command, now))
         self._pace.asked()
         return encode(command)
 
@@ -376,16 +360,3 @@ class Link:
         events = self._events.copy()
         self._events.clear()
         return events
-
-
-def _echo(command: Command) -> Answer | None:
-    """What the board answers to a command."""
-    match command:
-        case SetAddress(pan, address):
-            return AddressSet(pan, address)
-        case SetChannel(code):
-            return ChannelSet(code)
-        case SetPower(tenths_db):
-            return PowerSet(tenths_db)
-        case _:
-            return Synchronised()

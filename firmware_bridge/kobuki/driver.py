@@ -8,15 +8,16 @@ base hears 150 a second well and 200 not (yujinrobot/kobuki, issue 140).
 import dataclasses
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Final, TypeVar
+from typing import Final
 
 from actors.instant import Duration, Instant, in_seconds, milliseconds
 from firmware_bridge.kobuki import frame, motion
 from firmware_bridge.kobuki import packets as wire_packets
-from firmware_bridge.kobuki.battery import BatteryLevel, BatteryParameters, level
 from firmware_bridge.kobuki.events import (
     BaseIdentity,
     BatteryChanged,
+    BatteryLevel,
+    BatteryParameters,
     Changed,
     Event,
     Fed,
@@ -25,6 +26,7 @@ from firmware_bridge.kobuki.events import (
     Lost,
     Sense,
     StopsChanged,
+    level,
 )
 from firmware_bridge.kobuki.frame import FrameReader, WireCounts
 from firmware_bridge.kobuki.odometry import KobukiOdometry, OdometryParameters
@@ -32,41 +34,18 @@ from firmware_bridge.kobuki.packets import (
     POWER_RAILS,
     UDID,
     Basic,
-    Cliff,
     Command,
-    ControllerInfo,
-    Current,
-    DockingIR,
     Feedback,
     Firmware,
-    GeneralInput,
     GeneralOutput,
     Hardware,
     Inertial,
     Melody,
-    RawGyro,
     RequestExtra,
     SoundSequence,
-    Unknown,
 )
 from firmware_bridge.kobuki.safety import Allowed, Cause, SafetyParameters, SafetyStop
 from firmware_bridge.kobuki.wire import decode_feedback, encode_command
-
-F = TypeVar(
-    "F",
-    Basic,
-    DockingIR,
-    Inertial,
-    Cliff,
-    Current,
-    Hardware,
-    Firmware,
-    RawGyro,
-    GeneralInput,
-    UDID,
-    ControllerInfo,
-    Unknown,
-)
 
 _NOISE_BYTES: Final = 100
 """Damaged bytes in place of feedback, from which on the line and not the base is to blame; own choice: more
@@ -115,7 +94,6 @@ class KobukiDriver:
         self._heard: Instant = started
         self._sent: Instant = Instant(started - parameters.overdue)
         self._fed = False
-        self._latest: dict[type[Feedback], Feedback] = {}
         self._outputs = POWER_RAILS
         self._outputs_due = self._request_due = started
         self._requests_left = parameters.requests
@@ -147,16 +125,10 @@ class KobukiDriver:
         told, self._told = self._told, []
         return told
 
-    def latest(self, kind: type[F]) -> F | None:
-        """The packet of that kind that came last, e.g. `latest(DockingIR)`."""
-        packet = self._latest.get(kind)
-        assert packet is None or isinstance(packet, kind)
-        return packet
-
     def pressed(self) -> int:
         """Bumper bits that were set at any time since the last call, as for Senses.bumper."""
-        bits, basic = self._pressed, self.latest(Basic)
-        self._pressed = basic.bumper if basic is not None and self.found else 0
+        bits = self._pressed
+        self._pressed = self._senses.get(Sense.BUMPER, 0) if self.found else 0
         return bits
 
     @property
@@ -251,7 +223,6 @@ class KobukiDriver:
         inertial = next((packet for packet in packets if isinstance(packet, Inertial)), None)
         if basic is not None and not self.found:
             self._meet(now)
-        self._latest.update({type(packet): packet for packet in packets})
         for packet in packets:
             self._identify(now, packet)
         if basic is None:

@@ -44,10 +44,6 @@ AIR_PATIENCE: Final[Duration] = milliseconds(20)
 """How long a step waits for the bridge: a fifth of a step; a bridge on the same machine takes about one."""
 
 
-class HangError(AcrcError):
-    """A process that lives, and does not answer."""
-
-
 class Vehicle(Protocol):
     """What the base can sense and do."""
 
@@ -224,7 +220,7 @@ class BaseCore:
         return (to(TRUTH, truth),)
 
     def _check_answers(self) -> None:
-        """Raises HangError for a robot or bridge that was asked too long ago."""
+        """Raises AcrcError for a robot or bridge that was asked too long ago."""
         if self.patience is None or self._sensed is None:
             return
         for waits, since, who in (
@@ -232,7 +228,7 @@ class BaseCore:
             (self._asked, self._asked_at, "the radio's bridge"),
         ):
             if waits and self.now - since > self.patience:
-                raise HangError(
+                raise AcrcError(
                     f"step {self._step}: {who} has not answered for {in_seconds(self.patience):g} s"
                 )
 

@@ -21,10 +21,9 @@ from firmware_bridge.beeclick.link import Link
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.port import BoardPort
 from firmware_bridge.onboard.bridge_core import BridgeCore
-from firmware_bridge.onboard.clock import Clock
-from firmware_bridge.onboard.conduct import conduct
+from firmware_bridge.onboard.conduct import Clock, conduct
 from firmware_bridge.onboard.onboard_setup import BridgeProgram, BridgeSetup
-from firmware_bridge.onboard.reconnecting_port import ReconnectingPort
+from firmware_bridge.onboard.wire import ReconnectingPort
 from firmware_bridge.transceiver_line import TransceiverLink
 
 

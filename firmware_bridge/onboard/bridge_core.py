@@ -12,7 +12,7 @@ from typing import Final
 
 import msgspec
 
-from actors.board_readings import BoardNote, Fix, Humidity, Info, LinkState, Temperature
+from actors.board_readings import BoardNote
 from actors.instant import Instant
 from actors.messages import (
     AIRED,
@@ -172,7 +172,7 @@ class BridgeCore:
                 case Sent() | AccessFailure() | Overflow() | Refused() | events.Unconfirmed():
                     self._ended(event)
                 case _:
-                    self._notes.append(_news(event))
+                    self._notes.append(event)
 
     def _ended(self, end: events.PacketEnd) -> None:
         tag = self._tags.pop(end.tag, None)
@@ -188,22 +188,3 @@ class BridgeCore:
             self.dropped_events += 1
         else:
             self._held.append(event)
-
-
-_News = events.Up | events.Down | events.Fix | events.Temperature | events.Humidity | events.Info
-
-
-def _news(event: _News) -> BoardNote:
-    match event:
-        case events.Up(instant):
-            return LinkState(instant, True, "")
-        case events.Down(instant, cause):
-            return LinkState(instant, False, cause)
-        case events.Fix(instant, valid, latitude, longitude):
-            return Fix(instant, valid, latitude, longitude)
-        case events.Temperature(instant, celsius, valid):
-            return Temperature(instant, celsius, valid)
-        case events.Humidity(instant, percent, valid):
-            return Humidity(instant, percent, valid)
-        case events.Info(instant, text):
-            return Info(instant, text)

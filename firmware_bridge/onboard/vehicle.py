@@ -7,9 +7,8 @@ from actors.geometry import Pose
 from actors.instant import Instant, in_seconds
 from actors.messages import Odometry, Scan
 from actors.runtime.errors import AcrcError
-from firmware_bridge.kobuki.battery import BatteryLevel
 from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.kobuki.events import Fed
+from firmware_bridge.kobuki.events import BatteryLevel, Fed
 from firmware_bridge.kobuki.packets import Basic, Inertial
 from firmware_bridge.kobuki.safety import Cause
 from firmware_bridge.onboard.contradictions import Contradictions

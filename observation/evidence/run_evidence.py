@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from actors.floor.grid import OccupancyGrid
 from actors.messages import Jam
-from actors.runtime import regular_file
+from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome
 from actors.task.words import PlaceKey
@@ -136,6 +135,6 @@ def result(out: Path) -> RunResult | None:
     if path.stat().st_size > _MOST_BYTES:
         raise EvidenceError(f"{path}: has more than {_MOST_BYTES} bytes; it should be a run's result")
     try:
-        return msgspec.json.decode(regular_file.content(path), type=RunResult)
-    except (ValueError, RecursionError) as error:
+        return typed_json.decode(regular_file.content(path), RunResult)
+    except ValueError as error:
         raise EvidenceError(f"{path}: is no run's result: {error}") from error

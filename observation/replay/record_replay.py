@@ -67,7 +67,7 @@ def made_again(out: Path, actor: str, onlook: Onlook = Onlook(), prints: Prints 
     """The actor as it was before its first step. RecordingError where there is no recording of it.
 
     Its code is looked for where this process looks (`modules.look_in`), not where a recording says that it
-    lay. ModuleError for a module that is not the recorded one.
+    lay. AcrcError for a module that is not the recorded one.
     """
     files = recordings(out)
     if actor not in files:

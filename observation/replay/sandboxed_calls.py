@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from actors.processes.last_word import said
 from actors.processes.launch import Child, Launcher, Program, launcher
-from actors.processes.log_end import said
 from actors.processes.scratch import scratch_folder
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError

@@ -5,7 +5,7 @@ from typing import Final
 
 import msgspec
 
-from actors.processes.log_end import show
+from actors.processes.last_word import show
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.behaviour.modules import look_in
 from actors.runtime.bus.replay_bus import ReplayError
@@ -25,7 +25,7 @@ def replay(
 ) -> ReplayReport:
     """Replay one actor; a robot in a sandbox, where the machine has one and `isolate` lets it.
 
-    World and radio run no code but this project's. Raises ForeignCodeError for a robot whose recording names
+    World and radio run no code but this project's. Raises AcrcError for a robot whose recording names
     code that the permit does not cover; ReplayError at the first output that differs.
     """
     folders = check_trust(out, actor, permit)

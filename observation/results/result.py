@@ -8,8 +8,8 @@ from typing import NamedTuple
 import msgspec
 
 from actors.instant import in_seconds
-from actors.processes.hold_ups import HoldUp
 from actors.processes.launch import Program
+from actors.processes.silence import HoldUp
 from actors.radio.link_budget import share
 from actors.runtime.errors import AcrcError
 from actors.runtime.message_counts import run_digest

@@ -7,6 +7,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError, printable
 from observation.trace.rows import Trace, misfit
 
@@ -29,8 +30,8 @@ def encode(trace: Trace) -> bytes:
 def decode(data: bytes) -> Trace:
     """One part, without its length. Raises TraceError for what `encode` did not make."""
     try:
-        trace = msgspec.msgpack.decode(data, type=Trace, dec_hook=_array)
-    except (ValueError, TypeError, RecursionError) as error:
+        trace = typed_json.decode(data, Trace, form=msgspec.msgpack, hook=_array)
+    except (ValueError, TypeError) as error:
         raise TraceError(f"its trace makes no sense: {printable(str(error))}") from None
     if wrong := misfit(trace):
         raise TraceError(f"its trace makes no sense: {wrong}")

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from actors.board_readings import Info, LinkState
 from actors.instant import START, Instant, milliseconds, seconds
 from actors.messages import Heard, Sent
 from actors.radio.radio_model import radio_model
@@ -14,9 +15,10 @@ from firmware_bridge.beeclick.emulation.air import Air, Device
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulation.lab import Desk, Lab
 from firmware_bridge.beeclick.emulation.line import Disturbance
-from firmware_bridge.beeclick.events import Down, Info, PacketEnd, Unconfirmed, Up
+from firmware_bridge.beeclick.events import PacketEnd, Unconfirmed
 from firmware_bridge.beeclick.link import Link, LinkPhase
 from firmware_bridge.beeclick.parameters import BeeClickParameters, BoardSettings
+from tests.beeclick.hosts import causes, states
 
 QUICK = BeeClickParameters(
     answer_timeout=milliseconds(100),
@@ -79,7 +81,7 @@ def test_a_restarted_board_is_set_up_again_and_its_packets_are_unconfirmed() -> 
     kinds = {tag: kind for kind, tag in ends(desk)}
     assert sorted(kinds) == [0, 1, 2, 3]
     assert [kinds[tag] for tag in (1, 2, 3)] == ["Unconfirmed"] * 3
-    assert [e.cause for e in desk.events if isinstance(e, Down)] == ["answer_skipped"]
+    assert causes(desk.events) == ["answer_skipped"]
 
 
 def test_an_idle_restarted_board_is_set_up_again_within_two_seconds() -> None:
@@ -103,7 +105,7 @@ def test_the_button_costs_no_packet() -> None:
     room.run(seconds(1))
     assert ends(desk) == [("Sent", tag) for tag in range(8)]
     assert len(desk.of(Info)) == 1
-    assert not desk.of(Down)
+    assert all(event.up for event in states(desk.events))
 
 
 def test_the_button_does_no_harm_to_a_board_that_is_being_found() -> None:
@@ -158,8 +160,11 @@ def test_a_wedged_radio_is_silent_once_and_its_boards_ring_is_not_overrun() -> N
     for second in range(20):
         desk.send(room.now, second, bytes(50))
         room.run(seconds(1))
-    assert [type(event) for event in desk.of(Up, Down)] == [Up, Down, Down]
-    assert [event.cause for event in desk.events if isinstance(event, Down)] == ["no_confirmation", "silent"]
+    assert [event.up for event in states(desk.events)] == [True, False, False]
+    assert causes(desk.events) == [
+        "no_confirmation",
+        "silent",
+    ]
     # At 12 s it has eight commands; with one of them in the air none is lost, but the ring looks empty.
     assert desk.board.commands.overflows == 1
     assert desk.link.counters["silent"] == 1
@@ -168,7 +173,7 @@ def test_a_wedged_radio_is_silent_once_and_its_boards_ring_is_not_overrun() -> N
     room.run(seconds(10.5))
     desk.send(room.now, 99, b"again")
     room.run(milliseconds(100))
-    assert isinstance(desk.of(Up, Down)[-1], Up) and ("Sent", 99) in ends(desk)
+    assert states(desk.events)[-1].up and ("Sent", 99) in ends(desk)
 
 
 def test_a_cable_that_is_pulled_and_put_in_again() -> None:
@@ -184,7 +189,7 @@ def test_a_cable_that_is_pulled_and_put_in_again() -> None:
     desk.plug(room.now)
     room.run(milliseconds(50))
     assert ends(desk)[4:] == [("Sent", 4), ("Sent", 5)]
-    assert [type(e) for e in desk.of(Up, Down)] == [Up, Down, Up]
+    assert [e.up for e in states(desk.events)] == [True, False, True]
 
 
 def test_a_hung_board_is_silent_until_it_is_reset() -> None:
@@ -193,7 +198,7 @@ def test_a_hung_board_is_silent_until_it_is_reset() -> None:
     room.run(milliseconds(50))
     desk.board.hung = True
     room.run(seconds(4))
-    assert [e.cause for e in desk.events if isinstance(e, Down)] == ["no_echo", "silent"]
+    assert causes(desk.events) == ["no_echo", "silent"]
     desk.board.reboot(room.now)
     room.run(milliseconds(900))
     assert desk.link.phase is LinkPhase.READY
@@ -289,6 +294,6 @@ def test_a_link_that_meets_a_running_board_waits_for_its_packets() -> None:
     desk.link.connect(room.now)
     desk.events.clear()
     room.run(milliseconds(80))
-    assert [type(e) for e in desk.events] == [Up]
+    assert [type(e) for e in desk.events] == [LinkState]
     assert not desk.of(Sent, Unconfirmed)
     assert desk.board.counters["transmitted"] >= 4

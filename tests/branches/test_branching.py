@@ -14,7 +14,6 @@ from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_recording
 from cleaning.parameters import CleaningParameters
-from deploy.branches.branching import BranchError
 from deploy.branches.change import Change, event
 from deploy.branches.settings_changed import strategy_settings
 from deploy.branches.swarm_replay import SCENARIO, replay_swarm
@@ -128,7 +127,7 @@ def test_events_that_do_not_happen_are_named(leave: Leave) -> None:
 
 
 def test_an_instant_that_the_run_has_not_come_to(leave: Leave) -> None:
-    with pytest.raises(BranchError, match="ends at 12 s; a branch must leave it before"):
+    with pytest.raises(AcrcError, match="ends at 12 s; a branch must leave it before"):
         leave(Change(12.0))
 
 

@@ -9,10 +9,9 @@ import pytest
 from pyarrow import parquet
 
 from experiments.campaign import results_table, store
-from experiments.campaign.campaign import CampaignOptions, carry_out
+from experiments.campaign.campaign import CampaignOptions, TimeToGo, carry_out
 from experiments.campaign.pool import Ended
 from experiments.campaign.store import Pending, Store
-from experiments.campaign.time_to_go import TimeToGo
 from experiments.campaign.trace import DIGITS, coincide_s
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
 from experiments.campaign.trust import differing, protection

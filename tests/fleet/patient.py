@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels
+from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels, Machine
 from deploy.fleet.usb_ports import UsbPort
 from firmware_bridge.serial_port import Device
 
@@ -15,8 +15,8 @@ LIDAR_AT_2 = UsbPort("/dev/ttyUSB2", "10c4", "ea60", "0001", "1-1.3")
 
 
 @dataclass(frozen=True)
-class Patient:
-    """As Machine says; by default nothing is wrong."""
+class Patient(Machine):
+    """By default nothing is wrong."""
 
     user: str = "robot"
     here: Path = Path("/home/robot")

@@ -21,7 +21,7 @@ from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.motion import base_control
 from firmware_bridge.kobuki.safety import Cause
 from firmware_bridge.kobuki.wire import encode_command
-from firmware_bridge.laboratory.faults import Bench, FaultError
+from firmware_bridge.laboratory.faults import Bench
 from firmware_bridge.laboratory.laboratory import BASE, DEVICES, RADIO, RANGE, Jack, Laboratory
 from firmware_bridge.laboratory.lines import Lines
 from firmware_bridge.range_sensors.rplidar_wire import LidarRequest
@@ -157,7 +157,7 @@ def lines(tmp_path: Path) -> Iterator[Lines]:
     ],
 )
 def test_what_cannot_be_done_is_told(laboratory: Laboratory, lines: Lines, line: str, sentence: str) -> None:
-    with pytest.raises(FaultError) as caught:
+    with pytest.raises(AcrcError) as caught:
         Bench(laboratory, lines).do(line)
     assert str(caught.value) == sentence
 

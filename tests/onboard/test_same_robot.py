@@ -55,7 +55,7 @@ def test_a_debugger_changes_who_runs_it_and_nothing_else(alone: Plan) -> None:
 def test_what_the_robot_reads_is_the_same_and_base_and_bridge_lie_beside_it(
     alone: Plan, tmp_path: Path
 ) -> None:
-    simulated = replace(alone, out=tmp_path / "simulated")
+    simulated = replace(alone, options=replace(alone.options, out=tmp_path / "simulated"))
     plan.lay_out(simulated)
     onboard.lay_out(Onboard(alone, PORTS, lambda: 0))
     assert sorted(path.name for path in alone.out.iterdir()) == ["r1", "r1.base", "r1.radio"]

@@ -12,7 +12,7 @@ from actors.runtime.isolation.sandbox import available
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import Plan
-from deploy.run.preflight import Bounds, PreflightError, preflight
+from deploy.run.preflight import Bounds, preflight
 from tests.scenario.faults import scenario
 
 STUDY = """
@@ -69,7 +69,7 @@ def test_the_first_robot_is_made_as_it_will_be(
     assert (dict(start.settings), parameters.lease) == ({"lease": 3}, 3_000_000)
     assert start.exchange.hop_limit == 5
     assert 8 <= place.x <= 12 and 10.5 <= place.y <= 13.8
-    assert plan.modules == (tmp_path,)
+    assert plan.options.modules == (tmp_path,)
     assert capsys.readouterr().out == ""
 
 
@@ -197,7 +197,7 @@ MADE = "strategy 'hostile:{}', made for r1 before the run: "
 def test_a_robot_that_cannot_be_made_is_one_sentence(
     tmp_path: Path, launched: ServedLauncher, function: str, sentence: str
 ) -> None:
-    with pytest.raises(PreflightError) as caught:
+    with pytest.raises(AcrcError) as caught:
         preflight(hostile(tmp_path, function), launched, Bounds(patience_s=1.0))
     assert str(caught.value) == sentence.format(function)
     assert not (tmp_path / "out").exists()
@@ -206,7 +206,7 @@ def test_a_robot_that_cannot_be_made_is_one_sentence(
 def test_a_robot_that_hangs_unseen_is_said_to_hang_and_not_to_be_killed(
     tmp_path: Path, launched: ServedLauncher
 ) -> None:
-    with pytest.raises(PreflightError) as caught:
+    with pytest.raises(AcrcError) as caught:
         preflight(hostile(tmp_path, "hangs_unseen"), launched, Bounds(patience_s=0.5, grace_s=0.5))
     assert str(caught.value) == MADE.format("hangs_unseen") + "is not done after 1 s"
 
@@ -214,7 +214,7 @@ def test_a_robot_that_hangs_unseen_is_said_to_hang_and_not_to_be_killed(
 def test_a_bug_shows_its_traceback_and_nothing_that_steers_the_terminal(
     tmp_path: Path, launched: ServedLauncher, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(PreflightError) as caught:
+    with pytest.raises(AcrcError) as caught:
         preflight(hostile(tmp_path, "behaviour"), launched)
     assert str(caught.value) == (
         f"{MADE.format('behaviour')}ZeroDivisionError: first line\n\\x1b[31msecond (hostile.py:6)"
@@ -229,7 +229,7 @@ def test_what_a_strategy_starts_before_the_run_reaches_no_robot_and_is_gone(
     for robot in ("r1", "r2"):
         (tmp_path / "out1" / robot / "own").mkdir(parents=True)
         (tmp_path / "out1" / robot / "setup.json").write_text("where r1 has to go")
-    with pytest.raises(PreflightError):
+    with pytest.raises(AcrcError):
         preflight(hostile(tmp_path, "sends_a_courier"), launched)
     assert [path.name for path in (tmp_path / "out1" / "r2" / "own").iterdir()] == []
     server = launched._server.pid

@@ -2,8 +2,7 @@
 
 import pytest
 
-from actors.processes.hold_ups import HoldUp, sentences
-from actors.processes.silence import Silence, SilenceVerdict, Suspect, Timeout
+from actors.processes.silence import HoldUp, Silence, SilenceVerdict, Suspect, Timeout, sentences
 from actors.runtime.lifecycle.process_table import Glance
 
 R1, R2 = Suspect("r1", 11), Suspect("r2", 12)

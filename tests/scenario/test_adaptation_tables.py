@@ -60,7 +60,7 @@ class File(Table):
 
 
 def parse(text: str) -> Adaptation:
-    return adaptation(table_wording.parse(text, File, AcrcError))
+    return adaptation(table_wording.parse(text, File))
 
 
 def test_everything_that_a_file_may_hold() -> None:
@@ -137,7 +137,7 @@ def test_of_many_faults_only_the_first_is_kept(table: str) -> None:
     content = toml_file.loads(text)
     tracemalloc.start()
     with pytest.raises(AcrcError, match=r"k0|area"):
-        table_wording.checked(content, File, AcrcError)
+        table_wording.checked(content, File)
     assert tracemalloc.get_traced_memory()[1] < 1_000_000
     tracemalloc.stop()
 

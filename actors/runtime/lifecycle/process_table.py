@@ -7,6 +7,7 @@ import contextlib
 import os
 import re
 import signal
+import threading
 import time
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
@@ -171,3 +172,17 @@ def _signal(pid: int, number: signal.Signals) -> None:
 def _wait(pid: int) -> None:
     with contextlib.suppress(ChildProcessError):
         os.waitpid(pid, os.WNOHANG)
+
+
+def fault(strays: bool, at_first: Collection[threading.Thread] | None = None) -> str | None:
+    """What is wrong with an actor that leaves processes, or other threads than `at_first`."""
+    if strays:
+        return f"processes of its own were still running at its end: {_RULE}"
+    if at_first is None:
+        return None
+    names = sorted(thread.name for thread in threading.enumerate() if thread not in at_first)
+    shown = ", ".join(names)
+    return f"threads of its own were still running at its end ({shown}): {_RULE}" if names else None
+
+
+_RULE = "a strategy must start neither processes nor threads"

@@ -5,8 +5,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from deploy.fleet.doctor.findings import Finding, well, wrong
-from deploy.fleet.doctor.machine import Machine
+from deploy.fleet.doctor.machine import Finding, Machine, well, wrong
 
 _PIN: Final = re.compile(
     r"(?P<name>[A-Za-z0-9_.-]+)==(?P<version>\S+?)(?:; python_version (?P<order><|>=) \"3\.(?P<minor>\d+)\")?"

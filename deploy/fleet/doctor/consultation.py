@@ -13,9 +13,7 @@ from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from deploy.fleet.doctor import computer, ports
 from deploy.fleet.doctor import robot as robot_checks
-from deploy.fleet.doctor.findings import Finding
-from deploy.fleet.doctor.machine import Machine
-from deploy.fleet.doctor.this_machine import ThisMachine
+from deploy.fleet.doctor.machine import Finding, Machine
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet
 
 
@@ -37,7 +35,7 @@ def consult(
 ) -> bool:
     """Check this computer, or as the robot `name` of the fleet in the file, and print; True if all is well.
 
-    Raises OptionError if only one of both is given, and FleetError for a file that cannot be used.
+    Raises OptionError if only one of both is given, and AcrcError for a file that cannot be used.
     """
     if path is None and name is not None:
         raise OptionError(
@@ -49,7 +47,7 @@ def consult(
         raise OptionError(f"--robot: is missing; must say which of the robots this computer is: {known}")
     robot = fleet.robot(name) if fleet is not None and name is not None else None
     found: list[Finding] = []
-    for finding in findings(machine or ThisMachine(), fleet, robot, permit):
+    for finding in findings(machine or Machine(), fleet, robot, permit):
         found.append(finding)
         if not json:
             _print(finding)

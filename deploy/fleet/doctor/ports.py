@@ -5,8 +5,7 @@ from typing import Final
 
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
-from deploy.fleet.doctor.findings import Finding, well, wrong
-from deploy.fleet.doctor.machine import Machine
+from deploy.fleet.doctor.machine import Finding, Machine, well, wrong
 from deploy.fleet.fleet_file import FleetRobot
 from deploy.fleet.udev_rules import GROUP, given_name
 from deploy.fleet.usb_ports import is_kobuki, may_be

@@ -17,10 +17,8 @@ from actors.robot_model import RobotModel, load_model
 from actors.runtime.access.tls import load_keys
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import entry
-from deploy.fleet.doctor.findings import Finding, well, wrong
-from deploy.fleet.doctor.machine import Machine
-from deploy.fleet.fleet_file import Fleet, FleetRobot
-from deploy.fleet.own_code import own_code
+from deploy.fleet.doctor.machine import Finding, Machine, well, wrong
+from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
 
 
 def floor(fleet: Fleet, robot: FleetRobot) -> Iterator[Finding]:

@@ -13,13 +13,10 @@ from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import FRAME_DATA_LIMIT, RadioEvent, Sent
 from actors.radio.frame_codec import DataFrame
 from firmware_bridge.beeclick.answers import (
-    AddressSet,
     Answer,
-    ChannelSet,
     Moisture,
     Notes,
     PacketSent,
-    PowerSet,
     ReceivedPacket,
     Sentence,
     Synchronised,
@@ -32,9 +29,12 @@ from firmware_bridge.beeclick.commands import (
     SET_CHANNEL,
     SET_POWER,
     SYNC,
+    SetAddress,
+    SetChannel,
+    SetPower,
 )
 from firmware_bridge.beeclick.emulation.rings import AnswerRing, CommandRing, CrashError
-from firmware_bridge.beeclick.signal import radiated
+from firmware_bridge.beeclick.parameters import radiated
 from firmware_bridge.beeclick.wire import byte_time, bytes_in
 
 _GRAIN: Final = 9
@@ -219,7 +219,7 @@ class EmulatedBoard:
         """The radio is on another channel."""
         self._changing = None
         self.channel = code & 0x0F
-        self._say(now, ChannelSet(code))
+        self._say(now, SetChannel(code))
         self.commands.advance()
         self._release(now)
 
@@ -300,10 +300,10 @@ class EmulatedBoard:
             case kind if kind == SET_POWER:
                 asked = int.from_bytes(command[1:3], "little", signed=True)
                 self.power_dbm = radiated(max(min(asked, 0), -399)) / 10
-                self._say(now, PowerSet(asked))
+                self._say(now, SetPower(asked))
             case kind if kind == SET_ADDRESS:
                 self.pan, self.address = (int.from_bytes(p, "little") for p in (command[1:3], command[3:5]))
-                self._say(now, AddressSet(self.pan, self.address))
+                self._say(now, SetAddress(self.pan, self.address))
 
     def _say(self, now: Instant, answer: Answer) -> None:
         self._answers.put(now, encode(answer))
