@@ -15,8 +15,8 @@ from actors.radio.medium import Medium, Saturated
 from actors.radio.radio_model import radio_model
 from actors.radio.radio_setup import RadioSetup
 from firmware_bridge.beeclick.answers import Answer, PacketSent
-from firmware_bridge.beeclick.emulation.air import Air
-from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard, Radio
+from firmware_bridge.beeclick.emulation.air import Air, Radio
+from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulation.lab import Desk, Lab
 from firmware_bridge.beeclick.emulation.line import CLEAN, Disturbance
 from firmware_bridge.beeclick.events import Event, Unconfirmed

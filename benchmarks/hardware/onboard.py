@@ -10,7 +10,7 @@ from typing import Final
 from rich.table import Table
 
 from actors.installation.repository import SHIPPED
-from actors.processes.launch import ServedLauncher
+from actors.processes.launch import Launcher
 from actors.runtime.errors import AcrcError
 from benchmarks.statistics.measured import Measured
 from deploy.laboratory import hardware_in_the_loop
@@ -37,7 +37,7 @@ def check(robots: int = 3, duration: float = 300.0, scenario: Path = HEAD_ON) ->
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         out = Path(folder) / "out"
         options = RunOptions(out, spawn="exec", hardware=True, json=True)
-        result = hardware_in_the_loop.run(plan, options, ServedLauncher("exec", NO_NETWORK, reap=False))
+        result = hardware_in_the_loop.run(plan, options, Launcher("exec", NO_NETWORK, reap=False))
         again = {robot: _again(out, robot) for robot in result.per_robot}
     late = {name: (robot.lateness_p50_ms, robot.lateness_p99_ms) for name, robot in result.per_robot.items()}
     heard = {name: robot.frames["copies_heard"] for name, robot in result.per_robot.items()}

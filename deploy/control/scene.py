@@ -82,7 +82,7 @@ class Scene:
             given_up=tuple(sorted(self._given_up - self._done)),
             given=tuple(self._given),
             obstacles=tuple(self._obstacles),
-            jammers=tuple(Circle(jam.x, jam.y, jam.radius) for jam in self._jams),
+            jammers=tuple((jam.x, jam.y, jam.radius) for jam in self._jams),
             walls=tuple(self._walls),
             closed=tuple(self._closed),
             paused=self._paused_at is not None and self._step < self._paused_at,
@@ -112,15 +112,15 @@ class Scene:
         for order in orders:
             match order:
                 case Obstacle(x, y, radius):
-                    self._obstacles.append(Circle(x, y, radius))
+                    self._obstacles.append((x, y, radius))
                 case Wall(x, y, to_x, to_y):
-                    self._walls.append(Line(x, y, to_x, to_y))
+                    self._walls.append((x, y, to_x, to_y))
                 case Give(robot, places):
                     self._give(robot, places)
                 case CloseDoor(x, y):
-                    self._closed.append(Spot(x, y))
+                    self._closed.append((x, y))
                 case OpenDoor(x, y) if self._closed:
-                    self._closed.remove(min(self._closed, key=lambda one: math.dist((one.x, one.y), (x, y))))
+                    self._closed.remove(min(self._closed, key=lambda one: math.dist(one, (x, y))))
                 case Speed(factor):
                     self._speed = factor
                 case Move(robot, x, y, heading):  # while the run is paused, nobody else would tell

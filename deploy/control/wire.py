@@ -37,28 +37,12 @@ class Body(msgspec.Struct, frozen=True, array_like=True):
     """driving, frozen or ended."""
 
 
-class Circle(msgspec.Struct, frozen=True, array_like=True):
-    """An obstacle, or a jammer while it is on."""
-
-    x: float
-    y: float
-    radius: float
-
-
-class Line(msgspec.Struct, frozen=True, array_like=True):
-    """A wall that somebody has put."""
-
-    x: float
-    y: float
-    to_x: float
-    to_y: float
-
-
-class Spot(msgspec.Struct, frozen=True, array_like=True):
-    """A point."""
-
-    x: float
-    y: float
+Circle = tuple[float, float, float]
+"""x, y, radius: an obstacle, or a jammer while it is on."""
+Line = tuple[float, float, float, float]
+"""x, y, to x, to y: a wall that somebody has put."""
+Spot = tuple[float, float]
+"""x, y."""
 
 
 class Place(msgspec.Struct, frozen=True, array_like=True):

@@ -6,7 +6,6 @@ Every robot has a copy of the file, beside its copy of the map. Lengths in m, an
 import ipaddress
 import os
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final
@@ -15,19 +14,25 @@ from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
 
 from actors import table_wording, toml_file
 from actors.installation.usage import OptionError
+from actors.instant import milliseconds
+from actors.radio.radio_setup import RadioSetup
 from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.behaviour.foreign import Permit, admitted
-from actors.robot.behaviour.ports import Setting
 from actors.robot.stack import Stack
+from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from actors.table import A_POINT, A_POSE, Point, Pose, Right, Table, Text, as_tuples
+from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
 from deploy.scenario.adaptation_tables import AreaTable, DeecoTable, Settings, adaptation
+from deploy.scenario.resolve import Swarm
 from deploy.scenario.stack_tables import stack_fault, stack_of
 from deploy.scenario.tables import MOST_PLACES, Model, Parameters, RobotId, Sensor
 from firmware_bridge.beeclick.parameters import POWERS, power_setting
 from firmware_bridge.onboard.onboard_setup import OPENNI
 
+FOREVER: Final = 2**62
+"""µs; a robot's run has no end of its own."""
 _LISTEN: Final = re.compile(
     r"tls/(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9][A-Za-z0-9.-]*):(?P<port>[0-9]{1,5})"
 )
@@ -159,10 +164,6 @@ class Fleet:
     radio: AirTable
     run: ConductTable
     """With `modules` set."""
-    strategy: Mapping[str, Setting]
-    """Settings of the strategy that `run` names."""
-    deeco: DeecoTable
-    area: tuple[AreaTable, ...]
     adaptation: Adaptation
     """What every robot is told about its strategy and exchange."""
     stack: Stack
@@ -176,6 +177,18 @@ class Fleet:
                 return robot
         known = ", ".join(robot.id for robot in self.robots)
         raise OptionError(f'{self.path}: there is no robot "{name}" in the fleet; it has {known}')
+
+    def swarm(self, robot: FleetRobot) -> Swarm:
+        """That robot alone, as the swarm that it is told of."""
+        model, step_us = load_model(robot.model, robot.sensor), milliseconds(self.step_ms)
+        body = BodySetup(robot.id, robot.model, model.sensor_name, model.odometry, robot.start, robot.places)
+        return Swarm(
+            world=WorldSetup(str(self.map), self.seed, step_us, FOREVER, (body,)),
+            radio=RadioSetup(self.seed, step_us, ((robot.id, robot.address),), "beeclick"),
+            behaviour=entry(self.run.strategy),
+            adaptation=self.adaptation,
+            stack=self.stack,
+        )
 
     def keys_of(self, machine: str) -> Path:
         """The folder with the keys of a robot, by its id, or of the "operator"."""
@@ -243,10 +256,7 @@ def _fleet(file: _FleetFile, path: Path) -> Fleet:
         keys=folder / (file.keys or f"{path.stem}-keys"),
         radio=file.radio,
         run=file.run.model_copy(update={"modules": str(folder / (file.run.modules or "."))}),
-        strategy=file.strategy,
-        deeco=file.deeco,
-        area=file.area,
-        adaptation=adaptation(file),
+        adaptation=adaptation(file.strategy, file.deeco, file.area),
         stack=stack_of(file),
         robots=tuple(robot.model_copy(update={"model": absolute(robot.model)}) for robot in file.robot),
     )

@@ -17,17 +17,13 @@ from actors.floor.placement import check_pose
 from actors.geometry import Point
 from actors.installation.usage import command, wrong_value
 from actors.installation.version import software
-from actors.instant import milliseconds
 from actors.processes.launch import launcher
 from actors.processes.signals import signals_as_interrupts
-from actors.radio.radio_setup import RadioSetup
 from actors.robot.behaviour.foreign import Permit
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.isolating import choose
 from actors.runtime.lifecycle.process_table import glance
-from actors.world.world_setup import BodySetup, WorldSetup
-from cleaning.strategies import entry
 from deploy.fleet import onboard as layout
 from deploy.fleet.doctor.machine import Machine
 from deploy.fleet.doctor.robot import keys
@@ -105,8 +101,6 @@ class ServiceNotice:
                 self._socket.sendto(line.encode(), self._address)
 
 
-FOREVER: Final = 2**62
-"""µs; a robot's run has no end of its own."""
 AT_START: Final = "start"
 """Where the fleet file says that the robot is switched on."""
 
@@ -240,24 +234,10 @@ def new_folder(runs: Path) -> Path:
 
 
 def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> Plan:
-    step_us = milliseconds(fleet.step_ms)
-    model = load_model(robot.model, robot.sensor)
-    body = BodySetup(
-        robot.id,
-        robot.model,
-        model.sensor_name,
-        model.odometry,
-        robot.start,
-        robot.places,
-    )
     choice = choose(options.isolate, debugged=options.debug_port is not None)
     return Plan(
+        **vars(fleet.swarm(robot)),
         options=RunOptions(options.out, speed="1", modules=own_code(fleet, Permit(options.modules))),
-        world=WorldSetup(str(fleet.map), fleet.seed, step_us, FOREVER, (body,)),
-        radio=RadioSetup(fleet.seed, step_us, ((robot.id, robot.address),), "beeclick"),
-        behaviour=entry(fleet.run.strategy),
-        adaptation=fleet.adaptation,
-        stack=fleet.stack,
         scenario=ScenarioCopy("", ()),
         commit=software(),
         isolate=choice.isolate,

@@ -1,8 +1,8 @@
 """What scenario and fleet files say about the robots' adaptation: their tables, and what robots are told."""
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Final, Protocol
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Final
 
 from pydantic import BeforeValidator, Field, PlainValidator
 
@@ -126,22 +126,6 @@ class AreaTable(Table):
         return Area(self.name, x0, y0, x1, y1)
 
 
-class AdaptationTables(Protocol):
-    """What a file has of it."""
-
-    @property
-    def strategy(self) -> Settings:
-        """[strategy]: the strategy's settings."""
-
-    @property
-    def deeco(self) -> DeecoTable:
-        """[deeco]: the exchange of knowledge."""
-
-    @property
-    def area(self) -> tuple[AreaTable, ...]:
-        """[[area]]: where places lie."""
-
-
-def adaptation(file: AdaptationTables) -> Adaptation:
-    """What every robot is told of it."""
-    return Adaptation(dict(file.strategy), file.deeco.settings, tuple(table.area for table in file.area))
+def adaptation(settings: Settings, exchange: DeecoTable, areas: Iterable[AreaTable]) -> Adaptation:
+    """What every robot is told of these tables."""
+    return Adaptation(dict(settings), exchange.settings, tuple(table.area for table in areas))

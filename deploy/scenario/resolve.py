@@ -108,7 +108,7 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
         world=world,
         radio=radio_setup(scenario, addresses),
         behaviour=behaviour,
-        adaptation=adaptation(settled),
+        adaptation=adaptation(settled.strategy, settled.deeco, settled.area),
         stack=stack_of(settled),
     )
 

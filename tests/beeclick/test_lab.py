@@ -10,7 +10,7 @@ from actors.radio.radio_setup import RadioSetup
 from benchmarks.hardware.beeclick import soak, throughput
 from deeco.replication.fragments import Fragmenter
 from deeco.replication.reassembly import Reassembly
-from firmware_bridge.beeclick.emulation import emulate
+from firmware_bridge import emulate
 from firmware_bridge.beeclick.emulation.air import Air, Device
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulation.lab import Desk, Lab
@@ -29,7 +29,7 @@ QUICK = BeeClickParameters(
 
 
 def lab(boards: int, seed: int = 1, parameters: BeeClickParameters | None = None, poll: int = 1_000) -> Lab:
-    air = emulate.room(boards, seed=seed)
+    air = emulate.boards(boards, seed=seed)
     desks = []
     for number, board in enumerate(air.devices):
         assert isinstance(board, EmulatedBoard)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from actors.processes.launch import ServedLauncher
+from actors.processes.launch import Launcher
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import available
 from deploy.run import swarm
@@ -166,10 +166,10 @@ def sends_a_courier(start):
 
 
 @pytest.fixture(scope="module")
-def launched() -> Iterator[ServedLauncher]:
+def launched() -> Iterator[Launcher]:
     if (reason := available()) is not None:
         pytest.skip(reason)
-    with ServedLauncher("fork") as launched:
+    with Launcher("fork") as launched:
         yield launched
 
 
@@ -195,7 +195,7 @@ MADE = "strategy 'hostile:{}', made for r1 before the run: "
     ],
 )  # fmt: skip
 def test_a_robot_that_cannot_be_made_is_one_sentence(
-    tmp_path: Path, launched: ServedLauncher, function: str, sentence: str
+    tmp_path: Path, launched: Launcher, function: str, sentence: str
 ) -> None:
     with pytest.raises(AcrcError) as caught:
         preflight(hostile(tmp_path, function), launched, Bounds(patience_s=1.0))
@@ -204,7 +204,7 @@ def test_a_robot_that_cannot_be_made_is_one_sentence(
 
 
 def test_a_robot_that_hangs_unseen_is_said_to_hang_and_not_to_be_killed(
-    tmp_path: Path, launched: ServedLauncher
+    tmp_path: Path, launched: Launcher
 ) -> None:
     with pytest.raises(AcrcError) as caught:
         preflight(hostile(tmp_path, "hangs_unseen"), launched, Bounds(patience_s=0.5, grace_s=0.5))
@@ -212,7 +212,7 @@ def test_a_robot_that_hangs_unseen_is_said_to_hang_and_not_to_be_killed(
 
 
 def test_a_bug_shows_its_traceback_and_nothing_that_steers_the_terminal(
-    tmp_path: Path, launched: ServedLauncher, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, launched: Launcher, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(AcrcError) as caught:
         preflight(hostile(tmp_path, "behaviour"), launched)
@@ -224,7 +224,7 @@ def test_a_bug_shows_its_traceback_and_nothing_that_steers_the_terminal(
 
 
 def test_what_a_strategy_starts_before_the_run_reaches_no_robot_and_is_gone(
-    tmp_path: Path, launched: ServedLauncher
+    tmp_path: Path, launched: Launcher
 ) -> None:
     for robot in ("r1", "r2"):
         (tmp_path / "out1" / robot / "own").mkdir(parents=True)

@@ -60,7 +60,8 @@ class File(Table):
 
 
 def parse(text: str) -> Adaptation:
-    return adaptation(table_wording.parse(text, File))
+    file = table_wording.parse(text, File)
+    return adaptation(file.strategy, file.deeco, file.area)
 
 
 def test_everything_that_a_file_may_hold() -> None:

@@ -101,7 +101,7 @@ scenarios = some.fixed_dictionaries(
 def test_every_scenario_reads_back_as_it_was_written(content: dict[str, Any]) -> None:
     written = Scenario.model_validate(_as_lists(content))
     assert parse(to_toml(written), Path("/some.toml")) == written
-    told = adaptation(written)
+    told = adaptation(written.strategy, written.deeco, written.area)
     assert told.settings == written.strategy
     assert {name: type(value) for name, value in told.settings.items()} == {
         name: type(value) for name, value in written.strategy.items()

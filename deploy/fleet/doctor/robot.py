@@ -8,17 +8,15 @@ from actors.floor.grid import OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.floor.placement import check_pose
 from actors.geometry import Point
-from actors.instant import milliseconds
-from actors.randomness import derived_seed
 from actors.robot import assembly
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.behaviour.modules import look_in
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.access.tls import load_keys
 from actors.runtime.errors import AcrcError
-from cleaning.strategies import entry
 from deploy.fleet.doctor.machine import Finding, Machine, well, wrong
 from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
+from deploy.scenario.resolve import robot_setup
 
 
 def floor(fleet: Fleet, robot: FleetRobot) -> Iterator[Finding]:
@@ -110,19 +108,6 @@ def _places(robot: FleetRobot, grid: OccupancyGrid) -> Finding:
 
 
 def _make(fleet: Fleet, robot: FleetRobot) -> None:
-    told = assembly.RobotSetup(
-        id=robot.id,
-        epoch=0,
-        first_step=0,
-        seed=derived_seed(fleet.seed, robot.id),
-        step_us=milliseconds(fleet.step_ms),
-        address=robot.address,
-        start=robot.start,
-        places=tuple(Point(*place) for place in robot.places),
-        behaviour=entry(fleet.run.strategy),
-        model=robot.model,
-        adaptation=fleet.adaptation,
-        stack=fleet.stack,
-    )
-    model = _model(robot)
-    assembly.robot(told, model, load_map(fleet.map))
+    alone = fleet.swarm(robot)
+    told = robot_setup(alone, alone.world.robots[0])
+    assembly.robot(told, _model(robot), load_map(fleet.map))

@@ -57,6 +57,16 @@ class Device(Protocol):
         """A frame of another one's, with the codes of the chip."""
 
 
+class Radio(Protocol):
+    """The medium, as a device finds it: an `Air`."""
+
+    def transmit(self, device: Device, now: Instant, tag: int, data: bytes) -> None:
+        """Send a frame; the device's `finished` says what has become of it."""
+
+    def silence(self, device: Device) -> None:
+        """Forget all that it was handed."""
+
+
 class _Channel:
     """The medium of one channel; a device that is tuned to another one is off there."""
 

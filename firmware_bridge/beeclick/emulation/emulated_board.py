@@ -7,7 +7,7 @@ Source: d3scomp/beeclickarm, branch robot-additions. Not modelled: the interrupt
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, Protocol, TypeVar
+from typing import Final, TypeVar
 
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import FRAME_DATA_LIMIT, RadioEvent, Sent
@@ -33,6 +33,7 @@ from firmware_bridge.beeclick.commands import (
     SetChannel,
     SetPower,
 )
+from firmware_bridge.beeclick.emulation.air import Radio
 from firmware_bridge.beeclick.emulation.rings import AnswerRing, CommandRing, CrashError
 from firmware_bridge.beeclick.parameters import radiated
 from firmware_bridge.beeclick.wire import byte_time, bytes_in
@@ -41,16 +42,6 @@ _GRAIN: Final = 9
 """So many bytes from the host are looked at together while they come in, about 100 µs."""
 _LONGEST_SENTENCE: Final = 254
 W = TypeVar("W")
-
-
-class Radio(Protocol):
-    """The medium, as a board's transceiver finds it."""
-
-    def transmit(self, device: "EmulatedBoard", now: Instant, tag: int, data: bytes) -> None:
-        """Send a frame; the board's `finished` says when that is over."""
-
-    def silence(self, device: "EmulatedBoard") -> None:
-        """Send no more of what that board has been sending."""
 
 
 @dataclass(frozen=True)
