@@ -16,11 +16,10 @@ from actors.world.odometry import Odometers
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import Uncertainty, drifting, floor
 from benchmarks.localisation.crowd import Crowd, CrowdParameters
-from benchmarks.localisation.route import CONTROLS, SUBSTEP, Route
-from benchmarks.localisation.site import Site, site
+from benchmarks.localisation.route import CONTROLS, SUBSTEP, Route, Site, site
 
 STEP_US: Final = 100_000
-"""From one odometry pose and scan to the next, µs."""
+"""From one odometry pose and scan to the next, µs; ReportParameters counts in them."""
 ROBOT: Final = "robot"
 
 _NONE: Final = Uncertainty()

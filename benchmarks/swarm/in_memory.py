@@ -9,8 +9,7 @@ from unittest.mock import patch
 from actors.runtime.bus.memory_bus import run_shells
 from actors.runtime.shell import Shell
 from benchmarks.swarm import part_clock, parts
-from benchmarks.swarm.budget import Line, budget
-from benchmarks.swarm.part_clock import PartClock
+from benchmarks.swarm.part_clock import Line, PartClock, budget
 from benchmarks.swarm.task import SwarmTask, planned
 from deploy.run import memory_swarm, swarm
 from observation.results.result import RunResult
