@@ -34,11 +34,9 @@ app.command()(look.scenario)
 app.command()(replaying.replay)
 app.command()(replaying.explain)
 app.command()(exporting.export)
-app.add_typer(
-    record, name="record", help="Read what a run recorded: figures, messages, logs, drawings; merge, check."
-)
+app.add_typer(record, name="record", help="Read what a run recorded; merge and check recordings.")
 app.add_typer(listing, name="list", help="List strategies, presets, robot models, scenarios and maps.")
-app.add_typer(fleet, name="fleet", help="Robots made of computers: set them up, drive, watch, collect.")
+app.add_typer(fleet, name="fleet", help="Set up real robots, start, watch and stop them.")
 app.command(
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     rich_help_panel=FOR_DEVELOPERS,
@@ -99,5 +97,8 @@ def add(
         list[str], typer.Argument(metavar="NAME…", help="As pip knows them: pandas, pandas==3.0.0.")
     ],
 ) -> None:
-    """Install packages that your strategies import, and keep them, in requirements.txt of this clone."""
+    """Install packages that your strategies import.
+
+    They are added to requirements.txt of this clone.
+    """
     raise OptionError(f"add {' '.join(names)}: is done by the script itself; call ./acrc of this clone")

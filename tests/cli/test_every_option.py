@@ -42,7 +42,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
             f"run {HEAD_ON} --duration 3 --step 50 --strategy mine:behaviour --speed max --bus zenoh "
             "--spawn exec --no-isolate --limit memory_mb=1500 --timeout 50 --log r1 --out runs/a --modules . "
             f"--key {'0f' * 16} --check --json",
-            r"checked: 4 actors executed again.*messages equal",
+            r"checked: 4 actors replayed.*messages equal",
         ),
         Line("run --robots 2 --set run.duration=1.5 --isolate --out runs/b --trust", r"2 robots"),
         Line(

@@ -42,9 +42,7 @@ def test_what_is_checked_is_said(tmp_path: Path) -> None:
     words = ("--bus", "memory", "--robots", 1, "--duration", 1, "--check", "--out", tmp_path / "out")
     done = acrc("run", *words)
     assert done.returncode == 0, done.stderr
-    assert re.fullmatch(
-        r"checked: 3 actors executed again, all \d+ messages equal", done.stderr.splitlines()[-1]
-    )
+    assert re.fullmatch(r"checked: 3 actors replayed, all \d+ messages equal", done.stderr.splitlines()[-1])
 
 
 def test_it_needs_a_run_that_can_be_executed_again(tmp_path: Path) -> None:
