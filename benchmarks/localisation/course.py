@@ -107,7 +107,17 @@ def made(setup: CourseSetup) -> Course:
     peers = _crowd(setup, place, truth)
     instants = np.arange(steps + 1, dtype=np.int64) * STEP_US
     scans = _scans(setup, replace(place, grid=visible), truth, peers)
-    return Course(mapped.grid, place.model.sensor, start, instants, odometry, truth, instants, scans, peers)
+    return Course(
+        grid=mapped.grid,
+        sensor=place.model.sensor,
+        start=start,
+        instants=instants,
+        odometry=odometry,
+        truth=truth,
+        stamps=instants,
+        scans=scans,
+        peers=peers,
+    )
 
 
 def _pose(place: Site, draws: np.random.Generator) -> Pose:

@@ -132,7 +132,15 @@ class _Log:
             truth = _between(instants, stamps, truth)
         scanned, scans = self._scans(sensor.rays)
         return Course(
-            grid, sensor, start, instants, odometry, truth, scanned, scans, np.empty((len(instants), 0, 2))
+            grid=grid,
+            sensor=sensor,
+            start=start,
+            instants=instants,
+            odometry=odometry,
+            truth=truth,
+            stamps=scanned,
+            scans=scans,
+            peers=np.empty((len(instants), 0, 2)),
         )
 
     def _about(self) -> tuple[RangeSensor, Pose]:

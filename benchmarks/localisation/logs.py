@@ -124,9 +124,16 @@ def _row(log: str, preset: str, runs: Sequence[Run], other: Other) -> PairedRow:
     lost = f"{sum(run.lost for run in runs)}/{len(runs)}, {sum(run.lost for run in other.runs)}/{len(theirs)}"
     nees = (_median([float(np.median(run.nees)) for run in runs]), _median([r.nmed for r in other.runs]))
     return PairedRow(
-        log, preset, float(ours.mean()), float(theirs.mean()), float(ours.mean() / theirs.mean()),
-        low, high, lost, f"{nees[0]}, {nees[1]}",
-    )  # fmt: skip
+        log=log,
+        preset=preset,
+        ours=float(ours.mean()),
+        theirs=float(theirs.mean()),
+        ratio=float(ours.mean() / theirs.mean()),
+        low=low,
+        high=high,
+        lost=lost,
+        nees=f"{nees[0]}, {nees[1]}",
+    )
 
 
 def _together(
@@ -140,9 +147,16 @@ def _together(
     own = [run.lost for row in its for run in ours[row.log][preset]]
     their = [run.lost for row in its for run in others[row.log].runs]
     return PairedRow(
-        f"all {len(its)}", preset, _geometric([row.ours for row in its]), _geometric([r.theirs for r in its]),
-        float(np.exp(ratios.mean())), low, high, f"{sum(own)}/{len(own)}, {sum(their)}/{len(their)}", "",
-    )  # fmt: skip
+        log=f"all {len(its)}",
+        preset=preset,
+        ours=_geometric([row.ours for row in its]),
+        theirs=_geometric([r.theirs for r in its]),
+        ratio=float(np.exp(ratios.mean())),
+        low=low,
+        high=high,
+        lost=f"{sum(own)}/{len(own)}, {sum(their)}/{len(their)}",
+        nees="",
+    )
 
 
 def _geometric(values: Sequence[float]) -> float:

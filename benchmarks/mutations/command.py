@@ -136,7 +136,14 @@ def feed(parser: Parser, bytes_: int, seed: int) -> ParserOutcome:
         longest = max(longest, time.process_time() - began)
     grown = _peak_mb() - before
     return ParserOutcome(
-        parser.name, size, inputs, refused, round(longest, 3), round(grown, 1), tracebacks, first
+        parser=parser.name,
+        bytes=size,
+        inputs=inputs,
+        refused=refused,
+        longest_s=round(longest, 3),
+        grown_mb=round(grown, 1),
+        tracebacks=tracebacks,
+        first=first,
     )
 
 

@@ -122,15 +122,15 @@ def _measure(grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> Wo
     physics = best(swarm, lambda it: it.wander(scanning=False), task.repeats)
     speed, stage = task.seconds_long / whole, STAGE[rays, robots]
     return WorldSpeed(
-        robots,
-        rays,
-        speed,
-        stage,
-        speed / stage,
-        plain_swarm.speed(grid, robots, rays, task.seconds_long, task.repeats, task.seed),
-        physics / (task.seconds_long * 100) * 1e6,
-        (whole - physics) / (task.seconds_long * 10 * robots) * 1e6,
-        contacts[0],
+        robots=robots,
+        rays=rays,
+        speed=speed,
+        stage=stage,
+        ratio=speed / stage,
+        navground=plain_swarm.speed(grid, robots, rays, task.seconds_long, task.repeats, task.seed),
+        substep_us=physics / (task.seconds_long * 100) * 1e6,
+        scan_us=(whole - physics) / (task.seconds_long * 10 * robots) * 1e6,
+        contacts=contacts[0],
     )
 
 
