@@ -60,7 +60,10 @@ def replay(
         ),
     ] = None,
 ) -> None:
-    """Make a simulated run again, and compare every message; with --robot, replay one actor alone."""
+    """Replay a run, or one robot of it, and compare every message.
+
+    --robot replays one actor alone.
+    """
     options = {
         "--isolate": isolate,
         "--from": begin,
@@ -168,7 +171,9 @@ def explain(
     modules: Modules = None,
     trust: Trust = False,
 ) -> None:
-    """Say why a robot decided as it did: the knowledge, the frame that brought it, and what was lost before.
+    """Say why a robot decided as it did.
+
+    It names the knowledge, the frame that brought it, and the frames that were lost before.
 
     It replays the robot and the radio if that was not done before, in a sandbox where the machine has one.
     """

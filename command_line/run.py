@@ -230,11 +230,13 @@ def branch(
     ] = None,
     setting: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="A setting of it: strategy.N=3. Repeatable."),
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Set a setting of --strategy: strategy.N=3. Repeatable."
+        ),
     ] = None,
     event: Annotated[
         list[str] | None,
-        typer.Option(metavar="ORDER", help="An order such as 'kill r2 at 130'. Repeatable."),
+        typer.Option(metavar="ORDER", help="Give an order: 'kill r2 at 130'. Repeatable."),
     ] = None,
     out: Annotated[
         Path | None,
@@ -244,7 +246,10 @@ def branch(
     trust: Trust = False,
     json: Json = False,
 ) -> None:
-    """Continue a recorded run from an instant with one thing changed, or nothing, and say what differs."""
+    """Continue a recorded run with a change and say what differs.
+
+    Without a change the branch equals the run.
+    """
     from actors.robot.behaviour.foreign import permit_of
     from deploy.branches.command import continue_run
 
@@ -253,18 +258,19 @@ def branch(
 
 
 def order(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder of a run that is going on.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder of a run in progress.")],
     verb: Annotated[
         str,
         typer.Argument(
             metavar="VERB", help="kill, freeze, move, pause, stop, …", autocompletion=completion.orders
         ),
     ],
-    words: Annotated[list[str] | None, typer.Argument(metavar="WORDS", help="What the verb needs.")] = None,
+    words: Annotated[list[str] | None, typer.Argument(metavar="WORDS", help="Arguments of the verb.")] = None,
 ) -> None:
-    """Give an order to a run that is going on, such as: acrc order runs/mine kill r2.
+    """Give an order to a run in progress.
 
-    It says what became of the order; exit code 1 if the run refused it.
+    Example: acrc order runs/mine kill r2. It prints what became of the order; the exit code is 1 if the run
+    refused it.
     """
     from deploy.run import orders
 

@@ -10,10 +10,9 @@ from rich.table import Table
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import available
 from benchmarks.attacks.attack import Attack, Layer, missing_means
-from benchmarks.attacks.attacks import ATTACKS
+from benchmarks.attacks.attacks import ATTACKS, row
 from benchmarks.attacks.network_attacks import REPOSITORY
 from benchmarks.attacks.swarm import Swarm
-from benchmarks.attacks.table import row
 from benchmarks.statistics.measured import Measured
 
 DOCUMENT: Final = REPOSITORY / "docs" / "isolation.md"

@@ -1,21 +1,15 @@
 """Plants causes, and counts how often the accounting names them, in situations with one each and none."""
 
-import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Final
 
 from rich.table import Table
 
 from benchmarks.causes.situations import PLANTED, Situation, quiet
-from benchmarks.statistics.confidence import proportion
-from benchmarks.statistics.measured import Measured
-from benchmarks.statistics.pool import in_order
-from deploy.run import swarm
-from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import Overrides, load_scenario
+from benchmarks.statistics.measured import Measured, proportion
+from benchmarks.statistics.runs import in_memory, in_order
 from observation.accounting.account import account
 from observation.accounting.findings import CARRIED, JAMMED
 from observation.accounting.time_spent import Cause, TimeSpent
@@ -57,12 +51,8 @@ def check(runs: int = 200) -> Measured:
 
 def judge(situation: Situation) -> Verdict:
     """Run the situation, and see what is said of it."""
-    with tempfile.TemporaryDirectory(prefix="acrc-") as name:
-        file = Path(name) / "situation.toml"
-        situation.write(file)
-        options = RunOptions(Path(name) / "out", bus="memory", json=True)
-        swarm.run(load_scenario(file, Overrides()), options)
-        spent = account(options.out)
+    with in_memory(situation.scenario()) as (plan, _):
+        spent = account(plan.out)
     return Verdict(situation.kind, situation.seed, _JUDGES[situation.kind](spent), _shortly(spent))
 
 

@@ -1,7 +1,8 @@
-"""Claims checked one after the other, and said which hold."""
+"""Claims checked one after the other, and the tables of docs/how-true.md, one for each part."""
 
 import difflib
 import json
+import re
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -10,6 +11,7 @@ from typing import Any, Final
 from rich.console import Console
 from rich.table import Table
 
+from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
 from benchmarks.claims.claim import Claim
@@ -81,3 +83,33 @@ def told(found: Measured, *, json_output: bool) -> int:
     else:
         found.show()
     return 1 if found.holds is False else 0
+
+
+PAGE: Final = REPOSITORY / "docs" / "how-true.md"
+_TABLE: Final = re.compile(r"(?:^\|.*\n)+", re.MULTILINE)
+
+
+def table(part: str) -> str:
+    """A row for each claim of that part."""
+    rows = [_row(claim) for claim in CLAIMS if claim.part == part]
+    return "\n".join(["| claim | what came out | command |", "|---|---|---|", *rows]) + "\n"
+
+
+def _row(claim: Claim) -> str:
+    command = claim.command or f"acrc verify {claim.name}"
+    return f"| {claim.says} | {claim.result} | `{command}` |"
+
+
+def filled(text: str) -> str:
+    """The page with the first table of each part made anew."""
+    for part in dict.fromkeys(claim.part for claim in CLAIMS):
+        before, heading, after = text.partition(f"\n## {part}\n")
+        here, next_heading, rest = after.partition("\n## ")
+        old = _TABLE.search(here)
+        here = here.replace(old[0], table(part)) if old else f"{here.rstrip()}\n\n{table(part)}"
+        text = before + heading + here + next_heading + rest
+    return text
+
+
+if __name__ == "__main__":
+    PAGE.write_text(filled(PAGE.read_text()))

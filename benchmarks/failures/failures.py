@@ -11,11 +11,9 @@ from rich.console import Console
 from rich.table import Table
 
 from actors.installation.repository import SHIPPED
-from benchmarks.failures.found import FailureRun
-from benchmarks.failures.run import FailureTask, examine
-from benchmarks.statistics.confidence import Interval, average, proportion
-from benchmarks.statistics.measured import Measured
-from benchmarks.statistics.pool import in_order
+from benchmarks.failures.run import FailureRun, FailureTask, examine
+from benchmarks.statistics.measured import Interval, Measured, average, proportion
+from benchmarks.statistics.runs import in_order
 
 SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 ROBOTS: Final = (4, 8)

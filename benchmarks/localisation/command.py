@@ -15,9 +15,17 @@ from benchmarks.localisation import logs, report
 from benchmarks.localisation.cells import COST, CourseCell, Extent, cells, chosen
 from benchmarks.localisation.course import STEP_US, made
 from benchmarks.localisation.metrics import Run
-from benchmarks.localisation.pool import Key, run_all, tasks
-from benchmarks.localisation.speed import BEAMS, GOAL_US, PARTICLES, UpdateCost, update_costs
-from benchmarks.localisation.summary import summary
+from benchmarks.localisation.report import summary
+from benchmarks.localisation.runs import (
+    BEAMS,
+    GOAL_US,
+    PARTICLES,
+    Key,
+    UpdateCost,
+    run_all,
+    tasks,
+    update_costs,
+)
 from benchmarks.statistics.measured import Measured
 
 _MAPS: Final = SHIPPED / "maps"

@@ -16,11 +16,10 @@ from actors.world.odometry import Odometers
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import Uncertainty, drifting, floor
 from benchmarks.localisation.crowd import Crowd, CrowdParameters
-from benchmarks.localisation.route import CONTROLS, SUBSTEP, Route
-from benchmarks.localisation.site import Site, site
+from benchmarks.localisation.route import CONTROLS, SUBSTEP, Route, Site, site
 
 STEP_US: Final = 100_000
-"""From one odometry pose and scan to the next, µs."""
+"""From one odometry pose and scan to the next, µs; ReportParameters counts in them."""
 ROBOT: Final = "robot"
 
 _NONE: Final = Uncertainty()
@@ -108,7 +107,17 @@ def made(setup: CourseSetup) -> Course:
     peers = _crowd(setup, place, truth)
     instants = np.arange(steps + 1, dtype=np.int64) * STEP_US
     scans = _scans(setup, replace(place, grid=visible), truth, peers)
-    return Course(mapped.grid, place.model.sensor, start, instants, odometry, truth, instants, scans, peers)
+    return Course(
+        grid=mapped.grid,
+        sensor=place.model.sensor,
+        start=start,
+        instants=instants,
+        odometry=odometry,
+        truth=truth,
+        stamps=instants,
+        scans=scans,
+        peers=peers,
+    )
 
 
 def _pose(place: Site, draws: np.random.Generator) -> Pose:

@@ -16,9 +16,8 @@ from benchmarks.navigation import goal_log
 from benchmarks.navigation import log as cycle_log
 from benchmarks.navigation.course import NavigationCourse
 from benchmarks.navigation.run import Leg, RunFigures, measure
-from benchmarks.statistics.confidence import proportion
-from benchmarks.statistics.measured import Measured
-from benchmarks.statistics.pool import in_order
+from benchmarks.statistics.measured import Measured, proportion
+from benchmarks.statistics.runs import in_order
 
 MAPS: Final = tuple(SHIPPED / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))
 ROBOTS: Final = (1, 4)

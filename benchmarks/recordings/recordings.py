@@ -98,9 +98,16 @@ def figures(robots: int, seconds: float, robot: str) -> Found:
     spent_ns = account.spent_ns - account.calls * cost.inside_ns
     minutes = result.simulated_s / 60
     return Found(
-        robots, result.simulated_s, run_ns / 1e9, spent_ns / run_ns, size / 1e6 / minutes,
-        result.undelivered, robot, outputs, result.simulated_s / replay_s,
-    )  # fmt: skip
+        robots=robots,
+        simulated_s=result.simulated_s,
+        run_cpu_s=run_ns / 1e9,
+        share=spent_ns / run_ns,
+        mb_per_minute=size / 1e6 / minutes,
+        lost=result.undelivered,
+        replayed=robot,
+        outputs=outputs,
+        replay_speed=result.simulated_s / replay_s,
+    )
 
 
 def _replayed(out: Path, robot: str) -> tuple[int, float]:

@@ -55,7 +55,7 @@ def run(
     try:
         progress = _carried_out(kept, options, watch, quiet=json_output)
     except Interrupted as interrupt:
-        say.print(f"acrc: ended from outside; the same command goes on from what is in {folder}")
+        say.print(f"acrc: ended from outside; the same command resumes from {folder}")
         raise typer.Exit(interrupt.exit_code) from None
     finally:
         results_table.write(kept)

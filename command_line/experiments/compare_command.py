@@ -77,10 +77,10 @@ def _about(kept: store.Store) -> Iterator[str]:
     if kept.looks is not None:
         watch = decision.Watch(kept)
         yield from decision.told(watch.verdicts(), watch.rule, kept.study.primary_metric)
-        yield "The p-values above are of all runs there are; for the primary comparisons the looks decide."
+        yield "The p-values above are of all runs; the interim looks decide the primary comparisons."
     yield from coincidences_told(coincidences(kept.records()))
     if kept.study.tuning:
-        yield "These are seeds for tuning: what was chosen with them is to be judged by others."
+        yield "These are tuning seeds: test what was chosen with them on other seeds."
 
 
 def _tables(made: list[Comparison]) -> Iterator[Table]:

@@ -134,14 +134,15 @@ def _of_values(sample: Sample, metric: Metric) -> Comparison:
     ones, others = ([metric.value(pair[side]) for pair in sample.pairs] for side in (0, 1))
     good, bad = scores(metric.name, sample.pairs)
     return Comparison(
-        *_who(sample), metric.name, metric.says, len(ones),
-        float(np.median(ones)), float(np.median(others)),
-        interval(good, bad, a12, paired=True),
-        {
+        one=sample.one, other=sample.other, variant=sample.variant,
+        metric=metric.name, says=metric.says, pairs=len(ones),
+        ones=float(np.median(ones)), others=float(np.median(others)),
+        effect=interval(good, bad, a12, paired=True),
+        differences={
             name: interval(ones, others, difference_of(summary), paired=True)
             for name, summary in _SUMMARIES.items()
         },
-        (signed_rank(ones, others), rank_sum(ones, others)),
+        tests=(signed_rank(ones, others), rank_sum(ones, others)),
     )  # fmt: skip
 
 
@@ -157,15 +158,16 @@ def _of_times(sample: Sample, metric: TimeMetric) -> Comparison:
 
     places = np.arange(len(ones), dtype=np.float64)
     return Comparison(
-        *_who(sample), metric.name, metric.says, len(ones),
-        restricted_mean(ones, horizon), restricted_mean(others, horizon),
-        interval(early, late, a12, paired=True),
-        {
+        one=sample.one, other=sample.other, variant=sample.variant,
+        metric=metric.name, says=metric.says, pairs=len(ones),
+        ones=restricted_mean(ones, horizon), others=restricted_mean(others, horizon),
+        effect=interval(early, late, a12, paired=True),
+        differences={
             "restricted mean": interval(
                 places, places, lambda a, b: mean(a, ones) - mean(b, others), paired=True, resamples=500
             )
         },
-        (log_rank(ones, others), signed_rank(early, late)),
+        tests=(log_rank(ones, others), signed_rank(early, late)),
     )  # fmt: skip
 
 
@@ -195,15 +197,12 @@ def scores(metric: str, pairs: Sequence[tuple[RunResult, RunResult]]) -> tuple[l
 def _lexicographic(sample: Sample) -> Comparison:
     ones, others = scores(metrics.LEXICOGRAPHIC, sample.pairs)
     return Comparison(
-        *_who(sample), metrics.LEXICOGRAPHIC, _LEXICOGRAPHIC_SAYS, len(ones),
-        float(np.median(ones)), float(np.median(others)),
-        interval(ones, others, a12, paired=True), {},
-        (signed_rank(ones, others), rank_sum(ones, others)),
+        one=sample.one, other=sample.other, variant=sample.variant,
+        metric=metrics.LEXICOGRAPHIC, says=_LEXICOGRAPHIC_SAYS, pairs=len(ones),
+        ones=float(np.median(ones)), others=float(np.median(others)),
+        effect=interval(ones, others, a12, paired=True), differences={},
+        tests=(signed_rank(ones, others), rank_sum(ones, others)),
     )  # fmt: skip
-
-
-def _who(sample: Sample) -> tuple[str, str, tuple[tuple[str, Any], ...]]:
-    return sample.one, sample.other, sample.variant
 
 
 def _completion(run: RunResult, metric: TimeMetric) -> Completion:

@@ -123,8 +123,10 @@ def _unjudged(owner: str, index: int, point: tuple[float, float], deed: Deed | N
     at = None if deed is None else round(deed.second * 1e6)
     by = None if deed is None else deed.robot
     return PlaceOutcome(
-        owner, index, *point, at, by, at, by, None, None, None, (owner,) if at is None else ()
-    )
+        owner=owner, place=index, x=point[0], y=point[1], reached_at=at, reached_by=by, reported_at=at,
+        reported_by=by, given_up_at=None, given_up_by=None, reason=None,
+        in_route_of=(owner,) if at is None else (),
+    )  # fmt: skip
 
 
 def result(out: Path) -> RunResult | None:

@@ -11,7 +11,7 @@ import pytest
 
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
-from benchmarks.claims import page, verification
+from benchmarks.claims import verification
 from benchmarks.claims.claim import Claim
 from benchmarks.claims.table import CLAIMS
 from benchmarks.statistics.measured import Measured
@@ -19,8 +19,8 @@ from command_line.bench.bench import BENCHMARKS
 
 
 def test_the_page_is_made_from_the_table() -> None:
-    text = page.PAGE.read_text()
-    assert text == page.filled(text), "python -m benchmarks.claims.page makes the tables anew"
+    text = verification.PAGE.read_text()
+    assert text == verification.filled(text), "python -m benchmarks.claims.verification makes the tables anew"
     said = re.findall(r"`acrc verify ([\w-]+)` \|$", text, re.MULTILINE)
     assert said == [claim.name for claim in CLAIMS if claim.module]
     assert len({claim.name for claim in CLAIMS}) == len(CLAIMS)
@@ -29,9 +29,10 @@ def test_the_page_is_made_from_the_table() -> None:
 def test_a_table_that_is_missing_or_old_is_made() -> None:
     parts = list(dict.fromkeys(claim.part for claim in CLAIMS))
     bare = "".join(f"\n## {part}\n\nSome words.\n" for part in parts) + "\n## Else\n"
-    made = page.filled(bare)
-    assert all(f"Some words.\n\n{page.table(part)}\n## " in made for part in parts)
-    assert page.filled(made) == made == page.filled(made.replace("| `acrc verify seal` |", "| `old` |"))
+    made = verification.filled(bare)
+    assert all(f"Some words.\n\n{verification.table(part)}\n## " in made for part in parts)
+    assert verification.filled(made) == made
+    assert verification.filled(made.replace("| `acrc verify seal` |", "| `old` |")) == made
 
 
 @pytest.mark.parametrize("claim", [claim for claim in CLAIMS if claim.module], ids=lambda claim: claim.name)

@@ -14,9 +14,8 @@ import pytest
 from actors.runtime.isolation.sandbox import available
 from benchmarks.attacks import command
 from benchmarks.attacks.attack import Attack, Layer, missing_means
-from benchmarks.attacks.attacks import ATTACKS
+from benchmarks.attacks.attacks import ATTACKS, table
 from benchmarks.attacks.swarm import MODES, Swarm
-from benchmarks.attacks.table import table
 from benchmarks.statistics.measured import Measured
 
 SEEN_BY_ALL = ("page cache", "common file")
@@ -91,7 +90,7 @@ def test_attacks_have_names_of_their_own() -> None:
 
 
 def test_the_documentation_has_the_table_of_attacks() -> None:
-    assert table() in DOCUMENT.read_text("utf-8"), "python -m benchmarks.attacks.table prints the table"
+    assert table() in DOCUMENT.read_text("utf-8"), "python -m benchmarks.attacks.attacks prints the table"
 
 
 @pytest.mark.alone

@@ -7,7 +7,7 @@ from actors.installation.usage import OptionError
 from benchmarks.localisation import command, logs
 from benchmarks.localisation.cells import CellError, Extent, cells, chosen
 from benchmarks.localisation.log import LogError
-from benchmarks.localisation.speed import update_costs
+from benchmarks.localisation.runs import update_costs
 from tests.localisation_bench.scenes import APARTMENT, CORRIDOR
 
 SMALL = Extent(seeds=1, runs=2, seconds=5, after=(1.0, 3.0), carried_at=2.0)

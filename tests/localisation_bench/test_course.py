@@ -10,8 +10,7 @@ from actors.randomness import generator
 from actors.world.sensing import RangeSensors
 from benchmarks.localisation.course import Course, CourseSetup, made
 from benchmarks.localisation.crowd import CrowdParameters
-from benchmarks.localisation.route import SUBSTEP, Route
-from benchmarks.localisation.site import site
+from benchmarks.localisation.route import SUBSTEP, Route, site
 from tests.localisation_bench.scenes import APARTMENT, CORRIDOR, course
 
 CROWDED = CourseSetup(CORRIDOR, 3, robots=10, base="kobuki", seconds=40)

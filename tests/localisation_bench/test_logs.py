@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from actors.geometry import Pose
-from benchmarks.localisation import against, log, logs
-from benchmarks.localisation.against import Other, OtherRun
+from benchmarks.localisation import log, logs
 from benchmarks.localisation.course import CourseSetup
 from benchmarks.localisation.log import LogError
+from benchmarks.localisation.logs import Other, OtherRun
 from tests.localisation_bench.scenes import CORRIDOR, course
 from tests.localisation_bench.test_metrics import a_run
 
@@ -56,9 +56,9 @@ def test_a_folder_of_logs_is_compared_log_by_log(folder: Path, capsys: pytest.Ca
     assert capsys.readouterr().out.count("odometry") == 2
 
 
-def a_table(ours: Sequence[float], theirs: Sequence[float]) -> list[against.PairedRow]:
+def a_table(ours: Sequence[float], theirs: Sequence[float]) -> list[logs.PairedRow]:
     other = Other("x", [OtherRun(rmse, lost=rmse > 1) for rmse in theirs])
-    return against.rows({"x": {"p": [a_run([value] * 3) for value in ours]}}, {"x": other})
+    return logs.paired({"x": {"p": [a_run([value] * 3) for value in ours]}}, {"x": other})
 
 
 def test_the_interval_of_a_ratio_is_that_of_its_runs() -> None:

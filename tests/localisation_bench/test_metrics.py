@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from benchmarks.localisation.metrics import NEES_BOUNDS, Run, Track, beside_truth, nees, weighed
-from benchmarks.localisation.summary import Share, interval, share, summary
+from benchmarks.localisation.report import Share, interval, share, summary
 
 
 def a_run(errors: list[float], seed: int = 1, turn: float = 0.0, announced: tuple[int, ...] = ()) -> Run:

@@ -120,7 +120,7 @@ READ = [
     ("run.json", ("report", "{out}")),
 ]
 """A file of a run, and a command that reads it."""
-LOG = ("r1/r1.log", ("log", "{out}"))
+LOG = ("r1/r1.log", ("record", "echo", "{out}", "*/log"))
 """A log may be long, and a link to a device is none that a robot can lay."""
 
 

@@ -7,12 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.swarm.budget import REST, Key, Line, budget, whole, with_processes
-from benchmarks.swarm.figures import SwarmFigures, judged
 from benchmarks.swarm.in_memory import MemoryFigures
 from benchmarks.swarm.over_mesh import MeshFigures
-from benchmarks.swarm.part_clock import Account, Overhead
+from benchmarks.swarm.part_clock import REST, Account, Key, Line, Overhead, budget, whole, with_processes
 from benchmarks.swarm.process_figures import Memory
+from benchmarks.swarm.tables import SwarmFigures, judged
 from benchmarks.swarm.task import Range, SwarmTask
 
 COUNTS = st.integers(0, 10**6)

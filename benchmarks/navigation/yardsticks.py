@@ -1,13 +1,82 @@
-"""How far a disc has to go at least: the yardstick for the ways that robots really take."""
+"""What navigation is measured against: shortest ways, gaps to walls and robots, contacts between steps."""
 
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from actors.floor.grid import Cell, OccupancyGrid, nearest_cell, passable
-from actors.geometry import Point
+from actors.floor.grid import Cell, OccupancyGrid, nearest_cell, outline, passable
+from actors.floor.map_file import load_map
+from actors.geometry import Point, Pose, Twist
+from actors.instant import Instant
 from actors.robot.navigation.potential import UNREACHABLE, descent, potential
+from actors.robot_model import load_model
+from actors.world.physics import SUBSTEP, Arena
+from actors.world.world_setup import WorldSetup
+from observation.accounting.tracks import Tracks
+
+
+class RetracingError(Exception):
+    """The motion comes out otherwise than it was."""
+
+
+def retrace(world: WorldSetup, tracks: Tracks) -> tuple[NDArray[np.float64], int]:
+    """The true poses at the end of every sub-step, (samples, robots, 3), and how many contacts began.
+
+    For runs in which all robots drive in every step and no event happens. Raises RetracingError unless every
+    step begins exactly where the run has it.
+    """
+    arena = Arena(
+        outline(load_map(world.map)),
+        [robot.id for robot in world.robots],
+        [load_model(robot.model, robot.sensor) for robot in world.robots],
+        [Pose(*robot.start) for robot in world.robots],
+    )
+    parts = []
+    for step, (true, wished) in enumerate(zip(tracks.true, tracks.wished, strict=True)):
+        if not np.array_equal(arena.poses, true):
+            raise RetracingError(f"step {step} begins elsewhere than in the run")
+        for robot, wish in enumerate(wished.tolist()):
+            arena.command(robot, Twist(*wish), Instant(step * tracks.step_us))
+        parts.append(arena.advance(tracks.step_us // SUBSTEP))
+    return np.concatenate(parts), arena.contacts
+
+
+_FAR: Final = 0.05
+"""Gaps beyond this are given to a cell only, m."""
+
+
+def wall_gaps(grid: OccupancyGrid, true: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+    """(samples, robots): between a disc of `radius`, m, at each position and the nearest wall, m.
+
+    `true`: (samples, robots, 2 or more), x and y first. Exact up to 0.05 m.
+    """
+    cells = np.floor((true[..., :2] - grid.origin) / grid.resolution).astype(np.int64)
+    gaps = grid.clearance[cells[..., 1], cells[..., 0]] - radius
+    for sample, robot in np.argwhere(gaps < _FAR + grid.resolution).tolist():
+        point = Point(*true[sample, robot, :2].tolist())
+        gaps[sample, robot] = grid.clearance_at(point, radius + 1.0) - radius
+    return gaps
+
+
+def robot_gaps(true: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+    """(samples, pairs): between each two robots, discs of `radius`, m, in the order of their indices."""
+    one, other = np.triu_indices(true.shape[1], k=1)
+    offsets = true[:, one, :2] - true[:, other, :2]
+    gaps: NDArray[np.float64] = np.hypot(offsets[..., 0], offsets[..., 1]) - 2 * radius
+    return gaps
+
+
+def touches(gaps: NDArray[np.float64]) -> int:
+    """How often one of the columns of gaps becomes 0 or less, the first row included."""
+    near = gaps <= 0.0
+    return int(near[:1].sum() + (near[1:] & ~near[:-1]).sum())
+
+
+def closest(gaps: NDArray[np.float64]) -> float:
+    """The smallest gap, m; inf where there is none."""
+    return float(gaps.min(initial=np.inf))
+
 
 _ROUNDS: Final = 40
 """The string is pulled at most so often."""
