@@ -92,7 +92,7 @@ class Throughput:
     """Of what the slower of the line and a simulated transceiver with the same waits can carry."""
 
 
-class _Board(EmulatedBoard):
+class _RememberingBoard(EmulatedBoard):
     """Remembers which packets it has told the end of."""
 
     def __init__(self, radio: Radio, now: Instant) -> None:
@@ -105,7 +105,7 @@ class _Board(EmulatedBoard):
         super()._say(now, answer)
 
 
-class _Link(Link):
+class _RememberingLink(Link):
     """Remembers the numbers of its packets."""
 
     def __init__(self, settings: BoardSettings) -> None:
@@ -128,8 +128,8 @@ class _Ordeal:
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
         air = _empty_air()
-        self.board = _Board(air, START)
-        self.link = _Link(BoardSettings(2))
+        self.board = _RememberingBoard(air, START)
+        self.link = _RememberingLink(BoardSettings(2))
         air.add(self.board)
         self.desk = Desk(self.link, self.board)
         self.lab = Lab(air, [self.desk], self.rng)

@@ -120,7 +120,7 @@ class Told:
     causes: frozenset[Cause]
 
 
-class Vehicle:
+class RigVehicle:
     """One robot's vehicle, its two lines, and its pilot."""
 
     def __init__(self, pilot: Pilot, noise: Generator) -> None:
@@ -178,7 +178,7 @@ class SensorRig:
         radio = RadioSetup(seed, _STEP, addresses, "beeclick")
         self.laboratory = Laboratory(LaboratorySetup(world, radio))
         self.vehicles = {
-            body.id: Vehicle(
+            body.id: RigVehicle(
                 Pilot(speed, generator(seed, "pilot", body.id)), generator(seed, "line noise", body.id)
             )
             for body in bodies

@@ -48,7 +48,7 @@ class Straight(Pilot):
 
 
 @dataclass(frozen=True)
-class Situation:
+class SensorSituation:
     """Something that happens."""
 
     name: str
@@ -178,19 +178,19 @@ _WANDERINGS: Final = (
 """Floor, robots, m/s."""
 SITUATIONS: Final = (
     *(
-        Situation(
+        SensorSituation(
             f"{robots} wander in the {FLOORS[floor].stem} at {speed:g} m/s",
             _wander(floor, robots, speed),
             robots=robots,
         )
         for floor, robots, speed in _WANDERINGS
     ),
-    Situation("a convoy of 5 in a corridor without features", _convoy, 20.0, robots=5),
-    Situation("a long corridor without features", _long_corridor, 40.0),
-    Situation("a hall without an echo", _hall, 30.0),
-    Situation("turning on the spot", _spin),
-    Situation("standing", _stand, 180.0),
-    Situation("backing into a wall", _backs_into_a_wall, 30.0),
-    Situation("pushed by two others", _pushed, 20.0, robots=3),
-    Situation("carried elsewhere while it drives", _wander(0, 1, 0.5), 60.0, _carried),
+    SensorSituation("a convoy of 5 in a corridor without features", _convoy, 20.0, robots=5),
+    SensorSituation("a long corridor without features", _long_corridor, 40.0),
+    SensorSituation("a hall without an echo", _hall, 30.0),
+    SensorSituation("turning on the spot", _spin),
+    SensorSituation("standing", _stand, 180.0),
+    SensorSituation("backing into a wall", _backs_into_a_wall, 30.0),
+    SensorSituation("pushed by two others", _pushed, 20.0, robots=3),
+    SensorSituation("carried elsewhere while it drives", _wander(0, 1, 0.5), 60.0, _carried),
 )

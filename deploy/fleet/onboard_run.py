@@ -34,7 +34,7 @@ from deploy.fleet.own_code import own_code
 from deploy.fleet.service_notice import ServiceNotice
 from deploy.fleet.stand_in import LOOK_S, StandIn
 from deploy.run.out_folder import claim, writing
-from deploy.run.plan import Plan
+from deploy.run.plan import RunPlan
 from deploy.run.scenario_copy import ScenarioCopy
 from firmware_bridge.onboard import last_pose
 
@@ -172,7 +172,7 @@ def new_folder(runs: Path) -> Path:
     return claim(runs, time.strftime("%Y%m%d-%H%M%S", time.gmtime()))
 
 
-def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> Plan:
+def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> RunPlan:
     step_us = milliseconds(fleet.step_ms)
     model = load_model(robot.model, robot.sensor)
     body = BodySetup(
@@ -184,7 +184,7 @@ def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> Plan:
         robot.places,
     )
     choice = choose(options.isolate, debugged=options.debug_port is not None)
-    return Plan(
+    return RunPlan(
         out=options.out,
         world=WorldSetup(str(fleet.map), fleet.seed, step_us, FOREVER, (body,)),
         radio=RadioSetup(fleet.seed, step_us, ((robot.id, robot.address),), "beeclick"),

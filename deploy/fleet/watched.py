@@ -43,7 +43,7 @@ _MOST: Final = 20_000
 """Messages that may wait to be drawn: those of ten robots for a minute and a half."""
 
 
-class Said(NamedTuple):
+class HeardMessage(NamedTuple):
     """A message, and when it came."""
 
     second: float
@@ -59,7 +59,7 @@ class Inbox:
         self.missed = 0
         """Messages for which there was no room."""
         self._began = time.monotonic()
-        self._waiting: queue.Queue[Said] = queue.Queue(_MOST)
+        self._waiting: queue.Queue[HeardMessage] = queue.Queue(_MOST)
 
     @property
     def now(self) -> float:
@@ -69,11 +69,11 @@ class Inbox:
     def take(self, endpoint: str, key: str, message: Message) -> None:
         """Keep one message."""
         try:
-            self._waiting.put_nowait(Said(self.now, endpoint, key, message))
+            self._waiting.put_nowait(HeardMessage(self.now, endpoint, key, message))
         except queue.Full:
             self.missed += 1
 
-    def all(self) -> list[Said]:
+    def all(self) -> list[HeardMessage]:
         """What has come since the last call."""
         return [self._waiting.get_nowait() for _ in range(self._waiting.qsize())]
 
@@ -102,7 +102,7 @@ class WatchedFleet:
         for robot in self.robots:
             words.introduce_line(self._canvas, f"plots/ages/{robot}", robot, self._canvas.colour(robot))
 
-    def draw(self, said: Sequence[Said], now: float, missed: int) -> None:
+    def draw(self, said: Sequence[HeardMessage], now: float, missed: int) -> None:
         """Draw what came until `now`, s; `missed`: messages so far that were lost here."""
         poses: dict[str, list[tuple[float, float, float, float]]] = {}
         heard: list[tuple[float, int, int, float]] = []

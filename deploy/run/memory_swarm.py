@@ -34,7 +34,7 @@ from actors.runtime.shell import Shell
 from actors.world import program as world_program
 from actors.world.core import WorldCore
 from deploy.run.household import Leftovers, exits_caught, quiet, watched
-from deploy.run.plan import Plan, in_common, radio_program, robot_program
+from deploy.run.plan import RunPlan, in_common, radio_program, robot_program
 from deploy.run.plan import world_program as world_as_program
 from deploy.run.supervisor import RunFailedError
 
@@ -42,7 +42,7 @@ from deploy.run.supervisor import RunFailedError
 class MemorySwarm:
     """All actors of one run; `programs` says what each would have been as a process."""
 
-    def __init__(self, plan: Plan, bus: MemoryBus, on_progress: Callable[[Progress], None]) -> None:
+    def __init__(self, plan: RunPlan, bus: MemoryBus, on_progress: Callable[[Progress], None]) -> None:
         self._plan = plan
         self._bus = bus
         self._on_progress = on_progress

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from experiments.comparison.comparison import FEWEST, Comparison, Sample
+from experiments.comparison.comparison import FEWEST, Comparison, PairedSample
 
 
 def sentence(comparison: Comparison) -> str:
@@ -38,7 +38,7 @@ def chapter_order(comparisons: Sequence[Comparison]) -> list[str]:
     return said
 
 
-def too_few(samples: Sequence[Sample]) -> list[str]:
+def too_few(samples: Sequence[PairedSample]) -> list[str]:
     """One sentence for each pair of strategies of which nothing can be said yet."""
     return [
         f"{one.one} and {one.other}{_where(one.variant)}: {len(one.pairs)} pairs of runs; "

@@ -3,7 +3,7 @@
 import msgspec
 
 
-class Finding(msgspec.Struct, frozen=True):
+class DoctorFinding(msgspec.Struct, frozen=True):
     """One thing that was looked at: how it is, and if it is wrong what would put it right: one sentence."""
 
     subject: str
@@ -11,11 +11,11 @@ class Finding(msgspec.Struct, frozen=True):
     text: str
 
 
-def well(subject: str, text: str) -> Finding:
+def well(subject: str, text: str) -> DoctorFinding:
     """As it should be."""
-    return Finding(subject, True, text)
+    return DoctorFinding(subject, True, text)
 
 
-def wrong(subject: str, text: str) -> Finding:
+def wrong(subject: str, text: str) -> DoctorFinding:
     """Not as it should be."""
-    return Finding(subject, False, text)
+    return DoctorFinding(subject, False, text)

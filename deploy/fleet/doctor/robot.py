@@ -17,13 +17,13 @@ from actors.robot_model import RobotModel, load_model
 from actors.runtime.access.tls import load_keys
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import entry
-from deploy.fleet.doctor.findings import Finding, well, wrong
+from deploy.fleet.doctor.findings import DoctorFinding, well, wrong
 from deploy.fleet.doctor.machine import Machine
 from deploy.fleet.fleet_file import Fleet, FleetRobot
 from deploy.fleet.own_code import own_code
 
 
-def floor(fleet: Fleet, robot: FleetRobot) -> Iterator[Finding]:
+def floor(fleet: Fleet, robot: FleetRobot) -> Iterator[DoctorFinding]:
     """Whether the map loads, and start and places are on free floor."""
     try:
         grid, radii = (
@@ -39,7 +39,7 @@ def floor(fleet: Fleet, robot: FleetRobot) -> Iterator[Finding]:
     yield _places(robot, grid)
 
 
-def behaviour(fleet: Fleet, robot: FleetRobot, permit: Permit) -> Iterator[Finding]:
+def behaviour(fleet: Fleet, robot: FleetRobot, permit: Permit) -> Iterator[DoctorFinding]:
     """Whether the robot can be made, with its strategy; runs the strategy's code once."""
     try:
         look_in(own_code(fleet, permit))
@@ -56,7 +56,7 @@ def behaviour(fleet: Fleet, robot: FleetRobot, permit: Permit) -> Iterator[Findi
         yield well("behaviour", f"strategy {fleet.run.strategy!r} makes a behaviour of its settings")
 
 
-def keys(machine: Machine, fleet: Fleet, robot: FleetRobot) -> Iterator[Finding]:
+def keys(machine: Machine, fleet: Fleet, robot: FleetRobot) -> Iterator[DoctorFinding]:
     """Whether a robot that listens has keys of its own that hold today; nothing if it does not listen."""
     if robot.listen is None:
         return
@@ -88,7 +88,7 @@ def _model(robot: FleetRobot) -> RobotModel:
     return load_model(robot.model, robot.sensor)
 
 
-def _start(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid, radii: Mapping[str, float]) -> Finding:
+def _start(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid, radii: Mapping[str, float]) -> DoctorFinding:
     here = Point(*robot.start[:2])
     try:
         check_pose(grid, here, radii[robot.id], robot.id)
@@ -104,7 +104,7 @@ def _start(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid, radii: Mapping[
     return well("start", f"({here.x:g}, {here.y:g}) is free; put {robot.id} there, then switch it on")
 
 
-def _places(robot: FleetRobot, grid: OccupancyGrid) -> Finding:
+def _places(robot: FleetRobot, grid: OccupancyGrid) -> DoctorFinding:
     for index, (x, y) in enumerate(robot.places):
         if not grid.is_free(Point(x, y)):
             return wrong("places", f"place {index} at ({x:g}, {y:g}) is not free, but must be on free floor")
