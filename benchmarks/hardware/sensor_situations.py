@@ -15,23 +15,23 @@ from actors.installation.repository import REPOSITORY
 from actors.messages import Scan
 from actors.randomness import generator
 from benchmarks.hardware.sensor_rig import Pilot, SensorRig
-from firmware_bridge.kobuki.safety import Cause
+from firmware_bridge.kobuki.safety import HoldCause
 
 FLOORS: Final = tuple(REPOSITORY / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))
 _CELL: Final = 0.05
 _ROOM: Final = 0.6
 """Free floor round a start, m."""
 _APART: Final = 1.2
-ACCUSATIONS: Final = frozenset(Cause) - {
-    Cause.NO_FEEDBACK,
-    Cause.LINK_RECOVERING,
-    Cause.WHEEL_DROP,
-    Cause.PUT_DOWN,
-    Cause.BUMPER,
-    Cause.BLIND,
-    Cause.NO_COMMAND,
-    Cause.STALE_COMMAND,
-    Cause.BLOCKED,
+ACCUSATIONS: Final = frozenset(HoldCause) - {
+    HoldCause.NO_FEEDBACK,
+    HoldCause.LINK_RECOVERING,
+    HoldCause.WHEEL_DROP,
+    HoldCause.PUT_DOWN,
+    HoldCause.BUMPER,
+    HoldCause.BLIND,
+    HoldCause.NO_COMMAND,
+    HoldCause.STALE_COMMAND,
+    HoldCause.BLOCKED,
 }
 """Causes that accuse a sensor; a robot that is blocked is rightly told so."""
 
@@ -81,7 +81,7 @@ def starts_on(floor: Path, seed: int, count: int) -> list[tuple[float, float, fl
 def accusations(rig: SensorRig) -> Iterator[tuple[str, float, str]]:
     """Robot, instant, s, and cause of each."""
     for name, vehicle in rig.vehicles.items():
-        before: frozenset[Cause] = frozenset()
+        before: frozenset[HoldCause] = frozenset()
         for told in vehicle.told:
             for cause in sorted((told.causes - before) & ACCUSATIONS, key=lambda one: one.name):
                 yield name, told.instant / 1e6, cause.name

@@ -19,7 +19,7 @@ from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.behaviour.ports import Setting
 from actors.robot.stack import Stack
 from actors.runtime.errors import AcrcError
-from actors.table import A_POINT, A_POSE, Point, Pose, Right, Table, Text, as_tuples
+from actors.table import A_POINT, A_POSE, FileTable, Point, Pose, Right, Text, as_tuples
 from deploy.scenario.adaptation_tables import AreaTable, DeecoTable, Settings, adaptation
 from deploy.scenario.kinds import MOST_PLACES, Model, Parameters, RobotId, Sensor
 from deploy.scenario.stack_tables import stack_fault, stack_of
@@ -53,7 +53,7 @@ _A_PATH: Final = r"/[^\x00-\x1f\x7f]+"
 _Path = Annotated[str, StringConstraints(pattern=rf"^{_A_PATH}$")]
 
 
-class AirTable(Table):
+class AirTable(FileTable):
     """[radio]: how the BEE-click boards are set up, all alike."""
 
     pan: Annotated[int, Field(ge=0, le=0xFFFE), Right("a whole number from 0 to 0xFFFE")] = 0xBABA
@@ -68,7 +68,7 @@ class AirTable(Table):
     """Transmit power, dBm. Default: the strongest."""
 
 
-class ConductTable(Table):
+class ConductTable(FileTable):
     """[run]: what the robots do."""
 
     strategy: Annotated[Text, Right('the name of a strategy, such as "none"')] = "none"
@@ -77,7 +77,7 @@ class ConductTable(Table):
     """Where one's own strategy is looked for; absent: beside the file."""
 
 
-class FleetRobot(Table):
+class FleetRobot(FileTable):
     """[[robot]]: one robot, and where its devices are on its own computer."""
 
     id: RobotId
@@ -123,7 +123,7 @@ class FleetRobot(Table):
         return self.listen_host in {"0.0.0.0", "::"}
 
 
-class _FleetFile(Table):
+class _FleetFile(FileTable):
     map: Annotated[Text, Right("the path of a map's YAML file, relative to the fleet file")]
     step_ms: Annotated[
         int, Field(ge=10, le=100, multiple_of=10), Right("a multiple of 10 ms, from 10 to 100")

@@ -19,7 +19,7 @@ from actors.observer.colours import FATES, GREY
 from actors.observer.drawing import words
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement
-from actors.observer.drawing.words import Event
+from actors.observer.drawing.words import DrawnEvent
 from actors.observer.sheet import Sheet
 from actors.processes.scratch import scratch_folder
 from actors.runtime.core import at
@@ -106,7 +106,7 @@ class WatchedFleet:
         """Draw what came until `now`, s; `missed`: messages so far that were lost here."""
         poses: dict[str, list[tuple[float, float, float, float]]] = {}
         heard: list[tuple[float, int, int, float]] = []
-        events: list[Event] = []
+        events: list[DrawnEvent] = []
         for one in said:
             robot = _robot(one.key) or self._endpoints.get(one.endpoint, "")
             if robot in self.robots:
@@ -122,10 +122,10 @@ class WatchedFleet:
                 case Progress():
                     events += self._progress(robot or one.endpoint, one.second, one.message)
                 case Board():
-                    events += [Event(one.second, robot, f"board: {note}") for note in one.message.notes]
+                    events += [DrawnEvent(one.second, robot, f"board: {note}") for note in one.message.notes]
         if missed > self._missed:
             lacks = f"the view lacks {missed - self._missed} messages: too many came"
-            events.append(Event(now, "", lacks, "WARN"))
+            events.append(DrawnEvent(now, "", lacks, "WARN"))
             self._missed = missed
         story = self._story(poses, np.array(heard, np.float64).reshape(-1, 4), self._states(now), now)
         self._said.forget()
@@ -177,13 +177,13 @@ class WatchedFleet:
                 found.append((second, sender, own, event.rssi_dbm))
         return found
 
-    def _progress(self, who: str, second: float, progress: Progress) -> list[Event]:
+    def _progress(self, who: str, second: float, progress: Progress) -> list[DrawnEvent]:
         """How a robot gets on, where that has changed."""
         told = watch.told(progress)
         if self._told.get(who) == told:
             return []
         self._told[who] = told
-        return [Event(second, who, told, "WARN" if progress.held else "INFO")]
+        return [DrawnEvent(second, who, told, "WARN" if progress.held else "INFO")]
 
     def _states(self, now: float) -> list[tuple[str, float, str]]:
         """Who is no longer heard, or again, from when on."""

@@ -14,7 +14,7 @@ from actors.messages import Roster as RosterMessage
 from actors.processes.hold_ups import HoldUp
 from actors.processes.kernels import kernel_modules
 from actors.processes.launch import Program
-from actors.processes.turn_board import Show, Turn, warded
+from actors.processes.turn_board import BoardTurn, Show, warded
 from actors.radio.program import part as radio_part
 from actors.robot.program import part as robot_part
 from actors.robot.program import share
@@ -172,9 +172,9 @@ class MemorySwarm:
                 recorder.note("failure", note)
         return in_words(note)
 
-    def _whose_turn(self) -> Turn:
+    def _whose_turn(self) -> BoardTurn:
         turn = self._turn
-        return Turn(0, "") if turn is None else Turn(turn.core.step, turn.actor)
+        return BoardTurn(0, "") if turn is None else BoardTurn(turn.core.step, turn.actor)
 
     def _give_up(self, sentence: str) -> NoReturn:
         """End this process, although something in it catches whatever is raised."""

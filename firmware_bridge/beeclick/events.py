@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 from datetime import datetime
 
+from actors.board_readings import Humidity, Info, Temperature
 from actors.instant import Instant
 from actors.messages import AccessFailure, Heard, Overflow, Refused, Sent
 
 
 @dataclass(frozen=True)
-class Unconfirmed:
+class UnconfirmedPacket:
     """Nobody knows whether the packet `tag` has left: the board had it and never said."""
 
     instant: Instant
@@ -33,7 +34,7 @@ class Down:
 
 
 @dataclass(frozen=True)
-class Fix:
+class PositionFix:
     """A position from the GPS module, degrees, north and east positive; None: the module does not know."""
 
     instant: Instant
@@ -43,32 +44,6 @@ class Fix:
     utc: datetime | None
 
 
-@dataclass(frozen=True)
-class Temperature:
-    """Degrees Celsius; not `valid` where the sensor is missing or talks nonsense."""
-
-    instant: Instant
-    celsius: float
-    valid: bool
-
-
-@dataclass(frozen=True)
-class Humidity:
-    """Relative humidity, percent; `valid` as in Temperature."""
-
-    instant: Instant
-    percent: float
-    valid: bool
-
-
-@dataclass(frozen=True)
-class Info:
-    """What the board told of itself when its button was pressed."""
-
-    instant: Instant
-    text: str
-
-
-PacketEnd = Sent | AccessFailure | Unconfirmed | Overflow | Refused
+PacketEnd = Sent | AccessFailure | UnconfirmedPacket | Overflow | Refused
 """What becomes of a packet: every one that is sent comes to exactly one of these."""
-Event = PacketEnd | Heard | Up | Down | Fix | Temperature | Humidity | Info
+Event = PacketEnd | Heard | Up | Down | PositionFix | Temperature | Humidity | Info

@@ -45,7 +45,7 @@ class Sense(Enum):
 
 
 @dataclass(frozen=True)
-class Changed:
+class FieldChanged:
     """A field of Basic has another value than before; before the first feedback all were 0."""
 
     instant: Instant
@@ -93,4 +93,4 @@ class StopsChanged:
     stops: tuple[StopCause, ...]
 
 
-Event = Found | Lost | Fed | Changed | BatteryChanged | Identified | StopsChanged
+Event = Found | Lost | Fed | FieldChanged | BatteryChanged | Identified | StopsChanged

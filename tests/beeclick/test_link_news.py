@@ -2,6 +2,7 @@
 
 import pytest
 
+from actors.board_readings import Humidity, Info, Temperature
 from actors.messages import Heard
 from firmware_bridge.beeclick.answers import (
     ChannelSet,
@@ -11,7 +12,7 @@ from firmware_bridge.beeclick.answers import (
     Sentence,
     Warmth,
 )
-from firmware_bridge.beeclick.events import Down, Fix, Humidity, Info, Temperature
+from firmware_bridge.beeclick.events import Down, PositionFix
 from firmware_bridge.beeclick.link import LinkPhase
 from firmware_bridge.beeclick.parameters import BeeClickParameters
 from tests.beeclick.hosts import Host
@@ -63,7 +64,7 @@ def test_a_position_is_passed_on_and_a_damaged_one_is_not() -> None:
     host = Host().get_ready()
     text = b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A"
     (fix,) = host.hear(Sentence(text))
-    assert isinstance(fix, Fix)
+    assert isinstance(fix, PositionFix)
     assert fix.valid
     assert fix.latitude == pytest.approx(48.1173)
     assert host.hear(Sentence(text.replace(b"4807", b"4808"))) == []

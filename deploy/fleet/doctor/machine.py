@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from deploy.fleet.usb_ports import UsbPort
-from firmware_bridge.serial_port import Device
+from firmware_bridge.serial_port import PortDevice
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Machine(Protocol):
     def holders(self, path: str) -> list[str]:
         """The processes that have it open, as far as this user can see, such as "python3 (PID 812)"."""
 
-    def port_fault(self, path: str, device: Device) -> str | None:
+    def port_fault(self, path: str, device: PortDevice) -> str | None:
         """Why the port cannot be opened, in one sentence; None if it can."""
 
     def camera_fault(self) -> str | None:

@@ -15,7 +15,7 @@ from firmware_bridge.kobuki.port import KOBUKI
 from firmware_bridge.onboard.onboard_setup import OPENNI
 from firmware_bridge.range_sensors.depth import DepthScanner
 from firmware_bridge.range_sensors.rplidar import RPLIDAR
-from firmware_bridge.serial_port import Device
+from firmware_bridge.serial_port import PortDevice
 
 _DEVICES: Final = (KOBUKI, BOARD, RPLIDAR)
 
@@ -57,7 +57,7 @@ def camera(machine: Machine, robot: FleetRobot) -> Iterator[DoctorFinding]:
     yield well("range", "OpenNI2 is there") if fault is None else wrong("range", fault)
 
 
-def _port(machine: Machine, subject: str, path: str, device: Device) -> DoctorFinding:
+def _port(machine: Machine, subject: str, path: str, device: PortDevice) -> DoctorFinding:
     name = device.name
     if not machine.exists(path):
         return wrong(subject, f"{path}: {_missing(machine, path, device)}")
@@ -83,7 +83,7 @@ def _port(machine: Machine, subject: str, path: str, device: Device) -> DoctorFi
     )
 
 
-def _missing(machine: Machine, path: str, device: Device) -> str:
+def _missing(machine: Machine, path: str, device: PortDevice) -> str:
     plugged = [port.path for port in machine.usb_ports() if may_be(device, port)]
     if not plugged:
         return f"there is no such port, and no {device.name} is seen; plug it in and switch it on"

@@ -23,7 +23,7 @@ from deploy.fleet.doctor.kernel_clock import clock_error
 from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels
 from deploy.fleet.usb_ports import UsbPort
 from firmware_bridge.range_sensors.openni import CameraError, find_library
-from firmware_bridge.serial_port import Device, PortError, SerialPort
+from firmware_bridge.serial_port import PortDevice, PortError, SerialPort
 
 
 class ThisMachine:
@@ -57,7 +57,7 @@ class ThisMachine:
                     found.append(f"{(process / 'comm').read_text().strip()} (PID {process.name})")
         return found
 
-    def port_fault(self, path: str, device: Device) -> str | None:
+    def port_fault(self, path: str, device: PortDevice) -> str | None:
         """As Machine says."""
         try:
             SerialPort(path, device).close()

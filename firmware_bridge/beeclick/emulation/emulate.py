@@ -10,7 +10,7 @@ from actors.radio.radio_setup import RadioSetup
 from actors.runtime.command_line import ArgumentError, ArgumentParser
 from actors.runtime.errors import AcrcError
 from actors.world.physics import SUBSTEP
-from firmware_bridge.beeclick.emulation.air import Air, State, air
+from firmware_bridge.beeclick.emulation.air import EmulatedAir, State, air
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulation.pty import serve
 
@@ -30,7 +30,7 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def room(boards: int, spacing: float = 2.0, seed: int = 1) -> Air:
+def room(boards: int, spacing: float = 2.0, seed: int = 1) -> EmulatedAir:
     """So many boards with the addresses 1, 2, … in a row, `spacing` m apart, and nothing between them."""
     addresses = tuple((f"board{number}", number) for number in range(1, boards + 1))
     where = air(RadioSetup(seed, SUBSTEP, addresses, "beeclick"))

@@ -43,7 +43,7 @@ _LONGEST_SENTENCE: Final = 254
 W = TypeVar("W")
 
 
-class Radio(Protocol):
+class BoardRadio(Protocol):
     """The medium, as a board's transceiver finds it."""
 
     def transmit(self, device: "EmulatedBoard", now: Instant, tag: int, data: bytes) -> None:
@@ -81,7 +81,7 @@ DEFAULTS: Final = BoardParameters()
 class EmulatedBoard:
     """One board. The host's line: `take`, `run`; the medium: `finished`, `heard`; people: the rest."""
 
-    def __init__(self, radio: Radio, now: Instant, parameters: BoardParameters = DEFAULTS) -> None:
+    def __init__(self, radio: BoardRadio, now: Instant, parameters: BoardParameters = DEFAULTS) -> None:
         self._radio = radio
         self._p = parameters
         self.counters = dict.fromkeys(("transmitted", "heard", "lost", "crashes", "reboots"), 0)

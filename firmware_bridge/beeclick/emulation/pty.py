@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.instant import Instant
-from firmware_bridge.beeclick.emulation.air import Air
+from firmware_bridge.beeclick.emulation.air import EmulatedAir
 from firmware_bridge.emulation import run_until_stopped
 from firmware_bridge.pseudo_terminal import PseudoTerminal
 
@@ -15,7 +15,7 @@ _ROUND_S: Final = 0.001
 """Longest wait for bytes from a host, s."""
 
 
-def serve(air: Air, links: Sequence[Path]) -> None:
+def serve(air: EmulatedAir, links: Sequence[Path]) -> None:
     """Be the air's boards at those paths until SIGTERM or SIGINT. Raises LinkError."""
     with ExitStack() as stack:
         lines = [stack.enter_context(PseudoTerminal(link)) for link in links]
@@ -27,7 +27,7 @@ def serve(air: Air, links: Sequence[Path]) -> None:
         run_until_stopped(f"boards at {', '.join(map(str, links))}", wait_and_exchange)
 
 
-def exchange(air: Air, lines: Sequence[PseudoTerminal], now: Instant) -> None:
+def exchange(air: EmulatedAir, lines: Sequence[PseudoTerminal], now: Instant) -> None:
     """Let the boards take and give on their lines what they have taken and given by `now`."""
     air.advance(now)
     for board, line in zip(air.devices, lines, strict=True):
