@@ -16,7 +16,7 @@ from actors.geometry import Pose
 from actors.instant import Duration, seconds
 from actors.portable import hypot
 from actors.runtime.errors import AcrcError
-from actors.table import Right, Table, Text, as_tuples
+from actors.table import FileTable, Right, Text, as_tuples
 
 OdometryKind = Literal["exact", "stage", "kobuki"]
 
@@ -27,7 +27,7 @@ Vertices = Annotated[
 _A_POLYGON = Right("3 to 32 points [x, y] in m", item="a point [x, y] in m")
 
 
-class Footprint(Table):
+class Footprint(FileTable):
     """The body's outline on the floor: either a disc or a convex polygon round the body's origin."""
 
     radius: float | None = Field(None, gt=0, le=5)
@@ -63,7 +63,7 @@ class Footprint(Table):
         return convex.distance_to_border(self.vertices)
 
 
-class DriveParameters(Table):
+class DriveParameters(FileTable):
     """How the body moves on its wheels."""
 
     kind: Literal["differential", "omnidirectional"]
@@ -82,7 +82,7 @@ class DriveParameters(Table):
     """The base brakes once its last command is older than this, s."""
 
 
-class Bumper(Table):
+class Bumper(FileTable):
     """A contact bumper round the front in three sectors: right, centre, left."""
 
     centre_deg: float = Field(gt=0, le=180)
@@ -99,7 +99,7 @@ class Bumper(Table):
         return self
 
 
-class RangeSensor(Table):
+class RangeSensor(FileTable):
     """A planar range sensor: a lidar, or a depth camera read as one."""
 
     x: float = Field(0.0, ge=-5, le=5)
@@ -162,7 +162,7 @@ class RangeSensor(Table):
         return self.increment - half if self.full_circle else -half
 
 
-class _ModelFile(Table):
+class _ModelFile(FileTable):
     name: Text
     mass: float = Field(gt=0, le=10_000)
     friction: float = Field(ge=0, le=10)

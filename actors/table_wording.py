@@ -70,7 +70,7 @@ def sentence(one: ErrorDetails, model: type[BaseModel], content: object) -> str:
     return _wrong(place, one["type"], location, content)
 
 
-def _wrong(place: "_Place", kind: str, location: Location, content: object) -> str:
+def _wrong(place: "_Location", kind: str, location: Location, content: object) -> str:
     right, known = _right(place), place.known
     if kind == "missing" and len(known) == len(location):
         return f"{key(known)} is missing, but must be {right.words}"
@@ -93,7 +93,7 @@ def key(location: Location) -> str:
     return path
 
 
-class _Place(NamedTuple):
+class _Location(NamedTuple):
     """Where a location leads."""
 
     known: Location
@@ -104,21 +104,21 @@ class _Place(NamedTuple):
     """The table there, if one or many stand there."""
 
 
-def _place(model: type[BaseModel], location: Location) -> _Place:
-    place, many = _Place((), None, model), False
+def _place(model: type[BaseModel], location: Location) -> _Location:
+    place, many = _Location((), None, model), False
     for depth, part in enumerate(location):
         if many:
-            place, many = _Place(location[: depth + 1], None, place.table), False
+            place, many = _Location(location[: depth + 1], None, place.table), False
         elif place.table is None or part not in place.table.model_fields:
             break
         else:
             field = place.table.model_fields[str(part)]
-            place = _Place(location[: depth + 1], field, _table_of(field))
+            place = _Location(location[: depth + 1], field, _table_of(field))
             many = place.table is not None and _holds_many(field)
     return place
 
 
-def _right(place: _Place) -> Right:
+def _right(place: _Location) -> Right:
     last = place.known[-1]
     if place.field is None:
         many = isinstance(last, int)

@@ -81,7 +81,7 @@ def echo(
 
     if csv and json:
         raise OptionError("--csv, --json: must be one of them")
-    form = lines.Form.CSV if csv else lines.Form.JSON if json else lines.Form.TEXT
+    form = lines.LineForm.CSV if csv else lines.LineForm.JSON if json else lines.LineForm.TEXT
     if all(printed.is_log(key) for key in keys):
         told = printed.read(out, keys, begin, end, follow=follow)
         texts = printed.shown(told, form, named=len(keys) > 1 or "*" in keys[0])

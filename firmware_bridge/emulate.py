@@ -21,7 +21,7 @@ from actors.runtime.command_line import ArgumentParser
 from actors.runtime.errors import AcrcError
 from actors.world.odometry import KobukiErrors
 from actors.world.physics import SUBSTEP
-from firmware_bridge.beeclick.emulation.air import Air, State, air
+from firmware_bridge.beeclick.emulation.air import EmulatedAir, State, air
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.kobuki.base import EXACT, BaseParameters, EmulatedKobuki
 from firmware_bridge.kobuki.body import Unicycle
@@ -78,7 +78,7 @@ def serve(
                 line.write(device.run(now))
 
 
-def boards(count: int, spacing: float = 2.0, seed: int = 1) -> Air:
+def boards(count: int, spacing: float = 2.0, seed: int = 1) -> EmulatedAir:
     """So many boards with the addresses 1, 2, … in a row, `spacing` m apart, and nothing between them."""
     addresses = tuple((f"board{number}", number) for number in range(1, count + 1))
     where = air(RadioSetup(seed, SUBSTEP, addresses, "beeclick"))

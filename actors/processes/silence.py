@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from actors.runtime.lifecycle import process_table
-from actors.runtime.lifecycle.process_table import Glance
+from actors.runtime.lifecycle.process_table import ProcessGlance
 
 
 class HoldUp(msgspec.Struct, frozen=True):
@@ -99,7 +99,7 @@ class Silence:
         self,
         timeout: Timeout,
         clock: Callable[[], float] = time.monotonic,
-        look: Callable[[], Mapping[int, Glance]] = process_table.table,
+        look: Callable[[], Mapping[int, ProcessGlance]] = process_table.table,
         queued: Callable[[int], float | None] = process_table.queued_s,
     ) -> None:
         self._timeout = timeout
@@ -183,7 +183,7 @@ class Silence:
         return elapsed_s
 
     def _charge(
-        self, suspect: Suspect, tree: Mapping[int, Glance], carriers: Collection[int], elapsed_s: float
+        self, suspect: Suspect, tree: Mapping[int, ProcessGlance], carriers: Collection[int], elapsed_s: float
     ) -> None:
         queued = [waited for pid in carriers if (waited := self._queued(pid)) is not None]
         now = _Account(math.fsum(one.cpu_s for one in tree.values()), math.fsum(queued) if queued else None)
@@ -261,7 +261,7 @@ _LITTLE: Final = 0.2
 _ON_DISK: Final = "waits for a disk"
 
 
-def _doing(tree: Mapping[int, Glance], *, working: bool) -> str:
+def _doing(tree: Mapping[int, ProcessGlance], *, working: bool) -> str:
     """What a process and all that it has started do."""
     if any(one.stopped for one in tree.values()):
         return "is stopped"

@@ -42,7 +42,7 @@ from actors.task.task import Task
 from actors.wording import brief
 from actors.world.body import Bodies, Places
 from actors.world.orders import Effects, Orders
-from actors.world.participants import Member, Participants, Standing
+from actors.world.participants import BarrierStanding, Member, Participants
 from actors.world.whereabouts import PoseError, Whereabouts
 from actors.world.world_setup import WorldSetup
 
@@ -165,19 +165,19 @@ class WorldCore:
     def _awaited(self) -> list[Address]:
         match self._phase:
             case WorldPhase.ROLL_CALL:
-                robots = [at(READY, member.id) for member in self._participants.of(Standing.AWAITED)]
+                robots = [at(READY, member.id) for member in self._participants.of(BarrierStanding.AWAITED)]
                 return [*robots, at(RADIO_READY)] if self._awaits_radio else robots
             case WorldPhase.OPEN:
                 return [at(AIRED)] if self._step else []
             case WorldPhase.CLOSE:
-                return [at(DRIVE, member.id) for member in self._participants.of(Standing.STEPPING)]
+                return [at(DRIVE, member.id) for member in self._participants.of(BarrierStanding.STEPPING)]
             case WorldPhase.PAUSED:
                 return [at(CONTROL)]
             case WorldPhase.MOVE:
                 return []
 
     def _call_roll(self, inputs: Inputs) -> Sequence[Output]:
-        for member in self._participants.of(Standing.AWAITED):
+        for member in self._participants.of(BarrierStanding.AWAITED):
             self._admit(member, read(inputs, READY, member.id))
         self._awaits_radio = False
         if self._restarting:
@@ -203,7 +203,7 @@ class WorldCore:
                 "all robots of a run need the same version of this software and processors that compute alike"
             )
         member.kernels = ready.kernels
-        member.standing = Standing.STEPPING
+        member.standing = BarrierStanding.STEPPING
 
     def _open(self, inputs: Inputs) -> Sequence[Output]:
         if self._phase is WorldPhase.OPEN:
@@ -267,7 +267,7 @@ class WorldCore:
         return self._task.settled and not self._orders.pending and not self._effects.starts
 
     def _halt(self) -> list[Output]:
-        alive = self._participants.of(Standing.STEPPING, Standing.FROZEN)
+        alive = self._participants.of(BarrierStanding.STEPPING, BarrierStanding.FROZEN)
         outputs = [self._senses(member, halt=True) for member in alive]
         outputs.append(to(TRUTH, Truth(self._step, self.instant, (), halt=True)))
         self._finished = True
@@ -276,7 +276,7 @@ class WorldCore:
 
     def _send_senses(self) -> list[Output]:
         self._phase = WorldPhase.CLOSE
-        return [self._senses(member) for member in self._participants.of(Standing.STEPPING)]
+        return [self._senses(member) for member in self._participants.of(BarrierStanding.STEPPING)]
 
     def _senses(self, member: Member, halt: bool = False) -> Output:
         events, member.events = member.events, 0
@@ -289,7 +289,7 @@ class WorldCore:
     def _close(self, inputs: Inputs) -> Sequence[Output]:
         transmits = dict.fromkeys((member.id for member in self._participants.members), 0)
         held: dict[int, tuple[float, float, float] | None] = {}
-        for member in self._participants.of(Standing.STEPPING):
+        for member in self._participants.of(BarrierStanding.STEPPING):
             drive: Drive = read(inputs, DRIVE, member.id)
             end = self.instant + self._setup.step_us
             if wrong := drive_fault(drive, self._step, self.instant, end):
@@ -311,7 +311,7 @@ class WorldCore:
 
     def _truth(self, member: Member, transmits: int) -> RobotTruth:
         x, y, heading, vx, vy, omega = self._bodies.truth(member.index)
-        stepping = member.standing is Standing.STEPPING
+        stepping = member.standing is BarrierStanding.STEPPING
         return RobotTruth(
             id=member.id,
             x=x,

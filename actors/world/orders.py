@@ -31,7 +31,7 @@ from actors.orders import (
 from actors.runtime.errors import AcrcError
 from actors.task.task import Task
 from actors.world.body import Bodies, wall_posts
-from actors.world.participants import Member, Participants, Standing
+from actors.world.participants import BarrierStanding, Member, Participants
 from actors.world.world_setup import TimedOrder
 
 
@@ -137,10 +137,10 @@ class Orders:
         match order:
             case Kill():
                 return _ended(member, before)
-            case Freeze() if member.standing is Standing.STEPPING:
-                member.standing = Standing.FROZEN
-            case Thaw() if member.standing is Standing.FROZEN:
-                member.standing = Standing.STEPPING
+            case Freeze() if member.standing is BarrierStanding.STEPPING:
+                member.standing = BarrierStanding.FROZEN
+            case Thaw() if member.standing is BarrierStanding.FROZEN:
+                member.standing = BarrierStanding.STEPPING
             case Restart():
                 effects = _ended(member, before)
                 member.begin_anew()
@@ -218,9 +218,9 @@ def _to_run(order: Pause | Resume | Step | Speed | Stop, before: Effects) -> Eff
 def _ended(member: Member, before: Effects) -> Effects:
     """What it has come to once the robot's process, begun or about to begin, has ended."""
     effects = replace(before, starts=tuple(start for start in before.starts if start.robot != member.id))
-    if member.standing in (Standing.STEPPING, Standing.FROZEN):
+    if member.standing in (BarrierStanding.STEPPING, BarrierStanding.FROZEN):
         effects = replace(effects, ends=(*effects.ends, member.id))
-    member.standing = Standing.ENDED
+    member.standing = BarrierStanding.ENDED
     return effects
 
 

@@ -15,7 +15,7 @@ from actors.robot.behaviour.foreign import INSTALLED
 from benchmarks.statistics.measured import Measured, table_of
 from benchmarks.statistics.runs import in_memory
 from deploy.branches.branching import branch
-from deploy.branches.change import Change, Event
+from deploy.branches.change import BranchEvent, Change
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.trace.frame_fates import frame_fates
@@ -49,7 +49,7 @@ def heard(origin: Path, number: int, rng: random.Random) -> list[Copy]:
 def named(origin: Path, copy: Copy, out: Path) -> bool:
     """Whether a branch without that copy says that, first of all, its receiver is not told of it."""
     at_s = in_seconds(copy.step * milliseconds(load_scenario(origin / "scenario.toml").run.step_ms))
-    order = Event(Lose(copy.receiver, copy.sender), at_s, f"lose {copy.receiver} {copy.sender}")
+    order = BranchEvent(Lose(copy.receiver, copy.sender), at_s, f"lose {copy.receiver} {copy.sender}")
     change, options = Change(at_s, events=(order,)), RunOptions(out, bus="memory")
     parted = branch(origin, change, options, permit=INSTALLED).divergence
     if parted is None:

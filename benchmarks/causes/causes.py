@@ -23,7 +23,7 @@ _EXPECTED: Final = frozenset({Cause.DRIVING, Cause.IDLE})
 
 
 @dataclass(frozen=True)
-class Verdict:
+class SituationVerdict:
     """What was made of one situation."""
 
     kind: str
@@ -49,11 +49,11 @@ def check(runs: int = 200) -> Measured:
     return Measured([asdict(one) for one in verdicts], (_table(verdicts), *_wrong(verdicts)), holds)
 
 
-def judge(situation: Situation) -> Verdict:
+def judge(situation: Situation) -> SituationVerdict:
     """Run the situation, and see what is said of it."""
     with in_memory(situation.scenario()) as (plan, _):
         spent = account(plan.out)
-    return Verdict(situation.kind, situation.seed, _JUDGES[situation.kind](spent), _shortly(spent))
+    return SituationVerdict(situation.kind, situation.seed, _JUDGES[situation.kind](spent), _shortly(spent))
 
 
 def _in_the_way(spent: TimeSpent) -> bool:
@@ -99,8 +99,8 @@ def _shortly(spent: TimeSpent) -> str:
     return "; ".join([*times, *(one.says for one in spent.findings)])
 
 
-def _table(verdicts: Sequence[Verdict]) -> Table:
-    by_kind: dict[str, list[Verdict]] = defaultdict(list)
+def _table(verdicts: Sequence[SituationVerdict]) -> Table:
+    by_kind: dict[str, list[SituationVerdict]] = defaultdict(list)
     for one in verdicts:
         by_kind[one.kind].append(one)
     planted = [one for one in verdicts if one.kind != "quiet"]
@@ -114,7 +114,7 @@ def _table(verdicts: Sequence[Verdict]) -> Table:
     return table
 
 
-def _wrong(verdicts: Sequence[Verdict]) -> Iterator[str]:
+def _wrong(verdicts: Sequence[SituationVerdict]) -> Iterator[str]:
     for one in verdicts:
         if one.named == (one.kind == "quiet"):
             yield f"{one.kind}, seed {one.seed}: {one.says}"

@@ -14,7 +14,7 @@ from rich.table import Table
 from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
-from benchmarks.claims.claim import Claim
+from benchmarks.claims.claim import PublishedClaim
 from benchmarks.claims.table import CLAIMS
 from benchmarks.statistics.measured import Measured
 
@@ -22,7 +22,7 @@ CHECKED: Final = {claim.name: claim for claim in CLAIMS if claim.module}
 _VERDICTS: Final[Mapping[bool | None, str]] = {True: "holds", False: "DOES NOT HOLD", None: "measured only"}
 
 
-def chosen(names: Sequence[str]) -> list[Claim]:
+def chosen(names: Sequence[str]) -> list[PublishedClaim]:
     """The claims of these names; all without names. Raises OptionError for one that there is not."""
     for name in names:
         if name not in CHECKED:
@@ -44,14 +44,14 @@ def listed() -> Measured:
     return Measured(figures, (table,))
 
 
-def verified_alone(claim: Claim, given: Mapping[str, Any], *, full: bool) -> Measured:
+def verified_alone(claim: PublishedClaim, given: Mapping[str, Any], *, full: bool) -> Measured:
     """One claim, with all that was found, and the verdict below it."""
     found = claim.check(claim.settings(given, full=full))
     verdict = () if found.holds is None else (f"{claim.name}: {_VERDICTS[found.holds]}",)
     return Measured(found.figures, (*found.shown, *verdict), found.holds)
 
 
-def verified(claims: Sequence[Claim], given: Mapping[str, Any], *, full: bool) -> Measured:
+def verified(claims: Sequence[PublishedClaim], given: Mapping[str, Any], *, full: bool) -> Measured:
     """Several claims: a row for each, and below what was found of those that do not hold."""
     say = Console(stderr=True)
     table = Table("claim", "", "s", title=f"claims in {'full' if full else 'small'} size")
@@ -95,7 +95,7 @@ def table(part: str) -> str:
     return "\n".join(["| claim | what came out | command |", "|---|---|---|", *rows]) + "\n"
 
 
-def _row(claim: Claim) -> str:
+def _row(claim: PublishedClaim) -> str:
     command = claim.command or f"acrc verify {claim.name}"
     return f"| {claim.says} | {claim.result} | `{command}` |"
 

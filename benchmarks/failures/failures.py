@@ -12,7 +12,7 @@ from rich.table import Table
 
 from actors.installation.repository import SHIPPED
 from benchmarks.failures.run import FailureRun, FailureTask, examine
-from benchmarks.statistics.measured import Interval, Measured, average, proportion
+from benchmarks.statistics.measured import ConfidenceInterval, Measured, average, proportion
 from benchmarks.statistics.runs import in_order
 
 SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
@@ -73,7 +73,7 @@ def _table(strategy: str, runs: Sequence[FailureRun]) -> Table:
     return table
 
 
-def _span(interval: Interval, form: str) -> str:
+def _span(interval: ConfidenceInterval, form: str) -> str:
     return f"{interval.low:{form}} to {interval.high:{form}}"
 
 

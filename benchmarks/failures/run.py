@@ -48,7 +48,7 @@ class LostEpisode:
 
 
 @dataclass(frozen=True)
-class Spell:
+class NoTrajectorySpell:
     """A while in which a robot's driver found no valid trajectory."""
 
     robot: str
@@ -94,7 +94,7 @@ class FailureRun:
     itself to be."""
     lost_at_end: int
     """Robots."""
-    spells: tuple[Spell, ...] | None
+    spells: tuple[NoTrajectorySpell, ...] | None
     """None if no robot's navigation says anything."""
     spells_unlisted: int
     blockings: tuple[BlockingEpisode, ...]
@@ -187,12 +187,12 @@ def _lost(
     )
 
 
-def _spells(done: WatchedRun) -> tuple[Spell, ...] | None:
+def _spells(done: WatchedRun) -> tuple[NoTrajectorySpell, ...] | None:
     if not done.navigation:
         return None
     tracks = done.tracks
     return tuple(
-        Spell(
+        NoTrajectorySpell(
             robot, in_seconds(begin), in_seconds(end), ended_by,
             _nearest(tracks, tracks.robots.index(robot), begin, end),
         )

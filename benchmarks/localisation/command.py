@@ -14,7 +14,7 @@ from benchmarks.localisation import log as course_log
 from benchmarks.localisation import logs, report
 from benchmarks.localisation.cells import COST, CourseCell, Extent, cells, chosen
 from benchmarks.localisation.course import STEP_US, made
-from benchmarks.localisation.metrics import Run
+from benchmarks.localisation.metrics import FilterRun
 from benchmarks.localisation.report import summary
 from benchmarks.localisation.runs import (
     BEAMS,
@@ -113,12 +113,14 @@ def _runs(todo: Sequence[CourseCell], workers: int | None) -> Any:
     return run_all(courses, workers, tell)
 
 
-def _of(cell: CourseCell, runs: dict[Key, Run]) -> list[Run]:
+def _of(cell: CourseCell, runs: dict[Key, FilterRun]) -> list[FilterRun]:
     return [runs[replace(cell.course, seed=seed), cell.arm] for seed in range(1, cell.runs + 1)]
 
 
 def _figures(
-    by_cell: Sequence[tuple[CourseCell, Sequence[Run]]], costs: Sequence[UpdateCost], extent: Extent
+    by_cell: Sequence[tuple[CourseCell, Sequence[FilterRun]]],
+    costs: Sequence[UpdateCost],
+    extent: Extent,
 ) -> dict[str, Any]:
     told = []
     for cell, runs in by_cell:
@@ -138,7 +140,9 @@ def _figures(
 
 
 def _shown(
-    by_cell: Sequence[tuple[CourseCell, Sequence[Run]]], costs: Sequence[UpdateCost], extent: Extent
+    by_cell: Sequence[tuple[CourseCell, Sequence[FilterRun]]],
+    costs: Sequence[UpdateCost],
+    extent: Extent,
 ) -> Iterator[Table | str]:
     summaries = [(cell, summary(runs)) for cell, runs in by_cell]
     for section in dict.fromkeys(cell.section for cell, _ in by_cell):

@@ -25,7 +25,7 @@ from actors.robot.localisation import (
 )
 from actors.robot.sweep import Sweeps
 from benchmarks.localisation.course import ROBOT, Course
-from benchmarks.localisation.metrics import Track
+from benchmarks.localisation.metrics import EstimatedTrack
 
 Preset = Literal["chapter", "robust", "odometry"]
 """A preset of the filter, or the odometry alone."""
@@ -77,7 +77,7 @@ def _field(grid: OccupancyGrid, max_distance: float) -> LikelihoodField:
 
 def replay(
     course: Course, localisation: Localisation, known: Sequence[tuple[Point, ...] | None] = ()
-) -> Track:
+) -> EstimatedTrack:
     """Feed the whole course, a call per odometry pose; each with the newest scan made since the one before.
 
     `known`: per pose, the peers' positions to mask from then on, or None where they stay as they were.
@@ -103,4 +103,4 @@ def replay(
         costs[step] = (time.process_time_ns() - begun) / 1e9
         track[step] = *estimate.pose, *estimate.covariance, estimate.lost
     covariances = track[:, 3:12].reshape(-1, 3, 3)
-    return Track(track[:, :3], covariances, track[:, 12], costs, localisation.outcome())
+    return EstimatedTrack(track[:, :3], covariances, track[:, 12], costs, localisation.outcome())

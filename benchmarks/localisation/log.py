@@ -34,7 +34,7 @@ _MAP: Final = (
 )
 
 
-class LogError(AcrcError):
+class CourseLogError(AcrcError):
     """A log that cannot be written or read."""
 
 
@@ -60,7 +60,7 @@ def pack(file: Path, members: Mapping[str, str | bytes]) -> None:
             for name, content in members.items():
                 archive.writestr(zipfile.ZipInfo(name, _WHEN), content, zipfile.ZIP_DEFLATED)
     except OSError as error:
-        raise LogError(f"{file}: the log cannot be written: {error.strerror}.") from error
+        raise CourseLogError(f"{file}: the log cannot be written: {error.strerror}.") from error
 
 
 def map_members(grid: OccupancyGrid) -> dict[str, str | bytes]:
@@ -105,9 +105,10 @@ def read(file: Path, limits: LogLimits = LogLimits()) -> Course:
         with zipfile.ZipFile(file) as archive:
             return _Log(file, archive, limits).course()
     except zipfile.BadZipFile as error:
-        raise LogError(f"{file}: this is not a localisation log, which is a ZIP archive: {error}.") from error
+        wrong = f"this is not a localisation log, which is a ZIP archive: {error}."
+        raise CourseLogError(f"{file}: {wrong}") from error
     except (OSError, EOFError, zlib.error, RuntimeError, NotImplementedError, ValueError) as error:
-        raise LogError(f"{file}: the log cannot be read: {error}.") from error
+        raise CourseLogError(f"{file}: the log cannot be read: {error}.") from error
 
 
 class _Log:
@@ -228,8 +229,8 @@ class _Log:
             raise self._wrong(f"{name} has more than the {most} bytes allowed")
         return content
 
-    def _wrong(self, what: str) -> LogError:
-        return LogError(f"{self._file}: {what}.")
+    def _wrong(self, what: str) -> CourseLogError:
+        return CourseLogError(f"{self._file}: {what}.")
 
 
 def _between(

@@ -14,8 +14,8 @@ from benchmarks.localisation import log, report
 from benchmarks.localisation.cells import PRESETS
 from benchmarks.localisation.course import Course
 from benchmarks.localisation.filters import Arm, Preset, replay
-from benchmarks.localisation.log import LogError
-from benchmarks.localisation.metrics import Run, beside_truth
+from benchmarks.localisation.log import CourseLogError
+from benchmarks.localisation.metrics import FilterRun, beside_truth
 from benchmarks.localisation.report import resampled, summary
 from benchmarks.statistics.measured import Measured
 
@@ -66,21 +66,23 @@ def load_other(file: Path) -> dict[str, Other]:
         with file.open("rb") as stream:
             data = stream.read(_LARGEST + 1)
         if len(data) > _LARGEST:
-            raise LogError(f"{file}: may have at most {_LARGEST} bytes, and has more.")
+            raise CourseLogError(f"{file}: may have at most {_LARGEST} bytes, and has more.")
         others = msgspec.json.decode(data, type=list[Other])
     except OSError as error:
-        raise LogError(f"{file}: cannot be read: {error.strerror}.") from None
+        raise CourseLogError(f"{file}: cannot be read: {error.strerror}.") from None
     except (msgspec.DecodeError, RecursionError) as error:
-        raise LogError(
+        raise CourseLogError(
             f"{file}: must be a list of logs, each with its runs (docs/localisation-log.md): {error}."
         ) from None
     for other in others:
         if not other.runs or not all(math.isfinite(run.rmse) and run.rmse > 0 for run in other.runs):
-            raise LogError(f"{file}: {other.log[:80]}: must have runs, each with an rmse above 0.")
+            raise CourseLogError(f"{file}: {other.log[:80]}: must have runs, each with an rmse above 0.")
     return {other.log: other for other in others}
 
 
-def paired(ours: Mapping[str, Mapping[str, Sequence[Run]]], others: Mapping[str, Other]) -> list[PairedRow]:
+def paired(
+    ours: Mapping[str, Mapping[str, Sequence[FilterRun]]], others: Mapping[str, Other]
+) -> list[PairedRow]:
     """A row per preset and log, and one for all logs. `ours`: runs by log and preset, as others have them."""
     found = []
     for preset in dict.fromkeys(preset for by_preset in ours.values() for preset in by_preset):
@@ -93,7 +95,7 @@ def paired(ours: Mapping[str, Mapping[str, Sequence[Run]]], others: Mapping[str,
 
 def as_good(
     found: Sequence[PairedRow],
-    ours: Mapping[str, Mapping[str, Sequence[Run]]],
+    ours: Mapping[str, Mapping[str, Sequence[FilterRun]]],
     others: Mapping[str, Other],
     preset: str,
 ) -> bool:
@@ -116,7 +118,7 @@ def paired_table(found: Sequence[PairedRow]) -> Table:
     return shown
 
 
-def _row(log: str, preset: str, runs: Sequence[Run], other: Other) -> PairedRow:
+def _row(log: str, preset: str, runs: Sequence[FilterRun], other: Other) -> PairedRow:
     ours = np.array([run.rmse for run in runs])
     theirs = np.array([run.rmse for run in other.runs])
     drawn = resampled(ours) / resampled(theirs)
@@ -139,7 +141,7 @@ def _row(log: str, preset: str, runs: Sequence[Run], other: Other) -> PairedRow:
 def _together(
     preset: str,
     its: Sequence[PairedRow],
-    ours: Mapping[str, Mapping[str, Sequence[Run]]],
+    ours: Mapping[str, Mapping[str, Sequence[FilterRun]]],
     others: Mapping[str, Other],
 ) -> PairedRow:
     ratios = np.log([row.ratio for row in its])
@@ -197,22 +199,24 @@ def check(source: Path, seeds: int = 1, other: Path | None = None) -> Measured:
 def _logs(source: Path, other: Path | None, known: dict[str, Other] | None) -> Sequence[Path]:
     files = sorted(source.glob("*.zip")) if source.is_dir() else [source]
     if not files:
-        raise LogError(f"{source}: this folder holds no log, which would be a *.zip.")
+        raise CourseLogError(f"{source}: this folder holds no log, which would be a *.zip.")
     if known is None:
         return files
     unknown = [file.stem for file in files if file.stem not in known]
     if unknown:
-        raise LogError(f"{other}: says nothing of the log {unknown[0]!r}; it must have every log's runs.")
+        raise CourseLogError(
+            f"{other}: says nothing of the log {unknown[0]!r}; it must have every log's runs."
+        )
     return files
 
 
-def _fed(file: Path, seeds: int) -> dict[Preset, list[Run]]:
+def _fed(file: Path, seeds: int) -> dict[Preset, list[FilterRun]]:
     course = log.read(file)
     presets: tuple[Preset, ...] = (*PRESETS, "odometry")
     return {preset: _runs(course, Arm(preset), seeds) for preset in presets}
 
 
-def _runs(course: Course, arm: Arm, seeds: int) -> list[Run]:
+def _runs(course: Course, arm: Arm, seeds: int) -> list[FilterRun]:
     runs = []
     for seed in range(1, seeds + 1):
         track = replay(course, arm.localisation(course, seed))

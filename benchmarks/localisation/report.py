@@ -11,7 +11,7 @@ from rich.table import Table
 
 from benchmarks.localisation.cells import CourseCell, doses, view
 from benchmarks.localisation.course import STEP_US
-from benchmarks.localisation.metrics import BEYOND, FOUND, LOST, NEES_BOUNDS, Run, finite
+from benchmarks.localisation.metrics import BEYOND, FOUND, LOST, NEES_BOUNDS, FilterRun, finite
 from benchmarks.statistics.measured import proportion
 
 _RESAMPLES: Final = 2000
@@ -60,7 +60,7 @@ class Summary:
     cpu_us_min: float | None
 
 
-def summary(runs: Sequence[Run]) -> Summary:
+def summary(runs: Sequence[FilterRun]) -> Summary:
     """What the runs of a cell, at least one, come to."""
     squares = np.array([run.mean_square for run in runs])
     errors = np.concatenate([run.errors for run in runs])
@@ -163,7 +163,7 @@ def finding_table(
     return table
 
 
-def found(cell: CourseCell, runs: Sequence[Run], after: Sequence[float], step: float) -> list[Share]:
+def found(cell: CourseCell, runs: Sequence[FilterRun], after: Sequence[float], step: float) -> list[Share]:
     """How many of a cell's runs had found themselves so long after the start, or after being carried."""
     begin = cell.course.carried_at or 0.0
     steps = [round((begin + seconds) / step) for seconds in after]

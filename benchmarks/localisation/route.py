@@ -82,7 +82,7 @@ class FollowerParameters:
     """So near a goal the next one is drawn, m."""
 
 
-class Route:
+class WanderingRoute:
     """One robot on its way; the same generator gives the same route."""
 
     def __init__(

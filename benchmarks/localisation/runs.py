@@ -16,7 +16,7 @@ from benchmarks.localisation.cells import CourseCell
 from benchmarks.localisation.course import ROBOT, Course, CourseSetup, made
 from benchmarks.localisation.crowd import reports
 from benchmarks.localisation.filters import Arm, replay
-from benchmarks.localisation.metrics import Run, beside_truth
+from benchmarks.localisation.metrics import FilterRun, beside_truth
 from benchmarks.statistics.runs import in_order
 
 Key = tuple[CourseSetup, Arm]
@@ -39,7 +39,7 @@ def tasks(cells: Iterable[CourseCell]) -> list[CourseTask]:
     return [CourseTask(course, tuple(arms)) for course, arms in needed.items()]
 
 
-def drive(task: CourseTask) -> list[Run]:
+def drive(task: CourseTask) -> list[FilterRun]:
     """The runs of a task, in the order of its arms. Depends on the task only, but for the CPU times."""
     course = made(task.course)
     seed = task.course.seed
@@ -54,9 +54,9 @@ def drive(task: CourseTask) -> list[Run]:
 
 def run_all(
     todo: Sequence[CourseTask], workers: int | None, tell: Callable[[int], None]
-) -> Mapping[Key, Run]:
+) -> Mapping[Key, FilterRun]:
     """Every run by course and arm; `tell` is called with the number of courses done, after each."""
-    runs: dict[Key, Run] = {}
+    runs: dict[Key, FilterRun] = {}
     for done, (task, its) in enumerate(zip(todo, in_order(drive, todo, workers), strict=True), start=1):
         runs |= {(task.course, arm): run for arm, run in zip(task.arms, its, strict=True)}
         tell(done)

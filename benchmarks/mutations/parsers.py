@@ -30,7 +30,7 @@ from deeco.replication.reassembly import Reassembly
 from deploy.fleet.fleet_file import load_fleet
 from deploy.run import plan, swarm
 from deploy.run.options import RunOptions
-from deploy.run.plan import Plan
+from deploy.run.plan import RunPlan
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from firmware_bridge.beeclick import answers, commands, sentence
 from firmware_bridge.beeclick.answers import PacketSent, ReceivedPacket, Synchronised
@@ -148,7 +148,7 @@ def _files(out: Path, scratch: Path) -> Iterator[Parser]:
     yield Parser("image of a map", (image,), through)
 
 
-def _setups(planned: Plan, scratch: Path) -> Iterator[Parser]:
+def _setups(planned: RunPlan, scratch: Path) -> Iterator[Parser]:
     robot = planned.world.robots[0]
     readers: tuple[tuple[str, Program, Callable[[Path], object]], ...] = (
         ("set-up of a world", plan.world_program(planned), world.load_setup),

@@ -26,7 +26,7 @@ GOAL_SPEED: Final = 200.0
 
 
 @dataclass(frozen=True)
-class Found:
+class RecordingFigures:
     """What one swarm's recordings came to."""
 
     robots: int
@@ -61,7 +61,7 @@ def measure(robots: Sequence[int] = (20,), duration: float = 600.0) -> Measured:
     )
 
 
-def row(found: Found) -> dict[str, object]:
+def row(found: RecordingFigures) -> dict[str, object]:
     """What is printed: each figure with its goal."""
     return {
         "robots": found.robots,
@@ -75,7 +75,7 @@ def row(found: Found) -> dict[str, object]:
     }
 
 
-def figures(robots: int, seconds: float, robot: str) -> Found:
+def figures(robots: int, seconds: float, robot: str) -> RecordingFigures:
     """One run of the chapter's scenario, with the recorder clocked and nothing else."""
     cost = part_clock.overhead()
     clock = PartClock()
@@ -97,7 +97,7 @@ def figures(robots: int, seconds: float, robot: str) -> Found:
     run_ns = clock.total_ns - clocking_ns
     spent_ns = account.spent_ns - account.calls * cost.inside_ns
     minutes = result.simulated_s / 60
-    return Found(
+    return RecordingFigures(
         robots=robots,
         simulated_s=result.simulated_s,
         run_cpu_s=run_ns / 1e9,

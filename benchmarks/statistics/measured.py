@@ -35,7 +35,7 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Goal:
+class SpeedGoal:
     """A goal, beside what was reached."""
 
     words: str
@@ -49,14 +49,14 @@ class Goal:
         return f"goal, {self.words}: {figure}, {'met' if self.met else 'MISSED'}"
 
 
-def at_least(what: str, figure: float, goal: float) -> Goal:
+def at_least(what: str, figure: float, goal: float) -> SpeedGoal:
     """That the figure is no less than the goal."""
-    return Goal(f"{what}, at least {goal:,.6g}", figure, goal, figure >= goal)
+    return SpeedGoal(f"{what}, at least {goal:,.6g}", figure, goal, figure >= goal)
 
 
-def at_most(what: str, figure: float, goal: float) -> Goal:
+def at_most(what: str, figure: float, goal: float) -> SpeedGoal:
     """That the figure is no more than the goal."""
-    return Goal(f"{what}, at most {goal:,.6g}", figure, goal, figure <= goal)
+    return SpeedGoal(f"{what}, at most {goal:,.6g}", figure, goal, figure <= goal)
 
 
 def table_of(rows: Sequence[Mapping[str, object]], title: str) -> Table:
@@ -70,7 +70,7 @@ def table_of(rows: Sequence[Mapping[str, object]], title: str) -> Table:
 _PROBABILITY: Final = 0.975
 
 
-class Interval(NamedTuple):
+class ConfidenceInterval(NamedTuple):
     """An estimate and how far it may be off."""
 
     value: float
@@ -78,7 +78,7 @@ class Interval(NamedTuple):
     high: float
 
 
-def proportion(successes: int, trials: int) -> Interval:
+def proportion(successes: int, trials: int) -> ConfidenceInterval:
     """The share of successes in `trials` > 0 independent trials.
 
     Wilson's score interval (Wilson, "Probable inference, the law of succession, and statistical inference",
@@ -89,13 +89,13 @@ def proportion(successes: int, trials: int) -> Interval:
     scale = 1 + z * z / trials
     centre = (share + z * z / (2 * trials)) / scale
     half = z / scale * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
-    return Interval(share, max(centre - half, 0.0), min(centre + half, 1.0))
+    return ConfidenceInterval(share, max(centre - half, 0.0), min(centre + half, 1.0))
 
 
-def average(values: Sequence[float]) -> Interval:
+def average(values: Sequence[float]) -> ConfidenceInterval:
     """The mean of independent values, at least one; Student's t interval, infinite for one value."""
     middle = mean(values)
     if len(values) < 2:
-        return Interval(middle, -math.inf, math.inf)
+        return ConfidenceInterval(middle, -math.inf, math.inf)
     half = quantile(_PROBABILITY, len(values) - 1) * stdev(values) / math.sqrt(len(values))
-    return Interval(middle, middle - half, middle + half)
+    return ConfidenceInterval(middle, middle - half, middle + half)

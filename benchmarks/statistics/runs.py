@@ -16,7 +16,7 @@ from actors.installation.repository import REPOSITORY
 from actors.runtime.errors import AcrcError
 from deploy.run import swarm
 from deploy.run.options import RunOptions
-from deploy.run.plan import Plan
+from deploy.run.plan import RunPlan
 from deploy.scenario.tables import Scenario
 from observation.results.result import RunResult
 from observation.results.seal import seal
@@ -41,7 +41,7 @@ Result = TypeVar("Result")
 
 
 @contextmanager
-def in_memory(scenario: Scenario) -> Iterator[tuple[Plan, RunResult]]:
+def in_memory(scenario: Scenario) -> Iterator[tuple[RunPlan, RunResult]]:
     """Run a scenario in this process, in a folder that is gone afterwards. Raises AcrcError."""
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         plan = swarm.plan(scenario, RunOptions(Path(folder) / "run", bus="memory", json=True))

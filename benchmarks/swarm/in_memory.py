@@ -9,7 +9,7 @@ from unittest.mock import patch
 from actors.runtime.bus.memory_bus import run_shells
 from actors.runtime.shell import Shell
 from benchmarks.swarm import part_clock, parts
-from benchmarks.swarm.part_clock import Line, PartClock, budget
+from benchmarks.swarm.part_clock import BudgetLine, PartClock, budget
 from benchmarks.swarm.task import SwarmTask, planned
 from deploy.run import memory_swarm, swarm
 from observation.results.result import RunResult
@@ -24,7 +24,7 @@ class MemoryFigures:
     real_time_factor: float
     ms: float
     """CPU per robot and simulated second, ms, with nothing measured inside."""
-    lines: list[Line]
+    lines: list[BudgetLine]
     """The same by part, from another run, without what the clock cost."""
     clock_ms: float
     """What the clock is held to have cost in that run."""

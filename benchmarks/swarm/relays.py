@@ -16,7 +16,7 @@ import deeco.node
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, wrong_value
 from actors.robot.behaviour.ports import EVERYBODY_DBM
-from benchmarks.statistics.measured import Interval, Measured, average
+from benchmarks.statistics.measured import ConfidenceInterval, Measured, average
 from benchmarks.statistics.runs import in_memory, in_order
 from deeco.instant import Instant, seconds
 from deeco.knowledge import Knowledge
@@ -110,7 +110,7 @@ def examine(task: RelayTask) -> RelayFigures:
 
 
 def _watched(watch: _Watch) -> type[Network]:
-    class Watched(Network):
+    class WatchedNetwork(Network):
         def publish(self, now: Instant, knowledge: Sequence[Knowledge]) -> None:
             first = self._publications + 1
             super().publish(now, knowledge)
@@ -119,7 +119,7 @@ def _watched(watch: _Watch) -> type[Network]:
             if now >= seconds(WARM_UP_S):
                 watch.sample(self, now)
 
-    return Watched
+    return WatchedNetwork
 
 
 def _sampled(task: RelayTask, watch: _Watch, result: RunResult) -> RelayFigures:
@@ -216,7 +216,7 @@ def _name(below_dbm: float) -> str:
     return "everybody" if below_dbm == EVERYBODY_DBM else f"≤ {below_dbm:g} dBm"
 
 
-def _percent(change: Interval) -> str:
+def _percent(change: ConfidenceInterval) -> str:
     return f"{change.value:+.1%} ({change.low:+.1%} to {change.high:+.1%})"
 
 

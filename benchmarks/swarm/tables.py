@@ -6,10 +6,10 @@ from typing import Final
 
 from rich.table import Table
 
-from benchmarks.statistics.measured import Goal, at_least, at_most, table_of
+from benchmarks.statistics.measured import SpeedGoal, at_least, at_most, table_of
 from benchmarks.swarm.in_memory import MemoryFigures
 from benchmarks.swarm.over_mesh import MeshFigures
-from benchmarks.swarm.part_clock import Line, whole
+from benchmarks.swarm.part_clock import BudgetLine, whole
 from benchmarks.swarm.ping_pong.players import PingPong
 from benchmarks.swarm.process_figures import KINDS, Memory
 from benchmarks.swarm.task import Range, SwarmTask
@@ -80,7 +80,7 @@ class SwarmFigures:
     """The machine's load average over the last minute, before."""
     yardstick_ms: float
     """CPU of a fixed piece of work beside it: the same machine is not always equally fast."""
-    lines: list[Line]
+    lines: list[BudgetLine]
     """The budget over Zenoh: the parts as in memory, and what comes with processes and mesh."""
 
     @property
@@ -110,7 +110,7 @@ def memory_mb(memory: dict[str, Memory], kind: str) -> float:
     return memory[kind].pss_mb / memory[kind].processes
 
 
-def judged(swarms: Sequence[SwarmFigures]) -> list[Goal]:
+def judged(swarms: Sequence[SwarmFigures]) -> list[SpeedGoal]:
     """The goals for the swarms that were measured over Zenoh."""
     meshes = {one.robots: one.mesh for one in swarms if one.mesh}
     speed, rate = "simulated seconds per second over Zenoh", "robot-steps per second of one core in memory"
@@ -141,7 +141,7 @@ def judged(swarms: Sequence[SwarmFigures]) -> list[Goal]:
     ]
 
 
-def shown(task: SwarmTask, swarms: Sequence[SwarmFigures], goals: Sequence[Goal]) -> list[Table | str]:
+def shown(task: SwarmTask, swarms: Sequence[SwarmFigures], goals: Sequence[SpeedGoal]) -> list[Table | str]:
     """Everything."""
     meshes = {one.robots: one.mesh for one in swarms if one.mesh}
     tables: list[Table | str] = [_speeds(swarms, task), _budget(swarms), _traffic(swarms)]

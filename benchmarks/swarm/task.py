@@ -17,7 +17,7 @@ from actors.floor.placement import draw_points
 from actors.installation.repository import SHIPPED
 from deploy.run import swarm
 from deploy.run.options import RunOptions
-from deploy.run.plan import Plan
+from deploy.run.plan import RunPlan
 from deploy.scenario.placement import SpotError
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
@@ -63,7 +63,7 @@ class Range:
 
 
 @contextmanager
-def planned(count: int, task: SwarmTask, bus: str) -> Iterator[Plan]:
+def planned(count: int, task: SwarmTask, bus: str) -> Iterator[RunPlan]:
     """The run, in a folder that is gone afterwards."""
     overrides = Overrides(robots=count, duration=task.simulated_s(count))
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:

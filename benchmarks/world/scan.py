@@ -91,7 +91,7 @@ def _measure(map_file: Path, rays: int, task: ScanTask) -> ScanSpeed:
     everyone, where, nothing = range(task.robots), np.array(poses), np.empty((0, 3))
     sensors = RangeSensors(grid, [model] * task.robots, rng.spawn(task.robots))
     sensor, radius = model.sensor, model.footprint.circumradius
-    peer = _Peer(outline(grid), poses, radius, scan_angles(sensor), sensor.x, sensor.range_max)
+    peer = _PymunkScene(outline(grid), poses, radius, scan_angles(sensor), sensor.x, sensor.range_max)
     ours = task.robots / best(lambda: sensors, lambda it: it.scan(everyone, where, nothing), task.repeats)
     theirs = task.robots / best(lambda: peer, lambda it: list(map(it.scan, everyone)), task.peer_repeats)
     scans = np.array(sensors.scan(everyone, where, nothing), np.float64)
@@ -107,7 +107,7 @@ def _measure(map_file: Path, rays: int, task: ScanTask) -> ScanSpeed:
     )
 
 
-class _Peer:
+class _PymunkScene:
     """The same scene in pymunk, asked ray by ray."""
 
     def __init__(

@@ -11,7 +11,7 @@ from actors.floor.map_file import load_map
 from actors.installation.repository import SHIPPED
 from actors.world.physics import Arena
 from actors.world.sensing import RangeSensors
-from benchmarks.statistics.measured import Goal, Measured, at_least, table_of
+from benchmarks.statistics.measured import Measured, SpeedGoal, at_least, table_of
 from benchmarks.statistics.runs import best
 from benchmarks.world import plain_swarm, scan
 from benchmarks.world.plain_swarm import strewn, turtlebot, wishes
@@ -90,7 +90,7 @@ def measure(map_file: Path = _CORRIDOR, task: WorldTask | None = None) -> Measur
     return Measured(figures, shown)
 
 
-def _judged(speeds: list[WorldSpeed], task: WorldTask) -> list[Goal]:
+def _judged(speeds: list[WorldSpeed], task: WorldTask) -> list[SpeedGoal]:
     """Each goal that can be judged from what was measured."""
     dense = [speed.ratio for speed in speeds if (speed.rays, speed.robots) == (640, 20)]
     goals = [at_least("times Stage with 640 rays and 20 robots", dense[0], task.stage_goal)] if dense else []
@@ -114,8 +114,8 @@ def _row(one: WorldSpeed) -> dict[str, str]:
 
 
 def _measure(grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> WorldSpeed:
-    def swarm() -> _Swarm:
-        return _Swarm(grid, robots, rays, task)
+    def swarm() -> _WanderingSwarm:
+        return _WanderingSwarm(grid, robots, rays, task)
 
     contacts: list[int] = []
     whole = best(swarm, lambda it: contacts.append(it.wander(scanning=True)), task.repeats)
@@ -134,7 +134,7 @@ def _measure(grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> Wo
     )
 
 
-class _Swarm:
+class _WanderingSwarm:
     """Robots that wander and scan."""
 
     def __init__(self, grid: OccupancyGrid, robots: int, rays: int, task: WorldTask) -> None:

@@ -87,9 +87,9 @@ def campaign(
     from actors.robot.behaviour.foreign import permit_of
     from command_line.experiments import campaign_command
     from experiments.campaign.campaign import CampaignOptions
-    from experiments.study.study_wishes import Wishes
+    from experiments.study.study_wishes import StudyWishes
 
-    wishes = Wishes(
+    wishes = StudyWishes(
         study=study,
         preset=preset,
         scenario=scenario,

@@ -17,7 +17,7 @@ from experiments.campaign.trust import differing, protection
 from experiments.comparison import decision, metrics
 from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
-from experiments.comparison.comparison import Comparison, Sample, compare, samples
+from experiments.comparison.comparison import Comparison, PairedSample, compare, samples
 from experiments.comparison.sentences import chapter_order, sentence, too_few
 
 
@@ -49,7 +49,7 @@ def _warn(different: Sequence[str]) -> None:
 
 
 def _print(
-    kept: store.Store, found: Sequence[Sample], made: Sequence[Comparison], metric: str | None
+    kept: store.Store, found: Sequence[PairedSample], made: Sequence[Comparison], metric: str | None
 ) -> None:
     console = Console(soft_wrap=True, highlight=False)
     for line in protection(kept):

@@ -30,7 +30,7 @@ from observation.results.seal import seal
 
 
 @dataclass(frozen=True)
-class Beside:
+class BranchedControl:
     """The control of a branch with other settings: the same strategy made anew there, with its own values."""
 
     digest: str
@@ -49,7 +49,7 @@ class Branched:
     """Wall clock that the part up to the branch took, s."""
     undone: tuple[str, ...] = ()
     """A sentence for each event that the world refused, or that came behind the end."""
-    control: Beside | None = None
+    control: BranchedControl | None = None
     """None: no setting was changed, or another strategy took over."""
     unchanged: bool = False
     """True: strategy and settings were asked for as they were, so nothing was made anew."""
@@ -85,11 +85,11 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     if unchanged:
         changed, anew = scenario, None
 
-    def carry_out(of: Scenario, into: RunOptions, watch: _Watch) -> RunResult:
+    def carry_out(of: Scenario, into: RunOptions, watch: _StepWatch) -> RunResult:
         orders = OrderBus(with_events(recorded_orders(files["world"]), change.events, step_us))
         return swarm.run_in_memory(swarm.plan(of, into), watch.follow, orders)
 
-    watch = _Watch(first)
+    watch = _StepWatch(first)
     result = carry_out(changed, options, watch)
     parted = None if result.digest == told.digest else divergence(origin, options.out, step_us)
     if parted is not None and parted.step < first:
@@ -97,13 +97,13 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
             f"{origin}: does not come out the same up to {change.at_s:g} s, so there is nothing to continue: "
             f"{parted.words}; `acrc replay {origin}` says more"
         )
-    control: Beside | None = None
+    control: BranchedControl | None = None
     if anew is not None:
         with TemporaryDirectory(prefix="acrc-") as name:
             into = replace(options, out=Path(name) / "control")
-            digest = carry_out(anew, into, _Watch(first)).digest
+            digest = carry_out(anew, into, _StepWatch(first)).digest
             apart = None if digest == result.digest else divergence(into.out, options.out, step_us, "control")
-            control = Beside(digest, apart)
+            control = BranchedControl(digest, apart)
     about = BranchOrigin(
         str(origin.absolute()),
         told.digest,
@@ -119,7 +119,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     return Branched(result, parted, watch.again_s, undone, control, unchanged)
 
 
-class _Watch:
+class _StepWatch:
     """Takes the time that it takes to come to a step."""
 
     def __init__(self, step: int) -> None:
@@ -133,19 +133,19 @@ class _Watch:
             self.again_s = time.monotonic() - self._began
 
 
-class _Outcome(msgspec.Struct):
+class _RunOutcome(msgspec.Struct):
     """The part of a run's result that is needed here; a run that goes on, or has died, has none."""
 
     simulated_s: float
     refused_orders: tuple[str, ...]
 
 
-def _outcome(origin: Path) -> _Outcome | None:
+def _outcome(origin: Path) -> _RunOutcome | None:
     path = origin / "run.json"
-    return typed_json.read(path, _Outcome, "result of a run") if path.is_file() else None
+    return typed_json.read(path, _RunOutcome, "result of a run") if path.is_file() else None
 
 
-def _undone(change: Change, step_us: int, result: RunResult, done: _Outcome | None) -> tuple[str, ...]:
+def _undone(change: Change, step_us: int, result: RunResult, done: _RunOutcome | None) -> tuple[str, ...]:
     """What the world says at the events' boundaries, and has not said in the run; and what came too late."""
     instants = [in_seconds(boundary(event.at_s, step_us) * step_us) for event in change.events]
     refused = [one for one in result.refused_orders if done is None or one not in done.refused_orders]

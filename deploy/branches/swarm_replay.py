@@ -8,7 +8,7 @@ from typing import Final
 from actors.processes.robot_logs import EVERYBODY, shown
 from actors.processes.scratch import scratch_folder
 from actors.robot.behaviour.foreign import Permit, admitted
-from actors.robot.behaviour.modules import Recorded
+from actors.robot.behaviour.modules import RecordedModules
 from actors.runtime.bus.replay_bus import ReplayError, topic_of
 from actors.runtime.codec import decode
 from actors.runtime.difference import first_difference
@@ -74,7 +74,7 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     return SwarmReplay(told.digest, told.messages, orders.given, told.complete)
 
 
-def _recorded(out: Path, modules: tuple[Path, ...], permit: Permit) -> Recorded | None:
+def _recorded(out: Path, modules: tuple[Path, ...], permit: Permit) -> RecordedModules | None:
     """What the code must be: what the robots have recorded, where they have, and nobody trusts any other."""
     if permit.trust or not modules:
         return None

@@ -17,7 +17,7 @@ class Ask(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """As one types it behind `acrc order RUN`."""
 
 
-class Said(msgspec.Struct, frozen=True, tag_field="kind", tag="said"):
+class OrderAnswer(msgspec.Struct, frozen=True, tag_field="kind", tag="said"):
     """What became of an order."""
 
     id: int
@@ -26,7 +26,7 @@ class Said(msgspec.Struct, frozen=True, tag_field="kind", tag="said"):
     """A sentence; empty: it was carried out."""
 
 
-class Body(msgspec.Struct, frozen=True, array_like=True):
+class MapRobot(msgspec.Struct, frozen=True, array_like=True):
     """A robot on the map."""
 
     id: str
@@ -68,13 +68,13 @@ class Floor(msgspec.Struct, frozen=True, tag_field="kind", tag="floor"):
     places: tuple[Place, ...]
 
 
-class State(msgspec.Struct, frozen=True, tag_field="kind", tag="state"):
+class MapState(msgspec.Struct, frozen=True, tag_field="kind", tag="state"):
     """How things stand: the newest there is."""
 
     t: float
     """Simulated s."""
     step: int
-    robots: tuple[Body, ...]
+    robots: tuple[MapRobot, ...]
     done: tuple[int, ...]
     """Indices of those that were reported, in Floor.places and `given` behind it."""
     given_up: tuple[int, ...]

@@ -21,7 +21,7 @@ from actors.robot.behaviour.foreign import Permit, admitted
 from actors.robot.stack import Stack
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
-from actors.table import A_POINT, A_POSE, Point, Pose, Right, Table, Text, as_tuples
+from actors.table import A_POINT, A_POSE, FileTable, Point, Pose, Right, Text, as_tuples
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
 from deploy.scenario.adaptation_tables import AreaTable, DeecoTable, Settings, adaptation
@@ -56,7 +56,7 @@ _A_PATH: Final = r"/[^\x00-\x1f\x7f]+"
 _Path = Annotated[str, StringConstraints(pattern=rf"^{_A_PATH}$")]
 
 
-class AirTable(Table):
+class AirTable(FileTable):
     """[radio]: how the BEE-click boards are set up, all alike."""
 
     pan: Annotated[int, Field(ge=0, le=0xFFFE), Right("a whole number from 0 to 0xFFFE")] = 0xBABA
@@ -71,7 +71,7 @@ class AirTable(Table):
     """Transmit power, dBm. Default: the strongest."""
 
 
-class ConductTable(Table):
+class ConductTable(FileTable):
     """[run]: what the robots do."""
 
     strategy: Annotated[Text, Right('the name of a strategy, such as "none"')] = "none"
@@ -80,7 +80,7 @@ class ConductTable(Table):
     """Where one's own strategy is looked for; absent: beside the file."""
 
 
-class FleetRobot(Table):
+class FleetRobot(FileTable):
     """[[robot]]: one robot, and where its devices are on its own computer."""
 
     id: RobotId
@@ -126,7 +126,7 @@ class FleetRobot(Table):
         return self.listen_host in {"0.0.0.0", "::"}
 
 
-class _FleetFile(Table):
+class _FleetFile(FileTable):
     map: Annotated[Text, Right("the path of a map's YAML file, relative to the fleet file")]
     step_ms: Annotated[
         int, Field(ge=10, le=100, multiple_of=10), Right("a multiple of 10 ms, from 10 to 100")

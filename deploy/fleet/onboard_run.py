@@ -33,7 +33,7 @@ from deploy.fleet.onboard import Onboard, Ports
 from deploy.fleet.onboard_supervisor import OnboardSupervisor
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import claim, writing
-from deploy.run.plan import Plan
+from deploy.run.plan import RunPlan
 from deploy.run.scenario_copy import ScenarioCopy
 from firmware_bridge.kobuki import guardian
 from firmware_bridge.onboard import last_pose
@@ -233,9 +233,9 @@ def new_folder(runs: Path) -> Path:
     return claim(runs, time.strftime("%Y%m%d-%H%M%S", time.gmtime()))
 
 
-def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> Plan:
+def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> RunPlan:
     choice = choose(options.isolate, debugged=options.debug_port is not None)
-    return Plan(
+    return RunPlan(
         **vars(fleet.swarm(robot)),
         options=RunOptions(options.out, speed="1", modules=own_code(fleet, Permit(options.modules))),
         scenario=ScenarioCopy("", ()),

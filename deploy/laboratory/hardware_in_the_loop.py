@@ -32,7 +32,7 @@ from deploy.fleet.onboard_supervisor import OnboardSupervisor
 from deploy.run import progress, swarm
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import make_folder
-from deploy.run.plan import Plan, told_radio, told_world
+from deploy.run.plan import RunPlan, told_radio, told_world
 from deploy.run.preflight import preflight
 from deploy.scenario.events import action_of
 from deploy.scenario.tables import Scenario
@@ -95,7 +95,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     return result
 
 
-def _without_board(plan: Plan, boards: tuple[str, ...]) -> tuple[str, ...]:
+def _without_board(plan: RunPlan, boards: tuple[str, ...]) -> tuple[str, ...]:
     """The robots with a simulated transceiver; `boards`: those with a board, none: all of them."""
     robots = [robot.id for robot in plan.world.robots]
     if unknown := [robot for robot in boards if robot not in robots]:
@@ -103,14 +103,14 @@ def _without_board(plan: Plan, boards: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(robot for robot in robots if boards and robot not in boards)
 
 
-def _lay_out(plan: Plan) -> None:
+def _lay_out(plan: RunPlan) -> None:
     make_folder(plan.out)
     plan.folder(LABORATORY).mkdir()
     plan.write_scenario()
 
 
 def _run_processes(
-    plan: Plan, simulated: tuple[str, ...], launching: Launcher, on_progress: OnProgress
+    plan: RunPlan, simulated: tuple[str, ...], launching: Launcher, on_progress: OnProgress
 ) -> None:
     folder = plan.folder(LABORATORY)
     with signals_as_interrupts(), launching as launched, ExitStack() as stack:
@@ -130,7 +130,7 @@ def _run_processes(
 class _Room:
     """The process with the emulated devices."""
 
-    def __init__(self, plan: Plan, simulated: tuple[str, ...], launched: Launcher) -> None:
+    def __init__(self, plan: RunPlan, simulated: tuple[str, ...], launched: Launcher) -> None:
         folder = plan.folder(LABORATORY)
         self._launched = launched
         self._folder = folder
@@ -177,7 +177,7 @@ class _Room:
                 self._launched.wait(0.05)
 
 
-def _robot(plan: Plan, index: int, folder: Path, *, board: bool = True) -> Onboard:
+def _robot(plan: RunPlan, index: int, folder: Path, *, board: bool = True) -> Onboard:
     robot = plan.world.robots[index]
     alone = replace(
         plan,
@@ -214,7 +214,7 @@ def _listen(robot: Onboard, stack: ExitStack) -> ZenohBus:
 
 
 def _follow(
-    plan: Plan,
+    plan: RunPlan,
     watches: Sequence[OnboardSupervisor],
     buses: Sequence[ZenohBus],
     room: _Room,

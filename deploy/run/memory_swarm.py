@@ -14,7 +14,7 @@ from actors.messages import Roster as RosterMessage
 from actors.processes.kernels import kernel_modules
 from actors.processes.launch import Program
 from actors.processes.silence import HoldUp
-from actors.processes.turn_board import Show, Turn, warded
+from actors.processes.turn_board import BoardTurn, Show, warded
 from actors.radio.program import part as radio_part
 from actors.robot.program import part as robot_part
 from actors.robot.program import share
@@ -35,14 +35,14 @@ from actors.runtime.shell import Shell
 from actors.world import program as world_program
 from actors.world.core import WorldCore
 from deploy.run.household import Leftovers, exits_caught, quiet, watched
-from deploy.run.plan import Plan, in_common, radio_program, robot_program
+from deploy.run.plan import RunPlan, in_common, radio_program, robot_program
 from deploy.run.plan import world_program as world_as_program
 
 
 class MemorySwarm:
     """All actors of one run; `programs` says what each would have been as a process."""
 
-    def __init__(self, plan: Plan, bus: MemoryBus, on_progress: Callable[[Progress], None]) -> None:
+    def __init__(self, plan: RunPlan, bus: MemoryBus, on_progress: Callable[[Progress], None]) -> None:
         self._plan = plan
         self._bus = bus
         self._on_progress = on_progress
@@ -172,9 +172,9 @@ class MemorySwarm:
                 recorder.note("failure", note)
         return in_words(note)
 
-    def _whose_turn(self) -> Turn:
+    def _whose_turn(self) -> BoardTurn:
         turn = self._turn
-        return Turn(0, "") if turn is None else Turn(turn.core.step, turn.actor)
+        return BoardTurn(0, "") if turn is None else BoardTurn(turn.core.step, turn.actor)
 
     def _give_up(self, sentence: str) -> NoReturn:
         """End this process, although something in it catches whatever is raised."""

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 
 from actors.installation.usage import OptionError, wrong_value
 from actors.processes.silence import Timeout
-from actors.robot.behaviour.modules import Recorded
+from actors.robot.behaviour.modules import RecordedModules
 from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, limits
 from deploy.run import out_folder
 
@@ -68,7 +68,7 @@ class RunOptions:
     """Robots that the view looks into; none named: as many as it does by itself."""
     modules: tuple[Path, ...] = ()
     """Folders in which a strategy of one's own is looked for, as `foreign.admitted` has found them."""
-    recorded: Recorded | None = None
+    recorded: RecordedModules | None = None
     """What must be in them, for a run in memory; None: whatever is."""
 
 

@@ -44,7 +44,7 @@ class Debugged(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan(Swarm):
+class RunPlan(Swarm):
     """A run that is ready to be laid out."""
 
     options: RunOptions
@@ -103,7 +103,7 @@ class Plan(Swarm):
         return dict(self.radio.robots)[robot]
 
 
-def lay_out(plan: Plan) -> None:
+def lay_out(plan: RunPlan) -> None:
     """Write the files that the actors read; the folder must be new or empty."""
     make_folder(plan.out)
     plan.write_scenario()
@@ -114,14 +114,14 @@ def lay_out(plan: Plan) -> None:
         lay_out_robot(plan, robot)
 
 
-def write_names(plan: Plan) -> None:
+def write_names(plan: RunPlan) -> None:
     """Write where the strategy's code lies, where no isolated robot can read it."""
     if plan.code:
         names = RealNames(str(plan.out.resolve()), plan.code)
         (plan.out / NAMES).write_bytes(msgspec.json.format(msgspec.json.encode(names)) + b"\n")
 
 
-def lay_out_robot(plan: Plan, robot: BodySetup) -> None:
+def lay_out_robot(plan: RunPlan, robot: BodySetup) -> None:
     """Write the files that one robot reads beside its set-up."""
     own_folder(plan.folder(robot.id)).mkdir(parents=True)
     copy_map(Path(plan.world.map), plan.folder(robot.id))
@@ -138,7 +138,7 @@ def copy_map(map_file: Path, folder: Path) -> None:
     (folder / "map.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
 
 
-def world_program(plan: Plan) -> Program:
+def world_program(plan: RunPlan) -> Program:
     """The world's program."""
     process = WorldProcess(
         record="world.mcap",
@@ -152,7 +152,7 @@ def world_program(plan: Plan) -> Program:
     return actor_program("world", "actors.world", plan.folder("world"), ActorSetup(world, process))
 
 
-def told_world(plan: Plan, own_model: Callable[[BodySetup], str]) -> WorldSetup:
+def told_world(plan: RunPlan, own_model: Callable[[BodySetup], str]) -> WorldSetup:
     """The world, its files as they are called in a folder of the run; `own_model`: where the user's lie."""
     robots = tuple(
         msgspec.structs.replace(robot, model=own_model(robot)) if robot.model.endswith(".toml") else robot
@@ -161,18 +161,18 @@ def told_world(plan: Plan, own_model: Callable[[BodySetup], str]) -> WorldSetup:
     return msgspec.structs.replace(plan.world, map=_MAP, robots=robots)
 
 
-def told_radio(plan: Plan) -> RadioSetup:
+def told_radio(plan: RunPlan) -> RadioSetup:
     """The air, its map as it is called in a folder of the run."""
     return msgspec.structs.replace(plan.radio, map=_MAP) if plan.radio.map else plan.radio
 
 
-def radio_program(plan: Plan) -> Program:
+def radio_program(plan: RunPlan) -> Program:
     """The radio's program."""
     process = client(plan, "../world", "radio", "radio.mcap")
     return actor_program("radio", "actors.radio", plan.folder("radio"), ActorSetup(told_radio(plan), process))
 
 
-def client(plan: Plan, place: str, user: str, record: str) -> ProcessSetup:
+def client(plan: RunPlan, place: str, user: str, record: str) -> ProcessSetup:
     """Of a client that is no robot; router's socket and `user`'s credentials lie in `place`."""
     return ProcessSetup(
         record=record,
@@ -191,7 +191,7 @@ def actor_program(actor: str, module: str, folder: Path, setup: ActorSetup[Any, 
 
 
 def robot_program(
-    plan: Plan, robot: BodySetup, order: ProcessOrder, first_step: int, name: str | None = None
+    plan: RunPlan, robot: BodySetup, order: ProcessOrder, first_step: int, name: str | None = None
 ) -> Program:
     """A robot's program; the same but for endpoint and time source as on a robot.
 
@@ -220,22 +220,22 @@ def robot_program(
     return replace(program, argv=(str(seen / SETUP),), names=names)
 
 
-def _beside(plan: Plan, robot: BodySetup) -> RobotSetup:
+def _beside(plan: RunPlan, robot: BodySetup) -> RobotSetup:
     """What the robot is told, with a model of the user's own as it lies beside its set-up."""
     told = robot_setup(plan, robot)
     return msgspec.structs.replace(told, model=MODEL) if told.model.endswith(".toml") else told
 
 
-def _is_debugged(plan: Plan, robot: str) -> bool:
+def _is_debugged(plan: RunPlan, robot: str) -> bool:
     return plan.debug is not None and plan.debug.robot == robot
 
 
-def _terminal(plan: Plan, robot: str) -> str:
+def _terminal(plan: RunPlan, robot: str) -> str:
     assert plan.debug is not None
     return plan.debug.terminal if _is_debugged(plan, robot) else ""
 
 
-def in_common(plan: Plan, out: Path | None = None) -> list[tuple[str, ...]]:
+def in_common(plan: RunPlan, out: Path | None = None) -> list[tuple[str, ...]]:
     """For each kind of robot the words for `share` of its program, once the run is laid out.
 
     Nothing in them is of one robot alone. `out`: what the run's folder is called there.
@@ -249,12 +249,12 @@ def in_common(plan: Plan, out: Path | None = None) -> list[tuple[str, ...]]:
     ]
 
 
-def router_of(plan: Plan) -> Path:
+def router_of(plan: RunPlan) -> Path:
     """The run's router file."""
     return plan.folder("world") / router_file.NAME
 
 
-def issue_credentials(plan: Plan) -> Credentials:
+def issue_credentials(plan: RunPlan) -> Credentials:
     """Draw the run's passwords; the robots' lie in their folders, all others in the world's."""
     issued = credentials.issue(
         {robot.id: plan.folder(robot.id) for robot in plan.world.robots}, plan.folder("world")
@@ -263,12 +263,12 @@ def issue_credentials(plan: Plan) -> Credentials:
     return issued
 
 
-def remove_credentials(plan: Plan) -> None:
+def remove_credentials(plan: RunPlan) -> None:
     """Remove what the run has left of passwords and sockets, if the world has not done so."""
     router_file.remove(router_of(plan))
 
 
-def observer_program(plan: Plan) -> Program:
+def observer_program(plan: RunPlan) -> Program:
     """The observer's program, which reads what the others record, and needs nothing of the mesh."""
     argv = (
         *("--out", str(plan.out), *(word for robot in plan.options.followed for word in ("--robot", robot))),
@@ -282,7 +282,7 @@ CONTROL_ADDRESS: Final = "control.url"
 """File in a run's folder with the address of its map page, for as long as it is served."""
 
 
-def control_program(plan: Plan) -> Program:
+def control_program(plan: RunPlan) -> Program:
     """The map page's program."""
     folder = plan.folder("world").resolve()
     argv = (

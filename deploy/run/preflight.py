@@ -30,7 +30,7 @@ from actors.runtime.lifecycle.failure import FailureNote
 from actors.runtime.prints import taken_by
 from actors.runtime.recording import RecordingError, read_notes
 from deploy.run.household import exits_caught
-from deploy.run.plan import Debugged, Plan, lay_out_robot, robot_program
+from deploy.run.plan import Debugged, RunPlan, lay_out_robot, robot_program
 from deploy.scenario.resolve import ResolvedScenario, robot_setup
 
 _HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL | re.MULTILINE)
@@ -38,7 +38,7 @@ _HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL 
 
 
 @dataclass(frozen=True)
-class Bounds:
+class PreflightLimits:
     """What a preflight may take."""
 
     patience_s: float = 120.0
@@ -47,7 +47,7 @@ class Bounds:
     """Beyond that, for a process that does not heed it."""
 
 
-def preflight(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None:
+def preflight(plan: RunPlan, launched: Launcher, bounds: PreflightLimits = PreflightLimits()) -> None:
     """Make the first robot in a process of its own, in a folder that is gone afterwards.
 
     Raises AcrcError where that fails, hangs or ends; a bug's traceback is shown first.
@@ -94,13 +94,13 @@ def preflight_here(settled: ResolvedScenario, modules: Sequence[Path]) -> None:
             raise
 
 
-def _await_end(child: Child, launched: Launcher, bounds: Bounds) -> None:
+def _await_end(child: Child, launched: Launcher, bounds: PreflightLimits) -> None:
     deadline = time.monotonic() + bounds.patience_s + bounds.grace_s
     while child.exit_code is None and time.monotonic() < deadline:
         launched.wait(0.05)
 
 
-def _judge(plan: Plan, child: Child, bounds: Bounds, *, hung: bool) -> None:
+def _judge(plan: RunPlan, child: Child, bounds: PreflightLimits, *, hung: bool) -> None:
     """AcrcError unless the robot's process says that the robot could be made.
 
     `hung`: it had not ended by itself in time, so the signal that ended it was ours.

@@ -35,7 +35,7 @@ from deploy.run.out_folder import check_new
 from deploy.run.plan import (
     CONTROL_ADDRESS,
     Debugged,
-    Plan,
+    RunPlan,
     control_program,
     in_common,
     issue_credentials,
@@ -91,7 +91,7 @@ def run(scenario: Scenario, options: RunOptions) -> RunResult:
     return result
 
 
-def plan(scenario: Scenario, options: RunOptions) -> Plan:
+def plan(scenario: Scenario, options: RunOptions) -> RunPlan:
     """The run that the scenario and the options mean, with everything drawn.
 
     For a run in memory the strategy's code runs once in this process; what it raises, but for AcrcError, is
@@ -100,7 +100,7 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
     choice = IsolationChoice(False) if options.bus == "memory" else choose(options.isolate)
     settled = resolve(scenario)
     _check_followed(settled, options)
-    planned = Plan(
+    planned = RunPlan(
         options=options,
         world=settled.world,
         radio=settled.radio,
@@ -137,7 +137,7 @@ def _debugged(settled: ResolvedScenario, options: RunOptions) -> Debugged | None
     return Debugged(options.debug, "" if options.bus == "memory" else os.ttyname(0))
 
 
-def run_in_memory(plan: Plan, on_progress: OnProgress, bus: MemoryBus | None = None) -> RunResult:
+def run_in_memory(plan: RunPlan, on_progress: OnProgress, bus: MemoryBus | None = None) -> RunResult:
     """Run all actors in this process."""
     began = time.time()
     lay_out(plan)
@@ -153,7 +153,7 @@ def run_in_memory(plan: Plan, on_progress: OnProgress, bus: MemoryBus | None = N
     return _finish(plan, swarm.programs, about)
 
 
-def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
+def run_processes(plan: RunPlan, spawn: str, on_progress: OnProgress) -> RunResult:
     """Run every actor as a process of its own; none is left when this returns or raises."""
     began = time.time()
     check_new(plan.out)
@@ -167,7 +167,7 @@ def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
     return _finish(plan, supervisor.programs, about)
 
 
-def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Supervisor:
+def _supervise(plan: RunPlan, launched: Launcher, on_progress: OnProgress) -> Supervisor:
     """Start the processes, and stay until they have ended."""
     launched.withdraw(router_of(plan))
     issued = issue_credentials(plan)
@@ -218,14 +218,14 @@ def _tell(held_up: Mapping[str, HoldUp]) -> None:
         _say(sentence)
 
 
-def _finish(plan: Plan, programs: Sequence[Program], about: Circumstances) -> RunResult:
+def _finish(plan: RunPlan, programs: Sequence[Program], about: Circumstances) -> RunResult:
     result, places = gather(programs, about)
     write_table(places, plan.out / "places.csv")
     (plan.out / "run.json").write_bytes(msgspec.json.format(msgspec.json.encode(result)) + b"\n")
     return result
 
 
-def _circumstances(plan: Plan, began: float, bus: str, rosters: int, cpu_s: float) -> Circumstances:
+def _circumstances(plan: RunPlan, began: float, bus: str, rosters: int, cpu_s: float) -> Circumstances:
     isolation_kind = (
         "none" if bus == "memory" else "full" if plan.isolate and plan.debug is None else "credentials"
     )

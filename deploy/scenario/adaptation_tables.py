@@ -10,7 +10,7 @@ from actors.floor.placement import Area
 from actors.instant import in_seconds, seconds
 from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.behaviour.ports import EVERYBODY_DBM, LONGEST_S, ExchangeSettings, Setting
-from actors.table import Right, Span, Table, Text
+from actors.table import FileTable, Right, Span, Text
 
 SHORTEST_S: Final = 0.001
 """Least interval in [deeco], s."""
@@ -72,7 +72,7 @@ Settings = Annotated[
 ]
 
 
-class DeecoTable(Table):
+class DeecoTable(FileTable):
     """[deeco]: how the nodes of the component model exchange knowledge by radio.
 
     What is absent is as `ExchangeSettings` has it.
@@ -110,7 +110,7 @@ class DeecoTable(Table):
         )
 
 
-class AreaTable(Table):
+class AreaTable(FileTable):
     """[[area]]: a rectangle of the floor that has a name."""
 
     name: Annotated[Text, Right('a name such as "hall"')]

@@ -15,7 +15,7 @@ from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from experiments.bundle import archive
 from experiments.bundle.inputs import inputs
-from experiments.bundle.papers import About, citation, readme
+from experiments.bundle.papers import BundleFacts, citation, readme
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.comparison import compare, samples
@@ -42,7 +42,7 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
     software = _software(commit)
     study = msgspec.structs.replace(kept.study, scenario=f"{_INPUTS}/{read.scenario}")
     there = msgspec.structs.replace(kept.study, scenario=f"../{_INPUTS}/{read.scenario}")
-    about = About(
+    about = BundleFacts(
         study, read.scenario, commit, software is not None, records, _found(records), authors or [UNNAMED]
     )
     files = {

@@ -13,7 +13,7 @@ from actors.processes.launch import launcher
 from actors.processes.scratch import scratch_folder
 from actors.processes.signals import signals_as_interrupts
 from actors.runtime import regular_file
-from experiments.campaign.pool import Ended, LocalPool, Pool
+from experiments.campaign.pool import EndedTrial, LocalPool, Pool
 from experiments.campaign.store import Pending, Store
 from experiments.campaign.trial_order import received
 from experiments.campaign.trial_record import compared, keep
@@ -74,7 +74,7 @@ class CampaignOptions:
 
 
 @dataclass(frozen=True)
-class Progress:
+class CampaignProgress:
     """How far a campaign is."""
 
     done: int
@@ -87,7 +87,7 @@ class Progress:
     """True if it has stopped because no more trials are needed."""
 
 
-OnProgress = Callable[[Progress], None]
+OnProgress = Callable[[CampaignProgress], None]
 
 
 def carry_out(
@@ -95,7 +95,7 @@ def carry_out(
     options: CampaignOptions,
     follow: OnProgress = lambda progress: None,
     enough: Callable[[], bool] = lambda: False,
-) -> Progress:
+) -> CampaignProgress:
     """Run every trial that has no record, and give how it stands then.
 
     Whatever ends it, from outside too, no record is lost, and the next call goes on. A trial whose process
@@ -154,7 +154,7 @@ class _Campaign:
             else:
                 self._time.learn(Pending(trial), result.startup_s + result.wall_s)
 
-    def run(self) -> Progress:
+    def run(self) -> CampaignProgress:
         self._ask()
         self._follow(self._progress())
         self._work(self._trials)
@@ -184,7 +184,7 @@ class _Campaign:
             self._enough = True
             self._trials.clear()
 
-    def _note(self, ended: Ended) -> None:
+    def _note(self, ended: EndedTrial) -> None:
         """Keep what came of it; whatever a process has left is checked here."""
         trial, check = ended.pending
         store = self._store
@@ -197,7 +197,7 @@ class _Campaign:
         self._failed += record.failure is not None
         keep(store.path(trial), record)
 
-    def _progress(self) -> Progress:
+    def _progress(self) -> CampaignProgress:
         waiting = (*self._trials, *self._checks)
         left_s = self._time.left_s(waiting, self._pool.running, self._pool.slots)
-        return Progress(self._before + self._ended, self._failed, self._total, left_s, self._enough)
+        return CampaignProgress(self._before + self._ended, self._failed, self._total, left_s, self._enough)

@@ -12,7 +12,7 @@ import msgspec
 from actors.installation.version import software
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
-from experiments.campaign.draw import Draw, Run, draw, run_of
+from experiments.campaign.draw import Draw, DrawableRun, draw, run_of
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep, keep_bytes
 from experiments.study.study import Study, Trial
 from observation.results.seal import SUMS, check_seal
@@ -89,7 +89,7 @@ class Store:
         draws = self.draws
         return sum(not _was_among(run, draws) for run in self._runs())
 
-    def _runs(self) -> Iterator[Run]:
+    def _runs(self) -> Iterator[DrawableRun]:
         """Those with a result, which may be repeated."""
         for trial in self.study.trials():
             if self.path(trial).exists():
@@ -246,7 +246,7 @@ def load(folder: Path) -> Store:
     return Store(folder, typed_json.read(folder / _STUDY, Study, "study of a campaign"))
 
 
-def _was_among(run: Run, draws: Sequence[Draw], every: float = math.inf) -> bool:
+def _was_among(run: DrawableRun, draws: Sequence[Draw], every: float = math.inf) -> bool:
     """True if a draw as close as `every` was among others of this run, with the record that it has."""
     name = run.trial.name
     return any(one.every <= every and one.among.get(name) == run.sha256 for one in draws)

@@ -30,7 +30,7 @@ _SUMMARIES: Final = {
 }
 
 
-class Sample(NamedTuple):
+class PairedSample(NamedTuple):
     """Two strategies in one variant, seed by seed."""
 
     one: str
@@ -67,7 +67,7 @@ class Comparison:
         return bool(self.adjusted) and self.adjusted[0] < 0.05
 
 
-def samples(records: Iterable[TrialRecord], primary: Sequence[tuple[str, str]] = ()) -> list[Sample]:
+def samples(records: Iterable[TrialRecord], primary: Sequence[tuple[str, str]] = ()) -> list[PairedSample]:
     """Every pair of strategies in every variant, with the seeds that both have a result for.
 
     The `primary` pairs come first, in their own order and each the way round that it was declared.
@@ -95,11 +95,13 @@ def _sample(
     variant: tuple[tuple[str, Any], ...],
     mine: Mapping[int, RunResult],
     theirs: Mapping[int, RunResult],
-) -> Sample:
-    return Sample(one, other, variant, tuple((mine[seed], theirs[seed]) for seed in mine if seed in theirs))
+) -> PairedSample:
+    return PairedSample(
+        one, other, variant, tuple((mine[seed], theirs[seed]) for seed in mine if seed in theirs)
+    )
 
 
-def compare(found: Sequence[Sample], only: str | None = None) -> list[Comparison]:
+def compare(found: Sequence[PairedSample], only: str | None = None) -> list[Comparison]:
     """All comparisons of samples with enough pairs, adjusted for there being so many.
 
     `only`: the metric of that name alone.
@@ -114,7 +116,7 @@ def compare(found: Sequence[Sample], only: str | None = None) -> list[Comparison
     return [replace(one, adjusted=tuple(itertools.islice(adjusted, len(one.tests)))) for one in made]
 
 
-def _comparisons(sample: Sample, only: str | None) -> Iterator[Comparison]:
+def _comparisons(sample: PairedSample, only: str | None) -> Iterator[Comparison]:
     """By every metric, or by that name only; the chapter's first, then ours, then what it costs."""
     ways: dict[str, Callable[[], Comparison]] = {
         metrics.PLACES.name: lambda: _of_values(sample, metrics.PLACES),
@@ -130,7 +132,7 @@ def _comparisons(sample: Sample, only: str | None) -> Iterator[Comparison]:
             yield way()
 
 
-def _of_values(sample: Sample, metric: Metric) -> Comparison:
+def _of_values(sample: PairedSample, metric: Metric) -> Comparison:
     ones, others = ([metric.value(pair[side]) for pair in sample.pairs] for side in (0, 1))
     good, bad = scores(metric.name, sample.pairs)
     return Comparison(
@@ -146,7 +148,7 @@ def _of_values(sample: Sample, metric: Metric) -> Comparison:
     )  # fmt: skip
 
 
-def _of_times(sample: Sample, metric: TimeMetric) -> Comparison:
+def _of_times(sample: PairedSample, metric: TimeMetric) -> Comparison:
     """Runs that were not done by their end count as done later than all that were."""
     horizon = max(run.simulated_s for pair in sample.pairs for run in pair)
     ones, others = ([_completion(pair[side], metric) for pair in sample.pairs] for side in (0, 1))
@@ -194,7 +196,7 @@ def scores(metric: str, pairs: Sequence[tuple[RunResult, RunResult]]) -> tuple[l
     raise ValueError(f"there is no metric {metric!r}")
 
 
-def _lexicographic(sample: Sample) -> Comparison:
+def _lexicographic(sample: PairedSample) -> Comparison:
     ones, others = scores(metrics.LEXICOGRAPHIC, sample.pairs)
     return Comparison(
         one=sample.one, other=sample.other, variant=sample.variant,

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 
 from experiments.campaign.trial_record import TrialRecord
-from experiments.comparison.comparison import FEWEST, Comparison, Sample
+from experiments.comparison.comparison import FEWEST, Comparison, PairedSample
 from observation.results.result import RunResult
 
 
@@ -65,7 +65,7 @@ def chapter_order(comparisons: Sequence[Comparison]) -> list[str]:
     return said
 
 
-def too_few(samples: Sequence[Sample]) -> list[str]:
+def too_few(samples: Sequence[PairedSample]) -> list[str]:
     """One sentence for each pair of strategies of which nothing can be said yet."""
     return [
         f"{one.one} and {one.other}{_where(one.variant)}: {len(one.pairs)} pairs of runs; "

@@ -40,7 +40,7 @@ class Case(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Source:
+class CaseSource:
     """One folder."""
 
     name: str
@@ -59,7 +59,7 @@ class Source:
     """Which of its runs are not what they were as processes."""
 
 
-def read(folders: Sequence[Path]) -> tuple[Source, ...]:
+def read(folders: Sequence[Path]) -> tuple[CaseSource, ...]:
     """What lies in the folders, in their order. Raises AcrcError."""
     several = sum(map(store.holds, folders)) > 1
     named = zip(folders, _names(folders), strict=True)
@@ -79,7 +79,7 @@ def _names(folders: Sequence[Path]) -> list[str]:
     return found
 
 
-def _campaign(kept: store.Store, name: str, *, several: bool) -> Source:
+def _campaign(kept: store.Store, name: str, *, several: bool) -> CaseSource:
     records = tuple(kept.records())
     cases = []
     for record in records:
@@ -88,7 +88,7 @@ def _campaign(kept: store.Store, name: str, *, several: bool) -> Source:
         cases.append(
             Case(condition, record.strategy, record.seed, record.result, record.failure, record.time)
         )
-    return Source(
+    return CaseSource(
         name=name,
         study=kept.study,
         commit=kept.about().commit,
@@ -100,7 +100,7 @@ def _campaign(kept: store.Store, name: str, *, several: bool) -> Source:
     )
 
 
-def _single(folder: Path, name: str) -> Source:
+def _single(folder: Path, name: str) -> CaseSource:
     path = next((folder / one for one in _RESULTS if (folder / one).is_file()), None)
     if path is None:
         raise AcrcError(
@@ -109,11 +109,11 @@ def _single(folder: Path, name: str) -> Source:
         )
     outcome = _outcome(path)
     if isinstance(outcome, TrialResult):
-        return Source(name, None, "", (), 0, (Case(REAL, name, None, outcome),))
+        return CaseSource(name, None, "", (), 0, (Case(REAL, name, None, outcome),))
     origin = outcome.origin
     condition = f"{origin.scenario or 'one scenario'}, {outcome.robots} robots, {outcome.simulated_s:g} s"
     case = Case(condition, origin.strategy or name, outcome.seed, outcome)
-    return Source(name, None, origin.commit, (), 0, (case,))
+    return CaseSource(name, None, origin.commit, (), 0, (case,))
 
 
 def _outcome(path: Path) -> Outcome:

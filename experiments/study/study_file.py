@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from actors import table_wording
 from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
-from actors.table import A_POINT, Point, Right, Table, as_tuples
+from actors.table import A_POINT, FileTable, Point, Right, as_tuples
 from experiments.study.draws import PARAMETERS
 from experiments.study.study import Distribution, Factor, Study
 
@@ -37,7 +37,7 @@ Range = Annotated[
 ]
 
 
-class VaryTable(Table):
+class VaryTable(FileTable):
     """[[vary]]: a key of the scenario and its values one after the other, or what is drawn for each seed."""
 
     key: Annotated[
@@ -90,7 +90,7 @@ _PARAMETERS: Final = tuple(
 )
 
 
-class StudyTable(Table):
+class StudyTable(FileTable):
     """The file."""
 
     scenario: Annotated[

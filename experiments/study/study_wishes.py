@@ -51,7 +51,7 @@ PRESETS: Final = {"chapter": SHIPPED / "studies" / "chapter.toml"}
 
 
 @dataclass(frozen=True)
-class Wishes:
+class StudyWishes:
     """The command line's own words about the study."""
 
     study: Path | None = None
@@ -66,13 +66,13 @@ class Wishes:
     isolate: bool = False
 
 
-def study_of(wishes: Wishes) -> Study:
+def study_of(wishes: StudyWishes) -> Study:
     """The study in the file, or the one that the command line describes, with its wishes laid over."""
     study = _plain(wishes)
     return msgspec.structs.replace(study, isolated=True) if wishes.isolate else study
 
 
-def _plain(wishes: Wishes) -> Study:
+def _plain(wishes: StudyWishes) -> Study:
     own: list[tuple[str, Any]] = list(settings(wishes.settings))
     for key, text in (("robots.count", wishes.robots), ("run.duration", wishes.duration)):
         if text is not None:
@@ -95,7 +95,7 @@ def _plain(wishes: Wishes) -> Study:
     )
 
 
-def path_of(wishes: Wishes) -> Path | None:
+def path_of(wishes: StudyWishes) -> Path | None:
     """Of the study's file; None: there is none."""
     if wishes.preset is not None and wishes.preset not in PRESETS:
         raise wrong_value("--preset", wishes.preset, f"one of {', '.join(PRESETS)}")

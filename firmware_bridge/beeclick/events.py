@@ -8,7 +8,7 @@ from actors.messages import AccessFailure, Heard, Overflow, Refused, Sent
 
 
 @dataclass(frozen=True)
-class Unconfirmed:
+class UnconfirmedPacket:
     """Nobody knows whether the packet `tag` has left: the board had it and never said."""
 
     instant: Instant
@@ -17,6 +17,6 @@ class Unconfirmed:
     """One word or two, as in the counters."""
 
 
-PacketEnd = Sent | AccessFailure | Unconfirmed | Overflow | Refused
+PacketEnd = Sent | AccessFailure | UnconfirmedPacket | Overflow | Refused
 """What becomes of a packet: every one that is sent comes to exactly one of these."""
 Event = PacketEnd | Heard | BoardNote

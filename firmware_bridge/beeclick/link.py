@@ -8,8 +8,9 @@ address, channel and power, each confirmed by its echo.
 The board works strictly in order, and so are its answers. Hence each answer settles all that was asked
 before: whatever of that has not been answered yet never will be. In particular the answer to a SYNC settles
 the packets that were in flight, after their confirmations, which come first. A packet that is settled
-without a confirmation is `Unconfirmed`; nothing is ever guessed. A board that lets a command wait is sent a
-SYNC ahead of time: if it is only held up the answer comes behind the others, and lost bytes show by it.
+without a confirmation is `UnconfirmedPacket`; nothing is ever guessed. A board that lets a command wait is
+sent a SYNC ahead of time: if it is only held up the answer comes behind the others, and lost bytes show by
+it.
 """
 
 from collections import deque
@@ -23,7 +24,7 @@ from actors.radio.frame import size_fault
 from firmware_bridge.beeclick.answers import Answer, PacketSent, Synchronised
 from firmware_bridge.beeclick.commands import SendPacket, Setting, Synchronise, encode
 from firmware_bridge.beeclick.counters import LinkCounters
-from firmware_bridge.beeclick.events import Event, Unconfirmed
+from firmware_bridge.beeclick.events import Event, UnconfirmedPacket
 from firmware_bridge.beeclick.news import news
 from firmware_bridge.beeclick.pace import SendingPace
 from firmware_bridge.beeclick.parameters import DEFAULTS, BeeClickParameters, BoardSettings
@@ -66,7 +67,7 @@ class _Asked:
     tag: int = -1
 
 
-class Link:
+class BoardLink:
     """One board, as its host sees it."""
 
     def __init__(self, settings: BoardSettings, parameters: BeeClickParameters = DEFAULTS) -> None:
@@ -350,9 +351,9 @@ class Link:
         for _ in range(count):
             asked = self._asked.popleft()
             if asked.answer is None:
-                self._end(Unconfirmed(now, asked.tag, cause), "unconfirmed")
+                self._end(UnconfirmedPacket(now, asked.tag, cause), "unconfirmed")
 
-    def _end(self, end: Sent | AccessFailure | Unconfirmed | Overflow | Refused, counter: str) -> None:
+    def _end(self, end: Sent | AccessFailure | UnconfirmedPacket | Overflow | Refused, counter: str) -> None:
         self.counters.add(counter)
         self._events.append(end)
 

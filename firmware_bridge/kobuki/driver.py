@@ -18,9 +18,9 @@ from firmware_bridge.kobuki.events import (
     BatteryChanged,
     BatteryLevel,
     BatteryParameters,
-    Changed,
     Event,
     Fed,
+    FieldChanged,
     Found,
     Identified,
     Lost,
@@ -44,7 +44,7 @@ from firmware_bridge.kobuki.packets import (
     RequestExtra,
     SoundSequence,
 )
-from firmware_bridge.kobuki.safety import Allowed, Cause, SafetyParameters, SafetyStop
+from firmware_bridge.kobuki.safety import Allowed, HoldCause, SafetyParameters, SafetyStop
 from firmware_bridge.kobuki.wire import decode_feedback, encode_command
 
 _NOISE_BYTES: Final = 100
@@ -121,7 +121,7 @@ class KobukiDriver:
             self.found = False
             self.odometry.stand()
             self._told.append(Lost(now, self._heard))
-        self._safety.hold(Cause.NOISE, self._noisy(now))
+        self._safety.hold(HoldCause.NOISE, self._noisy(now))
         told, self._told = self._told, []
         return told
 
@@ -164,7 +164,7 @@ class KobukiDriver:
         """
         self._safety.wish(now, now if issued is None else issued, v, omega)
 
-    def hold(self, cause: Cause, holds: bool) -> None:
+    def hold(self, cause: HoldCause, holds: bool) -> None:
         """Let nothing move for a cause that the base itself does not know of, or no longer for that one."""
         self._safety.hold(cause, holds)
 
@@ -260,7 +260,7 @@ class KobukiDriver:
             value = getattr(basic, sense.value)
             before = self._senses.get(sense, 0)
             if value != before:
-                self._told.append(Changed(now, sense, before, value))
+                self._told.append(FieldChanged(now, sense, before, value))
             self._senses[sense] = value
         volts = basic.battery_dv / 10
         known = self.battery
@@ -272,7 +272,7 @@ class KobukiDriver:
 
     def _warn(self, now: Instant, battery: BatteryLevel) -> None:
         """Show and sound a low battery; with one that is nearly empty nothing moves."""
-        self._safety.hold(Cause.BATTERY, battery is BatteryLevel.DANGER)
+        self._safety.hold(HoldCause.BATTERY, battery is BatteryLevel.DANGER)
         colours = {BatteryLevel.LOW: Colour.ORANGE, BatteryLevel.DANGER: Colour.RED}
         self.light(now, 1, colours.get(battery, Colour.OFF))
         if battery in colours:

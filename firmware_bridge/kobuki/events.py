@@ -81,7 +81,7 @@ class Sense(Enum):
 
 
 @dataclass(frozen=True)
-class Changed:
+class FieldChanged:
     """A field of Basic has another value than before; before the first feedback all were 0."""
 
     instant: Instant
@@ -129,4 +129,4 @@ class StopsChanged:
     stops: tuple[StopCause, ...]
 
 
-Event = Found | Lost | Fed | Changed | BatteryChanged | Identified | StopsChanged
+Event = Found | Lost | Fed | FieldChanged | BatteryChanged | Identified | StopsChanged

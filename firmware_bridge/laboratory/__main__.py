@@ -28,7 +28,7 @@ from actors.world import drive, odometry_kernel, rays
 from firmware_bridge.laboratory.laboratory import DEVICES, Jack, Laboratory
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup, load
 from firmware_bridge.laboratory.lines import Lines
-from firmware_bridge.laboratory.real_time import RealTime, Wishes
+from firmware_bridge.laboratory.real_time import InputLines, RealTime
 
 _KERNELS: Final = (odometry_kernel, drive, rays, visits, *RADIO_KERNELS)
 
@@ -59,7 +59,7 @@ def main(argv: Sequence[str]) -> int:
         with lines:
             gc.collect()
             gc.freeze()
-            loop = RealTime(laboratory, lines, Wishes(_standard_input()), duration)
+            loop = RealTime(laboratory, lines, InputLines(_standard_input()), duration)
             sys.stdout.write("ready\n")
             sys.stdout.flush()
             loop.run(lambda: bool(stopped))

@@ -26,7 +26,7 @@ from firmware_bridge.kobuki.body import BodyTruth
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 from firmware_bridge.laboratory.sights import LIDAR, Sights
 from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar
-from firmware_bridge.transceiver_line import Transceiver
+from firmware_bridge.transceiver_line import SimulatedTransceiver
 
 
 class RobotBody:
@@ -90,7 +90,7 @@ class EmulatedHardware(NamedTuple):
 
     body: RobotBody
     base: EmulatedKobuki
-    radio: EmulatedBoard | Transceiver
+    radio: EmulatedBoard | SimulatedTransceiver
     lidar: EmulatedRplidar
 
 
@@ -218,11 +218,11 @@ class Laboratory:
         lidar = EmulatedRplidar(self._sights.of(index), LIDAR, generator=noise)
         return EmulatedHardware(body, base, radio, lidar)
 
-    def _radio(self, robot: str, setup: LaboratorySetup) -> EmulatedBoard | Transceiver:
+    def _radio(self, robot: str, setup: LaboratorySetup) -> EmulatedBoard | SimulatedTransceiver:
         if robot not in setup.without_board:
             return EmulatedBoard(self.air, START)
         channel = radio_model(setup.radio).parameters.channel
-        return Transceiver(self.air, BoardSettings(dict(setup.radio.robots)[robot], channel))
+        return SimulatedTransceiver(self.air, BoardSettings(dict(setup.radio.robots)[robot], channel))
 
     def _index(self, robot: str) -> int:
         return list(self.robots).index(robot)

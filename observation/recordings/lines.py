@@ -16,7 +16,7 @@ from observation.recordings.plain import at_column, columns, plain
 from observation.recordings.topics import Recorded, TopicError, short
 
 
-class Form(Enum):
+class LineForm(Enum):
     """How lines are printed."""
 
     TEXT = auto()
@@ -27,9 +27,11 @@ class Form(Enum):
 _HASH_ONLY = "only its hash was kept: nobody took it"
 
 
-def shown(recorded: Iterable[Recorded], form: Form) -> Iterator[str]:
+def shown(recorded: Iterable[Recorded], form: LineForm) -> Iterator[str]:
     """A line for each message. Raises TopicError for a table of messages of several types."""
-    return table(recorded) if form is Form.CSV else map(_object if form is Form.JSON else line, recorded)
+    return (
+        table(recorded) if form is LineForm.CSV else map(_object if form is LineForm.JSON else line, recorded)
+    )
 
 
 def _object(one: Recorded) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from actors.processes.robot_logs import LogTail, check_names, robots
-from observation.recordings.lines import Form, row
+from observation.recordings.lines import LineForm, row
 from observation.recordings.topics import TopicError, has_ended
 
 _LOG: Final = "/log"
@@ -56,15 +56,15 @@ def _within(
             yield Printed(robot, seconds, line)
 
 
-def shown(found: Iterable[Printed], form: Form, *, named: bool) -> Iterator[str]:
+def shown(found: Iterable[Printed], form: LineForm, *, named: bool) -> Iterator[str]:
     """Lines as they are printed; `named`: with the robot in front."""
-    if form is Form.CSV:
+    if form is LineForm.CSV:
         yield row(["seconds", "key", "text"])
     for one in found:
         text = _STAMP.sub("", one.line, count=1)
-        if form is Form.JSON:
+        if form is LineForm.JSON:
             yield json.dumps({"seconds": one.seconds, "key": one.robot + _LOG, "text": text})
-        elif form is Form.CSV:
+        elif form is LineForm.CSV:
             yield row([one.seconds, one.robot + _LOG, text])
         else:
             yield f"{one.robot}  {one.line}" if named else one.line

@@ -10,7 +10,7 @@ import msgspec
 from actors.radio.program import part as radio_part
 from actors.radio.radio_setup import RadioSetup
 from actors.robot.assembly import RobotSetup
-from actors.robot.behaviour.modules import Recorded, expect
+from actors.robot.behaviour.modules import RecordedModules, expect
 from actors.robot.program import part_of
 from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.core import Core
@@ -117,15 +117,15 @@ def explained(error: ReplayError, again: Again) -> ReplayError:
     return ReplayError(f"{error}; {why}") if why else error
 
 
-def _recorded(path: Path, code: dict[str, str]) -> Recorded:
+def _recorded(path: Path, code: dict[str, str]) -> RecordedModules:
     """What the recorded process had loaded in the end, as far as is known."""
     notes = read_notes(path)
     if "final" not in notes:
-        return Recorded(code, whole=False)
-    return Recorded(code | decoded(path, "final", notes["final"], FinalNote).code)
+        return RecordedModules(code, whole=False)
+    return RecordedModules(code | decoded(path, "final", notes["final"], FinalNote).code)
 
 
-def recorded_code(out: Path) -> Recorded | None:
+def recorded_code(out: Path) -> RecordedModules | None:
     """What the robots of a run had loaded; None if that was not recorded of any."""
     files = recordings(out)
     runs = [(path, run_of(path)) for actor, path in files.items() if actor not in {"world", "radio"}]
@@ -133,7 +133,7 @@ def recorded_code(out: Path) -> Recorded | None:
     if not known:
         return None
     hashes = {name: sha256 for one in known for name, sha256 in one.hashes.items()}
-    return Recorded(hashes, all(one.whole for one in known))
+    return RecordedModules(hashes, all(one.whole for one in known))
 
 
 def _part(path: Path, actor: str, run: RunNote, onlook: Onlook) -> ActorProcess:

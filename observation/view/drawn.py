@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.observer.drawing.canvas import Canvas
-from actors.observer.drawing.words import Event, Spell
+from actors.observer.drawing.words import DrawnEvent, Occupation
 from actors.observer.sheet import Sheet
 from actors.processes.kernels import compile_kernels
 from actors.robot.behaviour.foreign import INSTALLED, Permit
@@ -125,7 +125,7 @@ def compute(story: Story, painting: Painting, sheet: Sheet, *, permit: Permit, i
         if not traced.parts:
             fault = traced.fault or "it could not be replayed"
             painting.outside(source.robot, _seen(story, source), story.end)
-            painting.tell([Event(0.0, source.robot, fault.removeprefix(f"{source.robot}: "), "WARN")])
+            painting.tell([DrawnEvent(0.0, source.robot, fault.removeprefix(f"{source.robot}: "), "WARN")])
             faults.append(fault)
         sheet.flush()
     painting.ensembles()
@@ -145,12 +145,12 @@ def _reason(
     return faults
 
 
-def _seen(story: Story, source: Source) -> list[Spell]:
+def _seen(story: Story, source: Source) -> list[Occupation]:
     """What a robot did, by ground truth alone."""
     if not story.true:
         return []
     found = spells(read_run(story.out))
-    return [Spell(one.begin, _LANES[one.cause]) for one in found if one.robot == source.robot]
+    return [Occupation(one.begin, _LANES[one.cause]) for one in found if one.robot == source.robot]
 
 
 def place(out: Path, name: str = FILE_NAME) -> Path:

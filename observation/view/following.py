@@ -13,7 +13,7 @@ from typing import Final, Self
 from actors.instant import in_seconds
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement
-from actors.observer.drawing.words import Event
+from actors.observer.drawing.words import DrawnEvent
 from actors.observer.sheet import Sheet
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError
@@ -207,4 +207,4 @@ class Following:
 
     def _say(self, second: float, robot: str, words: str) -> None:
         assert self._painting is not None
-        self._painting.tell([Event(second, robot, words, "WARN")])
+        self._painting.tell([DrawnEvent(second, robot, words, "WARN")])

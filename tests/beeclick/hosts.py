@@ -8,7 +8,7 @@ from firmware_bridge.beeclick import answers, commands
 from firmware_bridge.beeclick.answers import Answer, PacketSent
 from firmware_bridge.beeclick.commands import Command, SendPacket, SetAddress, SetChannel, SetPower
 from firmware_bridge.beeclick.events import Event
-from firmware_bridge.beeclick.link import Link, LinkPhase
+from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import DEFAULTS, BeeClickParameters, BoardSettings
 from firmware_bridge.beeclick.wire import SYNC_PATTERN
 
@@ -26,7 +26,7 @@ class Host:
 
     def __init__(self, parameters: BeeClickParameters = DEFAULTS) -> None:
         self.now = Instant(0)
-        self.link = Link(BoardSettings(0x0103), parameters)
+        self.link = BoardLink(BoardSettings(0x0103), parameters)
         self.link.connect(self.now)
 
     def hear(self, *parts: Answer | bytes, after: int = 0) -> list[Event]:

@@ -28,7 +28,7 @@ from firmware_bridge.beeclick.commands import (
     SetPower,
     Synchronise,
 )
-from firmware_bridge.beeclick.emulation.air import Air
+from firmware_bridge.beeclick.emulation.air import EmulatedAir
 from firmware_bridge.beeclick.emulation.emulated_board import BoardParameters, EmulatedBoard
 from firmware_bridge.beeclick.wire import SYNC_PATTERN, byte_time
 from firmware_bridge.emulate import standing
@@ -43,7 +43,7 @@ class Bench:
         if not csma:  # a frame begins when the chip has it, but for the turnaround
             at_once = replace(model.parameters.transceiver, min_be=0, max_be=0, cca=Cca.NEVER)
             model = replace(model, parameters=replace(model.parameters, transceiver=at_once))
-        self.air = Air(range(1, boards + 1), lambda channel: model, 1)
+        self.air = EmulatedAir(range(1, boards + 1), lambda channel: model, 1)
         self.boards = [EmulatedBoard(self.air, START) for _ in range(boards)]
         for board in self.boards:
             self.air.add(board)

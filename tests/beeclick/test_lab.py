@@ -11,12 +11,12 @@ from benchmarks.hardware.beeclick import soak, throughput
 from deeco.replication.fragments import Fragmenter
 from deeco.replication.reassembly import Reassembly
 from firmware_bridge import emulate
-from firmware_bridge.beeclick.emulation.air import Air, Device
+from firmware_bridge.beeclick.emulation.air import Device, EmulatedAir
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulation.lab import Desk, Lab
 from firmware_bridge.beeclick.emulation.line import Disturbance
-from firmware_bridge.beeclick.events import PacketEnd, Unconfirmed
-from firmware_bridge.beeclick.link import Link, LinkPhase
+from firmware_bridge.beeclick.events import PacketEnd, UnconfirmedPacket
+from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import BeeClickParameters, BoardSettings
 from tests.beeclick.hosts import causes, states
 
@@ -33,7 +33,7 @@ def lab(boards: int, seed: int = 1, parameters: BeeClickParameters | None = None
     desks = []
     for number, board in enumerate(air.devices):
         assert isinstance(board, EmulatedBoard)
-        desks.append(Desk(Link(BoardSettings(number + 1), parameters or BeeClickParameters()), board))
+        desks.append(Desk(BoardLink(BoardSettings(number + 1), parameters or BeeClickParameters()), board))
     return Lab(air, desks, np.random.default_rng(seed), milliseconds(poll / 1_000))
 
 
@@ -80,7 +80,7 @@ def test_a_restarted_board_is_set_up_again_and_its_packets_are_unconfirmed() -> 
     assert (desk.board.pan, desk.board.address, desk.board.channel) == (0xBABA, 1, 15)
     kinds = {tag: kind for kind, tag in ends(desk)}
     assert sorted(kinds) == [0, 1, 2, 3]
-    assert [kinds[tag] for tag in (1, 2, 3)] == ["Unconfirmed"] * 3
+    assert [kinds[tag] for tag in (1, 2, 3)] == ["UnconfirmedPacket"] * 3
     assert causes(desk.events) == ["answer_skipped"]
 
 
@@ -140,7 +140,7 @@ def test_noise_that_only_the_board_hears_costs_half_a_second_at_most() -> None:
             assert ends(desk)[-1] == ("Sent", 2)
 
 
-class WedgedAir(Air):
+class WedgedAir(EmulatedAir):
     """Loses the interrupt at a frame's end: the board waits for it for ever, and goes on talking."""
 
     wedged = True
@@ -153,7 +153,7 @@ class WedgedAir(Air):
 def test_a_wedged_radio_is_silent_once_and_its_boards_ring_is_not_overrun() -> None:
     model = radio_model(RadioSetup(1, 10_000, (), "beeclick"))
     air = WedgedAir([1], lambda channel: model, 1)
-    desk = Desk(Link(BoardSettings(1)), EmulatedBoard(air, START))
+    desk = Desk(BoardLink(BoardSettings(1)), EmulatedBoard(air, START))
     air.add(desk.board)
     room = Lab(air, [desk], np.random.default_rng(1))
     room.run(milliseconds(50))
@@ -184,7 +184,7 @@ def test_a_cable_that_is_pulled_and_put_in_again() -> None:
         desk.send(room.now, tag, bytes(118))
     room.run(milliseconds(2))
     desk.unplug(room.now)
-    assert ends(desk) == [("Unconfirmed", tag) for tag in range(4)]
+    assert ends(desk) == [("UnconfirmedPacket", tag) for tag in range(4)]
     room.run(milliseconds(300))
     desk.plug(room.now)
     room.run(milliseconds(50))
@@ -225,7 +225,7 @@ def test_a_thousand_restarts_lose_no_packet_from_the_books() -> None:
         desk.events.clear()
     desk.unplug(room.now)
     assert len(books) + len(ends(desk)) + desk.link.waiting == tag
-    assert {"Sent", "Unconfirmed"} <= set(books.values())
+    assert {"Sent", "UnconfirmedPacket"} <= set(books.values())
     assert desk.link.counters["ups"] == 1_001
 
 
@@ -290,10 +290,10 @@ def test_a_link_that_meets_a_running_board_waits_for_its_packets() -> None:
     for tag in range(4):
         desk.send(room.now, tag, bytes(118))
     room.run(milliseconds(3))
-    desk.link = Link(BoardSettings(1))
+    desk.link = BoardLink(BoardSettings(1))
     desk.link.connect(room.now)
     desk.events.clear()
     room.run(milliseconds(80))
     assert [type(e) for e in desk.events] == [LinkState]
-    assert not desk.of(Sent, Unconfirmed)
+    assert not desk.of(Sent, UnconfirmedPacket)
     assert desk.board.counters["transmitted"] >= 4

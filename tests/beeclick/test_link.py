@@ -4,7 +4,7 @@ from actors.messages import AccessFailure, Overflow, Refused, Sent
 from actors.radio.frame_codec import DataFrame
 from firmware_bridge.beeclick.answers import PacketSent, ReceivedPacket, Warmth
 from firmware_bridge.beeclick.commands import SendPacket, SetAddress, SetChannel, SetPower
-from firmware_bridge.beeclick.events import Unconfirmed
+from firmware_bridge.beeclick.events import UnconfirmedPacket
 from firmware_bridge.beeclick.link import LinkPhase
 from firmware_bridge.beeclick.wire import SYNC_PATTERN
 from tests.beeclick.hosts import ECHOES, SYNC, Host, causes, confirm, states
@@ -134,7 +134,7 @@ def test_beyond_the_queue_the_new_packet_is_dropped() -> None:
 def test_a_later_confirmation_settles_the_earlier_packets() -> None:
     host = Host().get_ready()
     first, second = host.send(1, 2)
-    assert host.hear(confirm(second)) == [Unconfirmed(host.now, 1, "answer_skipped"), Sent(host.now, 2)]
+    assert host.hear(confirm(second)) == [UnconfirmedPacket(host.now, 1, "answer_skipped"), Sent(host.now, 2)]
     assert host.hear(confirm(first)) == []  # never twice
     assert host.link.counters["late_confirmation"] == 1
     assert host.link.phase is LinkPhase.READY
@@ -168,8 +168,8 @@ def test_confirmations_ahead_of_the_sync_answer_count() -> None:
         AccessFailure(host.now, 2),
     ]
     assert host.hear(SYNC_PATTERN) == [
-        Unconfirmed(host.now, 3, "answer_skipped"),
-        Unconfirmed(host.now, 4, "answer_skipped"),
+        UnconfirmedPacket(host.now, 3, "answer_skipped"),
+        UnconfirmedPacket(host.now, 4, "answer_skipped"),
     ]
     assert len(host.commands()) == 3
     assert host.hear(*ECHOES) == [LinkState(host.now, True, "")]
@@ -185,8 +185,8 @@ def test_confirmations_within_noise_count() -> None:
     assert host.hear(confirm(numbers[0]), noise, confirm(numbers[1]), b"\x02", SYNC_PATTERN) == [
         Sent(host.now, 1),
         Sent(host.now, 2),
-        Unconfirmed(host.now, 3, "answer_skipped"),
-        Unconfirmed(host.now, 4, "answer_skipped"),
+        UnconfirmedPacket(host.now, 3, "answer_skipped"),
+        UnconfirmedPacket(host.now, 4, "answer_skipped"),
     ]
 
 
@@ -284,8 +284,8 @@ def test_a_silent_board_is_reported_once_and_asked_on() -> None:
     assert events == [
         LinkState(Instant(1_000_000), False, "no_confirmation"),
         LinkState(Instant(2_000_000), False, "silent"),
-        Unconfirmed(Instant(2_000_000), 1, "silent"),
-        Unconfirmed(Instant(2_000_000), 9, "silent"),
+        UnconfirmedPacket(Instant(2_000_000), 1, "silent"),
+        UnconfirmedPacket(Instant(2_000_000), 9, "silent"),
     ]
     assert syncs == [250_000, 500_000, 750_000, 1_000_000, 1_800_000, 2_600_000, 3_400_000]
     host.hear(SYNC_PATTERN)
@@ -326,7 +326,7 @@ def test_two_packets_in_a_row_of_which_nothing_becomes_make_the_radio_silent() -
         "no_confirmation",
         "silent",
     ]
-    assert len({event.tag for event in events if isinstance(event, Unconfirmed)}) >= 28
+    assert len({event.tag for event in events if isinstance(event, UnconfirmedPacket)}) >= 28
     (number,) = host.send(40)
     assert host.hear(confirm(number)) == [Sent(host.now, 40), LinkState(host.now, True, "")]
 
@@ -347,7 +347,7 @@ def test_without_a_port_what_is_in_flight_is_unconfirmed_and_the_rest_waits() ->
     numbers = host.send(1, 2, 3, 4, 5)
     assert host.link.lost(host.now) == [
         LinkState(host.now, False, "lost"),
-        *(Unconfirmed(host.now, tag, "lost") for tag in (1, 2, 3, 4)),
+        *(UnconfirmedPacket(host.now, tag, "lost") for tag in (1, 2, 3, 4)),
     ]
     assert host.hear(confirm(numbers[0])) == []
     assert (host.due(), host.link.wake(), host.link.waiting) == (b"", None, 1)

@@ -13,7 +13,7 @@ import pytest
 from actors.instant import Instant
 from actors.messages import Heard, Sent
 from firmware_bridge.beeclick.events import Event
-from firmware_bridge.beeclick.link import Link, LinkPhase
+from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.port import BoardPort, PortError
 from firmware_bridge.emulate import main
@@ -179,7 +179,7 @@ def test_emulated_boards_hear_one_another_until_they_are_stopped(tmp_path: Path)
 
 def converse(ports: list[BoardPort]) -> None:
     """Get both boards ready, send from each to the other."""
-    links = [Link(BoardSettings(number + 1)) for number in range(len(ports))]
+    links = [BoardLink(BoardSettings(number + 1)) for number in range(len(ports))]
     events: list[list[Event]] = [[] for _ in ports]
 
     def serve() -> None:

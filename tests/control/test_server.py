@@ -19,7 +19,7 @@ from actors.task.words import PlaceReport
 from actors.topic import Message, Topic
 from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup
 from deploy.control import scene as scenes
-from deploy.control.wire import ASK_BYTES, Ask, Body, JunkError, Place, Said, ask
+from deploy.control.wire import ASK_BYTES, Ask, JunkError, MapRobot, OrderAnswer, Place, ask
 
 server = pytest.importorskip("deploy.control.server", reason="websockets comes with `./acrc run --control`")
 run_link = pytest.importorskip("deploy.control.run_link")
@@ -202,7 +202,7 @@ def test_what_is_no_order(data: str | bytes) -> None:
 def test_a_page_is_told_when_the_run_says_nothing() -> None:
     now, stage, mesh = [0.0], scene(), Mesh()
     link = run_link.RunLink(stage, mesh, mesh, lambda: now[0])
-    told: list[Said] = []
+    told: list[OrderAnswer] = []
 
     class Listener:
         tell = staticmethod(told.append)
@@ -224,7 +224,7 @@ def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
     stage.take(Answered(1, "b", ("no",)))
     stage.take(Progress(1, 100_000, 1, 1, finished=False, paused=True))
     state = stage.state(junk=3)
-    assert state.robots == (Body("r1", 3.0, 4.0, 0.0, "driving"),)
+    assert state.robots == (MapRobot("r1", 3.0, 4.0, 0.0, "driving"),)
     assert (state.walls, state.done, state.paused, state.junk) == (((1.0, 1.0, 2.0, 1.0),), (1,), True, 3)
     assert state.speed == 0.5
     assert (state.jammers, state.obstacles) == (((1.0, 1.0, 3.0),), ())

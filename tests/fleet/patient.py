@@ -7,7 +7,7 @@ from pathlib import Path
 
 from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels, Machine
 from deploy.fleet.usb_ports import UsbPort
-from firmware_bridge.serial_port import Device
+from firmware_bridge.serial_port import PortDevice
 
 KOBUKI_AT_0 = UsbPort("/dev/ttyUSB0", "0403", "6001", "kobuki_A1B2", "1-1.1")
 BOARD_AT_1 = UsbPort("/dev/ttyUSB1", "0403", "6001", "A50285BI", "1-1.2")
@@ -59,7 +59,7 @@ class Patient(Machine):
     def holders(self, path: str) -> list[str]:
         return self.held.get(path, [])
 
-    def port_fault(self, path: str, device: Device) -> str | None:
+    def port_fault(self, path: str, device: PortDevice) -> str | None:
         return self.port_faults.get(path)
 
     def camera_fault(self) -> str | None:

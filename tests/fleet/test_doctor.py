@@ -12,7 +12,15 @@ import pytest
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from deploy.fleet.doctor import computer, consultation, ports
 from deploy.fleet.doctor import robot as robot_checks
-from deploy.fleet.doctor.machine import Certified, Finding, GroupMembership, Kernels, Machine, well, wrong
+from deploy.fleet.doctor.machine import (
+    Certified,
+    DoctorFinding,
+    GroupMembership,
+    Kernels,
+    Machine,
+    well,
+    wrong,
+)
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.usb_ports import UsbPort
 from firmware_bridge.kobuki.port import KOBUKI
@@ -40,7 +48,7 @@ OFFICE_FLEET = load_fleet(OFFICE)
 R2 = OFFICE_FLEET.robot("r2")
 
 
-def only(found: Iterable[Finding]) -> Finding:
+def only(found: Iterable[DoctorFinding]) -> DoctorFinding:
     (finding,) = found
     return finding
 
@@ -297,7 +305,7 @@ def test_keys_must_hold_today_for_this_robot_and_nobody_elses_eyes(
     for name in ("authority.pem", "certificate.pem", "key.pem"):
         (folder / name).touch()
     found = only(robot_checks.keys(machine.but(certified=certified), listening, listening.robot("r1")))
-    assert found == Finding("keys", ok, text.format(folder=folder))
+    assert found == DoctorFinding("keys", ok, text.format(folder=folder))
     swapped = machine.but(certified=Certified("r2", certified.begins, certified.ends))
     assert only(robot_checks.keys(swapped, listening, listening.robot("r1"))) == wrong(
         "keys", f"{folder}/certificate.pem is that of r2; the folder of r1 belongs here"

@@ -15,7 +15,7 @@ from actors.runtime.isolation.sandbox import available
 from benchmarks.attacks import command
 from benchmarks.attacks.attack import Attack, Layer, missing_means
 from benchmarks.attacks.attacks import ATTACKS, table
-from benchmarks.attacks.swarm import MODES, Swarm
+from benchmarks.attacks.swarm import MODES, AttackedSwarm
 from benchmarks.statistics.measured import Measured
 
 SEEN_BY_ALL = ("page cache", "common file")
@@ -25,13 +25,13 @@ DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "isolation.md"
 
 
 @pytest.fixture(scope="module")
-def swarms() -> Iterator[dict[str, Swarm]]:
+def swarms() -> Iterator[dict[str, AttackedSwarm]]:
     """The swarms whose robots are not isolated, started when first asked for."""
     with ExitStack() as stack:
 
-        class Started(dict[str, Swarm]):
-            def __missing__(self, mode: str) -> Swarm:
-                self[mode] = stack.enter_context(Swarm(mode))
+        class Started(dict[str, AttackedSwarm]):
+            def __missing__(self, mode: str) -> AttackedSwarm:
+                self[mode] = stack.enter_context(AttackedSwarm(mode))
                 return self[mode]
 
         yield Started()
@@ -75,7 +75,7 @@ CASES = [
 
 @pytest.mark.parametrize(("index", "mode"), CASES)
 def test_an_attack_gets_through_only_where_nothing_closes_its_way(
-    index: int, mode: str, swarms: dict[str, Swarm]
+    index: int, mode: str, swarms: dict[str, AttackedSwarm]
 ) -> None:
     attack = ATTACKS[index]
     need_means(attack)

@@ -12,7 +12,7 @@ import pytest
 from benchmarks.localisation import log
 from benchmarks.localisation.course import Course, CourseSetup
 from benchmarks.localisation.filters import Arm, replay
-from benchmarks.localisation.log import LogError, LogLimits
+from benchmarks.localisation.log import CourseLogError, LogLimits
 from tests.localisation_bench.scenes import APARTMENT, CORRIDOR, course
 
 SETUP = CourseSetup(CORRIDOR, 5, robots=4, view="kinect", base="kobuki", seconds=6)
@@ -165,7 +165,7 @@ def test_a_bad_log_gets_one_sentence(
     written: Path, tmp_path: Path, member: str, change: Change, said: str
 ) -> None:
     bad = changed(written, member, change, tmp_path / "bad.zip")
-    with pytest.raises(LogError) as caught:
+    with pytest.raises(CourseLogError) as caught:
         log.read(bad)
     told = str(caught.value)
     assert said in told and told.startswith(str(bad)) and told.endswith(".") and "\n" not in told
@@ -173,13 +173,13 @@ def test_a_bad_log_gets_one_sentence(
 
 def test_no_archive_or_none_or_one_too_large_gets_one_sentence(written: Path, tmp_path: Path) -> None:
     (tmp_path / "text.zip").write_text("no archive")
-    with pytest.raises(LogError, match="this is not a localisation log, which is a ZIP archive"):
+    with pytest.raises(CourseLogError, match="this is not a localisation log, which is a ZIP archive"):
         log.read(tmp_path / "text.zip")
-    with pytest.raises(LogError, match="cannot be read"):
+    with pytest.raises(CourseLogError, match="cannot be read"):
         log.read(tmp_path / "none.zip")
-    with pytest.raises(LogError, match="cannot be written"):
+    with pytest.raises(CourseLogError, match="cannot be written"):
         log.write(tmp_path / "none" / "course.zip", course(SETUP))
-    with pytest.raises(LogError, match=r"odometry\.csv has more than the 1000 bytes allowed"):
+    with pytest.raises(CourseLogError, match=r"odometry\.csv has more than the 1000 bytes allowed"):
         log.read(written, LogLimits(text_bytes=1000))
 
 
@@ -196,7 +196,7 @@ def test_damage_is_either_harmless_or_a_log_error(written: Path, tmp_path: Path)
         file.write_bytes(damaged[: int(draws.integers(len(whole)))] if draws.random() < 0.2 else damaged)
         try:
             log.read(file)
-        except LogError as error:
+        except CourseLogError as error:
             assert "\n" not in str(error)
             refused += 1
     assert refused > 50

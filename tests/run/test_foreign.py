@@ -12,7 +12,7 @@ from actors.installation.repository import PACKAGES, REPOSITORY
 from actors.installation.usage import OptionError
 from actors.robot.behaviour import foreign
 from actors.robot.behaviour.foreign import INSTALLED, Permit, admitted
-from actors.robot.behaviour.modules import FOLDERS, Recorded, expect, located, look_in
+from actors.robot.behaviour.modules import FOLDERS, RecordedModules, expect, located, look_in
 from actors.runtime.errors import AcrcError
 
 SOURCE = Path("bold.toml")
@@ -221,7 +221,7 @@ def test_what_is_loaded_is_what_was_hashed_and_what_was_recorded(study: Path, lo
     assert list(hashes) == ["mine.py", "namespace/help.py", "package/__init__.py", "package/part.py"]
     for name in ("mine", "namespace", "namespace.help", "package", "package.part"):
         del sys.modules[name]
-    expect(Recorded(hashes))
+    expect(RecordedModules(hashes))
     __import__("mine")
     for name in ("mine", "package", "package.part"):
         del sys.modules[name]
@@ -235,12 +235,12 @@ def test_what_is_loaded_is_what_was_hashed_and_what_was_recorded(study: Path, lo
     (study / "package" / "part.py").write_text(GROWN)
     (study / "package" / "more.py").write_text("")
     grown = hashes | {"package/part.py": sha256(GROWN)}
-    expect(Recorded(grown))
+    expect(RecordedModules(grown))
     with pytest.raises(AcrcError) as caught:
         __import__("package.part")
     assert str(caught.value) == (
         f"{study}/package/more.py: the recorded run has loaded no such file; --trust loads it all the same"
     )
     sys.modules.pop("package.part", None)
-    expect(Recorded(grown, whole=False))  # it was killed, and may have loaded more
+    expect(RecordedModules(grown, whole=False))  # it was killed, and may have loaded more
     __import__("package.part")

@@ -11,8 +11,8 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import available
 from deploy.run import swarm
 from deploy.run.options import RunOptions
-from deploy.run.plan import Plan
-from deploy.run.preflight import Bounds, preflight
+from deploy.run.plan import RunPlan
+from deploy.run.preflight import PreflightLimits, preflight
 from tests.scenario.faults import scenario
 
 STUDY = """
@@ -49,7 +49,7 @@ def gone(start: Start) -> Behaviour:
 """
 
 
-def planned(folder: Path, name: str, text: str, function: str = "behaviour") -> Plan:
+def planned(folder: Path, name: str, text: str, function: str = "behaviour") -> RunPlan:
     (folder / f"{name}.py").write_text(STUDY)
     head = f'[run]\nstrategy = "{name}:{function}"\nmodules = "{folder}"\n'
     return swarm.plan(scenario(head + text), RunOptions(folder / "out", bus="memory", modules=(folder,)))
@@ -173,7 +173,7 @@ def launched() -> Iterator[Launcher]:
         yield launched
 
 
-def hostile(folder: Path, function: str) -> Plan:
+def hostile(folder: Path, function: str) -> RunPlan:
     (folder / "hostile.py").write_text(HOSTILE)
     text = f'[run]\nstrategy = "hostile:{function}"\nmodules = "{folder}"\n'
     return swarm.plan(scenario(text), RunOptions(folder / "out", isolate=True, modules=(folder,)))
@@ -198,7 +198,7 @@ def test_a_robot_that_cannot_be_made_is_one_sentence(
     tmp_path: Path, launched: Launcher, function: str, sentence: str
 ) -> None:
     with pytest.raises(AcrcError) as caught:
-        preflight(hostile(tmp_path, function), launched, Bounds(patience_s=1.0))
+        preflight(hostile(tmp_path, function), launched, PreflightLimits(patience_s=1.0))
     assert str(caught.value) == sentence.format(function)
     assert not (tmp_path / "out").exists()
 
@@ -207,7 +207,7 @@ def test_a_robot_that_hangs_unseen_is_said_to_hang_and_not_to_be_killed(
     tmp_path: Path, launched: Launcher
 ) -> None:
     with pytest.raises(AcrcError) as caught:
-        preflight(hostile(tmp_path, "hangs_unseen"), launched, Bounds(patience_s=0.5, grace_s=0.5))
+        preflight(hostile(tmp_path, "hangs_unseen"), launched, PreflightLimits(patience_s=0.5, grace_s=0.5))
     assert str(caught.value) == MADE.format("hangs_unseen") + "is not done after 1 s"
 
 

@@ -19,7 +19,7 @@ from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.behaviour.ports import ExchangeSettings, Start
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
-from actors.table import Table, as_tuples
+from actors.table import FileTable, as_tuples
 from deploy.scenario.adaptation_tables import AreaTable, DeecoTable, Settings, adaptation
 
 WHOLE = """
@@ -51,7 +51,7 @@ STRENGTH = "but must be a number of dBm from -90 to 0"
 SPAN = "but must be two numbers [from, to] in m, the first below the second"
 
 
-class File(Table):
+class File(FileTable):
     """The tables as scenario and fleet have them."""
 
     strategy: Settings = Field(default_factory=dict)

@@ -20,7 +20,7 @@ _LARGEST: Final = 16_000_000
 """Bytes of a module."""
 
 
-class Recorded(NamedTuple):
+class RecordedModules(NamedTuple):
     """The modules that a run loaded from such folders."""
 
     hashes: Mapping[str, str]
@@ -48,7 +48,7 @@ class _Folders(MetaPathFinder):
     def __init__(self) -> None:
         self.folders: tuple[Path, ...] = ()
         self.any_content = False
-        self.expected: Recorded | None = None
+        self.expected: RecordedModules | None = None
         self._roots: dict[str, Path] = {}
         """The folder of each module that was found, by its name."""
         self._taken: dict[str, str] = {}
@@ -91,7 +91,7 @@ class _Folders(MetaPathFinder):
         self._taken[file] = now
 
     def hashes(self) -> dict[str, str]:
-        """What was loaded from the folders so far, as in `Recorded`."""
+        """What was loaded from the folders so far, as in `RecordedModules`."""
         return {
             Path(file).relative_to(root).as_posix(): sha256
             for file, sha256 in sorted(self._taken.items())
@@ -116,7 +116,7 @@ def look_in(folders: Sequence[Path], *, any_content: bool = False) -> None:
         sys.meta_path.insert(0, FOLDERS)  # before what would load bytecode from a package that lies there
 
 
-def expect(recorded: Recorded | None) -> None:
+def expect(recorded: RecordedModules | None) -> None:
     """From here on a module in the folders must be as it was recorded; None: as it is."""
     FOLDERS.expected = recorded
 

@@ -21,7 +21,7 @@ _LONGEST_SWEEP_S: Final = 5.0
 """How long something that starts processes as fast as they are ended is run after."""
 
 
-class Glance(NamedTuple):
+class ProcessGlance(NamedTuple):
     """One process at one instant, from /proc/PID/stat (proc(5))."""
 
     parent: int
@@ -46,7 +46,7 @@ class Holding(NamedTuple):
     threads: int
 
 
-def table() -> dict[int, Glance]:
+def table() -> dict[int, ProcessGlance]:
     """Every process of the machine by its id, as far as it can be seen."""
     if not (_PROC / "self/stat").exists():
         return {}
@@ -54,7 +54,7 @@ def table() -> dict[int, Glance]:
     return {pid: one for pid, one in found.items() if one is not None}
 
 
-def glance(pid: int) -> Glance | None:
+def glance(pid: int) -> ProcessGlance | None:
     """One process; None if there is none."""
     text = _told(pid, "stat")
     if not text:
@@ -62,7 +62,7 @@ def glance(pid: int) -> Glance | None:
     # The name stands in parentheses and may hold anything; what follows the last one is numbers.
     words = text.rpartition(b")")[2].split()
     cpu_ticks = sum(map(int, words[11:15]))
-    return Glance(int(words[1]), int(words[3]), words[0].decode(), cpu_ticks / _TICKS_PER_S)
+    return ProcessGlance(int(words[1]), int(words[3]), words[0].decode(), cpu_ticks / _TICKS_PER_S)
 
 
 def held(pid: int) -> Holding:
@@ -93,12 +93,12 @@ def queued_s(pid: int) -> float | None:
         return None
 
 
-def children(of: int, among: Mapping[int, Glance]) -> set[int]:
+def children(of: int, among: Mapping[int, ProcessGlance]) -> set[int]:
     """The processes that `of` is the parent of."""
     return {pid for pid, one in among.items() if one.parent == of}
 
 
-def descendants(of: Iterable[int], among: Mapping[int, Glance]) -> set[int]:
+def descendants(of: Iterable[int], among: Mapping[int, ProcessGlance]) -> set[int]:
     """These processes and all that descend from them."""
     below: dict[int, list[int]] = {}
     for pid, one in among.items():

@@ -24,10 +24,10 @@ from actors.runtime.isolation import sandbox
 from deploy.fleet import usb_ports
 from deploy.fleet.usb_ports import UsbPort
 from firmware_bridge.range_sensors.openni import CameraError, find_library
-from firmware_bridge.serial_port import Device, PortError, SerialPort
+from firmware_bridge.serial_port import PortDevice, PortError, SerialPort
 
 
-class Finding(msgspec.Struct, frozen=True):
+class DoctorFinding(msgspec.Struct, frozen=True):
     """One thing that was looked at: how it is, and if it is wrong what would put it right: one sentence."""
 
     subject: str
@@ -35,14 +35,14 @@ class Finding(msgspec.Struct, frozen=True):
     text: str
 
 
-def well(subject: str, text: str) -> Finding:
+def well(subject: str, text: str) -> DoctorFinding:
     """As it should be."""
-    return Finding(subject, True, text)
+    return DoctorFinding(subject, True, text)
 
 
-def wrong(subject: str, text: str) -> Finding:
+def wrong(subject: str, text: str) -> DoctorFinding:
     """Not as it should be."""
-    return Finding(subject, False, text)
+    return DoctorFinding(subject, False, text)
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class Machine:
                     found.append(f"{(process / 'comm').read_text().strip()} (PID {process.name})")
         return found
 
-    def port_fault(self, path: str, device: Device) -> str | None:
+    def port_fault(self, path: str, device: PortDevice) -> str | None:
         """Why the port cannot be opened, in one sentence; None if it can."""
         try:
             SerialPort(path, device).close()

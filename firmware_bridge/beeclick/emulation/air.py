@@ -57,7 +57,7 @@ class Device(Protocol):
         """A frame of another one's, with the codes of the chip."""
 
 
-class Radio(Protocol):
+class BoardRadio(Protocol):
     """The medium, as a device finds it: an `Air`."""
 
     def transmit(self, device: Device, now: Instant, tag: int, data: bytes) -> None:
@@ -85,7 +85,7 @@ class _Channel:
         return Instant(min(due) + 1) if due else None
 
 
-class Air:
+class EmulatedAir:
     """All devices and the frames between them, as events in the order of time."""
 
     def __init__(self, addresses: Sequence[int], model: Callable[[int], RadioModel], seed: int) -> None:
@@ -210,12 +210,12 @@ class Air:
                     device.finished(now, event)
 
 
-def air(setup: RadioSetup) -> Air:
+def air(setup: RadioSetup) -> EmulatedAir:
     """The air that a set-up of the simulated radio describes, on every channel. Raises AcrcError."""
 
     def model(channel: int) -> RadioModel:
         return radio_model(msgspec.structs.replace(setup, channel=channel))
 
-    made = Air([address for _, address in setup.robots], model, setup.seed)
+    made = EmulatedAir([address for _, address in setup.robots], model, setup.seed)
     made.prepare(setup.channel or preset(setup.preset).channel)
     return made

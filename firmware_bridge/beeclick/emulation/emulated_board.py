@@ -33,7 +33,7 @@ from firmware_bridge.beeclick.commands import (
     SetChannel,
     SetPower,
 )
-from firmware_bridge.beeclick.emulation.air import Radio
+from firmware_bridge.beeclick.emulation.air import BoardRadio
 from firmware_bridge.beeclick.emulation.rings import AnswerRing, CommandRing, CrashError
 from firmware_bridge.beeclick.parameters import radiated
 from firmware_bridge.beeclick.wire import byte_time, bytes_in
@@ -72,7 +72,7 @@ DEFAULTS: Final = BoardParameters()
 class EmulatedBoard:
     """One board. The host's line: `take`, `run`; the medium: `finished`, `heard`; people: the rest."""
 
-    def __init__(self, radio: Radio, now: Instant, parameters: BoardParameters = DEFAULTS) -> None:
+    def __init__(self, radio: BoardRadio, now: Instant, parameters: BoardParameters = DEFAULTS) -> None:
         self._radio = radio
         self._p = parameters
         self.counters = dict.fromkeys(("transmitted", "heard", "lost", "crashes", "reboots"), 0)
