@@ -1,1 +1,1 @@
-"""What is claimed and what is measured: what a person runs to judge the testbed."""
+"""What is claimed (`acrc verify`) and what is measured (`acrc bench`)."""

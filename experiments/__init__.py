@@ -1,1 +1,1 @@
-"""What researchers of self-adaptation do daily: runs of several strategies, compared so that it holds."""
+"""Several strategies compared: studies, campaigns, statistics, reports, bundles."""

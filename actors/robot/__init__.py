@@ -1,1 +1,1 @@
-"""A robot's on-board software: where am I, how do I get there, and what does the user's behaviour want."""
+"""A robot's on-board software: localisation, navigation, and the user's behaviour."""

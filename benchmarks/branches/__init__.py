@@ -1,1 +1,1 @@
-"""Branches of a run that nothing was changed in, at random instants: whether each is the run itself."""
+"""Branches without a change, at random instants: whether each has the run's digest."""

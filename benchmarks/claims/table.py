@@ -17,8 +17,8 @@ CLAIMS: Final = (
     PublishedClaim(
         "same-bits", _BITS,
         "A run follows from scenario, seed and commit; a strategy from its inputs only.",
-        "One digest in memory and over processes, isolated or not, at any speed; replayed in processes with "
-        "another hash seed, every message is equal. Tests do it on every change.",
+        "One digest in memory and over processes, sandboxed or not, at any speed; replayed with another hash "
+        "seed, every message is equal. Tests do it on every change.",
         "benchmarks.foundations.same_bits", small={"duration": 5.0}, full={"duration": 120.0},
         seconds=(15, 90), takes=("duration",),
     ),
@@ -55,9 +55,9 @@ CLAIMS: Final = (
     PublishedClaim(
         "localisation", _NAVIGATION,
         "The robot's localisation is as good as the original amcl, and keeps track among up to ten others.",
-        "Over twelve courses with ten runs each the error of preset `chapter` is 0.69 times amcl's (0.65 to "
-        "0.73), on no course more than 0.80 times; neither loses any of 120 runs (`--from DIR --against "
-        "JSON`). Beside the truth: 0.024 to 0.747 m with `chapter`, 0.013 to 0.039 m with `robust`.",
+        "Over twelve courses with ten runs each the error of localisation `chapter` is 0.69 times amcl's "
+        "(0.65 to 0.73), at most 0.80 times; neither loses any of 120 runs (`--from DIR --against JSON`). "
+        "Localisation error, rmse: 0.024 to 0.747 m with `chapter`, 0.013 to 0.039 m with `robust`.",
         "benchmarks.localisation.command",
         small={"cell": _CORNERS, "runs": 1, "duration": 60.0}, full={"runs": 20}, seconds=(5, 540),
         takes=("source", "against", "runs", "cell", "duration", "log", "seed", "workers"),
@@ -73,14 +73,14 @@ CLAIMS: Final = (
     PublishedClaim(
         "failures", _NAVIGATION,
         "The chapter's failures come about by themselves.",
-        "Deadlocks and lost trajectories do; *lost* does not, with the chapter's sensor, odometry and map.",
+        "Deadlocks and obstructed robots do; *lost* does not, with the chapter's sensor, odometry and map.",
         "benchmarks.failures.failures", small={"robots": (4,), "runs": 1, "duration": 200.0},
         full={"runs": 20}, seconds=(10, 900),
         takes=("scenario", "robots", "runs", "duration", "strategy", "localisation", "navigation"),
     ),
     PublishedClaim(
         "wedged", _NAVIGATION,
-        "A robot with `back_off` gets free of another one that it stands head-on and too near to.",
+        "A robot with `back_off` gets free of another one that it is wedged with, head-on.",
         "All of 40 pairs come free, in a passage and on open floor "
         "([and what it does not cure](navigation.md#the-three-failures)).",
         "benchmarks.causes.wedge", small={"runs": 1}, full={"runs": 5}, seconds=(10, 60), takes=("runs",),
@@ -88,14 +88,15 @@ CLAIMS: Final = (
     PublishedClaim(
         "attacks", _PAST,
         "The radio is the only way from one robot to another.",
-        "Some hundred attacks by a swarm's own members are tried on every change. Those that get through are "
-        "expected to, and [named](isolation.md#what-remains): session ids, page faults, load and timing.",
+        "Some hundred attacks by a swarm's own members run on every change. Those that get through are "
+        "[named](isolation.md#what-remains): session ids, inode numbers, page faults, load and timing.",
         "benchmarks.attacks.command", seconds=(6, 6),
     ),
     PublishedClaim(
         "endings", _ENDS,
         "Whatever ends a run, nothing is left behind, and the recordings are good.",
-        "200 runs killed, stopped or signalled at random instants: none hung, all as due.",
+        "200 runs killed, stopped or signalled at random instants: all ended or went on as they should, none "
+        "hung.",
         "benchmarks.swarm.endings", small={"runs": 3, "longest_stop": 5.0}, full={"runs": 200},
         seconds=(35, 2400), takes=("runs", "seed", "workers"),
     ),
@@ -108,14 +109,14 @@ CLAIMS: Final = (
     ),
     PublishedClaim(
         "resume", _ENDS,
-        "A campaign that is killed is resumed as if it had never been.",
-        "Killed ten times at random moments: every record as without, none made twice.",
+        "A campaign that is killed resumes without a trace.",
+        "Killed ten times at random moments: the same records as without, no trial made twice.",
         "benchmarks.swarm.resume", small={"runs": 2, "duration": 3.0}, full={"runs": 10}, seconds=(25, 300),
         takes=("runs", "duration"),
     ),
     PublishedClaim(
         "branches", _ENDS,
-        "A branch without a change is the run, and one without a frame differs by that frame first.",
+        "A branch without a change has the run's digest; one without a frame first differs by that frame.",
         "20 of 20 each ([observe and replay](observe-and-replay.md)).",
         "benchmarks.branches.forks", small={"runs": 2, "duration": 10.0}, full={"runs": 20},
         seconds=(5, 180),
@@ -136,7 +137,7 @@ CLAIMS: Final = (
     ),
     PublishedClaim(
         "seal", _ENDS,
-        "A run's files are as it left them, or the one that is not is named.",
+        "A file of a run that was changed is named.",
         "Flipped bits, files removed, added, renamed or replaced by links: each is named "
         "([seal](observe-and-replay.md#what-a-run-leaves)).",
         "benchmarks.recordings.seals", small={"runs": 10}, full={"runs": 200}, seconds=(3, 60),
@@ -145,13 +146,13 @@ CLAIMS: Final = (
     PublishedClaim(
         "mutations", _ENDS,
         "Bytes from outside never crash a parser.",
-        "10 MB of damaged bytes for every parser: a sentence at most.",
+        "10 MB of damaged bytes for every parser: each answers with a sentence, or none.",
         "benchmarks.mutations.command", small={"size": 50_000}, full={"size": 10_000_000}, seconds=(8, 5400),
         takes=("size", "seed"),
     ),
     PublishedClaim(
         "boards", _BOARD,
-        "The drivers of base and radio board bear a noisy line, and the latter fills its line or the air.",
+        "The drivers of base and radio board survive a noisy line, and the latter fills its line or the air.",
         "10 MB of noise and talk each: no packet reported twice, never or falsely; back within 100 ms.",
         "benchmarks.hardware.boards", small={"size": 100_000}, full={"size": 10_000_000}, seconds=(8, 900),
         takes=("size", "seed"),
@@ -159,21 +160,21 @@ CLAIMS: Final = (
     PublishedClaim(
         "onboard", _BOARD,
         "Processes as on board need no network between robots, and their recordings replay.",
-        "Three robots, each process in a network namespace of its own: they clean six places.",
+        "Three robots, each process in a network namespace of its own: they clean all nine places.",
         "benchmarks.hardware.onboard", small={"robots": 2, "duration": 15.0}, full={"robots": 3},
         seconds=(25, 120), takes=("duration",),
     ),
     PublishedClaim(
         "standstill", _BOARD,
         "The base stands when a process fails.",
-        "Told within 0.3 s and 0.15 m, whatever fails ([table](deployment.md#what-stops-it)).",
+        "Told to stand within 0.3 s and 0.15 m, whatever fails ([table](deployment.md#what-stops-it)).",
         "benchmarks.hardware.standstill", small={"trials": 1, "cases": _FEW_CASES}, full={"trials": 3},
         seconds=(30, 1200), takes=("trials",),
     ),
     PublishedClaim(
         "sensors", _BOARD,
         "The base stands when a sensor lies.",
-        "Each lie by name ([table](deployment.md#sensors-that-lie)).",
+        "Lies are named; those that are not noticed are listed ([table](deployment.md#sensors-that-lie)).",
         "benchmarks.hardware.sensor_trials", small={"trials": 1, "hours": 0.02},
         full={"trials": 20, "hours": 2.0}, seconds=(20, 3600), takes=("trials", "hours"),
     ),

@@ -1,1 +1,1 @@
-"""What all stands on: portable mathematics, the component model, the same bits however a run is made."""
+"""Portable mathematics, the component model, the same bits however a run is made."""

@@ -1,1 +1,1 @@
-"""What every parser of bytes from outside makes of damaged ones: a sentence, never a traceback."""
+"""Damaged bytes for every parser of bytes from outside: each must answer with a sentence."""

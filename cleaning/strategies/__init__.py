@@ -1,4 +1,4 @@
-"""What robots do about being stuck, a file each: idea, source, limits, settings; and all their names."""
+"""The strategies, a file each: idea, source, limits, settings; and all their names."""
 
 from cleaning.strategies.registry import (
     GROUP,

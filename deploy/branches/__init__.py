@@ -1,1 +1,1 @@
-"""A recorded run continued from an instant with one thing changed, and what became otherwise for it."""
+"""Branches: a recorded run continued from an instant with one thing changed, and what differs."""

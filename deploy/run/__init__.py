@@ -1,1 +1,1 @@
-"""A whole run: laid out, preflighted, started, watched, and ended."""
+"""A whole run: laid out, tried once, started, watched, ended."""

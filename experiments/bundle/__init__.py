@@ -1,1 +1,1 @@
-"""A campaign as an artefact: all that others need to check its results and make them again."""
+"""A campaign as an artefact: all that others need to check its results and repeat them."""

@@ -1,1 +1,1 @@
-"""A study carried out: trial by trial in processes of their own, kept as each ends, resumed after any end."""
+"""A campaign: trial by trial in processes of their own, kept as each ends, resumed after any end."""

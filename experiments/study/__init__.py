@@ -1,1 +1,1 @@
-"""What is to be found out: strategies, scenarios and seeds, and all trials that follow from them."""
+"""Studies: strategies, scenarios, factors and seeds, and the trials that follow from them."""

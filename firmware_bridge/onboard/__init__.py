@@ -1,1 +1,1 @@
-"""The processes of a robot on hardware: what is around the robot program of the simulation."""
+"""The processes of a robot on hardware, around the robot program of the simulation."""

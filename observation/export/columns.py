@@ -26,7 +26,7 @@ class Table:
     columns: tuple[Column, ...]
 
 
-_STEP: Final = Column("step", "int", "the step in which it came about")
+_STEP: Final = Column("step", "int", "the step")
 _SECONDS: Final = Column("seconds", "float", "simulated time, s")
 _ROBOT: Final = Column("robot", "text", "the robot's id")
 _PROCESS: Final = Column(
@@ -47,7 +47,7 @@ TABLES: Final = (
         "poses",
         "ground truth of one robot at the beginning of one step",
         (
-            _STEP, _SECONDS, _ROBOT, *_pose("where it truly is"),
+            _STEP, _SECONDS, _ROBOT, *_pose("its true pose"),
             Column("vx", "float", "its velocity, m/s, map frame"),
             Column("vy", "float", "the same"),
             Column("omega", "float", "its rate of turning, rad/s"),
@@ -57,38 +57,38 @@ TABLES: Final = (
     ),
     Table(
         "estimates",
-        "where one robot held itself to be at the beginning of one step that it took",
+        "the estimated pose of one robot at the beginning of one step that it took",
         (
-            _STEP, _SECONDS, _ROBOT, _PROCESS, *_pose("where it held itself to be"),
-            Column("located", "bool", "false while it did not know where it was, and stood"),
-            Column("var_x", "float", "variance that it believed of x, m²"),
+            _STEP, _SECONDS, _ROBOT, _PROCESS, *_pose("its estimated pose"),
+            Column("located", "bool", "false while it was in doubt after a start, and stood"),
+            Column("var_x", "float", "its variance of x, m²"),
             Column("var_y", "float", "the same of y, m²"),
             Column("var_heading", "float", "the same of the heading, rad²"),
-            Column("lost", "float", "probability, as it believed, of being somewhere else altogether"),
-            Column("error", "float", "distance to where it truly was, m"),
+            Column("lost", "float", "its probability of being lost"),
+            Column("error", "float", "localisation error: distance to the true position, m"),
         ),
     ),
     Table(
         "goals",
-        "a goal of navigation that was given, or that stood otherwise from then on",
+        "a goal of navigation that was given, or whose status or phase changed",
         (
             _STEP, _SECONDS, _ROBOT, _PROCESS,
             Column("x", "float", "the goal, m, map frame; null: from then on there is none"),
             Column("y", "float", "the same"),
             Column("status", "text", "`active`, `succeeded` or `aborted`; null without a goal"),
             Column("reason", "text", "why it was aborted; null otherwise"),
-            Column("phase", "text", "what navigation is about while the goal is active; null otherwise"),
+            Column("phase", "text", "what navigation does while the goal is active; null otherwise"),
         ),
     ),
     Table(
         "frames",
-        "a frame at one other robot, or one that never left its transceiver",
+        "a frame at one other robot, or a frame that never left its transceiver",
         (
             Column("frame", "int", "counts frames in the order in which they ended, from 0"),
             Column("sender", "text", "the robot that sent it, or was to"),
             Column("tag", "int", "the sender's own number of it"),
             Column("handed", "float", "when the sender's transceiver was handed it, simulated s"),
-            Column("seconds", "float", "when it had left the antenna, or was given up, simulated s"),
+            Column("seconds", "float", "when it had left the antenna or was dropped, simulated s"),
             Column("size", "int", "bytes of its data; MAC header and check sum are 9 more"),
             Column("fate", "text", "`sent`, `access_failure` or `overflow`"),
             Column("receiver", "text", "another robot whose transceiver was on; null of one not sent"),

@@ -1,1 +1,1 @@
-"""What a run comes to: gathered from the last records of its processes, and told."""
+"""What a run comes to: its result, gathered from the last records of its processes."""

@@ -1,1 +1,1 @@
-"""How a robot gets somewhere: goals, global planning, the local cost map, the dynamic window approach."""
+"""How a robot gets somewhere: goals, global planning, the local cost map, the local planner."""

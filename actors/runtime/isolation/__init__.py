@@ -1,1 +1,1 @@
-"""A robot's process shut off from its peers: file tree, system calls, resources."""
+"""A robot's sandbox: file tree, system calls, resources."""

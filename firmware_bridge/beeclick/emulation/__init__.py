@@ -1,1 +1,1 @@
-"""Boards that are not there: the firmware's side of the wire, on the simulated medium."""
+"""Emulated boards: the firmware's side of the wire, on the simulated medium."""

@@ -1,0 +1,33 @@
+"""docs/concepts.md defines each word once, and has the product's words for robots' states and lost time."""
+
+import re
+from collections import Counter
+
+from command_line.documentation.markdown import pages
+from observation.accounting.time_spent import Cause
+from observation.inside.telemetry import ACTIVITIES
+from observation.picture import style
+
+PAGE = next(page.text for page in pages() if page.name == "docs/concepts.md")
+
+
+def words(title: str) -> list[str]:
+    """The words that the table below a heading defines, in order."""
+    section = PAGE.partition(f"## {title}\n")[2].partition("\n## ")[0]
+    return re.findall(r"^\| `([^`]+)`", section, re.MULTILINE)
+
+
+def test_the_causes_are_those_of_every_picture_in_the_order_in_which_they_hold() -> None:
+    assert words("Causes") == [cause.value for cause in Cause]
+    assert set(style.CAUSES) == set(Cause)
+
+
+def test_what_a_robot_does_has_the_words_of_the_viewer() -> None:
+    assert sorted(words("What a robot does")) == sorted(ACTIVITIES)
+
+
+def test_each_word_is_defined_once() -> None:
+    cells = re.findall(r"^\| (\*[^|]+)", PAGE, re.MULTILINE)
+    defined = Counter(word for cell in cells for word in re.findall(r"\*([^*]+)\*", cell))
+    assert len(defined) > 40
+    assert [word for word, count in defined.items() if count > 1] == []
