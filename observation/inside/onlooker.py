@@ -16,7 +16,7 @@ from actors.robot.behaviour.node_host import node_of
 from actors.robot.behaviour.plan import Plan
 from actors.robot.core import RobotCore
 from actors.robot.localisation import Estimate
-from actors.robot.navigation.local_planner import Cycle, LocalPlanner
+from actors.robot.navigation.local_planner import Cycle, DwaLocalPlanner
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
 from actors.runtime.core import Inputs, Output, read
@@ -100,9 +100,9 @@ class Onlooker:
 
         cast(Any, core).advance = watched
         cast(Any, core.localisation).update = noted
-        driver = core.navigation.driver
-        if isinstance(driver, LocalPlanner):
-            driver.witness = self._steered
+        local_planner = core.navigation.local_planner
+        if isinstance(local_planner, DwaLocalPlanner):
+            local_planner.witness = self._steered
 
     def result(self, fault: str | None = None) -> Inside:
         """What it has seen since the last result; `fault`: why the robot cannot be followed any further."""
