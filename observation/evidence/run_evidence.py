@@ -36,7 +36,7 @@ class EvidenceError(AcrcError):
     """A folder from which nobody can tell what happened."""
 
 
-class Reception(NamedTuple):
+class HeardCopy(NamedTuple):
     """A copy of a frame that a robot heard."""
 
     second: float
@@ -81,7 +81,7 @@ class RunEvidence:
     given_up: tuple[Deed, ...]
     routes: tuple[Route, ...]
     """What robots said, in the order of the steps; before that each means to visit its own places."""
-    receptions: tuple[Reception, ...]
+    receptions: tuple[HeardCopy, ...]
     """Every copy heard, robot by robot."""
     jams: tuple[tuple[float, Jam], ...]
     """Jammers, and from when on each was there, s."""
@@ -116,7 +116,7 @@ def read_run(out: Path) -> RunEvidence:
     for robot, drive in taken(files["world"], DRIVE):
         said.take(robot, drive)
     heard = np.zeros((len(truths), len(robots)), np.int64)
-    receptions: list[Reception] = []
+    receptions: list[HeardCopy] = []
     for actor, path in files.items():
         robot = path.parent.name
         if actor not in ("world", "radio") and robot in robots:
@@ -180,14 +180,14 @@ def world_setup(path: Path) -> WorldSetup:
     return setup_of(path, WorldSetup, "a world").located(path.parent)
 
 
-def _count_heard(path: Path, robot: str, counts: NDArray[np.int64], receptions: list[Reception]) -> None:
+def _count_heard(path: Path, robot: str, counts: NDArray[np.int64], receptions: list[HeardCopy]) -> None:
     """Add what a robot heard to its column, (steps,), and to all that was heard."""
     for _, received in taken(path, RECEIVED):
         heard = [event for event in received.events if isinstance(event, Heard)]
         if 0 <= received.step < len(counts):
             counts[received.step] += len(heard)
         for event in heard:
-            receptions.append(Reception(in_seconds(event.instant), event.sender, robot, event.rssi_dbm))
+            receptions.append(HeardCopy(in_seconds(event.instant), event.sender, robot, event.rssi_dbm))
 
 
 def _places(path: Path, setup: WorldSetup, reported: Sequence[Deed]) -> tuple[PlaceOutcome, ...]:

@@ -18,7 +18,7 @@ from observation.explanation.explain import (
     decode,
     processes,
 )
-from observation.replay.shut_off_calls import Answer, Bounds, Call, ask
+from observation.replay.shut_off_calls import Bounds, Call, CallOutcome, ask
 
 _PROGRAM: Final = "observation.explanation.explain_program"
 _FILE_MB: Final = 64
@@ -71,7 +71,7 @@ def _one(out: Path, call: Call, permit: Permit, isolate: bool, bounds: Bounds) -
     return _read(answer)
 
 
-def _read(answer: Answer) -> ExplainAnswer:
+def _read(answer: CallOutcome) -> ExplainAnswer:
     if answer.data is None:
         raise ExplanationError(answer.fault or f"{answer.name}: nothing was answered")
     return decode(answer.name, answer.data)

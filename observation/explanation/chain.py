@@ -10,8 +10,8 @@ from actors.geometry import Point
 from actors.instant import Instant, in_seconds
 from deeco.knowledge import Knowledge, type_of
 from observation.evidence.knowledge_trace import ReplicaRead
-from observation.explanation.air import Air, Frame, Loss
-from observation.explanation.dependence import Run, dependence, is_routine, root, runs
+from observation.explanation.air import Air, Frame, FrameLoss
+from observation.explanation.dependence import ChangeRun, dependence, is_routine, root, runs
 from observation.explanation.orders import AGAIN, STOPS, Order, stands
 from observation.explanation.retold import Made, Retold
 from observation.inside.knowledge_rows import in_words
@@ -140,14 +140,14 @@ class Chain:
     def _own(self, number: int, fields: tuple[str, ...], depth: int) -> Iterator[Link]:
         """What a change found in the component's own knowledge."""
         found = [run for run in runs(self._retold, number, fields) if run.last not in self._told]
-        told: dict[int, list[Run]] = {}
+        told: dict[int, list[ChangeRun]] = {}
         for run in found[:_WIDEST]:
             told.setdefault(run.last, []).append(run)
         for last, together in told.items():
             if last not in self._told:
                 yield from self._state(last, together, depth)
 
-    def _state(self, number: int, together: Sequence[Run], depth: int) -> Iterator[Link]:
+    def _state(self, number: int, together: Sequence[ChangeRun], depth: int) -> Iterator[Link]:
         for run in together:
             self._told.update(run.numbers)
         change = self._retold.trace.changes[number]
@@ -165,13 +165,13 @@ class Chain:
             yield from self._replica(change.read, reads.peer, depth + 1)
         yield from self._own(number, reads.own, depth + 1)
 
-    def _since(self, run: Run) -> str:
+    def _since(self, run: ChangeRun) -> str:
         text = f"{_named(run.field)} {_turned(*self._pair(run))}"
         if len(run.numbers) == 1:
             return text
         return f"{text} since {_s(self._retold.trace.changes[run.numbers[0]].instant)} s"
 
-    def _pair(self, run: Run) -> tuple[str, str]:
+    def _pair(self, run: ChangeRun) -> tuple[str, str]:
         changes = self._retold.trace.changes
         before = self._retold.before(run.numbers[0])
         return _worded(before, run.field), _worded(changes[run.last].after, run.field)
@@ -233,7 +233,7 @@ def _frame_link(frame: Frame, hops: int, depth: int) -> Link:
 
 
 def _loss_link(
-    lost: Sequence[Loss], senders: Sequence[str], since: Instant, until: Instant, depth: int
+    lost: Sequence[FrameLoss], senders: Sequence[str], since: Instant, until: Instant, depth: int
 ) -> Link:
     who = " and ".join(senders)
     between = f"between {_s(since)} and {_s(until)} s"

@@ -29,7 +29,7 @@ class Dependence(NamedTuple):
     """Fields of the peer, for an exchange."""
 
 
-class Run(NamedTuple):
+class ChangeRun(NamedTuple):
     """A field of knowledge that one process or exchange has changed; a count, several times in a row."""
 
     field: str
@@ -76,7 +76,7 @@ def _of_exchange(ensemble: type, name: str, kind: type[Knowledge]) -> Dependence
     return Dependence(tuple(own), tuple(peer))
 
 
-def runs(retold: Retold, number: int, fields: tuple[str, ...]) -> list[Run]:
+def runs(retold: Retold, number: int, fields: tuple[str, ...]) -> list[ChangeRun]:
     """How each of the fields had come to be what it was before a change, the newest first."""
     component = retold.trace.changes[number].component
     found = [
@@ -87,7 +87,7 @@ def runs(retold: Retold, number: int, fields: tuple[str, ...]) -> list[Run]:
     return sorted(found, key=lambda run: -run.last)
 
 
-def last_run(retold: Retold, field: str, component: str, before: int) -> Run | None:
+def last_run(retold: Retold, field: str, component: str, before: int) -> ChangeRun | None:
     """A field's last changes before a change; None if it never changed, or only says where the robot is."""
     numbers = list(_changes_of(retold, field, component, before))
     if not numbers:
@@ -95,7 +95,7 @@ def last_run(retold: Retold, field: str, component: str, before: int) -> Run | N
     value = getattr(retold.trace.changes[numbers[-1]].after, field)
     if isinstance(value, Point | Pose) and _is_frequent(retold, numbers):
         return None
-    return Run(field, tuple(_one_way(retold, field, numbers)))
+    return ChangeRun(field, tuple(_one_way(retold, field, numbers)))
 
 
 def _one_way(retold: Retold, field: str, numbers: list[int]) -> list[int]:

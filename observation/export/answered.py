@@ -10,7 +10,7 @@ import msgspec
 from actors.runtime.errors import AcrcError, printable
 from observation.export.columns import TABLES, Column
 from observation.export.robot_rows import EXECUTED, Tables
-from observation.replay.shut_off_calls import Answer, Bounds
+from observation.replay.shut_off_calls import Bounds, CallOutcome
 
 FILE_MB: Final = 256
 """Of an answer; ten minutes of a robot among twenty have one."""
@@ -48,7 +48,7 @@ def encode(answer: RowsAnswer) -> bytes:
     return msgspec.msgpack.encode(answer, enc_hook=float)
 
 
-def read_answer(answer: Answer) -> Tables:
+def read_answer(answer: CallOutcome) -> Tables:
     """The rows by table, as `robot_rows` gives them. Raises ExportError for a fault, and for all else."""
     if answer.data is None:
         raise ExportError(answer.fault or f"{answer.name}: nothing was answered")

@@ -18,7 +18,7 @@ from actors.robot.assembly import RobotSetup
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
 from actors.runtime.process_setup import located_model
-from observation.inside.onlooker import Onlooker
+from observation.inside.onlooker import RobotOnlooker
 from observation.inside.telemetry import MOST_BYTES, Inside, encode
 from observation.replay import shut_off
 from observation.replay.moved_runs import setup_of
@@ -57,12 +57,12 @@ def look_into(out: Path, actor: str, period: Duration) -> Inside:
     return onlooker.result(fault)
 
 
-def onlooker_of(out: Path, actor: str, period: Duration) -> Onlooker:
+def onlooker_of(out: Path, actor: str, period: Duration) -> RobotOnlooker:
     """Who is to look into a recorded robot, once in `period`. RecordingError without a first record."""
     path = recordings(out)[actor]
     setup = setup_of(path, RobotSetup, "a robot")
     sensor = load_model(located_model(setup.model, path.parent), setup.sensor).sensor
-    return Onlooker(setup.id, sensor, setup.stack.local_map.cell, period)
+    return RobotOnlooker(setup.id, sensor, setup.stack.local_map.cell, period)
 
 
 if __name__ == "__main__":

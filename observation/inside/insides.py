@@ -8,7 +8,7 @@ from typing import Final
 from actors.instant import Duration, milliseconds
 from actors.robot.behaviour.foreign import Permit
 from observation.inside.telemetry import MOST_BYTES, Inside, TelemetryError, decode
-from observation.replay.shut_off_calls import Answer, Bounds, Call, ask
+from observation.replay.shut_off_calls import Bounds, Call, CallOutcome, ask
 
 PERIOD: Final = milliseconds(500)
 """Between two looks: as often as a person can follow."""
@@ -39,7 +39,7 @@ def look_into_all(
         yield _glance(answer)
 
 
-def _glance(answer: Answer) -> Glance:
+def _glance(answer: CallOutcome) -> Glance:
     if answer.data is None:
         return Glance(answer.name, fault=answer.fault)
     try:

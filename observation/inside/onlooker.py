@@ -23,7 +23,7 @@ from actors.runtime.core import Inputs, Output, read
 from actors.task.words import PlaceKey
 from deeco.node import Node
 from observation.inside.knowledge_rows import in_words, rows
-from observation.inside.telemetry import Contact, Doing, Inside, Known, Learnt, Singles, ragged
+from observation.inside.telemetry import Doing, Inside, Known, Learnt, ReplicaContact, Singles, ragged
 
 _PARTICLES: Final = 300
 """So many of the filter's particles are kept: more are a blot."""
@@ -45,7 +45,7 @@ _TOLD: Final = (
 )
 
 
-class Onlooker:
+class RobotOnlooker:
     """Takes down what one robot perceives and means, once in `period`.
 
     `attach` it to the core before its first step; `result` is what it has seen, at the end or on the way.
@@ -78,7 +78,7 @@ class Onlooker:
         self._told: dict[str, list[Any]] = {name: [] for name in _TOLD}
         self._doings: list[Doing] = []
         self._knowledge: list[Known] = []
-        self._contacts: list[Contact] = []
+        self._contacts: list[ReplicaContact] = []
 
     def attach(self, core: Any, step_us: int) -> None:
         """Look at every step that the core takes from now on."""
@@ -227,9 +227,9 @@ class Onlooker:
             return
         for peer, instant in heard.items():
             if self._heard.get(peer) != instant:
-                self._contacts.append(Contact(self._now, peer, instant))
+                self._contacts.append(ReplicaContact(self._now, peer, instant))
         for peer in sorted(self._heard.keys() - heard.keys()):
-            self._contacts.append(Contact(self._now, peer, None))
+            self._contacts.append(ReplicaContact(self._now, peer, None))
         self._heard = heard
 
     def _know(self, knowledge: Any) -> None:

@@ -54,7 +54,7 @@ class Known(msgspec.Struct, frozen=True):
     rows: tuple[tuple[str, str], ...]
 
 
-class Contact(msgspec.Struct, frozen=True):
+class ReplicaContact(msgspec.Struct, frozen=True):
     """A replica that the node has from an instant on, or has no longer."""
 
     instant: int
@@ -123,7 +123,7 @@ class Inside(msgspec.Struct, frozen=True):
     """(c, 3): pose of the window's south-west corner, map frame."""
     doings: tuple[Doing, ...]
     knowledge: tuple[Known, ...]
-    contacts: tuple[Contact, ...]
+    contacts: tuple[ReplicaContact, ...]
     learnt: tuple[Learnt, ...]
     fault: str | None = None
     """Why it could not be followed to its end."""

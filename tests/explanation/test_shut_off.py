@@ -17,7 +17,7 @@ from observation.explanation.explain import ExplanationError, decode, wish
 from observation.export.answered import ExportError, read_answer
 from observation.export.robot_rows import EXECUTED
 from observation.export.rows import tables
-from observation.replay.shut_off_calls import Answer, Bounds
+from observation.replay.shut_off_calls import Bounds, CallOutcome
 from observation.replay.trusted_replay import replay
 from tests.swarm.command import processes_of, start
 
@@ -128,7 +128,7 @@ def test_an_explanation_that_lies_is_told() -> None:
 
 def test_an_export_of_other_tables_is_told() -> None:
     with pytest.raises(ExportError, match="r1: what it answers makes no sense: it has the tables 'mine'"):
-        read_answer(Answer("r1", msgspec.msgpack.encode({"tables": {"mine": []}})))
+        read_answer(CallOutcome("r1", msgspec.msgpack.encode({"tables": {"mine": []}})))
 
 
 GOAL = (3, 0.3, 1.0, 2.0, "active", None, "driving")
@@ -146,9 +146,9 @@ GOAL = (3, 0.3, 1.0, 2.0, "active", None, "driving")
     ],
 )
 def test_cells_are_held_to_their_columns(row: tuple[object, ...], sentence: str) -> None:
-    def answer(row: tuple[object, ...]) -> Answer:
+    def answer(row: tuple[object, ...]) -> CallOutcome:
         rows: dict[str, list[object]] = {name: [] for name in EXECUTED} | {"goals": [row]}
-        return Answer("r1", msgspec.msgpack.encode({"tables": rows}))
+        return CallOutcome("r1", msgspec.msgpack.encode({"tables": rows}))
 
     assert read_answer(answer(GOAL))["goals"] == [GOAL]
     with pytest.raises(ExportError) as caught:
