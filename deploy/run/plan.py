@@ -11,8 +11,8 @@ import yaml
 
 from actors.messages import ProcessOrder
 from actors.processes.launch import Program
-from actors.processes.real_names import NAMES, RealNames
 from actors.processes.silence import Timeout
+from actors.processes.strategy_folders import NAMES, StrategyFolders
 from actors.radio.radio_setup import RadioSetup
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour import succession
@@ -131,7 +131,7 @@ def lay_out(plan: RunPlan) -> None:
 def write_names(plan: RunPlan) -> None:
     """Write where the strategy's code lies, where no isolated robot can read it."""
     if plan.modules:
-        names = RealNames(str(plan.out.resolve()), tuple(str(path.absolute()) for path in plan.modules))
+        names = StrategyFolders(str(plan.out.resolve()), tuple(str(path.absolute()) for path in plan.modules))
         (plan.out / NAMES).write_bytes(msgspec.json.format(msgspec.json.encode(names)) + b"\n")
 
 

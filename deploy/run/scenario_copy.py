@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 from actors.installation.version import software
 from deploy.run.options import RunOptions
 from deploy.scenario.resolve import ResolvedScenario
-from deploy.scenario.scenario_text import to_toml
+from deploy.scenario.scenario_file import to_toml
 from deploy.scenario.tables import Scenario
 from observation.results.origin import UNKNOWN, Origin, versions
 

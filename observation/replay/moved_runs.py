@@ -11,7 +11,7 @@ from typing import Final, TypeVar
 
 import msgspec
 
-from actors.processes.real_names import NAMES, RealNames
+from actors.processes.strategy_folders import NAMES, StrategyFolders
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote
@@ -54,7 +54,7 @@ def code_folders(out: Path) -> tuple[Path, ...]:
     if not file.is_file() or file.is_symlink():
         return ()
     try:
-        real = msgspec.json.decode(regular_file.content(file, _MOST_NAMES), type=RealNames)
+        real = msgspec.json.decode(regular_file.content(file, _MOST_NAMES), type=StrategyFolders)
     except (OSError, ValueError, RecursionError) as error:
         raise RecordingError(f"{file}: {error}") from None
     return tuple(_folder(Path(code), Path(real.out), out.resolve()) for code in real.code if "\0" not in code)

@@ -9,8 +9,7 @@ from actors.radio.propagation.interferers import WifiParameters
 from actors.radio.propagation.walls import WallPatch
 from deploy.scenario.air import WallError
 from deploy.scenario.resolve import resolve
-from deploy.scenario.scenario_file import load_scenario, parse
-from deploy.scenario.scenario_text import to_toml
+from deploy.scenario.scenario_file import load_scenario, parse, to_toml
 from tests.scenario.faults import scenario
 
 TABLES = """

@@ -11,8 +11,7 @@ from actors.runtime.errors import AcrcError
 from actors.world.world_setup import BodySetup
 from deploy.scenario.areas import for_places, for_starts
 from deploy.scenario.resolve import resolve
-from deploy.scenario.scenario_file import load_scenario, parse
-from deploy.scenario.scenario_text import to_toml
+from deploy.scenario.scenario_file import load_scenario, parse, to_toml
 from tests.scenario.faults import fault, scenario
 
 CORRIDOR = REPOSITORY / "scenarios" / "corridor.toml"

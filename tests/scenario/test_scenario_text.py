@@ -12,8 +12,7 @@ from actors.instant import seconds
 from actors.robot.behaviour.adaptation import Adaptation
 from deploy.scenario.adaptation_tables import adaptation
 from deploy.scenario.resolve import resolve
-from deploy.scenario.scenario_file import Overrides, load_scenario, parse
-from deploy.scenario.scenario_text import to_toml
+from deploy.scenario.scenario_file import Overrides, load_scenario, parse, to_toml
 from deploy.scenario.tables import Scenario
 from tests.scenario.faults import scenario
 
