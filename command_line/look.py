@@ -114,7 +114,7 @@ def view(
     --movie, which run no strategy: floor, trails, places, meetings, radio and progress.
     """
     if beside and (html or movie or why):
-        raise OptionError("--beside: must stand without --html, --movie and --why")
+        raise OptionError("--beside: cannot be combined with --html, --movie or --why")
     if beside and (png or svg):
         _draw_beside((out, *beside), [kind for wished, kind in ((png, "png"), (svg, "svg")) if wished])
         return
@@ -239,7 +239,7 @@ def scenario(
         raise wrong_value("--png", png, "a file in a folder that exists, its name ending in .png or .svg")
     if (is_map := file.suffix in {".yaml", ".yml"}) or part_survey.is_model(file):
         if robots is not None or seed is not None or setting:
-            raise OptionError(f"{file}: is no scenario; must stand without --robots, --seed and --set")
+            raise OptionError(f"{file}: is no scenario; cannot be combined with --robots, --seed and --set")
         _part(file, png, is_map=is_map)
         return
     permit = permit_of(modules, trust=trust)

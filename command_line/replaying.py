@@ -76,7 +76,7 @@ def replay(
     if robot is None:
         alone = [name for name, value in options.items() if value is not None]
         if alone:
-            raise OptionError(f"{alone[0]}: is about one actor; must stand with --robot")
+            raise OptionError(f"{alone[0]}: requires --robot; it is about one actor")
         from actors.robot.behaviour.foreign import permit_of
         from deploy.branches.swarm_replay import replay_swarm
 
@@ -86,14 +86,14 @@ def replay(
         console.print(f"identical: {again.messages} messages{orders}{whole}; digest {again.digest}")
         return
     if pdb and debugpy is not None:
-        raise OptionError("--pdb: must stand without --debugpy")
+        raise OptionError("--pdb: cannot be combined with --debugpy")
     if begin is not None and not pdb and debugpy is None:
-        raise OptionError("--from: is where a debugger stops; must stand with --pdb or --debugpy")
+        raise OptionError("--from: requires --pdb or --debugpy; a debugger stops there")
     if begin is not None and end is not None and begin > end:
         raise OptionError(f"--from: is {begin:g}; must be at most {end:g}, which is --to")
     watched = pdb or debugpy is not None or end is not None or strategy is not None
     if isolate and watched:
-        raise OptionError("--isolate: must stand without --pdb, --debugpy, --to and --strategy")
+        raise OptionError("--isolate: cannot be combined with --pdb, --debugpy, --to and --strategy")
     if watched:
         report = _one(out, robot, begin or 0.0, end, (pdb, debugpy), strategy, (modules, trust))
     else:

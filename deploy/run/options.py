@@ -97,19 +97,17 @@ def _faults(options: RunOptions) -> Iterator[str]:
     """Options that do not go together, in a sentence each."""
     memory, debug = options.bus == "memory", options.debug
     if options.isolate and memory:
-        yield "--isolate: --bus memory has one process for all robots; must stand with --bus zenoh"
+        yield "--isolate: requires --bus zenoh; --bus memory has one process for all robots"
     if options.view and memory:
-        yield (
-            "--view: --bus memory is one process, and starts none that looks on; must stand with --bus zenoh"
-        )
+        yield ("--view: requires --bus zenoh; --bus memory has one process for all")
     if options.followed and not options.view:
-        yield f"--robot: {options.followed[0]!r}; must stand with --view"
+        yield f"--robot: {options.followed[0]!r}; requires --view"
     if debug is not None and options.hardware:
-        yield "--debug: stops simulated time; must stand without --hardware-in-the-loop"
+        yield "--debug: stops simulated time; cannot be combined with --hardware-in-the-loop"
     if debug is not None and not sys.stdin.isatty():
-        yield f"--debug: {debug} needs somebody to talk to; standard input must be a terminal"
+        yield f"--debug: {debug}; standard input must be a terminal"
     if options.control and (memory or options.hardware):
-        yield "--control: gives orders over the mesh of a simulated run; must stand with --bus zenoh"
+        yield "--control: requires --bus zenoh; it gives orders over the mesh of a simulated run"
 
 
 def _hardware_faults(options: RunOptions, limit: Sequence[str]) -> Iterator[str]:
@@ -118,16 +116,16 @@ def _hardware_faults(options: RunOptions, limit: Sequence[str]) -> Iterator[str]
     if hardware and (memory or options.view or options.speed not in {"max", "1"}):
         yield (
             "--hardware-in-the-loop: runs processes in wall time; "
-            "must stand without --bus memory, --view, and a --speed other than 1"
+            "cannot be combined with --bus memory, --view or a --speed other than 1"
         )
     if options.boards and not hardware:
-        yield f"--board: {options.boards[0]}; must stand with --hardware-in-the-loop"
+        yield f"--board: {options.boards[0]}; requires --hardware-in-the-loop"
     if hardware and options.log:
-        yield "--log: shows simulated robots; must stand without --hardware-in-the-loop"
+        yield "--log: shows simulated robots; cannot be combined with --hardware-in-the-loop"
     if hardware and options.check:
-        yield "--check: executes a simulated run again; must stand without --hardware-in-the-loop"
+        yield "--check: replays a simulated run; cannot be combined with --hardware-in-the-loop"
     if limit and (memory or hardware):
-        yield "--limit: holds a simulated robot's process; must stand with --bus zenoh only"
+        yield "--limit: requires --bus zenoh; it limits a simulated robot's process"
 
 
 def folder_name(scenario: Path) -> str:

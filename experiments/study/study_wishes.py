@@ -100,11 +100,11 @@ def path_of(wishes: StudyWishes) -> Path | None:
     if wishes.preset is not None and wishes.preset not in PRESETS:
         raise wrong_value("--preset", wishes.preset, f"one of {', '.join(PRESETS)}")
     if wishes.preset is not None and wishes.study is not None:
-        raise OptionError("--preset: is a study by itself; must stand without a STUDY.toml")
+        raise OptionError("--preset: is a study by itself; cannot be combined with a STUDY.toml")
     path = PRESETS[wishes.preset] if wishes.preset is not None else wishes.study
     if path is not None and (wishes.scenario is not None or wishes.strategies is not None):
         raise OptionError(
-            "--scenario and --strategies: the study says so; must stand without a STUDY.toml or --preset"
+            "--scenario and --strategies: the study says so; cannot be combined with a STUDY.toml or --preset"
         )
     return path
 

@@ -122,7 +122,7 @@ def test_boards_and_simulated_transceivers_talk_on_one_air_with_its_walls(tmp_pa
 
 def test_a_board_of_nobodys_is_refused(tmp_path: Path) -> None:
     for words, sentence in (
-        (("--board", "r1"), "acrc: --board: r1; must stand with --hardware-in-the-loop\n"),
+        (("--board", "r1"), "acrc: --board: r1; requires --hardware-in-the-loop\n"),
         (
             ("--hardware-in-the-loop", "--board", "r9"),
             "acrc: --board: r9; must be a robot of the scenario: r1, r2, r3, r4\n",
@@ -139,6 +139,6 @@ def test_what_cannot_be_in_wall_time_is_refused(tmp_path: Path) -> None:
         assert refused.returncode == 2
         assert refused.stderr == (
             "acrc: --hardware-in-the-loop: runs processes in wall time; "
-            "must stand without --bus memory, --view, and a --speed other than 1\n"
+            "cannot be combined with --bus memory, --view or a --speed other than 1\n"
         )
     assert not (tmp_path / "out").exists()

@@ -104,7 +104,7 @@ def test_runs_are_drawn_beside_one_another(folder: Path, tmp_path: Path) -> None
     assert (done.returncode, done.stdout) == (0, f"{out / 'beside.svg'}\n"), done.stderr
     page = acrc("view", out, "--beside", folder, "--html")
     assert page.returncode == 2
-    assert page.stderr == "acrc: --beside: must stand without --html, --movie and --why\n"
+    assert page.stderr == "acrc: --beside: cannot be combined with --html, --movie or --why\n"
 
 
 def test_view_says_what_it_needs(folder: Path, tmp_path: Path) -> None:

@@ -120,7 +120,7 @@ def test_a_map_and_a_robot_model_are_checked_and_drawn_alone(tmp_path: Path) -> 
 def test_what_is_wrong_with_a_map_or_a_model_is_one_sentence(tmp_path: Path) -> None:
     two_rooms(tmp_path)
     (tmp_path / "thin.toml").write_text("[footprint]\nradius = -1\n")
-    alone = "is no scenario; must stand without --robots, --seed and --set"
+    alone = "is no scenario; cannot be combined with --robots, --seed and --set"
     for words, fault in (
         ((tmp_path / "room.yaml", "--seed", 3), alone),
         ((tmp_path / "gone.yaml",), "the map cannot be read: No such file or directory."),

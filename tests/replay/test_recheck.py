@@ -49,5 +49,5 @@ def test_it_needs_a_run_that_can_be_executed_again(tmp_path: Path) -> None:
     with pytest.raises(OptionError) as caught:
         checked(RunOptions(tmp_path, hardware=True, check=True))
     assert str(caught.value) == (
-        "--check: executes a simulated run again; must stand without --hardware-in-the-loop"
+        "--check: replays a simulated run; cannot be combined with --hardware-in-the-loop"
     )

@@ -36,10 +36,10 @@ def test_another_start_is_found_and_named(copy: Path) -> None:
 def test_what_is_no_simulated_run_is_told(tmp_path: Path, recorded: Path) -> None:
     for words, code, sentence in (
         ((tmp_path,), 1, f"{tmp_path}: has no scenario.toml; it should be the folder of a simulated run"),
-        ((recorded, "--to", 1), 2, "--to: is about one actor; must stand with --robot"),
+        ((recorded, "--to", 1), 2, "--to: requires --robot; it is about one actor"),
         (
             (recorded, "--robot", "r1", "--from", 1), 2,
-            "--from: is where a debugger stops; must stand with --pdb or --debugpy",
+            "--from: requires --pdb or --debugpy; a debugger stops there",
         ),
         ((recorded, "--robot", "r9"), 1, f"{recorded}: no recording of 'r9'; there are r1, r2, radio, world"),
         ((recorded, "--robot", "world", "--strategy", "none"), 1, "world: has no strategy; must be a robot"),

@@ -31,7 +31,7 @@ def test_a_limit_that_is_none_is_refused(word: str) -> None:
 def test_limits_and_a_timeout_that_do_not_fit_the_other_options(tmp_path: Path) -> None:
     with pytest.raises(OptionError) as caught:
         checked(RunOptions(tmp_path / "out", bus="memory"), ("file_mb=1",))
-    assert str(caught.value) == "--limit: holds a simulated robot's process; must stand with --bus zenoh only"
+    assert str(caught.value) == "--limit: requires --bus zenoh; it limits a simulated robot's process"
     with pytest.raises(OptionError) as caught:
         checked(RunOptions(tmp_path / "out"), ("file_mb",))
     assert str(caught.value).startswith("--limit: file_mb; must be one of memory_mb, ")
