@@ -84,11 +84,11 @@ def campaign(
     from actors.runtime.isolation.isolating import choose
     from experiments.campaign import results_table, store
     from experiments.campaign.campaign import CampaignOptions, carry_out
-    from experiments.study.study_wishes import Wishes, check, study_of
+    from experiments.study.study_wishes import StudyWishes, check, study_of
     from observation.results.seal import seal
 
     file = file_of("studies", study)
-    asked = study_of(Wishes(file, seeds=seeds))
+    asked = study_of(StudyWishes(file, seeds=seeds))
     if asked.isolated:
         choose(True)  # refused here, not run by run
     _, folders = check(asked, permit_of([Path(one) for one in modules], trust=trust), file)

@@ -28,7 +28,7 @@ class Run:
     @cached_property
     def evidence(self) -> "RunEvidence":
         """What the recordings show, as numpy arrays by step and robot; read once, and kept."""
-        from observation.evidence.run_evidence import read_run
+        from observation.evidence.run_reader import read_run
 
         return read_run(self.folder)
 
@@ -100,7 +100,7 @@ def run(
     from actors.robot.behaviour.foreign import admitted, permit_of
     from cleaning.strategies import entry
     from deploy.run import out_folder, swarm
-    from deploy.run.options import folder_name, run_options
+    from deploy.run.options import RunOptions, checked, folder_name
     from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders
 
     file = file_of("scenarios", scenario)
@@ -112,10 +112,8 @@ def run(
     )
     folders = admitted(file, named, module_folders(chosen), permit)
     name = folder_name(file)
-    options = run_options(
-        Path(out) if out is not None else Path("runs", name),
-        bus=bus, scenario=file.name, hidden=(file.absolute(),), json=True,
-    )  # fmt: skip
+    place = Path(out) if out is not None else Path("runs", name)
+    options = checked(RunOptions(place, bus=bus, scenario=file.name, hidden=(file.absolute(),), json=True))
     if out is None:
         options = replace(options, out=out_folder.claim(options.out.parent, name))
     with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):

@@ -16,13 +16,9 @@ from actors.geometry import Pose
 from actors.instant import Duration, seconds
 from actors.portable import hypot
 from actors.runtime.errors import AcrcError
-from actors.table import Right, Table, Text, as_tuples
+from actors.table import FileTable, Right, Text, as_tuples
 
 OdometryKind = Literal["exact", "stage", "kobuki"]
-
-
-class RobotModelError(AcrcError):
-    """A robot model that cannot be used."""
 
 
 Vertices = Annotated[
@@ -31,7 +27,7 @@ Vertices = Annotated[
 _A_POLYGON = Right("3 to 32 points [x, y] in m", item="a point [x, y] in m")
 
 
-class Footprint(Table):
+class Footprint(FileTable):
     """The body's outline on the floor: either a disc or a convex polygon round the body's origin."""
 
     radius: float | None = Field(None, gt=0, le=5)
@@ -67,7 +63,7 @@ class Footprint(Table):
         return convex.distance_to_border(self.vertices)
 
 
-class DriveParameters(Table):
+class DriveParameters(FileTable):
     """How the body moves on its wheels."""
 
     kind: Literal["differential", "omnidirectional"]
@@ -86,7 +82,7 @@ class DriveParameters(Table):
     """The base brakes once its last command is older than this, s."""
 
 
-class Bumper(Table):
+class Bumper(FileTable):
     """A contact bumper round the front in three sectors: right, centre, left."""
 
     centre_deg: float = Field(gt=0, le=180)
@@ -103,7 +99,7 @@ class Bumper(Table):
         return self
 
 
-class RangeSensor(Table):
+class RangeSensor(FileTable):
     """A planar range sensor: a lidar, or a depth camera read as one."""
 
     x: float = Field(0.0, ge=-5, le=5)
@@ -166,7 +162,7 @@ class RangeSensor(Table):
         return self.increment - half if self.full_circle else -half
 
 
-class _ModelFile(Table):
+class _ModelFile(FileTable):
     name: Text
     mass: float = Field(gt=0, le=10_000)
     friction: float = Field(ge=0, le=10)
@@ -213,15 +209,15 @@ def scan_angles(sensor: RangeSensor) -> NDArray[np.float64]:
 def load_model(name_or_path: str, sensor: str | None = None) -> RobotModel:
     """The robot model of that name (`turtlebot2`) or in that .toml file, with that sensor mounted.
 
-    Without `sensor` the file's default is taken. Anything wrong is a RobotModelError.
+    Without `sensor` the file's default is taken. Anything wrong is a AcrcError.
     """
     name, text = _read(name_or_path)
-    file = table_wording.parse(text, _ModelFile, RobotModelError, name)
+    file = table_wording.parse(text, _ModelFile, name)
     mounted = file.default_sensor if sensor is None else sensor
     if mounted not in file.sensors:
         asked = "default_sensor" if sensor is None else "the sensor"
         right = wording.one_of(sorted(file.sensors))
-        raise RobotModelError(f"{name}: {asked} is {wording.shown(mounted)}, but must be {right}")
+        raise AcrcError(f"{name}: {asked} is {wording.shown(mounted)}, but must be {right}")
     return RobotModel(
         name=file.name,
         footprint=file.footprint,
@@ -243,5 +239,5 @@ def _read(name_or_path: str) -> tuple[str, str]:
         return f"{name_or_path}.toml", shipped.joinpath(f"{name_or_path}.toml").read_text("utf-8")
     if not name_or_path.endswith(".toml"):
         right = f"{', '.join(map(wording.shown, known))} or the path of a .toml file"
-        raise RobotModelError(f"the robot model is {wording.shown(name_or_path)}, but must be {right}")
-    return name_or_path, toml_file.read(Path(name_or_path), "robot model", RobotModelError)
+        raise AcrcError(f"the robot model is {wording.shown(name_or_path)}, but must be {right}")
+    return name_or_path, toml_file.read(Path(name_or_path), "robot model")

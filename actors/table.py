@@ -22,7 +22,7 @@ class Right:
     item: str = ""
 
 
-class Table(BaseModel):
+class FileTable(BaseModel):
     """A table of the file: every key known, nothing converted, every number finite.
 
     A ValueError of its model validators goes on after "must", such as "hold either radius or vertices".

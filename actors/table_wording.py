@@ -21,29 +21,32 @@ _BOUNDS: Final = ("gt", "ge", "lt", "le")
 """As pydantic's Field and what it makes of them call them."""
 
 
-def load(path: Path, model: type[M], kind: str, fault: type[AcrcError], most: int) -> M:
-    """What stands in a TOML file of that kind, such as "places", of at most so many bytes. Raises `fault`."""
-    return parse(toml_file.read(path, kind, fault, most), model, fault, str(path))
+def load(path: Path, model: type[M], kind: str, most: int) -> M:
+    """What stands in a TOML file of that kind, such as "places", of at most so many bytes.
+
+    Raises AcrcError.
+    """
+    return parse(toml_file.read(path, kind, most), model, str(path))
 
 
-def parse(text: str, model: type[M], fault: type[AcrcError], name: str = "") -> M:
+def parse(text: str, model: type[M], name: str = "") -> M:
     """What the text of a TOML file says; a sentence begins with the file's name, if it has one.
 
-    Raises `fault`.
+    Raises AcrcError.
     """
     try:
         content = toml_file.loads(text)
     except ValueError as error:
-        raise fault(_of(name, f"this is no TOML: {error}")) from None
-    return checked(content, model, fault, name)
+        raise AcrcError(_of(name, f"this is no TOML: {error}")) from None
+    return checked(content, model, name)
 
 
-def checked(content: Mapping[str, Any], model: type[M], fault: type[AcrcError], name: str = "") -> M:
+def checked(content: Mapping[str, Any], model: type[M], name: str = "") -> M:
     """The same of a file that has been parsed."""
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        raise fault(_of(name, first(error, model, content))) from None
+        raise AcrcError(_of(name, first(error, model, content))) from None
 
 
 def _of(name: str, sentence: str) -> str:
@@ -67,7 +70,7 @@ def sentence(one: ErrorDetails, model: type[BaseModel], content: object) -> str:
     return _wrong(place, one["type"], location, content)
 
 
-def _wrong(place: "_Place", kind: str, location: Location, content: object) -> str:
+def _wrong(place: "_Location", kind: str, location: Location, content: object) -> str:
     right, known = _right(place), place.known
     if kind == "missing" and len(known) == len(location):
         return f"{key(known)} is missing, but must be {right.words}"
@@ -90,7 +93,7 @@ def key(location: Location) -> str:
     return path
 
 
-class _Place(NamedTuple):
+class _Location(NamedTuple):
     """Where a location leads."""
 
     known: Location
@@ -101,21 +104,21 @@ class _Place(NamedTuple):
     """The table there, if one or many stand there."""
 
 
-def _place(model: type[BaseModel], location: Location) -> _Place:
-    place, many = _Place((), None, model), False
+def _place(model: type[BaseModel], location: Location) -> _Location:
+    place, many = _Location((), None, model), False
     for depth, part in enumerate(location):
         if many:
-            place, many = _Place(location[: depth + 1], None, place.table), False
+            place, many = _Location(location[: depth + 1], None, place.table), False
         elif place.table is None or part not in place.table.model_fields:
             break
         else:
             field = place.table.model_fields[str(part)]
-            place = _Place(location[: depth + 1], field, _table_of(field))
+            place = _Location(location[: depth + 1], field, _table_of(field))
             many = place.table is not None and _holds_many(field)
     return place
 
 
-def _right(place: _Place) -> Right:
+def _right(place: _Location) -> Right:
     last = place.known[-1]
     if place.field is None:
         many = isinstance(last, int)

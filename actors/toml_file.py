@@ -22,26 +22,26 @@ _TOKENS: Final = re.compile(
 )
 
 
-def read(path: Path, kind: str, fault: type[AcrcError], most: int = LARGEST_FILE) -> str:
-    """The text of a file of that kind, such as "scenario", with at most so many bytes. Raises `fault`."""
+def read(path: Path, kind: str, most: int = LARGEST_FILE) -> str:
+    """The text of a file of that kind, such as "scenario", with at most so many bytes. Raises AcrcError."""
     try:
         with regular_file.opened(path) as file:
             content = file.read(most + 1)
         if len(content) > most:
-            raise fault(f"{path}: the {kind} file may have at most {most} bytes, but has more")
+            raise AcrcError(f"{path}: the {kind} file may have at most {most} bytes, but has more")
         return content.decode("utf-8")
     except OSError as error:
-        raise fault(f"{path}: the {kind} file cannot be read: {error.strerror}") from None
+        raise AcrcError(f"{path}: the {kind} file cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
-        raise fault(f"{path}: byte {error.start} of the {kind} file is not UTF-8") from None
+        raise AcrcError(f"{path}: byte {error.start} of the {kind} file is not UTF-8") from None
 
 
-def tables(text: str, path: Path, fault: type[AcrcError]) -> dict[str, Any]:
-    """What the text of the file `path` says. Raises `fault`."""
+def tables(text: str, path: Path) -> dict[str, Any]:
+    """What the text of the file `path` says. Raises AcrcError."""
     try:
         return loads(text)
     except ValueError as error:
-        raise fault(f"{path}: this is no TOML: {error}") from None
+        raise AcrcError(f"{path}: this is no TOML: {error}") from None
 
 
 def loads(text: str) -> dict[str, Any]:

@@ -30,7 +30,7 @@ class SettingsError(AcrcError):
     """Settings that a strategy does not have, or that make no sense in it."""
 
 
-class Made(NamedTuple):
+class MadeSettings(NamedTuple):
     """What has become of settings."""
 
     names: frozenset[str]
@@ -38,13 +38,13 @@ class Made(NamedTuple):
     parameters: object
 
 
-_made_so_far: ContextVar[list[Made] | None] = ContextVar("_made_so_far", default=None)
+_made_so_far: ContextVar[list[MadeSettings] | None] = ContextVar("_made_so_far", default=None)
 
 
 @contextmanager
-def made_meanwhile() -> Iterator[list[Made]]:
+def made_meanwhile() -> Iterator[list[MadeSettings]]:
     """All that `from_settings` gives for as long as this lasts, in order."""
-    made: list[Made] = []
+    made: list[MadeSettings] = []
     token = _made_so_far.set(made)
     try:
         yield made
@@ -74,7 +74,7 @@ def from_settings(kind: type[P], settings: Mapping[str, Setting]) -> P:
     parameters = _made(kind, values, settings, required)
     made = _made_so_far.get()
     if made is not None:
-        made.append(Made(frozenset(settings), parameters))
+        made.append(MadeSettings(frozenset(settings), parameters))
     return parameters
 
 

@@ -10,13 +10,12 @@ from rich.console import Console
 from actors.installation.usage import OptionError, extras_named
 from actors.processes.signals import Interrupted, signals_as_interrupts
 from actors.runtime.errors import AcrcError
-from command_line import exporting, logs, look, replaying, run, streams, usage_errors
+from command_line import exporting, look, replaying, run, streams, usage_errors
 from command_line.development import commands as development
 from command_line.fleet import app as fleet
 from command_line.groups import FOR_DEVELOPERS, Root
 from command_line.lists.commands import app as listing
 from command_line.record import app as record
-from command_line.topic import app as topic
 
 app = typer.Typer(
     name="acrc",
@@ -34,12 +33,10 @@ app.command()(look.view)
 app.command()(look.scenario)
 app.command()(replaying.replay)
 app.command()(replaying.explain)
-app.command()(logs.log)
 app.command()(exporting.export)
-app.add_typer(record, name="record", help="Inspect, merge and check recordings.")
-app.add_typer(topic, name="topic", help="Show what was said on a key of a run, also while it goes on.")
+app.add_typer(record, name="record", help="Read what a run recorded; merge and check recordings.")
 app.add_typer(listing, name="list", help="List strategies, presets, robot models, scenarios and maps.")
-app.add_typer(fleet, name="fleet", help="Robots made of computers: set them up, drive, watch, collect.")
+app.add_typer(fleet, name="fleet", help="Set up real robots, start, watch and stop them.")
 app.command(
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
     rich_help_panel=FOR_DEVELOPERS,
@@ -100,5 +97,8 @@ def add(
         list[str], typer.Argument(metavar="NAME…", help="As pip knows them: pandas, pandas==3.0.0.")
     ],
 ) -> None:
-    """Install packages that your strategies import, and keep them, in requirements.txt of this clone."""
+    """Install packages that your strategies import.
+
+    They are added to requirements.txt of this clone.
+    """
     raise OptionError(f"add {' '.join(names)}: is done by the script itself; call ./acrc of this clone")

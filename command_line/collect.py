@@ -12,7 +12,7 @@ def collect(
     folders: Annotated[
         list[Path],
         typer.Argument(
-            metavar="FOLDER…", help="A robot's folder, such as runs/mine/r2, or one that holds such."
+            metavar="FOLDER…", help="A robot's folder, such as runs/mine/r2, or a folder of these."
         ),
     ],
     out: Annotated[
@@ -21,11 +21,11 @@ def collect(
     ] = None,
     truth: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="What the laboratory of emulated devices says truly happened."),
+        typer.Option(metavar="FILE", help="Ground truth, by the laboratory of emulated devices."),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Gather what robots have recorded on a field trial: align their clocks, and say what came of it."""
+    """Collect recordings of a field trial and align their clocks."""
     from deploy.fleet import collect as recordings
     from observation.field_trial.trial_summary import print_field_trial
 

@@ -17,7 +17,9 @@ def export(
     modules: Modules = None,
     trust: Trust = False,
 ) -> None:
-    """Write poses, estimates, goals, frames, knowledge, exchanges, places and decisions as Parquet files.
+    """Write a run as tables (Parquet files).
+
+    The tables are poses, estimates, goals, frames, knowledge, exchanges, places and decisions.
 
     It replays radio and robots to compute what was not recorded, robots in a sandbox where the machine has
     one.
@@ -40,7 +42,7 @@ def export(
     with console.status("reading") as status:
         found = rows.tables(
             out,
-            lambda actor: status.update(f"executing {actor} again"),
+            lambda actor: status.update(f"replaying {actor}"),
             permit=permit,
             isolate=choice.isolate,
         )

@@ -21,19 +21,19 @@ if TYPE_CHECKING:
 
 def units(
     fleet: FleetFile,
-    robot: Annotated[str, typer.Option(metavar="ID", help="Which of the robots this computer is.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write them.")] = Path("units"),
+    robot: Annotated[str, typer.Option(metavar="ID", help="Id of the robot that this computer is.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the files.")] = Path("units"),
     user: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Who the robot runs as.  [default: the clone's owner, not root]"),
+        typer.Option(metavar="NAME", help="Run the robot as this user.  [default: the clone's owner]"),
     ] = None,
     modules: Modules = None,
 ) -> None:
-    """Write the systemd service of a robot and the udev rules of its devices.
+    """Write a robot's systemd service and udev rules.
 
-    To be run on the robot's own computer with all devices plugged in: the service holds the paths of this
-    clone and of the fleet file, the rules the serial numbers of the devices. Installs nothing: prints the
-    commands that do.
+    Run it on the robot's own computer with all devices plugged in: the service holds the paths of this clone
+    and of the fleet file, the rules hold the serial numbers of the devices. It installs nothing, and prints
+    the commands that do.
     """
     from actors.robot.behaviour.foreign import permit_of
     from deploy.fleet import units as unit_files
@@ -72,25 +72,26 @@ def keys(
     fleet: FleetFile,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="New folder for the keys.  [default: where the fleet file says]"),
+        typer.Option(metavar="DIR", help="New folder for the keys.  [default: as in the fleet file]"),
     ] = None,
     host: Annotated[
         list[str] | None,
-        typer.Option(metavar="ID=HOST", help="A name or an address of a robot; may be repeated."),
+        typer.Option(metavar="ID=HOST", help="Name or address of a robot. Repeatable."),
     ] = None,
-    days: Annotated[int, typer.Option(metavar="N", help="How long the keys hold.")] = 730,
+    days: Annotated[int, typer.Option(metavar="N", help="Days that the keys are valid.")] = 730,
     revoke: Annotated[
         list[str] | None,
         typer.Option(
             metavar="ID",
-            help='A robot whose keys were lost, or "operator": replace those of all; may be repeated.',
+            help="Replace all keys after this robot (or the operator) lost its own. Repeatable.",
         ),
     ] = None,
 ) -> None:
-    """Make the keys of a fleet: its certificate authority, and a certificate for each robot and the operator.
+    """Make the keys of a fleet.
 
-    With them the operator's laptop can watch robots that listen, and stop them; nobody else can. A robot's
-    certificate holds for its id, its id with .local, the address it listens at, and what --host says.
+    They are a certificate authority, and a certificate for each robot and the operator. Only the operator's
+    laptop can then watch and stop robots. A robot's certificate is valid for its id, its id with .local, the
+    address it listens at, and what --host says.
     """
     from deploy.fleet import keys as fleet_keys
     from deploy.fleet.fleet_file import load_fleet
@@ -112,18 +113,18 @@ def keys(
 
 def doctor(
     fleet: Annotated[
-        Path | None, typer.Argument(metavar="FLEET.toml", help="Which robots there are.")
+        Path | None, typer.Argument(metavar="FLEET.toml", help="Fleet file: which robots there are.")
     ] = None,
     robot: Annotated[
-        str | None, typer.Option(metavar="ID", help="Which of the robots this computer is.")
+        str | None, typer.Option(metavar="ID", help="Id of the robot that this computer is.")
     ] = None,
     modules: Modules = None,
     json: Json = False,
 ) -> None:
-    """Say what is wrong with this computer, and how to put it right; exit code 1 if anything is.
+    """Find what is wrong with this computer, and say the remedy.
 
-    With a fleet file and a robot also what is wrong with the robot's ports, map and keys. Changes nothing,
-    but compiles numeric kernels that were not compiled yet.
+    With a fleet file and a robot it also checks the robot's ports, map and keys. It changes nothing, except
+    that it compiles numeric kernels. The exit code is 1 if anything is wrong.
     """
     from actors.robot.behaviour.foreign import permit_of
     from deploy.fleet.doctor import consultation

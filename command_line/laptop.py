@@ -20,12 +20,10 @@ def watch(
     keys: OperatorKeys,
     view: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FLEET.toml", help="Show them in the viewer, too: on the fleet's map, with its places."
-        ),
+        typer.Option(metavar="FLEET.toml", help="Show robots in the viewer, on the fleet's map."),
     ] = None,
 ) -> None:
-    """See how robots get on, from a laptop, until Ctrl-C."""
+    """Watch robots from a laptop, until Ctrl-C."""
     from deploy.fleet import watch as laptop
 
     with contextlib.suppress(Interrupted):
@@ -45,9 +43,9 @@ def _show(endpoints: list[str], keys: Path, fleet: Path) -> None:
 
 
 def stop(endpoints: Endpoints, keys: OperatorKeys) -> None:
-    """Stop robots for good, all at once.
+    """Stop all robots for good.
 
-    Within 2 s each has said that it obeys, or is named with what is in the way; then the exit code is 1.
+    Within 2 s each robot has confirmed, or is named with what is in the way; then the exit code is 1.
     """
     from actors.orders import Stop
 
@@ -55,14 +53,14 @@ def stop(endpoints: Endpoints, keys: OperatorKeys) -> None:
 
 
 def pause(endpoints: Endpoints, keys: OperatorKeys) -> None:
-    """Let robots stand until they are told to resume; otherwise as stop."""
+    """Pause all robots until resume; answers as of stop."""
     from actors.orders import Pause
 
     _give(endpoints, keys, Pause())
 
 
 def resume(endpoints: Endpoints, keys: OperatorKeys) -> None:
-    """Let robots that were paused go on; otherwise as stop."""
+    """Resume paused robots; answers as of stop."""
     from actors.orders import Resume
 
     _give(endpoints, keys, Resume())

@@ -1,9 +1,10 @@
 """`acrc demo`, `acrc view` and `acrc scenario`: what happened, and what a scenario means, as pictures."""
 
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 from rich.console import Console
@@ -14,6 +15,10 @@ from command_line.options import Modules, Robots, Seed, Setting, Trust
 
 if TYPE_CHECKING:
     from actors.robot.behaviour.foreign import Permit
+    from observation.evidence.run_evidence import RunEvidence
+
+_JUDGED_S: Final = 5.0
+"""Simulated; before that no robot has stood or driven for long enough to say anything of it."""
 
 
 def demo(
@@ -22,15 +27,15 @@ def demo(
         typer.Option(metavar="DIR", help="New folder for both runs and the picture.  [default: in runs/]"),
     ] = None,
 ) -> None:
-    """Show the problem and its cure: two robots meet in a doorway, without adaptation and with it."""
+    """Show two robots in a doorway, without and with adaptation."""
     from actors.processes.kernels import compile_kernels
     from deploy.run import demonstration, out_folder
-    from deploy.run.options import folder_name, run_options
-    from observation.evidence.run_evidence import read_run
+    from deploy.run.options import RunOptions, checked, folder_name
+    from observation.evidence.run_reader import read_run
     from observation.picture import side_by_side
 
     name = folder_name(Path("demo"))
-    options = run_options(out or Path("runs", name))
+    options = checked(RunOptions(out or Path("runs", name)))
     if out is None:
         options = replace(options, out=out_folder.claim(options.out.parent, name))
     with out_folder.dropped_if_empty(options.out), out_folder.writing(options.out):
@@ -101,7 +106,9 @@ def view(
         ),
     ] = None,
 ) -> None:
-    """Open a run in the viewer: the floor, each robot's own view, radio, lanes, plots, over time.
+    """Open a run in the viewer, or draw it.
+
+    The viewer shows the floor, each robot's own view, radio, lanes and plots over time.
 
     It replays the robots to compute what was not recorded. With --png, --svg, --html or
     --movie, which run no strategy: floor, trails, places, meetings, radio and progress.
@@ -154,10 +161,12 @@ def _show(
 def _draw_beside(folders: Sequence[Path], kinds: Sequence[str]) -> None:
     """Draw several runs beside one another, in the folder of the first."""
     from deploy.run import out_folder
-    from observation.evidence.run_evidence import read_run
+    from observation.evidence.run_reader import read_run
     from observation.picture import side_by_side
 
     runs = [read_run(folder) for folder in folders]
+    for folder, run in zip(folders, runs, strict=True):
+        _warn_of_short(folder, run)
     for kind in kinds:
         picture = folders[0] / f"beside.{kind}"
         with out_folder.writing(folders[0]):
@@ -165,10 +174,17 @@ def _draw_beside(folders: Sequence[Path], kinds: Sequence[str]) -> None:
         Console(soft_wrap=True, highlight=False).print(str(picture), markup=False)
 
 
+def _warn_of_short(out: Path, run: "RunEvidence") -> None:
+    """Say that a run is too short to say anything, if it is."""
+    if run.end < _JUDGED_S:
+        short = f"the run lasts {run.end:g} s; nothing can be judged from less than {_JUDGED_S:g} s"
+        sys.stderr.write(f"acrc: {out}: {short}\n")
+
+
 def _draw_page(out: Path, names: Sequence[str], movie: Path | None, speed: float) -> None:
     """Draw the run on one page, once into each file, and as a movie if one is wished."""
     from deploy.run import out_folder
-    from observation.evidence.run_evidence import read_run
+    from observation.evidence.run_reader import read_run
     from observation.picture import moving, run_html, run_page
 
     if movie is not None:
@@ -178,6 +194,7 @@ def _draw_page(out: Path, names: Sequence[str], movie: Path | None, speed: float
         Console(stderr=True, soft_wrap=True, highlight=False).print(
             f"the run is going on, or was cut off: it is drawn up to {run.end:g} s"
         )
+    _warn_of_short(out, run)
     console = Console(soft_wrap=True, highlight=False)
     for name in names:
         with out_folder.writing(out):
@@ -206,10 +223,10 @@ def scenario(
     modules: Modules = None,
     trust: Trust = False,
 ) -> None:
-    """Check a scenario, and say what it means on its floor; options replace what it says.
+    """Check a scenario, a map or a robot model.
 
-    Its strategy is checked last: it is made once, as for a run, and must find its module and its settings.
-    The file may be a map (.yaml) or a robot model, too: then it is about that alone.
+    It prints what the file means on its floor. Options replace what the scenario says. The strategy is
+    created once, as for a run, to check its module and its settings.
     """
     from actors.robot.behaviour.foreign import admitted, permit_of
     from deploy.run import out_folder

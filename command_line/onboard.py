@@ -11,7 +11,7 @@ from command_line.options import FleetFile, Modules
 
 def onboard(
     fleet: FleetFile,
-    robot: Annotated[str, typer.Option(metavar="ID", help="Which of the robots this computer is.")],
+    robot: Annotated[str, typer.Option(metavar="ID", help="Id of the robot that this computer is.")],
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="New folder for the recordings.  [default: in runs/]")
     ] = None,
@@ -19,23 +19,30 @@ def onboard(
         bool | None,
         typer.Option(
             "--isolate/--no-isolate",
-            help="Shut the robot's process off from all but base and bridge.  [default: where it can be]",
+            help="Run the robot's process in a sandbox that leaves it base and bridge only.  "
+            "[default: where the machine can]",
         ),
     ] = None,
     debugpy: Annotated[
-        int | None, typer.Option(metavar="PORT", min=1, max=65535, help="Let a debugger in there.")
+        int | None,
+        typer.Option(
+            metavar="PORT",
+            min=1,
+            max=65535,
+            help="Let an editor attach to the robot's process at 127.0.0.1:PORT.",
+        ),
     ] = None,
     at: Annotated[
         str | None,
         typer.Option(
             metavar="WHERE",
-            help="Where it stands: `start`, as the fleet file has it, or X,Y,HEADING in m and rad.  "
-            "[default: about where it last was, which it first makes sure of; `start` the first time]",
+            help="Where the robot stands: `start` (as in the fleet file), or X,Y,HEADING in m and rad.  "
+            "[default: near its last pose, which it verifies; `start` the first time]",
         ),
     ] = None,
     modules: Modules = None,
 ) -> None:
-    """Be a robot: drive the TurtleBot and the radio board that are plugged in, until told to stop."""
+    """Be a robot: drive the plugged-in TurtleBot and radio board."""
     from actors.processes.kernels import compile_kernels
     from actors.robot.behaviour.foreign import permit_of
     from deploy.fleet import onboard_run

@@ -15,9 +15,11 @@ ScenarioFile = Annotated[
         autocompletion=completion.scenarios,
     ),
 ]
-FleetFile = Annotated[Path, typer.Argument(metavar="FLEET.toml", help="Which robots there are.")]
+FleetFile = Annotated[Path, typer.Argument(metavar="FLEET.toml", help="Fleet file: which robots there are.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
-OperatorKeys = Annotated[Path, typer.Option(metavar="DIR", help="The operator's keys, by `acrc fleet keys`.")]
+OperatorKeys = Annotated[
+    Path, typer.Option(metavar="DIR", help="The operator's keys, from `acrc fleet keys`.")
+]
 Endpoints = Annotated[
     list[str],
     typer.Argument(metavar="ENDPOINT…", help="Where robots listen, such as tls/192.168.1.12:7447."),

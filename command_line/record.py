@@ -1,24 +1,61 @@
-"""What can be done with the recordings of a run, on the command line."""
+"""`acrc record`: what a run has recorded, in figures, in full, drawn, in one file, and checked."""
 
+import json as json_
+import time
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
+from actors.installation.usage import OptionError, wrong_value
+from command_line.options import Json
+
+if TYPE_CHECKING:
+    from observation.recordings.rates import Rate
+    from observation.recordings.topics import Recorded
+
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
-_Out = Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")]
-
-
-_Target = Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder, or one recording.")]
+_Run = Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder.")]
+_Recorded = Annotated[Path, typer.Argument(metavar="OUT", help="A run's folder, or one recording.")]
+_Growing = Annotated[
+    Path, typer.Argument(metavar="OUT", help="A run's folder, also while it goes on, or one recording.")
+]
+_KEY = "r1/drive, truth, */senses for all robots, or in full"
+_Begin = Annotated[float, typer.Option("--from", metavar="S", min=0, help="Begin at this simulated second.")]
+_End = Annotated[float | None, typer.Option("--to", metavar="S", min=0, help="End at this simulated second.")]
+_Follow = Annotated[bool, typer.Option("--follow", "-f", help="Follow what the run adds, to its end.")]
+_EVERY_S = 1.0
 
 
 @app.command()
-def info(out: _Target) -> None:
-    """Say what recordings hold: how long, what, how often, how large, and whether they are whole."""
+def info(
+    out: _Growing,
+    keys: Annotated[
+        list[str] | None, typer.Argument(metavar="[KEY…]", help=f"{_KEY}.  [default: a line per recording]")
+    ] = None,
+    begin: _Begin = 0.0,
+    end: _End = None,
+    follow: _Follow = False,
+    json: Json = False,
+) -> None:
+    """Say what recordings hold, or what is on a key.
+
+    Of each recording: span, messages, bytes, whether it is whole. Of each KEY ('*': all): its fields, and how
+    often and how much, per simulated second.
+    """
+    if keys:
+        _tell_keys(_messages(out, keys, begin, end, follow), follow=follow, json=json)
+        return
+    if follow or begin or end is not None:
+        raise OptionError("--follow, --from, --to: must stand beside a KEY, such as '*'")
     from observation.recordings import info as figures
 
     found = figures.info(out)
+    if json:
+        print(json_.dumps([figures.as_json(one) for one in found]))
+        return
     for one in found:
         for text in figures.sentences(one, topics=out.is_file()):
             print(text)
@@ -27,11 +64,68 @@ def info(out: _Target) -> None:
 
 
 @app.command()
+def echo(
+    out: _Growing,
+    keys: Annotated[
+        list[str],
+        typer.Argument(metavar="KEY…", help=f"{_KEY}; r1/log: what r1's strategy printed."),
+    ],
+    begin: _Begin = 0.0,
+    end: _End = None,
+    follow: _Follow = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print a table: a column for each field.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print a JSON object for each line.")] = False,
+) -> None:
+    """Print messages, or lines of a log, with their time."""
+    from observation.recordings import lines, printed
+
+    if csv and json:
+        raise OptionError("--csv, --json: must be one of them")
+    form = lines.LineForm.CSV if csv else lines.LineForm.JSON if json else lines.LineForm.TEXT
+    if all(printed.is_log(key) for key in keys):
+        told = printed.read(out, keys, begin, end, follow=follow)
+        texts = printed.shown(told, form, named=len(keys) > 1 or "*" in keys[0])
+    else:
+        texts = lines.shown(_messages(out, keys, begin, end, follow), form)
+    for text in texts:
+        print(text, flush=follow)
+
+
+@app.command()
+def plot(
+    out: _Growing,
+    key: Annotated[str, typer.Argument(metavar="KEY", help=f"{_KEY}.")],
+    field: Annotated[str, typer.Argument(metavar="FIELD", help="A number: vx, odometry.x, robots[0].x.")],
+    file: Annotated[
+        Path, typer.Option("--out", "-o", metavar="FILE", help="The drawing: a .png, or an .svg for papers.")
+    ],
+    begin: _Begin = 0.0,
+    end: _End = None,
+) -> None:
+    """Draw a field over simulated time."""
+    if file.suffix not in {".png", ".svg"} or not file.absolute().parent.is_dir():
+        raise wrong_value("--out", file, "a file in a folder that exists, its name ending in .png or .svg")
+    from observation.recordings import lines
+    from observation.recordings.topics import short
+
+    found = lines.series(_messages(out, [key], begin, end, False), field)
+    from deploy.run import out_folder
+    from observation.picture import series
+
+    with out_folder.writing(file.parent):
+        series.write({short(name): values for name, values in found.items()}, field, file)
+    print(file)
+
+
+@app.command()
 def merge(
-    out: _Out,
+    out: _Run,
     file: Annotated[Path, typer.Option("--out", "-o", metavar="FILE.mcap", help="New file.")],
 ) -> None:
-    """Write the recordings of a run into one file, in canonical order, for any reader of MCAP files."""
+    """Merge recordings into one file for any MCAP reader.
+
+    It has all messages of the run in canonical order.
+    """
     from deploy.run import out_folder
     from observation.recordings import merged_file
 
@@ -41,10 +135,11 @@ def merge(
 
 
 @app.command()
-def check(out: _Target) -> None:
-    """Compare recordings with their checksums, one another and the result, and all files with the seal.
+def check(out: _Recorded) -> None:
+    """Check whether a run's files are as it left them.
 
-    Of one file alone, also a merged one, say whether it is as it was written, and what it is.
+    Compares recordings with their checksums, one another and the result, and all files with the seal. Of one
+    file alone, also a merged one, say whether it is as it was written, and what it is.
     """
     from observation.recordings import merged_file
     from observation.replay import record_check
@@ -69,3 +164,38 @@ def check(out: _Target) -> None:
             f"recording is good up {until}"
         )
     console.print(seal.sentence(out, report.sealed), markup=False)
+
+
+def _messages(
+    out: Path, keys: list[str], begin: float, end: float | None, follow: bool
+) -> Iterator["Recorded"]:
+    from observation.recordings import topics
+
+    recorded = topics.follow(out, keys, lambda: not follow or topics.has_ended(out))
+    return topics.within(recorded, begin, end)
+
+
+def _tell_keys(recorded: Iterator["Recorded"], *, follow: bool, json: bool) -> None:
+    """Say at the end what is on each key; with `follow` also from time to time what there is by then."""
+    from observation.recordings.rates import Rate
+
+    found: dict[str, Rate] = {}
+    due = time.monotonic() + _EVERY_S
+    for one in recorded:
+        found.setdefault(one.key, Rate()).take(one)
+        if follow and time.monotonic() >= due:
+            _print_keys(found, json=json)
+            due = time.monotonic() + _EVERY_S
+    _print_keys(found, json=json)
+
+
+def _print_keys(found: dict[str, "Rate"], *, json: bool) -> None:
+    from observation.recordings import rates
+    from observation.recordings.topics import short
+
+    by_key = sorted(found.items(), key=lambda item: short(item[0]))
+    if json:
+        print(json_.dumps([rates.as_json(key, rate) for key, rate in by_key]), flush=True)
+        return
+    for key, rate in by_key:
+        print("\n".join(rates.sentences(key, rate)), flush=True)

@@ -60,7 +60,10 @@ def replay(
         ),
     ] = None,
 ) -> None:
-    """Make a simulated run again, and compare every message; with --robot, replay one actor alone."""
+    """Replay a run, or one robot of it, and compare every message.
+
+    --robot replays one actor alone.
+    """
     options = {
         "--isolate": isolate,
         "--from": begin,
@@ -122,7 +125,7 @@ def _one(
 ) -> "ReplayReport":
     from actors.robot.behaviour.foreign import admitted, permit_of
     from actors.robot.behaviour.modules import look_in
-    from actors.runtime.debugger import DebuggerError
+    from actors.runtime.errors import AcrcError
     from actors.runtime.prints import on
     from cleaning.strategies import entry
     from deploy.branches import other_strategy
@@ -152,7 +155,7 @@ def _one(
     else:
         report = other_strategy.replay_otherwise(out, robot, entry(strategy), onlook)
     if wanted is not None and not reached:
-        raise DebuggerError(f"--from: is {begin:g}, but {robot}'s recording ends before")
+        raise AcrcError(f"--from: is {begin:g}, but {robot}'s recording ends before")
     return report
 
 
@@ -168,22 +171,24 @@ def explain(
     modules: Modules = None,
     trust: Trust = False,
 ) -> None:
-    """Say why a robot decided as it did: the knowledge, the frame that brought it, and what was lost before.
+    """Say why a robot decided as it did.
 
-    It replays the robot and the radio from their recordings, in a sandbox where the machine has one.
+    It names the knowledge, the frame that brought it, and the frames that were lost before.
+
+    It replays the robot and the radio if that was not done before, in a sandbox where the machine has one.
     """
     from actors.robot.behaviour.foreign import permit_of
     from actors.runtime.errors import printable
     from actors.runtime.isolation.isolating import choose, warn
-    from observation.explanation import asking
     from observation.explanation import explain as explanation
 
     permit = permit_of(modules, trust=trust)
     console = Console(soft_wrap=True, highlight=False, markup=False)
     asked, choice = explanation.wish(who), choose(None)
     warn(choice.warning)
+    explainer = explanation.Explainer(out, permit=permit, isolate=choice.isolate)
     if asked.at_s is None:
-        rows = asking.decisions(out, asked.robot, permit=permit, isolate=choice.isolate)
+        rows = explainer.listed(asked.robot)
         if json:
             print(explanation.as_json(rows))
             return
@@ -192,7 +197,7 @@ def explain(
         if not rows:
             console.print(f"{asked.robot} never decides anything.")
         return
-    found = asking.explained(out, asked, permit=permit, isolate=choice.isolate)
+    found = explainer.explain(asked)
     if json:
         print(explanation.as_json(found))
         return

@@ -139,12 +139,12 @@ def run(
     from deploy.scenario.scenario_file import module_folders
 
     permit = foreign.permit_of(modules, trust=trust)
-    from deploy.run.options import folder_name, run_options
+    from deploy.run.options import RunOptions, checked, folder_name
     from deploy.scenario.scenario_file import DEFAULT_SCENARIO, Overrides, load_scenario, settings
 
     overrides = Overrides(robots, seed, key, duration, step, strategy, settings(setting or ()))
     name = folder_name(scenario or DEFAULT_SCENARIO)
-    options = run_options(
+    options = RunOptions(
         out or Path("runs", name),
         speed=speed or ("1" if control else "max"),
         bus=bus,
@@ -156,14 +156,14 @@ def run(
         debug=debug,
         control=control,
         hardware=hardware,
-        boards=board or (),
-        limit=limit or (),
-        timeout=timeout,
+        boards=tuple(board or ()),
+        timeout_s=timeout,
         json=json,
         check=check,
-        log=log or (),
-        followed=robot or (),
+        log=tuple(log or ()),
+        followed=tuple(robot or ()),
     )
+    options = checked(options, limit or ())
     chosen = load_scenario(scenario, overrides)
     behaviour = _behaviour(chosen.run.strategy, by_option=strategy is not None)
     permit = replace(permit, typed=behaviour if strategy is not None else "")
@@ -201,7 +201,7 @@ def _check_again(out: Path, modules: tuple[Path, ...]) -> None:
 
     again = recheck(out, modules)
     Console(stderr=True, soft_wrap=True, highlight=False).print(
-        f"checked: {again.actors} actors executed again, all {again.outputs} messages equal"
+        f"checked: {again.actors} actors replayed, all {again.outputs} messages equal"
     )
 
 
@@ -230,11 +230,13 @@ def branch(
     ] = None,
     setting: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="A setting of it: strategy.N=3. Repeatable."),
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Set a setting of --strategy: strategy.N=3. Repeatable."
+        ),
     ] = None,
     event: Annotated[
         list[str] | None,
-        typer.Option(metavar="ORDER", help="An order such as 'kill r2 at 130'. Repeatable."),
+        typer.Option(metavar="ORDER", help="Give an order: 'kill r2 at 130'. Repeatable."),
     ] = None,
     out: Annotated[
         Path | None,
@@ -244,7 +246,10 @@ def branch(
     trust: Trust = False,
     json: Json = False,
 ) -> None:
-    """Continue a recorded run from an instant with one thing changed, or nothing, and say what differs."""
+    """Continue a recorded run with a change and say what differs.
+
+    Without a change the branch equals the run.
+    """
     from actors.robot.behaviour.foreign import permit_of
     from deploy.branches.command import continue_run
 
@@ -253,18 +258,19 @@ def branch(
 
 
 def order(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder of a run that is going on.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder of a run in progress.")],
     verb: Annotated[
         str,
         typer.Argument(
             metavar="VERB", help="kill, freeze, move, pause, stop, …", autocompletion=completion.orders
         ),
     ],
-    words: Annotated[list[str] | None, typer.Argument(metavar="WORDS", help="What the verb needs.")] = None,
+    words: Annotated[list[str] | None, typer.Argument(metavar="WORDS", help="Arguments of the verb.")] = None,
 ) -> None:
-    """Give an order to a run that is going on, such as: acrc order runs/mine kill r2.
+    """Give an order to a run in progress.
 
-    It says what became of the order; exit code 1 if the run refused it.
+    Example: acrc order runs/mine kill r2. It prints what became of the order; the exit code is 1 if the run
+    refused it.
     """
     from deploy.run import orders
 

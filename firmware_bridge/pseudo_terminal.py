@@ -10,10 +10,6 @@ from pathlib import Path
 from actors.runtime.errors import AcrcError
 
 
-class LinkError(AcrcError):
-    """A path where the link to a pseudo-terminal cannot be."""
-
-
 class PseudoTerminal:
     """The device's end of a line, and a symbolic link to the other; use it as a context manager.
 
@@ -21,7 +17,7 @@ class PseudoTerminal:
     """
 
     def __init__(self, link: Path) -> None:
-        """Put the link at `link`, in place of one that is there already. Raises LinkError."""
+        """Put the link at `link`, in place of one that is there already. Raises AcrcError."""
         self.link = link
         self.lost = 0
         """Bytes that nobody has read."""
@@ -78,11 +74,11 @@ class PseudoTerminal:
 
 def _place(link: Path, port: str) -> None:
     if link.exists() and not link.is_symlink():
-        raise LinkError(f"{link}: there is something that is no link; give a path where a link can be made")
+        raise AcrcError(f"{link}: there is something that is no link; give a path where a link can be made")
     try:
         link.unlink(missing_ok=True)
         link.symlink_to(port)
     except OSError as error:
-        raise LinkError(
+        raise AcrcError(
             f"{link}: no link can be made there ({error.strerror}); give a path in a directory that is yours"
         ) from None

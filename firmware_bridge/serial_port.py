@@ -29,7 +29,7 @@ CP2102: Final = UsbChip("10c4", "ea60")
 
 
 @dataclass(frozen=True)
-class Device:
+class PortDevice:
     """What hangs on a port, for sentences."""
 
     name: str
@@ -43,7 +43,7 @@ class Device:
 class SerialPort:
     """An open port, 8 data bits, no parity, 1 stop bit. Reading waits; use it as a context manager."""
 
-    def __init__(self, path: str, device: Device, patience: float = 0.005) -> None:
+    def __init__(self, path: str, device: PortDevice, patience: float = 0.005) -> None:
         """Open `path`, for us alone; a reading waits up to `patience` s. Raises PortError."""
         self.path = path
         self._device = device
@@ -94,7 +94,7 @@ class SerialPort:
         )
 
 
-def _open(path: str, device: Device, patience: float) -> Any:
+def _open(path: str, device: PortDevice, patience: float) -> Any:
     try:
         serial = importlib.import_module("serial")
     except ModuleNotFoundError:
@@ -108,7 +108,7 @@ def _open(path: str, device: Device, patience: float) -> Any:
         raise PortError(f"{path}: {_why(path, device, error)}") from None
 
 
-def _why(path: str, device: Device, error: Exception) -> str:
+def _why(path: str, device: PortDevice, error: Exception) -> str:
     """What is wrong, and what would help."""
     number = getattr(error, "errno", None)
     if number in {errno.ENOENT, errno.ENXIO, errno.ENODEV}:

@@ -6,7 +6,7 @@ A message's step numbers the host's sessions: a new one resets the transceiver.
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Final, Generic, Protocol, TypeVar
+from typing import Final, Generic, TypeVar
 
 import msgspec
 
@@ -16,22 +16,13 @@ from actors.messages import Heard, Outgoing, Overflow, RadioEvent, Received, Ref
 from actors.radio.frame import size_fault
 from actors.radio.frame_codec import DataFrame
 from actors.radio.signal_codes import rssi_dbm
-from firmware_bridge.beeclick.events import Event, Unconfirmed
+from firmware_bridge.beeclick.emulation.air import BoardRadio
+from firmware_bridge.beeclick.events import Event, UnconfirmedPacket
 from firmware_bridge.beeclick.parameters import FIRST_CHANNEL, BoardSettings
 
 _LONGEST: Final = 1 << 16
 """Of a line, bytes: far above 32 frames."""
 M = TypeVar("M", Transmit, Received)
-
-
-class Radio(Protocol):
-    """The medium, as a transceiver finds it (`beeclick.emulation.air.Air`)."""
-
-    def transmit(self, device: "Transceiver", now: Instant, tag: int, data: bytes) -> None:
-        """Hand it a frame; `device.finished` says what has become of it."""
-
-    def silence(self, device: "Transceiver") -> None:
-        """Forget all that it was handed."""
 
 
 class _Messages(Generic[M]):
@@ -57,10 +48,10 @@ class _Messages(Generic[M]):
         return found
 
 
-class Transceiver:
+class SimulatedTransceiver:
     """The laboratory's end: one that hands the medium every frame as it comes."""
 
-    def __init__(self, radio: Radio, settings: BoardSettings) -> None:
+    def __init__(self, radio: BoardRadio, settings: BoardSettings) -> None:
         self.pan, self.address = settings.pan, settings.address
         self.channel, self.power_dbm = settings.channel - FIRST_CHANNEL, settings.power_dbm
         self._radio = radio
@@ -133,7 +124,7 @@ class TransceiverLink:
         tags = [*self._flying, *(frame.tag for frame in self._waiting)]
         self.forget()
         self._flying.clear()
-        return [Unconfirmed(now, tag, "lost") for tag in tags]
+        return [UnconfirmedPacket(now, tag, "lost") for tag in tags]
 
     def send(self, now: Instant, tag: int, data: bytes) -> Sequence[Event]:
         """Take a frame, to be written by `due`."""

@@ -26,7 +26,7 @@ Disc = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Floor:
+class DrawnFloor:
     """What stands on a rectangle; its border is a wall."""
 
     width: float
@@ -54,7 +54,7 @@ def table(x: float, y: float, length: float, depth: float) -> tuple[Box, ...]:
     return tuple((px, py, px + 0.05, py + 0.05) for px in (x, east) for py in (y, north))
 
 
-MAZE = Floor(
+MAZE = DrawnFloor(
     width=10.0,
     height=10.0,
     walls=(
@@ -78,7 +78,7 @@ MAZE = Floor(
     pillars=((2.05, 2.05, 0.15), (7.70, 5.40, 0.10)),
 )
 
-APARTMENT = Floor(
+APARTMENT = DrawnFloor(
     width=16.0,
     height=11.0,
     walls=(
@@ -135,7 +135,7 @@ def fill(pixels: NDArray[np.uint8], box: Box, brightness: int) -> None:
     pixels[y0:y1, x0:x1] = brightness
 
 
-def draw(floor: Floor) -> NDArray[np.uint8]:
+def draw(floor: DrawnFloor) -> NDArray[np.uint8]:
     """The map's brightnesses, row 0 north."""
     rows, columns = round(floor.height / RESOLUTION), round(floor.width / RESOLUTION)
     pixels = np.full((rows, columns), WHITE, dtype=np.uint8)

@@ -31,12 +31,8 @@ PACKAGES: Final = frozenset(
 """What is installed of it (pyproject.toml); whatever else lies here is not this project's code."""
 
 
-class NoCloneError(AcrcError):
-    """A command that needs sources, tests or pages, which no wheel holds."""
-
-
 def clone(command: str) -> Path:
-    """The root of the clone, for a command that works nowhere else. Raises NoCloneError."""
+    """The root of the clone, for a command that works nowhere else. Raises AcrcError."""
     if not IS_CLONE:
-        raise NoCloneError(f"{command}: requires a clone of the repository (got a wheel in {REPOSITORY})")
+        raise AcrcError(f"{command}: requires a clone of the repository (got a wheel in {REPOSITORY})")
     return REPOSITORY

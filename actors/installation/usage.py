@@ -40,20 +40,16 @@ class OptionError(AcrcError):
     """
 
 
-class MissingExtraError(AcrcError):
-    """A package that only an extra of the wheel brings; in a clone `./acrc` installs it by itself."""
-
-
 @contextmanager
 def extras_named() -> Iterator[None]:
-    """Name the extra where a package of one is not installed. Raises MissingExtraError for that."""
+    """Name the extra where a package of one is not installed. Raises AcrcError for that."""
     try:
         yield
     except ModuleNotFoundError as error:
         extra = _EXTRAS.get((error.name or "").partition(".")[0])
         if extra is None:
             raise
-        raise MissingExtraError(
+        raise AcrcError(
             f"the Python package {error.name} is not installed; to install it: pip install "
             f"'acrc-testbed[{extra}]'"
         ) from error

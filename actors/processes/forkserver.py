@@ -44,14 +44,14 @@ Share = Callable[[str, Sequence[str]], object]
 """What children are to share: module, words."""
 
 
-class Log(NamedTuple):
+class LogFile(NamedTuple):
     """Which file a log is; not its name, which every child would find in memory."""
 
     device: int
     inode: int
 
 
-class Server:
+class ForkServer:
     """Starts children on request and tells of their ends."""
 
     def __init__(
@@ -62,7 +62,7 @@ class Server:
         self._share = share
         self._shared = shared
         self._reaps = reap
-        self._actors: dict[int, Log] = {}
+        self._actors: dict[int, LogFile] = {}
         """The log of each child that runs, by process id."""
         self._withdrawn: list[tuple[int, str]] = []
         """Router files by the descriptor of their folder, for no child may find its name in memory; what they
@@ -146,7 +146,7 @@ class Server:
         log = os.read(told, 100)
         os.close(told)
         if log:
-            self._actors[pid] = Log(*map(int, log.split()))
+            self._actors[pid] = LogFile(*map(int, log.split()))
             self._tell({"started": pid})
         else:
             os.waitpid(pid, 0)  # it has said why
@@ -201,7 +201,7 @@ class Server:
                 cpu_s = usage.ru_utime + usage.ru_stime
                 self._tell({"ended": pid, "code": code, "strays": strays, "cpu_s": cpu_s})
 
-    def _orphans(self, actor: int, log: Log) -> set[int]:
+    def _orphans(self, actor: int, log: LogFile) -> set[int]:
         """What `actor`, which has ended, had started and has fallen to this process."""
         known = process_table.table()
         own = process_table.children(os.getpid(), known) - set(self._actors)
@@ -274,7 +274,7 @@ def _program(module: str) -> str:
     return f"{module}.__main__" if is_package else module
 
 
-def _writes_to(pid: int, log: Log) -> bool:
+def _writes_to(pid: int, log: LogFile) -> bool:
     try:
         found = Path(f"/proc/{pid}/fd/1").stat()
     except OSError:
@@ -321,7 +321,7 @@ def main(argv: Sequence[str]) -> int:
         importlib.import_module("actors.processes.preload")
         gc.enable()
     shared: list[object] = []  # outlives the server in each child
-    server = Server(channel, share if how == "fork" else None, shared, reap=whose == "reap")
+    server = ForkServer(channel, share if how == "fork" else None, shared, reap=whose == "reap")
     if sys.platform == "linux":
         prctl(PR_SET_PDEATHSIG, 0)  # from here on the end of the socket tells, and there is time for order
     channel.send(json.dumps({"ready": os.getpid()}).encode())

@@ -70,31 +70,6 @@ class Child:
                 return
 
 
-class Launcher(Protocol):
-    """Starts programs; a context manager that leaves nothing of its own behind."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
-
-    def share(self, module: str, words: Sequence[str], folder: Path) -> None:
-        """Let programs that are started later find what `share(*words)` of the module gives.
-
-        Files among the words are named as they lie in `folder`.
-        """
-
-    def withdraw(self, router: Path) -> None:
-        """Remove what a router file names at the end, also when everybody else has been killed by then."""
-
-    def start(self, program: Program) -> Child:
-        """Start one program."""
-
-    def wait(self, timeout_s: float) -> None:
-        """Return when a child may have ended, at the latest after `timeout_s`, with all exit codes known."""
-
-
 class Server(Protocol):
     """The process that starts a launcher's children, a child of this one."""
 
@@ -119,8 +94,11 @@ def _write_setup(program: Program) -> None:
         raise LaunchError(f"{program.actor} is not started; {file}: {error.strerror}") from error
 
 
-class ServedLauncher:
-    """Children of a small server (`actors.processes.forkserver`), which reaps them, and what they leave."""
+class Launcher:
+    """Starts programs; a context manager that leaves nothing of its own behind.
+
+    They are children of a small server (`actors.processes.forkserver`), which reaps them.
+    """
 
     def __init__(self, how: str, before: Sequence[str] = (), *, reap: bool = True) -> None:
         """`how`: fork or exec. `before`: words in front of the server's command, such as `unshare --net`;
@@ -157,7 +135,10 @@ class ServedLauncher:
             process_table.end_sessions(self._children)
 
     def share(self, module: str, words: Sequence[str], folder: Path) -> None:
-        """Let programs that are started later find what `share(*words)` of the module gives, if it forks."""
+        """Let programs that are started later find what `share(*words)` of the module gives, if it forks.
+
+        Files among the words are named as they lie in `folder`.
+        """
         self._ask_about(folder, {"share": [module, list(words)]})
 
     def withdraw(self, router: Path) -> None:
@@ -255,5 +236,5 @@ def begin(command: Sequence[str], channel: socket.socket) -> Server:
 
 
 def launcher(spawn: str, *, reap: bool = True) -> Launcher:
-    """`forkserver` or `exec`; for `reap` see ServedLauncher."""
-    return ServedLauncher("fork" if spawn == "forkserver" else "exec", reap=reap)
+    """`forkserver` or `exec`; for `reap` see Launcher."""
+    return Launcher("fork" if spawn == "forkserver" else "exec", reap=reap)

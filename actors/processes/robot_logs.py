@@ -2,7 +2,7 @@
 
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Final
@@ -34,7 +34,7 @@ def robots(out: Path) -> list[str]:
 
 
 class LogTail:
-    """New lines of some robots' logs, each with the robot's name in front if there may be several."""
+    """New lines of some robots' logs, each after its robot."""
 
     def __init__(self, out: Path, names: Sequence[str]) -> None:
         """`names`: robots, or EVERYBODY."""
@@ -42,20 +42,18 @@ class LogTail:
         self._open: dict[Path, IO[bytes]] = {}
         self._rest: dict[Path, bytes] = {}
 
-    def poll(self) -> Iterator[str]:
+    def poll(self) -> Iterator[tuple[str, str]]:
         """What has been printed since the last call, for a terminal; a line that is not whole yet waits."""
-        everybody = EVERYBODY in self._names
-        for robot in robots(self._out) if everybody else self._names:
-            name = f"{robot}  " if everybody or len(self._names) > 1 else ""
+        for robot in robots(self._out) if EVERYBODY in self._names else self._names:
             for path in logs(self._out, robot):
-                yield from (f"{name}{line}" for line in self._new(path))
+                yield from ((robot, line) for line in self._new(path))
 
-    def close(self) -> Iterator[str]:
+    def close(self) -> Iterator[tuple[str, str]]:
         """The lines that never came to their end; the last call."""
         yield from self.poll()
         for path, rest in self._rest.items():
             if rest:
-                yield printable(rest.decode("utf-8", "replace"))
+                yield path.parent.name, printable(rest.decode("utf-8", "replace"))
             self._open[path].close()
 
     def _new(self, path: Path) -> Iterator[str]:
@@ -70,26 +68,22 @@ class LogTail:
                 yield printable(line.decode("utf-8", "replace"))
 
 
-def _on_standard_error(line: str) -> None:
-    sys.stderr.write(f"{line}\n")
-
-
 @contextmanager
-def shown(
-    out: Path, names: Sequence[str], say: Callable[[str], object] = _on_standard_error
-) -> Iterator[Callable[[], None]]:
-    """Gives what is to be called now and then, and shows what these robots have printed since."""
-    tail = LogTail(out, names)
+def shown(out: Path, names: Sequence[str]) -> Iterator[Callable[[], None]]:
+    """Gives what is to be called now and then, and shows on standard error what robots have printed since.
 
-    def look() -> None:
-        for line in tail.poll():
-            say(line)
+    With the robot's name in front if there may be several.
+    """
+    tail, several = LogTail(out, names), EVERYBODY in names or len(names) > 1
+
+    def look(lines: Iterable[tuple[str, str]] | None = None) -> None:
+        for robot, line in tail.poll() if lines is None else lines:
+            sys.stderr.write(f"{robot}  {line}\n" if several else f"{line}\n")
 
     try:
         yield look if names else lambda: None
     finally:
-        for line in tail.close() if names else ():
-            say(line)
+        look(tail.close() if names else ())
 
 
 def check_names(names: Sequence[str], known: Sequence[str], where: str) -> None:

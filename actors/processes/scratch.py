@@ -12,15 +12,11 @@ from actors.runtime.errors import AcrcError
 _PROBE_BYTES: Final = 65536
 
 
-class ScratchError(AcrcError):
-    """Temporary files that cannot be written."""
-
-
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
     """Make a folder that is removed at the end; its path without links.
 
-    Raises ScratchError, with the folder's place, where what fails inside fails because nothing can be written
+    Raises AcrcError, with the folder's place, where what fails inside fails because nothing can be written
     there any more.
     """
     try:
@@ -37,7 +33,7 @@ def scratch_folder() -> Iterator[Path]:
                 raise
             fault = _full(folder.parent, why)
             refused = isinstance(error, OSError) or isinstance(error.__cause__, OSError)
-            raise (fault if refused else ScratchError(f"{error}; {fault}")) from error
+            raise (fault if refused else AcrcError(f"{error}; {fault}")) from error
 
 
 def write_fault(folder: Path) -> str | None:
@@ -61,7 +57,7 @@ def reason(error: OSError) -> str:
     return (error.strerror or str(error)).lower()
 
 
-def _full(where: object, why: str) -> ScratchError:
-    return ScratchError(
+def _full(where: object, why: str) -> AcrcError:
+    return AcrcError(
         f"{where}: temporary files cannot be written: {why}; make room there, or set TMPDIR to another folder"
     )

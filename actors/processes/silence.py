@@ -7,13 +7,37 @@ once, and a suspended laptop change nothing; a process that somebody has stopped
 
 import math
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from actors.processes.hold_ups import HoldUp, sentences
+import msgspec
+
 from actors.runtime.lifecycle import process_table
-from actors.runtime.lifecycle.process_table import Glance
+from actors.runtime.lifecycle.process_table import ProcessGlance
+
+
+class HoldUp(msgspec.Struct, frozen=True):
+    """What one actor has cost its run: time in which nobody else could go on, and that it spent itself."""
+
+    steps: int = 0
+    """Steps that it held up by a second or more."""
+    most_s: float = 0.0
+    """The longest of them, s of wall clock."""
+    total_s: float = 0.0
+    """All of them together, s of wall clock."""
+
+    def and_one(self, lasted_s: float) -> "HoldUp":
+        """With one more."""
+        return HoldUp(self.steps + 1, max(self.most_s, lasted_s), self.total_s + lasted_s)
+
+
+def sentences(held_up: Mapping[str, HoldUp]) -> Iterator[str]:
+    """Who has held up the run, the longest first."""
+    for name, one in sorted(held_up.items(), key=lambda item: -item[1].total_s):
+        steps = "1 step" if one.steps == 1 else f"{one.steps} steps"
+        yield f"{name} held up {steps}, by {one.most_s:.1f} s at most, {one.total_s:.1f} s in all."
+
 
 WORLD: Final = "the world has not taken a step"
 
@@ -75,7 +99,7 @@ class Silence:
         self,
         timeout: Timeout,
         clock: Callable[[], float] = time.monotonic,
-        look: Callable[[], Mapping[int, Glance]] = process_table.table,
+        look: Callable[[], Mapping[int, ProcessGlance]] = process_table.table,
         queued: Callable[[int], float | None] = process_table.queued_s,
     ) -> None:
         self._timeout = timeout
@@ -159,7 +183,7 @@ class Silence:
         return elapsed_s
 
     def _charge(
-        self, suspect: Suspect, tree: Mapping[int, Glance], carriers: Collection[int], elapsed_s: float
+        self, suspect: Suspect, tree: Mapping[int, ProcessGlance], carriers: Collection[int], elapsed_s: float
     ) -> None:
         queued = [waited for pid in carriers if (waited := self._queued(pid)) is not None]
         now = _Account(math.fsum(one.cpu_s for one in tree.values()), math.fsum(queued) if queued else None)
@@ -237,7 +261,7 @@ _LITTLE: Final = 0.2
 _ON_DISK: Final = "waits for a disk"
 
 
-def _doing(tree: Mapping[int, Glance], *, working: bool) -> str:
+def _doing(tree: Mapping[int, ProcessGlance], *, working: bool) -> str:
     """What a process and all that it has started do."""
     if any(one.stopped for one in tree.values()):
         return "is stopped"

@@ -24,7 +24,7 @@ Show = Callable[[int, str], None]
 """Shows the step, and the actor whose turn it is."""
 
 
-class Turn(NamedTuple):
+class BoardTurn(NamedTuple):
     """Whose turn it is."""
 
     step: int
@@ -38,10 +38,10 @@ class Turn(NamedTuple):
         return f"step {self.step}: {self.actor} does not come to the step's end"
 
 
-def read(board: mmap.mmap) -> Turn:
+def read(board: mmap.mmap) -> BoardTurn:
     """What the board shows; it may be half written."""
     step, actor = _FORM.unpack(board[:SIZE])
-    return Turn(step, actor.rstrip(b"\0").decode(errors="replace"))
+    return BoardTurn(step, actor.rstrip(b"\0").decode(errors="replace"))
 
 
 @contextmanager

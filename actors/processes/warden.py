@@ -18,9 +18,9 @@ from typing import Final
 
 from actors.processes.last_word import place_in
 from actors.processes.silence import Silence, Suspect, Timeout
-from actors.processes.turn_board import SIZE, Turn, read
+from actors.processes.turn_board import SIZE, BoardTurn, read
 from actors.runtime.lifecycle import process_table
-from actors.runtime.lifecycle.process_table import Glance
+from actors.runtime.lifecycle.process_table import ProcessGlance
 
 _HEEDED: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _GRACE_S: Final = 10.0
@@ -36,7 +36,7 @@ class Warden:
 
     def __init__(self, board: mmap.mmap, wakes: int, frames: int, pid: int, step_s: float) -> None:
         self._board, self._wakes, self._frames, self._pid = board, wakes, frames, pid
-        self._turn: Turn | None = None
+        self._turn: BoardTurn | None = None
         self._step = Silence(Timeout(step_s + _GRACE_S), look=_others)
         self._end: Silence | None = None
         """Since it was told to end."""
@@ -81,7 +81,7 @@ class Warden:
         return f"; it stands at {place}" if place else ""
 
 
-def _others() -> dict[int, Glance]:
+def _others() -> dict[int, ProcessGlance]:
     """All processes but this one."""
     found = process_table.table()
     found.pop(os.getpid(), None)

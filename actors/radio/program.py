@@ -49,7 +49,7 @@ def build(setup: RadioSetup) -> RadioCore:
 
 
 def load_setup(path: Path) -> RadioProgram:
-    """What a radio's process is told in a file; its files are called as in there. Raises SetupError."""
+    """What a radio's process is told in a file; its files are called as in there. Raises AcrcError."""
     return read_setup(path, RadioProgram, "a radio")
 
 

@@ -36,10 +36,6 @@ from actors.runtime.errors import AcrcError
 _LIMITS: Final = RobotLimits()
 
 
-class StepError(AcrcError):
-    """A message that does not belong to the robot's step, or cannot be."""
-
-
 @dataclass(frozen=True)
 class MotionThresholds:
     """From when on a base counts as moving; own choices, above the noise of wheel encoders."""
@@ -221,22 +217,22 @@ class RobotCore:
     def _catch_up(self, senses: Senses) -> None:
         """The step is the world's to say: steps are missing while the robot is frozen."""
         if senses.step < self._step:
-            raise StepError(
+            raise AcrcError(
                 f"step {self._step}: {self._robot} got Senses of step {senses.step}; "
                 f"it should be of step {self._step} or later"
             )
         self._step = senses.step
         if wrong := senses_fault(senses):
-            raise StepError(f"step {self._step}: {self._robot} got {wrong}")
+            raise AcrcError(f"step {self._step}: {self._robot} got {wrong}")
 
     def _check_received(self, received: Received, events: int) -> None:
         if received.step > self._step:  # an earlier one was kept while the robot was frozen
-            raise StepError(
+            raise AcrcError(
                 f"step {self._step}: {self._robot} got Received of step {received.step}; "
                 f"it should be of step {self._step} or earlier"
             )
         if len(received.events) != events:
-            raise StepError(
+            raise AcrcError(
                 f"step {self._step}: {self._robot} got {len(received.events)} radio events; "
                 f"Senses counts {events}"
             )

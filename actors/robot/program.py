@@ -39,7 +39,7 @@ RobotProgram = ActorSetup[RobotSetup, RobotProcess]
 
 
 def load_setup(path: Path) -> RobotProgram:
-    """What a robot's process is told in a file; its files are called as in there. Raises SetupError."""
+    """What a robot's process is told in a file; its files are called as in there. Raises AcrcError."""
     return read_setup(path, RobotProgram, "a robot")
 
 

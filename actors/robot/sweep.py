@@ -16,10 +16,6 @@ _KEPT: Final = 128
 """So many poses are remembered: more than a second at the shortest step."""
 
 
-class ScanError(AcrcError):
-    """A scan that this robot's sensor cannot have made."""
-
-
 class Sweep(NamedTuple):
     """One scan, and where it was made."""
 
@@ -42,12 +38,12 @@ class Sweeps:
         return None if scan is None else self.placed(scan)
 
     def placed(self, scan: Scan) -> Sweep:
-        """A scan with its pose. Raises ScanError for a wrong number of rays.
+        """A scan with its pose. Raises AcrcError for a wrong number of rays.
 
         A stamp beyond what is remembered, or in the future, gets the nearest pose that is known.
         """
         if len(scan.ranges_mm) != 2 * self._rays:
-            raise ScanError(
+            raise AcrcError(
                 f"a scan of {len(scan.ranges_mm)} bytes arrived; the {self._rays} rays of the robot's "
                 f"range sensor give {2 * self._rays}"
             )

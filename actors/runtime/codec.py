@@ -9,6 +9,7 @@ import msgspec
 
 from actors.messages import MESSAGE_VERSION, TOPICS
 from actors.runtime.errors import AcrcError
+from actors.runtime.typed_json import must_be
 from actors.topic import Message, Topic
 
 _PREFIX: Final = bytes([MESSAGE_VERSION])
@@ -109,4 +110,7 @@ def _explain(topic: Topic[Message], key: str, body: bytes, reason: str) -> str:
             break
         name += f".{fields[number]}" if depth == 0 else f"[{number}]"
         value = value[number]
-    return f"{key}: {name} = {_BRIEF.repr(value)}: {reason[:1].lower()}{reason[1:]}"
+    right = must_be(reason)
+    if not right:
+        return f"{key}: {name} = {_BRIEF.repr(value)}: {reason[:1].lower()}{reason[1:]}"
+    return f"{key}: {name} is {_BRIEF.repr(value)}, but must be {right}"

@@ -19,10 +19,6 @@ _SHIPPED: Final = f"{_ROOT / 'cleaning'}/"
 """The shipped strategies: somebody's own code as long as he has no other."""
 
 
-class DebuggerError(AcrcError):
-    """A debugger that is not there, or that nobody has come to, or that somebody has left."""
-
-
 class UserPdb(pdb.Pdb):
     """Steps over everything that a strategy runs on."""
 
@@ -50,21 +46,21 @@ class _RobotPdb(UserPdb):
     """Ends the run, with a sentence, when somebody leaves it."""
 
     def set_quit(self) -> None:
-        """Raises DebuggerError."""
+        """Raises AcrcError."""
         super().set_quit()
         sys.settrace(None)
-        raise DebuggerError("somebody has left the debugger; `c` goes on with the run")
+        raise AcrcError("somebody has left the debugger; `c` goes on with the run")
 
 
 def stop_at(terminal: str) -> None:
     """From now on `breakpoint()` in this process stops there, and what is printed appears there.
 
-    `terminal`: the path of a device. Raises DebuggerError where it cannot be opened.
+    `terminal`: the path of a device. Raises AcrcError where it cannot be opened.
     """
     try:
         device = os.open(terminal, os.O_RDWR | os.O_NOCTTY)
     except OSError as error:
-        raise DebuggerError(f"{terminal}: no terminal for a debugger: {error.strerror}") from None
+        raise AcrcError(f"{terminal}: no terminal for a debugger: {error.strerror}") from None
     reading = os.fdopen(device, encoding="utf-8", errors="replace")
     writing = os.fdopen(os.dup(device), "w", encoding="utf-8", buffering=1)
     sys.stdin, sys.stdout = reading, writing
@@ -80,7 +76,7 @@ def refuse_breakpoints(robot: str) -> None:
     """From now on `breakpoint()` in this process fails: nobody is there who could type."""
 
     def refuse(*args: object, **kwargs: object) -> None:
-        raise DebuggerError(f"breakpoint() has no terminal here; `acrc run --debug {robot}` stops there")
+        raise AcrcError(f"breakpoint() has no terminal here; `acrc run --debug {robot}` stops there")
 
     sys.breakpointhook = refuse
 

@@ -20,9 +20,8 @@ from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import reserve
 from actors.runtime.lifecycle.failure import failure_note, in_words, print_traceback
 from actors.runtime.lifecycle.keeper import cpu_s
-from actors.runtime.lifecycle.leftovers import LeftoverError, fault
 from actors.runtime.lifecycle.parent import Ended
-from actors.runtime.lifecycle.process_table import has_strays
+from actors.runtime.lifecycle.process_table import fault, has_strays
 from actors.runtime.message_counts import ActorDigest
 from actors.runtime.prints import Prints
 from actors.runtime.processor import Processor, processor
@@ -159,7 +158,7 @@ def play(
             if part.prints is not None:
                 part.prints.close()
             if threads is not None and (wrong := fault(has_strays(), threads)):
-                raise LeftoverError(wrong)
+                raise AcrcError(wrong)
             if isinstance(shell, WatchedShell):
                 recorder.note(NOTE, shell.spans())
             recorder.note("final", final_note(shell, part, cpu_s()))

@@ -11,19 +11,14 @@ from typing import Final, Generic, TypeVar
 
 import msgspec
 
-from actors.runtime import regular_file
+from actors.runtime import typed_json
 from actors.runtime.access.credentials import unix_endpoint
-from actors.runtime.errors import AcrcError
 from actors.runtime.spans import Window
 
 SETUP: Final = "setup.json"
 """The file, in the actor's folder of the run."""
 A = TypeVar("A")
 P = TypeVar("P", bound="ProcessSetup")
-
-
-class SetupError(AcrcError):
-    """A set-up that cannot be read."""
 
 
 class ProcessSetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -61,25 +56,8 @@ class ActorSetup(msgspec.Struct, Generic[A, P], frozen=True, forbid_unknown_fiel
 
 
 def read_setup(path: Path, kind: type[ActorSetup[A, P]], actor: str) -> ActorSetup[A, P]:
-    """The set-up of what is called `actor`, such as "a robot", in a file. Raises SetupError."""
-    try:
-        data = regular_file.content(path)
-        setup = msgspec.json.decode(data, type=kind)
-        _refuse_unknown(msgspec.json.decode(data), msgspec.to_builtins(setup), "$")
-        return setup
-    except OSError as error:
-        raise SetupError(f"{path}: the set-up cannot be read: {error.strerror or error}") from None
-    except (ValueError, RecursionError, AcrcError) as error:
-        raise SetupError(f"{path}: no set-up of {actor}: {str(error)[:300]}") from None
-
-
-def _refuse_unknown(given: object, taken: object, place: str) -> None:
-    """Raise ValueError for a key that was not taken: dataclasses, as parameters are, pass over such a key."""
-    if isinstance(given, dict) and isinstance(taken, dict):
-        for name, value in given.items():
-            if name not in taken:
-                raise ValueError(f"Object contains unknown field `{name}` - at `{place}`")
-            _refuse_unknown(value, taken[name], f"{place}.{name}")
+    """The set-up of what is called `actor`, such as "a robot", in a file. Raises AcrcError."""
+    return typed_json.read(path, kind, f"set-up of {actor}", strict=True)
 
 
 def setup_bytes(setup: msgspec.Struct) -> bytes:

@@ -17,10 +17,6 @@ from actors.runtime.recording import Journal
 from actors.topic import Message, sender
 
 
-class OutOfTurnError(AcrcError):
-    """A message that the protocol does not allow at this point."""
-
-
 class Clocks(NamedTuple):
     """What the clocks of a process showed, s."""
 
@@ -85,14 +81,14 @@ class Shell:
     def deliver(self, delivery: Delivery) -> None:
         """Keep a message until the core wants it."""
         if self._waiting >= self.INBOX_LIMIT:
-            raise OutOfTurnError(
+            raise AcrcError(
                 f"step {self.core.step}: {self.actor} has {self._waiting} messages waiting, the last one on "
                 f"{delivery.key}, and takes none; at most {self.INBOX_LIMIT} may wait"
             )
         waiting = self._inbox.setdefault(delivery.key, deque())
         if len(waiting) >= self.KEY_LIMIT:
             who = sender(delivery.key) or "somebody"
-            raise OutOfTurnError(
+            raise AcrcError(
                 f"step {self.core.step}: {who} floods {delivery.key}: {self.actor} has {len(waiting)} "
                 f"messages from there and has asked for none of them; at most {self.KEY_LIMIT} may wait"
             )

@@ -32,20 +32,12 @@ _POST_SPACING: Final = 0.075
 Places = tuple[tuple[float, float], ...]
 
 
-class StepLengthError(AcrcError):
-    """A step that the physics cannot make."""
-
-
-class SweepRateError(AcrcError):
-    """A range sensor that sweeps more often than the world moves on."""
-
-
 class Bodies:
     """Physics, range sensors and odometry of all robots on one map."""
 
     def __init__(self, setup: WorldSetup) -> None:
         if setup.step_us <= 0 or setup.step_us % SUBSTEP:
-            raise StepLengthError(f"a step of {setup.step_us} µs; it must be a multiple of {SUBSTEP} µs")
+            raise AcrcError(f"a step of {setup.step_us} µs; it must be a multiple of {SUBSTEP} µs")
         self._models = [load_model(robot.model, robot.sensor) for robot in setup.robots]
         grid, visible = real_floor(setup, self._models)
         self._grid = grid
@@ -221,7 +213,7 @@ def real_floor(setup: WorldSetup, models: Sequence[RobotModel]) -> RealFloor:
 def _sweeps(model: RobotModel, step_us: int) -> int:
     """How many sweeps of the model's sensor end in a step at most; at least 1."""
     if model.sensor.period < SUBSTEP:
-        raise SweepRateError(
+        raise AcrcError(
             f"the range sensor of {model.name!r} sweeps {model.sensor.rate:g} times a second; "
             f"the world lets it at most {1_000_000 // SUBSTEP} times"
         )

@@ -42,24 +42,12 @@ from actors.task.task import Task
 from actors.wording import brief
 from actors.world.body import Bodies, Places
 from actors.world.orders import Effects, Orders
-from actors.world.participants import Member, Participants, Standing
+from actors.world.participants import BarrierStanding, Member, Participants
 from actors.world.whereabouts import PoseError, Whereabouts
 from actors.world.world_setup import WorldSetup
 
 _SHOWN: Final = 32
 """Characters of a name, which somebody else says, that a sentence shows; none of ours is longer."""
-
-
-class RollCallError(AcrcError):
-    """An actor that cannot take part."""
-
-
-class FalseMessageError(AcrcError):
-    """A message that nobody who keeps to the rules sends."""
-
-
-class FalseWordError(FalseMessageError):
-    """A robot that says of its task what cannot be true, such as a place that there is not."""
 
 
 class WorldPhase(Enum):
@@ -177,19 +165,19 @@ class WorldCore:
     def _awaited(self) -> list[Address]:
         match self._phase:
             case WorldPhase.ROLL_CALL:
-                robots = [at(READY, member.id) for member in self._participants.of(Standing.AWAITED)]
+                robots = [at(READY, member.id) for member in self._participants.of(BarrierStanding.AWAITED)]
                 return [*robots, at(RADIO_READY)] if self._awaits_radio else robots
             case WorldPhase.OPEN:
                 return [at(AIRED)] if self._step else []
             case WorldPhase.CLOSE:
-                return [at(DRIVE, member.id) for member in self._participants.of(Standing.STEPPING)]
+                return [at(DRIVE, member.id) for member in self._participants.of(BarrierStanding.STEPPING)]
             case WorldPhase.PAUSED:
                 return [at(CONTROL)]
             case WorldPhase.MOVE:
                 return []
 
     def _call_roll(self, inputs: Inputs) -> Sequence[Output]:
-        for member in self._participants.of(Standing.AWAITED):
+        for member in self._participants.of(BarrierStanding.AWAITED):
             self._admit(member, read(inputs, READY, member.id))
         self._awaits_radio = False
         if self._restarting:
@@ -201,7 +189,7 @@ class WorldCore:
 
     def _admit(self, member: Member, ready: Ready) -> None:
         if (ready.actor, ready.epoch, ready.step) != (member.id, member.epoch, self._step):
-            raise RollCallError(
+            raise AcrcError(
                 f"step {self._step}: {ready.actor[:_SHOWN]} is ready for step {ready.step} in epoch "
                 f"{ready.epoch}; "
                 f"{member.id} in epoch {member.epoch} was due"
@@ -210,12 +198,12 @@ class WorldCore:
         if first.kernels and ready.kernels != first.kernels:
             names = otherwise(parted(first.kernels), parted(ready.kernels))
             source = few(names) or "other kernels"
-            raise RollCallError(
+            raise AcrcError(
                 f"{ready.actor} computes otherwise than {first.id}: other bits come from {source}; "
                 "all robots of a run need the same version of this software and processors that compute alike"
             )
         member.kernels = ready.kernels
-        member.standing = Standing.STEPPING
+        member.standing = BarrierStanding.STEPPING
 
     def _open(self, inputs: Inputs) -> Sequence[Output]:
         if self._phase is WorldPhase.OPEN:
@@ -257,13 +245,13 @@ class WorldCore:
 
     def _take_counts(self, aired: Aired) -> None:
         if aired.step != self._step - 1:
-            raise FalseMessageError(
+            raise AcrcError(
                 f"{self._when()}: the radio says what it aired in step {aired.step}; "
                 f"it should be of step {self._step - 1}"
             )
         for count in aired.counts:
             if count.id not in self._participants or count.events < 1:
-                raise FalseMessageError(
+                raise AcrcError(
                     f"{self._when()}: the radio counts {count.events} events for {brief(count.id)}; "
                     "it should be at least 1, for a robot of the run"
                 )
@@ -279,7 +267,7 @@ class WorldCore:
         return self._task.settled and not self._orders.pending and not self._effects.starts
 
     def _halt(self) -> list[Output]:
-        alive = self._participants.of(Standing.STEPPING, Standing.FROZEN)
+        alive = self._participants.of(BarrierStanding.STEPPING, BarrierStanding.FROZEN)
         outputs = [self._senses(member, halt=True) for member in alive]
         outputs.append(to(TRUTH, Truth(self._step, self.instant, (), halt=True)))
         self._finished = True
@@ -288,7 +276,7 @@ class WorldCore:
 
     def _send_senses(self) -> list[Output]:
         self._phase = WorldPhase.CLOSE
-        return [self._senses(member) for member in self._participants.of(Standing.STEPPING)]
+        return [self._senses(member) for member in self._participants.of(BarrierStanding.STEPPING)]
 
     def _senses(self, member: Member, halt: bool = False) -> Output:
         events, member.events = member.events, 0
@@ -301,14 +289,14 @@ class WorldCore:
     def _close(self, inputs: Inputs) -> Sequence[Output]:
         transmits = dict.fromkeys((member.id for member in self._participants.members), 0)
         held: dict[int, tuple[float, float, float] | None] = {}
-        for member in self._participants.of(Standing.STEPPING):
+        for member in self._participants.of(BarrierStanding.STEPPING):
             drive: Drive = read(inputs, DRIVE, member.id)
             end = self.instant + self._setup.step_us
             if wrong := drive_fault(drive, self._step, self.instant, end):
-                raise FalseMessageError(f"{self._when()}: {member.id} {wrong}")
+                raise AcrcError(f"{self._when()}: {member.id} {wrong}")
             self._bodies.command(member.index, drive, self.instant)
             if wrong := self._task.take(member.id, drive):
-                raise FalseWordError(f"{self._when()}: {member.id} {wrong}")
+                raise AcrcError(f"{self._when()}: {member.id} {wrong}")
             held[member.index] = drive.pose
             transmits[member.id] = drive.transmits
         truths = tuple(self._truth(member, transmits[member.id]) for member in self._participants.members)
@@ -323,7 +311,7 @@ class WorldCore:
 
     def _truth(self, member: Member, transmits: int) -> RobotTruth:
         x, y, heading, vx, vy, omega = self._bodies.truth(member.index)
-        stepping = member.standing is Standing.STEPPING
+        stepping = member.standing is BarrierStanding.STEPPING
         return RobotTruth(
             id=member.id,
             x=x,

@@ -19,10 +19,6 @@ from actors.runtime.errors import AcrcError
 from actors.world.odometry_kernel import BASE, add_measured, add_scaled
 
 
-class OdometryError(AcrcError):
-    """A kind of odometry that a robot cannot have."""
-
-
 @dataclass(frozen=True)
 class StageErrors:
     """Stage's model of a position device with `localization "odom"`: a constant factor per axis and run.
@@ -79,7 +75,7 @@ class Odometers:
         stage: StageErrors = StageErrors(),
         kobuki: KobukiErrors = KobukiErrors(),
     ) -> None:
-        """`kinds`: OdometryKinds; `poses`: (n, 3), where they were switched on. Raises OdometryError."""
+        """`kinds`: OdometryKinds; `poses`: (n, 3), where they were switched on. Raises AcrcError."""
         n = len(kinds)
         assert n == len(models) == len(poses) == len(generators)
         assert kobuki.feedback % substep == 0
@@ -154,9 +150,9 @@ class Odometers:
 def _check(model: RobotModel, kind: str) -> None:
     known = get_args(OdometryKind)
     if kind not in known:
-        raise OdometryError(f"a robot's odometry is {kind!r}; it should be one of {', '.join(known)}")
+        raise AcrcError(f"a robot's odometry is {kind!r}; it should be one of {', '.join(known)}")
     if kind == "kobuki" and model.drive.kind != "differential":
-        raise OdometryError(
+        raise AcrcError(
             f"the odometry of a robot {model.name!r} is 'kobuki', which reads the wheels of a differential "
             "drive; it should be exact or stage"
         )

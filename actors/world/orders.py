@@ -31,12 +31,8 @@ from actors.orders import (
 from actors.runtime.errors import AcrcError
 from actors.task.task import Task
 from actors.world.body import Bodies, wall_posts
-from actors.world.participants import Member, Participants, Standing
+from actors.world.participants import BarrierStanding, Member, Participants
 from actors.world.world_setup import TimedOrder
-
-
-class OrderError(AcrcError):
-    """An order that cannot be carried out."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +90,7 @@ class Orders:
             try:
                 effects = self._carry_out(self._events.popleft().order, effects)
             except AcrcError as error:
-                raise OrderError(f"the event {self._when()} cannot happen: {error}") from error
+                raise AcrcError(f"the event {self._when()} cannot happen: {error}") from error
         return effects
 
     def take(self, orders: Iterable[Order], before: Effects) -> tuple[Effects, tuple[str, ...]]:
@@ -116,7 +112,7 @@ class Orders:
 
     def _carry_out(self, order: Order, before: Effects) -> Effects:
         if wrong := fault(order, self._limits):
-            raise OrderError(wrong)
+            raise AcrcError(wrong)
         match order:
             case Kill() | Freeze() | Thaw() | Restart() | Move() | Give():
                 return self._to_robot(order, before)
@@ -136,15 +132,15 @@ class Orders:
 
     def _to_robot(self, order: Kill | Freeze | Thaw | Restart | Move | Give, before: Effects) -> Effects:
         if order.robot not in self._roster:
-            raise OrderError(f"there is no robot {order.robot!r} to {_verb(order)}")
+            raise AcrcError(f"there is no robot {order.robot!r} to {_verb(order)}")
         member = self._roster[order.robot]
         match order:
             case Kill():
                 return _ended(member, before)
-            case Freeze() if member.standing is Standing.STEPPING:
-                member.standing = Standing.FROZEN
-            case Thaw() if member.standing is Standing.FROZEN:
-                member.standing = Standing.STEPPING
+            case Freeze() if member.standing is BarrierStanding.STEPPING:
+                member.standing = BarrierStanding.FROZEN
+            case Thaw() if member.standing is BarrierStanding.FROZEN:
+                member.standing = BarrierStanding.STEPPING
             case Restart():
                 effects = _ended(member, before)
                 member.begin_anew()
@@ -154,21 +150,21 @@ class Orders:
             case Give():
                 self._give(member, order)
             case _:
-                raise OrderError(f"cannot {_verb(order)} {order.robot}, which is {member.standing.value}")
+                raise AcrcError(f"cannot {_verb(order)} {order.robot}, which is {member.standing.value}")
         return before
 
     def _loss(self, order: Lose) -> Loss:
         for robot in (order.robot, order.sender):
             if robot not in self._roster:
-                raise OrderError(f"there is no robot {robot!r} to lose a frame")
+                raise AcrcError(f"there is no robot {robot!r} to lose a frame")
         if order.robot == order.sender:
-            raise OrderError(f"{order.robot} receives no frames of its own that it could lose")
+            raise AcrcError(f"{order.robot} receives no frames of its own that it could lose")
         return Loss(order.robot, order.sender)
 
     def _give(self, member: Member, order: Give) -> None:
         """Its process hears of them with its next Senses; without one nobody does."""
         if len(member.given) + len(order.places) > self._limits.places:
-            raise OrderError(
+            raise AcrcError(
                 f"{member.id} was given {len(member.given)} places since the start already; "
                 f"it may be at most {self._limits.places}"
             )
@@ -187,7 +183,7 @@ class Orders:
 
     def _add_obstacle(self, order: Obstacle) -> None:
         if self._obstacles >= self._limits.obstacles:
-            raise OrderError(f"there are {self._obstacles} obstacles already; at most that many may be put")
+            raise AcrcError(f"there are {self._obstacles} obstacles already; at most that many may be put")
         self._bodies.add_obstacle(order.x, order.y, order.radius)
         self._obstacles += 1
 
@@ -195,7 +191,7 @@ class Orders:
         start, end = Point(order.x, order.y), Point(order.to_x, order.to_y)
         posts = len(wall_posts(start, end))
         if self._obstacles + posts > self._limits.obstacles:
-            raise OrderError(
+            raise AcrcError(
                 f"a wall of {posts} posts beside {self._obstacles} obstacles; "
                 f"at most {self._limits.obstacles} may stand on the floor"
             )
@@ -222,9 +218,9 @@ def _to_run(order: Pause | Resume | Step | Speed | Stop, before: Effects) -> Eff
 def _ended(member: Member, before: Effects) -> Effects:
     """What it has come to once the robot's process, begun or about to begin, has ended."""
     effects = replace(before, starts=tuple(start for start in before.starts if start.robot != member.id))
-    if member.standing in (Standing.STEPPING, Standing.FROZEN):
+    if member.standing in (BarrierStanding.STEPPING, BarrierStanding.FROZEN):
         effects = replace(effects, ends=(*effects.ends, member.id))
-    member.standing = Standing.ENDED
+    member.standing = BarrierStanding.ENDED
     return effects
 
 

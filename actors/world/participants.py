@@ -6,7 +6,7 @@ from enum import Enum
 from actors.world.world_setup import BodySetup
 
 
-class Standing(Enum):
+class BarrierStanding(Enum):
     """How a robot's process stands towards the barrier."""
 
     AWAITED = "awaited"
@@ -22,7 +22,7 @@ class Member:
 
     id: str
     index: int
-    standing: Standing = Standing.AWAITED
+    standing: BarrierStanding = BarrierStanding.AWAITED
     epoch: int = 0
     kernels: str = ""
     events: int = 0
@@ -35,13 +35,13 @@ class Member:
     @property
     def alive(self) -> bool:
         """True while there is a process, frozen or not, or one is under way."""
-        return self.standing is not Standing.ENDED
+        return self.standing is not BarrierStanding.ENDED
 
     def begin_anew(self) -> None:
         """Await a new process, which knows of nothing but the start."""
         self.epoch += 1
         self.told = 0
-        self.standing = Standing.AWAITED
+        self.standing = BarrierStanding.AWAITED
 
 
 class Participants:
@@ -57,7 +57,7 @@ class Participants:
     def __contains__(self, robot: str) -> bool:
         return robot in self._by_id
 
-    def of(self, *standings: Standing) -> list[Member]:
+    def of(self, *standings: BarrierStanding) -> list[Member]:
         """The members with one of these standings."""
         return [member for member in self.members if member.standing in standings]
 

@@ -37,10 +37,6 @@ _CONTACTS: Final = (
 )
 
 
-class ArenaError(AcrcError):
-    """Something that cannot be put where it was to be put, or a command that cannot be followed."""
-
-
 @dataclass(frozen=True)
 class ContactModel:
     """How overlap is undone (pymunk, class Space). Nothing bounces."""
@@ -72,7 +68,7 @@ class Arena:
         poses: Sequence[Pose],
         contact: ContactModel | None = None,
     ) -> None:
-        """`segments`: (m, 4), x0, y0, x1, y1 of the walls, m. Raises ArenaError where robots do not fit."""
+        """`segments`: (m, 4), x0, y0, x1, y1 of the walls, m. Raises AcrcError where robots do not fit."""
         assert len(names) == len(models) == len(poses)
         self._segments = segments
         self._names = tuple(names)
@@ -128,7 +124,7 @@ class Arena:
     def command(self, index: int, twist: Twist, instant: Instant) -> None:
         """The velocity a robot wants from now on; its drive forgets it a watchdog's time after `instant`."""
         if not all(map(math.isfinite, twist)):
-            raise ArenaError(
+            raise AcrcError(
                 f"{self._names[index]} wants to drive at {twist.vx}, {twist.vy} m/s and {twist.omega} rad/s; "
                 "a velocity should be finite"
             )
@@ -161,10 +157,10 @@ class Arena:
         return _wrapped(track)
 
     def move(self, index: int, pose: Pose) -> None:
-        """Put a robot's body somewhere else, at rest. Raises ArenaError where it would overlap anything."""
+        """Put a robot's body somewhere else, at rest. Raises AcrcError where it would overlap anything."""
         shape = placed(self._models[index].footprint, pose)
         if obstruction := self._obstruction(shape, [j for j in range(len(self)) if j != index]):
-            raise ArenaError(
+            raise AcrcError(
                 f"{self._names[index]} cannot stand at ({pose.x:g}, {pose.y:g}): "
                 f"it would overlap {obstruction}"
             )
@@ -178,21 +174,21 @@ class Arena:
         self._memory[index] = 0.0
 
     def add_obstacle(self, centre: Point, radius: float) -> None:
-        """Put a round thing on the floor, for good. Raises ArenaError where it would overlap a robot."""
+        """Put a round thing on the floor, for good. Raises AcrcError where it would overlap a robot."""
         self.check_obstacle(centre, radius)
         self._obstacles.append((centre.x, centre.y, radius))
         self._space.add(_still(pymunk.Circle(self._space.static_body, radius, centre)))
 
     def check_obstacle(self, centre: Point, radius: float) -> None:
-        """Raise ArenaError where a round thing has no size or would overlap a robot."""
+        """Raise AcrcError where a round thing has no size or would overlap a robot."""
         if not (0 < radius < 100 and math.isfinite(centre.x) and math.isfinite(centre.y)):
-            raise ArenaError(
+            raise AcrcError(
                 f"an obstacle at ({centre.x:g}, {centre.y:g}) has a radius of {radius:g} m; "
                 "it should stand at a point and have a radius between 0 and 100 m"
             )
         for name, shape in zip(self._names, self._shapes(), strict=True):
             if gap(shape, disc(*centre, radius)) < 0:
-                raise ArenaError(
+                raise AcrcError(
                     f"an obstacle of {radius:g} m cannot stand at ({centre.x:g}, {centre.y:g}): "
                     f"it would overlap {name}"
                 )
@@ -270,7 +266,7 @@ class Arena:
     def _refuse_overlaps(self) -> None:
         for index, (shape, pose) in enumerate(zip(self._shapes(), self.poses.tolist(), strict=True)):
             if obstruction := self._obstruction(shape, range(index)):
-                raise ArenaError(
+                raise AcrcError(
                     f"{self._names[index]} cannot start at ({pose[0]:g}, {pose[1]:g}): "
                     f"it would overlap {obstruction}"
                 )

@@ -12,12 +12,11 @@ from actors.runtime.bus.quota_bus import QuotaBus
 from actors.runtime.bus_interface import Bus
 from actors.runtime.core import to
 from actors.runtime.fingerprint import fingerprints
-from actors.runtime.pace import Pace
+from actors.runtime.pace import Pace, ticking
 from actors.runtime.process import ActorProcess, RunNote, run_note
 from actors.runtime.process_setup import read_setup
 from actors.runtime.shell import Shell, run_shell
 from actors.runtime.spans import Window
-from actors.runtime.ticks import ticking
 from actors.task import visits
 from actors.task.referee import Referee
 from actors.world import drive, odometry_kernel, physics, rays
@@ -30,7 +29,7 @@ KERNELS: Final = (foundations, arrays, draws, odometry_kernel, drive, physics, r
 
 
 def load_setup(path: Path) -> WorldProgram:
-    """What a world's process is told in a file; its files are called as in there. Raises SetupError."""
+    """What a world's process is told in a file; its files are called as in there. Raises AcrcError."""
     return read_setup(path, WorldProgram, "a world")
 
 

@@ -10,10 +10,9 @@ from rich.table import Table
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import available
 from benchmarks.attacks.attack import Attack, Layer, missing_means
-from benchmarks.attacks.attacks import ATTACKS
+from benchmarks.attacks.attacks import ATTACKS, row
 from benchmarks.attacks.network_attacks import REPOSITORY
-from benchmarks.attacks.swarm import Swarm
-from benchmarks.attacks.table import row
+from benchmarks.attacks.swarm import AttackedSwarm
 from benchmarks.statistics.measured import Measured
 
 DOCUMENT: Final = REPOSITORY / "docs" / "isolation.md"
@@ -44,7 +43,7 @@ def check() -> Measured:
     reason = available()
     if reason is not None:
         raise AttacksError(reason)
-    with Swarm("isolated") as swarm:
+    with AttackedSwarm("isolated") as swarm:
         verdicts = list(_verdicts(swarm, DOCUMENT))
     return told(verdicts)
 
@@ -72,7 +71,7 @@ def is_stated(attack: Attack, text: str) -> bool:
     return attack.layer == Layer.REMAINS and row(attack) in text
 
 
-def _verdicts(swarm: Swarm, document: Path) -> Iterator[AttackVerdict]:
+def _verdicts(swarm: AttackedSwarm, document: Path) -> Iterator[AttackVerdict]:
     text = document.read_text("utf-8")
     for index, attack in enumerate(ATTACKS):
         why_not = missing_means(attack)

@@ -249,7 +249,7 @@ def steal_descriptor(_: SwarmMember, note: Note) -> Note:
         return {"reached": file.read().decode() == note["token"]}
 
 
-class Span(ctypes.Structure):
+class IoVector(ctypes.Structure):
     """struct iovec."""
 
     _fields_ = (("base", ctypes.c_void_p), ("length", ctypes.c_size_t))
@@ -259,7 +259,7 @@ def read_memory(_: SwarmMember, note: Note) -> Note:
     """process_vm_readv(2)."""
     size = len(note["token"])
     buffer = ctypes.create_string_buffer(size)
-    here, there = Span(ctypes.addressof(buffer), size), Span(note["address"], size)
+    here, there = IoVector(ctypes.addressof(buffer), size), IoVector(note["address"], size)
     checked(
         LIBC.process_vm_readv(note["pid"], ctypes.byref(here), 1, ctypes.byref(there), 1, 0),
         "process_vm_readv",

@@ -31,7 +31,7 @@ class StageOutcome(NamedTuple):
     refused: str
 
 
-class Swarm:
+class AttackedSwarm:
     """Three processes and their folders; `with` starts and ends them."""
 
     def __init__(self, mode: str) -> None:
@@ -62,7 +62,7 @@ class Swarm:
         self._members: dict[str, subprocess.Popen[str]] = {}
         self._litter: set[str] = set()
 
-    def __enter__(self) -> "Swarm":
+    def __enter__(self) -> "AttackedSwarm":
         try:
             for group in (("world",), ("r1", "r2")):
                 for name in group:

@@ -1,21 +1,15 @@
 """Plants causes, and counts how often the accounting names them, in situations with one each and none."""
 
-import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Final
 
 from rich.table import Table
 
 from benchmarks.causes.situations import PLANTED, Situation, quiet
-from benchmarks.statistics.confidence import proportion
-from benchmarks.statistics.measured import Measured
-from benchmarks.statistics.pool import in_order
-from deploy.run import swarm
-from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import Overrides, load_scenario
+from benchmarks.statistics.measured import Measured, proportion
+from benchmarks.statistics.runs import in_memory, in_order
 from observation.accounting.account import account
 from observation.accounting.findings import CARRIED, JAMMED
 from observation.accounting.time_spent import Cause, TimeSpent
@@ -29,7 +23,7 @@ _EXPECTED: Final = frozenset({Cause.DRIVING, Cause.IDLE})
 
 
 @dataclass(frozen=True)
-class Verdict:
+class SituationVerdict:
     """What was made of one situation."""
 
     kind: str
@@ -55,15 +49,11 @@ def check(runs: int = 200) -> Measured:
     return Measured([asdict(one) for one in verdicts], (_table(verdicts), *_wrong(verdicts)), holds)
 
 
-def judge(situation: Situation) -> Verdict:
+def judge(situation: Situation) -> SituationVerdict:
     """Run the situation, and see what is said of it."""
-    with tempfile.TemporaryDirectory(prefix="acrc-") as name:
-        file = Path(name) / "situation.toml"
-        situation.write(file)
-        options = RunOptions(Path(name) / "out", bus="memory", json=True)
-        swarm.run(load_scenario(file, Overrides()), options)
-        spent = account(options.out)
-    return Verdict(situation.kind, situation.seed, _JUDGES[situation.kind](spent), _shortly(spent))
+    with in_memory(situation.scenario()) as (plan, _):
+        spent = account(plan.out)
+    return SituationVerdict(situation.kind, situation.seed, _JUDGES[situation.kind](spent), _shortly(spent))
 
 
 def _in_the_way(spent: TimeSpent) -> bool:
@@ -109,8 +99,8 @@ def _shortly(spent: TimeSpent) -> str:
     return "; ".join([*times, *(one.says for one in spent.findings)])
 
 
-def _table(verdicts: Sequence[Verdict]) -> Table:
-    by_kind: dict[str, list[Verdict]] = defaultdict(list)
+def _table(verdicts: Sequence[SituationVerdict]) -> Table:
+    by_kind: dict[str, list[SituationVerdict]] = defaultdict(list)
     for one in verdicts:
         by_kind[one.kind].append(one)
     planted = [one for one in verdicts if one.kind != "quiet"]
@@ -124,7 +114,7 @@ def _table(verdicts: Sequence[Verdict]) -> Table:
     return table
 
 
-def _wrong(verdicts: Sequence[Verdict]) -> Iterator[str]:
+def _wrong(verdicts: Sequence[SituationVerdict]) -> Iterator[str]:
     for one in verdicts:
         if one.named == (one.kind == "quiet"):
             yield f"{one.kind}, seed {one.seed}: {one.says}"

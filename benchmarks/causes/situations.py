@@ -1,17 +1,19 @@
 """Situations on the corridor map with one planted cause each, and quiet ones without any, drawn by seed."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from numpy.random import Generator
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.randomness import generator
+from deploy.scenario.scenario_file import parse
+from deploy.scenario.tables import Scenario
+from deploy.scenario.toml_text import document
 
-_MAP: Final = REPOSITORY / "maps" / "corridor.yaml"
+_MAP: Final = SHIPPED / "maps" / "corridor.yaml"
 NECKS: Final = (12.44, 17.25)
 """x of the middle of the two passages between office and corridor, m; 0.88 m wide for y from 8.2 to 10.4."""
 _EVERYWHERE: Final = ((12.5, 4.5), (17.3, 4.5), (3.5, 12.4), (9.0, 12.4), (21.0, 12.4), (27.0, 12.4))
@@ -38,29 +40,42 @@ class Situation:
     robots: Sequence[Robot]
     duration: float
     strategy: str = "none"
-    events: Sequence[str] = ()
-    """Tables of the scenario, as TOML."""
+    events: Sequence[Mapping[str, object]] = ()
+    """As in a scenario."""
     step_us: int = 100_000
 
-    def write(self, file: Path) -> None:
-        """As a scenario file."""
-        tables = [f'map = "{_MAP}"', "[run]", f"step_ms = {self.step_us // 1000}"]
-        tables += [f"duration = {self.duration}", f"seed = {self.seed}"]
-        tables += [f'strategy = "{self.strategy}"', "[localisation]", 'preset = "chapter"']
-        tables += ["[robots]", f"count = {len(self.robots)}"]
-        for number, robot in enumerate(self.robots, start=1):
-            places = ", ".join(f"[{x:.3f}, {y:.3f}]" for x, y in robot.places)
-            x, y, heading = robot.start
-            tables += ["[[robot]]", f'id = "r{number}"', f"start = [{x:.3f}, {y:.3f}, {heading:.3f}]"]
-            tables.append(f"places = [{places}]")
-        file.write_text("\n".join([*tables, *self.events, ""]))
+    def scenario(self, navigation: Mapping[str, object] | None = None) -> Scenario:
+        """As a scenario, with this in its table `navigation`."""
+        robots = [
+            {"id": f"r{number}", "start": _rounded(robot.start), "places": [*map(_rounded, robot.places)]}
+            for number, robot in enumerate(self.robots, start=1)
+        ]
+        content: dict[str, Any] = {
+            "map": str(_MAP),
+            "run": {
+                "step_ms": self.step_us // 1000,
+                "duration": self.duration,
+                "seed": self.seed,
+                "strategy": self.strategy,
+            },
+            "localisation": {"preset": "chapter"},
+            "navigation": navigation or {},
+            "robots": {"count": len(robots)},
+            "robot": robots,
+            "event": list(self.events),
+        }
+        return parse(document(content), _MAP)
+
+
+def _rounded(values: Sequence[float]) -> list[float]:
+    return [round(value, 3) for value in values]
 
 
 def parked(seed: int) -> Situation:
     """r2 is switched off in a door; r1 wants through it."""
     draw = generator(seed, "causes", "parked")
     x = _neck(draw)
-    switched_off = ["[[event]]", f"at = {draw.uniform(0.2, 2.0):.1f}", 'kill = "r2"']
+    switched_off = [{"at": round(draw.uniform(0.2, 2.0), 1), "kill": "r2"}]
     return Situation(
         "parked in a door", seed, (_through(draw, x), _stander(draw, x)), 40.0, "none", switched_off
     )
@@ -89,12 +104,8 @@ def carried(seed: int) -> Situation:
     draw = generator(seed, "causes", "carried")
     here, there = (_EVERYWHERE[k] for k in draw.permutation(len(_EVERYWHERE))[:2])
     x, y = _near(draw, there)
-    away = [
-        "[[event]]",
-        f"at = {draw.uniform(3.0, 10.0):.1f}",
-        'move = "r1"',
-        f"to = [{x:.3f}, {y:.3f}, {draw.uniform(-3, 3):.3f}]",
-    ]
+    at = round(draw.uniform(3.0, 10.0), 1)
+    away = [{"at": at, "move": "r1", "to": _rounded((x, y, draw.uniform(-3, 3)))}]
     return Situation("carried", seed, (_roaming(draw, here, 12),), 20.0, "none", away)
 
 
@@ -105,9 +116,13 @@ def jammed(seed: int) -> Situation:
     spots = _near(draw, here), _near(draw, (here[0] + 2.2, here[1]))
     standing = [Robot((*spot, draw.uniform(-3, 3)), [spot]) for spot in spots]
     begin, radius = draw.uniform(1.0, 10.0), draw.uniform(0.6, 1.2)
-    jam = ["[[event]]", f"at = {begin:.1f}", f"jam = [{here[0]}, {here[1]}]"]
-    jam += [f"radius = {radius:.2f}", f"duration = {draw.uniform(8.0, 15.0):.1f}"]
-    return Situation("jammed", seed, (*standing, _roaming(draw, there, 12)), 30.0, "chapter", jam)
+    jam = {
+        "at": round(begin, 1),
+        "jam": here,
+        "radius": round(radius, 2),
+        "duration": round(draw.uniform(8.0, 15.0), 1),
+    }
+    return Situation("jammed", seed, (*standing, _roaming(draw, there, 12)), 30.0, "chapter", [jam])
 
 
 def quiet(seed: int) -> Situation:

@@ -1,10 +1,8 @@
 """Pairs put head-on and too near: how many come apart, with robots that back off and without."""
 
 import math
-import tempfile
 from dataclasses import asdict, dataclass
 from itertools import product
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -13,13 +11,10 @@ from rich.table import Table
 from actors.randomness import generator
 from benchmarks.causes.situations import NECKS, Robot, Situation
 from benchmarks.statistics.measured import Measured
-from benchmarks.statistics.pool import in_order
-from deploy.run import swarm
-from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import Overrides, load_scenario
+from benchmarks.statistics.runs import in_memory, in_order
 from observation.accounting.account import account
 from observation.accounting.time_spent import Cause
-from observation.evidence.run_evidence import read_run
+from observation.evidence.run_reader import read_run
 
 _APART: Final = 1.0
 """Who has been so far apart, m, came free."""
@@ -72,14 +67,9 @@ def check(runs: int = 5) -> Measured:
 def part(task: WedgeTask) -> Parted:
     """Run one pair for a minute."""
     situation = Situation("wedge", task.seed, _pair(task), _DURATION_S, task.strategy)
-    with tempfile.TemporaryDirectory(prefix="acrc-") as name:
-        file = Path(name) / "pair.toml"
-        situation.write(file)
-        options = RunOptions(Path(name) / "out", bus="memory", json=True)
-        overrides = Overrides(settings=(("navigation.back_off", task.back_off),))
-        result = swarm.run(load_scenario(file, overrides), options)
-        spent = account(options.out)
-        true = read_run(options.out).true
+    with in_memory(situation.scenario({"back_off": task.back_off})) as (plan, result):
+        spent = account(plan.out)
+        true = read_run(plan.out).true
     apart = np.hypot(*(true[:, 0, :2] - true[:, 1, :2]).T)
     wedged = [each[Cause.WEDGED.value] for each in spent.robots.values()]
     return Parted(bool((apart > _APART).any()), result.places_done, sum(wedged) / len(wedged))

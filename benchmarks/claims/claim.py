@@ -12,7 +12,7 @@ OWN_DATA: Final = frozenset({"cell", "data", "log", "source"})
 
 
 @dataclass(frozen=True)
-class Claim:
+class PublishedClaim:
     """A row of the page, and a word of `acrc verify`."""
 
     name: str

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from benchmarks.claims.claim import Claim
+from benchmarks.claims.claim import PublishedClaim
 
 _BITS: Final = "The same bits"
 _RADIO: Final = "The radio"
@@ -14,7 +14,7 @@ _CORNERS: Final = ("alone/corridor/360/exact/0", "crowd/apartment/360/kobuki/10/
 _FEW_CASES: Final = (("robot", "killed"), ("base", "stopped"), ("lidar", "silent"))
 
 CLAIMS: Final = (
-    Claim(
+    PublishedClaim(
         "same-bits", _BITS,
         "A run follows from scenario, seed and commit; a strategy from its inputs only.",
         "One digest in memory and over processes, sandboxed or not, at any speed; replayed with another hash "
@@ -22,7 +22,7 @@ CLAIMS: Final = (
         "benchmarks.foundations.same_bits", small={"duration": 5.0}, full={"duration": 120.0},
         seconds=(15, 90), takes=("duration",),
     ),
-    Claim(
+    PublishedClaim(
         "processors", _BITS,
         "The digest is the same on any processor.",
         "Equal digests of two runs on x86-64 with and without AVX-512, AVX2 and FMA, on emulated aarch64, "
@@ -30,13 +30,13 @@ CLAIMS: Final = (
         "benchmarks.processors.table", small={"duration": 5.0, "only": ("x86_64", "FMA")},
         full={"duration": 600.0}, seconds=(120, 5400), takes=("duration", "only", "install"),
     ),
-    Claim(
+    PublishedClaim(
         "functions", _BITS,
         "Elementary functions are our own and exact.",
         "Within 2.5 ulp of mpmath at most, 1 ulp for most.",
         "benchmarks.foundations.portable", small={"count": 200}, full={"count": 5000}, seconds=(5, 40),
     ),
-    Claim(
+    PublishedClaim(
         "radio", _RADIO,
         "The medium behaves as ns-3.44's lr-wpan (C++) with one correction, and as the closed formula of one "
         "backlogged sender.",
@@ -46,13 +46,13 @@ CLAIMS: Final = (
         "benchmarks.radio.truth", small={"runs": 20}, full={"runs": 10}, seconds=(3, 300),
         takes=("data", "runs"),
     ),
-    Claim(
+    PublishedClaim(
         "links", _RADIO,
         "Shadowing of 6 dB makes links as measured ones (motes in a building).",
         "It gives their grey zone from 70 % of frames upward; further down theirs fall off 2.5 dB sooner.",
         command="acrc bench radio --out",
     ),
-    Claim(
+    PublishedClaim(
         "localisation", _NAVIGATION,
         "The robot's localisation is as good as the original amcl, and keeps track among up to ten others.",
         "Over twelve courses with ten runs each the error of localisation `chapter` is 0.69 times amcl's "
@@ -62,7 +62,7 @@ CLAIMS: Final = (
         small={"cell": _CORNERS, "runs": 1, "duration": 60.0}, full={"runs": 20}, seconds=(5, 540),
         takes=("source", "against", "runs", "cell", "duration", "log", "seed", "workers"),
     ),
-    Claim(
+    PublishedClaim(
         "navigation", _NAVIGATION,
         "Robots reach random goals and touch no wall.",
         "On three maps a robot alone reaches 593 of 600 goals; no wall is touched.",
@@ -70,7 +70,7 @@ CLAIMS: Final = (
         full={"goals": 200, "runs": 8}, seconds=(8, 1200),
         takes=("maps", "robots", "goals", "runs", "localisation", "navigation", "log", "seed"),
     ),
-    Claim(
+    PublishedClaim(
         "failures", _NAVIGATION,
         "The chapter's failures come about by themselves.",
         "Deadlocks and obstructed robots do; *lost* does not, with the chapter's sensor, odometry and map.",
@@ -78,21 +78,21 @@ CLAIMS: Final = (
         full={"runs": 20}, seconds=(10, 900),
         takes=("scenario", "robots", "runs", "duration", "strategy", "localisation", "navigation"),
     ),
-    Claim(
+    PublishedClaim(
         "wedged", _NAVIGATION,
         "A robot with `back_off` gets free of another one that it is wedged with, head-on.",
         "All of 40 pairs come free, in a passage and on open floor "
         "([and what it does not cure](navigation.md#the-three-failures)).",
         "benchmarks.causes.wedge", small={"runs": 1}, full={"runs": 5}, seconds=(10, 60), takes=("runs",),
     ),
-    Claim(
+    PublishedClaim(
         "attacks", _PAST,
         "The radio is the only way from one robot to another.",
         "Some hundred attacks by a swarm's own members run on every change. Those that get through are "
         "[named](isolation.md#what-remains): session ids, inode numbers, page faults, load and timing.",
         "benchmarks.attacks.command", seconds=(6, 6),
     ),
-    Claim(
+    PublishedClaim(
         "endings", _ENDS,
         "Whatever ends a run, nothing is left behind, and the recordings are good.",
         "200 runs killed, stopped or signalled at random instants: all ended or went on as they should, none "
@@ -100,21 +100,21 @@ CLAIMS: Final = (
         "benchmarks.swarm.endings", small={"runs": 3, "longest_stop": 5.0}, full={"runs": 200},
         seconds=(35, 2400), takes=("runs", "seed", "workers"),
     ),
-    Claim(
+    PublishedClaim(
         "crowded-start", _ENDS,
         "A busy computer makes a run slow, and nothing else.",
         "A hundred robots beside four computing processes per core: one digest, nothing undelivered.",
         "benchmarks.swarm.crowded_start", small={"robots": 4, "hogs_per_core": 1}, full={"robots": 100},
         seconds=(20, 120),
     ),
-    Claim(
+    PublishedClaim(
         "resume", _ENDS,
         "A campaign that is killed resumes without a trace.",
         "Killed ten times at random moments: the same records as without, no trial made twice.",
         "benchmarks.swarm.resume", small={"runs": 2, "duration": 3.0}, full={"runs": 10}, seconds=(25, 300),
         takes=("runs", "duration"),
     ),
-    Claim(
+    PublishedClaim(
         "branches", _ENDS,
         "A branch without a change has the run's digest; one without a frame first differs by that frame.",
         "20 of 20 each ([observe and replay](observe-and-replay.md)).",
@@ -122,20 +122,20 @@ CLAIMS: Final = (
         seconds=(5, 180),
         takes=("runs", "duration", "seed"),
     ),
-    Claim(
+    PublishedClaim(
         "causes", _ENDS,
         "The accounting of lost time names causes that are there, and invents none.",
         "197 of 200 planted causes are named; in 200 quiet situations nothing was invented.",
         "benchmarks.causes.causes", small={"runs": 5}, full={"runs": 200}, seconds=(8, 900), takes=("runs",),
     ),
-    Claim(
+    PublishedClaim(
         "places", _ENDS,
         "No place is lost by the shipped strategies.",
         "A proof and its test ([strategies](strategies.md#why-no-place-is-lost)); a robot that is killed "
         "keeps what it holds.",
         command="acrc campaign",
     ),
-    Claim(
+    PublishedClaim(
         "seal", _ENDS,
         "A file of a run that was changed is named.",
         "Flipped bits, files removed, added, renamed or replaced by links: each is named "
@@ -143,35 +143,35 @@ CLAIMS: Final = (
         "benchmarks.recordings.seals", small={"runs": 10}, full={"runs": 200}, seconds=(3, 60),
         takes=("runs", "seed"),
     ),
-    Claim(
+    PublishedClaim(
         "mutations", _ENDS,
         "Bytes from outside never crash a parser.",
         "10 MB of damaged bytes for every parser: each answers with a sentence, or none.",
         "benchmarks.mutations.command", small={"size": 50_000}, full={"size": 10_000_000}, seconds=(8, 5400),
         takes=("size", "seed"),
     ),
-    Claim(
+    PublishedClaim(
         "boards", _BOARD,
         "The drivers of base and radio board survive a noisy line, and the latter fills its line or the air.",
         "10 MB of noise and talk each: no packet reported twice, never or falsely; back within 100 ms.",
         "benchmarks.hardware.boards", small={"size": 100_000}, full={"size": 10_000_000}, seconds=(8, 900),
         takes=("size", "seed"),
     ),
-    Claim(
+    PublishedClaim(
         "onboard", _BOARD,
         "Processes as on board need no network between robots, and their recordings replay.",
         "Three robots, each process in a network namespace of its own: they clean all nine places.",
         "benchmarks.hardware.onboard", small={"robots": 2, "duration": 15.0}, full={"robots": 3},
         seconds=(25, 120), takes=("duration",),
     ),
-    Claim(
+    PublishedClaim(
         "standstill", _BOARD,
         "The base stands when a process fails.",
         "Told to stand within 0.3 s and 0.15 m, whatever fails ([table](deployment.md#what-stops-it)).",
         "benchmarks.hardware.standstill", small={"trials": 1, "cases": _FEW_CASES}, full={"trials": 3},
         seconds=(30, 1200), takes=("trials",),
     ),
-    Claim(
+    PublishedClaim(
         "sensors", _BOARD,
         "The base stands when a sensor lies.",
         "Lies are named; those that are not noticed are listed ([table](deployment.md#sensors-that-lie)).",

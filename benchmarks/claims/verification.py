@@ -1,7 +1,8 @@
-"""Claims checked one after the other, and said which hold."""
+"""Claims checked one after the other, and the tables of docs/how-true.md, one for each part."""
 
 import difflib
 import json
+import re
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -10,9 +11,10 @@ from typing import Any, Final
 from rich.console import Console
 from rich.table import Table
 
+from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
-from benchmarks.claims.claim import Claim
+from benchmarks.claims.claim import PublishedClaim
 from benchmarks.claims.table import CLAIMS
 from benchmarks.statistics.measured import Measured
 
@@ -20,7 +22,7 @@ CHECKED: Final = {claim.name: claim for claim in CLAIMS if claim.module}
 _VERDICTS: Final[Mapping[bool | None, str]] = {True: "holds", False: "DOES NOT HOLD", None: "measured only"}
 
 
-def chosen(names: Sequence[str]) -> list[Claim]:
+def chosen(names: Sequence[str]) -> list[PublishedClaim]:
     """The claims of these names; all without names. Raises OptionError for one that there is not."""
     for name in names:
         if name not in CHECKED:
@@ -42,14 +44,14 @@ def listed() -> Measured:
     return Measured(figures, (table,))
 
 
-def verified_alone(claim: Claim, given: Mapping[str, Any], *, full: bool) -> Measured:
+def verified_alone(claim: PublishedClaim, given: Mapping[str, Any], *, full: bool) -> Measured:
     """One claim, with all that was found, and the verdict below it."""
     found = claim.check(claim.settings(given, full=full))
     verdict = () if found.holds is None else (f"{claim.name}: {_VERDICTS[found.holds]}",)
     return Measured(found.figures, (*found.shown, *verdict), found.holds)
 
 
-def verified(claims: Sequence[Claim], given: Mapping[str, Any], *, full: bool) -> Measured:
+def verified(claims: Sequence[PublishedClaim], given: Mapping[str, Any], *, full: bool) -> Measured:
     """Several claims: a row for each, and below what was found of those that do not hold."""
     say = Console(stderr=True)
     table = Table("claim", "", "s", title=f"claims in {'full' if full else 'small'} size")
@@ -81,3 +83,33 @@ def told(found: Measured, *, json_output: bool) -> int:
     else:
         found.show()
     return 1 if found.holds is False else 0
+
+
+PAGE: Final = REPOSITORY / "docs" / "how-true.md"
+_TABLE: Final = re.compile(r"(?:^\|.*\n)+", re.MULTILINE)
+
+
+def table(part: str) -> str:
+    """A row for each claim of that part."""
+    rows = [_row(claim) for claim in CLAIMS if claim.part == part]
+    return "\n".join(["| claim | what came out | command |", "|---|---|---|", *rows]) + "\n"
+
+
+def _row(claim: PublishedClaim) -> str:
+    command = claim.command or f"acrc verify {claim.name}"
+    return f"| {claim.says} | {claim.result} | `{command}` |"
+
+
+def filled(text: str) -> str:
+    """The page with the first table of each part made anew."""
+    for part in dict.fromkeys(claim.part for claim in CLAIMS):
+        before, heading, after = text.partition(f"\n## {part}\n")
+        here, next_heading, rest = after.partition("\n## ")
+        old = _TABLE.search(here)
+        here = here.replace(old[0], table(part)) if old else f"{here.rstrip()}\n\n{table(part)}"
+        text = before + heading + here + next_heading + rest
+    return text
+
+
+if __name__ == "__main__":
+    PAGE.write_text(filled(PAGE.read_text()))

@@ -10,14 +10,12 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
-from actors.installation.repository import REPOSITORY
-from benchmarks.failures.found import FailureRun
-from benchmarks.failures.run import FailureTask, examine
-from benchmarks.statistics.confidence import Interval, average, proportion
-from benchmarks.statistics.measured import Measured
-from benchmarks.statistics.pool import in_order
+from actors.installation.repository import SHIPPED
+from benchmarks.failures.run import FailureRun, FailureTask, examine
+from benchmarks.statistics.measured import ConfidenceInterval, Measured, average, proportion
+from benchmarks.statistics.runs import in_order
 
-SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
+SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 ROBOTS: Final = (4, 8)
 BESIDE: Final = 1.0
 """Another robot within this distance is what stood in the way, m, centre to centre; own choice: where the
@@ -75,7 +73,7 @@ def _table(strategy: str, runs: Sequence[FailureRun]) -> Table:
     return table
 
 
-def _span(interval: Interval, form: str) -> str:
+def _span(interval: ConfidenceInterval, form: str) -> str:
     return f"{interval.low:{form}} to {interval.high:{form}}"
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.runtime.isolation.sandbox import available
 from benchmarks.statistics.measured import Measured, table_of
 from deploy.run import swarm
@@ -13,7 +13,7 @@ from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.replay.recheck import recheck
 
-_SCENARIO: Final = REPOSITORY / "scenarios" / "chapter.toml"
+_SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 
 
 def check(duration: float = 120.0) -> Measured:

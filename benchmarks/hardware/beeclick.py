@@ -15,18 +15,18 @@ from actors.radio.medium import Medium, Saturated
 from actors.radio.radio_model import radio_model
 from actors.radio.radio_setup import RadioSetup
 from firmware_bridge.beeclick.answers import Answer, PacketSent
-from firmware_bridge.beeclick.emulation.air import Air
-from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard, Radio
+from firmware_bridge.beeclick.emulation.air import BoardRadio, EmulatedAir
+from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulation.lab import Desk, Lab
 from firmware_bridge.beeclick.emulation.line import CLEAN, Disturbance
-from firmware_bridge.beeclick.events import Event, Unconfirmed
-from firmware_bridge.beeclick.link import Link, LinkPhase
+from firmware_bridge.beeclick.events import Event, UnconfirmedPacket
+from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.wire import byte_time
 
 SIZES: Final = (1, 20, 60, 118)
 """Data bytes of the packets whose throughput is measured."""
-_ENDS: Final = (Sent, AccessFailure, Unconfirmed, Overflow, Refused)
+_ENDS: Final = (Sent, AccessFailure, UnconfirmedPacket, Overflow, Refused)
 _SET_UP: Final = (0xBABA, 2, 15)
 """PAN, address and channel code of a board that a link with the default settings has set up."""
 _RUN: Final = seconds(10.0)
@@ -92,10 +92,10 @@ class Throughput:
     """Of what the slower of the line and a simulated transceiver with the same waits can carry."""
 
 
-class _Board(EmulatedBoard):
+class _RememberingBoard(EmulatedBoard):
     """Remembers which packets it has told the end of."""
 
-    def __init__(self, radio: Radio, now: Instant) -> None:
+    def __init__(self, radio: BoardRadio, now: Instant) -> None:
         super().__init__(radio, now)
         self.told: Counter[int] = Counter()
 
@@ -105,7 +105,7 @@ class _Board(EmulatedBoard):
         super()._say(now, answer)
 
 
-class _Link(Link):
+class _RememberingLink(BoardLink):
     """Remembers the numbers of its packets."""
 
     def __init__(self, settings: BoardSettings) -> None:
@@ -128,8 +128,8 @@ class _Ordeal:
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
         air = _empty_air()
-        self.board = _Board(air, START)
-        self.link = _Link(BoardSettings(2))
+        self.board = _RememberingBoard(air, START)
+        self.link = _RememberingLink(BoardSettings(2))
         air.add(self.board)
         self.desk = Desk(self.link, self.board)
         self.lab = Lab(air, [self.desk], self.rng)
@@ -192,7 +192,7 @@ def soak(count: int, seed: int) -> BoardSoak:
         packets=ordeal.packets,
         sent=ordeal.ends["Sent"],
         failed=ordeal.ends["AccessFailure"],
-        unconfirmed=ordeal.ends["Unconfirmed"],
+        unconfirmed=ordeal.ends["UnconfirmedPacket"],
         reported_twice=sum(times > 1 for times in ordeal.ledger.values()),
         unreported=ordeal.packets - len(ordeal.ledger) - ordeal.link.waiting,
         invented=ordeal.invented,
@@ -236,7 +236,7 @@ def _come_back(lab: Lab, desk: Desk) -> tuple[int, int] | None:
 def throughput(data_bytes: int, duration: Duration = _RUN) -> Throughput:
     """Keep the queue full of packets of that size for so long in virtual time."""
     air = _empty_air()
-    desk = Desk(Link(BoardSettings(2)), EmulatedBoard(air, START))
+    desk = Desk(BoardLink(BoardSettings(2)), EmulatedBoard(air, START))
     air.add(desk.board)
     lab = Lab(air, [desk], np.random.default_rng(1))
     lab.run(milliseconds(20))
@@ -251,10 +251,10 @@ def throughput(data_bytes: int, duration: Duration = _RUN) -> Throughput:
     return Throughput(data_bytes, rate, rate / limit)
 
 
-def _empty_air() -> Air:
+def _empty_air() -> EmulatedAir:
     """One board's, the address 2."""
     model = radio_model(RadioSetup(1, 10_000, (), "beeclick"))
-    return Air([2], lambda channel: model, 1)
+    return EmulatedAir([2], lambda channel: model, 1)
 
 
 def _most_on_air(data_bytes: int, duration: Duration) -> float:

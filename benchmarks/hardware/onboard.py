@@ -9,8 +9,8 @@ from typing import Final
 
 from rich.table import Table
 
-from actors.installation.repository import REPOSITORY
-from actors.processes.launch import ServedLauncher
+from actors.installation.repository import SHIPPED
+from actors.processes.launch import Launcher
 from actors.runtime.errors import AcrcError
 from benchmarks.statistics.measured import Measured
 from deploy.laboratory import hardware_in_the_loop
@@ -22,7 +22,7 @@ NO_NETWORK: Final = ("unshare", "--map-root-user", "--net")
 """util-linux; a namespace without a single link that is up."""
 
 
-HEAD_ON: Final = REPOSITORY / "scenarios" / "head_on.toml"
+HEAD_ON: Final = SHIPPED / "scenarios" / "head_on.toml"
 LATE_GOAL_MS: Final = 20
 """99 % of the steps are to be answered within this; said, and no part of the verdict: it is the machine's."""
 _EQUAL: Final = "messages, all equal"
@@ -37,7 +37,7 @@ def check(robots: int = 3, duration: float = 300.0, scenario: Path = HEAD_ON) ->
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
         out = Path(folder) / "out"
         options = RunOptions(out, spawn="exec", hardware=True, json=True)
-        result = hardware_in_the_loop.run(plan, options, ServedLauncher("exec", NO_NETWORK, reap=False))
+        result = hardware_in_the_loop.run(plan, options, Launcher("exec", NO_NETWORK, reap=False))
         again = {robot: _again(out, robot) for robot in result.per_robot}
     late = {name: (robot.lateness_p50_ms, robot.lateness_p99_ms) for name, robot in result.per_robot.items()}
     heard = {name: robot.frames["copies_heard"] for name, robot in result.per_robot.items()}
@@ -68,7 +68,7 @@ def _again(out: Path, robot: str) -> str:
 def _shown(
     figures: dict[str, object], late: dict[str, tuple[int | None, int | None]], again: dict[str, str]
 ) -> tuple[Table | str, ...]:
-    table = Table("robot", "late p50", "late p99", "executed again", title="robots on board, without network")
+    table = Table("robot", "late p50", "late p99", "replayed", title="robots on board, without network")
     for robot, delays in late.items():
         table.add_row(robot, *("-" if one is None else f"{one} ms" for one in delays), again[robot])
     done = (

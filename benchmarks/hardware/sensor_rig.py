@@ -22,7 +22,7 @@ from actors.world.physics import SUBSTEP
 from actors.world.world_setup import BodySetup, WorldSetup
 from firmware_bridge.beeclick.emulation.line import CLEAN, Disturbance
 from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.kobuki.safety import Cause
+from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.laboratory.laboratory import BASE, RADIO, RANGE, Jack, Laboratory
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 from firmware_bridge.onboard.last_word import LastWord
@@ -117,10 +117,10 @@ class Told:
     """That a robot was held by other causes than before."""
 
     instant: Instant
-    causes: frozenset[Cause]
+    causes: frozenset[HoldCause]
 
 
-class Vehicle:
+class RigVehicle:
     """One robot's vehicle, its two lines, and its pilot."""
 
     def __init__(self, pilot: Pilot, noise: Generator) -> None:
@@ -178,7 +178,7 @@ class SensorRig:
         radio = RadioSetup(seed, _STEP, addresses, "beeclick")
         self.laboratory = Laboratory(LaboratorySetup(world, radio))
         self.vehicles = {
-            body.id: Vehicle(
+            body.id: RigVehicle(
                 Pilot(speed, generator(seed, "pilot", body.id)), generator(seed, "line noise", body.id)
             )
             for body in bodies

@@ -11,27 +11,27 @@ import numpy as np
 from actors.floor.map_file import load_map
 from actors.floor.placement import PlacementError, check_pose
 from actors.geometry import Point, Pose
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.messages import Scan
 from actors.randomness import generator
 from benchmarks.hardware.sensor_rig import Pilot, SensorRig
-from firmware_bridge.kobuki.safety import Cause
+from firmware_bridge.kobuki.safety import HoldCause
 
-FLOORS: Final = tuple(REPOSITORY / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))
+FLOORS: Final = tuple(SHIPPED / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))
 _CELL: Final = 0.05
 _ROOM: Final = 0.6
 """Free floor round a start, m."""
 _APART: Final = 1.2
-ACCUSATIONS: Final = frozenset(Cause) - {
-    Cause.NO_FEEDBACK,
-    Cause.LINK_RECOVERING,
-    Cause.WHEEL_DROP,
-    Cause.PUT_DOWN,
-    Cause.BUMPER,
-    Cause.BLIND,
-    Cause.NO_COMMAND,
-    Cause.STALE_COMMAND,
-    Cause.BLOCKED,
+ACCUSATIONS: Final = frozenset(HoldCause) - {
+    HoldCause.NO_FEEDBACK,
+    HoldCause.LINK_RECOVERING,
+    HoldCause.WHEEL_DROP,
+    HoldCause.PUT_DOWN,
+    HoldCause.BUMPER,
+    HoldCause.BLIND,
+    HoldCause.NO_COMMAND,
+    HoldCause.STALE_COMMAND,
+    HoldCause.BLOCKED,
 }
 """Causes that accuse a sensor; a robot that is blocked is rightly told so."""
 
@@ -48,7 +48,7 @@ class Straight(Pilot):
 
 
 @dataclass(frozen=True)
-class Situation:
+class SensorSituation:
     """Something that happens."""
 
     name: str
@@ -81,7 +81,7 @@ def starts_on(floor: Path, seed: int, count: int) -> list[tuple[float, float, fl
 def accusations(rig: SensorRig) -> Iterator[tuple[str, float, str]]:
     """Robot, instant, s, and cause of each."""
     for name, vehicle in rig.vehicles.items():
-        before: frozenset[Cause] = frozenset()
+        before: frozenset[HoldCause] = frozenset()
         for told in vehicle.told:
             for cause in sorted((told.causes - before) & ACCUSATIONS, key=lambda one: one.name):
                 yield name, told.instant / 1e6, cause.name
@@ -178,19 +178,19 @@ _WANDERINGS: Final = (
 """Floor, robots, m/s."""
 SITUATIONS: Final = (
     *(
-        Situation(
+        SensorSituation(
             f"{robots} wander in the {FLOORS[floor].stem} at {speed:g} m/s",
             _wander(floor, robots, speed),
             robots=robots,
         )
         for floor, robots, speed in _WANDERINGS
     ),
-    Situation("a convoy of 5 in a corridor without features", _convoy, 20.0, robots=5),
-    Situation("a long corridor without features", _long_corridor, 40.0),
-    Situation("a hall without an echo", _hall, 30.0),
-    Situation("turning on the spot", _spin),
-    Situation("standing", _stand, 180.0),
-    Situation("backing into a wall", _backs_into_a_wall, 30.0),
-    Situation("pushed by two others", _pushed, 20.0, robots=3),
-    Situation("carried elsewhere while it drives", _wander(0, 1, 0.5), 60.0, _carried),
+    SensorSituation("a convoy of 5 in a corridor without features", _convoy, 20.0, robots=5),
+    SensorSituation("a long corridor without features", _long_corridor, 40.0),
+    SensorSituation("a hall without an echo", _hall, 30.0),
+    SensorSituation("turning on the spot", _spin),
+    SensorSituation("standing", _stand, 180.0),
+    SensorSituation("backing into a wall", _backs_into_a_wall, 30.0),
+    SensorSituation("pushed by two others", _pushed, 20.0, robots=3),
+    SensorSituation("carried elsewhere while it drives", _wander(0, 1, 0.5), 60.0, _carried),
 )

@@ -18,7 +18,7 @@ from benchmarks.hardware.sensor_faults import FAULTS, SensorFault
 from benchmarks.hardware.sensor_rig import SensorRig
 from benchmarks.hardware.sensor_situations import FLOORS, SITUATIONS, accusations, starts_on
 from benchmarks.statistics.measured import Measured
-from benchmarks.statistics.pool import in_order
+from benchmarks.statistics.runs import in_order
 
 SPEEDS: Final = (0.5, 0.5, 0.3, 0.4)
 """m/s, by seed."""

@@ -15,14 +15,14 @@ from typing import Final, NamedTuple, Self
 
 import msgspec
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import REPOSITORY, SHIPPED
 from actors.radio.radio_setup import RadioSetup
 from actors.runtime.errors import AcrcError
 from actors.world.world_setup import BodySetup, WorldSetup
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 
 GUARDIAN: Final = "guardian.py"
-_MAP: Final = REPOSITORY / "maps" / "corridor.yaml"
+_MAP: Final = SHIPPED / "maps" / "corridor.yaml"
 _START: Final = (8.0, 12.5, 0.0)
 _PLACES: Final = ((22.0, 12.5), (8.0, 12.5))
 _FAST: Final = 0.45

@@ -8,19 +8,27 @@ from typing import Any, Final
 from rich.console import Console
 from rich.table import Table
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError
 from benchmarks.localisation import log as course_log
 from benchmarks.localisation import logs, report
 from benchmarks.localisation.cells import COST, CourseCell, Extent, cells, chosen
 from benchmarks.localisation.course import STEP_US, made
-from benchmarks.localisation.metrics import Run
-from benchmarks.localisation.pool import Key, run_all, tasks
-from benchmarks.localisation.speed import BEAMS, GOAL_US, PARTICLES, UpdateCost, update_costs
-from benchmarks.localisation.summary import summary
+from benchmarks.localisation.metrics import FilterRun
+from benchmarks.localisation.report import summary
+from benchmarks.localisation.runs import (
+    BEAMS,
+    GOAL_US,
+    PARTICLES,
+    Key,
+    UpdateCost,
+    run_all,
+    tasks,
+    update_costs,
+)
 from benchmarks.statistics.measured import Measured
 
-_MAPS: Final = REPOSITORY / "maps"
+_MAPS: Final = SHIPPED / "maps"
 CORRIDOR: Final = _MAPS / "corridor.yaml"
 OTHERS: Final = (_MAPS / "apartment.yaml", _MAPS / "maze.yaml")
 """Maps without symmetry."""
@@ -105,12 +113,14 @@ def _runs(todo: Sequence[CourseCell], workers: int | None) -> Any:
     return run_all(courses, workers, tell)
 
 
-def _of(cell: CourseCell, runs: dict[Key, Run]) -> list[Run]:
+def _of(cell: CourseCell, runs: dict[Key, FilterRun]) -> list[FilterRun]:
     return [runs[replace(cell.course, seed=seed), cell.arm] for seed in range(1, cell.runs + 1)]
 
 
 def _figures(
-    by_cell: Sequence[tuple[CourseCell, Sequence[Run]]], costs: Sequence[UpdateCost], extent: Extent
+    by_cell: Sequence[tuple[CourseCell, Sequence[FilterRun]]],
+    costs: Sequence[UpdateCost],
+    extent: Extent,
 ) -> dict[str, Any]:
     told = []
     for cell, runs in by_cell:
@@ -130,7 +140,9 @@ def _figures(
 
 
 def _shown(
-    by_cell: Sequence[tuple[CourseCell, Sequence[Run]]], costs: Sequence[UpdateCost], extent: Extent
+    by_cell: Sequence[tuple[CourseCell, Sequence[FilterRun]]],
+    costs: Sequence[UpdateCost],
+    extent: Extent,
 ) -> Iterator[Table | str]:
     summaries = [(cell, summary(runs)) for cell, runs in by_cell]
     for section in dict.fromkeys(cell.section for cell, _ in by_cell):

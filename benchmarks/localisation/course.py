@@ -16,11 +16,10 @@ from actors.world.odometry import Odometers
 from actors.world.sensing import RangeSensors
 from actors.world.uncertainty import Uncertainty, drifting, floor
 from benchmarks.localisation.crowd import Crowd, CrowdParameters
-from benchmarks.localisation.route import CONTROLS, SUBSTEP, Route
-from benchmarks.localisation.site import Site, site
+from benchmarks.localisation.route import CONTROLS, SUBSTEP, Site, WanderingRoute, site
 
 STEP_US: Final = 100_000
-"""From one odometry pose and scan to the next, µs."""
+"""From one odometry pose and scan to the next, µs; ReportParameters counts in them."""
 ROBOT: Final = "robot"
 
 _NONE: Final = Uncertainty()
@@ -89,9 +88,9 @@ def made(setup: CourseSetup) -> Course:
     start = _pose(place, route)
     truth, odometry = np.empty((steps + 1, 3)), np.empty((steps + 1, 3))
     truth[0] = start
-    base = _Base(setup, place, start)
+    base = _BaseOdometry(setup, place, start)
     odometry[0] = base.read()
-    driver = Route(place, start, route)
+    driver = WanderingRoute(place, start, route)
     carried = None if setup.carried_at is None else round(setup.carried_at * 1e6 / STEP_US)
     for step in range(1, steps + 1):
         track, velocity = driver.advance()
@@ -108,14 +107,24 @@ def made(setup: CourseSetup) -> Course:
     peers = _crowd(setup, place, truth)
     instants = np.arange(steps + 1, dtype=np.int64) * STEP_US
     scans = _scans(setup, replace(place, grid=visible), truth, peers)
-    return Course(mapped.grid, place.model.sensor, start, instants, odometry, truth, instants, scans, peers)
+    return Course(
+        grid=mapped.grid,
+        sensor=place.model.sensor,
+        start=start,
+        instants=instants,
+        odometry=odometry,
+        truth=truth,
+        stamps=instants,
+        scans=scans,
+        peers=peers,
+    )
 
 
 def _pose(place: Site, draws: np.random.Generator) -> Pose:
     return Pose(*place.point(draws), draws.uniform(-math.pi, math.pi))
 
 
-class _Base:
+class _BaseOdometry:
     """The odometry of the one robot."""
 
     def __init__(self, setup: CourseSetup, place: Site, start: Pose) -> None:

@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class EstimatedTrack:
     """What a localisation said all along a course."""
 
     poses: Floats
@@ -43,7 +43,7 @@ class Track:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class FilterRun:
     """One run beside the truth."""
 
     seed: int
@@ -124,11 +124,11 @@ class Run:
         }
 
 
-def beside_truth(seed: int, truth: Floats, odometry: Floats, track: Track) -> Run:
+def beside_truth(seed: int, truth: Floats, odometry: Floats, track: EstimatedTrack) -> FilterRun:
     """The run's errors. `truth`, `odometry`: (n, 3), m and rad."""
     off = track.poses - truth
     off[:, 2] -= math.tau * np.rint(off[:, 2] / math.tau)
-    return Run(
+    return FilterRun(
         seed,
         np.hypot(off[:, 0], off[:, 1]).astype(np.float32),
         np.abs(off[:, 2]).astype(np.float32),

@@ -1,14 +1,113 @@
-"""The figures as tables."""
+"""The runs of one cell together, with what chance may have done to them, as tables."""
 
+import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+import numpy as np
 from rich.table import Table
 
 from benchmarks.localisation.cells import CourseCell, doses, view
-from benchmarks.localisation.metrics import BEYOND, FOUND, LOST, Run
-from benchmarks.localisation.summary import Share, Summary, share
+from benchmarks.localisation.course import STEP_US
+from benchmarks.localisation.metrics import BEYOND, FOUND, LOST, NEES_BOUNDS, FilterRun, finite
+from benchmarks.statistics.measured import proportion
+
+_RESAMPLES: Final = 2000
+
+
+@dataclass(frozen=True)
+class Share:
+    """How many of all, with the 95 % interval of the share (Wilson, JASA 22(158), 1927)."""
+
+    count: int
+    of: int
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Summary:
+    """All runs of a cell, every seed counted."""
+
+    runs: int
+    rmse: float
+    """Over all poses of all runs, m."""
+    rmse_low: float
+    rmse_high: float
+    """Its 95 % interval: percentiles of a bootstrap over the runs (Efron and Tibshirani 1993, chapter 13)."""
+    rmse_median_run: float
+    """Of the runs' own values, m."""
+    median: float
+    """Error over all poses, m."""
+    max: float
+    share_beyond: float
+    """Of the time with an error above BEYOND."""
+    lost: Share
+    nees_median: float | None
+    """Over the steps with an error up to BEYOND."""
+    nees_below: float
+    nees_above: float
+    """Shares of the time outside NEES_BOUNDS; 2.5 % each where the covariance is right."""
+    spells: Share
+    """Of the spells of being lost those that were announced."""
+    false_alarms: int
+    hours: float
+    """Of robots under way."""
+    cpu_us_mean: float | None
+    """CPU time per call that weighed a scan, µs; the minimum over all runs beside it."""
+    cpu_us_min: float | None
+
+
+def summary(runs: Sequence[FilterRun]) -> Summary:
+    """What the runs of a cell, at least one, come to."""
+    squares = np.array([run.mean_square for run in runs])
+    errors = np.concatenate([run.errors for run in runs])
+    consistency = np.concatenate([run.tracking for run in runs])
+    spells = [announced for run in runs for announced in run.spells]
+    costs = np.concatenate([run.costs for run in runs])
+    low, high = interval(squares)
+    return Summary(
+        runs=len(runs),
+        rmse=math.sqrt(squares.mean()),
+        rmse_low=low,
+        rmse_high=high,
+        rmse_median_run=float(np.median(np.sqrt(squares))),
+        median=float(np.median(errors)),
+        max=float(errors.max()),
+        share_beyond=float(np.mean(errors > BEYOND)),
+        lost=share(sum(run.lost for run in runs), len(runs)),
+        nees_median=finite(np.median(consistency)) if consistency.size else None,
+        nees_below=float(np.mean(consistency < NEES_BOUNDS[0])) if consistency.size else 0.0,
+        nees_above=float(np.mean(consistency > NEES_BOUNDS[1])) if consistency.size else 0.0,
+        spells=share(sum(spells), len(spells)),
+        false_alarms=sum(run.false_alarms for run in runs),
+        hours=errors.size * STEP_US / 3.6e9,
+        cpu_us_mean=float(costs.mean() * 1e6) if costs.size else None,
+        cpu_us_min=float(costs.min() * 1e6) if costs.size else None,
+    )
+
+
+def interval(squares: "np.typing.NDArray[np.float64]") -> tuple[float, float]:
+    """The bootstrap's 95 % interval of the root of the mean of (runs,) mean squares."""
+    low, high = np.percentile(np.sqrt(resampled(squares)), (2.5, 97.5)).tolist()
+    return low, high
+
+
+def resampled(values: "np.typing.NDArray[np.float64]") -> "np.typing.NDArray[np.float64]":
+    """(_RESAMPLES,): means of as many values, drawn with replacement."""
+    draws = np.random.default_rng(0).integers(len(values), size=(_RESAMPLES, len(values)))
+    means: np.typing.NDArray[np.float64] = values[draws].mean(axis=1)
+    return means
+
+
+def share(count: int, of: int) -> Share:
+    """With Wilson's interval, which holds for 0 and all as well."""
+    if not of:
+        return Share(0, 0, 0.0, 1.0)
+    return Share(count, of, *proportion(count, of)[1:])
+
 
 FROM_NOWHERE = ("global", "kidnapped")
 """Sections in which the question is whether the robot finds itself."""
@@ -64,7 +163,7 @@ def finding_table(
     return table
 
 
-def found(cell: CourseCell, runs: Sequence[Run], after: Sequence[float], step: float) -> list[Share]:
+def found(cell: CourseCell, runs: Sequence[FilterRun], after: Sequence[float], step: float) -> list[Share]:
     """How many of a cell's runs had found themselves so long after the start, or after being carried."""
     begin = cell.course.carried_at or 0.0
     steps = [round((begin + seconds) / step) for seconds in after]

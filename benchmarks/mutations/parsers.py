@@ -3,12 +3,13 @@
 import shutil
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 from actors.floor.map_file import load_map
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import REPOSITORY, SHIPPED
 from actors.instant import START
 from actors.messages import TOPICS, TRANSMIT, ProcessOrder, Transmit
 from actors.processes.launch import Program
@@ -24,14 +25,27 @@ from actors.runtime.process import FinalNote, RunNote
 from actors.runtime.process_setup import setup_bytes
 from actors.runtime.recording import Entry, decoded, read_notes, read_recording
 from actors.world import program as world
-from benchmarks.mutations.devices import device_parsers
 from deeco.replication.packet import unpack
 from deeco.replication.reassembly import Reassembly
 from deploy.fleet.fleet_file import load_fleet
 from deploy.run import plan, swarm
 from deploy.run.options import RunOptions
-from deploy.run.plan import Plan
+from deploy.run.plan import RunPlan
 from deploy.scenario.scenario_file import Overrides, load_scenario
+from firmware_bridge.beeclick import answers, commands, sentence
+from firmware_bridge.beeclick.answers import PacketSent, ReceivedPacket, Synchronised
+from firmware_bridge.beeclick.reader import Reader
+from firmware_bridge.beeclick.wire import NoiseError
+from firmware_bridge.kobuki import frame
+from firmware_bridge.kobuki.packets import UDID, BaseControl, Inertial
+from firmware_bridge.kobuki.wire import (
+    MalformedError,
+    decode_commands,
+    decode_feedback,
+    encode_command,
+    encode_feedback,
+)
+from firmware_bridge.range_sensors.rplidar_wire import Sample, SampleReader
 from observation.field_trial.laboratory_truth import read_truth
 from observation.field_trial.recordings import read_field_trial
 from observation.replay.record_check import check
@@ -51,7 +65,7 @@ class Parser:
 def parsers(scratch: Path, run: Path | None = None) -> Iterator[Parser]:
     """All of them; `scratch` is an empty folder to work in. `run`: the folder of a run to begin with."""
     out = scratch / "run"
-    scenario = load_scenario(REPOSITORY / "scenarios" / "head_on.toml", Overrides(duration=5.0))
+    scenario = load_scenario(SHIPPED / "scenarios" / "head_on.toml", Overrides(duration=5.0))
     planned = swarm.plan(scenario, RunOptions(out, bus="memory"))
     if run is not None:
         shutil.copytree(run, out)
@@ -114,8 +128,8 @@ def _files(out: Path, scratch: Path) -> Iterator[Parser]:
     (scratch / "world").mkdir()
     router_file.write(scratch / "router.json", credentials.issue({"r1": robot}, scratch / "world"))
     readers: tuple[tuple[str, Iterable[Path], Callable[[Path], object]], ...] = (
-        ("scenario", (REPOSITORY / "scenarios").glob("*.toml"), load_scenario),
-        ("fleet", (REPOSITORY / "fleets").glob("*.toml"), load_fleet),
+        ("scenario", (SHIPPED / "scenarios").glob("*.toml"), load_scenario),
+        ("fleet", (SHIPPED / "fleets").glob("*.toml"), load_fleet),
         (
             "robot model",
             (REPOSITORY / "actors" / "models").glob("*.toml"),
@@ -134,7 +148,7 @@ def _files(out: Path, scratch: Path) -> Iterator[Parser]:
     yield Parser("image of a map", (image,), through)
 
 
-def _setups(planned: Plan, scratch: Path) -> Iterator[Parser]:
+def _setups(planned: RunPlan, scratch: Path) -> Iterator[Parser]:
     robot = planned.world.robots[0]
     readers: tuple[tuple[str, Program, Callable[[Path], object]], ...] = (
         ("set-up of a world", plan.world_program(planned), world.load_setup),
@@ -161,3 +175,45 @@ def _through_a_file(path: Path, reader: Callable[[Path], object]) -> Callable[[b
         return reader(path)
 
     return parse
+
+
+Made = tuple[str, tuple[bytes, ...], Callable[[bytes], object]]
+"""A parser's name, its seeds, and what reads bytes; noise on a wire is no error there."""
+
+
+def device_parsers() -> Iterator[Made]:
+    """Of the radio board, the base and the lidar; a depth image is an array of a fixed size."""
+    said = answers.encode(Synchronised()) + b"".join(
+        answers.encode(ReceivedPacket(1, 2, 30, 200, 7, bytes(range(n))))
+        + answers.encode(PacketSent(n, True))
+        for n in range(10)
+    )
+    yield "board's answers", (said,), _answers
+    ordered = (commands.encode(commands.SendPacket(3, b"hello")), commands.encode(commands.SetChannel(4)))
+    yield "board's commands", ordered, _noisy(commands.decode)
+    yield (
+        "board's sentence",
+        (b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A\r\n",),
+        (sentence.parse),
+    )
+    payload = encode_feedback(Inertial(5, -7)) + encode_feedback(UDID((1, 2, 3)))
+    yield "base's frames", (frame.encode(payload) * 4,), frame.FrameReader(decode_feedback).take
+    yield "base's packets", (payload,), _noisy(decode_feedback)
+    yield "base's commands", (encode_command(BaseControl(100, 0)),), _noisy(decode_commands)
+    turn = b"".join(Sample(angle == 0, 20, angle * 64, 4000).encode() for angle in range(360))
+    yield "lidar's samples", (turn,), SampleReader().take
+
+
+def _noisy(decode: Callable[[bytes], object]) -> Callable[[bytes], object]:
+    def parse(data: bytes) -> None:
+        with suppress(NoiseError, MalformedError):
+            decode(data)
+
+    return parse
+
+
+def _answers(data: bytes) -> None:
+    reader = Reader()
+    reader.feed(data)
+    while reader.next(True, (1, 2, 3)) is not None:
+        pass

@@ -1,19 +1,29 @@
 """Runs that measure navigation: robots strewn over a floor plan, each with random goals, as scenarios."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 
 from actors.floor.map_file import load_map
 from actors.floor.placement import draw_points
 from actors.randomness import generator
 from actors.robot_model import RobotModel, load_model
-from benchmarks.navigation import goal_log, goal_orders
+from actors.world.world_setup import WorldSetup
+from benchmarks.navigation import goal_log
+from benchmarks.navigation.goal_log import SUBJECT, LoggedGoal
+from benchmarks.statistics.runs import in_memory
 from deploy.scenario.scenario_file import parse
 from deploy.scenario.tables import Scenario
 from deploy.scenario.toml_text import document
+from observation.accounting.tracks import Tracks, tracks_of
+from observation.evidence.recorded import outcomes
+from observation.evidence.run_reader import read_run
+from observation.results.navigation_result import NavigationOutcome, navigation_outcome
+from observation.results.result import RunResult
 
 MODEL: Final = "turtlebot2"
 """The chapter's robot, a disc."""
@@ -68,7 +78,7 @@ def scenario(course: NavigationCourse) -> Scenario:
             "seed": course.seed,
             "strategy": goal_log.ENTRY,
         },
-        "strategy": {goal_log.LOGGED: goal_orders.ENTRY},
+        "strategy": {goal_log.LOGGED: goal_log.ERRANDS},
         "robots": {"count": course.robots, "model": MODEL},
         "places": {"preset": "listed"},
         **_presets(course),
@@ -80,3 +90,37 @@ def scenario(course: NavigationCourse) -> Scenario:
 def _presets(course: NavigationCourse) -> dict[str, Any]:
     named = {"localisation": course.localisation, "navigation": course.navigation}
     return {table: {"preset": preset} for table, preset in named.items() if preset is not None}
+
+
+@dataclass(frozen=True, eq=False)
+class WatchedRun:
+    """What there is to know about a run."""
+
+    world: WorldSetup
+    """What the world was told, with everything that was drawn."""
+    result: RunResult
+    tracks: Tracks
+    goals: Mapping[str, list[LoggedGoal]]
+    """The log of each robot's goals; none for a behaviour without such a log."""
+    navigation: Mapping[str, NavigationOutcome]
+    """What each robot's navigation has to say; robots without a word are absent."""
+
+
+def watch(scenario: Scenario) -> WatchedRun:
+    """Run a scenario in this process, and watch. Raises an AcrcError where it cannot be run."""
+    with in_memory(scenario) as (plan, result):
+        tracks = tracks_of(read_run(plan.out))
+        records = {robot.id: plan.folder(robot.id) / f"{robot.id}.mcap" for robot in plan.world.robots}
+        said = {robot: outcomes(record) for robot, record in records.items()}
+    navigation = {robot: navigation_outcome(records[robot], outcome) for robot, outcome in said.items()}
+    return WatchedRun(
+        plan.world,
+        result,
+        tracks,
+        {robot: _goals(outcome) for robot, outcome in said.items()},
+        {robot: outcome for robot, outcome in navigation.items() if outcome is not None},
+    )
+
+
+def _goals(outcome: Mapping[str, msgspec.Raw]) -> list[LoggedGoal]:
+    return msgspec.json.decode(outcome[SUBJECT], type=list[LoggedGoal]) if SUBJECT in outcome else []

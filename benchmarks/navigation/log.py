@@ -1,11 +1,10 @@
 """What a robot's navigation decided, cycle by cycle, and from what; see docs/navigation-log.md.
 
-A run in memory, of which one robot is then executed again from its recording: what it decides is the same,
+A run in memory, of which one robot is then replayed from its recording: what it decides is the same,
 byte by byte, and somebody looks on.
 """
 
 import json
-import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -26,8 +25,7 @@ from actors.runtime.core import Core, at
 from actors.runtime.recording import Entry, read_recording
 from benchmarks.localisation.log import map_members, pack
 from benchmarks.navigation.course import NavigationCourse, body, scenario
-from deploy.run import swarm
-from deploy.run.options import RunOptions
+from benchmarks.statistics.runs import in_memory
 from observation.replay.record_replay import Onlook, replay_actor
 
 FORMAT: Final = "acrc-navigation-log"
@@ -50,13 +48,9 @@ class Written:
 
 def write(file: Path, course: NavigationCourse, robot: str = "r1") -> Written:
     """Run the course, and write down what one robot decided. Raises LogError."""
-    with tempfile.TemporaryDirectory(prefix="acrc-") as name:
-        out = Path(name) / "run"
-        plan = swarm.plan(scenario(course), RunOptions(out, bus="memory"))
-        swarm.run_in_memory(plan, lambda progress: None)
-        cycles, scans = _cycles(out, robot), _scans(out, robot)
-        stack = plan.stack
-    members, written = _members(course, stack, cycles)
+    with in_memory(scenario(course)) as (plan, _):
+        cycles, scans = _cycles(plan.out, robot), _scans(plan.out, robot)
+    members, written = _members(course, plan.stack, cycles)
     members["scans.csv"] = "\n".join([_scan_columns(), *scans, ""])
     pack(file, members)
     return written

@@ -11,16 +11,15 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from benchmarks.navigation import goal_log
 from benchmarks.navigation import log as cycle_log
 from benchmarks.navigation.course import NavigationCourse
 from benchmarks.navigation.run import Leg, RunFigures, measure
-from benchmarks.statistics.confidence import proportion
-from benchmarks.statistics.measured import Measured
-from benchmarks.statistics.pool import in_order
+from benchmarks.statistics.measured import Measured, proportion
+from benchmarks.statistics.runs import in_order
 
-MAPS: Final = tuple(REPOSITORY / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))
+MAPS: Final = tuple(SHIPPED / "maps" / f"{name}.yaml" for name in ("corridor", "maze", "apartment"))
 ROBOTS: Final = (1, 4)
 SPEED: Final = 0.5
 """With which the shortest way is thought to be driven, m/s: DWA max_vel_x of d3scomp/ROSRemote."""

@@ -10,12 +10,17 @@ from actors.floor.map_file import load_map
 from actors.geometry import Point
 from actors.instant import in_seconds
 from benchmarks.navigation import goal_log
-from benchmarks.navigation.approach import closest, robot_gaps, touches, wall_gaps
-from benchmarks.navigation.course import NavigationCourse, body, scenario
+from benchmarks.navigation.course import NavigationCourse, WatchedRun, body, scenario, watch
 from benchmarks.navigation.goal_log import LoggedGoal
-from benchmarks.navigation.retracing import RetracingError, retrace
-from benchmarks.navigation.shortest_way import ShortestWays
-from benchmarks.navigation.tracks import WatchedRun, watch
+from benchmarks.navigation.yardsticks import (
+    RetracingError,
+    ShortestWays,
+    closest,
+    retrace,
+    robot_gaps,
+    touches,
+    wall_gaps,
+)
 
 REACH: Final = 0.5
 """d3scomp/deeco-adaptation-testbed, REACHED_POS_THRESH_M, m."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from benchmarks.processors.computer import Computer
 
 MINORS: Final = (11, 12, 13, 14)
@@ -48,7 +48,7 @@ def pins(minor: int) -> list[str]:
     """The base's and the simulator's packages with their hashes, as they are pinned for Python 3.`minor`."""
     chosen: list[str] = []
     section = ""
-    for line in (REPOSITORY / "constraints.txt").read_text().replace("\\\n", " ").splitlines():
+    for line in (SHIPPED / "constraints.txt").read_text().replace("\\\n", " ").splitlines():
         if line.startswith("# ["):
             section = line[3:].partition("]")[0]
         elif line and not line.startswith("#") and section in {"base", "sim"}:

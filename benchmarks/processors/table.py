@@ -7,9 +7,9 @@ from typing import Final
 
 from rich.console import Console
 
-from actors.installation.repository import REPOSITORY
-from benchmarks.processors import aarch64, here, pythons
-from benchmarks.processors.computer import Computer, RunOutcome, RunTask, make
+from actors.installation.repository import REPOSITORY, SHIPPED
+from benchmarks.processors import aarch64, pythons
+from benchmarks.processors.computer import Computer, RunOutcome, RunTask, here, make
 from benchmarks.statistics.measured import Measured
 
 _BUILT: Final = REPOSITORY / ".processors"
@@ -33,7 +33,7 @@ class ProcessorRow:
 def tasks(seconds: float, crowd_seconds: float) -> list[RunTask]:
     """The house test's crowd, with a contact every second, and the chapter's four robots."""
     crowd = RunTask("crowd", REPOSITORY / "tests" / "swarm" / "crowd.toml", crowd_seconds)
-    chapter = RunTask("chapter", REPOSITORY / "scenarios" / "chapter.toml", seconds, robots=4)
+    chapter = RunTask("chapter", SHIPPED / "scenarios" / "chapter.toml", seconds, robots=4)
     return [crowd, chapter]
 
 
@@ -43,7 +43,7 @@ def computers(folder: Path, install: bool, only: Sequence[str] = ()) -> Iterable
     def wanted(name: str) -> bool:
         return not only or any(word in name for word in only)
 
-    yield from (computer for computer in here.computers() if wanted(computer.name))
+    yield from (one for one in here() if wanted(one.name))
     yield from pythons.computers(folder, wanted)
     if wanted(aarch64.NAME):
         yield aarch64.computer(folder, install)
@@ -57,9 +57,9 @@ def measure(
 ) -> list[ProcessorRow]:
     """Make every run; each row is told as soon as it is known."""
     rows = []
-    for computer in candidates:
-        outcomes = {task.title: make(task, computer, folder / "runs", _PATIENCE_S) for task in wanted}
-        rows.append(ProcessorRow(computer.name, outcomes))
+    for one in candidates:
+        outcomes = {task.title: make(task, one, folder / "runs", _PATIENCE_S) for task in wanted}
+        rows.append(ProcessorRow(one.name, outcomes))
         on_row(rows[-1])
     return rows
 

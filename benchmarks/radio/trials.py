@@ -91,9 +91,15 @@ def scene(family: str, settings: Mapping[str, str]) -> TrialScene:
     hidden = family.startswith("d_hidden")
     table = _hidden(10.0 if family.endswith("delta10dB") else 0.0) if hidden else _equal(senders)
     stage = TrialScene(
-        table, table.places, NS3.phy, transceiver, int(settings["psdu"]), load, family.endswith("_ack"),
-        60 if hidden else 20 if senders >= 35 else 30,
-    )  # fmt: skip
+        propagation=table,
+        places=table.places,
+        phy=NS3.phy,
+        settings=transceiver,
+        octets=int(settings["psdu"]),
+        load=load,
+        acknowledged=family.endswith("_ack"),
+        seconds=60 if hidden else 20 if senders >= 35 else 30,
+    )
     if family != "c_contention_spatial60m":
         return stage
     return replace(
@@ -192,7 +198,16 @@ def _capture(settings: Mapping[str, str], frames: int) -> Mapping[str, Reference
     late = round(float(settings["offset_us"]) * 1000)
     table = _hidden(float(settings["delta_db"]))
     transceiver = replace(NS3.transceiver, min_be=0)
-    stage = TrialScene(table, table.places, NS3.phy, transceiver, first, math.inf, False, 0)
+    stage = TrialScene(
+        propagation=table,
+        places=table.places,
+        phy=NS3.phy,
+        settings=transceiver,
+        octets=first,
+        load=math.inf,
+        acknowledged=False,
+        seconds=0,
+    )
     requests = _forced(
         lambda k: [Request(k, 0, first), Request(k + late, 1, second)],
         frames,

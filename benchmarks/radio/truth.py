@@ -46,7 +46,7 @@ _BACKLOGGED: Final = tuple(
 
 
 @dataclass(frozen=True)
-class Comparison:
+class FigureComparison:
     """One figure of one point."""
 
     point: str
@@ -91,7 +91,7 @@ def check(data: Path | None = None, runs: int = 10) -> Measured:
         says = f"One backlogged sender: within {worst:.3%} of the closed formula."
         return Measured({"throughput_error": worst}, (says,), worst <= THROUGHPUT_GOAL)
     console = Console(stderr=True)
-    families: dict[str, list[Comparison]] = {}
+    families: dict[str, list[FigureComparison]] = {}
     numbers: dict[str, int] = {}
     throughput: list[float] = []
     for family in FAMILIES:
@@ -115,7 +115,7 @@ def check(data: Path | None = None, runs: int = 10) -> Measured:
 
 
 def _judged(
-    families: Mapping[str, Sequence[Comparison]], numbers: Mapping[str, int], worst: float, runs: int
+    families: Mapping[str, Sequence[FigureComparison]], numbers: Mapping[str, int], worst: float, runs: int
 ) -> Measured:
     """`worst`: throughput error; `numbers`: points by family."""
     agreements = [agreement(family, numbers[family], found) for family, found in families.items()]
@@ -151,13 +151,13 @@ def _judged(
 
 def compare(
     point: OperatingPoint, figure: str, reference: ReferenceEstimate, own: ReferenceEstimate
-) -> Comparison:
+) -> FigureComparison:
     """One figure on both sides."""
     difference = own.value - reference.value
     error, freedom = combined(reference, own)
     t = _ratio(difference, error)
     latency = figure in LATENCIES
-    return Comparison(
+    return FigureComparison(
         point=str(point),
         figure=figure,
         reference=reference.value,
@@ -190,7 +190,7 @@ def formula_kbps(point: OperatingPoint) -> float:
     return 8 * (octets - NS3_MAC_OCTETS) * 62.5 / symbols
 
 
-def agreement(family: str, number: int, found: Sequence[Comparison]) -> Agreement:
+def agreement(family: str, number: int, found: Sequence[FigureComparison]) -> Agreement:
     """What a family's comparisons come to."""
     telling = [comparison for comparison in found if comparison.informative]
     worst = max(telling, key=lambda comparison: abs(comparison.z), default=None)

@@ -1,4 +1,4 @@
-"""One swarm in memory, recorded as any run: CPU and bytes of recording it, and one robot executed again."""
+"""One swarm in memory, recorded as any run: CPU and bytes of recording it, and one robot replayed."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -22,11 +22,11 @@ GOAL_SHARE: Final = 0.15
 GOAL_MB: Final = 20.0
 """Per simulated minute, all processes together, at most."""
 GOAL_SPEED: Final = 200.0
-"""Times real time, at least: one robot executed again."""
+"""Times real time, at least: one robot replayed."""
 
 
 @dataclass(frozen=True)
-class Found:
+class RecordingFigures:
     """What one swarm's recordings came to."""
 
     robots: int
@@ -39,7 +39,7 @@ class Found:
     lost: int
     """Messages that were sent and arrived nowhere."""
     replayed: str
-    """The robot that was executed again."""
+    """The robot that was replayed."""
     outputs: int
     """Its messages, all equal to the recorded ones; ReplayError otherwise."""
     replay_speed: float
@@ -61,7 +61,7 @@ def measure(robots: Sequence[int] = (20,), duration: float = 600.0) -> Measured:
     )
 
 
-def row(found: Found) -> dict[str, object]:
+def row(found: RecordingFigures) -> dict[str, object]:
     """What is printed: each figure with its goal."""
     return {
         "robots": found.robots,
@@ -75,7 +75,7 @@ def row(found: Found) -> dict[str, object]:
     }
 
 
-def figures(robots: int, seconds: float, robot: str) -> Found:
+def figures(robots: int, seconds: float, robot: str) -> RecordingFigures:
     """One run of the chapter's scenario, with the recorder clocked and nothing else."""
     cost = part_clock.overhead()
     clock = PartClock()
@@ -97,10 +97,17 @@ def figures(robots: int, seconds: float, robot: str) -> Found:
     run_ns = clock.total_ns - clocking_ns
     spent_ns = account.spent_ns - account.calls * cost.inside_ns
     minutes = result.simulated_s / 60
-    return Found(
-        robots, result.simulated_s, run_ns / 1e9, spent_ns / run_ns, size / 1e6 / minutes,
-        result.undelivered, robot, outputs, result.simulated_s / replay_s,
-    )  # fmt: skip
+    return RecordingFigures(
+        robots=robots,
+        simulated_s=result.simulated_s,
+        run_cpu_s=run_ns / 1e9,
+        share=spent_ns / run_ns,
+        mb_per_minute=size / 1e6 / minutes,
+        lost=result.undelivered,
+        replayed=robot,
+        outputs=outputs,
+        replay_speed=result.simulated_s / replay_s,
+    )
 
 
 def _replayed(out: Path, robot: str) -> tuple[int, float]:

@@ -2,35 +2,31 @@
 
 import random
 import shutil
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from actors.runtime.errors import AcrcError
 from benchmarks.statistics.measured import Measured, table_of
-from deploy.run import swarm
-from deploy.run.options import RunOptions
+from benchmarks.statistics.runs import in_memory
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.replay import record_check
 from observation.results.seal import SUMS
 
-_SCENARIO: Final = REPOSITORY / "scenarios" / "head_on.toml"
+_SCENARIO: Final = SHIPPED / "scenarios" / "head_on.toml"
 _SECONDS: Final = 2.0
 
 
 def check(runs: int = 200, seed: int = 1) -> Measured:
     """Damage so many copies, in ways and files drawn from the seed; it holds where each file is named."""
     draw, rows = random.Random(seed), []
-    with tempfile.TemporaryDirectory(prefix="acrc-") as folder:
-        whole = Path(folder) / "run"
-        options = RunOptions(whole, bus="memory", json=True)
-        swarm.run(load_scenario(_SCENARIO, Overrides(duration=_SECONDS)), options)
+    with in_memory(load_scenario(_SCENARIO, Overrides(duration=_SECONDS))) as (plan, _):
+        whole = plan.out
         record_check.check(whole)
         files = sorted(path.relative_to(whole) for path in whole.rglob("*") if _is_sealed(path))
         for number in range(runs):
-            copy, name = Path(folder) / str(number), draw.choice(files)
+            copy, name = whole.with_name(str(number)), draw.choice(files)
             shutil.copytree(whole, copy, symlinks=True)
             how = draw.choice(sorted(_DAMAGES))
             _DAMAGES[how](copy / name, draw)

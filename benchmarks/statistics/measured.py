@@ -1,12 +1,16 @@
-"""What a benchmark measured, or the check of a claim found: for programs, for people, and a verdict."""
+"""What a benchmark or a check found: figures, tables, goals, intervals, and a verdict."""
 
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from statistics import NormalDist, mean, stdev
+from typing import Any, Final, NamedTuple
 
 from rich.console import Console
 from rich.table import Table
+
+from observation.field_trial.clocks.student_t import quantile
 
 _WIDTH: Final = 250
 """Characters that the widest table needs, where no terminal says how wide it is."""
@@ -30,9 +34,68 @@ class Measured:
             console.print(one, highlight=False, markup=False, soft_wrap=isinstance(one, str))
 
 
+@dataclass(frozen=True)
+class SpeedGoal:
+    """A goal, beside what was reached."""
+
+    words: str
+    figure: float
+    goal: float
+    met: bool
+
+    def __str__(self) -> str:
+        """A sentence."""
+        figure = f"{self.figure:,.0f}" if abs(self.figure) >= 1000 else f"{self.figure:.4g}"
+        return f"goal, {self.words}: {figure}, {'met' if self.met else 'MISSED'}"
+
+
+def at_least(what: str, figure: float, goal: float) -> SpeedGoal:
+    """That the figure is no less than the goal."""
+    return SpeedGoal(f"{what}, at least {goal:,.6g}", figure, goal, figure >= goal)
+
+
+def at_most(what: str, figure: float, goal: float) -> SpeedGoal:
+    """That the figure is no more than the goal."""
+    return SpeedGoal(f"{what}, at most {goal:,.6g}", figure, goal, figure <= goal)
+
+
 def table_of(rows: Sequence[Mapping[str, object]], title: str) -> Table:
     """The rows, at least one, as a table; each has the same columns, by name, in this order."""
     table = Table(*rows[0], title=title)
     for row in rows:
         table.add_row(*map(str, row.values()))
     return table
+
+
+_PROBABILITY: Final = 0.975
+
+
+class ConfidenceInterval(NamedTuple):
+    """An estimate and how far it may be off."""
+
+    value: float
+    low: float
+    high: float
+
+
+def proportion(successes: int, trials: int) -> ConfidenceInterval:
+    """The share of successes in `trials` > 0 independent trials.
+
+    Wilson's score interval (Wilson, "Probable inference, the law of succession, and statistical inference",
+    JASA 22, 1927), which holds for few trials and for shares of 0 and 1, too.
+    """
+    z = NormalDist().inv_cdf(_PROBABILITY)
+    share = successes / trials
+    scale = 1 + z * z / trials
+    centre = (share + z * z / (2 * trials)) / scale
+    half = z / scale * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
+    return ConfidenceInterval(share, max(centre - half, 0.0), min(centre + half, 1.0))
+
+
+def average(values: Sequence[float]) -> ConfidenceInterval:
+    """The mean of independent values, at least one; Student's t interval, infinite for one value."""
+    middle = mean(values)
+    if len(values) < 2:
+        return ConfidenceInterval(middle, -math.inf, math.inf)
+    half = quantile(_PROBABILITY, len(values) - 1) * stdev(values) / math.sqrt(len(values))
+    return ConfidenceInterval(middle, middle - half, middle + half)

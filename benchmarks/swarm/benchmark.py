@@ -14,11 +14,11 @@ from rich.console import Console
 from actors.runtime.errors import AcrcError
 from benchmarks.statistics.measured import Measured
 from benchmarks.swarm import part_clock, tables
-from benchmarks.swarm.budget import with_processes
-from benchmarks.swarm.figures import IdleFigures, SwarmFigures, judged, traffic
 from benchmarks.swarm.in_memory import in_memory, plain_ms
 from benchmarks.swarm.over_mesh import MeshFigures, over_mesh, plain_mesh_ms
+from benchmarks.swarm.part_clock import with_processes
 from benchmarks.swarm.ping_pong.players import played
+from benchmarks.swarm.tables import IdleFigures, SwarmFigures, judged, traffic
 from benchmarks.swarm.task import SwarmTask
 from benchmarks.swarm.timeline import command as timelines
 

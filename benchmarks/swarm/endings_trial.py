@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 from actors.installation.repository import REPOSITORY
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
-from benchmarks.statistics.command_line import ACRC, answer
+from benchmarks.statistics.runs import ACRC, answer
 
 MODES: Final = {
     "forkserver": ("--no-isolate",),
@@ -51,7 +51,7 @@ class EndingsTask:
     """After so long a run counts as hung, s."""
 
 
-class Deed(NamedTuple):
+class EndingDeed(NamedTuple):
     """What is done to a run."""
 
     mode: str
@@ -67,7 +67,7 @@ class Deed(NamedTuple):
 class Ending(NamedTuple):
     """What came of it."""
 
-    deed: Deed
+    deed: EndingDeed
     came: str
     """ended, went on, or missed: the run was over, or its victim not there yet."""
     faults: tuple[str, ...]
@@ -75,20 +75,20 @@ class Ending(NamedTuple):
     said: str
 
 
-def deed(number: int, task: EndingsTask) -> Deed:
+def deed(number: int, task: EndingsTask) -> EndingDeed:
     """The n-th deed; it follows from the task's seed.
 
     The first ones are a run, started in each way, that is stopped as a whole for as long as any is.
     """
     if number < len(MODES):
-        return Deed(tuple(MODES)[number], signal.SIGSTOP, _ALL, task.window / 2, task.longest_stop)
+        return EndingDeed(tuple(MODES)[number], signal.SIGSTOP, _ALL, task.window / 2, task.longest_stop)
     draw = random.Random(f"{task.seed} {number}")
     what = draw.choice(DEEDS)
     anyone = (_PARENT, _FORKSERVER, *SWARM)
     victims = {signal.SIGSTOP: (*anyone, _ALL), signal.SIGKILL: anyone, signal.SIGTERM: (_PARENT, *SWARM)}
     hold = draw.uniform(task.shortest_stop, task.longest_stop) if what is signal.SIGSTOP else 0.0
     victim = draw.choice(victims.get(what, (_PARENT,)))
-    return Deed(draw.choice(list(MODES)), what, victim, draw.uniform(0.0, task.window), hold)
+    return EndingDeed(draw.choice(list(MODES)), what, victim, draw.uniform(0.0, task.window), hold)
 
 
 def run_words(out: Path, mode: str, task: EndingsTask) -> list[str]:
@@ -97,7 +97,7 @@ def run_words(out: Path, mode: str, task: EndingsTask) -> list[str]:
     return ["run", *words, *MODES[mode], "--out", str(out)]
 
 
-def attempt(one: Deed, task: EndingsTask, digest: str) -> Ending:
+def attempt(one: EndingDeed, task: EndingsTask, digest: str) -> Ending:
     """Start a run, do it, and look at what is left; a run that goes on must have this digest."""
     folder = Path(tempfile.mkdtemp(prefix="acrc-"))
     out = folder / "out"
@@ -135,7 +135,7 @@ def actor_of(pid: int, out: Path) -> str:
     return log.stem if log.is_relative_to(out) else ""
 
 
-def _do(one: Deed, process: "subprocess.Popen[str]", out: Path) -> bool:
+def _do(one: EndingDeed, process: "subprocess.Popen[str]", out: Path) -> bool:
     """Do it to whoever is there; False if the run ends before anybody is."""
     chosen: list[int] = []
     while not chosen:
@@ -169,7 +169,7 @@ def _role(pid: int, parent: int, out: Path) -> str:
     return actor or (_FORKSERVER if b"actors.processes.forkserver" in command else "")
 
 
-def _wrong_words(one: Deed, came: str, code: int, said: str) -> Sequence[str]:
+def _wrong_words(one: EndingDeed, came: str, code: int, said: str) -> Sequence[str]:
     """Whether exit code and last line say what was done."""
     last = said.strip().splitlines()[-1] if said.strip() else ""
     if came != "ended":

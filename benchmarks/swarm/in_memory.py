@@ -9,8 +9,7 @@ from unittest.mock import patch
 from actors.runtime.bus.memory_bus import run_shells
 from actors.runtime.shell import Shell
 from benchmarks.swarm import part_clock, parts
-from benchmarks.swarm.budget import Line, budget
-from benchmarks.swarm.part_clock import PartClock
+from benchmarks.swarm.part_clock import BudgetLine, PartClock, budget
 from benchmarks.swarm.task import SwarmTask, planned
 from deploy.run import memory_swarm, swarm
 from observation.results.result import RunResult
@@ -25,7 +24,7 @@ class MemoryFigures:
     real_time_factor: float
     ms: float
     """CPU per robot and simulated second, ms, with nothing measured inside."""
-    lines: list[Line]
+    lines: list[BudgetLine]
     """The same by part, from another run, without what the clock cost."""
     clock_ms: float
     """What the clock is held to have cost in that run."""
@@ -58,14 +57,14 @@ def in_memory(count: int, task: SwarmTask, clock_cost: part_clock.Overhead) -> M
     robot_s = count * result.simulated_s
     lines, clock_ms = budget(clock.accounts, clock.total_ns, clock_cost, robot_s)
     return MemoryFigures(
-        result.real_time_factor,
-        spent_ns / robot_s / 1e6,
-        lines,
-        clock_ms,
-        clock.total_ns / robot_s / 1e6,
-        result.simulated_s,
-        result.frames,
-        result.deeco.counters,
+        real_time_factor=result.real_time_factor,
+        ms=spent_ns / robot_s / 1e6,
+        lines=lines,
+        clock_ms=clock_ms,
+        clocked_ms=clock.total_ns / robot_s / 1e6,
+        simulated_s=result.simulated_s,
+        frames=result.frames,
+        node=result.deeco.counters,
     )
 
 

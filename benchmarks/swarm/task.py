@@ -14,10 +14,10 @@ import numpy as np
 
 from actors.floor.map_file import load_map
 from actors.floor.placement import draw_points
-from actors.installation.repository import REPOSITORY
+from actors.installation.repository import SHIPPED
 from deploy.run import swarm
 from deploy.run.options import RunOptions
-from deploy.run.plan import Plan
+from deploy.run.plan import RunPlan
 from deploy.scenario.placement import SpotError
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from deploy.scenario.tables import Scenario
@@ -39,7 +39,7 @@ class SwarmTask:
     Own choice: with it the default swarms take less than five minutes on two cores."""
     repeat: int = 3
     """Runs over Zenoh whose median counts, after one that weighs the processes and warms up the machine."""
-    scenario: Path = REPOSITORY / "scenarios" / "chapter.toml"
+    scenario: Path = SHIPPED / "scenarios" / "chapter.toml"
 
     def simulated_s(self, robots: int) -> float:
         """Simulated time of a run of so many robots; at least two seconds, whatever the budget."""
@@ -63,7 +63,7 @@ class Range:
 
 
 @contextmanager
-def planned(count: int, task: SwarmTask, bus: str) -> Iterator[Plan]:
+def planned(count: int, task: SwarmTask, bus: str) -> Iterator[RunPlan]:
     """The run, in a folder that is gone afterwards."""
     overrides = Overrides(robots=count, duration=task.simulated_s(count))
     with tempfile.TemporaryDirectory(prefix="acrc-") as folder:

@@ -7,7 +7,6 @@ from statistics import median
 import numpy as np
 import pymunk
 from numpy.typing import NDArray
-from rich.table import Table
 
 from actors.floor.grid import outline
 from actors.floor.map_file import load_map
@@ -15,8 +14,8 @@ from actors.geometry import Pose
 from actors.messages import NO_ECHO_MM
 from actors.robot_model import scan_angles
 from actors.world.sensing import RangeSensors
-from benchmarks.statistics.cpu_time import best
-from benchmarks.statistics.measured import Measured
+from benchmarks.statistics.measured import Measured, at_least, at_most, table_of
+from benchmarks.statistics.runs import best
 from benchmarks.world.plain_swarm import strewn, turtlebot
 
 
@@ -55,25 +54,34 @@ def measure(map_file: Path, task: ScanTask | None = None) -> Measured:
     """The speeds for each number of rays on that map."""
     task = task or ScanTask()
     speeds = [_measure(map_file, rays, task) for rays in task.rays]
-    met = all(
-        speed.ratio >= task.ratio_goal and speed.median_difference_mm <= task.difference_goal_mm
+    goals = [
+        goal
         for speed in speeds
-    )
-    figures = {"task": asdict(task), "speeds": [asdict(speed) for speed in speeds], "goal_met": met}
-    columns = ("rays", "scans per CPU second", "pymunk", "ratio", "median difference", "beyond 5 mm")
-    table = Table(*columns)
-    table.title = f"scans by {task.robots} robots on {map_file.name}"
-    for speed in speeds:
-        table.add_row(
-            str(speed.rays),
-            f"{speed.scans_per_second:,.0f}",
-            f"{speed.pymunk_scans_per_second:,.0f}",
-            f"{speed.ratio:.0f}",
-            f"{speed.median_difference_mm:.2f} mm",
-            f"{speed.disagreements:.2%}",
+        for goal in (
+            at_least(f"times pymunk with {speed.rays} rays", speed.ratio, task.ratio_goal),
+            at_most(
+                f"mm from pymunk with {speed.rays} rays", speed.median_difference_mm, task.difference_goal_mm
+            ),
         )
-    goal = f"at least {task.ratio_goal:g} times pymunk, at most {task.difference_goal_mm:g} mm"
-    return Measured(figures, (table, f"goal, {goal}: {'met' if met else 'MISSED'}"))
+    ]
+    figures = {
+        "task": asdict(task),
+        "speeds": [asdict(speed) for speed in speeds],
+        "goal_met": all(goal.met for goal in goals),
+    }
+    title = f"scans by {task.robots} robots on {map_file.name}"
+    return Measured(figures, (table_of(list(map(_row, speeds)), title), *map(str, goals)))
+
+
+def _row(one: ScanSpeed) -> dict[str, str]:
+    return {
+        "rays": str(one.rays),
+        "scans per CPU second": f"{one.scans_per_second:,.0f}",
+        "pymunk": f"{one.pymunk_scans_per_second:,.0f}",
+        "ratio": f"{one.ratio:.0f}",
+        "median difference": f"{one.median_difference_mm:.2f} mm",
+        "beyond 5 mm": f"{one.disagreements:.2%}",
+    }
 
 
 def _measure(map_file: Path, rays: int, task: ScanTask) -> ScanSpeed:
@@ -83,7 +91,7 @@ def _measure(map_file: Path, rays: int, task: ScanTask) -> ScanSpeed:
     everyone, where, nothing = range(task.robots), np.array(poses), np.empty((0, 3))
     sensors = RangeSensors(grid, [model] * task.robots, rng.spawn(task.robots))
     sensor, radius = model.sensor, model.footprint.circumradius
-    peer = _Peer(outline(grid), poses, radius, scan_angles(sensor), sensor.x, sensor.range_max)
+    peer = _PymunkScene(outline(grid), poses, radius, scan_angles(sensor), sensor.x, sensor.range_max)
     ours = task.robots / best(lambda: sensors, lambda it: it.scan(everyone, where, nothing), task.repeats)
     theirs = task.robots / best(lambda: peer, lambda it: list(map(it.scan, everyone)), task.peer_repeats)
     scans = np.array(sensors.scan(everyone, where, nothing), np.float64)
@@ -99,7 +107,7 @@ def _measure(map_file: Path, rays: int, task: ScanTask) -> ScanSpeed:
     )
 
 
-class _Peer:
+class _PymunkScene:
     """The same scene in pymunk, asked ray by ray."""
 
     def __init__(

@@ -24,7 +24,7 @@ class OriginalParameters(CleaningParameters):
 
 
 @dataclass(frozen=True)
-class GivingUpParameters(CleaningParameters):
+class PlainGivingUpParameters(CleaningParameters):
     """What is tried in vain often enough is given up, so that "done or given up" happens (chapter, 7.2.2)."""
 
     no_plan_attempts: int = 3
@@ -45,7 +45,7 @@ def original(start: Start) -> Behaviour:
 
 def giving_up(start: Start) -> Behaviour:
     """The same, but a place is given up once navigation has given it up ten times in a row."""
-    return _plain(start, from_settings(GivingUpParameters, start.settings))
+    return _plain(start, from_settings(PlainGivingUpParameters, start.settings))
 
 
 def _plain(start: Start, parameters: CleaningParameters) -> Behaviour:

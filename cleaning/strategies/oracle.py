@@ -20,10 +20,6 @@ from cleaning.yielding import SteppingAside, Yielding
 from deeco import Instant, adaptation, component, periodic, seconds
 
 
-class OracleError(AcrcError):
-    """The oracle where robots share no memory."""
-
-
 @dataclass(frozen=True)
 class OracleParameters(BiddingParameters):
     """The auction's numbers; a frame is no limit here."""
@@ -56,7 +52,7 @@ class OracleRobot(BiddingRobot):
         """Take over, drop, and give way by what the others know now."""
         board, p, robot = _boards[-1], self.parameters, self
         if len(board.members) < 2 and now >= seconds(1):
-            raise OracleError(
+            raise AcrcError(
                 f"the oracle of {self.id} knows of nobody else; it is an upper bound for runs with "
                 "`--bus memory` and two robots or more, as robots in processes of their own share nothing"
             )

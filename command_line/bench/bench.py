@@ -56,26 +56,30 @@ def bench(
     ] = None,
     robots: Annotated[
         list[int] | None,
-        typer.Option(metavar="N", min=1, max=1000, help="swarm, recordings, relays: use so many robots."),
+        typer.Option(
+            metavar="N", min=1, max=1000, help="swarm, recordings, relays: number of robots. Repeatable."
+        ),
     ] = None,
     duration: Annotated[
-        float | None, typer.Option(metavar="S", min=1, max=3600, help="The same: simulate so long.")
+        float | None,
+        typer.Option(metavar="S", min=1, max=3600, help="swarm, recordings, relays: simulated seconds."),
     ] = None,
     repeat: Annotated[
-        int | None, typer.Option(metavar="N", min=1, max=100, help="swarm: take the median of so many runs.")
+        int | None,
+        typer.Option(metavar="N", min=1, max=100, help="swarm: number of runs whose median counts."),
     ] = None,
     timeline: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="swarm: only draw some steps, for a viewer of Chrome traces."),
+        typer.Option(metavar="FILE", help="swarm: only write a timeline of some steps, as a Chrome trace."),
     ] = None,
     below: Annotated[
         list[float] | None,
-        typer.Option(metavar="DBM", min=-90, max=0, help="relays: try this threshold. May be repeated."),
+        typer.Option(metavar="DBM", min=-90, max=0, help="relays: try this threshold. Repeatable."),
     ] = None,
     seeds: Annotated[
-        int | None, typer.Option(metavar="N", min=1, max=10_000, help="relays: run each from so many seeds.")
+        int | None, typer.Option(metavar="N", min=1, max=10_000, help="relays: number of seeds.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="N", min=0, help="relays: begin with this one.")] = None,
+    seed: Annotated[int | None, typer.Option(metavar="N", min=0, help="relays: first seed.")] = None,
     scenario: Annotated[
         Path | None,
         typer.Option(
@@ -93,7 +97,7 @@ def bench(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Measure time and memory of one part; without a name, say which there are."""
+    """Measure time and memory; without NAME, list what of."""
     from actors.installation.usage import wrong_value
     from benchmarks.claims.verification import told
     from command_line.bench.options import given

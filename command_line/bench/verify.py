@@ -28,18 +28,18 @@ def verify(
     listed: Annotated[bool, typer.Option("--list", help="List the claims, and how long each takes.")] = False,
     full: Annotated[bool, typer.Option("--full", help="Check as much as docs/how-true.md reports.")] = False,
     runs: Annotated[
-        int | None, typer.Option(metavar="N", min=1, max=10_000, help="Make so many runs of each case.")
+        int | None, typer.Option(metavar="N", min=1, max=10_000, help="Number of runs of each case.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="N", min=0, help="Set the random seed.")] = None,
+    seed: Annotated[int | None, typer.Option(metavar="N", min=0, help="Random seed.")] = None,
     duration: Annotated[
-        float | None, typer.Option(metavar="S", min=1, max=3600, help="Simulate so long in each run.")
+        float | None, typer.Option(metavar="S", min=1, max=3600, help="Simulated seconds of each run.")
     ] = None,
     robots: Annotated[
         list[int] | None,
-        typer.Option(metavar="N", min=1, max=500, help="Use so many robots. May be repeated for some."),
+        typer.Option(metavar="N", min=1, max=500, help="Number of robots. Some claims take several."),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(metavar="N", min=1, max=256, help="Run so many at a time.")
+        int | None, typer.Option(metavar="N", min=1, max=256, help="Number of parallel runs.")
     ] = None,
     data: Annotated[
         Path | None, typer.Option(metavar="DIR", help="radio: compare with these rows of ns-3.")
@@ -50,7 +50,9 @@ def verify(
     ] = None,
     against: Annotated[
         Path | None,
-        typer.Option(metavar="JSON", help="localisation --from: compare with another one's results."),
+        typer.Option(
+            metavar="JSON", help="localisation --from: compare with the results of another localisation."
+        ),
     ] = None,
     log: Annotated[
         Path | None,
@@ -58,13 +60,13 @@ def verify(
     ] = None,
     cell: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="localisation: measure these cells. May be repeated."),
+        typer.Option(metavar="NAME", help="localisation: measure these cells. Repeatable."),
     ] = None,
     maps: Annotated[
-        list[Path] | None, typer.Option("--map", metavar="YAML", help="navigation: drive on these maps.")
+        list[Path] | None, typer.Option("--map", metavar="YAML", help="navigation: use this map. Repeatable.")
     ] = None,
     goals: Annotated[
-        int | None, typer.Option(metavar="N", min=1, max=100_000, help="navigation: give so many goals.")
+        int | None, typer.Option(metavar="N", min=1, max=100_000, help="navigation: number of goals.")
     ] = None,
     scenario: Annotated[
         Path | None,
@@ -79,35 +81,38 @@ def verify(
         ),
     ] = None,
     localisation: Annotated[
-        str | None, typer.Option(metavar="PRESET", help="navigation, failures: localise by this preset.")
+        str | None, typer.Option(metavar="PRESET", help="navigation, failures: preset of localisation.")
     ] = None,
     navigation: Annotated[
-        str | None, typer.Option(metavar="PRESET", help="navigation, failures: navigate by this preset.")
+        str | None, typer.Option(metavar="PRESET", help="navigation, failures: preset of navigation.")
     ] = None,
     trials: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, max=1000, help="standstill, sensors: try each case so often."),
+        typer.Option(
+            metavar="N", min=1, max=1000, help="standstill, sensors: number of trials of each case."
+        ),
     ] = None,
     hours: Annotated[
         float | None,
-        typer.Option(metavar="H", min=0, max=1000, help="sensors: drive so long without a fault."),
+        typer.Option(metavar="H", min=0, max=1000, help="sensors: simulated hours without a fault."),
     ] = None,
     size: Annotated[
         int | None,
-        typer.Option("--bytes", metavar="N", min=1, help="mutations, boards: feed so many bytes."),
+        typer.Option("--bytes", metavar="N", min=1, help="mutations, boards: number of bytes."),
     ] = None,
     only: Annotated[
-        list[str] | None, typer.Option(metavar="WORD", help="processors: only those so called.")
+        list[str] | None,
+        typer.Option(metavar="WORD", help="processors: only those with this word in their name. Repeatable."),
     ] = None,
     install: Annotated[
         bool | None, typer.Option("--install", help="processors: let apt-get install an emulator.")
     ] = None,
     json: Json = False,
 ) -> None:
-    """Check what docs/how-true.md claims, in a small size unless --full is given.
+    """Check what docs/how-true.md claims.
 
-    The exit code is 1 if a claim does not hold. --json prints the figures of one claim; of several, an
-    object with those of each.
+    Checks are small unless --full is given. The exit code is 1 if a claim does not hold. --json prints the
+    figures of one claim; of several, an object with those of each.
     """
     from benchmarks.claims import verification
     from command_line.bench.options import given

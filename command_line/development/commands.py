@@ -12,7 +12,7 @@ from command_line.development.suite import run_suite
 
 
 def test(context: typer.Context) -> None:
-    """Run the tests, or those of your own that you name; whatever follows goes to pytest (-h: its help)."""
+    """Run the tests; arguments go to pytest (-h: its help)."""
     root = clone("test")
     words = [_absolute(word) for word in context.args]
     here = str(Path.cwd())
@@ -24,7 +24,7 @@ def test(context: typer.Context) -> None:
 
 
 def check() -> None:
-    """Check form, faults, arithmetic, types and imports of the sources."""
+    """Check style, types and imports of the sources."""
     if not run_checks(clone("check"), Console()):
         raise typer.Exit(1)
 

@@ -8,11 +8,14 @@ import typer
 
 def docs(
     out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Where the pages go; what is there of an earlier site goes.")
+        Path, typer.Option(metavar="DIR", help="Folder for the pages; an earlier site there is replaced.")
     ] = Path("build/docs"),
-    show: Annotated[bool, typer.Option("--open", help="Show it in a browser.")] = False,
+    show: Annotated[bool, typer.Option("--open", help="Open it in a browser.")] = False,
 ) -> None:
-    """Build the documentation as a site of plain files, which needs no network and no server."""
+    """Build the documentation as a site of plain files.
+
+    It needs no network and no server.
+    """
     from actors.installation.repository import clone
     from command_line.documentation import site
 

@@ -1,9 +1,9 @@
 """The table of contents of the site: it is the lists of links in docs/index.md, heading by heading."""
 
-from command_line.documentation.markdown import Page
+from command_line.documentation.markdown import MarkdownPage
 
 
-def chapters(home: Page) -> dict[str, list[str]]:
+def chapters(home: MarkdownPage) -> dict[str, list[str]]:
     """The pages below each heading of the home page, each once, as it names them and in its order."""
     found: dict[str, list[str]] = {}
     named: set[str] = set()
@@ -14,7 +14,7 @@ def chapters(home: Page) -> dict[str, list[str]]:
     return found
 
 
-def as_toctrees(home: Page) -> str:
+def as_toctrees(home: MarkdownPage) -> str:
     """The same as hidden `toctree` directives in Markdown, which make the site's navigation."""
     return "\n".join(
         f"\n```{{toctree}}\n:hidden:\n:caption: {heading}\n\n" + "\n".join(names) + "\n```\n"

@@ -26,7 +26,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Link:
+class PageLink:
     """A link or picture; `target` is as written, `heading` the nearest one of the second level above it."""
 
     target: str
@@ -38,7 +38,7 @@ class Link:
         return not re.match(r"[a-z]+:", self.target)
 
 
-class Page:
+class MarkdownPage:
     """A page in Markdown; `name` is its path seen from the root of the repository."""
 
     def __init__(self, path: Path) -> None:
@@ -58,18 +58,18 @@ class Page:
             if token.type == "fence"
         ]
 
-    def links(self) -> list[Link]:
+    def links(self) -> list[PageLink]:
         """Links and pictures, in order."""
         return list(self._links())
 
-    def _links(self) -> Iterator[Link]:
+    def _links(self) -> Iterator[PageLink]:
         heading = ""
         for before, token in zip([None, *self._tokens], self._tokens, strict=False):
             if before is not None and before.type == "heading_open" and before.tag == "h2":
                 heading = token.content
             for part in token.children or ():
                 if target := part.attrGet("href") or part.attrGet("src"):
-                    yield Link(str(target), heading)
+                    yield PageLink(str(target), heading)
 
     def codes(self) -> list[str]:
         """What stands in backticks within the text, in order, each on one line."""
@@ -87,7 +87,7 @@ class Page:
         return found
 
 
-def pages() -> list[Page]:
+def pages() -> list[MarkdownPage]:
     """The pages of the root, and everything in docs/, by name."""
     root = [REPOSITORY / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")]
-    return [*map(Page, root), *map(Page, sorted((REPOSITORY / "docs").rglob("*.md")))]
+    return [*map(MarkdownPage, root), *map(MarkdownPage, sorted((REPOSITORY / "docs").rglob("*.md")))]

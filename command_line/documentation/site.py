@@ -15,7 +15,7 @@ from actors.installation.usage import OptionError
 from actors.processes.scratch import scratch_folder
 from actors.runtime.errors import AcrcError
 from command_line.documentation import commands, contents, trials
-from command_line.documentation.markdown import Page
+from command_line.documentation.markdown import MarkdownPage
 
 DOCS: Final = REPOSITORY / "docs"
 HOME: Final = "index"
@@ -98,14 +98,14 @@ def setup(app: Sphinx) -> dict[str, bool]:
 
 def _complete(app: Sphinx, name: str, source: list[str]) -> None:
     """Add to the pages what is made from elsewhere."""
-    page = Page(Path(app.env.doc2path(name)))
+    page = MarkdownPage(Path(app.env.doc2path(name)))
     text = _marked(page)
     if name == HOME:
         text += contents.as_toctrees(page)
     source[0] = text
 
 
-def _marked(page: Page) -> str:
+def _marked(page: MarkdownPage) -> str:
     """The page with a line below each block of commands that are not tested as they stand."""
     lines = page.text.splitlines()
     for block in reversed(page.blocks()):

@@ -12,46 +12,47 @@ from command_line.options import Json, Modules, Robots, Setting, Trust
 def campaign(
     study: Annotated[
         Path | None,
-        typer.Argument(metavar="STUDY.toml", show_default=False, help="What is to be found out."),
+        typer.Argument(metavar="STUDY.toml", show_default=False, help="What to compare."),
     ] = None,
     scenario: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Without a study: the scenario.  [default: scenarios/chapter.toml]"
+            metavar="FILE", help="Without a study: run this scenario.  [default: scenarios/chapter.toml]"
         ),
     ] = None,
     strategies: Annotated[
         str | None,
         typer.Option(
             metavar="NAMES",
-            help="Without a study: as in none,chapter.  [default: none,chapter]",
+            help="Without a study: compare these strategies.  [default: none,chapter]",
             autocompletion=completion.strategies,
         ),
     ] = None,
     seeds: Annotated[
-        int | None, typer.Option(metavar="N", min=1, max=100_000, help="Seeds 1 to N.  [default: 10]")
+        int | None, typer.Option(metavar="N", min=1, max=100_000, help="Use seeds 1 to N.  [default: 10]")
     ] = None,
     robots: Robots = None,
     duration: Annotated[str | None, typer.Option(metavar="S", help="Simulated seconds of each run.")] = None,
     setting: Setting = None,
     tuning: Annotated[
-        bool, typer.Option("--tuning", help="Seeds for choosing settings, which no test ever has.")
+        bool, typer.Option("--tuning", help="Use other seeds than tests do, to choose settings.")
     ] = False,
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR", help="Where the results go; one that was begun goes on.  [default: in campaigns/]"
+            metavar="DIR",
+            help="Folder for the results; an interrupted one is resumed.  [default: in campaigns/]",
         ),
     ] = None,
     preset: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="A study that is shipped: chapter, the chapter's experiment."),
+        typer.Option(metavar="NAME", help="Run a shipped study: chapter, the chapter's experiment."),
     ] = None,
     until_decided: Annotated[
         bool,
         typer.Option(
             "--until-decided",
-            help="Stop as soon as the primary comparisons are decided, by looks planned ahead.",
+            help="Stop once the primary comparisons are decided, at planned interim looks.",
         ),
     ] = False,
     check_every: Annotated[
@@ -59,33 +60,36 @@ def campaign(
         typer.Option(
             metavar="N",
             min=0,
-            help="Repeat one run in N of each strategy, drawn at the end, and as many odd ones; 0: none.",
+            help="Repeat one run in N of each strategy, and as many unusual runs, to check them; 0: none.",
         ),
     ] = 20,
     isolate: Annotated[
         bool,
         typer.Option(
-            "--isolate", help="Make every run as isolated processes: for strategies that you have not read."
+            "--isolate", help="Run every strategy in a sandbox: for strategies that you have not read."
         ),
     ] = False,
     on: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Run them on a Dask cluster: tls://HOST:PORT.  [default: here]"),
+        typer.Option(metavar="ADDRESS", help="Run on a Dask cluster: tls://HOST:PORT.  [default: here]"),
     ] = None,
     jobs: Annotated[
-        int, typer.Option(metavar="N", min=0, max=1024, help="Runs at once; 0: one per core.")
+        int, typer.Option(metavar="N", min=0, max=1024, help="Number of parallel runs; 0: one per core.")
     ] = 0,
     modules: Modules = None,
     trust: Trust = False,
     json: Json = False,
 ) -> None:
-    """Run every strategy in every variant of a scenario with the same seeds; what is interrupted goes on."""
+    """Run every strategy with the same seeds, and compare.
+
+    It runs each strategy in each variant of a scenario. An interrupted campaign is resumed.
+    """
     from actors.robot.behaviour.foreign import permit_of
     from command_line.experiments import campaign_command
     from experiments.campaign.campaign import CampaignOptions
-    from experiments.study.study_wishes import Wishes
+    from experiments.study.study_wishes import StudyWishes
 
-    wishes = Wishes(
+    wishes = StudyWishes(
         study=study,
         preset=preset,
         scenario=scenario,
@@ -104,28 +108,32 @@ def campaign(
 
 def causes(
     folder: Annotated[
-        Path, typer.Argument(metavar="RUN_DIR", show_default=False, help="Of a simulated run.")
+        Path, typer.Argument(metavar="OUT", show_default=False, help="A simulated run's folder.")
     ],
     json: Json = False,
 ) -> None:
-    """Say where a run's time went: waiting at doors, wedged, lost; who blocked whom, what decisions did."""
+    """Say where the robots' time went, by cause.
+
+    Causes are waiting at a door, wedged, lost, and others; it also names who blocked whom, and what decisions
+    changed.
+    """
     from command_line.experiments import causes_command
 
     causes_command.run(folder, json_output=json)
 
 
 def compare(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False, help="Of a campaign.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False, help="A campaign's folder.")],
     metric: Annotated[
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Only this one: places, contacts, radio, driven, completion, settled, lexicographic.",
+            help="Compare only this: places, contacts, radio, driven, completion, settled, lexicographic.",
         ),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Say which strategies differ, by how much, and how sure that is."""
+    """Say which strategies differ, by how much, how surely."""
     from command_line.experiments import compare_command
 
     compare_command.run(folder, metric, json_output=json)
@@ -133,28 +141,29 @@ def compare(
 
 def plan_study(
     a12: Annotated[
-        float, typer.Option(metavar="A", min=0.0, max=1.0, help="How large an effect is to be seen.")
+        float,
+        typer.Option(metavar="A", min=0.0, max=1.0, help="Effect size to detect (Vargha and Delaney's A12)."),
     ] = 0.71,
     power: Annotated[
-        float, typer.Option(metavar="P", min=0.5, max=0.999, help="With which probability.")
+        float, typer.Option(metavar="P", min=0.5, max=0.999, help="Probability of detecting it.")
     ] = 0.9,
     correlation: Annotated[
-        float, typer.Option(metavar="R", min=-0.99, max=0.99, help="Of two runs with the same seed.")
+        float,
+        typer.Option(metavar="R", min=-0.99, max=0.99, help="Correlation of two runs with the same seed."),
     ] = 0.0,
     comparisons: Annotated[
-        int, typer.Option(metavar="N", min=1, max=1000, help="So many tests share the 5 %.")
+        int, typer.Option(metavar="N", min=1, max=1000, help="Number of tests that share the 5 %.")
     ] = 1,
     pilot: Annotated[
         Path | None,
-        typer.Option(
-            metavar="DIR", help="A campaign whose runs say effect and correlation, in place of the options."
-        ),
+        typer.Option(metavar="DIR", help="Take effect and correlation from this campaign."),
     ] = None,
     metric: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Of the pilot; as for compare.  [default: the study's]")
+        str | None,
+        typer.Option(metavar="NAME", help="Metric of the pilot, as for compare.  [default: the study's]"),
     ] = None,
 ) -> None:
-    """Say how many pairs of runs an effect needs to be seen."""
+    """Compute how many pairs of runs an effect needs."""
     from command_line.experiments import plan_study_command
 
     if pilot is not None:
@@ -169,31 +178,31 @@ def report(
         typer.Argument(
             metavar="DIR…",
             show_default=False,
-            help="Of a campaign, of one run, or of what acrc fleet collect gathered from real robots.",
+            help="Folder of a campaign, of a run, or of `acrc fleet collect`.",
         ),
     ],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Where the report goes.  [default: report in the first DIR]"),
+        typer.Option(metavar="DIR", help="Folder for the report.  [default: report in the first DIR]"),
     ] = None,
 ) -> None:
-    """Write a page with pictures of what runs have shown, and the numbers behind each."""
+    """Write an HTML report of runs, with the data behind it."""
     from command_line.experiments import report_command
 
     report_command.run(folders, out)
 
 
 def bundle(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False, help="Of a campaign.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", show_default=False, help="A campaign's folder.")],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.zip", help="Where the bundle goes.  [default: DIR.zip beside it]"),
+        typer.Option(metavar="FILE.zip", help="File for the bundle.  [default: DIR.zip beside it]"),
     ] = None,
     author: Annotated[
-        list[str] | None, typer.Option("--author", metavar="NAME", help="Whom to cite. Repeatable.")
+        list[str] | None, typer.Option("--author", metavar="NAME", help="Author to cite. Repeatable.")
     ] = None,
 ) -> None:
-    """Put a campaign into one file with all that others need to check it and to make it again."""
+    """Pack a campaign so that others can check and repeat it."""
     from command_line.experiments import bundle_command
 
     bundle_command.run(folder, out, tuple(author or ()))

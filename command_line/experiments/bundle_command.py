@@ -15,8 +15,8 @@ def run(folder: Path, out: Path | None, authors: Sequence[str]) -> None:
     with out_folder.writing(target):
         has_software = bundle.make(folder, target, authors)
     console = Console(soft_wrap=True, highlight=False)
-    console.print(f"written to {target}; unpacked, ./reproduce.sh makes its runs again")
+    console.print(f"written to {target}; unpack it and call ./reproduce.sh to repeat the runs")
     if not has_software:
-        console.print("without the software: it had been changed since its last commit, or that is gone")
+        console.print("without the software: it was changed after its last commit, or that commit is gone")
     if not authors:
-        console.print("its CITATION.cff names nobody; --author NAME puts that right")
+        console.print("its CITATION.cff names no author; give --author NAME")

@@ -22,13 +22,13 @@ from experiments.campaign.trust import differing, protection
 from experiments.comparison import decision
 from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
-from experiments.comparison.summary import summaries
-from experiments.study.study_wishes import Wishes, check, path_of, study_of
+from experiments.comparison.sentences import summaries
+from experiments.study.study_wishes import StudyWishes, check, path_of, study_of
 from observation.results.seal import seal
 
 
 def run(
-    wishes: Wishes,
+    wishes: StudyWishes,
     out: Path | None,
     options: CampaignOptions,
     permit: Permit,
@@ -55,7 +55,7 @@ def run(
     try:
         progress = _carried_out(kept, options, watch, quiet=json_output)
     except Interrupted as interrupt:
-        say.print(f"acrc: ended from outside; the same command goes on from what is in {folder}")
+        say.print(f"acrc: ended from outside; the same command resumes from {folder}")
         raise typer.Exit(interrupt.exit_code) from None
     finally:
         results_table.write(kept)
@@ -74,7 +74,7 @@ def run(
 
 
 def _lines(
-    kept: store.Store, folder: Path, progress: campaign.Progress, watch: decision.Watch | None
+    kept: store.Store, folder: Path, progress: campaign.CampaignProgress, watch: decision.Watch | None
 ) -> Iterator[str]:
     """What is said at the end."""
     yield from protection(kept)
@@ -98,7 +98,7 @@ def _causes(kept: store.Store) -> list[str]:
     return [f"failed: {cause} ({len(who)} runs, first {who[0]})" for cause, who in found.items()]
 
 
-def _print_json(kept: store.Store, folder: Path, progress: campaign.Progress) -> None:
+def _print_json(kept: store.Store, folder: Path, progress: campaign.CampaignProgress) -> None:
     told = {
         "out": str(folder),
         **msgspec.to_builtins(progress),
@@ -112,7 +112,7 @@ def _print_json(kept: store.Store, folder: Path, progress: campaign.Progress) ->
 
 def _carried_out(
     kept: store.Store, options: CampaignOptions, watch: decision.Watch | None, *, quiet: bool
-) -> campaign.Progress:
+) -> campaign.CampaignProgress:
     with _bar(quiet=quiet) as follow:
         if watch is None:
             return campaign.carry_out(kept, options, follow)
@@ -129,7 +129,7 @@ def _bar(*, quiet: bool) -> Iterator[campaign.OnProgress]:
     with bar:
         task = bar.add_task("runs", total=None, left="")
 
-        def follow(progress: campaign.Progress) -> None:
+        def follow(progress: campaign.CampaignProgress) -> None:
             left = "" if progress.left_s is None else f"about {_span(progress.left_s)} to go"
             failed = f", {progress.failed} failed" if progress.failed else ""
             enough = ", decided" if progress.enough else ""

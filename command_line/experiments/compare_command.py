@@ -17,7 +17,7 @@ from experiments.campaign.trust import differing, protection
 from experiments.comparison import decision, metrics
 from experiments.comparison.coincidence import coincidences
 from experiments.comparison.coincidence import told as coincidences_told
-from experiments.comparison.comparison import Comparison, Sample, compare, samples
+from experiments.comparison.comparison import Comparison, PairedSample, compare, samples
 from experiments.comparison.sentences import chapter_order, sentence, too_few
 
 
@@ -49,7 +49,7 @@ def _warn(different: Sequence[str]) -> None:
 
 
 def _print(
-    kept: store.Store, found: Sequence[Sample], made: Sequence[Comparison], metric: str | None
+    kept: store.Store, found: Sequence[PairedSample], made: Sequence[Comparison], metric: str | None
 ) -> None:
     console = Console(soft_wrap=True, highlight=False)
     for line in protection(kept):
@@ -77,10 +77,10 @@ def _about(kept: store.Store) -> Iterator[str]:
     if kept.looks is not None:
         watch = decision.Watch(kept)
         yield from decision.told(watch.verdicts(), watch.rule, kept.study.primary_metric)
-        yield "The p-values above are of all runs there are; for the primary comparisons the looks decide."
+        yield "The p-values above are of all runs; the interim looks decide the primary comparisons."
     yield from coincidences_told(coincidences(kept.records()))
     if kept.study.tuning:
-        yield "These are seeds for tuning: what was chosen with them is to be judged by others."
+        yield "These are tuning seeds: test what was chosen with them on other seeds."
 
 
 def _tables(made: list[Comparison]) -> Iterator[Table]:

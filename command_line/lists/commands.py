@@ -9,7 +9,7 @@ app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
 @app.command()
 def strategies(json: Json = False) -> None:
-    """What --strategy knows by name: shipped strategies, and those of installed packages."""
+    """List strategies, also those of installed packages."""
     from command_line.lists.strategies import print_strategies
 
     print_strategies(json=json)
@@ -17,7 +17,7 @@ def strategies(json: Json = False) -> None:
 
 @app.command()
 def presets(json: Json = False) -> None:
-    """What [radio], [localisation] and [navigation] of a scenario know as their preset."""
+    """List presets of radio, localisation and navigation."""
     from command_line.lists.presets import print_presets
 
     print_presets(json=json)
@@ -25,7 +25,7 @@ def presets(json: Json = False) -> None:
 
 @app.command()
 def models(json: Json = False) -> None:
-    """The shipped robot models, with the range sensors that each can carry."""
+    """List shipped robot models and their range sensors."""
     from command_line.lists.files import print_models
 
     print_models(json=json)
@@ -33,7 +33,7 @@ def models(json: Json = False) -> None:
 
 @app.command()
 def scenarios(json: Json = False) -> None:
-    """The shipped scenarios."""
+    """List shipped scenarios."""
     from command_line.lists.files import print_scenarios
 
     print_scenarios(json=json)
@@ -41,7 +41,7 @@ def scenarios(json: Json = False) -> None:
 
 @app.command()
 def maps(json: Json = False) -> None:
-    """The shipped floor plans, and how large each is."""
+    """List shipped floor plans and their sizes."""
     from command_line.lists.files import print_maps
 
     print_maps(json=json)

@@ -18,7 +18,7 @@ from deeco.knowledge import Knowledge, is_component, is_role
 _FORM: Final = "'module:Component', 'module:Ensemble' or 'module'"
 
 
-class ArgumentError(DeecoError):
+class UnexplainableError(DeecoError):
     """An argument that names nothing that can be explained."""
 
 
@@ -99,14 +99,14 @@ def find(arguments: Sequence[str]) -> Subjects:
     for argument in arguments:
         module_name, colon, name = argument.partition(":")
         if not module_name or module_name.startswith(".") or (colon and not name):
-            raise ArgumentError(f"{argument!r} names nothing; it should be {_FORM}")
+            raise UnexplainableError(f"{argument!r} names nothing; it should be {_FORM}")
         module = _module(module_name)
         if not colon:
             _add_all(module, subjects)
         elif not hasattr(module, name):
-            raise ArgumentError(f"there is no {name!r} in {module_name}; {_offer(module)}")
+            raise UnexplainableError(f"there is no {name!r} in {module_name}; {_offer(module)}")
         elif not subjects.add(getattr(module, name)):
-            raise ArgumentError(f"{argument} is {_what(getattr(module, name))}; {_offer(module)}")
+            raise UnexplainableError(f"{argument} is {_what(getattr(module, name))}; {_offer(module)}")
     return subjects
 
 
@@ -116,11 +116,11 @@ def _module(name: str) -> ModuleType:
     except ModuleNotFoundError as error:
         missing = error.name or ""
         if name == missing or name.startswith(f"{missing}."):
-            raise ArgumentError(
+            raise UnexplainableError(
                 f"there is no module {name!r} here; it should be written as in an import, "
                 "such as examples.convoy, and be found from the current folder"
             ) from None
-        raise ArgumentError(
+        raise UnexplainableError(
             f"the module {name!r} cannot be imported, for it needs {missing!r}, which is not installed"
         ) from None
 
@@ -135,7 +135,7 @@ def _own(module: ModuleType) -> tuple[list[type], list[type]]:
 def _add_all(module: ModuleType, subjects: Subjects) -> None:
     components, ensembles = _own(module)
     if not components and not ensembles:
-        raise ArgumentError(f"{_offer(module)}; name another module, or one of its classes")
+        raise UnexplainableError(f"{_offer(module)}; name another module, or one of its classes")
     for one in (*components, *ensembles):
         subjects.add(one)
 

@@ -55,7 +55,7 @@ def flow(function: Callable[..., Any], subjects: Mapping[str, type], *, gives: b
     """
     found = Flow()
     known = {name: Subject(name, kind) for name, kind in subjects.items()}
-    reading = _Reading(function, known, found, {})
+    reading = _KnowledgeUse(function, known, found, {})
     if reading.tree is None:
         found.doubts[f"what {function.__name__}() reads and writes, for its source is not there"] = None
         return found
@@ -68,7 +68,7 @@ def flow(function: Callable[..., Any], subjects: Mapping[str, type], *, gives: b
 _Followed = dict[tuple[object, ...], Subject | None]
 
 
-class _Reading:
+class _KnowledgeUse:
     """One function, with the names in it that stand for knowledge."""
 
     def __init__(
@@ -290,7 +290,7 @@ class _Reading:
         if key in self._followed:
             return self._followed[key]
         self._followed[key] = None
-        inner = _Reading(function, dict(named), self._found, self._followed)
+        inner = _KnowledgeUse(function, dict(named), self._found, self._followed)
         names = source.parameters(inner.tree) if inner.tree else ()
         if inner.tree is None or any(positional[len(names) :]):
             self._doubt(f"what else is read in {function.__qualname__}()")

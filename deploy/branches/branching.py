@@ -10,7 +10,7 @@ import msgspec
 from actors.instant import in_seconds, milliseconds
 from actors.messages import Progress
 from actors.robot.behaviour.foreign import Permit, admitted
-from actors.runtime import regular_file
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from cleaning.strategies import entry
 from deploy.branches import settings_changed
@@ -29,12 +29,8 @@ from observation.results.result import RunResult
 from observation.results.seal import seal
 
 
-class BranchError(AcrcError):
-    """A run that cannot be continued from there."""
-
-
 @dataclass(frozen=True)
-class Beside:
+class BranchedControl:
     """The control of a branch with other settings: the same strategy made anew there, with its own values."""
 
     digest: str
@@ -53,7 +49,7 @@ class Branched:
     """Wall clock that the part up to the branch took, s."""
     undone: tuple[str, ...] = ()
     """A sentence for each event that the world refused, or that came behind the end."""
-    control: Beside | None = None
+    control: BranchedControl | None = None
     """None: no setting was changed, or another strategy took over."""
     unchanged: bool = False
     """True: strategy and settings were asked for as they were, so nothing was made anew."""
@@ -63,21 +59,21 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     """Continue the run in the folder `origin`, simulated or a branch itself, into `options.out`.
 
     Up to the change everything is as it was, and all orders that the run was given later are given again.
-    Raises BranchError for an instant that the run has not come to, and where the part before it does not come
-    out the same; ForeignCodeError for code that the permit does not cover.
+    Raises AcrcError for an instant that the run has not come to, and where the part before it does not come
+    out the same, and for code that the permit does not cover.
     """
     if not (origin / SCENARIO).is_file():
-        raise BranchError(f"{origin}: has no {SCENARIO}; it should be the folder of a simulated run")
+        raise AcrcError(f"{origin}: has no {SCENARIO}; it should be the folder of a simulated run")
     told, files = check(origin), recordings(origin)
     if "world" not in files or "radio" not in files:
-        raise BranchError(f"{origin}: lacks the recording of the world or of the radio")
+        raise AcrcError(f"{origin}: lacks the recording of the world or of the radio")
     scenario = load_scenario(origin / SCENARIO)
     step_us = milliseconds(scenario.run.step_ms)
     first = boundary(change.at_s, step_us)
     done = _outcome(origin)
     last = boundary(done.simulated_s, step_us) if told.complete and done else (told.good_until or 0)
     if first >= last:
-        raise BranchError(
+        raise AcrcError(
             f"{origin}: the run ends at {in_seconds(last * step_us):g} s; a branch must leave it before"
         )
     chosen = change.strategy is not None or bool(change.settings)
@@ -89,25 +85,25 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     if unchanged:
         changed, anew = scenario, None
 
-    def carry_out(of: Scenario, into: RunOptions, watch: _Watch) -> RunResult:
+    def carry_out(of: Scenario, into: RunOptions, watch: _StepWatch) -> RunResult:
         orders = OrderBus(with_events(recorded_orders(files["world"]), change.events, step_us))
         return swarm.run_in_memory(swarm.plan(of, into), watch.follow, orders)
 
-    watch = _Watch(first)
+    watch = _StepWatch(first)
     result = carry_out(changed, options, watch)
     parted = None if result.digest == told.digest else divergence(origin, options.out, step_us)
     if parted is not None and parted.step < first:
-        raise BranchError(
+        raise AcrcError(
             f"{origin}: does not come out the same up to {change.at_s:g} s, so there is nothing to continue: "
             f"{parted.words}; `acrc replay {origin}` says more"
         )
-    control: Beside | None = None
+    control: BranchedControl | None = None
     if anew is not None:
         with TemporaryDirectory(prefix="acrc-") as name:
             into = replace(options, out=Path(name) / "control")
-            digest = carry_out(anew, into, _Watch(first)).digest
+            digest = carry_out(anew, into, _StepWatch(first)).digest
             apart = None if digest == result.digest else divergence(into.out, options.out, step_us, "control")
-            control = Beside(digest, apart)
+            control = BranchedControl(digest, apart)
     about = BranchOrigin(
         str(origin.absolute()),
         told.digest,
@@ -123,7 +119,7 @@ def branch(origin: Path, change: Change, options: RunOptions, *, permit: Permit)
     return Branched(result, parted, watch.again_s, undone, control, unchanged)
 
 
-class _Watch:
+class _StepWatch:
     """Takes the time that it takes to come to a step."""
 
     def __init__(self, step: int) -> None:
@@ -137,19 +133,19 @@ class _Watch:
             self.again_s = time.monotonic() - self._began
 
 
-class _Outcome(msgspec.Struct):
+class _RunOutcome(msgspec.Struct):
     """The part of a run's result that is needed here; a run that goes on, or has died, has none."""
 
     simulated_s: float
     refused_orders: tuple[str, ...]
 
 
-def _outcome(origin: Path) -> _Outcome | None:
+def _outcome(origin: Path) -> _RunOutcome | None:
     path = origin / "run.json"
-    return msgspec.json.decode(regular_file.content(path), type=_Outcome) if path.is_file() else None
+    return typed_json.read(path, _RunOutcome, "result of a run") if path.is_file() else None
 
 
-def _undone(change: Change, step_us: int, result: RunResult, done: _Outcome | None) -> tuple[str, ...]:
+def _undone(change: Change, step_us: int, result: RunResult, done: _RunOutcome | None) -> tuple[str, ...]:
     """What the world says at the events' boundaries, and has not said in the run; and what came too late."""
     instants = [in_seconds(boundary(event.at_s, step_us) * step_us) for event in change.events]
     refused = [one for one in result.refused_orders if done is None or one not in done.refused_orders]

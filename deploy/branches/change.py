@@ -19,7 +19,7 @@ from observation.replay.recorded_orders import TimedControl
 
 
 @dataclass(frozen=True)
-class Event:
+class BranchEvent:
     """An order that the run was not given."""
 
     order: Order
@@ -37,7 +37,7 @@ class Change:
     """Decides from there on; None: whichever did."""
     settings: Mapping[str, Setting] = field(default_factory=lambda: MappingProxyType({}))
     """Of the strategy from there on: where they differ from what they were, or another one has."""
-    events: tuple[Event, ...] = ()
+    events: tuple[BranchEvent, ...] = ()
     """In the order in which they were given."""
 
     @property
@@ -63,7 +63,7 @@ def place(text: str) -> tuple[Path, float]:
     return Path(folder), at_s
 
 
-def event(text: str, branch_s: float) -> Event:
+def event(text: str, branch_s: float) -> BranchEvent:
     """The event that a text such as `kill r2 at 130` means; without instant, at that of the branch.
 
     Raises OptionError for words that are no order, and for an instant before the branch.
@@ -82,11 +82,11 @@ def event(text: str, branch_s: float) -> Event:
         raise OptionError(f"--event: {error}") from None
     if isinstance(order, Pause | Resume | Step | Speed | Stop):
         raise wrong_value("--event", text, "an order that changes what happens; pause, speed and stop do not")
-    return Event(order, at_s, " ".join(words))
+    return BranchEvent(order, at_s, " ".join(words))
 
 
 def with_events(
-    recorded: Iterable[TimedControl], events: Sequence[Event], step_us: int
+    recorded: Iterable[TimedControl], events: Sequence[BranchEvent], step_us: int
 ) -> list[TimedControl]:
     """All orders in the order of their boundaries; an event comes before what the run was given there.
 
@@ -120,7 +120,7 @@ def boundary(at_s: float, step_us: int) -> int:
     return -(-seconds(at_s) // step_us)
 
 
-def _by_step(events: Sequence[Event], step_us: int) -> list[_Boundary]:
+def _by_step(events: Sequence[BranchEvent], step_us: int) -> list[_Boundary]:
     there = [_Boundary(boundary(one.at_s, step_us), one.order) for one in events]
     return sorted(there, key=attrgetter("step"))
 

@@ -18,7 +18,7 @@ from deploy.branches.divergence import Divergence
 from deploy.branches.settings_changed import strategy_settings
 from deploy.branches.swarm_replay import SCENARIO
 from deploy.run import out_folder
-from deploy.run.options import folder_name, run_options
+from deploy.run.options import RunOptions, checked, folder_name
 from deploy.scenario.scenario_file import settings as settings_of
 from observation.results import summary
 
@@ -42,7 +42,7 @@ def continue_run(
     except StrategyError as error:
         raise OptionError(f"--strategy: {error}") from None
     name = f"{folder_name(Path(origin.name))}-branch"
-    options = run_options(out or Path("runs", name), bus="memory", scenario=origin.name, json=json)
+    options = checked(RunOptions(out or Path("runs", name), bus="memory", scenario=origin.name, json=json))
 
     if out is None:
         options = replace(options, out=out_folder.claim(options.out.parent, name))

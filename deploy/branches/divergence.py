@@ -34,7 +34,7 @@ class Divergence:
     """When each robot first did otherwise, s; absent: never."""
 
 
-class _Place(NamedTuple):
+class _Difference(NamedTuple):
     """A message that one run has, and the other has otherwise or not at all; sorted by what comes first."""
 
     step: int
@@ -92,18 +92,18 @@ def divergence(one: Path, other: Path, step_us: int, name: str = "run") -> Diver
 
 def _places(
     key: str, one: Sequence[tuple[int, bytes]], other: Sequence[tuple[int, bytes]]
-) -> Iterator[_Place]:
+) -> Iterator[_Difference]:
     """The messages on a key that differ, up to the first that cannot come of what was ordered alone."""
     rank, again = _ORDER.index(topic_of(key).pattern), dict(other)
     there = dict(one)
     for step in sorted(there.keys() | again.keys()):
         if there.get(step) != again.get(step):
-            yield _Place(step, rank, key, there.get(step), again.get(step))
+            yield _Difference(step, rank, key, there.get(step), again.get(step))
             if key != TRUTH.key():
                 return
 
 
-def _words(place: _Place, first: _Trails, second: _Trails, name: str) -> str | None:
+def _words(place: _Difference, first: _Trails, second: _Trails, name: str) -> str | None:
     """What differs; None if it is a jammer or an ordered loss alone."""
     topic = topic_of(place.key)
     robot = place.key.split("/")[2]

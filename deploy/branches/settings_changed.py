@@ -12,7 +12,7 @@ from typing import Any, Final
 from actors.installation.usage import wrong_value
 from actors.robot.behaviour import Setting, succession
 from actors.robot.behaviour.succession import Turn
-from cleaning.settings import Made, made_meanwhile
+from cleaning.settings import MadeSettings, made_meanwhile
 from cleaning.strategies import entry
 from deploy.branches.change import Change
 from deploy.run.preflight import preflight_here
@@ -27,7 +27,7 @@ def strategy_settings(given: Iterable[tuple[str, Any]], file: Path) -> Mapping[s
     """The strategy's settings that a command line sets, by name.
 
     Every other key must have the value that the run had, as its scenario in `file` says.
-    Raises OptionError, and ScenarioError for what no scenario can hold.
+    Raises OptionError, and AcrcError for what no scenario can hold.
     """
     found: dict[str, Setting] = {}
     for key, value in given:
@@ -83,7 +83,7 @@ def _exact(settings: Mapping[str, Setting]) -> list[tuple[str, str, Setting]]:
     return [(name, type(value).__name__, value) for name, value in sorted(settings.items())]
 
 
-def _made(scenario: Scenario, modules: Sequence[Path]) -> list[Made]:
+def _made(scenario: Scenario, modules: Sequence[Path]) -> list[MadeSettings]:
     settled = resolve(scenario)
     with made_meanwhile() as made:
         preflight_here(settled, modules)

@@ -8,7 +8,7 @@ from typing import Final
 from actors.processes.robot_logs import EVERYBODY, shown
 from actors.processes.scratch import scratch_folder
 from actors.robot.behaviour.foreign import Permit, admitted
-from actors.robot.behaviour.modules import Recorded
+from actors.robot.behaviour.modules import RecordedModules
 from actors.runtime.bus.replay_bus import ReplayError, topic_of
 from actors.runtime.codec import decode
 from actors.runtime.difference import first_difference
@@ -45,9 +45,9 @@ class SwarmReplay:
 def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     """Make the run in the folder `out` again, and compare everything that anybody sent or took.
 
-    Raises ReplayError at the first difference, naming step, message and field; ForeignCodeError for a
-    scenario that names code that the permit does not cover, MissingCodeError for one whose code is not here,
-    ModuleError for code that is not what the robots have recorded.
+    Raises ReplayError at the first difference, naming step, message and field; AcrcError for a
+    scenario that names code that the permit does not cover, that is not here, or that is not what the robots
+    have recorded.
     """
     if not (out / SCENARIO).is_file():
         raise ReplayError(f"{out}: has no {SCENARIO}; it should be the folder of a simulated run")
@@ -74,7 +74,7 @@ def replay_swarm(out: Path, *, permit: Permit) -> SwarmReplay:
     return SwarmReplay(told.digest, told.messages, orders.given, told.complete)
 
 
-def _recorded(out: Path, modules: tuple[Path, ...], permit: Permit) -> Recorded | None:
+def _recorded(out: Path, modules: tuple[Path, ...], permit: Permit) -> RecordedModules | None:
     """What the code must be: what the robots have recorded, where they have, and nobody trusts any other."""
     if permit.trust or not modules:
         return None

@@ -11,8 +11,8 @@ from actors.runtime.codec import decode, encode
 from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from deploy.control.scene import Scene
-from deploy.control.server import Page
-from deploy.control.wire import Ask, Said
+from deploy.control.server import OpenPage
+from deploy.control.wire import Ask, OrderAnswer
 from deploy.run import orders
 
 LISTENS: Final = (at(DRIVE, "*"), at(TRUTH), at(CONTROL), at(ANSWERED), at(PROGRESS))
@@ -23,8 +23,8 @@ PATIENCE_S: Final = 10.0
 """After so long a page is told that the run has not said yet what becomes of its order."""
 
 
-class _Waiting(NamedTuple):
-    page: Page
+class _WaitingOrder(NamedTuple):
+    page: OpenPage
     wish: Ask
     since_s: float
 
@@ -39,9 +39,9 @@ class RunLink:
         self._looks = looks
         self._speaks = speaks
         self._clock = clock
-        self._waiting: dict[str, _Waiting] = {}
+        self._waiting: dict[str, _WaitingOrder] = {}
 
-    def give(self, page: Page, wish: Ask) -> None:
+    def give(self, page: OpenPage, wish: Ask) -> None:
         """Give the run an order; what becomes of it is told to the page."""
         words = wish.order.split()
         try:
@@ -49,14 +49,14 @@ class RunLink:
                 raise AcrcError("no order")
             order = orders.parse(words[0], words[1:])
         except AcrcError as error:
-            page.tell(Said(wish.id, wish.order, str(error)))
+            page.tell(OrderAnswer(wish.id, wish.order, str(error)))
             return
         if len(self._waiting) >= WAITING or self._scene.over:
             reason = "the run is over" if self._scene.over else "too many orders wait already"
-            page.tell(Said(wish.id, wish.order, reason))
+            page.tell(OrderAnswer(wish.id, wish.order, reason))
             return
         ticket = secrets.token_hex(8)
-        self._waiting[ticket] = _Waiting(page, wish, self._clock())
+        self._waiting[ticket] = _WaitingOrder(page, wish, self._clock())
         self._speaks.publish(CONTROL.key(), encode(Control(0, (order,), ticket), CONTROL.key()))
 
     def look(self) -> None:
@@ -74,4 +74,4 @@ class RunLink:
     def _answer(self, ticket: str, refusal: str) -> None:
         waiting = self._waiting.pop(ticket, None)
         if waiting is not None:
-            waiting.page.tell(Said(waiting.wish.id, waiting.wish.order, refusal))
+            waiting.page.tell(OrderAnswer(waiting.wish.id, waiting.wish.order, refusal))

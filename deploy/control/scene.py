@@ -17,7 +17,7 @@ from actors.orders import CloseDoor, Give, Move, Obstacle, OpenDoor, Order, Spee
 from actors.robot_model import load_model
 from actors.topic import Message
 from actors.world.world_setup import WorldSetup
-from deploy.control.wire import Body, Circle, Floor, Line, Place, Spot, State
+from deploy.control.wire import Circle, Floor, Line, MapRobot, MapState, Place, Spot
 
 _PENDING: Final = 256
 """Orders of which nobody has said yet what became of them; older ones are forgotten."""
@@ -35,7 +35,7 @@ class Scene:
         self._numbers = {key: number for number, key in enumerate(numbers)}
         self._events = list(setup.events)
         self._pending: OrderedDict[str, tuple[Order, ...]] = OrderedDict()
-        self._bodies = {robot.id: Body(robot.id, *robot.start, "driving") for robot in setup.robots}
+        self._bodies = {robot.id: MapRobot(robot.id, *robot.start, "driving") for robot in setup.robots}
         self._instant = 0
         self._step = -1
         self._done: set[int] = set()
@@ -71,10 +71,10 @@ class Scene:
                     self._carried_out(orders)
         self.changed = True
 
-    def state(self, *, junk: int) -> State:
+    def state(self, *, junk: int) -> MapState:
         """How things stand now."""
         self._jams = [jam for jam in self._jams if jam.until > self._instant]
-        return State(
+        return MapState(
             t=in_seconds(self._instant),
             step=max(self._step, 0),
             robots=tuple(self._bodies.values()),
@@ -82,7 +82,7 @@ class Scene:
             given_up=tuple(sorted(self._given_up - self._done)),
             given=tuple(self._given),
             obstacles=tuple(self._obstacles),
-            jammers=tuple(Circle(jam.x, jam.y, jam.radius) for jam in self._jams),
+            jammers=tuple((jam.x, jam.y, jam.radius) for jam in self._jams),
             walls=tuple(self._walls),
             closed=tuple(self._closed),
             paused=self._paused_at is not None and self._step < self._paused_at,
@@ -101,7 +101,7 @@ class Scene:
         self._step, self._instant = truth.step, truth.instant
         self._jams += truth.jams
         self._bodies = {
-            one.id: Body(one.id, one.x, one.y, one.heading, _standing(one)) for one in truth.robots
+            one.id: MapRobot(one.id, one.x, one.y, one.heading, _standing(one)) for one in truth.robots
         }
         while self._events and self._events[0].instant <= truth.instant:
             event = self._events.pop(0).order
@@ -112,19 +112,19 @@ class Scene:
         for order in orders:
             match order:
                 case Obstacle(x, y, radius):
-                    self._obstacles.append(Circle(x, y, radius))
+                    self._obstacles.append((x, y, radius))
                 case Wall(x, y, to_x, to_y):
-                    self._walls.append(Line(x, y, to_x, to_y))
+                    self._walls.append((x, y, to_x, to_y))
                 case Give(robot, places):
                     self._give(robot, places)
                 case CloseDoor(x, y):
-                    self._closed.append(Spot(x, y))
+                    self._closed.append((x, y))
                 case OpenDoor(x, y) if self._closed:
-                    self._closed.remove(min(self._closed, key=lambda one: math.dist((one.x, one.y), (x, y))))
+                    self._closed.remove(min(self._closed, key=lambda one: math.dist(one, (x, y))))
                 case Speed(factor):
                     self._speed = factor
                 case Move(robot, x, y, heading):  # while the run is paused, nobody else would tell
-                    self._bodies[robot] = Body(robot, x, y, heading, self._bodies[robot].standing)
+                    self._bodies[robot] = MapRobot(robot, x, y, heading, self._bodies[robot].standing)
 
     def _give(self, robot: str, places: Iterable[tuple[float, float]]) -> None:
         for x, y in places:

@@ -18,7 +18,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from deploy.control.scene import Scene
-from deploy.control.wire import ASK_BYTES, Ask, JunkError, Said, ask
+from deploy.control.wire import ASK_BYTES, Ask, JunkError, OrderAnswer, ask
 
 HOST: Final = "127.0.0.1"
 PAGES: Final = 8
@@ -31,19 +31,19 @@ _ANSWERS: Final = 64
 """Answers that may wait for a page; more are dropped with the page."""
 
 
-class Page:
+class OpenPage:
     """One open page."""
 
     def __init__(self, connection: ServerConnection) -> None:
         self.connection = connection
-        self.answers: asyncio.Queue[Said] = asyncio.Queue(_ANSWERS)
+        self.answers: asyncio.Queue[OrderAnswer] = asyncio.Queue(_ANSWERS)
         self.wake = asyncio.Event()
         self.stale = True
         """There is a state that it has not been sent."""
         self.late = 0
         self.junk = 0
 
-    def tell(self, said: Said) -> None:
+    def tell(self, said: OrderAnswer) -> None:
         """Queue an answer."""
         if not self.answers.full():
             self.answers.put_nowait(said)
@@ -59,14 +59,14 @@ class Page:
 class ControlServer:
     """The pages of one run."""
 
-    def __init__(self, scene: Scene, give: Callable[[Page, Ask], None]) -> None:
+    def __init__(self, scene: Scene, give: Callable[[OpenPage, Ask], None]) -> None:
         """`give` gives the run what a page asks for, and tells the page what becomes of it."""
         self._scene = scene
         self._give = give
         self._token = secrets.token_urlsafe(24)
         self._nonce = secrets.token_urlsafe(12)
         self._port = 0
-        self._pages: set[Page] = set()
+        self._pages: set[OpenPage] = set()
         self.junk = 0
         """Messages that were no orders."""
 
@@ -122,7 +122,7 @@ class ControlServer:
         return None
 
     async def _page(self, connection: ServerConnection) -> None:
-        page = Page(connection)
+        page = OpenPage(connection)
         self._pages.add(page)
         sender = asyncio.create_task(self._send(page))
         try:
@@ -144,7 +144,7 @@ class ControlServer:
             self._pages.discard(page)
             sender.cancel()
 
-    async def _send(self, page: Page) -> None:
+    async def _send(self, page: OpenPage) -> None:
         """The newest state, and all answers, for as long as the page takes them."""
         try:
             await self._put(page, msgspec.json.encode(self._scene.floor))
@@ -161,7 +161,7 @@ class ControlServer:
         except (ConnectionClosed, TimeoutError):
             page.connection.transport.abort()
 
-    async def _put(self, page: Page, data: bytes) -> None:
+    async def _put(self, page: OpenPage, data: bytes) -> None:
         async with asyncio.timeout(PATIENCE_S):
             await page.connection.send(data.decode())
 

@@ -17,7 +17,7 @@ class Ask(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """As one types it behind `acrc order RUN`."""
 
 
-class Said(msgspec.Struct, frozen=True, tag_field="kind", tag="said"):
+class OrderAnswer(msgspec.Struct, frozen=True, tag_field="kind", tag="said"):
     """What became of an order."""
 
     id: int
@@ -26,7 +26,7 @@ class Said(msgspec.Struct, frozen=True, tag_field="kind", tag="said"):
     """A sentence; empty: it was carried out."""
 
 
-class Body(msgspec.Struct, frozen=True, array_like=True):
+class MapRobot(msgspec.Struct, frozen=True, array_like=True):
     """A robot on the map."""
 
     id: str
@@ -37,28 +37,12 @@ class Body(msgspec.Struct, frozen=True, array_like=True):
     """driving, frozen or ended."""
 
 
-class Circle(msgspec.Struct, frozen=True, array_like=True):
-    """An obstacle, or a jammer while it is on."""
-
-    x: float
-    y: float
-    radius: float
-
-
-class Line(msgspec.Struct, frozen=True, array_like=True):
-    """A wall that somebody has put."""
-
-    x: float
-    y: float
-    to_x: float
-    to_y: float
-
-
-class Spot(msgspec.Struct, frozen=True, array_like=True):
-    """A point."""
-
-    x: float
-    y: float
+Circle = tuple[float, float, float]
+"""x, y, radius: an obstacle, or a jammer while it is on."""
+Line = tuple[float, float, float, float]
+"""x, y, to x, to y: a wall that somebody has put."""
+Spot = tuple[float, float]
+"""x, y."""
 
 
 class Place(msgspec.Struct, frozen=True, array_like=True):
@@ -84,13 +68,13 @@ class Floor(msgspec.Struct, frozen=True, tag_field="kind", tag="floor"):
     places: tuple[Place, ...]
 
 
-class State(msgspec.Struct, frozen=True, tag_field="kind", tag="state"):
+class MapState(msgspec.Struct, frozen=True, tag_field="kind", tag="state"):
     """How things stand: the newest there is."""
 
     t: float
     """Simulated s."""
     step: int
-    robots: tuple[Body, ...]
+    robots: tuple[MapRobot, ...]
     done: tuple[int, ...]
     """Indices of those that were reported, in Floor.places and `given` behind it."""
     given_up: tuple[int, ...]

@@ -38,10 +38,6 @@ _CLOCK_IS_SET: Final = 1_767_225_600
 """2026-01-01: a clock that is behind it was never set."""
 
 
-class EpochError(AcrcError):
-    """No epoch can be told that is later than all before."""
-
-
 class _Begun(msgspec.Struct):
     """What a robot's first record says of it, as far as it is needed here."""
 
@@ -75,13 +71,13 @@ class EpochCounter:
         return self.state / f"{self.robot}.epochs"
 
     def claim(self) -> int:
-        """An epoch later than all before, which nobody gets again. Raises EpochError."""
+        """An epoch later than all before, which nobody gets again. Raises AcrcError."""
         try:
             with self._alone():
                 epoch, lines = self._next()
                 self._write([_line(epoch), *lines][:_KEPT])
         except OSError as error:
-            raise EpochError(
+            raise AcrcError(
                 f"{self.file}: the starts of {self.robot} cannot be counted there ({error.strerror}); "
                 "it must be a file that can be written, for without it the others would not hear the robot"
             ) from None
@@ -110,7 +106,7 @@ class EpochCounter:
         now = int(self.clock())
         if now < _CLOCK_IS_SET:
             today = time.strftime("%Y-%m-%d", time.gmtime(now))
-            raise EpochError(
+            raise AcrcError(
                 f"{self.file}: holds no epoch that can be read, and the clock, at {today}, was never set, "
                 f"so that nobody can tell how often {self.robot} has been started; set the clock, "
                 "then start it again"
@@ -160,7 +156,7 @@ def _epoch(line: bytes) -> int | None:
 
 def _checked(epoch: int, file: Path) -> int:
     if epoch > LAST_EPOCH:
-        raise EpochError(f"{file}: the next epoch would be {epoch}; there are {LAST_EPOCH} at most")
+        raise AcrcError(f"{file}: the next epoch would be {epoch}; there are {LAST_EPOCH} at most")
     return epoch
 
 

@@ -6,7 +6,6 @@ Every robot has a copy of the file, beside its copy of the map. Lengths in m, an
 import ipaddress
 import os
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final
@@ -15,24 +14,28 @@ from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints
 
 from actors import table_wording, toml_file
 from actors.installation.usage import OptionError
+from actors.instant import milliseconds
+from actors.radio.radio_setup import RadioSetup
 from actors.robot.behaviour.adaptation import Adaptation
-from actors.robot.behaviour.ports import Setting
+from actors.robot.behaviour.foreign import Permit, admitted
 from actors.robot.stack import Stack
+from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
-from actors.table import A_POINT, A_POSE, Point, Pose, Right, Table, Text, as_tuples
+from actors.table import A_POINT, A_POSE, FileTable, Point, Pose, Right, Text, as_tuples
+from actors.world.world_setup import BodySetup, WorldSetup
+from cleaning.strategies import entry
 from deploy.scenario.adaptation_tables import AreaTable, DeecoTable, Settings, adaptation
-from deploy.scenario.kinds import MOST_PLACES, Model, Parameters, RobotId, Sensor
+from deploy.scenario.resolve import Swarm
 from deploy.scenario.stack_tables import stack_fault, stack_of
-from firmware_bridge.beeclick.signal import POWERS, power_setting
+from deploy.scenario.tables import MOST_PLACES, Model, Parameters, RobotId, Sensor
+from firmware_bridge.beeclick.parameters import POWERS, power_setting
 from firmware_bridge.onboard.onboard_setup import OPENNI
 
+FOREVER: Final = 2**62
+"""µs; a robot's run has no end of its own."""
 _LISTEN: Final = re.compile(
     r"tls/(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9][A-Za-z0-9.-]*):(?P<port>[0-9]{1,5})"
 )
-
-
-class FleetError(AcrcError):
-    """A fleet file that cannot be used, or a robot that is not in it."""
 
 
 def _power(power_dbm: float) -> float:
@@ -53,7 +56,7 @@ _A_PATH: Final = r"/[^\x00-\x1f\x7f]+"
 _Path = Annotated[str, StringConstraints(pattern=rf"^{_A_PATH}$")]
 
 
-class AirTable(Table):
+class AirTable(FileTable):
     """[radio]: how the BEE-click boards are set up, all alike."""
 
     pan: Annotated[int, Field(ge=0, le=0xFFFE), Right("a whole number from 0 to 0xFFFE")] = 0xBABA
@@ -68,7 +71,7 @@ class AirTable(Table):
     """Transmit power, dBm. Default: the strongest."""
 
 
-class ConductTable(Table):
+class ConductTable(FileTable):
     """[run]: what the robots do."""
 
     strategy: Annotated[Text, Right('the name of a strategy, such as "none"')] = "none"
@@ -77,7 +80,7 @@ class ConductTable(Table):
     """Where one's own strategy is looked for; absent: beside the file."""
 
 
-class FleetRobot(Table):
+class FleetRobot(FileTable):
     """[[robot]]: one robot, and where its devices are on its own computer."""
 
     id: RobotId
@@ -123,7 +126,7 @@ class FleetRobot(Table):
         return self.listen_host in {"0.0.0.0", "::"}
 
 
-class _FleetFile(Table):
+class _FleetFile(FileTable):
     map: Annotated[Text, Right("the path of a map's YAML file, relative to the fleet file")]
     step_ms: Annotated[
         int, Field(ge=10, le=100, multiple_of=10), Right("a multiple of 10 ms, from 10 to 100")
@@ -161,10 +164,6 @@ class Fleet:
     radio: AirTable
     run: ConductTable
     """With `modules` set."""
-    strategy: Mapping[str, Setting]
-    """Settings of the strategy that `run` names."""
-    deeco: DeecoTable
-    area: tuple[AreaTable, ...]
     adaptation: Adaptation
     """What every robot is told about its strategy and exchange."""
     stack: Stack
@@ -179,21 +178,33 @@ class Fleet:
         known = ", ".join(robot.id for robot in self.robots)
         raise OptionError(f'{self.path}: there is no robot "{name}" in the fleet; it has {known}')
 
+    def swarm(self, robot: FleetRobot) -> Swarm:
+        """That robot alone, as the swarm that it is told of."""
+        model, step_us = load_model(robot.model, robot.sensor), milliseconds(self.step_ms)
+        body = BodySetup(robot.id, robot.model, model.sensor_name, model.odometry, robot.start, robot.places)
+        return Swarm(
+            world=WorldSetup(str(self.map), self.seed, step_us, FOREVER, (body,)),
+            radio=RadioSetup(self.seed, step_us, ((robot.id, robot.address),), "beeclick"),
+            behaviour=entry(self.run.strategy),
+            adaptation=self.adaptation,
+            stack=self.stack,
+        )
+
     def keys_of(self, machine: str) -> Path:
         """The folder with the keys of a robot, by its id, or of the "operator"."""
         return self.keys / machine
 
 
 def load_fleet(path: Path) -> Fleet:
-    """The fleet in the file. Raises FleetError."""
-    return parse(toml_file.read(path, "fleet", FleetError), path)
+    """The fleet in the file. Raises AcrcError."""
+    return parse(toml_file.read(path, "fleet"), path)
 
 
 def parse(text: str, path: Path) -> Fleet:
     """The fleet in the text of the file `path`, as load_fleet gives it."""
-    file = table_wording.parse(text, _FleetFile, FleetError, str(path))
+    file = table_wording.parse(text, _FleetFile, str(path))
     if fault := _fault(file) or stack_fault(file):
-        raise FleetError(f"{path}: {fault}")
+        raise AcrcError(f"{path}: {fault}")
     return _fleet(file, Path(os.path.realpath(path)))
 
 
@@ -245,10 +256,13 @@ def _fleet(file: _FleetFile, path: Path) -> Fleet:
         keys=folder / (file.keys or f"{path.stem}-keys"),
         radio=file.radio,
         run=file.run.model_copy(update={"modules": str(folder / (file.run.modules or "."))}),
-        strategy=file.strategy,
-        deeco=file.deeco,
-        area=file.area,
-        adaptation=adaptation(file),
+        adaptation=adaptation(file.strategy, file.deeco, file.area),
         stack=stack_of(file),
         robots=tuple(robot.model_copy(update={"model": absolute(robot.model)}) for robot in file.robot),
     )
+
+
+def own_code(fleet: Fleet, permit: Permit) -> tuple[Path, ...]:
+    """Its folders, none for one that is installed. Raises as `foreign.admitted` does."""
+    hints = (Path(fleet.run.modules),) if fleet.run.modules else ()
+    return admitted(fleet.path, entry(fleet.run.strategy), hints, permit)

@@ -24,10 +24,6 @@ LONGEST_DAYS: Final = 3650
 _HOST: Final = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?|[0-9A-Fa-f:.]+")
 
 
-class KeysError(AcrcError):
-    """Keys that cannot be made."""
-
-
 @dataclass(frozen=True)
 class MachineKeys:
     """What was made for one machine."""
@@ -69,13 +65,13 @@ def issue(
     """Make the authority and everyone's keys in the new folder `out`: all of them, or nothing at all.
 
     `hosts`: further names and addresses of robots. `days`: how long the certificates hold. Private keys can
-    be read by their owner only. Raises KeysError where the folder is there already or cannot be made, and
+    be read by their owner only. Raises AcrcError where the folder is there already or cannot be made, and
     OptionError where `days` makes no sense.
     """
     if not 0 < days <= LONGEST_DAYS:
         raise wrong_value("--days", days, f"a whole number from 1 to {LONGEST_DAYS}")
     if out.exists():
-        raise KeysError(
+        raise AcrcError(
             f"{out}: exists already; move it away to give the whole fleet new keys, or name another folder "
             "with --out"
         )
@@ -104,26 +100,26 @@ def renew(
 
     Thereby the keys of the machines `revoked` are worth nothing to a machine that has its new folder: Zenoh
     knows no list of revoked certificates. What the old certificates held for the new ones hold for, too.
-    Raises KeysError where there are no old keys, else as `issue`.
+    Raises AcrcError where there are no old keys, else as `issue`.
     """
     for machine in revoked:
         if machine != OPERATOR:
             fleet.robot(machine)
     if not (out / HOME / AUTHORITY_FILE).is_file():
-        raise KeysError(
+        raise AcrcError(
             f"{out}: there are no keys to revoke; `acrc fleet keys` without --revoke makes the first"
         )
     known = {robot.id: (*_held_for(out / robot.id), *hosts.get(robot.id, ())) for robot in fleet.robots}
     aside = out.with_name(f"{out.name}.until-{now:%Y%m%d-%H%M%S}")
     if aside.exists():
-        raise KeysError(f"{aside}: exists already; the old keys would be put there")
+        raise AcrcError(f"{aside}: exists already; the old keys would be put there")
     draft = out.with_name(f"{out.name}.new-{now:%Y%m%d-%H%M%S}")
     issue(fleet, draft, known, now=now, days=days)
     try:
         out.rename(aside)
         draft.rename(out)
     except OSError as error:
-        raise KeysError(
+        raise AcrcError(
             f"{out}: the new keys are in {draft}, but cannot go there: {error.strerror}"
         ) from None
     return _described(fleet, out, known, now, days), aside
@@ -165,7 +161,7 @@ def _new_folder(out: Path) -> Iterator[Path]:
         out.parent.mkdir(parents=True, exist_ok=True)
         draft = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
     except OSError as error:
-        raise KeysError(f"{out}: the folder cannot be made: {error.strerror}") from None
+        raise AcrcError(f"{out}: the folder cannot be made: {error.strerror}") from None
     try:
         yield draft
         draft.rename(out)

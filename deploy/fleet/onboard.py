@@ -19,7 +19,7 @@ from actors.runtime.process_setup import ActorSetup, ProcessSetup
 from actors.world.world_setup import BodySetup
 from deploy.run.plan import (
     MODEL,
-    Plan,
+    RunPlan,
     actor_program,
     client,
     lay_out_robot,
@@ -57,7 +57,7 @@ class Ports:
 class Onboard:
     """One robot, ready to be laid out; `plan` has this robot alone."""
 
-    plan: Plan
+    plan: RunPlan
     ports: Ports
     epochs: Callable[[], int]
     """Gives each start of the robot's program an epoch of its own, later than all before."""

@@ -3,8 +3,11 @@
 import functools
 import importlib.util
 import math
+import os
+import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -14,32 +17,90 @@ from actors.floor.placement import check_pose
 from actors.geometry import Point
 from actors.installation.usage import command, wrong_value
 from actors.installation.version import software
-from actors.instant import milliseconds
 from actors.processes.launch import launcher
 from actors.processes.signals import signals_as_interrupts
-from actors.radio.radio_setup import RadioSetup
 from actors.robot.behaviour.foreign import Permit
 from actors.robot_model import load_model
+from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.isolating import choose
-from actors.world.world_setup import BodySetup, WorldSetup
-from cleaning.strategies import entry
+from actors.runtime.lifecycle.process_table import glance
 from deploy.fleet import onboard as layout
+from deploy.fleet.doctor.machine import Machine
 from deploy.fleet.doctor.robot import keys
-from deploy.fleet.doctor.this_machine import ThisMachine
 from deploy.fleet.epochs import EpochCounter
-from deploy.fleet.fleet_file import Fleet, FleetRobot
+from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
 from deploy.fleet.onboard import Onboard, Ports
-from deploy.fleet.onboard_supervisor import OnboardError, OnboardSupervisor
-from deploy.fleet.own_code import own_code
-from deploy.fleet.service_notice import ServiceNotice
-from deploy.fleet.stand_in import LOOK_S, StandIn
+from deploy.fleet.onboard_supervisor import OnboardSupervisor
+from deploy.run.options import RunOptions
 from deploy.run.out_folder import claim, writing
-from deploy.run.plan import Plan
+from deploy.run.plan import RunPlan
 from deploy.run.scenario_copy import ScenarioCopy
+from firmware_bridge.kobuki import guardian
 from firmware_bridge.onboard import last_pose
 
-FOREVER: Final = 2**62
-"""µs; a robot's run has no end of its own."""
+LOOK_S: Final = 0.05
+"""The base process is looked at so often, and stop said, s; own choice."""
+
+
+class StandIn:
+    """Has the base's port while the base process is stopped."""
+
+    def __init__(self, port: str, say: Callable[[str], None]) -> None:
+        """`port`: of the base; `say` is told what is done."""
+        self._path = port
+        self._say = say
+        self._port: int | None = None
+
+    def look(self, base: int | None) -> None:
+        """Say stop if that process is stopped, if there is one; never waits."""
+        found = None if base is None else glance(base)
+        if found is None or not found.stopped:
+            self._close()
+            return
+        if self._port is None:
+            try:
+                self._port = guardian.open_alone(self._path)
+            except OSError:
+                return  # unplugged: nobody can say it
+            self._say("base is stopped (SIGSTOP or a debugger): stop is said in its place")
+        if not guardian.say_stop(self._port, guardian.Standstill()):
+            self._close()
+
+    def _close(self) -> None:
+        if self._port is not None:
+            os.close(self._port)
+            self._port = None
+
+
+_SOCKET: Final = "NOTIFY_SOCKET"
+
+
+class ServiceNotice:
+    """The way to systemd, where it has started this process; elsewhere all of it does nothing."""
+
+    def __init__(self, environment: Mapping[str, str] | None = None) -> None:
+        """`environment`: of this process, if not given; systemd says there where it listens."""
+        address = (os.environ if environment is None else environment).get(_SOCKET, "")
+        self._socket: socket.socket | None = None
+        if address[:1] in {"/", "@"}:
+            self._address = address.replace("@", "\0", 1) if address[0] == "@" else address
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+            self._socket.setblocking(False)
+
+    def ready(self) -> None:
+        """All processes have been started."""
+        self._say("READY=1")
+
+    def lives(self) -> None:
+        """To be called all the time: without it systemd ends the service after a while."""
+        self._say("WATCHDOG=1")
+
+    def _say(self, line: str) -> None:
+        if self._socket is not None:
+            with suppress(OSError):  # systemd is busy: the next one will do
+                self._socket.sendto(line.encode(), self._address)
+
+
 AT_START: Final = "start"
 """Where the fleet file says that the robot is switched on."""
 
@@ -65,7 +126,7 @@ def prepare(fleet: Fleet, name: str, options: OnboardOptions, say: Callable[[str
     `say` is told what comes up later, a sentence at a time.
     """
     if options.debug_port is not None and importlib.util.find_spec("debugpy") is None:
-        raise OnboardError(
+        raise AcrcError(
             f"--debugpy: {options.debug_port} needs the Python package debugpy, which is not installed; "
             f"`{command()} add debugpy` brings it"
         )
@@ -129,7 +190,7 @@ def run(prepared: Onboard, say: Callable[[str], None]) -> None:
 
 def _link_fault(fleet: Fleet, robot: FleetRobot) -> str:
     """What is wrong with the keys with which a laptop may watch the robot; empty if nothing is."""
-    return next((found.text for found in keys(ThisMachine(), fleet, robot) if not found.ok), "")
+    return next((found.text for found in keys(Machine(), fleet, robot) if not found.ok), "")
 
 
 class OperatorLink:
@@ -172,29 +233,13 @@ def new_folder(runs: Path) -> Path:
     return claim(runs, time.strftime("%Y%m%d-%H%M%S", time.gmtime()))
 
 
-def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> Plan:
-    step_us = milliseconds(fleet.step_ms)
-    model = load_model(robot.model, robot.sensor)
-    body = BodySetup(
-        robot.id,
-        robot.model,
-        model.sensor_name,
-        model.odometry,
-        robot.start,
-        robot.places,
-    )
+def _plan(fleet: Fleet, robot: FleetRobot, options: OnboardOptions) -> RunPlan:
     choice = choose(options.isolate, debugged=options.debug_port is not None)
-    return Plan(
-        out=options.out,
-        world=WorldSetup(str(fleet.map), fleet.seed, step_us, FOREVER, (body,)),
-        radio=RadioSetup(fleet.seed, step_us, ((robot.id, robot.address),), "beeclick"),
-        behaviour=entry(fleet.run.strategy),
-        modules=own_code(fleet, Permit(options.modules)),
-        adaptation=fleet.adaptation,
-        stack=fleet.stack,
+    return RunPlan(
+        **vars(fleet.swarm(robot)),
+        options=RunOptions(options.out, speed="1", modules=own_code(fleet, Permit(options.modules))),
         scenario=ScenarioCopy("", ()),
         commit=software(),
-        speed="1",
         isolate=choice.isolate,
         warning=choice.warning,
     )

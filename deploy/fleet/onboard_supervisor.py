@@ -7,15 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from actors.processes.last_word import last_line
 from actors.processes.launch import Child, Launcher, Program
-from actors.processes.log_end import last_line
 from actors.runtime.errors import AcrcError
 from deploy.fleet import onboard as layout
 from deploy.fleet.onboard import Onboard
-
-
-class OnboardError(AcrcError):
-    """A robot whose processes do not stay up."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +84,7 @@ class OnboardSupervisor:
     def look(self, patience_s: float) -> bool:
         """Wait so long, and start again what has ended; False once the base has ended as it was told to.
 
-        Raises OnboardError when the budget is used up.
+        Raises AcrcError when the budget is used up.
         """
         self._launcher.wait(patience_s)
         self._lives()
@@ -145,7 +141,7 @@ class OnboardSupervisor:
             self._starts.popleft()
         if len(self._starts) > self._budget.starts:
             self.end()
-            raise OnboardError(
+            raise AcrcError(
                 f"{self._onboard.robot.id}: its processes were started {self._budget.starts} times within "
                 f"{self._budget.within_s:g} s, and {name} has ended once more {_cause(self._children[name])}"
             )

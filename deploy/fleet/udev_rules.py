@@ -14,7 +14,7 @@ from firmware_bridge.beeclick.port import BOARD
 from firmware_bridge.kobuki.port import KOBUKI
 from firmware_bridge.onboard.onboard_setup import OPENNI
 from firmware_bridge.range_sensors.rplidar import RPLIDAR
-from firmware_bridge.serial_port import Device
+from firmware_bridge.serial_port import PortDevice
 
 GROUP: Final = "dialout"
 """Who may open serial ports; Debian's and Ubuntu's name for it."""
@@ -61,17 +61,17 @@ def unnamed(robot: FleetRobot, plugged: Sequence[UsbPort]) -> list[str]:
     ]
 
 
-def _shared(robot: FleetRobot) -> list[tuple[Device, str, str]]:
+def _shared(robot: FleetRobot) -> list[tuple[PortDevice, str, str]]:
     """The devices whose chips others have, too: with their ports, and what their rules set besides."""
     lidar = [] if robot.range is None or robot.range == OPENNI else [(RPLIDAR, robot.range, "")]
     return [(BOARD, robot.radio, _FAST), *lidar]
 
 
-def _there(device: Device, plugged: Sequence[UsbPort]) -> list[UsbPort]:
+def _there(device: PortDevice, plugged: Sequence[UsbPort]) -> list[UsbPort]:
     return [port for port in plugged if may_be(device, port)]
 
 
-def _which(device: Device, port: str, there: Sequence[UsbPort]) -> str:
+def _which(device: PortDevice, port: str, there: Sequence[UsbPort]) -> str:
     """Which of the chips that are plugged in is the device's, in words."""
     if given_name(port) is None:
         return f"{port} is no name that a rule can give"
@@ -108,7 +108,7 @@ def given_name(port: str) -> str | None:
     return None if match is None else match[1]
 
 
-def _of(device: Device) -> str:
+def _of(device: PortDevice) -> str:
     """What a port's rule asks for, so that it is one of that device's chip."""
     return f'ATTRS{{idVendor}}=="{device.chip.vendor}", ATTRS{{idProduct}}=="{device.chip.product}"'
 

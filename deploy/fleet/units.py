@@ -21,10 +21,6 @@ RULES_FILE: Final = "60-acrc.rules"
 _USER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,30}")
 
 
-class UnitsError(AcrcError):
-    """Units that cannot be written."""
-
-
 @dataclass(frozen=True)
 class ServiceParameters:
     """How the service is started and ended."""
@@ -70,7 +66,7 @@ def write(
     """Write service and rules into the folder `out`, made if need be; files that are there are replaced.
 
     `program`: the script acrc on the robot. `user`: who the robot runs as. `plugged`: see `rules`. `modules`:
-    where its strategy may be loaded from. Raises UnitsError or OptionError.
+    where its strategy may be loaded from. Raises AcrcError or OptionError.
     """
     if not _USER.fullmatch(user):
         raise wrong_value("--user", user, "the name of a user of this computer")
@@ -82,7 +78,7 @@ def write(
         written.service_file.write_text(service(fleet, robot, program=program, user=user, modules=modules))
         written.rules_file.write_text(rules(robot, plugged))
     except OSError as error:
-        raise UnitsError(f"{out}: the units cannot be written: {error.strerror}") from None
+        raise AcrcError(f"{out}: the units cannot be written: {error.strerror}") from None
     return written
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from firmware_bridge.beeclick.port import BOARD
 from firmware_bridge.kobuki.port import KOBUKI
-from firmware_bridge.serial_port import Device
+from firmware_bridge.serial_port import PortDevice
 
 _TERMINALS = Path("/sys/class/tty")
 _KEYS = ("idVendor", "idProduct", "serial")
@@ -48,7 +48,7 @@ def is_kobuki(port: UsbPort) -> bool:
     return port.serial.startswith("kobuki")
 
 
-def may_be(device: Device, port: UsbPort) -> bool:
+def may_be(device: PortDevice, port: UsbPort) -> bool:
     """True if the device could be behind the port, by its chip."""
     if (port.vendor, port.product) != device.chip:
         return False

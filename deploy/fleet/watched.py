@@ -19,7 +19,7 @@ from actors.observer.colours import FATES, GREY
 from actors.observer.drawing import words
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement
-from actors.observer.drawing.words import Event
+from actors.observer.drawing.words import DrawnEvent
 from actors.observer.sheet import Sheet
 from actors.processes.scratch import scratch_folder
 from actors.runtime.core import at
@@ -43,7 +43,7 @@ _MOST: Final = 20_000
 """Messages that may wait to be drawn: those of ten robots for a minute and a half."""
 
 
-class Said(NamedTuple):
+class HeardMessage(NamedTuple):
     """A message, and when it came."""
 
     second: float
@@ -59,7 +59,7 @@ class Inbox:
         self.missed = 0
         """Messages for which there was no room."""
         self._began = time.monotonic()
-        self._waiting: queue.Queue[Said] = queue.Queue(_MOST)
+        self._waiting: queue.Queue[HeardMessage] = queue.Queue(_MOST)
 
     @property
     def now(self) -> float:
@@ -69,11 +69,11 @@ class Inbox:
     def take(self, endpoint: str, key: str, message: Message) -> None:
         """Keep one message."""
         try:
-            self._waiting.put_nowait(Said(self.now, endpoint, key, message))
+            self._waiting.put_nowait(HeardMessage(self.now, endpoint, key, message))
         except queue.Full:
             self.missed += 1
 
-    def all(self) -> list[Said]:
+    def all(self) -> list[HeardMessage]:
         """What has come since the last call."""
         return [self._waiting.get_nowait() for _ in range(self._waiting.qsize())]
 
@@ -102,11 +102,11 @@ class WatchedFleet:
         for robot in self.robots:
             words.introduce_line(self._canvas, f"plots/ages/{robot}", robot, self._canvas.colour(robot))
 
-    def draw(self, said: Sequence[Said], now: float, missed: int) -> None:
+    def draw(self, said: Sequence[HeardMessage], now: float, missed: int) -> None:
         """Draw what came until `now`, s; `missed`: messages so far that were lost here."""
         poses: dict[str, list[tuple[float, float, float, float]]] = {}
         heard: list[tuple[float, int, int, float]] = []
-        events: list[Event] = []
+        events: list[DrawnEvent] = []
         for one in said:
             robot = _robot(one.key) or self._endpoints.get(one.endpoint, "")
             if robot in self.robots:
@@ -122,10 +122,10 @@ class WatchedFleet:
                 case Progress():
                     events += self._progress(robot or one.endpoint, one.second, one.message)
                 case Board():
-                    events += [Event(one.second, robot, f"board: {note}") for note in one.message.notes]
+                    events += [DrawnEvent(one.second, robot, f"board: {note}") for note in one.message.notes]
         if missed > self._missed:
             lacks = f"the view lacks {missed - self._missed} messages: too many came"
-            events.append(Event(now, "", lacks, "WARN"))
+            events.append(DrawnEvent(now, "", lacks, "WARN"))
             self._missed = missed
         story = self._story(poses, np.array(heard, np.float64).reshape(-1, 4), self._states(now), now)
         self._said.forget()
@@ -177,13 +177,13 @@ class WatchedFleet:
                 found.append((second, sender, own, event.rssi_dbm))
         return found
 
-    def _progress(self, who: str, second: float, progress: Progress) -> list[Event]:
+    def _progress(self, who: str, second: float, progress: Progress) -> list[DrawnEvent]:
         """How a robot gets on, where that has changed."""
         told = watch.told(progress)
         if self._told.get(who) == told:
             return []
         self._told[who] = told
-        return [Event(second, who, told, "WARN" if progress.held else "INFO")]
+        return [DrawnEvent(second, who, told, "WARN" if progress.held else "INFO")]
 
     def _states(self, now: float) -> list[tuple[str, float, str]]:
         """Who is no longer heard, or again, from when on."""

@@ -11,7 +11,7 @@ from typing import Final
 
 import msgspec
 
-from actors.installation.usage import wrong_value
+from actors.installation.usage import OptionError, wrong_value
 from actors.instant import in_seconds
 from actors.messages import PROGRESS, Progress
 from actors.processes.launch import Child, Launcher, Program, launcher
@@ -29,12 +29,12 @@ from deploy.fleet import onboard as layout
 from deploy.fleet.collect import collect
 from deploy.fleet.onboard import Onboard, Ports
 from deploy.fleet.onboard_supervisor import OnboardSupervisor
-from deploy.laboratory import loop_limits
 from deploy.run import progress, swarm
 from deploy.run.options import RunOptions
 from deploy.run.out_folder import make_folder
-from deploy.run.plan import Plan, told_radio, told_world
+from deploy.run.plan import RunPlan, told_radio, told_world
 from deploy.run.preflight import preflight
+from deploy.scenario.events import action_of
 from deploy.scenario.tables import Scenario
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.laboratory.laboratory import BASE, RADIO, RANGE
@@ -42,14 +42,36 @@ from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
 from observation.field_trial.trial_result import TrialResult
 from observation.results.seal import seal
 
+ACTIONS: Final = ("jam", "lose", "obstacle")
+"""Of events: what happens to air and floor. The others are orders to the conductor of a simulated run."""
+_CONDUCTOR: Final = "robots that run by their own clocks have nobody who conducts them"
+_ODOMETRY: Final = "emulated bases have the errors of a Kobuki, or none"
+
+
+def check(scenario: Scenario) -> None:
+    """Raise OptionError, naming each key, for a scenario that cannot be carried out in real time."""
+    asked = _asked(scenario)
+    if asked:
+        what = "; ".join(f"{key}: {reason}" for key, reason in asked.items())
+        raise OptionError(
+            f"--hardware-in-the-loop: the scenario asks for what emulated devices have not: {what}; "
+            "leave it out there, or run the scenario without --hardware-in-the-loop"
+        )
+
+
+def _asked(scenario: Scenario) -> dict[str, str]:
+    """The keys that the scenario should stand without, and why."""
+    actions = [action_of(event) for event in scenario.event]
+    asked = {f"[[event]] {action}": _CONDUCTOR for action in actions if action not in ACTIONS}
+    if "stage" in (scenario.robots.odometry, *(robot.odometry for robot in scenario.robot)):
+        asked['odometry = "stage"'] = _ODOMETRY
+    return asked
+
+
 LABORATORY: Final = "laboratory"
 _PATIENCE_S: Final = 60.0
 """How long the emulated devices may take to be there."""
 OnProgress = Callable[[Progress], None]
-
-
-class LaboratoryError(AcrcError):
-    """Emulated devices that did not start, or did not last."""
 
 
 def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = None) -> TrialResult:
@@ -59,7 +81,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     result/places.csv. `launched` starts the processes; None: as the options say. Raises OptionError for a
     scenario that asks for what cannot be in real time, and for a board of nobody's.
     """
-    loop_limits.check(scenario)
+    check(scenario)
     plan = swarm.plan(scenario, options)
     simulated = _without_board(plan, options.boards)
     warn(plan.warning)
@@ -73,7 +95,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     return result
 
 
-def _without_board(plan: Plan, boards: tuple[str, ...]) -> tuple[str, ...]:
+def _without_board(plan: RunPlan, boards: tuple[str, ...]) -> tuple[str, ...]:
     """The robots with a simulated transceiver; `boards`: those with a board, none: all of them."""
     robots = [robot.id for robot in plan.world.robots]
     if unknown := [robot for robot in boards if robot not in robots]:
@@ -81,14 +103,14 @@ def _without_board(plan: Plan, boards: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(robot for robot in robots if boards and robot not in boards)
 
 
-def _lay_out(plan: Plan) -> None:
+def _lay_out(plan: RunPlan) -> None:
     make_folder(plan.out)
     plan.folder(LABORATORY).mkdir()
     plan.write_scenario()
 
 
 def _run_processes(
-    plan: Plan, simulated: tuple[str, ...], launching: Launcher, on_progress: OnProgress
+    plan: RunPlan, simulated: tuple[str, ...], launching: Launcher, on_progress: OnProgress
 ) -> None:
     folder = plan.folder(LABORATORY)
     with signals_as_interrupts(), launching as launched, ExitStack() as stack:
@@ -108,7 +130,7 @@ def _run_processes(
 class _Room:
     """The process with the emulated devices."""
 
-    def __init__(self, plan: Plan, simulated: tuple[str, ...], launched: Launcher) -> None:
+    def __init__(self, plan: RunPlan, simulated: tuple[str, ...], launched: Launcher) -> None:
         folder = plan.folder(LABORATORY)
         self._launched = launched
         self._folder = folder
@@ -133,13 +155,13 @@ class _Room:
             self._launched.wait(0.05)
             self.check()
             if time.monotonic() > deadline:
-                raise LaboratoryError(f"the emulated devices were not there within {_PATIENCE_S:g} s")
+                raise AcrcError(f"the emulated devices were not there within {_PATIENCE_S:g} s")
 
     def check(self) -> None:
-        """Raise LaboratoryError if it has ended."""
+        """Raise AcrcError if it has ended."""
         assert self._child is not None
         if self._child.exit_code is not None:
-            raise LaboratoryError(
+            raise AcrcError(
                 f"the emulated devices ended with exit code {self._child.exit_code}; "
                 f"{self._folder / 'laboratory.log'} says why"
             )
@@ -155,7 +177,7 @@ class _Room:
                 self._launched.wait(0.05)
 
 
-def _robot(plan: Plan, index: int, folder: Path, *, board: bool = True) -> Onboard:
+def _robot(plan: RunPlan, index: int, folder: Path, *, board: bool = True) -> Onboard:
     robot = plan.world.robots[index]
     alone = replace(
         plan,
@@ -192,7 +214,7 @@ def _listen(robot: Onboard, stack: ExitStack) -> ZenohBus:
 
 
 def _follow(
-    plan: Plan,
+    plan: RunPlan,
     watches: Sequence[OnboardSupervisor],
     buses: Sequence[ZenohBus],
     room: _Room,

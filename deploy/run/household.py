@@ -10,21 +10,20 @@ from types import FrameType, TracebackType
 from typing import Final, NoReturn, Self
 
 from actors.processes.silence import Silence, Suspect, Telling, Timeout
-from actors.processes.turn_board import Turn
+from actors.processes.turn_board import BoardTurn
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.failure import HardExit, TimedOut, where
-from actors.runtime.lifecycle.leftovers import fault
 from actors.runtime.lifecycle.linux import PR_SET_CHILD_SUBREAPER, prctl
-from actors.runtime.lifecycle.process_table import Glance
+from actors.runtime.lifecycle.process_table import ProcessGlance, fault
+from actors.runtime.pace import ticking
 from actors.runtime.shell import Shell
-from actors.runtime.ticks import ticking
 
 _TICK_S: Final = 0.25
 
 
 def quiet(timeout: Timeout) -> Silence:
     """For the process that it looks at itself."""
-    return Silence(timeout, look=lambda: {os.getpid(): Glance(0, 0, "S", time.process_time())})
+    return Silence(timeout, look=lambda: {os.getpid(): ProcessGlance(0, 0, "S", time.process_time())})
 
 
 def _say(sentence: str) -> None:
@@ -35,7 +34,7 @@ def _say(sentence: str) -> None:
 
 @contextlib.contextmanager
 def watched(
-    shells: Sequence[Shell], silence: Silence, turn: Callable[[], Turn], give_up: Callable[[str], None]
+    shells: Sequence[Shell], silence: Silence, turn: Callable[[], BoardTurn], give_up: Callable[[str], None]
 ) -> Iterator[None]:
     """Raise TimedOut in the main thread if none of the `shells` advances for too long.
 

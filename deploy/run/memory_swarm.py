@@ -11,10 +11,10 @@ from typing import NoReturn
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.messages import Roster as RosterMessage
-from actors.processes.hold_ups import HoldUp
 from actors.processes.kernels import kernel_modules
 from actors.processes.launch import Program
-from actors.processes.turn_board import Show, Turn, warded
+from actors.processes.silence import HoldUp
+from actors.processes.turn_board import BoardTurn, Show, warded
 from actors.radio.program import part as radio_part
 from actors.robot.program import part as robot_part
 from actors.robot.program import share
@@ -24,6 +24,7 @@ from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import decode
 from actors.runtime.core import at
 from actors.runtime.debugger import stop_here
+from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import fingerprints
 from actors.runtime.lifecycle import reserve
 from actors.runtime.lifecycle.failure import TimedOut, failure_note, in_words
@@ -34,15 +35,14 @@ from actors.runtime.shell import Shell
 from actors.world import program as world_program
 from actors.world.core import WorldCore
 from deploy.run.household import Leftovers, exits_caught, quiet, watched
-from deploy.run.plan import Plan, in_common, radio_program, robot_program
+from deploy.run.plan import RunPlan, in_common, radio_program, robot_program
 from deploy.run.plan import world_program as world_as_program
-from deploy.run.supervisor import RunFailedError
 
 
 class MemorySwarm:
     """All actors of one run; `programs` says what each would have been as a process."""
 
-    def __init__(self, plan: Plan, bus: MemoryBus, on_progress: Callable[[Progress], None]) -> None:
+    def __init__(self, plan: RunPlan, bus: MemoryBus, on_progress: Callable[[Progress], None]) -> None:
         self._plan = plan
         self._bus = bus
         self._on_progress = on_progress
@@ -53,7 +53,7 @@ class MemorySwarm:
         self._turn: Shell | None = None
         self._shared: list[object] = []
         """What the robots have in common, held for those to come."""
-        self._pace = None if plan.speed == "max" else Pace(float(plan.speed))
+        self._pace = None if plan.options.speed == "max" else Pace(float(plan.options.speed))
         self._show: Show | None = None
         """Shows others whose turn it is."""
         self._silence = quiet(plan.timeout)
@@ -81,13 +81,13 @@ class MemorySwarm:
                 with Leftovers() as leftovers:
                     self._play()
             except (SystemExit, TimedOut) as error:
-                raise RunFailedError(self._note_failure(error)) from None
+                raise AcrcError(self._note_failure(error)) from None
             except Exception as error:
                 reserve.release()  # here already: not even a call may be possible
                 self._note_failure(error)
                 raise
             if leftovers.fault is not None:
-                raise RunFailedError(f"a strategy failed: {leftovers.fault}")
+                raise AcrcError(f"a strategy failed: {leftovers.fault}")
             cpu_s = time.process_time() / len(self._actors)  # one process: everyone gets an equal share
             for _, part, shell, recorder in self._actors:
                 recorder.note("final", final_note(shell, part, cpu_s))
@@ -172,9 +172,9 @@ class MemorySwarm:
                 recorder.note("failure", note)
         return in_words(note)
 
-    def _whose_turn(self) -> Turn:
+    def _whose_turn(self) -> BoardTurn:
         turn = self._turn
-        return Turn(0, "") if turn is None else Turn(turn.core.step, turn.actor)
+        return BoardTurn(0, "") if turn is None else BoardTurn(turn.core.step, turn.actor)
 
     def _give_up(self, sentence: str) -> NoReturn:
         """End this process, although something in it catches whatever is raised."""

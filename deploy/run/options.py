@@ -3,15 +3,15 @@
 import math
 import re
 import sys
-from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import KW_ONLY, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, cast, get_args
+from typing import Literal, get_args
 
 from actors.installation.usage import OptionError, wrong_value
 from actors.processes.silence import Timeout
-from actors.robot.behaviour.modules import Recorded
+from actors.robot.behaviour.modules import RecordedModules
 from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, limits
 from deploy.run import out_folder
 
@@ -32,9 +32,9 @@ class RunOptions:
     _: KW_ONLY
     speed: str = "max"
     """Simulated seconds per second as a number, or "max"."""
-    bus: Bus = "zenoh"
+    bus: str = "zenoh"
     """zenoh: a process per actor; memory: all actors in this process."""
-    spawn: Spawn = "forkserver"
+    spawn: str = "forkserver"
     """How processes are started: forked with everything imported, or anew."""
     isolate: bool | None = None
     """Shut every robot's process off from everything but its own two branches of the mesh; None: do so where
@@ -68,113 +68,72 @@ class RunOptions:
     """Robots that the view looks into; none named: as many as it does by itself."""
     modules: tuple[Path, ...] = ()
     """Folders in which a strategy of one's own is looked for, as `foreign.admitted` has found them."""
-    recorded: Recorded | None = None
+    recorded: RecordedModules | None = None
     """What must be in them, for a run in memory; None: whatever is."""
 
 
-def run_options(  # one for each option of the command line
-    out: Path,
-    *,
-    speed: str = "max",
-    bus: str = "zenoh",
-    spawn: str = "forkserver",
-    isolate: bool | None = None,
-    scenario: str = "",
-    hidden: tuple[Path, ...] = (),
-    view: bool = False,
-    debug: str | None = None,
-    control: bool = False,
-    hardware: bool = False,
-    boards: Sequence[str] = (),
-    limit: Sequence[str] = (),
-    timeout: float = Timeout.step_s,
-    json: bool = False,
-    check: bool = False,
-    log: Sequence[str] = (),
-    followed: Sequence[str] = (),
-) -> RunOptions:
-    """The options as they stand on the command line, checked. Raises OptionError."""
-    if bus not in get_args(Bus):
-        raise wrong_value("--bus", bus, _choice(get_args(Bus)))
-    if spawn not in get_args(Spawn):
-        raise wrong_value("--spawn", spawn, _choice(get_args(Spawn)))
-    if isolate and bus == "memory":
-        raise OptionError(
-            "--isolate: --bus memory has one process for all robots; must stand with --bus zenoh"
+def checked(options: RunOptions, limit: Sequence[str] = ()) -> RunOptions:
+    """Options as they stand on the command line, where they are right; `limit`: of processes, NAME=N.
+
+    The folder of its `out` is absolute then. Raises OptionError.
+    """
+    if options.bus not in get_args(Bus):
+        raise wrong_value("--bus", options.bus, _choice(get_args(Bus)))
+    if options.spawn not in get_args(Spawn):
+        raise wrong_value("--spawn", options.spawn, _choice(get_args(Spawn)))
+    speed = _speed(options.speed)
+    for sentence in (*_faults(options), *_hardware_faults(options, limit)):
+        raise OptionError(sentence)
+    if speed != "max" and not options.timeout_s > (slowest := _SLOWEST_STEP_S / float(speed)):
+        raise wrong_value(
+            "--timeout", f"{options.timeout_s:g}", f"more than the {slowest:g} s of a step at --speed {speed}"
         )
-    _check_view(bus, followed, view=view)
-    _check_terminal(debug, hardware=hardware)
-    _check_control(control, bus, hardware=hardware)
-    if hardware and (bus == "memory" or view or _speed(speed) not in {"max", "1"}):
-        raise OptionError(
+    return replace(
+        options, out=out_folder.checked(options.out, mesh=options.bus == "zenoh"), limits=_limits(limit)
+    )
+
+
+def _faults(options: RunOptions) -> Iterator[str]:
+    """Options that do not go together, in a sentence each."""
+    memory, debug = options.bus == "memory", options.debug
+    if options.isolate and memory:
+        yield "--isolate: --bus memory has one process for all robots; must stand with --bus zenoh"
+    if options.view and memory:
+        yield (
+            "--view: --bus memory is one process, and starts none that looks on; must stand with --bus zenoh"
+        )
+    if options.followed and not options.view:
+        yield f"--robot: {options.followed[0]!r}; must stand with --view"
+    if debug is not None and options.hardware:
+        yield "--debug: stops simulated time; must stand without --hardware-in-the-loop"
+    if debug is not None and not sys.stdin.isatty():
+        yield f"--debug: {debug} needs somebody to talk to; standard input must be a terminal"
+    if options.control and (memory or options.hardware):
+        yield "--control: gives orders over the mesh of a simulated run; must stand with --bus zenoh"
+
+
+def _hardware_faults(options: RunOptions, limit: Sequence[str]) -> Iterator[str]:
+    """The same of emulated devices."""
+    memory, hardware = options.bus == "memory", options.hardware
+    if hardware and (memory or options.view or options.speed not in {"max", "1"}):
+        yield (
             "--hardware-in-the-loop: runs processes in wall time; "
             "must stand without --bus memory, --view, and a --speed other than 1"
         )
-    if boards and not hardware:
-        raise OptionError(f"--board: {boards[0]}; must stand with --hardware-in-the-loop")
-    if hardware and log:
-        raise OptionError("--log: shows simulated robots; must stand without --hardware-in-the-loop")
-    if hardware and check:
-        raise OptionError(
-            "--check: executes a simulated run again; must stand without --hardware-in-the-loop"
-        )
-    if limit and (bus == "memory" or hardware):
-        raise OptionError("--limit: holds a simulated robot's process; must stand with --bus zenoh only")
-    if _speed(speed) != "max" and not timeout > (slowest := _SLOWEST_STEP_S / float(speed)):
-        raise wrong_value(
-            "--timeout", f"{timeout:g}", f"more than the {slowest:g} s of a step at --speed {speed}"
-        )
-    return RunOptions(
-        out=out_folder.checked(out, mesh=bus == "zenoh"),
-        speed=_speed(speed),
-        bus=cast(Bus, bus),
-        spawn=cast(Spawn, spawn),
-        isolate=isolate,
-        scenario=scenario,
-        hidden=hidden,
-        view=view,
-        debug=debug,
-        control=control,
-        hardware=hardware,
-        boards=tuple(boards),
-        limits=_limits(limit),
-        timeout_s=timeout,
-        json=json,
-        check=check,
-        log=tuple(log),
-        followed=tuple(followed),
-    )
+    if options.boards and not hardware:
+        yield f"--board: {options.boards[0]}; must stand with --hardware-in-the-loop"
+    if hardware and options.log:
+        yield "--log: shows simulated robots; must stand without --hardware-in-the-loop"
+    if hardware and options.check:
+        yield "--check: executes a simulated run again; must stand without --hardware-in-the-loop"
+    if limit and (memory or hardware):
+        yield "--limit: holds a simulated robot's process; must stand with --bus zenoh only"
 
 
 def folder_name(scenario: Path) -> str:
     """What a run's folder is called: after the scenario, and the time in UTC."""
     stem = re.sub(r"[^\w.-]", "-", scenario.stem)  # "#" and "?" could not be part of the path of a socket
     return f"{stem}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
-
-
-def _check_view(bus: str, followed: Sequence[str], *, view: bool) -> None:
-    if view and bus == "memory":
-        raise OptionError(
-            "--view: --bus memory is one process, and starts none that looks on; must stand with --bus zenoh"
-        )
-    if followed and not view:
-        raise OptionError(f"--robot: {followed[0]!r}; must stand with --view")
-
-
-def _check_terminal(debug: str | None, *, hardware: bool) -> None:
-    if debug is None:
-        return
-    if hardware:
-        raise OptionError("--debug: stops simulated time; must stand without --hardware-in-the-loop")
-    if not sys.stdin.isatty():
-        raise OptionError(f"--debug: {debug} needs somebody to talk to; standard input must be a terminal")
-
-
-def _check_control(control: bool, bus: str, *, hardware: bool) -> None:
-    if control and (bus == "memory" or hardware):
-        raise OptionError(
-            "--control: gives orders over the mesh of a simulated run; must stand with --bus zenoh"
-        )
 
 
 def _limits(words: Sequence[str]) -> ProcessLimits:

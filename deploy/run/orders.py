@@ -39,10 +39,6 @@ from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 
 
-class OrderRefusedError(AcrcError):
-    """A run that takes no order."""
-
-
 def _numbers(make: Callable[..., Order], count: int) -> Callable[[Sequence[str]], Order]:
     def order(words: Sequence[str]) -> Order:
         values = [float(word) for word in words]
@@ -129,12 +125,12 @@ def parse(verb: str, words: Sequence[str]) -> Order:
 def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:
     """Give an order to the run that writes to `out`, and hear what becomes of it at the next step's start.
 
-    None if it was carried out, else why it was refused. OrderError if no run is going on there, or it says
+    None if it was carried out, else why it was refused. AcrcError if no run is going on there, or it says
     nothing within `patience_s`.
     """
     file = out / "world" / router_file.NAME
     if not file.is_file():
-        raise OrderRefusedError(f"{out}: no run is going on here; name the folder of one that is, over Zenoh")
+        raise AcrcError(f"{out}: no run is going on here; name the folder of one that is, over Zenoh")
     issued = router_file.read(file)
     config = rules.client_config(issued.files["operator"], issued.endpoint("operator"))
     ticket = secrets.token_hex(8)
@@ -142,7 +138,7 @@ def send(out: Path, order: Order, *, patience_s: float = 10.0) -> str | None:
         bus.publish(CONTROL.key(), encode(Control(0, (order,), ticket)))
         answer = _await_answer(bus, ticket, time.monotonic() + patience_s)
     if answer is None:
-        raise OrderRefusedError(
+        raise AcrcError(
             f"{out}: the run has not said within {patience_s:g} s what becomes of the order; if it goes on, "
             "the order is carried out at the start of its next step; run.json will name it if it is refused"
         )

@@ -22,14 +22,10 @@ _ENDPOINT_MARKS: Final = "?#"
 """What ends the path of a socket in the address that Zenoh takes."""
 
 
-class OutFolderError(AcrcError):
-    """A folder for the results that cannot be used."""
-
-
 def claim(parent: Path, name: str) -> Path:
     """Make a folder `name` in `parent`, or `name-2` and so on where that exists; its path as of `checked`.
 
-    To make it is to claim it, so two that ask in the same instant get two. Raises OutFolderError.
+    To make it is to claim it, so two that ask in the same instant get two. Raises AcrcError.
     """
     for number in count(1):
         folder = Path(os.path.realpath(parent)) / (name if number == 1 else f"{name}-{number}")
@@ -82,7 +78,7 @@ def checked(out: Path, *, mesh: bool) -> Path:
 
 
 def make_folder(out: Path) -> None:
-    """Make the folder for the results. OptionError if there is something, OutFolderError if it cannot be."""
+    """Make the folder for the results. OptionError if there is something, AcrcError if it cannot be."""
     check_new(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -91,7 +87,7 @@ def make_folder(out: Path) -> None:
 
 
 def check_new(out: Path) -> None:
-    """Raise OptionError if there is something already in the folder, OutFolderError if it is closed."""
+    """Raise OptionError if there is something already in the folder, AcrcError if it is closed."""
     try:
         if out.exists() and (not out.is_dir() or any(out.iterdir())):
             raise OptionError(f"--out: {out} exists and is not an empty folder; must be a new one")
@@ -101,7 +97,7 @@ def check_new(out: Path) -> None:
 
 @contextmanager
 def writing(out: Path) -> Iterator[None]:
-    """What the system refuses while results are written there becomes an OutFolderError.
+    """What the system refuses while results are written there becomes an AcrcError.
 
     Any other AcrcError is told with it if nothing can be written there any more: a process that cannot write
     cannot say why it ended.
@@ -112,16 +108,16 @@ def writing(out: Path) -> Iterator[None]:
         if error.errno not in _OF_THE_MACHINE:
             raise
         where = error.filename if isinstance(error.filename, str) else out
-        raise OutFolderError(f"{where}: cannot be written: {reason(error)}") from error
+        raise AcrcError(f"{where}: cannot be written: {reason(error)}") from error
     except AcrcError as error:
         why = write_fault(out)
         if why is None or why in str(error):
             raise
-        raise OutFolderError(f"{error}; {out}: cannot be written: {why}") from error
+        raise AcrcError(f"{error}; {out}: cannot be written: {why}") from error
 
 
-def _unusable(out: Path, error: OSError) -> OutFolderError:
-    return OutFolderError(f"--out: {_short(out)} cannot be made: {reason(error)}; choose another place")
+def _unusable(out: Path, error: OSError) -> AcrcError:
+    return AcrcError(f"--out: {_short(out)} cannot be made: {reason(error)}; choose another place")
 
 
 def _short(path: Path) -> str:

@@ -11,26 +11,23 @@ import yaml
 
 from actors.messages import ProcessOrder
 from actors.processes.launch import Program
-from actors.processes.real_names import NAMES, RealNames
 from actors.processes.silence import Timeout
 from actors.radio.radio_setup import RadioSetup
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour import succession
-from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.program import RobotProcess
-from actors.robot.stack import Stack
 from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials, unix_endpoint
-from actors.runtime.isolation.neutral import FOLDER, Names, own_folder
+from actors.runtime.isolation.neutral import FOLDER, NAMES, Names, RealNames, own_folder
 from actors.runtime.isolation.neutral import code as seen_code
-from actors.runtime.isolation.resource_limits import ProcessLimits
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, located_model
 from actors.runtime.spans import Window
 from actors.world.world_setup import BodySetup, WorldProcess, WorldSetup
 from cleaning.strategies.registry import STRATEGIES
 from deploy.run import scenario_copy
+from deploy.run.options import RunOptions
 from deploy.run.out_folder import make_folder
-from deploy.scenario.resolve import robot_setup
+from deploy.scenario.resolve import Swarm, robot_setup
 
 MODEL: Final = "model.toml"
 """The robot's model in its folder, if that is the user's own."""
@@ -46,46 +43,30 @@ class Debugged(NamedTuple):
     """The path of its device; empty in memory, where the debugger has the process's own streams."""
 
 
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, kw_only=True)
+class RunPlan(Swarm):
     """A run that is ready to be laid out."""
 
-    out: Path
-    """Absolute path of the folder for everything that the run writes."""
-    world: WorldSetup
-    radio: RadioSetup
-    behaviour: str
-    """Entry string `module:function` of the robots' behaviour."""
-    modules: tuple[Path, ...]
-    """Folders in which a strategy of the user's own is looked for, the first one first, as was admitted."""
-    adaptation: Adaptation
-    """What every robot is told about its strategy and exchange."""
-    stack: Stack
-    """What every robot is told about how it localises and navigates."""
+    options: RunOptions
+    """As they were asked for; `modules`: as was admitted."""
     scenario: scenario_copy.ScenarioCopy
     """The resolved scenario, as it lies beside the result."""
     commit: str
     """Version of the software."""
-    speed: str
-    """As on the command line: "max" or a number."""
     isolate: bool
     warning: str = ""
     """What is missing of the robots' isolation, for the user; empty if nothing is."""
-    hidden: tuple[Path, ...] = ()
-    """Files beside the strategy's code that a robot must not see: the scenario."""
-    view: bool = False
-    followed: tuple[str, ...] = ()
-    """Robots that the view looks into; none named: as many as it does by itself."""
     debug: Debugged | None = None
     """The robot at whose breakpoints the run stops; None: as Python has it."""
-    control: bool = False
-    """Serve the map page."""
-    limits: ProcessLimits = field(default=ProcessLimits())
-    """What each robot's process may have."""
     timeout: Timeout = field(default=Timeout())
     """How long the run may take no step."""
     spans: Window | None = None
     """Steps in which every process notes what it does, span by span."""
+
+    @property
+    def out(self) -> Path:
+        """Absolute path of the folder for everything that the run writes."""
+        return self.options.out
 
     @property
     def own_code(self) -> bool:
@@ -109,15 +90,20 @@ class Plan:
     def names(self, robot: str, record: str) -> Names:
         """What a robot that is shut off sees under other names; `record`: the name of its recording."""
         folder = self.folder(robot).resolve()
-        code, hidden = (tuple(str(path.absolute()) for path in some) for some in (self.modules, self.hidden))
-        return Names(str(folder), str(folder / record), code, hidden)
+        hidden = tuple(str(path.absolute()) for path in self.options.hidden)
+        return Names(str(folder), str(folder / record), self.code, hidden)
+
+    @property
+    def code(self) -> tuple[str, ...]:
+        """Absolute paths of the folders with the strategy's own code."""
+        return tuple(str(path.absolute()) for path in self.options.modules)
 
     def address(self, robot: str) -> int:
         """The robot's short address on the air."""
         return dict(self.radio.robots)[robot]
 
 
-def lay_out(plan: Plan) -> None:
+def lay_out(plan: RunPlan) -> None:
     """Write the files that the actors read; the folder must be new or empty."""
     make_folder(plan.out)
     plan.write_scenario()
@@ -128,14 +114,14 @@ def lay_out(plan: Plan) -> None:
         lay_out_robot(plan, robot)
 
 
-def write_names(plan: Plan) -> None:
+def write_names(plan: RunPlan) -> None:
     """Write where the strategy's code lies, where no isolated robot can read it."""
-    if plan.modules:
-        names = RealNames(str(plan.out.resolve()), tuple(str(path.absolute()) for path in plan.modules))
+    if plan.code:
+        names = RealNames(str(plan.out.resolve()), plan.code)
         (plan.out / NAMES).write_bytes(msgspec.json.format(msgspec.json.encode(names)) + b"\n")
 
 
-def lay_out_robot(plan: Plan, robot: BodySetup) -> None:
+def lay_out_robot(plan: RunPlan, robot: BodySetup) -> None:
     """Write the files that one robot reads beside its set-up."""
     own_folder(plan.folder(robot.id)).mkdir(parents=True)
     copy_map(Path(plan.world.map), plan.folder(robot.id))
@@ -152,7 +138,7 @@ def copy_map(map_file: Path, folder: Path) -> None:
     (folder / "map.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
 
 
-def world_program(plan: Plan) -> Program:
+def world_program(plan: RunPlan) -> Program:
     """The world's program."""
     process = WorldProcess(
         record="world.mcap",
@@ -160,13 +146,13 @@ def world_program(plan: Plan) -> Program:
         commit=plan.commit,
         with_parent=True,
         spans=plan.spans,
-        speed=None if plan.speed == "max" else float(plan.speed),
+        speed=None if plan.options.speed == "max" else float(plan.options.speed),
     )
     world = told_world(plan, lambda robot: f"../{robot.id}/{MODEL}")
     return actor_program("world", "actors.world", plan.folder("world"), ActorSetup(world, process))
 
 
-def told_world(plan: Plan, own_model: Callable[[BodySetup], str]) -> WorldSetup:
+def told_world(plan: RunPlan, own_model: Callable[[BodySetup], str]) -> WorldSetup:
     """The world, its files as they are called in a folder of the run; `own_model`: where the user's lie."""
     robots = tuple(
         msgspec.structs.replace(robot, model=own_model(robot)) if robot.model.endswith(".toml") else robot
@@ -175,18 +161,18 @@ def told_world(plan: Plan, own_model: Callable[[BodySetup], str]) -> WorldSetup:
     return msgspec.structs.replace(plan.world, map=_MAP, robots=robots)
 
 
-def told_radio(plan: Plan) -> RadioSetup:
+def told_radio(plan: RunPlan) -> RadioSetup:
     """The air, its map as it is called in a folder of the run."""
     return msgspec.structs.replace(plan.radio, map=_MAP) if plan.radio.map else plan.radio
 
 
-def radio_program(plan: Plan) -> Program:
+def radio_program(plan: RunPlan) -> Program:
     """The radio's program."""
     process = client(plan, "../world", "radio", "radio.mcap")
     return actor_program("radio", "actors.radio", plan.folder("radio"), ActorSetup(told_radio(plan), process))
 
 
-def client(plan: Plan, place: str, user: str, record: str) -> ProcessSetup:
+def client(plan: RunPlan, place: str, user: str, record: str) -> ProcessSetup:
     """Of a client that is no robot; router's socket and `user`'s credentials lie in `place`."""
     return ProcessSetup(
         record=record,
@@ -205,7 +191,7 @@ def actor_program(actor: str, module: str, folder: Path, setup: ActorSetup[Any, 
 
 
 def robot_program(
-    plan: Plan, robot: BodySetup, order: ProcessOrder, first_step: int, name: str | None = None
+    plan: RunPlan, robot: BodySetup, order: ProcessOrder, first_step: int, name: str | None = None
 ) -> Program:
     """A robot's program; the same but for endpoint and time source as on a robot.
 
@@ -214,7 +200,8 @@ def robot_program(
     folder = plan.folder(robot.id)
     name = name or (robot.id if order.epoch == 0 else f"{robot.id}.{order.epoch}")
     isolated = plan.isolate and not _is_debugged(plan, robot.id)
-    seen, code = (FOLDER, seen_code(len(plan.modules))) if isolated else (folder, plan.modules)
+    modules = plan.options.modules
+    seen, code = (FOLDER, seen_code(len(modules))) if isolated else (folder, modules)
     process = RobotProcess(
         record=f"{name}.mcap",
         router="router.sock",
@@ -223,7 +210,7 @@ def robot_program(
         with_parent=True,
         spans=plan.spans,
         code=tuple(str(path) for path in code),
-        limits=plan.limits,
+        limits=plan.options.limits,
         isolate=isolated,
         debugger=None if plan.debug is None else _terminal(plan, robot.id),
     )
@@ -233,22 +220,22 @@ def robot_program(
     return replace(program, argv=(str(seen / SETUP),), names=names)
 
 
-def _beside(plan: Plan, robot: BodySetup) -> RobotSetup:
+def _beside(plan: RunPlan, robot: BodySetup) -> RobotSetup:
     """What the robot is told, with a model of the user's own as it lies beside its set-up."""
     told = robot_setup(plan, robot)
     return msgspec.structs.replace(told, model=MODEL) if told.model.endswith(".toml") else told
 
 
-def _is_debugged(plan: Plan, robot: str) -> bool:
+def _is_debugged(plan: RunPlan, robot: str) -> bool:
     return plan.debug is not None and plan.debug.robot == robot
 
 
-def _terminal(plan: Plan, robot: str) -> str:
+def _terminal(plan: RunPlan, robot: str) -> str:
     assert plan.debug is not None
     return plan.debug.terminal if _is_debugged(plan, robot) else ""
 
 
-def in_common(plan: Plan, out: Path | None = None) -> list[tuple[str, ...]]:
+def in_common(plan: RunPlan, out: Path | None = None) -> list[tuple[str, ...]]:
     """For each kind of robot the words for `share` of its program, once the run is laid out.
 
     Nothing in them is of one robot alone. `out`: what the run's folder is called there.
@@ -262,12 +249,12 @@ def in_common(plan: Plan, out: Path | None = None) -> list[tuple[str, ...]]:
     ]
 
 
-def router_of(plan: Plan) -> Path:
+def router_of(plan: RunPlan) -> Path:
     """The run's router file."""
     return plan.folder("world") / router_file.NAME
 
 
-def issue_credentials(plan: Plan) -> Credentials:
+def issue_credentials(plan: RunPlan) -> Credentials:
     """Draw the run's passwords; the robots' lie in their folders, all others in the world's."""
     issued = credentials.issue(
         {robot.id: plan.folder(robot.id) for robot in plan.world.robots}, plan.folder("world")
@@ -276,16 +263,16 @@ def issue_credentials(plan: Plan) -> Credentials:
     return issued
 
 
-def remove_credentials(plan: Plan) -> None:
+def remove_credentials(plan: RunPlan) -> None:
     """Remove what the run has left of passwords and sockets, if the world has not done so."""
     router_file.remove(router_of(plan))
 
 
-def observer_program(plan: Plan) -> Program:
+def observer_program(plan: RunPlan) -> Program:
     """The observer's program, which reads what the others record, and needs nothing of the mesh."""
     argv = (
-        *("--out", str(plan.out), *(word for robot in plan.followed for word in ("--robot", robot))),
-        *(word for path in plan.modules for word in ("--modules", str(path))),
+        *("--out", str(plan.out), *(word for robot in plan.options.followed for word in ("--robot", robot))),
+        *(word for path in plan.options.modules for word in ("--modules", str(path))),
         *(("--isolate",) if plan.isolate and plan.debug is None else ()),
     )
     return Program("observer", "observation.view", argv, plan.out / "view.log", None)
@@ -295,7 +282,7 @@ CONTROL_ADDRESS: Final = "control.url"
 """File in a run's folder with the address of its map page, for as long as it is served."""
 
 
-def control_program(plan: Plan) -> Program:
+def control_program(plan: RunPlan) -> Program:
     """The map page's program."""
     folder = plan.folder("world").resolve()
     argv = (

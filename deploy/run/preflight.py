@@ -18,8 +18,8 @@ import msgspec
 
 from actors.floor.map_file import load_map
 from actors.messages import ProcessOrder
+from actors.processes.last_word import said, show
 from actors.processes.launch import Child, Launcher, Program
-from actors.processes.log_end import said, show
 from actors.processes.scratch import scratch_folder
 from actors.robot import assembly
 from actors.robot.behaviour.modules import look_in
@@ -30,19 +30,15 @@ from actors.runtime.lifecycle.failure import FailureNote
 from actors.runtime.prints import taken_by
 from actors.runtime.recording import RecordingError, read_notes
 from deploy.run.household import exits_caught
-from deploy.run.plan import Debugged, Plan, lay_out_robot, robot_program
+from deploy.run.plan import Debugged, RunPlan, lay_out_robot, robot_program
 from deploy.scenario.resolve import ResolvedScenario, robot_setup
 
 _HUNG: Final = re.compile(r'^Timeout.*?File "([^"\n]*)", line (\d+)', re.DOTALL | re.MULTILINE)
 """What faulthandler writes of the place where the main thread was."""
 
 
-class PreflightError(AcrcError):
-    """A robot that cannot be made."""
-
-
 @dataclass(frozen=True)
-class Bounds:
+class PreflightLimits:
     """What a preflight may take."""
 
     patience_s: float = 120.0
@@ -51,14 +47,15 @@ class Bounds:
     """Beyond that, for a process that does not heed it."""
 
 
-def preflight(plan: Plan, launched: Launcher, bounds: Bounds = Bounds()) -> None:
+def preflight(plan: RunPlan, launched: Launcher, bounds: PreflightLimits = PreflightLimits()) -> None:
     """Make the first robot in a process of its own, in a folder that is gone afterwards.
 
-    Raises PreflightError where that fails, hangs or ends; a bug's traceback is shown first.
+    Raises AcrcError where that fails, hangs or ends; a bug's traceback is shown first.
     """
     robot = plan.world.robots[0]
     with scratch_folder() as folder:
-        stage = replace(plan, out=folder, debug=plan.debug and Debugged("", ""))
+        options = replace(plan.options, out=folder)
+        stage = replace(plan, options=options, debug=plan.debug and Debugged("", ""))
         lay_out_robot(stage, robot)
         program = robot_program(stage, robot, ProcessOrder(robot.id, 0), 0)
         program = replace(program, argv=(*program.argv, "--preflight", f"{bounds.patience_s:g}"))
@@ -97,14 +94,14 @@ def preflight_here(settled: ResolvedScenario, modules: Sequence[Path]) -> None:
             raise
 
 
-def _await_end(child: Child, launched: Launcher, bounds: Bounds) -> None:
+def _await_end(child: Child, launched: Launcher, bounds: PreflightLimits) -> None:
     deadline = time.monotonic() + bounds.patience_s + bounds.grace_s
     while child.exit_code is None and time.monotonic() < deadline:
         launched.wait(0.05)
 
 
-def _judge(plan: Plan, child: Child, bounds: Bounds, *, hung: bool) -> None:
-    """PreflightError unless the robot's process says that the robot could be made.
+def _judge(plan: RunPlan, child: Child, bounds: PreflightLimits, *, hung: bool) -> None:
+    """AcrcError unless the robot's process says that the robot could be made.
 
     `hung`: it had not ended by itself in time, so the signal that ended it was ours.
     """
@@ -113,26 +110,26 @@ def _judge(plan: Plan, child: Child, bounds: Bounds, *, hung: bool) -> None:
     if "failure" in notes:
         note = msgspec.json.decode(notes["failure"], type=FailureNote)
         if note.expected:
-            raise PreflightError(printable(note.cause))
+            raise AcrcError(printable(note.cause))
         show(said(child.program))
-        raise PreflightError(f"{made}: {printable(note.cause)}")
+        raise AcrcError(f"{made}: {printable(note.cause)}")
     if child.exit_code == 0 and "run" in notes:
         return
     told = said(child.program)
     place = _HUNG.search(told)
     if place is not None:
         where = f"{Path(place[1]).name}:{place[2]}"
-        raise PreflightError(f"{made}: is not done after {bounds.patience_s:g} s; it is at {where}")
+        raise AcrcError(f"{made}: is not done after {bounds.patience_s:g} s; it is at {where}")
     if child.exit_code == 2 and told.strip():  # it says why before it comes to the strategy
-        raise PreflightError(told.strip().splitlines()[-1])
+        raise AcrcError(told.strip().splitlines()[-1])
     show(told)
     if hung:
-        raise PreflightError(f"{made}: is not done after {bounds.patience_s + bounds.grace_s:g} s")
+        raise AcrcError(f"{made}: is not done after {bounds.patience_s + bounds.grace_s:g} s")
     assert child.exit_code is not None
     if child.exit_code < 0:
         number = signal.Signals(-child.exit_code)
-        raise PreflightError(f"{made}: its process was ended by signal {number.name}")
-    raise PreflightError(f"{made}: its process ended with exit code {child.exit_code}")
+        raise AcrcError(f"{made}: its process was ended by signal {number.name}")
+    raise AcrcError(f"{made}: its process ended with exit code {child.exit_code}")
 
 
 def _notes(program: Program) -> dict[str, bytes]:

@@ -69,7 +69,7 @@ class ResourceWatch:
             )
         return None
 
-    def _in_memory(self, child: Child, known: Mapping[int, process_table.Glance]) -> str | None:
+    def _in_memory(self, child: Child, known: Mapping[int, process_table.ProcessGlance]) -> str | None:
         """Of the robot's process, its keeper and all that it has started, also what has left the family."""
         robot, limits = child.program.actor, self._limits
         session = {pid for pid, one in known.items() if one.session == child.pid}

@@ -11,8 +11,8 @@ from typing import Final, NamedTuple
 from actors.installation.version import software
 from deploy.run.options import RunOptions
 from deploy.scenario.resolve import ResolvedScenario
-from deploy.scenario.scenario_text import to_toml
 from deploy.scenario.tables import Scenario
+from deploy.scenario.toml_text import to_toml
 from observation.results.origin import UNKNOWN, Origin, versions
 
 MAP: Final = "map"

@@ -8,26 +8,18 @@ from pathlib import Path
 from typing import Final
 
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress, Roster
-from actors.processes.hold_ups import HoldUp
-from actors.processes.last_word import where_it_crashed
+from actors.processes.last_word import last_line, where_it_crashed
 from actors.processes.launch import Child, Launcher, LaunchError, Program
-from actors.processes.log_end import last_line
-from actors.processes.silence import Timeout
+from actors.processes.silence import HoldUp, Timeout
 from actors.runtime.bus_interface import Bus
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.failure import FailureNote, in_words
-from actors.runtime.lifecycle.leftovers import fault
-from actors.runtime.lifecycle.process_table import glance
+from actors.runtime.lifecycle.process_table import fault, glance
 from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.topic import Message, Topic
 from deploy.run.resource_watch import ResourceWatch
 from deploy.run.vigil import Vigil
-
-
-class RunFailedError(AcrcError):
-    """An actor died, hung or raised; the sentence names it and the cause."""
-
 
 _CRASHES: Final = (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT)
 """Signals that a process brings upon itself."""
@@ -89,7 +81,7 @@ class Supervisor:
         self._children.extend(self._launcher.start(program) for program in programs)
 
     def watch(self, bus: Bus) -> None:
-        """Stay until every process has ended as planned; RunFailedError at the first that does not."""
+        """Stay until every process has ended as planned; AcrcError at the first that does not."""
         while any(child.program.record for child in self._running()):
             self._launcher.wait(self.POLL_S)
             self._take_messages(bus)
@@ -117,7 +109,7 @@ class Supervisor:
         return True
 
     def look(self) -> None:
-        """RunFailedError if a process has ended otherwise than planned, or keeps the run from going on."""
+        """AcrcError if a process has ended otherwise than planned, or keeps the run from going on."""
         self.check()
         running = [child for child in self._running() if child.program.record]
         world = next((child for child in self._children if child.program.actor == "world"), None)
@@ -129,15 +121,15 @@ class Supervisor:
         fault = fault or self._resources.fault(running)
         if fault is not None:
             self.check()  # what has just ended says more
-            raise RunFailedError(fault)
+            raise AcrcError(fault)
 
     def check(self) -> None:
-        """RunFailedError if a process has ended otherwise than planned."""
+        """AcrcError if a process has ended otherwise than planned."""
         self._launcher.wait(0.0)
         ended = [child for child in self._children if child.exit_code is not None and child.program.record]
         failed = [child for child in ended if child.exit_code]
         if failed:
-            raise RunFailedError(_cause(failed))
+            raise AcrcError(_cause(failed))
         for child in ended:
             if child.pid not in self._complete:
                 self._complete.add(child.pid)
@@ -179,7 +171,7 @@ class Supervisor:
                 self._launcher.wait(self.POLL_S)
                 self.check()
                 if fault := self._vigil.look_for_ends(old, f"{order.robot} did not end when it was to"):
-                    raise RunFailedError(fault)
+                    raise AcrcError(fault)
             self.start([self._restart(order, roster.step)])
 
 
@@ -206,16 +198,16 @@ def _cause(failed: list[Child]) -> str:
 
 
 def _check_end(child: Child) -> None:
-    """RunFailedError if a process with exit code 0 has ended before its time, or left something running."""
+    """AcrcError if a process with exit code 0 has ended before its time, or left something running."""
     program = child.program
     assert program.record is not None
     if "final" not in read_notes(program.record):
-        raise RunFailedError(
+        raise AcrcError(
             f"{program.actor} ended with exit code 0 in the middle of the run, as by os._exit(0); "
             f"its log is {program.log}"
         )
     if wrong := fault(child.strays > 0):
-        raise RunFailedError(f"{program.actor} failed: {wrong}")
+        raise AcrcError(f"{program.actor} failed: {wrong}")
 
 
 def _names(children: Iterable[Child]) -> str:

@@ -16,12 +16,11 @@ from actors.installation.usage import wrong_value
 from actors.installation.version import software
 from actors.messages import PROGRESS, ROSTER, ProcessOrder, Progress
 from actors.orders import Give
-from actors.processes import hold_ups
-from actors.processes.hold_ups import HoldUp
+from actors.processes import silence
 from actors.processes.launch import Launcher, Program, launcher
 from actors.processes.robot_logs import check_names, shown
 from actors.processes.signals import Interrupted, signals_as_interrupts
-from actors.processes.silence import Timeout
+from actors.processes.silence import HoldUp, Timeout
 from actors.processes.turn_board import warded
 from actors.robot.behaviour.modules import expect
 from actors.runtime.access import rules
@@ -36,7 +35,7 @@ from deploy.run.out_folder import check_new
 from deploy.run.plan import (
     CONTROL_ADDRESS,
     Debugged,
-    Plan,
+    RunPlan,
     control_program,
     in_common,
     issue_credentials,
@@ -92,7 +91,7 @@ def run(scenario: Scenario, options: RunOptions) -> RunResult:
     return result
 
 
-def plan(scenario: Scenario, options: RunOptions) -> Plan:
+def plan(scenario: Scenario, options: RunOptions) -> RunPlan:
     """The run that the scenario and the options mean, with everything drawn.
 
     For a run in memory the strategy's code runs once in this process; what it raises, but for AcrcError, is
@@ -100,25 +99,19 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
     """
     choice = IsolationChoice(False) if options.bus == "memory" else choose(options.isolate)
     settled = resolve(scenario)
-    planned = Plan(
-        out=options.out,
+    _check_followed(settled, options)
+    planned = RunPlan(
+        options=options,
         world=settled.world,
         radio=settled.radio,
         behaviour=settled.behaviour,
-        modules=options.modules,
         adaptation=settled.adaptation,
         stack=settled.stack,
         scenario=scenario_copy.beside(settled, options),
         commit=software(),
-        speed=options.speed,
         isolate=choice.isolate,
         warning=choice.warning,
-        limits=options.limits,
         timeout=Timeout(step_s=options.timeout_s if options.debug is None else math.inf),
-        hidden=options.hidden,
-        view=options.view,
-        followed=_followed(settled, options),
-        control=options.control,
         debug=_debugged(settled, options),
     )
     if options.bus == "memory":
@@ -128,12 +121,11 @@ def plan(scenario: Scenario, options: RunOptions) -> Plan:
     return planned
 
 
-def _followed(settled: ResolvedScenario, options: RunOptions) -> tuple[str, ...]:
+def _check_followed(settled: ResolvedScenario, options: RunOptions) -> None:
     robots = [robot.id for robot in settled.world.robots]
     for robot in options.followed:
         if robot not in robots:
             raise wrong_value("--robot", robot, f"one of {', '.join(robots)}")
-    return options.followed
 
 
 def _debugged(settled: ResolvedScenario, options: RunOptions) -> Debugged | None:
@@ -145,7 +137,7 @@ def _debugged(settled: ResolvedScenario, options: RunOptions) -> Debugged | None
     return Debugged(options.debug, "" if options.bus == "memory" else os.ttyname(0))
 
 
-def run_in_memory(plan: Plan, on_progress: OnProgress, bus: MemoryBus | None = None) -> RunResult:
+def run_in_memory(plan: RunPlan, on_progress: OnProgress, bus: MemoryBus | None = None) -> RunResult:
     """Run all actors in this process."""
     began = time.time()
     lay_out(plan)
@@ -161,7 +153,7 @@ def run_in_memory(plan: Plan, on_progress: OnProgress, bus: MemoryBus | None = N
     return _finish(plan, swarm.programs, about)
 
 
-def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
+def run_processes(plan: RunPlan, spawn: str, on_progress: OnProgress) -> RunResult:
     """Run every actor as a process of its own; none is left when this returns or raises."""
     began = time.time()
     check_new(plan.out)
@@ -175,7 +167,7 @@ def run_processes(plan: Plan, spawn: str, on_progress: OnProgress) -> RunResult:
     return _finish(plan, supervisor.programs, about)
 
 
-def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Supervisor:
+def _supervise(plan: RunPlan, launched: Launcher, on_progress: OnProgress) -> Supervisor:
     """Start the processes, and stay until they have ended."""
     launched.withdraw(router_of(plan))
     issued = issue_credentials(plan)
@@ -185,7 +177,7 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
         lambda order, step: robot_program(plan, robots[order.robot], order, step),
         on_progress,
         plan.timeout,
-        ResourceWatch(plan.limits),
+        ResourceWatch(plan.options.limits),
         _say,
     )
     try:
@@ -195,11 +187,11 @@ def _supervise(plan: Plan, launched: Launcher, on_progress: OnProgress) -> Super
         supervisor.await_file(issued.sockets[OPERATOR], "world")
         config = rules.client_config(issued.files[OPERATOR], issued.endpoint(OPERATOR))
         with open_mesh(config, (at(PROGRESS), at(ROSTER)), between=supervisor.look) as bus:
-            if plan.view:
+            if plan.options.view:
                 supervisor.start([observer_program(plan)])
                 supervisor.await_file(plan.out / "view.rrd", "observer")
                 summary.print_viewer(plan.out)
-            if plan.control:
+            if plan.options.control:
                 supervisor.start([control_program(plan)])
                 if supervisor.await_file(plan.out / CONTROL_ADDRESS, "control"):
                     _say(f"the map page is {(plan.out / CONTROL_ADDRESS).read_text()}")
@@ -222,18 +214,18 @@ def _say(sentence: str) -> None:
 
 
 def _tell(held_up: Mapping[str, HoldUp]) -> None:
-    for sentence in hold_ups.sentences(held_up):
+    for sentence in silence.sentences(held_up):
         _say(sentence)
 
 
-def _finish(plan: Plan, programs: Sequence[Program], about: Circumstances) -> RunResult:
+def _finish(plan: RunPlan, programs: Sequence[Program], about: Circumstances) -> RunResult:
     result, places = gather(programs, about)
     write_table(places, plan.out / "places.csv")
     (plan.out / "run.json").write_bytes(msgspec.json.format(msgspec.json.encode(result)) + b"\n")
     return result
 
 
-def _circumstances(plan: Plan, began: float, bus: str, rosters: int, cpu_s: float) -> Circumstances:
+def _circumstances(plan: RunPlan, began: float, bus: str, rosters: int, cpu_s: float) -> Circumstances:
     isolation_kind = (
         "none" if bus == "memory" else "full" if plan.isolate and plan.debug is None else "credentials"
     )

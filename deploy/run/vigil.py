@@ -4,10 +4,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from actors.messages import Progress
-from actors.processes.hold_ups import HoldUp
 from actors.processes.last_word import where_it_stands
 from actors.processes.launch import Child
-from actors.processes.silence import WORLD, Silence, SilenceVerdict, Suspect, Telling, Timeout
+from actors.processes.silence import WORLD, HoldUp, Silence, SilenceVerdict, Suspect, Telling, Timeout
 
 
 class Vigil:

@@ -1,8 +1,8 @@
 """What scenario and fleet files say about the robots' adaptation: their tables, and what robots are told."""
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Final, Protocol
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Final
 
 from pydantic import BeforeValidator, Field, PlainValidator
 
@@ -10,7 +10,7 @@ from actors.floor.placement import Area
 from actors.instant import in_seconds, seconds
 from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.behaviour.ports import EVERYBODY_DBM, LONGEST_S, ExchangeSettings, Setting
-from actors.table import Right, Span, Table, Text
+from actors.table import FileTable, Right, Span, Text
 
 SHORTEST_S: Final = 0.001
 """Least interval in [deeco], s."""
@@ -72,7 +72,7 @@ Settings = Annotated[
 ]
 
 
-class DeecoTable(Table):
+class DeecoTable(FileTable):
     """[deeco]: how the nodes of the component model exchange knowledge by radio.
 
     What is absent is as `ExchangeSettings` has it.
@@ -110,7 +110,7 @@ class DeecoTable(Table):
         )
 
 
-class AreaTable(Table):
+class AreaTable(FileTable):
     """[[area]]: a rectangle of the floor that has a name."""
 
     name: Annotated[Text, Right('a name such as "hall"')]
@@ -126,22 +126,6 @@ class AreaTable(Table):
         return Area(self.name, x0, y0, x1, y1)
 
 
-class AdaptationTables(Protocol):
-    """What a file has of it."""
-
-    @property
-    def strategy(self) -> Settings:
-        """[strategy]: the strategy's settings."""
-
-    @property
-    def deeco(self) -> DeecoTable:
-        """[deeco]: the exchange of knowledge."""
-
-    @property
-    def area(self) -> tuple[AreaTable, ...]:
-        """[[area]]: where places lie."""
-
-
-def adaptation(file: AdaptationTables) -> Adaptation:
-    """What every robot is told of it."""
-    return Adaptation(dict(file.strategy), file.deeco.settings, tuple(table.area for table in file.area))
+def adaptation(settings: Settings, exchange: DeecoTable, areas: Iterable[AreaTable]) -> Adaptation:
+    """What every robot is told of these tables."""
+    return Adaptation(dict(settings), exchange.settings, tuple(table.area for table in areas))

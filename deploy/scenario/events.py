@@ -1,7 +1,7 @@
 """The events of a scenario: whether they make sense one after the other, and the orders they stand for."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from actors.geometry import wrap
@@ -24,20 +24,20 @@ from actors.world.world_setup import TimedOrder
 from deploy.scenario.robot_tables import known_robots
 from deploy.scenario.tables import EventTable, Scenario
 
-ACTIONS: Final = {
-    "kill": (),
-    "freeze": (),
-    "thaw": (),
-    "restart": (),
-    "move": ("to",),
-    "jam": ("radius", "duration"),
-    "lose": ("of",),
-    "obstacle": ("radius",),
-    "give": ("places",),
-    "close": (),
-    "open": (),
+_ORDERS: Final[Mapping[str, tuple[tuple[str, ...], Callable[..., Order]]]] = {
+    "kill": ((), Kill),
+    "freeze": ((), Freeze),
+    "thaw": ((), Thaw),
+    "restart": ((), Restart),
+    "move": (("to",), lambda robot, to: Move(robot, to[0], to[1], wrap(to[2]))),
+    "jam": (("radius", "duration"), lambda at, radius, s: StartJam(at[0], at[1], radius, seconds(s))),
+    "lose": (("of",), Lose),
+    "obstacle": (("radius",), lambda at, radius: Obstacle(at[0], at[1], radius)),
+    "give": (("places",), Give),
+    "close": ((), lambda at: CloseDoor(*at)),
+    "open": ((), lambda at: OpenDoor(*at)),
 }
-"""Each action of an event, and what must stand beside it."""
+"""Each action of an event: what must stand beside it, and the order that both stand for."""
 _COMPANIONS: Final = ("to", "radius", "duration", "of", "places")
 _WITH_ROBOT: Final = ("kill", "freeze", "thaw", "restart", "move", "lose", "give")
 
@@ -61,22 +61,23 @@ def timed_orders(scenario: Scenario) -> tuple[TimedOrder, ...]:
 
 def action_of(event: EventTable) -> str:
     """Name of the event's action."""
-    return next(name for name in ACTIONS if getattr(event, name) is not None)
+    return next(name for name in _ORDERS if getattr(event, name) is not None)
 
 
 def _shape(event: EventTable) -> str | None:
     """Exactly one action, and beside it just what belongs to it."""
-    actions = [name for name in ACTIONS if getattr(event, name) is not None]
+    actions = [name for name in _ORDERS if getattr(event, name) is not None]
     if len(actions) != 1:
         has = " and ".join(actions) or "no action"
-        return f" has {has}, but must have exactly one of {', '.join(ACTIONS)}"
+        return f" has {has}, but must have exactly one of {', '.join(_ORDERS)}"
     (action,) = actions
+    needed, _ = _ORDERS[action]
     for name in _COMPANIONS:
-        present, belongs = getattr(event, name) is not None, name in ACTIONS[action]
+        present, belongs = getattr(event, name) is not None, name in needed
         if belongs and not present:
-            return f".{name} is missing, but {action} needs {' and '.join(ACTIONS[action])}"
+            return f".{name} is missing, but {action} needs {' and '.join(needed)}"
         if present and not belongs:
-            needs = " and ".join(ACTIONS[action]) or "nothing"
+            needs = " and ".join(needed) or "nothing"
             return f".{name} does not belong to {action}, which needs {needs} beside it"
     return None
 
@@ -150,38 +151,6 @@ def _last_boundary(scenario: Scenario) -> Instant:
 
 
 def _order(event: EventTable) -> Order:
-    match action_of(event):
-        case "move":
-            assert event.move is not None and event.to is not None
-            x, y, heading = event.to
-            return Move(event.move, x, y, wrap(heading))
-        case "jam":
-            assert event.jam is not None and event.radius is not None and event.duration is not None
-            return StartJam(*event.jam, event.radius, seconds(event.duration))
-        case "obstacle":
-            assert event.obstacle is not None and event.radius is not None
-            return Obstacle(*event.obstacle, event.radius)
-        case "give" | "lose" as action:
-            return _to_one(event, action)
-        case "close" | "open" as action:
-            point = event.close or event.open
-            assert point is not None
-            return CloseDoor(*point) if action == "close" else OpenDoor(*point)
-        case action:
-            return _TO_ROBOT[action](getattr(event, action))
-
-
-def _to_one(event: EventTable, action: str) -> Give | Lose:
-    if action == "give":
-        assert event.give is not None and event.places is not None
-        return Give(event.give, event.places)
-    assert event.lose is not None and event.of is not None
-    return Lose(event.lose, event.of)
-
-
-_TO_ROBOT: Final[Mapping[str, type[Kill | Freeze | Thaw | Restart]]] = {
-    "kill": Kill,
-    "freeze": Freeze,
-    "thaw": Thaw,
-    "restart": Restart,
-}
+    action = action_of(event)
+    beside, order = _ORDERS[action]
+    return order(*(getattr(event, name) for name in (action, *beside)))

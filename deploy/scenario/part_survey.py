@@ -13,7 +13,8 @@ from actors import toml_file
 from actors.floor.grid import UNKNOWN, OccupancyGrid, largest_region, passable
 from actors.floor.map_file import load_map
 from actors.floor.regions import Regions, regions
-from actors.robot_model import RobotModel, RobotModelError, load_model
+from actors.robot_model import RobotModel, load_model
+from actors.runtime.errors import AcrcError
 
 WALKER: Final = "turtlebot2"
 """The robot model for which a map is looked at."""
@@ -64,9 +65,9 @@ def map_sentences(found: MapSurvey) -> Iterator[str]:
 def is_model(path: Path) -> bool:
     """True if a file is a robot model's; of one that cannot be read nobody knows."""
     try:
-        content = toml_file.read(path, "robot model", RobotModelError)
-        return "footprint" in toml_file.tables(content, path, RobotModelError)
-    except RobotModelError:
+        content = toml_file.read(path, "robot model")
+        return "footprint" in toml_file.tables(content, path)
+    except AcrcError:
         return False
 
 

@@ -5,7 +5,7 @@ from typing import Annotated, Final
 from pydantic import AfterValidator, Field
 
 from actors.radio.propagation.materials import MATERIALS
-from actors.table import A_POINT, Point, Right, Span, Table, Text
+from actors.table import A_POINT, FileTable, Point, Right, Span, Text
 
 MOST_WIFI: Final = 20
 
@@ -23,7 +23,7 @@ Material = Annotated[
 ]
 
 
-class RadioTable(Table):
+class RadioTable(FileTable):
     """[radio]: the model of the air; what is absent is as the preset has it."""
 
     preset: Annotated[Text, Right('the name of a radio preset, such as "chapter"')] = "chapter"
@@ -42,7 +42,7 @@ class RadioTable(Table):
     """Over which the shadowing changes, m."""
 
 
-class WallTable(Table):
+class WallTable(FileTable):
     """[[wall]]: a rectangle in which what is occupied on the map is of a material of its own."""
 
     material: Material
@@ -52,7 +52,7 @@ class WallTable(Table):
     """From south to north, m."""
 
 
-class WifiTable(Table):
+class WifiTable(FileTable):
     """[[wifi]]: a Wi-Fi station that is on and off."""
 
     at: Annotated[Point, Right(A_POINT)]

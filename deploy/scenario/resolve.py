@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from actors.floor.map_file import load_map
 from actors.geometry import Point
@@ -17,50 +16,35 @@ from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
 from deploy.scenario.adaptation_tables import adaptation
-from deploy.scenario.air import check_walls, radio_setup
-from deploy.scenario.areas import check_areas, of_places
+from deploy.scenario.areas import check_areas, check_walls, of_places, radio_setup
 from deploy.scenario.events import timed_orders
 from deploy.scenario.placement import RobotSpec, check_doors, check_events, places, starts
 from deploy.scenario.stack_tables import stack_of
 from deploy.scenario.tables import PlacesTable, RobotTable, Scenario
 
 
-@dataclass(frozen=True)
-class ResolvedScenario:
+@dataclass(frozen=True, kw_only=True)
+class Swarm:
+    """A swarm of which nothing is left open."""
+
+    world: WorldSetup
+    """Floor and bodies."""
+    radio: RadioSetup
+    """The air."""
+    behaviour: str
+    """Entry string `module:function` of the robots' behaviour."""
+    adaptation: Adaptation
+    """What every robot is told about its strategy and exchange."""
+    stack: Stack
+    """What every robot is told about how it localises and navigates."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResolvedScenario(Swarm):
     """A scenario of which nothing is left open."""
 
     scenario: Scenario
     """Means the same as the one that was given, and draws nothing: every robot has a table of its own."""
-    world: WorldSetup
-    radio: RadioSetup
-    behaviour: str
-    """Entry string `module:function` of the robots' behaviour."""
-    adaptation: Adaptation
-    stack: Stack
-
-
-class Swarm(Protocol):
-    """A swarm of which nothing is left open: a resolved scenario, or what is planned of it."""
-
-    @property
-    def world(self) -> WorldSetup:
-        """Floor and bodies."""
-
-    @property
-    def radio(self) -> RadioSetup:
-        """The air."""
-
-    @property
-    def behaviour(self) -> str:
-        """Entry string `module:function` of the robots' behaviour."""
-
-    @property
-    def adaptation(self) -> Adaptation:
-        """What every robot is told about its strategy and exchange."""
-
-    @property
-    def stack(self) -> Stack:
-        """What every robot is told about how it localises and navigates."""
 
 
 def robot_setup(swarm: Swarm, robot: BodySetup) -> RobotSetup:
@@ -124,7 +108,7 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
         world=world,
         radio=radio_setup(scenario, addresses),
         behaviour=behaviour,
-        adaptation=adaptation(settled),
+        adaptation=adaptation(settled.strategy, settled.deeco, settled.area),
         stack=stack_of(settled),
     )
 

@@ -19,10 +19,6 @@ from deploy.scenario.tables import Scenario
 DEFAULT_SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 
 
-class ScenarioError(AcrcError):
-    """A scenario that cannot be run."""
-
-
 @dataclass(frozen=True)
 class Overrides:
     """What the command line sets in place of the file: a number or its text; None = as in the file."""
@@ -57,15 +53,15 @@ _KEYS: Final = {
 def load_scenario(path: Path | None = None, overrides: Overrides = Overrides()) -> Scenario:
     """The scenario in the file, or the one that is shipped, with what the command line sets instead.
 
-    Paths in it are absolute. Raises ScenarioError, or OptionError where a value of `overrides` is wrong.
+    Paths in it are absolute. Raises AcrcError, or OptionError where a value of `overrides` is wrong.
     """
     path = DEFAULT_SCENARIO if path is None else path
-    return parse(toml_file.read(path, "scenario", ScenarioError), path, overrides)
+    return parse(toml_file.read(path, "scenario"), path, overrides)
 
 
 def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario:
     """The scenario in the text of the file `path`, as load_scenario gives it."""
-    content = toml_file.tables(text, path, ScenarioError)
+    content = toml_file.tables(text, path)
     options = _lay_over(content, overrides)
     try:
         scenario = Scenario.model_validate(content)
@@ -74,7 +70,7 @@ def parse(text: str, path: Path, overrides: Overrides = Overrides()) -> Scenario
     faults = (robot_tables.fault, areas.fault, events.fault, stack_fault)
     for fault in (find(scenario) for find in faults):
         if fault:
-            raise ScenarioError(f"{path}: {fault}")
+            raise AcrcError(f"{path}: {fault}")
     return _with_absolute_paths(scenario, Path(os.path.realpath(path)).parent)
 
 
@@ -154,7 +150,7 @@ def _first(
     if option is not None:
         right = table_wording.right_at(Scenario, first["loc"])
         return wrong_value(option, first["input"], right.words)
-    return ScenarioError(f"{path}: {table_wording.sentence(first, Scenario, content)}")
+    return AcrcError(f"{path}: {table_wording.sentence(first, Scenario, content)}")
 
 
 def _with_absolute_paths(scenario: Scenario, folder: Path) -> Scenario:

@@ -27,15 +27,11 @@ from actors.robot.navigation.navigator import NAVIGATION_PRESETS, NavigationPara
 from actors.robot.navigation.planning import PlanningParameters
 from actors.robot.stack import Stack
 from actors.runtime.errors import AcrcError
-from actors.table import Right, Table
+from actors.table import FileTable, Right
 
 ODOMETRY: Final = "odometry"
 """The preset of [localisation] that trusts the odometry alone."""
 _P = TypeVar("_P")
-
-
-class StackError(AcrcError):
-    """Tables of localisation and navigation that make no sense."""
 
 
 _Seconds = Annotated[
@@ -50,7 +46,7 @@ _KINDS: Final[Mapping[Any, Any]] = {Duration: _Seconds, int: _Whole}
 """How the file has a field of that type; others as they are."""
 
 
-def _table(kind: type[Any], presets: tuple[str, ...] = ()) -> type[Table]:
+def _table(kind: type[Any], presets: tuple[str, ...] = ()) -> type[FileTable]:
     """The table of a kind of parameters: any of their fields, and a preset if there are some."""
     hints = get_type_hints(kind)
     keys: dict[str, Any] = {
@@ -58,10 +54,10 @@ def _table(kind: type[Any], presets: tuple[str, ...] = ()) -> type[Table]:
     }
     if presets:
         keys["preset"] = (Literal[presets], "chapter")
-    return create_model(f"{kind.__name__}Table", __base__=Table, **keys)
+    return create_model(f"{kind.__name__}Table", __base__=FileTable, **keys)
 
 
-_TABLES: Final[Mapping[str, type[Table]]] = {
+_TABLES: Final[Mapping[str, type[FileTable]]] = {
     "localisation": _table(AmclParameters, (*PRESETS, ODOMETRY)),
     "navigation": _table(NavigationParameters, tuple(NAVIGATION_PRESETS)),
     "planner": _table(PlanningParameters),
@@ -70,12 +66,12 @@ _TABLES: Final[Mapping[str, type[Table]]] = {
 }
 TABLES: Final = tuple(_TABLES)
 _FILE_KEYS: Final[Mapping[str, Any]] = {name: (table, table()) for name, table in _TABLES.items()}
-_NavigationFile: Final = create_model("_NavigationFile", __base__=Table, **_FILE_KEYS)
+_NavigationFile: Final = create_model("_NavigationFile", __base__=FileTable, **_FILE_KEYS)
 
 
 def stack(tables: Mapping[str, Mapping[str, object]]) -> Stack:
-    """What the tables say; those that are absent are as the preset `chapter` has them. Raises StackError."""
-    return _stack(table_wording.checked(tables, _NavigationFile, StackError))
+    """What the tables say; those that are absent are as the preset `chapter` has them. Raises AcrcError."""
+    return _stack(table_wording.checked(tables, _NavigationFile))
 
 
 def _stack(file: Any) -> Stack:
@@ -90,34 +86,34 @@ def _stack(file: Any) -> Stack:
             dwa=_with(DWA_PRESETS[preset], file.dwa),
         )
     except ParameterError as error:
-        raise StackError(str(error)) from None
+        raise AcrcError(str(error)) from None
 
 
 def _localisation(table: Any) -> AmclParameters | None:
     if table.preset != ODOMETRY:
         return _with(PRESETS[table.preset], table)
     for name in table.model_dump(exclude_unset=True, exclude={"preset"}):
-        raise StackError(
+        raise AcrcError(
             f'localisation.{name} is set, but must be left out where the preset is "{ODOMETRY}", '
             "which has no parameters"
         )
     return None
 
 
-def _with(preset: _P, table: Table) -> _P:
+def _with(preset: _P, table: FileTable) -> _P:
     """The parameters of a preset with what the table sets. Raises ParameterError."""
     return cast(_P, replace(cast(Any, preset), **table.model_dump(exclude_unset=True, exclude={"preset"})))
 
 
-def stack_of(file: Table) -> Stack:
-    """What a scenario or a fleet file says. Raises StackError."""
+def stack_of(file: FileTable) -> Stack:
+    """What a scenario or a fleet file says. Raises AcrcError."""
     return stack(file.model_dump(include=set(TABLES)))
 
 
-def stack_fault(file: Table) -> str | None:
+def stack_fault(file: FileTable) -> str | None:
     """What is wrong in its tables, in words without an end; None if nothing is."""
     try:
         stack_of(file)
-    except StackError as error:
+    except AcrcError as error:
         return str(error)
     return None

@@ -1,29 +1,40 @@
 """The tables of a scenario file, as they stand in its TOML; lengths in m, angles in rad, times in s."""
 
-from typing import Annotated, Final, Literal
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, StringConstraints
 
 from actors.randomness import keyed_seed
-from actors.table import A_POINT, A_POSE, Point, Pose, Right, Table, Text, as_tuples
+from actors.robot_model import OdometryKind
+from actors.table import A_POINT, A_POSE, FileTable, Point, Pose, Right, Text, as_tuples
 from deploy.scenario.adaptation_tables import AreaTable, DeecoTable, Settings
-from deploy.scenario.kinds import (
-    MOST_PLACES,
-    Model,
-    Names,
-    OdometryName,
-    Parameters,
-    Radius,
-    RobotId,
-    Seconds,
-    Sensor,
-)
 from deploy.scenario.radio_tables import MOST_WIFI, RadioTable, WallTable, WifiTable
+
+MOST_PLACES: Final = 1000
+ROBOT_ID: Final = re.compile(r"r[1-9][0-9]{0,3}")
+Id = Annotated[str, StringConstraints(pattern=rf"^{ROBOT_ID.pattern}$")]
+RobotId = Annotated[Id, Right('the id of a robot, such as "r2"')]
+Names = Annotated[
+    tuple[Text, ...],
+    BeforeValidator(as_tuples),
+    Field(min_length=1),
+    Right('a list of names of areas, such as ["hall"]', item='the name of an area, such as "hall"'),
+]
+Model = Annotated[Text, Right('the name of a robot model such as "turtlebot2", or the path of a .toml file')]
+Sensor = Annotated[Text, Right('the name of one of the robot model\'s sensors, such as "chapter"')]
+OdometryName = Annotated[OdometryKind, Right('"exact", "stage" or "kobuki"')]
+Radius = Annotated[float, Field(gt=0, le=1000), Right("a number of metres above 0, at most 1000")]
+Seconds = Annotated[float, Field(gt=0, le=1e6), Right("a number of seconds above 0, at most 1000000")]
+Parameters = Annotated[Mapping[str, Any], Right("a table of a preset and of parameters")]
+"""As it stands in the file; what may stand there, `deploy.scenario.stack_tables` says."""
+
 
 MOST_ROBOTS: Final = 500
 
 
-class RunTable(Table):
+class RunTable(FileTable):
     """[run]: how long, in which steps, from which seed, and what the robots do when they are stuck."""
 
     duration: Seconds = 600.0
@@ -52,7 +63,7 @@ class RunTable(Table):
         return keyed_seed(self.seed, self.key or "", part)
 
 
-class RobotsTable(Table):
+class RobotsTable(FileTable):
     """[robots]: how many, of which kind, and where they start."""
 
     count: Annotated[int, Field(ge=1, le=MOST_ROBOTS), Right(f"a whole number from 1 to {MOST_ROBOTS}")] = 4
@@ -74,7 +85,7 @@ class RobotsTable(Table):
     """Where they are put then: in these areas; absent: anywhere free."""
 
 
-class PlacesTable(Table):
+class PlacesTable(FileTable):
     """[places]: which places the robots have to clean."""
 
     preset: Annotated[
@@ -91,7 +102,7 @@ class PlacesTable(Table):
     """How many each robot gets; absent: 10, as in the original testbed."""
 
 
-class UncertaintyTable(Table):
+class UncertaintyTable(FileTable):
     """[uncertainty]: how the floor differs from the robots' map, what sensors miss, how odometry drifts."""
 
     map_error: Annotated[float, Field(ge=0, le=0.5), Right("a number of metres from 0 to 0.5")] = 0.0
@@ -106,7 +117,7 @@ class UncertaintyTable(Table):
     """Share of the rays of every scan that give no echo, whatever they hit."""
 
 
-class RobotTable(Table):
+class RobotTable(FileTable):
     """[[robot]]: what is different about one robot."""
 
     id: RobotId
@@ -124,7 +135,7 @@ class RobotTable(Table):
     """The places it has to clean, in this order."""
 
 
-class EventTable(Table):
+class EventTable(FileTable):
     """[[event]]: something that happens at an instant: one of the actions, with what belongs to it."""
 
     at: Annotated[float, Field(ge=0, le=1e6), Right("a number of seconds from 0 to below the duration")]
@@ -163,7 +174,7 @@ class EventTable(Table):
     duration: Seconds | None = None
 
 
-class Scenario(Table):
+class Scenario(FileTable):
     """A scenario file; all paths in it are absolute once it has been read, and `run.modules` is set."""
 
     map: Annotated[Text, Right("the path of a map's YAML file, relative to the scenario file")]

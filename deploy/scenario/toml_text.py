@@ -8,6 +8,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from deploy.scenario.tables import Scenario
+
 _BARE: Final = re.compile(r"[A-Za-z0-9_-]+")
 """Keys that need no quotes."""
 
@@ -81,3 +83,8 @@ def _array(items: Sequence[object]) -> str:
     if items and all(isinstance(item, tuple) for item in items):
         return "[\n" + "".join(f"    {_value(item)},\n" for item in items) + "]"
     return f"[{', '.join(map(_value, items))}]"
+
+
+def to_toml(scenario: Scenario) -> str:
+    """The scenario file's text, which reads back as the very same scenario; what is absent stays absent."""
+    return document(scenario.model_dump(exclude_none=True))

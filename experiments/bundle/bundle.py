@@ -12,9 +12,10 @@ import msgspec
 from actors.installation.repository import IS_CLONE, REPOSITORY, SHIPPED
 from actors.processes.scratch import scratch_folder
 from actors.runtime import regular_file
+from actors.runtime.errors import AcrcError
 from experiments.bundle import archive
-from experiments.bundle.inputs import BundleError, inputs
-from experiments.bundle.papers import About, citation, readme
+from experiments.bundle.inputs import inputs
+from experiments.bundle.papers import BundleFacts, citation, readme
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.comparison import compare, samples
@@ -30,18 +31,18 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
     """Bundle the campaign in `folder` into the ZIP file `out`; the same campaign gives the same bytes.
 
     True if the software that made the runs is in it: it is not where it had been changed since its commit.
-    Raises BundleError, or CampaignError for a folder that holds no campaign or a damaged one.
+    Raises AcrcError for a folder that holds no campaign or a damaged one.
     """
     kept = store.load(folder)
     records = list(kept.records())
     if not records:
-        raise BundleError(f"{folder}: no run of it has ended; must hold results to be bundled")
+        raise AcrcError(f"{folder}: no run of it has ended; must hold results to be bundled")
     read = inputs(kept.study)
     commit = kept.about().commit
     software = _software(commit)
     study = msgspec.structs.replace(kept.study, scenario=f"{_INPUTS}/{read.scenario}")
     there = msgspec.structs.replace(kept.study, scenario=f"../{_INPUTS}/{read.scenario}")
-    about = About(
+    about = BundleFacts(
         study, read.scenario, commit, software is not None, records, _found(records), authors or [UNNAMED]
     )
     files = {

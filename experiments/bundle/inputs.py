@@ -19,10 +19,6 @@ from deploy.scenario.tables import Scenario
 from experiments.study.study import Study
 
 
-class BundleError(AcrcError):
-    """A campaign of which no bundle can be made."""
-
-
 class Inputs(NamedTuple):
     """Files, and where they lie relative to one another."""
 
@@ -35,11 +31,11 @@ class Inputs(NamedTuple):
 def inputs(study: Study) -> Inputs:
     """Everything that the study's runs read, in folders that stand to one another as they did.
 
-    Raises BundleError if something is missing, or named so that others could not find it.
+    Raises AcrcError if something is missing, or named so that others could not find it.
     """
     scenario = Path(os.path.realpath(study.scenario))
     if not scenario.is_file():
-        raise BundleError(f"{scenario}: is no file any more, but the campaign's runs have read it")
+        raise AcrcError(f"{scenario}: is no file any more, but the campaign's runs have read it")
     told = (
         tomllib.loads(regular_file.content(scenario).decode()),
         study.settings,
@@ -47,7 +43,7 @@ def inputs(study: Study) -> Inputs:
     )
     for text in _texts(told):
         if Path(text).is_absolute():
-            raise BundleError(
+            raise AcrcError(
                 f"{scenario}: names {text}; must be relative to the scenario, so that others find it, too"
             )
     named = list(dict.fromkeys([scenario, *_named(study)]))
@@ -95,12 +91,10 @@ def _modules(strategy: str, folder: Path) -> Iterator[Path]:
             continue
         top = located(module.partition(".")[0], folder)
         if top is None:
-            raise BundleError(f"{name}: its module does not lie in {folder}; must do so to be bundled")
+            raise AcrcError(f"{name}: its module does not lie in {folder}; must do so to be bundled")
         whole = top.name == "__init__.py" or top.is_dir()
         files = sorted((top if top.is_dir() else top.parent).rglob("*.py")) if whole else [top]
         for file in files:
             if not file.is_file() or not file.resolve().is_relative_to(folder.resolve()):
-                raise BundleError(
-                    f"{file}: leads out of {folder}, or is no file; must lie there to be bundled"
-                )
+                raise AcrcError(f"{file}: leads out of {folder}, or is no file; must lie there to be bundled")
         yield from files

@@ -74,7 +74,7 @@ $strategies,your_module:your_strategy`.
 
 
 @dataclass(frozen=True)
-class About:
+class BundleFacts:
     """What the papers say about a campaign."""
 
     study: Study
@@ -88,7 +88,7 @@ class About:
     authors: Sequence[str]
 
 
-def readme(about: About) -> str:
+def readme(about: BundleFacts) -> str:
     """README.md."""
     study = about.study
     results = [record.result for record in about.records if record.result is not None]
@@ -118,7 +118,7 @@ def _conditions(study: Study) -> str:
     return "one condition" if count == 1 else f"{count} conditions"
 
 
-def citation(about: About) -> str:
+def citation(about: BundleFacts) -> str:
     """CITATION.cff (Citation File Format 1.2.0); its texts are written as JSON, which is YAML."""
     title = f"Results of the study {about.study.name} with the ACRC testbed"
     authors = "".join(f"  - name: {json.dumps(name)}\n" for name in about.authors)

@@ -1,10 +1,11 @@
 """Carries a study out: as many trials at once as there are cores, whatever is missing of them."""
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 from typing import Final
 
 from actors.processes.kernels import compile_kernels
@@ -12,11 +13,45 @@ from actors.processes.launch import launcher
 from actors.processes.scratch import scratch_folder
 from actors.processes.signals import signals_as_interrupts
 from actors.runtime import regular_file
-from experiments.campaign.pool import Ended, LocalPool, Pool
+from experiments.campaign.pool import EndedTrial, LocalPool, Pool
 from experiments.campaign.store import Pending, Store
-from experiments.campaign.time_to_go import TimeToGo
 from experiments.campaign.trial_order import received
 from experiments.campaign.trial_record import compared, keep
+
+_Kind = tuple[str, tuple[tuple[str, object], ...], bool]
+
+
+class TimeToGo:
+    """Trials of different strategies and variants take differently long, and repetitions longer still."""
+
+    def __init__(self) -> None:
+        self._took: dict[_Kind, list[float]] = {}
+
+    def learn(self, pending: Pending, took_s: float) -> None:
+        """Take in what one of them took."""
+        self._took.setdefault(_kind(pending), []).append(took_s)
+
+    def left_s(
+        self, waiting: Iterable[Pending], running: Sequence[tuple[Pending, float]], slots: int
+    ) -> float | None:
+        """What is left if so many go on at once; None before anything has ended.
+
+        `running`: what has begun, and for how long it has run. A kind of which none has ended yet takes what
+        the others took on average.
+        """
+        if not self._took:
+            return None
+        means = {kind: fmean(spans) for kind, spans in self._took.items()}
+        overall = fmean(means.values())
+        begun = [max(means.get(_kind(pending), overall) - since, 0.0) for pending, since in running]
+        to_come = sum(means.get(_kind(pending), overall) for pending in waiting)
+        return max((sum(begun) + to_come) / max(slots, 1), max(begun, default=0.0))
+
+
+def _kind(pending: Pending) -> _Kind:
+    trial = pending.trial
+    return trial.strategy, tuple((key, repr(value)) for key, value in trial.variant), pending.check
+
 
 _LOOK_S: Final = 1.0
 
@@ -39,7 +74,7 @@ class CampaignOptions:
 
 
 @dataclass(frozen=True)
-class Progress:
+class CampaignProgress:
     """How far a campaign is."""
 
     done: int
@@ -52,7 +87,7 @@ class Progress:
     """True if it has stopped because no more trials are needed."""
 
 
-OnProgress = Callable[[Progress], None]
+OnProgress = Callable[[CampaignProgress], None]
 
 
 def carry_out(
@@ -60,7 +95,7 @@ def carry_out(
     options: CampaignOptions,
     follow: OnProgress = lambda progress: None,
     enough: Callable[[], bool] = lambda: False,
-) -> Progress:
+) -> CampaignProgress:
     """Run every trial that has no record, and give how it stands then.
 
     Whatever ends it, from outside too, no record is lost, and the next call goes on. A trial whose process
@@ -119,7 +154,7 @@ class _Campaign:
             else:
                 self._time.learn(Pending(trial), result.startup_s + result.wall_s)
 
-    def run(self) -> Progress:
+    def run(self) -> CampaignProgress:
         self._ask()
         self._follow(self._progress())
         self._work(self._trials)
@@ -149,7 +184,7 @@ class _Campaign:
             self._enough = True
             self._trials.clear()
 
-    def _note(self, ended: Ended) -> None:
+    def _note(self, ended: EndedTrial) -> None:
         """Keep what came of it; whatever a process has left is checked here."""
         trial, check = ended.pending
         store = self._store
@@ -162,7 +197,7 @@ class _Campaign:
         self._failed += record.failure is not None
         keep(store.path(trial), record)
 
-    def _progress(self) -> Progress:
+    def _progress(self) -> CampaignProgress:
         waiting = (*self._trials, *self._checks)
         left_s = self._time.left_s(waiting, self._pool.running, self._pool.slots)
-        return Progress(self._before + self._ended, self._failed, self._total, left_s, self._enough)
+        return CampaignProgress(self._before + self._ended, self._failed, self._total, left_s, self._enough)

@@ -15,7 +15,7 @@ from actors.installation.repository import REPOSITORY
 from experiments.campaign import remote
 from experiments.campaign.cluster_address import PAGE, ClusterError, is_safe
 from experiments.campaign.cluster_tls import security
-from experiments.campaign.pool import Ended
+from experiments.campaign.pool import EndedTrial
 from experiments.campaign.store import Pending, Store
 from experiments.campaign.trial_order import order_of
 
@@ -100,7 +100,7 @@ class DaskPool:
         future = self._client.submit(remote.carry_out, errand, pure=False)
         self._running[future] = (pending, time.monotonic())
 
-    def wait(self, timeout_s: float) -> list[Ended]:
+    def wait(self, timeout_s: float) -> list[EndedTrial]:
         """What has ended. Raises ClusterError if the cluster is gone, or has other software."""
         try:
             wait_for(list(self._running), timeout=timeout_s, return_when="FIRST_COMPLETED")
@@ -118,12 +118,12 @@ class DaskPool:
         except Exception as error:
             raise self._gone(error) from None
 
-    def _ended(self, future: Future[Any]) -> Ended:
+    def _ended(self, future: Future[Any]) -> EndedTrial:
         pending, began = self._running.pop(future)
         answer = self._answer(future)
-        return Ended(pending, time.monotonic() - began, answer.record, answer.cause, answer.said)
+        return EndedTrial(pending, time.monotonic() - began, answer.record, answer.cause, answer.said)
 
-    def _answer(self, future: Future[Any]) -> remote.Answer:
+    def _answer(self, future: Future[Any]) -> remote.RemoteOutcome:
         if future.status == "finished":
             answer = remote.checked(future.result())
             if answer.refusal:
@@ -131,7 +131,7 @@ class DaskPool:
             return answer
         error: Any = future.exception() if future.status == "error" else None
         if isinstance(error, KilledWorker):
-            return remote.Answer(None, "every worker that ran it died", b"")
+            return remote.RemoteOutcome(None, "every worker that ran it died", b"")
         raise self._gone(error or future.status)
 
     def _gone(self, error: object) -> ClusterError:

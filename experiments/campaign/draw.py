@@ -38,7 +38,7 @@ class Draw(msgspec.Struct, frozen=True):
         return (*self.by_lot, *(name for name in self.odd if name not in self.by_lot))
 
 
-class Run(NamedTuple):
+class DrawableRun(NamedTuple):
     """One run that may be drawn."""
 
     trial: Trial
@@ -49,14 +49,14 @@ class Run(NamedTuple):
     """Of its record."""
 
 
-def run_of(trial: Trial, record: TrialRecord, sha256: str) -> Run | None:
+def run_of(trial: Trial, record: TrialRecord, sha256: str) -> DrawableRun | None:
     """The run that a trial's record is of; None for a failed one."""
     if record.result is None:
         return None
-    return Run(trial, record.result, tuple(_contradictions(record.result, record.time)), sha256)
+    return DrawableRun(trial, record.result, tuple(_contradictions(record.result, record.time)), sha256)
 
 
-def draw(runs: Sequence[Run], every: int, entropy: bytes) -> Draw:
+def draw(runs: Sequence[DrawableRun], every: int, entropy: bytes) -> Draw:
     """Draw among the runs; `every` is at least 1."""
     among = {run.trial.name: run.sha256 for run in runs}
     odd = {run.trial.name: reason for run in runs for reason in run.faults}
@@ -74,7 +74,7 @@ def draw(runs: Sequence[Run], every: int, entropy: bytes) -> Draw:
     return Draw(entropy.hex(), every, among, tuple(lots), odd)
 
 
-def _lot(entropy: bytes, run: Run) -> bytes:
+def _lot(entropy: bytes, run: DrawableRun) -> bytes:
     return hashlib.sha256(entropy + run.trial.name.encode()).digest()
 
 
@@ -92,7 +92,7 @@ def _contradictions(told: RunResult, spent: TimeSpent | None) -> Iterator[str]:
 class _Scores:
     """How far each run is above what its strategy does elsewhere, and above what others do there."""
 
-    def __init__(self, runs: Sequence[Run]) -> None:
+    def __init__(self, runs: Sequence[DrawableRun]) -> None:
         self._own: dict[str, list[float]] = {}
         self._beside: dict[str, list[tuple[str, float]]] = {}
         for trial, result, _, _ in runs:
@@ -101,16 +101,16 @@ class _Scores:
                 (trial.strategy, _score(result))
             )
 
-    def oddness(self, run: Run) -> float:
+    def oddness(self, run: DrawableRun) -> float:
         """Both together."""
         return sum(self._above(run))
 
-    def reason(self, run: Run) -> str:
+    def reason(self, run: DrawableRun) -> str:
         """The same in words."""
         own, others = self._above(run)
         return f"scores {own:+.3f} beside its strategy's median, {others:+.3f} beside others with its seed"
 
-    def _above(self, run: Run) -> tuple[float, float]:
+    def _above(self, run: DrawableRun) -> tuple[float, float]:
         trial, score = run.trial, _score(run.result)
         own = self._own[repr((trial.strategy, trial.variant))]
         beside = self._beside[repr((trial.seed, trial.variant))]

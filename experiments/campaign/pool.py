@@ -11,8 +11,8 @@ from typing import Final, NamedTuple, Protocol, Self
 
 import msgspec
 
+from actors.processes.last_word import last_line
 from actors.processes.launch import Child, Launcher, Program
-from actors.processes.log_end import last_line
 from experiments.campaign.store import Pending
 from experiments.campaign.trial_order import MOST_BYTES, MOST_SAID, ORDER, RECORD, left, order_of
 from experiments.study.study import Study
@@ -20,7 +20,7 @@ from experiments.study.study import Study
 TRIAL: Final = "experiments.campaign.trial_program"
 
 
-class Ended(NamedTuple):
+class EndedTrial(NamedTuple):
     """A trial, or its repetition, whose process has ended; what it has left is not checked yet."""
 
     pending: Pending
@@ -51,7 +51,7 @@ class Pool(Protocol):
     def start(self, pending: Pending) -> None:
         """Have it run."""
 
-    def wait(self, timeout_s: float) -> list[Ended]:
+    def wait(self, timeout_s: float) -> list[EndedTrial]:
         """What has ended; returns as soon as something may have, at the latest after `timeout_s`."""
 
 
@@ -98,7 +98,7 @@ class LocalPool:
         child = self._launched.start(Program("trial", TRIAL, (str(folder),), folder / "trial.log", None))
         self._running[child.pid] = (child, folder, pending, time.monotonic())
 
-    def wait(self, timeout_s: float) -> list[Ended]:
+    def wait(self, timeout_s: float) -> list[EndedTrial]:
         """What has ended; what takes too long is ended here."""
         self._launched.wait(timeout_s)
         ended = []
@@ -115,6 +115,6 @@ class LocalPool:
                 child.send(signal.SIGKILL)
             del self._running[pid]
             record, said = left(folder / RECORD, MOST_BYTES), left(folder / "trial.log", MOST_SAID, end=True)
-            ended.append(Ended(pending, took_s, record, cause, said or b""))
+            ended.append(EndedTrial(pending, took_s, record, cause, said or b""))
             shutil.rmtree(folder, ignore_errors=True)
         return ended

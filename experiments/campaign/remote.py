@@ -29,7 +29,7 @@ class Errand(NamedTuple):
     patience_s: float
 
 
-class Answer(NamedTuple):
+class RemoteOutcome(NamedTuple):
     """What came of it."""
 
     record: bytes | None
@@ -42,7 +42,7 @@ class Answer(NamedTuple):
     """Why this worker runs no trial of the campaign; empty if it does."""
 
 
-def carry_out(errand: Errand) -> Answer:
+def carry_out(errand: Errand) -> RemoteOutcome:
     """Run the trial in a process of its own, or say why not."""
     here = software()
     if here != errand.commit:
@@ -65,24 +65,26 @@ def carry_out(errand: Errand) -> Answer:
             except subprocess.TimeoutExpired:
                 cause = f"took longer than {errand.patience_s:g} s"
         record, said = left(folder / RECORD, MOST_BYTES), left(folder / "trial.log", MOST_SAID, end=True)
-        return Answer(record, cause, said or b"")
+        return RemoteOutcome(record, cause, said or b"")
 
 
-def _refused(why: str) -> Answer:
-    return Answer(None, "", b"", why)
+def _refused(why: str) -> RemoteOutcome:
+    return RemoteOutcome(None, "", b"", why)
 
 
-def checked(answer: object) -> Answer:
+def checked(answer: object) -> RemoteOutcome:
     """What a worker has answered, if it is an answer at all; its record is not looked into here."""
-    if not isinstance(answer, Answer):
-        return Answer(None, "a worker has answered something else", b"")
+    if not isinstance(answer, RemoteOutcome):
+        return RemoteOutcome(None, "a worker has answered something else", b"")
     kinds = (bytes | None, str, bytes, str)
     if not all(isinstance(part, kind) for part, kind in zip(answer, kinds, strict=True)):
-        return Answer(None, "a worker has answered something else", b"")
+        return RemoteOutcome(None, "a worker has answered something else", b"")
     record, cause, said, refusal = answer
     if record is not None and len(record) > MOST_BYTES:
-        return Answer(None, f"a worker has answered more than {MOST_BYTES} octets", b"")
-    return Answer(record, printable(cause[:_MOST_WORDS]), said[-MOST_SAID:], printable(refusal[:_MOST_WORDS]))
+        return RemoteOutcome(None, f"a worker has answered more than {MOST_BYTES} octets", b"")
+    return RemoteOutcome(
+        record, printable(cause[:_MOST_WORDS]), said[-MOST_SAID:], printable(refusal[:_MOST_WORDS])
+    )
 
 
 def _moved(errand: Errand) -> TrialOrder:

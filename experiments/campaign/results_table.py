@@ -23,7 +23,7 @@ def write(store: Store) -> tuple[Path, Path]:
     """Write `results.parquet` and `results.csv` into the campaign's folder, and give their paths.
 
     Both have a row for each trial that has ended, in the study's order, and the same columns; each file is
-    there whole or not at all. Raises CampaignError for a damaged record.
+    there whole or not at all. Raises AcrcError for a damaged record.
     """
     import pyarrow  # noqa: PLC0415 - a quarter of a second, for who writes
     from pyarrow import parquet  # noqa: PLC0415
@@ -42,7 +42,7 @@ def write(store: Store) -> tuple[Path, Path]:
 
 
 def columns(store: Store) -> dict[str, list[object]]:
-    """The same by column, each of one type. Raises CampaignError for a damaged record."""
+    """The same by column, each of one type. Raises AcrcError for a damaged record."""
     table = list(rows(store))
     return {name: _column(row.get(name) for row in table) for name in _names(table)}
 

@@ -5,19 +5,18 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple
 
 import msgspec
 
 from actors.installation.version import software
-from actors.runtime import regular_file
+from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
-from experiments.campaign.draw import Draw, Run, draw, run_of
+from experiments.campaign.draw import Draw, DrawableRun, draw, run_of
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep, keep_bytes
 from experiments.study.study import Study, Trial
 from observation.results.seal import SUMS, check_seal
 
-T = TypeVar("T")
 _STUDY: Final = "study.json"
 _ABOUT: Final = "campaign.json"
 _TRIALS: Final = "trials"
@@ -28,10 +27,6 @@ _DRAWS: Final = "draws.json"
 _ENTROPY_BYTES: Final = 32
 _OWN: Final = frozenset({_ABOUT, _TRIALS, _CHECKS, _LOGS, "campaign.new", "study.new"})
 """What lies in a folder whose campaign was ended before it had begun."""
-
-
-class CampaignError(AcrcError):
-    """A campaign that cannot go on, or a folder that holds none."""
 
 
 class About(msgspec.Struct, frozen=True):
@@ -66,8 +61,8 @@ class Store:
         self.about_file = folder / _ABOUT
 
     def about(self) -> About:
-        """What all trials have in common beside the study. Raises CampaignError for a damaged file."""
-        return _decoded(self.about_file, About)
+        """What all trials have in common beside the study. Raises AcrcError for a damaged file."""
+        return typed_json.read(self.about_file, About, "campaign")
 
     def pending(self) -> list[Pending]:
         """The trials that have no record yet, in the study's order."""
@@ -94,7 +89,7 @@ class Store:
         draws = self.draws
         return sum(not _was_among(run, draws) for run in self._runs())
 
-    def _runs(self) -> Iterator[Run]:
+    def _runs(self) -> Iterator[DrawableRun]:
         """Those with a result, which may be repeated."""
         for trial in self.study.trials():
             if self.path(trial).exists():
@@ -114,7 +109,7 @@ class Store:
     def draws(self) -> tuple[Draw, ...]:
         """Which runs were drawn to be repeated, and from what, in the order of time."""
         path = self.draws_file
-        return _decoded(path, tuple[Draw, ...]) if path.exists() else ()
+        return typed_json.read(path, tuple[Draw, ...], "draws of a campaign") if path.exists() else ()
 
     def unchecked(self) -> list[Pending]:
         """What was drawn, and not repeated yet."""
@@ -142,21 +137,21 @@ class Store:
         return self.folder / _CHECKS / f"{trial.name}.json"
 
     def checks(self) -> Iterator[CheckRecord]:
-        """Of all trials that were repeated, in the study's order. Raises CampaignError for a damaged one."""
+        """Of all trials that were repeated, in the study's order. Raises AcrcError for a damaged one."""
         for trial in self.study.trials():
             if self.check_path(trial).exists():
                 yield self.check(trial)
 
     def check(self, trial: Trial) -> CheckRecord:
-        """Of a trial that was repeated. Raises CampaignError for a damaged one."""
-        return _decoded(self.check_path(trial), CheckRecord)
+        """Of a trial that was repeated. Raises AcrcError for a damaged one."""
+        return typed_json.read(self.check_path(trial), CheckRecord, "record of a repeated trial")
 
     def declare_looks(self) -> None:
-        """Keep that this campaign stops early by its rule. Raises CampaignError if it began with another."""
+        """Keep that this campaign stops early by its rule. Raises AcrcError if it began with another."""
         here = Looks(self.study.seeds, self.study.primary_metric)
         before = self.looks
         if before is not None and before != here:
-            raise CampaignError(
+            raise AcrcError(
                 f"{self.folder}: was looked at on the way to {before.cap} pairs; with {here.cap} the error"
                 " rate would not hold, so it must stay as it is, or be another campaign"
             )
@@ -166,12 +161,12 @@ class Store:
     def looks(self) -> Looks | None:
         """None if nobody looks before the end."""
         path = self.folder / _LOOKS
-        return _decoded(path, Looks) if path.exists() else None
+        return typed_json.read(path, Looks, "looks at a campaign") if path.exists() else None
 
     @property
     def commit(self) -> str:
         """What all its trials were made with."""
-        return _decoded(self.folder / _ABOUT, About).commit
+        return self.about().commit
 
     def path(self, trial: Trial) -> Path:
         """Where a trial's record is, or will be."""
@@ -182,37 +177,37 @@ class Store:
         return self.folder / _LOGS / f"{trial.name}{'-check' if check else ''}.log"
 
     def records(self) -> Iterator[TrialRecord]:
-        """Of all trials that have ended, in the study's order. Raises CampaignError for a damaged one."""
+        """Of all trials that have ended, in the study's order. Raises AcrcError for a damaged one."""
         for trial in self.study.trials():
             if self.path(trial).exists():
                 yield self.record(trial)
 
     def record(self, trial: Trial) -> TrialRecord:
-        """Of a trial that has ended. Raises CampaignError for a damaged one."""
-        return _decoded(self.path(trial), TrialRecord)
+        """Of a trial that has ended. Raises AcrcError for a damaged one."""
+        return typed_json.read(self.path(trial), TrialRecord, "record of a trial")
 
 
 def create(folder: Path, study: Study) -> Store:
     """The store in a new folder, or the one that this study, or the same with fewer seeds, has begun there.
 
-    Raises CampaignError if the folder holds something else, or what other software has begun, and SealError
+    Raises AcrcError if the folder holds something else, or what other software has begun, and SealError
     if it is not as it was left.
     """
     store, about = Store(folder, study), About(software())
     if store.study_file.exists():
-        before = _decoded(store.study_file, Study)
+        before = typed_json.read(store.study_file, Study, "study of a campaign")
         if study.seeds < before.seeds:
-            raise CampaignError(
+            raise AcrcError(
                 f"{folder}: has {before.seeds} seeds, more than {study.seeds}; must be as many, or more"
             )
         if before != msgspec.structs.replace(study, seeds=before.seeds):
-            raise CampaignError(
+            raise AcrcError(
                 f"{folder}: holds the campaign of another study ({_differs(before, study)} differs); "
                 "must be new, or that of this one"
             )
         commit = store.commit
         if commit != about.commit:
-            raise CampaignError(
+            raise AcrcError(
                 f"{folder}: was begun with {commit}, this is {about.commit}; their results do not compare"
             )
         check_seal(folder)
@@ -221,7 +216,7 @@ def create(folder: Path, study: Study) -> Store:
         keep(store.study_file, study)  # with more seeds it goes on
         return store
     if folder.exists() and {path.name for path in folder.iterdir()} - _OWN:
-        raise CampaignError(f"{folder}: holds something that is no campaign; must be new or empty")
+        raise AcrcError(f"{folder}: holds something that is no campaign; must be new or empty")
     folder.mkdir(parents=True, exist_ok=True)
     _check_parts(folder)
     keep(folder / _ABOUT, about)
@@ -230,12 +225,12 @@ def create(folder: Path, study: Study) -> Store:
 
 
 def _check_parts(folder: Path) -> None:
-    """Make what is missing. Raises CampaignError for a link in its place."""
+    """Make what is missing. Raises AcrcError for a link in its place."""
     for part in (_TRIALS, _CHECKS, _LOGS):
         try:
             regular_file.no_link(folder / part).mkdir(exist_ok=True)
         except OSError as error:
-            raise CampaignError(f"{folder / part}: {error.strerror}") from None
+            raise AcrcError(f"{folder / part}: {error.strerror}") from None
 
 
 def holds(folder: Path) -> bool:
@@ -244,14 +239,14 @@ def holds(folder: Path) -> bool:
 
 
 def load(folder: Path) -> Store:
-    """The store in a folder. Raises CampaignError if there is none, SealError if it is not as it was left."""
+    """The store in a folder. Raises AcrcError if there is none, SealError if it is not as it was left."""
     if not holds(folder):
-        raise CampaignError(f"{folder}: holds no campaign; must be a folder that acrc campaign has made")
+        raise AcrcError(f"{folder}: holds no campaign; must be a folder that acrc campaign has made")
     check_seal(folder)
-    return Store(folder, _decoded(folder / _STUDY, Study))
+    return Store(folder, typed_json.read(folder / _STUDY, Study, "study of a campaign"))
 
 
-def _was_among(run: Run, draws: Sequence[Draw], every: float = math.inf) -> bool:
+def _was_among(run: DrawableRun, draws: Sequence[Draw], every: float = math.inf) -> bool:
     """True if a draw as close as `every` was among others of this run, with the record that it has."""
     name = run.trial.name
     return any(one.every <= every and one.among.get(name) == run.sha256 for one in draws)
@@ -260,10 +255,3 @@ def _was_among(run: Run, draws: Sequence[Draw], every: float = math.inf) -> bool
 def _differs(one: Study, other: Study) -> str:
     names = (field.name for field in msgspec.structs.fields(Study) if field.name != "seeds")
     return next(name for name in names if getattr(one, name) != getattr(other, name))
-
-
-def _decoded(path: Path, kind: type[T]) -> T:
-    try:
-        return msgspec.json.decode(regular_file.content(path), type=kind)
-    except (OSError, msgspec.DecodeError, msgspec.ValidationError) as error:
-        raise CampaignError(f"{path}: cannot be read: {error}") from None

@@ -7,6 +7,7 @@ from typing import Final
 
 import msgspec
 
+from actors.runtime import typed_json
 from actors.runtime.recording import RecordingError
 from actors.runtime.recording.reading import opened
 from deploy.run.options import Bus
@@ -62,8 +63,8 @@ def received(content: bytes | None, trial: Trial, cause: str) -> TrialRecord:
     if content is None:
         return _failed(trial, cause)
     try:
-        told = msgspec.json.decode(content, type=TrialRecord)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        told = typed_json.decode(content, TrialRecord)
+    except ValueError as error:
         return _failed(trial, f"its process has left no record of a trial: {str(error)[:200]}")
     if len(content) > MOST_BYTES or (told.result is not None and told.result.seed != trial.seed):
         return _failed(trial, "its process has left the record of another trial")

@@ -30,7 +30,7 @@ _SUMMARIES: Final = {
 }
 
 
-class Sample(NamedTuple):
+class PairedSample(NamedTuple):
     """Two strategies in one variant, seed by seed."""
 
     one: str
@@ -67,7 +67,7 @@ class Comparison:
         return bool(self.adjusted) and self.adjusted[0] < 0.05
 
 
-def samples(records: Iterable[TrialRecord], primary: Sequence[tuple[str, str]] = ()) -> list[Sample]:
+def samples(records: Iterable[TrialRecord], primary: Sequence[tuple[str, str]] = ()) -> list[PairedSample]:
     """Every pair of strategies in every variant, with the seeds that both have a result for.
 
     The `primary` pairs come first, in their own order and each the way round that it was declared.
@@ -95,11 +95,13 @@ def _sample(
     variant: tuple[tuple[str, Any], ...],
     mine: Mapping[int, RunResult],
     theirs: Mapping[int, RunResult],
-) -> Sample:
-    return Sample(one, other, variant, tuple((mine[seed], theirs[seed]) for seed in mine if seed in theirs))
+) -> PairedSample:
+    return PairedSample(
+        one, other, variant, tuple((mine[seed], theirs[seed]) for seed in mine if seed in theirs)
+    )
 
 
-def compare(found: Sequence[Sample], only: str | None = None) -> list[Comparison]:
+def compare(found: Sequence[PairedSample], only: str | None = None) -> list[Comparison]:
     """All comparisons of samples with enough pairs, adjusted for there being so many.
 
     `only`: the metric of that name alone.
@@ -114,7 +116,7 @@ def compare(found: Sequence[Sample], only: str | None = None) -> list[Comparison
     return [replace(one, adjusted=tuple(itertools.islice(adjusted, len(one.tests)))) for one in made]
 
 
-def _comparisons(sample: Sample, only: str | None) -> Iterator[Comparison]:
+def _comparisons(sample: PairedSample, only: str | None) -> Iterator[Comparison]:
     """By every metric, or by that name only; the chapter's first, then ours, then what it costs."""
     ways: dict[str, Callable[[], Comparison]] = {
         metrics.PLACES.name: lambda: _of_values(sample, metrics.PLACES),
@@ -130,22 +132,23 @@ def _comparisons(sample: Sample, only: str | None) -> Iterator[Comparison]:
             yield way()
 
 
-def _of_values(sample: Sample, metric: Metric) -> Comparison:
+def _of_values(sample: PairedSample, metric: Metric) -> Comparison:
     ones, others = ([metric.value(pair[side]) for pair in sample.pairs] for side in (0, 1))
     good, bad = scores(metric.name, sample.pairs)
     return Comparison(
-        *_who(sample), metric.name, metric.says, len(ones),
-        float(np.median(ones)), float(np.median(others)),
-        interval(good, bad, a12, paired=True),
-        {
+        one=sample.one, other=sample.other, variant=sample.variant,
+        metric=metric.name, says=metric.says, pairs=len(ones),
+        ones=float(np.median(ones)), others=float(np.median(others)),
+        effect=interval(good, bad, a12, paired=True),
+        differences={
             name: interval(ones, others, difference_of(summary), paired=True)
             for name, summary in _SUMMARIES.items()
         },
-        (signed_rank(ones, others), rank_sum(ones, others)),
+        tests=(signed_rank(ones, others), rank_sum(ones, others)),
     )  # fmt: skip
 
 
-def _of_times(sample: Sample, metric: TimeMetric) -> Comparison:
+def _of_times(sample: PairedSample, metric: TimeMetric) -> Comparison:
     """Runs that were not done by their end count as done later than all that were."""
     horizon = max(run.simulated_s for pair in sample.pairs for run in pair)
     ones, others = ([_completion(pair[side], metric) for pair in sample.pairs] for side in (0, 1))
@@ -157,15 +160,16 @@ def _of_times(sample: Sample, metric: TimeMetric) -> Comparison:
 
     places = np.arange(len(ones), dtype=np.float64)
     return Comparison(
-        *_who(sample), metric.name, metric.says, len(ones),
-        restricted_mean(ones, horizon), restricted_mean(others, horizon),
-        interval(early, late, a12, paired=True),
-        {
+        one=sample.one, other=sample.other, variant=sample.variant,
+        metric=metric.name, says=metric.says, pairs=len(ones),
+        ones=restricted_mean(ones, horizon), others=restricted_mean(others, horizon),
+        effect=interval(early, late, a12, paired=True),
+        differences={
             "restricted mean": interval(
                 places, places, lambda a, b: mean(a, ones) - mean(b, others), paired=True, resamples=500
             )
         },
-        (log_rank(ones, others), signed_rank(early, late)),
+        tests=(log_rank(ones, others), signed_rank(early, late)),
     )  # fmt: skip
 
 
@@ -192,18 +196,15 @@ def scores(metric: str, pairs: Sequence[tuple[RunResult, RunResult]]) -> tuple[l
     raise ValueError(f"there is no metric {metric!r}")
 
 
-def _lexicographic(sample: Sample) -> Comparison:
+def _lexicographic(sample: PairedSample) -> Comparison:
     ones, others = scores(metrics.LEXICOGRAPHIC, sample.pairs)
     return Comparison(
-        *_who(sample), metrics.LEXICOGRAPHIC, _LEXICOGRAPHIC_SAYS, len(ones),
-        float(np.median(ones)), float(np.median(others)),
-        interval(ones, others, a12, paired=True), {},
-        (signed_rank(ones, others), rank_sum(ones, others)),
+        one=sample.one, other=sample.other, variant=sample.variant,
+        metric=metrics.LEXICOGRAPHIC, says=_LEXICOGRAPHIC_SAYS, pairs=len(ones),
+        ones=float(np.median(ones)), others=float(np.median(others)),
+        effect=interval(ones, others, a12, paired=True), differences={},
+        tests=(signed_rank(ones, others), rank_sum(ones, others)),
     )  # fmt: skip
-
-
-def _who(sample: Sample) -> tuple[str, str, tuple[tuple[str, Any], ...]]:
-    return sample.one, sample.other, sample.variant
 
 
 def _completion(run: RunResult, metric: TimeMetric) -> Completion:

@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from experiments.campaign.store import CampaignError, Store
+from actors.runtime.errors import AcrcError
+from experiments.campaign.store import Store
 from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison import metrics
 from experiments.comparison.comparison import scores
 from experiments.statistics.hypothesis_tests import signed_rank
-from experiments.statistics.sequential import Look, SequentialPlan, last_look, plan
+from experiments.statistics.sequential import InterimLook, SequentialPlan, last_look, plan
 from observation.results.result import RunResult
 
 _FIRST_LOOK: Final = 10
@@ -17,7 +18,7 @@ _MOST_LOOKS: Final = 10
 ALPHA: Final = 0.05
 
 
-class Verdict(NamedTuple):
+class PrimaryVerdict(NamedTuple):
     """How a primary comparison in one variant stands."""
 
     one: str
@@ -25,7 +26,7 @@ class Verdict(NamedTuple):
     variant: tuple[tuple[str, object], ...]
     pairs: int
     """There are."""
-    look: Look | None
+    look: InterimLook | None
     """The one that decided, or the last; None: none has come."""
     at_cap: bool
     """True if there will be no more pairs."""
@@ -40,15 +41,15 @@ class Watch:
     """The primary comparisons of a campaign that is going on."""
 
     def __init__(self, store: Store) -> None:
-        """Raises CampaignError for a study without one primary comparison at least."""
+        """Raises AcrcError for a study without one primary comparison at least."""
         study = store.study
         self._pairs = study.primary_pairs
         if not self._pairs:
-            raise CampaignError(
+            raise AcrcError(
                 "--until-decided: the study declares no comparison; must have primary = [[ONE, OTHER]]"
             )
         if study.primary_metric not in metrics.NAMES:
-            raise CampaignError(
+            raise AcrcError(
                 f"primary_metric is {study.primary_metric!r}; must be one of {', '.join(metrics.NAMES)}"
             )
         self._store = store
@@ -65,17 +66,17 @@ class Watch:
         self._looked = ended
         return all(verdict.settled for verdict in self.verdicts())
 
-    def verdicts(self) -> list[Verdict]:
+    def verdicts(self) -> list[PrimaryVerdict]:
         """How every primary comparison stands, after the last look that was due."""
         return [self._verdict(*pair, variant) for pair in self._pairs for variant in self._variants]
 
-    def _verdict(self, one: str, other: str, variant: tuple[tuple[str, object], ...]) -> Verdict:
+    def _verdict(self, one: str, other: str, variant: tuple[tuple[str, object], ...]) -> PrimaryVerdict:
         """Seeds of which one run failed make no pair."""
         metric = self._store.study.primary_metric
         chosen = [self._records_of(seed, variant, (one, other)) for seed in self._seeds()]
         runs = [(a.result, b.result) for a, b in chosen if a.result is not None and b.result is not None]
         look = last_look(lambda pairs: p_of(metric, runs[:pairs]), len(runs), self.rule)
-        return Verdict(one, other, variant, len(runs), look, len(chosen) >= self._store.study.seeds)
+        return PrimaryVerdict(one, other, variant, len(runs), look, len(chosen) >= self._store.study.seeds)
 
     def _ended(self) -> int:
         """How many seeds, from the first on, have ended for every strategy and variant."""
@@ -110,7 +111,7 @@ def rule_for(cap: int, alpha: float = ALPHA) -> SequentialPlan:
     return plan([*range(step, cap, step), cap], alpha)
 
 
-def told(verdicts: Sequence[Verdict], rule: SequentialPlan, metric: str) -> list[str]:
+def told(verdicts: Sequence[PrimaryVerdict], rule: SequentialPlan, metric: str) -> list[str]:
     """What has been looked at, and what came of it."""
     lines = [
         f"looks after {', '.join(map(str, rule.looks))} pairs, at most {rule.looks[-1]}, by {metric};"

@@ -8,7 +8,7 @@ from typing import Any, Final
 from scipy.stats import spearmanr
 
 from experiments.campaign.trial_record import TrialRecord
-from experiments.comparison.comparison import FEWEST, Sample, scores
+from experiments.comparison.comparison import FEWEST, PairedSample, scores
 from experiments.statistics.effect_size import Interval, a12, interval
 from experiments.statistics.sample_size import Effect, pairs_needed
 from observation.results.result import RunResult
@@ -21,7 +21,7 @@ _HARDER_S: Final = (300.0, 400.0)
 
 
 @dataclass(frozen=True)
-class Estimate:
+class PilotEstimate:
     """One pair of strategies in a pilot."""
 
     one: str
@@ -41,18 +41,18 @@ class Estimate:
     comparisons: int
 
 
-def estimate(sample: Sample, metric: str, power: float, comparisons: int) -> Estimate:
+def estimate(sample: PairedSample, metric: str, power: float, comparisons: int) -> PilotEstimate:
     """Effect and correlation as the pilot has them, and the pairs that they ask for."""
     ones, others = scores(metric, sample.pairs)
     found = (sample.one, sample.other, sample.variant, metric, len(sample.pairs))
     if len(sample.pairs) < FEWEST:
-        return Estimate(*found, None, 0.0, None, None, power, comparisons)
+        return PilotEstimate(*found, None, 0.0, None, None, power, comparisons)
     effect = interval(ones, others, a12, paired=True)
     constant = len(set(ones)) == 1 or len(set(others)) == 1
     correlation = 0.0 if constant else float(spearmanr(ones, others).statistic)
     weaker = effect.low if effect.value > 0.5 else effect.high
     same_side = (weaker - 0.5) * (effect.value - 0.5) > 0
-    return Estimate(
+    return PilotEstimate(
         *found,
         effect,
         correlation,
@@ -71,7 +71,7 @@ def _needed(share: float, correlation: float, power: float, comparisons: int) ->
         return None
 
 
-def told(one: Estimate) -> str:
+def told(one: PilotEstimate) -> str:
     """The estimate in a sentence."""
     where = "".join(f", {key} = {value}" for key, value in one.variant)
     name = f"{one.one} and {one.other}{where} by {one.metric}"

@@ -1,8 +1,35 @@
 """A comparison in words that can be quoted."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
-from experiments.comparison.comparison import FEWEST, Comparison, Sample
+from experiments.campaign.trial_record import TrialRecord
+from experiments.comparison.comparison import FEWEST, Comparison, PairedSample
+from observation.results.result import RunResult
+
+
+def summaries(records: Iterable[TrialRecord]) -> Iterator[str]:
+    """A line for each strategy in each variant, over the runs that came to an end."""
+    groups: dict[tuple[str, str], list[RunResult]] = {}
+    for record in records:
+        where = "".join(f", {key} = {value}" for key, value in record.variant.items())
+        if record.result is not None:
+            groups.setdefault((where, record.strategy), []).append(record.result)
+    for (where, strategy), runs in groups.items():
+        complete = sum(run.completion_s is not None for run in runs)
+        yield (
+            f"{strategy}{where}: all places in {complete} of {len(runs)} runs,"
+            f" {sum(run.places_done for run in runs)} of {sum(run.places_total for run in runs)} places,"
+            f" {sum(run.places_given_up for run in runs)} given up,"
+            f" {sum(run.places_lost for run in runs)} lost,"
+            f" {sum(run.contacts for run in runs)} contacts{_half(runs)}"
+        )
+
+
+def _half(runs: Sequence[RunResult]) -> str:
+    """When half of the runs were settled; nothing where fewer ever were, which no median can tell."""
+    settled = sorted(run.settled_s for run in runs if run.settled_s is not None)
+    half = (len(runs) + 1) // 2
+    return f", half of them settled by {settled[half - 1]:.1f} s" if len(settled) >= half else ""
 
 
 def sentence(comparison: Comparison) -> str:
@@ -38,7 +65,7 @@ def chapter_order(comparisons: Sequence[Comparison]) -> list[str]:
     return said
 
 
-def too_few(samples: Sequence[Sample]) -> list[str]:
+def too_few(samples: Sequence[PairedSample]) -> list[str]:
     """One sentence for each pair of strategies of which nothing can be said yet."""
     return [
         f"{one.one} and {one.other}{_where(one.variant)}: {len(one.pairs)} pairs of runs; "

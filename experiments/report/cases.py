@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from actors.runtime import regular_file
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord
@@ -26,10 +26,6 @@ _RESULTS: Final = ("run.json", "result/run.json")
 """Where a run's result lies in its folder; the second is that of emulated devices."""
 
 
-class ReportError(AcrcError):
-    """A folder of which nothing can be told."""
-
-
 class Case(NamedTuple):
     """One run, or an attempt at one."""
 
@@ -44,7 +40,7 @@ class Case(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Source:
+class CaseSource:
     """One folder."""
 
     name: str
@@ -63,8 +59,8 @@ class Source:
     """Which of its runs are not what they were as processes."""
 
 
-def read(folders: Sequence[Path]) -> tuple[Source, ...]:
-    """What lies in the folders, in their order. Raises ReportError, CampaignError."""
+def read(folders: Sequence[Path]) -> tuple[CaseSource, ...]:
+    """What lies in the folders, in their order. Raises AcrcError."""
     several = sum(map(store.holds, folders)) > 1
     named = zip(folders, _names(folders), strict=True)
     return tuple(
@@ -83,7 +79,7 @@ def _names(folders: Sequence[Path]) -> list[str]:
     return found
 
 
-def _campaign(kept: store.Store, name: str, *, several: bool) -> Source:
+def _campaign(kept: store.Store, name: str, *, several: bool) -> CaseSource:
     records = tuple(kept.records())
     cases = []
     for record in records:
@@ -92,7 +88,7 @@ def _campaign(kept: store.Store, name: str, *, several: bool) -> Source:
         cases.append(
             Case(condition, record.strategy, record.seed, record.result, record.failure, record.time)
         )
-    return Source(
+    return CaseSource(
         name=name,
         study=kept.study,
         commit=kept.about().commit,
@@ -104,28 +100,23 @@ def _campaign(kept: store.Store, name: str, *, several: bool) -> Source:
     )
 
 
-def _single(folder: Path, name: str) -> Source:
+def _single(folder: Path, name: str) -> CaseSource:
     path = next((folder / one for one in _RESULTS if (folder / one).is_file()), None)
     if path is None:
-        raise ReportError(
+        raise AcrcError(
             f"{folder}: holds neither a campaign nor the result of a run; must be a folder that "
             "acrc campaign, acrc run or acrc fleet collect has made"
         )
     outcome = _outcome(path)
     if isinstance(outcome, TrialResult):
-        return Source(name, None, "", (), 0, (Case(REAL, name, None, outcome),))
+        return CaseSource(name, None, "", (), 0, (Case(REAL, name, None, outcome),))
     origin = outcome.origin
     condition = f"{origin.scenario or 'one scenario'}, {outcome.robots} robots, {outcome.simulated_s:g} s"
     case = Case(condition, origin.strategy or name, outcome.seed, outcome)
-    return Source(name, None, origin.commit, (), 0, (case,))
+    return CaseSource(name, None, origin.commit, (), 0, (case,))
 
 
 def _outcome(path: Path) -> Outcome:
-    try:
-        content = regular_file.content(path)
-        try:
-            return msgspec.json.decode(content, type=RunResult)
-        except msgspec.ValidationError:
-            return msgspec.json.decode(content, type=TrialResult)
-    except (OSError, msgspec.DecodeError) as error:
-        raise ReportError(f"{path}: cannot be read as the result of a run: {error}") from None
+    if "reference" in typed_json.read(path, dict[str, msgspec.Raw], "result of a run"):
+        return typed_json.read(path, TrialResult, "result of a field trial")
+    return typed_json.read(path, RunResult, "result of a run")

@@ -6,9 +6,9 @@ from typing import Final
 from experiments.comparison.comparison import FEWEST
 from experiments.comparison.sentences import too_few
 from experiments.report import quantities
-from experiments.report.cases import Source
+from experiments.report.cases import CaseSource
 from experiments.report.findings import Findings
-from experiments.report.section import UPPER_BOUNDS, Group, View
+from experiments.report.section import UPPER_BOUNDS, Group, ReportView
 from experiments.report.time_sections import times
 from observation.field_trial.trial_result import TrialResult
 from observation.results.result import RunResult
@@ -17,7 +17,7 @@ _CEILING: Final = 0.5
 """Share of runs at the greatest possible value from which a metric is said to be at its ceiling."""
 
 
-def cautions(sources: Sequence[Source], findings: Sequence[Findings], view: View) -> list[str]:
+def cautions(sources: Sequence[CaseSource], findings: Sequence[Findings], view: ReportView) -> list[str]:
     """One sentence or two each, the gravest first."""
     return [
         *_unfit(sources),
@@ -33,7 +33,7 @@ def cautions(sources: Sequence[Source], findings: Sequence[Findings], view: View
     ]
 
 
-def _unfit(sources: Sequence[Source]) -> Iterator[str]:
+def _unfit(sources: Sequence[CaseSource]) -> Iterator[str]:
     for one in sources:
         if one.study is not None and one.study.tuning:
             yield (
@@ -48,7 +48,7 @@ def _unfit(sources: Sequence[Source]) -> Iterator[str]:
         )
 
 
-def _told_by_robots(sources: Sequence[Source]) -> Iterator[str]:
+def _told_by_robots(sources: Sequence[CaseSource]) -> Iterator[str]:
     """What `acrc fleet collect` found missing or unknown in a field trial, and what a run did not believe."""
     for one in sources:
         for case in one.cases:
@@ -59,7 +59,7 @@ def _told_by_robots(sources: Sequence[Source]) -> Iterator[str]:
                 yield from (f"{one.name}: {note.rstrip('.')}." for note in case.outcome.notes)
 
 
-def _alone(sources: Sequence[Source], findings: Sequence[Findings]) -> Iterator[str]:
+def _alone(sources: Sequence[CaseSource], findings: Sequence[Findings]) -> Iterator[str]:
     singles = sum(one.study is None for one in sources)
     if singles:
         yield (
@@ -74,7 +74,7 @@ def _alone(sources: Sequence[Source], findings: Sequence[Findings]) -> Iterator[
         )
 
 
-def _incomplete(sources: Sequence[Source]) -> Iterator[str]:
+def _incomplete(sources: Sequence[CaseSource]) -> Iterator[str]:
     for one in sources:
         failed = sum(case.failure is not None for case in one.cases)
         if one.pending:
@@ -89,13 +89,13 @@ def _incomplete(sources: Sequence[Source]) -> Iterator[str]:
             )
 
 
-def _bounds(view: View) -> Iterator[str]:
+def _bounds(view: ReportView) -> Iterator[str]:
     names = dict.fromkeys(one.strategy for one in view.groups if one.strategy in UPPER_BOUNDS)
     for name in names:
         yield f"{name} uses what no robot can know: it is an upper bound, and no rival of the others."
 
 
-def _limits(view: View, group: Group) -> Iterator[str]:
+def _limits(view: ReportView, group: Group) -> Iterator[str]:
     """Metrics that cannot tell good from better, or bad from worse."""
     outcomes = group.outcomes
     full = sum(quantities.places(one) == one.places_total for one in outcomes)
@@ -112,7 +112,7 @@ def _limits(view: View, group: Group) -> Iterator[str]:
         )
 
 
-def _wedged(view: View) -> Iterator[str]:
+def _wedged(view: ReportView) -> Iterator[str]:
     """How often robots were so near to one another that neither found a way out: it decides many runs."""
     told = [
         f"{view.row_name(group)} {sum(run.wedges.pairs for run in runs) / len(runs):.2g} "
@@ -126,7 +126,7 @@ def _wedged(view: View) -> Iterator[str]:
         yield "How often robots wedged was not recorded with these runs; that decides many of them."
 
 
-def _unsound(view: View, group: Group) -> Iterator[str]:
+def _unsound(view: ReportView, group: Group) -> Iterator[str]:
     untrue = sum(
         one.places_claimed - one.places_done for one in group.outcomes if one.places_done is not None
     )
@@ -137,7 +137,7 @@ def _unsound(view: View, group: Group) -> Iterator[str]:
         yield f"{view.row_name(group)}: in {lost} runs messages between processes were lost."
 
 
-def _software(sources: Sequence[Source]) -> Iterator[str]:
+def _software(sources: Sequence[CaseSource]) -> Iterator[str]:
     commits = dict.fromkeys(one.commit for one in sources if one.commit)
     if len(commits) > 1:
         yield f"The folders were made by different software: {', '.join(commit[:12] for commit in commits)}."

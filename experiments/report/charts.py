@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from experiments.report import style
-from experiments.report.numbers import Spread
+from experiments.report.numbers import BoxSpread
 from experiments.report.style import FAINT, INK, PAPER, Look
 from experiments.statistics.effect_size import Interval
 from experiments.statistics.survival import Completion, SurvivalCurve
@@ -33,7 +33,7 @@ class Box:
 
     label: str
     look: Look
-    spread: Spread
+    spread: BoxSpread
     at_least: tuple[float, ...] = ()
     """Which of the values are only known to be so great or greater."""
 

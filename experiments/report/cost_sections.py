@@ -8,7 +8,7 @@ from experiments.report import charts, quantities
 from experiments.report.cases import Case, Outcome
 from experiments.report.charts import Box, Dot
 from experiments.report.numbers import Cell, mean_of, spread
-from experiments.report.section import SPREAD, Group, Picture, Section, View, medians, spread_cells
+from experiments.report.section import SPREAD, Group, Picture, ReportView, Section, medians, spread_cells
 from experiments.statistics.effect_size import Interval
 
 
@@ -52,7 +52,7 @@ COSTS: Final = (
 )
 
 
-def radio(view: View) -> Section:
+def radio(view: ReportView) -> Section:
     """How much robots send, and what becomes of it."""
 
     def found(group: Group) -> tuple[float, ...]:
@@ -89,7 +89,7 @@ def _frames(group: Group) -> list[tuple[Cell, ...]]:
     return [(name.replace("_", " "), mean) for name, mean in means.items() if mean]
 
 
-def costs(view: View) -> Section:
+def costs(view: ReportView) -> Section:
     """Every cost that is known of some run, side by side."""
     known = [cost for cost in COSTS if any(_values(group, cost) for group in view.groups)]
     drawn = [cost for cost in known if any(any(_values(group, cost)) for group in view.groups)]

@@ -4,10 +4,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
-from experiments.comparison.comparison import Comparison, Sample, compare, samples
+from experiments.comparison.comparison import Comparison, PairedSample, compare, samples
 from experiments.comparison.sentences import chapter_order
-from experiments.report.cases import REAL, Source
-from experiments.report.numbers import Cell, Table
+from experiments.report.cases import REAL, CaseSource
+from experiments.report.numbers import Cell, NumberTable
 from experiments.report.section import label
 from experiments.study.study import FIRST_TUNING_SEED, Study
 
@@ -18,9 +18,9 @@ _MOST_OPEN: Final = 12
 class Findings:
     """The comparisons of a campaign's strategies."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: CaseSource) -> None:
         self.source = source
-        self.samples: Sequence[Sample] = samples(source.records)
+        self.samples: Sequence[PairedSample] = samples(source.records)
         self.comparisons = [
             replace(one, one=label(one.one), other=label(one.other)) for one in compare(self.samples)
         ]
@@ -33,12 +33,12 @@ class Findings:
         """Of all other pairs."""
         return chapter_order([one for one in self.comparisons if not self._is_primary(one)])
 
-    def tables(self) -> Iterator[Table]:
+    def tables(self) -> Iterator[NumberTable]:
         """Every test with its p-value, and every difference with its interval."""
         if not self.comparisons:
             return
         where = ("condition",) if any(one.variant for one in self.comparisons) else ()
-        yield Table(
+        yield NumberTable(
             f"comparisons_{self.source.name}",
             "Every test that was made. Values are medians, of times restricted means. A12 is the probability "
             "that a run of the first is better than one of the second, ties counted half. p after Holm holds "
@@ -47,7 +47,7 @@ class Findings:
             tuple(row for one in self.comparisons for row in _tests(one, where)),
             folded=len(self.comparisons) > _MOST_OPEN,
         )
-        yield Table(
+        yield NumberTable(
             f"differences_{self.source.name}",
             "First less second, with 95 % bootstrap intervals",
             ("first", "second", *where, "metric", "difference of", "is"),
@@ -75,12 +75,12 @@ def _tests(one: Comparison, where: Sequence[str]) -> Iterator[tuple[Cell, ...]]:
         yield (*_who(one, where), one.says, one.ones, one.others, one.effect, test.name, test.p, adjusted)
 
 
-def asked(sources: Sequence[Source]) -> list[str]:
+def asked(sources: Sequence[CaseSource]) -> list[str]:
     """What the runs were made for, a sentence for each folder."""
     return [_asked(one) for one in sources]
 
 
-def _asked(source: Source) -> str:
+def _asked(source: CaseSource) -> str:
     study = source.study
     if study is None:
         (case,) = source.cases
@@ -109,7 +109,7 @@ def _file(path: str) -> str:
     return path.replace("\\", "/").rpartition("/")[2]
 
 
-def failures(sources: Sequence[Source]) -> Table | None:
+def failures(sources: Sequence[CaseSource]) -> NumberTable | None:
     """Runs without a result, by cause; None if there is none."""
     found: dict[tuple[str, str, str], list[str]] = {}
     for source in sources:
@@ -120,7 +120,9 @@ def failures(sources: Sequence[Source]) -> Table | None:
     if not found:
         return None
     rows = tuple((*key, len(seeds), _some(seeds)) for key, seeds in found.items())
-    return Table("failures", "Runs that failed", ("condition", "strategy", "cause", "runs", "seeds"), rows)
+    return NumberTable(
+        "failures", "Runs that failed", ("condition", "strategy", "cause", "runs", "seeds"), rows
+    )
 
 
 def _some(seeds: Sequence[str]) -> str:

@@ -14,7 +14,7 @@ Cell = str | int | float | Interval | None
 
 
 @dataclass(frozen=True)
-class Table:
+class NumberTable:
     """Numbers as a reader sees them, and as a file of comma-separated values has them."""
 
     name: str
@@ -27,7 +27,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Spread:
+class BoxSpread:
     """Some values, and what a box shows of them; quartiles by linear interpolation."""
 
     values: tuple[float, ...]
@@ -46,11 +46,11 @@ class Spread:
         return min(inside), max(inside)
 
 
-def spread(values: Iterable[float]) -> Spread:
+def spread(values: Iterable[float]) -> BoxSpread:
     """Of at least one value."""
     known = tuple(values)
     least, q1, median, q3, most = (float(one) for one in np.quantile(known, [0.0, 0.25, 0.5, 0.75, 1.0]))
-    return Spread(known, least, q1, median, q3, most, float(np.mean(known)))
+    return BoxSpread(known, least, q1, median, q3, most, float(np.mean(known)))
 
 
 def share(count: int, of: int) -> Interval:

@@ -4,14 +4,14 @@ import shlex
 from collections.abc import Iterator, Sequence
 
 from experiments.report import quantities
-from experiments.report.cases import Case, Source
-from experiments.report.numbers import Cell, Table
+from experiments.report.cases import Case, CaseSource
+from experiments.report.numbers import Cell, NumberTable
 from experiments.report.section import Section, label
 from experiments.study.study import Study
 from observation.results.result import RunResult
 
 
-def origin(sources: Sequence[Source]) -> Section:
+def origin(sources: Sequence[CaseSource]) -> Section:
     """Command, software and digest of every run, and the numbers of each that pictures show."""
     digests = sum(isinstance(case.outcome, RunResult) for one in sources for case in one.cases)
     return Section(
@@ -22,12 +22,12 @@ def origin(sources: Sequence[Source]) -> Section:
         ),
         None,
         (
-            Table(
+            NumberTable(
                 "folders", "The folders", ("folder", "commit", "command"),
                 tuple((one.name, one.commit or "unknown", _command(one)) for one in sources),
             ),
-            Table("versions", "Beside that", ("package", "version", "runs"), tuple(_versions(sources))),
-            Table(
+            NumberTable("versions", "Beside that", ("package", "version", "runs"), tuple(_versions(sources))),
+            NumberTable(
                 "runs", "Every run",
                 ("folder", "condition", "strategy", "seed", "places", "of", "complete at, s", "ended at, s",
                  "length, s", "octets/s", "CPU ms/s", "failure", "digest"),
@@ -37,7 +37,7 @@ def origin(sources: Sequence[Source]) -> Section:
     )  # fmt: skip
 
 
-def _command(source: Source) -> str:
+def _command(source: CaseSource) -> str:
     study = source.study
     if study is None:
         return "acrc run or acrc fleet collect"
@@ -57,7 +57,7 @@ def _words(study: Study) -> Iterator[str]:
         yield "--isolate"
 
 
-def _versions(sources: Sequence[Source]) -> Iterator[tuple[Cell, ...]]:
+def _versions(sources: Sequence[CaseSource]) -> Iterator[tuple[Cell, ...]]:
     found: dict[tuple[str, str], int] = {}
     for case in (case for one in sources for case in one.cases):
         if isinstance(case.outcome, RunResult):
@@ -67,7 +67,7 @@ def _versions(sources: Sequence[Source]) -> Iterator[tuple[Cell, ...]]:
         yield package, version, runs
 
 
-def _run(source: Source, case: Case) -> tuple[Cell, ...]:
+def _run(source: CaseSource, case: Case) -> tuple[Cell, ...]:
     who = (source.name, case.condition, label(case.strategy), None if case.seed is None else str(case.seed))
     if case.outcome is None:
         return (*who, *[None] * 7, case.failure, None)

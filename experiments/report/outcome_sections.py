@@ -6,8 +6,8 @@ from typing import Final
 from experiments.report import charts, quantities
 from experiments.report.cases import Outcome
 from experiments.report.charts import Box, Curve
-from experiments.report.numbers import Cell, Spread, mean_until, share, spread
-from experiments.report.section import BOX, SPREAD, Group, Picture, Section, View, medians, spread_cells
+from experiments.report.numbers import BoxSpread, Cell, mean_until, share, spread
+from experiments.report.section import BOX, SPREAD, Group, Picture, ReportView, Section, medians, spread_cells
 from experiments.statistics.survival import Completion, kaplan_meier
 
 _MOST_PANELS: Final = 12
@@ -17,7 +17,7 @@ _AT_LEAST: Final = (
 )
 
 
-def places(view: View) -> Section:
+def places(view: ReportView) -> Section:
     """The second box plot of Fig. 7.10."""
 
     def found(group: Group) -> tuple[float, ...]:
@@ -52,7 +52,7 @@ def _totals(group: Group) -> Cell:
     return totals[0] if len(totals) == 1 else f"{totals[0]} to {totals[-1]}"
 
 
-def running(view: View) -> Section:
+def running(view: ReportView) -> Section:
     """The first box plot of Fig. 7.10."""
 
     def ended(group: Group) -> int:
@@ -83,22 +83,22 @@ def running(view: View) -> Section:
     )  # fmt: skip
 
 
-def _times(group: Group, when: Callable[[Outcome], Completion]) -> Spread:
+def _times(group: Group, when: Callable[[Outcome], Completion]) -> BoxSpread:
     return spread(when(one).at for one in group.outcomes)
 
 
-def _end(view: View) -> tuple[float, str] | None:
+def _end(view: ReportView) -> tuple[float, str] | None:
     """The length of the runs, if they are all as long."""
     lengths = {quantities.length_s(one) for group in view.groups for one in group.outcomes}
     return (max(lengths), "end of run") if len(lengths) == 1 else None
 
 
-def _time_box(view: View, group: Group, when: Callable[[Outcome], Completion]) -> Box:
+def _time_box(view: ReportView, group: Group, when: Callable[[Outcome], Completion]) -> Box:
     open_ones = tuple(run.at for run in map(when, group.outcomes) if not run.done)
     return Box(group.label, view.look(group), _times(group, when), open_ones)
 
 
-def completion(view: View) -> Section:
+def completion(view: ReportView) -> Section:
     """Curves of Kaplan and Meier, with what summarizes them."""
     horizons = {
         condition: max(lengths)
@@ -161,7 +161,7 @@ def _steps(curve: Curve) -> list[tuple[float, ...]]:
     ]
 
 
-def robots(view: View) -> Section:
+def robots(view: ReportView) -> Section:
     """When each robot's own places were done."""
 
     def runs_of(group: Group, robot: str) -> tuple[Completion, ...]:

@@ -3,24 +3,24 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from experiments.report.numbers import Table, written
+from experiments.report.numbers import NumberTable, written
 from experiments.report.section import Section
 from observation.page import markup
 
 
 @dataclass(frozen=True)
-class Page:
+class ReportPage:
     """All that the page says, in the order in which it is read."""
 
     title: str
     asked: Sequence[str]
     found: Sequence[str]
-    found_tables: Sequence[Table]
+    found_tables: Sequence[NumberTable]
     cautions: Sequence[str]
     sections: Sequence[Section]
 
 
-def html(page: Page, drawn: Mapping[str, bytes]) -> str:
+def html(page: ReportPage, drawn: Mapping[str, bytes]) -> str:
     """The page; `drawn`: every picture's SVG by its name."""
     titles = ["What was asked", "What was found", *(one.title for one in page.sections)]
     parts = [
@@ -54,7 +54,7 @@ def _section(section: Section, drawn: Mapping[str, bytes]) -> Iterator[str]:
     yield from map(_table, section.tables)
 
 
-def _table(table: Table) -> str:
+def _table(table: NumberTable) -> str:
     numeric = [
         any(not isinstance(row[place], str | None) for row in table.rows)
         for place in range(len(table.columns))

@@ -8,17 +8,17 @@ from typing import Final
 
 from actors.runtime import regular_file
 from experiments.report import cost_sections, findings, outcome_sections, style, time_sections
-from experiments.report.cases import Source, read
+from experiments.report.cases import CaseSource, read
 from experiments.report.cautions import cautions
 from experiments.report.findings import Findings
-from experiments.report.numbers import Cell, Table
+from experiments.report.numbers import Cell, NumberTable
 from experiments.report.origin_section import origin
-from experiments.report.page import Page, html
-from experiments.report.section import Section, View
+from experiments.report.page import ReportPage, html
+from experiments.report.section import ReportView, Section
 from experiments.statistics.effect_size import Interval
 
 PAGE: Final = "report.html"
-_SECTIONS: Final[tuple[Callable[[View], Section | None], ...]] = (
+_SECTIONS: Final[tuple[Callable[[ReportView], Section | None], ...]] = (
     outcome_sections.places,
     outcome_sections.running,
     outcome_sections.completion,
@@ -34,7 +34,7 @@ _SECTIONS: Final[tuple[Callable[[View], Section | None], ...]] = (
 def write(folders: Sequence[Path], out: Path) -> Path:
     """Read campaigns and runs, write the report into the folder `out`, and give the page's path.
 
-    The same folders give the same bytes. Raises ReportError or CampaignError for a folder of which nothing
+    The same folders give the same bytes. Raises AcrcError for a folder of which nothing
     can be told.
     """
     sources = read(folders)
@@ -49,13 +49,13 @@ def write(folders: Sequence[Path], out: Path) -> Path:
     return out / PAGE
 
 
-def compose(sources: Sequence[Source]) -> Page:
+def compose(sources: Sequence[CaseSource]) -> ReportPage:
     """What the report says; pictures are drawn, so `style.applied` must hold."""
-    view = View(case for one in sources for case in one.cases)
+    view = ReportView(case for one in sources for case in one.cases)
     found = [Findings(one) for one in sources if one.study is not None]
     made = [section(view) for section in _SECTIONS] if view.groups else []
     failed = findings.failures(sources)
-    return Page(
+    return ReportPage(
         title="Report on " + ", ".join(one.name for one in sources),
         asked=[*findings.asked(sources), *dict.fromkeys(line for one in sources for line in one.protection)],
         found=[*(f"{one.name}: {line}." for one in sources for line in one.differing), *_found(found)],
@@ -69,7 +69,7 @@ def compose(sources: Sequence[Source]) -> Page:
     )
 
 
-def tables(page: Page) -> list[Table]:
+def tables(page: ReportPage) -> list[NumberTable]:
     """All that hold anything, those of the sentences first."""
     every = [*page.found_tables, *(table for section in page.sections for table in section.tables)]
     return [table for table in every if table.rows]
@@ -86,7 +86,7 @@ def _found(found: Sequence[Findings]) -> list[str]:
     return told or ["Nothing can be told apart yet: there are too few runs for any test."]
 
 
-def _csv(table: Table) -> str:
+def _csv(table: NumberTable) -> str:
     into = io.StringIO()
     writer = csv.writer(into, lineterminator="\n")
     columns = [

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from experiments.report import style
 from experiments.report.cases import Case, Outcome
-from experiments.report.numbers import Cell, Spread, Table
+from experiments.report.numbers import BoxSpread, Cell, NumberTable
 from experiments.report.style import Look
 
 T = TypeVar("T")
@@ -39,7 +39,7 @@ class Section:
     title: str
     text: tuple[str, ...]
     picture: Picture | None
-    tables: tuple[Table, ...]
+    tables: tuple[NumberTable, ...]
 
 
 class Group(NamedTuple):
@@ -65,7 +65,7 @@ def label(strategy: str) -> str:
     return f"{strategy} (upper bound)" if strategy in UPPER_BOUNDS else strategy
 
 
-class View:
+class ReportView:
     """All runs that have a result, in the order in which they came."""
 
     def __init__(self, cases: Iterable[Case]) -> None:
@@ -109,7 +109,7 @@ class View:
         rows: Callable[[Group], Iterable[Sequence[Cell]]],
         *,
         folded: bool = False,
-    ) -> Table:
+    ) -> NumberTable:
         """Rows of every group, which begin with what it is called."""
         head = ("condition", "strategy") if self.has_conditions else ("strategy",)
         told = tuple(
@@ -117,17 +117,17 @@ class View:
             for group in self.groups
             for row in rows(group)
         )
-        return Table(name, caption, (*head, *columns), told, folded)
+        return NumberTable(name, caption, (*head, *columns), told, folded)
 
 
-def spread_cells(spread: Spread) -> tuple[Cell, ...]:
+def spread_cells(spread: BoxSpread) -> tuple[Cell, ...]:
     """As SPREAD says."""
     return (
         len(spread.values), spread.least, spread.q1, spread.median, spread.q3, spread.most, spread.mean,
     )  # fmt: skip
 
 
-def medians(view: View, what: str, unit: str, found: Callable[[Group], Spread]) -> str:
+def medians(view: ReportView, what: str, unit: str, found: Callable[[Group], BoxSpread]) -> str:
     """What a box plot shows, in a sentence for those who do not see it."""
     told = "; ".join(f"{view.row_name(one)} {found(one).median:.4g}{unit}" for one in view.groups)
     return f"Box plots of {what}. Medians: {told}. All numbers are in the table below."

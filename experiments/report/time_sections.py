@@ -8,7 +8,7 @@ import numpy as np
 from experiments.report import charts
 from experiments.report.charts import Bar
 from experiments.report.numbers import Cell
-from experiments.report.section import Group, Picture, Section, View
+from experiments.report.section import Group, Picture, ReportView, Section
 from observation.accounting.time_spent import Cause, DecisionEvent, TimeSpent
 
 LOOKS: Final = {
@@ -32,7 +32,7 @@ def times(group: Group) -> tuple[TimeSpent, ...]:
     return tuple(case.time for case in group.cases if case.time is not None)
 
 
-def causes(view: View) -> Section | None:
+def causes(view: ReportView) -> Section | None:
     """Where robot-seconds went; None if no run says so."""
     bars = view.panels(lambda group: Bar(group.label, _shares(group)) if times(group) else None)
     if not bars:
@@ -97,7 +97,7 @@ def _robots(group: Group) -> list[tuple[Cell, ...]]:
     ]  # fmt: skip
 
 
-def blockings(view: View) -> Section | None:
+def blockings(view: ReportView) -> Section | None:
     """How often robots stood in each other's way, and whether they noticed; None if no run says so."""
     known = [group for group in view.groups if times(group)]
     if not known:
@@ -171,7 +171,7 @@ def _known(said: list[float | None]) -> Cell:
     return float(np.mean(values)) if values else None
 
 
-def decisions(view: View) -> Section | None:
+def decisions(view: ReportView) -> Section | None:
     """What the adaptation decided, and what came of it; None if nothing was decided."""
     if not any(run.decisions for group in view.groups for run in times(group)):
         return None

@@ -71,7 +71,7 @@ def _bound(density: Floats, probability: float, step: float) -> float:
     return float(_GRID[::-1][place - 1] - (share + 0.5) * step)
 
 
-class Look(NamedTuple):
+class InterimLook(NamedTuple):
     """One look at the pairs there were."""
 
     pairs: int
@@ -84,7 +84,7 @@ class Look(NamedTuple):
         return self.p <= self.threshold
 
 
-def last_look(p_at: Callable[[int], float], pairs: int, rule: SequentialPlan) -> Look | None:
+def last_look(p_at: Callable[[int], float], pairs: int, rule: SequentialPlan) -> InterimLook | None:
     """The first look that decides, or else the last for which there are pairs enough; None if there is none.
 
     `p_at`: the two-sided p-value of so many first pairs, in the order in which they came.
@@ -93,7 +93,7 @@ def last_look(p_at: Callable[[int], float], pairs: int, rule: SequentialPlan) ->
     for due, threshold in zip(rule.looks, rule.thresholds, strict=True):
         if due > pairs:
             break
-        look = Look(due, p_at(due), threshold)
+        look = InterimLook(due, p_at(due), threshold)
         if look.decides:
             break
     return look

@@ -7,18 +7,14 @@ import msgspec
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from actors import table_wording
-from actors.runtime import regular_file
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
-from actors.table import A_POINT, Point, Right, Table, as_tuples
+from actors.table import A_POINT, FileTable, Point, Right, as_tuples
 from experiments.study.draws import PARAMETERS
 from experiments.study.study import Distribution, Factor, Study
 
 MOST_SEEDS: Final = 100_000
 _LARGEST: Final = 1 << 20
-
-
-class StudyError(AcrcError):
-    """A study that cannot be carried out."""
 
 
 def _as_pair(value: object) -> object:
@@ -41,7 +37,7 @@ Range = Annotated[
 ]
 
 
-class VaryTable(Table):
+class VaryTable(FileTable):
     """[[vary]]: a key of the scenario and its values one after the other, or what is drawn for each seed."""
 
     key: Annotated[
@@ -94,7 +90,7 @@ _PARAMETERS: Final = tuple(
 )
 
 
-class StudyTable(Table):
+class StudyTable(FileTable):
     """The file."""
 
     scenario: Annotated[
@@ -128,15 +124,15 @@ class StudyTable(Table):
 
 
 def load_study(path: Path, *, tuning: bool = False) -> Study:
-    """The study in a file, also in one that a campaign has written (`study.json`). Raises StudyError."""
+    """The study in a file, also in one that a campaign has written (`study.json`). Raises AcrcError."""
     if path.suffix == ".json":
         return _written(path)
-    table = table_wording.load(path, StudyTable, "study", StudyError, _LARGEST)
+    table = table_wording.load(path, StudyTable, "study", _LARGEST)
     strategies = tuple(dict.fromkeys(table.strategies))
     for pair in table.primary:
         for name in pair:
             if name not in strategies:
-                raise StudyError(
+                raise AcrcError(
                     f"{path}: primary compares {name!r}, which is none of the study's strategies: "
                     f"{', '.join(strategies)}"
                 )
@@ -163,8 +159,5 @@ def _distribution(table: VaryTable) -> Distribution:
 
 def _written(path: Path) -> Study:
     """A path in it is relative to the file, as in any study's."""
-    try:
-        study = msgspec.json.decode(regular_file.content(path), type=Study)
-    except (OSError, msgspec.DecodeError) as error:
-        raise StudyError(f"{path}: cannot be read as the study of a campaign: {error}") from None
+    study = typed_json.read(path, Study, "study of a campaign")
     return msgspec.structs.replace(study, scenario=str((path.parent / study.scenario).resolve()))

@@ -1,5 +1,6 @@
 """The study that a command line means, and whatever every trial of it would stumble over."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -9,12 +10,39 @@ import msgspec
 from actors.installation.repository import SHIPPED
 from actors.installation.usage import OptionError, wrong_value
 from actors.robot.behaviour.foreign import Permit, admitted
+from cleaning.places import GOLDEN
 from cleaning.strategies import entry
 from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, settings
+from deploy.scenario.tables import Scenario
 from experiments.study.draws import drawn
-from experiments.study.places import close_places
 from experiments.study.study import Study
 from experiments.study.study_file import load_study
+
+_WEDGED: Final = 0.45
+"""Robots nearer to one another than this, m, have no valid trajectory and stay where they are."""
+
+
+def close_places(scenario: Scenario) -> Iterator[str]:
+    """A sentence for each robot that ends so near another robot's place that it stands in the way there.
+
+    Only of the golden places, which are the same for every seed.
+    """
+    if scenario.places.preset != "golden":
+        return
+    count = scenario.places.per_robot
+    lists = [points[:count] for points in GOLDEN[: scenario.robots.count]]
+    for robot, points in enumerate(lists):
+        for other, theirs in enumerate(lists):
+            if other == robot or not points:
+                continue
+            for number, place in enumerate(theirs):
+                apart = points[-1].distance_to(place)
+                if apart < _WEDGED:
+                    yield (
+                        f"the golden places: r{robot + 1} ends {apart:.2f} m from place {number}"
+                        f" of r{other + 1}; if it gets there first, that one may stay undone"
+                    )
+
 
 _SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 _STRATEGIES: Final = ("none", "chapter")
@@ -23,7 +51,7 @@ PRESETS: Final = {"chapter": SHIPPED / "studies" / "chapter.toml"}
 
 
 @dataclass(frozen=True)
-class Wishes:
+class StudyWishes:
     """The command line's own words about the study."""
 
     study: Path | None = None
@@ -38,13 +66,13 @@ class Wishes:
     isolate: bool = False
 
 
-def study_of(wishes: Wishes) -> Study:
+def study_of(wishes: StudyWishes) -> Study:
     """The study in the file, or the one that the command line describes, with its wishes laid over."""
     study = _plain(wishes)
     return msgspec.structs.replace(study, isolated=True) if wishes.isolate else study
 
 
-def _plain(wishes: Wishes) -> Study:
+def _plain(wishes: StudyWishes) -> Study:
     own: list[tuple[str, Any]] = list(settings(wishes.settings))
     for key, text in (("robots.count", wishes.robots), ("run.duration", wishes.duration)):
         if text is not None:
@@ -67,7 +95,7 @@ def _plain(wishes: Wishes) -> Study:
     )
 
 
-def path_of(wishes: Wishes) -> Path | None:
+def path_of(wishes: StudyWishes) -> Path | None:
     """Of the study's file; None: there is none."""
     if wishes.preset is not None and wishes.preset not in PRESETS:
         raise wrong_value("--preset", wishes.preset, f"one of {', '.join(PRESETS)}")

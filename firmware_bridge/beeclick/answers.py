@@ -1,4 +1,7 @@
-"""What the board says to the host: type (TOH) 0 to 9 (d3scomp/beeclickarm, TOHQueue.h)."""
+"""What the board says to the host: type (TOH) 0 to 9 (d3scomp/beeclickarm, TOHQueue.h).
+
+A setting is answered by itself, as far as the board has understood it.
+"""
 
 import struct
 from dataclasses import astuple, dataclass
@@ -6,7 +9,14 @@ from typing import Any, Final
 
 from actors.bounds import check_range
 from actors.messages import FRAME_DATA_LIMIT
-from firmware_bridge.beeclick.commands import GREATEST_CODE, LEAST_POWER
+from firmware_bridge.beeclick.commands import (
+    GREATEST_CODE,
+    LEAST_POWER,
+    SetAddress,
+    SetChannel,
+    SetPower,
+    Setting,
+)
 from firmware_bridge.beeclick.wire import SYNC_PATTERN, NoiseError
 
 _RECEIVED: Final = struct.Struct("<BBHHBBH")
@@ -54,28 +64,6 @@ class PacketSent:
 
 
 @dataclass(frozen=True)
-class ChannelSet:
-    """The answer to SetChannel."""
-
-    code: int
-
-
-@dataclass(frozen=True)
-class PowerSet:
-    """The answer to SetPower."""
-
-    tenths_db: int
-
-
-@dataclass(frozen=True)
-class AddressSet:
-    """The answer to SetAddress."""
-
-    pan: int
-    address: int
-
-
-@dataclass(frozen=True)
 class Sentence:
     """A line from the GPS module, without its end."""
 
@@ -103,13 +91,12 @@ class Moisture:
     tenths: int
 
 
-Echo = ChannelSet | PowerSet | AddressSet
-Answer = Synchronised | ReceivedPacket | PacketSent | Echo | Sentence | Notes | Warmth | Moisture
+Answer = Synchronised | ReceivedPacket | PacketSent | Setting | Sentence | Notes | Warmth | Moisture
 _FIXED: Final[dict[type[Any], tuple[int, struct.Struct]]] = {
     PacketSent: (2, _SENT),
-    ChannelSet: (3, _CHANNEL),
-    PowerSet: (4, _NUMBER),
-    AddressSet: (5, _ADDRESS),
+    SetChannel: (3, _CHANNEL),
+    SetPower: (4, _NUMBER),
+    SetAddress: (5, _ADDRESS),
     Warmth: (8, _NUMBER),
     Moisture: (9, _NUMBER),
 }
@@ -184,18 +171,18 @@ def _decode(body: bytes) -> Answer:
         case 2:
             return PacketSent(_SENT.unpack(body)[1], bool(_within("bad_status", body[5], 0, 1)))
         case 5:
-            return AddressSet(*_ADDRESS.unpack(body)[1:])
+            return SetAddress(*_ADDRESS.unpack(body)[1:])
         case kind:
             return _number(kind, body)
 
 
-def _number(kind: int, body: bytes) -> ChannelSet | PowerSet | Warmth | Moisture:
+def _number(kind: int, body: bytes) -> SetChannel | SetPower | Warmth | Moisture:
     """The answers that are one number."""
     if kind == 3:
-        return ChannelSet(_within("bad_channel", body[1], 0, GREATEST_CODE))
+        return SetChannel(_within("bad_channel", body[1], 0, GREATEST_CODE))
     value = _NUMBER.unpack(body)[1]
     if kind == 4:
-        return PowerSet(_within("bad_power", value, LEAST_POWER, 0))
+        return SetPower(_within("bad_power", value, LEAST_POWER, 0))
     return Warmth(_within("bad_temperature", value, *_TEMPERATURES)) if kind == 8 else Moisture(value)
 
 

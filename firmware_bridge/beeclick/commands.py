@@ -35,21 +35,21 @@ class SendPacket:
 
 @dataclass(frozen=True)
 class SetChannel:
-    """Answered by `ChannelSet`."""
+    """Answered by itself."""
 
     code: int
 
 
 @dataclass(frozen=True)
 class SetPower:
-    """Answered by `PowerSet`, which repeats what was asked for, not what the radio does."""
+    """Answered by what was asked for, not by what the radio does."""
 
     tenths_db: int
 
 
 @dataclass(frozen=True)
 class SetAddress:
-    """Answered by `AddressSet`."""
+    """Answered by itself."""
 
     pan: int
     address: int

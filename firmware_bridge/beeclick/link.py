@@ -8,8 +8,9 @@ address, channel and power, each confirmed by its echo.
 The board works strictly in order, and so are its answers. Hence each answer settles all that was asked
 before: whatever of that has not been answered yet never will be. In particular the answer to a SYNC settles
 the packets that were in flight, after their confirmations, which come first. A packet that is settled
-without a confirmation is `Unconfirmed`; nothing is ever guessed. A board that lets a command wait is sent a
-SYNC ahead of time: if it is only held up the answer comes behind the others, and lost bytes show by it.
+without a confirmation is `UnconfirmedPacket`; nothing is ever guessed. A board that lets a command wait is
+sent a SYNC ahead of time: if it is only held up the answer comes behind the others, and lost bytes show by
+it.
 """
 
 from collections import deque
@@ -20,26 +21,10 @@ from typing import Final
 from actors.instant import Instant
 from actors.messages import AccessFailure, Overflow, Refused, Sent
 from actors.radio.frame import size_fault
-from firmware_bridge.beeclick.answers import (
-    AddressSet,
-    Answer,
-    ChannelSet,
-    Echo,
-    PacketSent,
-    PowerSet,
-    Synchronised,
-)
-from firmware_bridge.beeclick.commands import (
-    Command,
-    SendPacket,
-    SetAddress,
-    SetChannel,
-    SetPower,
-    Synchronise,
-    encode,
-)
+from firmware_bridge.beeclick.answers import Answer, PacketSent, Synchronised
+from firmware_bridge.beeclick.commands import SendPacket, Setting, Synchronise, encode
 from firmware_bridge.beeclick.counters import LinkCounters
-from firmware_bridge.beeclick.events import Event, Unconfirmed
+from firmware_bridge.beeclick.events import Event, UnconfirmedPacket
 from firmware_bridge.beeclick.news import news
 from firmware_bridge.beeclick.pace import SendingPace
 from firmware_bridge.beeclick.parameters import DEFAULTS, BeeClickParameters, BoardSettings
@@ -82,7 +67,7 @@ class _Asked:
     tag: int = -1
 
 
-class Link:
+class BoardLink:
     """One board, as its host sees it."""
 
     def __init__(self, settings: BoardSettings, parameters: BeeClickParameters = DEFAULTS) -> None:
@@ -94,7 +79,7 @@ class Link:
         self._setup = settings.commands()
         self._asked: deque[_Asked] = deque()
         self._waiting: deque[_Packet] = deque()
-        self._to_set: deque[Command] = deque()
+        self._to_set: deque[Setting] = deque()
         self._events: list[Event] = []
         self._packets = 0
         """How many numbers have been used."""
@@ -211,7 +196,7 @@ class Link:
                 self._answer(now, found)
 
     def _answer(self, now: Instant, answer: Answer) -> None:
-        if isinstance(answer, Synchronised | PacketSent | Echo):
+        if isinstance(answer, Synchronised | PacketSent | Setting):
             self.counters.add("answers")
             place = self._place(answer)
             if place is None:
@@ -342,8 +327,8 @@ class Link:
     def _sync_asked(self) -> bool:
         return bool(self._asked) and self._asked[-1].answer == Synchronised()
 
-    def _ask(self, now: Instant, command: Command) -> bytes:
-        self._asked.append(_Asked(_echo(command), now))
+    def _ask(self, now: Instant, command: Setting) -> bytes:
+        self._asked.append(_Asked(command, now))
         self._pace.asked()
         return encode(command)
 
@@ -366,9 +351,9 @@ class Link:
         for _ in range(count):
             asked = self._asked.popleft()
             if asked.answer is None:
-                self._end(Unconfirmed(now, asked.tag, cause), "unconfirmed")
+                self._end(UnconfirmedPacket(now, asked.tag, cause), "unconfirmed")
 
-    def _end(self, end: Sent | AccessFailure | Unconfirmed | Overflow | Refused, counter: str) -> None:
+    def _end(self, end: Sent | AccessFailure | UnconfirmedPacket | Overflow | Refused, counter: str) -> None:
         self.counters.add(counter)
         self._events.append(end)
 
@@ -376,16 +361,3 @@ class Link:
         events = self._events.copy()
         self._events.clear()
         return events
-
-
-def _echo(command: Command) -> Answer | None:
-    """What the board answers to a command."""
-    match command:
-        case SetAddress(pan, address):
-            return AddressSet(pan, address)
-        case SetChannel(code):
-            return ChannelSet(code)
-        case SetPower(tenths_db):
-            return PowerSet(tenths_db)
-        case _:
-            return Synchronised()

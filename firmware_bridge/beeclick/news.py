@@ -2,13 +2,14 @@
 
 from typing import Final
 
+from actors.board_readings import Fix, Humidity, Info, Temperature
 from actors.instant import Instant
 from actors.messages import Heard
 from actors.radio.frame_codec import DataFrame
 from actors.radio.signal_codes import rssi_dbm
 from firmware_bridge.beeclick.answers import Answer, Moisture, Notes, ReceivedPacket, Sentence, Warmth
 from firmware_bridge.beeclick.counters import LinkCounters
-from firmware_bridge.beeclick.events import Event, Fix, Humidity, Info, Temperature
+from firmware_bridge.beeclick.events import Event
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.sentence import parse
 
@@ -66,4 +67,4 @@ def _fix(now: Instant, text: bytes, counters: LinkCounters) -> list[Event]:
         counters.add("bad_sentence")
         return []
     counters.add("fixes")
-    return [Fix(now, position.valid, position.latitude, position.longitude, position.utc)]
+    return [Fix(now, position.valid, position.latitude, position.longitude)]

@@ -6,9 +6,9 @@ from contextlib import suppress
 from typing import Final
 
 from firmware_bridge.beeclick.wire import BAUD
-from firmware_bridge.serial_port import FTDI, Device, PortError, SerialPort
+from firmware_bridge.serial_port import FTDI, PortDevice, PortError, SerialPort
 
-BOARD: Final = Device("BEE-click board", "/dev/beeclick", BAUD, FTDI)
+BOARD: Final = PortDevice("BEE-click board", "/dev/beeclick", BAUD, FTDI)
 """The chip is that of the USB UART of the board that it sits on."""
 _CHUNK: Final = 4096
 """The most bytes of one reading: 44 ms of the line."""

@@ -2,9 +2,10 @@
 
 from typing import Final
 
+from actors.board_readings import LinkState
 from actors.instant import Instant
 from firmware_bridge.beeclick.counters import LinkCounters
-from firmware_bridge.beeclick.events import Down, Event, Up
+from firmware_bridge.beeclick.events import Event
 
 _FRUITLESS: Final = 2
 """After so many packets in a row of which nothing has become the radio counts as silent, though the board is
@@ -43,7 +44,7 @@ class LinkStanding:
         """The board must be found again."""
         if self.is_up:
             self.is_up = False
-            self._events.append(Down(now, cause))
+            self._events.append(LinkState(now, False, cause))
 
     def silent(self, now: Instant) -> None:
         """It has not answered for long, or nothing becomes of its packets."""
@@ -51,7 +52,7 @@ class LinkStanding:
         if not self._silent:
             self._silent = True
             self._counters.add("silent")
-            self._events.append(Down(now, "silent"))
+            self._events.append(LinkState(now, False, "silent"))
 
     def connected(self) -> None:
         """Another board, perhaps."""
@@ -60,4 +61,4 @@ class LinkStanding:
     def _up(self, now: Instant) -> None:
         self.is_up, self._silent = True, False
         self._counters.add("ups")
-        self._events.append(Up(now))
+        self._events.append(LinkState(now, True, ""))

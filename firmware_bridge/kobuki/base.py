@@ -5,6 +5,7 @@ told, as if there were no watchdog in its firmware, and no safety controller eit
 """
 
 import math
+import struct
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Final, Literal
@@ -24,21 +25,14 @@ from firmware_bridge.kobuki.packets import (
     UDID,
     BaseControl,
     Basic,
-    Cliff,
     Command,
-    ControllerInfo,
-    Current,
-    DockingIR,
     Feedback,
     Firmware,
     FirmwareVersion,
-    GeneralInput,
-    GetGain,
     Hardware,
     Inertial,
-    RawGyro,
     RequestExtra,
-    SetGain,
+    Unknown,
 )
 from firmware_bridge.kobuki.wire import decode_commands, encode_feedback
 
@@ -47,9 +41,8 @@ EXACT: Final = KobukiErrors(
 )
 """Only the wire's own resolution."""
 _BYTE_US: Final = 10e6 / 115_200
-_FACTORY_GAINS: Final = ControllerInfo(0, 100_000, 100, 2_000)
-"""Set by type 0, whatever the numbers behind it."""
-_GAINS_SINCE: Final = FirmwareVersion(1, 2, 0)
+_FLOOR: Final = struct.Struct("<HHH")
+_RAW_GYRO: Final = struct.Struct("<BB6h")
 
 
 @dataclass(frozen=True)
@@ -143,7 +136,6 @@ class EmulatedKobuki:
         self._wheels = _Wheels(bias=bias * math.radians(errors.gyro_bias_deg))
         self._extra: dict[type[Feedback], Feedback] = {}
         """What was asked for, each once: a backlog of requests must fit into one feedback."""
-        self._gains = _FACTORY_GAINS
         self._frozen: Inertial | None = None
         self._last_stamp = parameters.stamp_ms
         self._line: deque[_Sending] = deque(maxlen=64)
@@ -189,12 +181,6 @@ class EmulatedKobuki:
             self.outputs = command.flags
         elif isinstance(command, RequestExtra):
             self._answer(command.flags)
-        elif self._p.firmware >= _GAINS_SINCE:
-            if isinstance(command, SetGain):
-                user = ControllerInfo(command.user, command.p, command.i, command.d)
-                self._gains = user if command.user else _FACTORY_GAINS
-            elif isinstance(command, GetGain):
-                self._extra[ControllerInfo] = self._gains
 
     def _answer(self, flags: int) -> None:
         if flags & wire_packets.HARDWARE_REQUEST:
@@ -270,12 +256,12 @@ class EmulatedKobuki:
         extra, self._extra = self._extra.values(), {}
         return [
             basic,
-            DockingIR(0, 0, 0),
+            Unknown(3, bytes(3)),  # docking
             *([] if self.faults.gyro == "absent" else [inertial]),
-            Cliff(*floor),
-            Current(0, 0),
+            Unknown(5, _FLOOR.pack(*floor)),
+            Unknown(6, bytes(2)),  # currents
             *([] if self.faults.gyro == "absent" else [raw]),
-            GeneralInput(0, (0, 0, 0, 0)),
+            Unknown(16, bytes(16)),  # inputs
             *extra,
         ]
 
@@ -288,7 +274,7 @@ class EmulatedKobuki:
             self._last_stamp += {"frozen": 0, "backward": -20, "jumping": 20_000}[self.faults.stamp]
         return self._last_stamp & 0xFFFF
 
-    def _gyro(self) -> tuple[Inertial, RawGyro]:
+    def _gyro(self) -> tuple[Inertial, Unknown]:
         resolution = math.radians(self._p.errors.gyro_resolution_deg)
         angle = math.remainder(self._p.angle + self._wheels.angle, math.tau)
         rate = math.degrees(self._wheels.rate)
@@ -298,7 +284,7 @@ class EmulatedKobuki:
         else:
             self._frozen = None
         z = _within(rate / 0.00875)
-        return inertial, RawGyro(self._feedbacks & 0xFF, ((0, 0, z), (0, 0, z)))
+        return inertial, Unknown(13, _RAW_GYRO.pack(self._feedbacks & 0xFF, 6, 0, 0, z, 0, 0, z))
 
     def _scrambled(self, data: bytes) -> bytes:
         damaged = bytearray()

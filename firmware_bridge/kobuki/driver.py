@@ -8,23 +8,25 @@ base hears 150 a second well and 200 not (yujinrobot/kobuki, issue 140).
 import dataclasses
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Final, TypeVar
+from typing import Final
 
 from actors.instant import Duration, Instant, in_seconds, milliseconds
 from firmware_bridge.kobuki import frame, motion
 from firmware_bridge.kobuki import packets as wire_packets
-from firmware_bridge.kobuki.battery import BatteryLevel, BatteryParameters, level
 from firmware_bridge.kobuki.events import (
     BaseIdentity,
     BatteryChanged,
-    Changed,
+    BatteryLevel,
+    BatteryParameters,
     Event,
     Fed,
+    FieldChanged,
     Found,
     Identified,
     Lost,
     Sense,
     StopsChanged,
+    level,
 )
 from firmware_bridge.kobuki.frame import FrameReader, WireCounts
 from firmware_bridge.kobuki.odometry import KobukiOdometry, OdometryParameters
@@ -32,41 +34,18 @@ from firmware_bridge.kobuki.packets import (
     POWER_RAILS,
     UDID,
     Basic,
-    Cliff,
     Command,
-    ControllerInfo,
-    Current,
-    DockingIR,
     Feedback,
     Firmware,
-    GeneralInput,
     GeneralOutput,
     Hardware,
     Inertial,
     Melody,
-    RawGyro,
     RequestExtra,
     SoundSequence,
-    Unknown,
 )
-from firmware_bridge.kobuki.safety import Allowed, Cause, SafetyParameters, SafetyStop
+from firmware_bridge.kobuki.safety import Allowed, HoldCause, SafetyParameters, SafetyStop
 from firmware_bridge.kobuki.wire import decode_feedback, encode_command
-
-F = TypeVar(
-    "F",
-    Basic,
-    DockingIR,
-    Inertial,
-    Cliff,
-    Current,
-    Hardware,
-    Firmware,
-    RawGyro,
-    GeneralInput,
-    UDID,
-    ControllerInfo,
-    Unknown,
-)
 
 _NOISE_BYTES: Final = 100
 """Damaged bytes in place of feedback, from which on the line and not the base is to blame; own choice: more
@@ -115,7 +94,6 @@ class KobukiDriver:
         self._heard: Instant = started
         self._sent: Instant = Instant(started - parameters.overdue)
         self._fed = False
-        self._latest: dict[type[Feedback], Feedback] = {}
         self._outputs = POWER_RAILS
         self._outputs_due = self._request_due = started
         self._requests_left = parameters.requests
@@ -143,20 +121,14 @@ class KobukiDriver:
             self.found = False
             self.odometry.stand()
             self._told.append(Lost(now, self._heard))
-        self._safety.hold(Cause.NOISE, self._noisy(now))
+        self._safety.hold(HoldCause.NOISE, self._noisy(now))
         told, self._told = self._told, []
         return told
 
-    def latest(self, kind: type[F]) -> F | None:
-        """The packet of that kind that came last, e.g. `latest(DockingIR)`."""
-        packet = self._latest.get(kind)
-        assert packet is None or isinstance(packet, kind)
-        return packet
-
     def pressed(self) -> int:
         """Bumper bits that were set at any time since the last call, as for Senses.bumper."""
-        bits, basic = self._pressed, self.latest(Basic)
-        self._pressed = basic.bumper if basic is not None and self.found else 0
+        bits = self._pressed
+        self._pressed = self._senses.get(Sense.BUMPER, 0) if self.found else 0
         return bits
 
     @property
@@ -192,7 +164,7 @@ class KobukiDriver:
         """
         self._safety.wish(now, now if issued is None else issued, v, omega)
 
-    def hold(self, cause: Cause, holds: bool) -> None:
+    def hold(self, cause: HoldCause, holds: bool) -> None:
         """Let nothing move for a cause that the base itself does not know of, or no longer for that one."""
         self._safety.hold(cause, holds)
 
@@ -251,7 +223,6 @@ class KobukiDriver:
         inertial = next((packet for packet in packets if isinstance(packet, Inertial)), None)
         if basic is not None and not self.found:
             self._meet(now)
-        self._latest.update({type(packet): packet for packet in packets})
         for packet in packets:
             self._identify(now, packet)
         if basic is None:
@@ -289,7 +260,7 @@ class KobukiDriver:
             value = getattr(basic, sense.value)
             before = self._senses.get(sense, 0)
             if value != before:
-                self._told.append(Changed(now, sense, before, value))
+                self._told.append(FieldChanged(now, sense, before, value))
             self._senses[sense] = value
         volts = basic.battery_dv / 10
         known = self.battery
@@ -301,7 +272,7 @@ class KobukiDriver:
 
     def _warn(self, now: Instant, battery: BatteryLevel) -> None:
         """Show and sound a low battery; with one that is nearly empty nothing moves."""
-        self._safety.hold(Cause.BATTERY, battery is BatteryLevel.DANGER)
+        self._safety.hold(HoldCause.BATTERY, battery is BatteryLevel.DANGER)
         colours = {BatteryLevel.LOW: Colour.ORANGE, BatteryLevel.DANGER: Colour.RED}
         self.light(now, 1, colours.get(battery, Colour.OFF))
         if battery in colours:

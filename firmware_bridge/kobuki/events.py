@@ -4,9 +4,45 @@ from dataclasses import dataclass
 from enum import Enum
 
 from actors.instant import Instant
-from firmware_bridge.kobuki.battery import BatteryLevel
 from firmware_bridge.kobuki.packets import UDID, Feedback, FirmwareVersion
 from firmware_bridge.kobuki.safety import StopCause
+
+
+class BatteryLevel(Enum):
+    """From full to empty."""
+
+    FULL = "full"
+    FAIR = "fair"
+    LOW = "low"
+    DANGER = "danger"
+
+
+@dataclass(frozen=True)
+class BatteryParameters:
+    """Voltages of a battery of four lithium-ion cells; kobuki_driver, battery defaults."""
+
+    full: float = 16.5
+    """V, and above."""
+    low: float = 14.0
+    """V, and below."""
+    danger: float = 13.2
+    """V, and below: the base soon switches itself off."""
+    margin: float = 0.3
+    """A level is left upwards only so far above its limit, V; own choice: motors pull the voltage down."""
+
+
+def level(
+    volts: float, before: BatteryLevel | None = None, parameters: BatteryParameters = BatteryParameters()
+) -> BatteryLevel:
+    """The level at `volts`; `before`: the level until now."""
+    if volts <= parameters.danger + parameters.margin * (before is BatteryLevel.DANGER):
+        return BatteryLevel.DANGER
+    low = before in {BatteryLevel.LOW, BatteryLevel.DANGER}
+    if volts <= parameters.low + parameters.margin * low:
+        return BatteryLevel.LOW
+    if volts >= parameters.full - parameters.margin * (before is BatteryLevel.FULL):
+        return BatteryLevel.FULL
+    return BatteryLevel.FAIR
 
 
 @dataclass(frozen=True)
@@ -45,7 +81,7 @@ class Sense(Enum):
 
 
 @dataclass(frozen=True)
-class Changed:
+class FieldChanged:
     """A field of Basic has another value than before; before the first feedback all were 0."""
 
     instant: Instant
@@ -93,4 +129,4 @@ class StopsChanged:
     stops: tuple[StopCause, ...]
 
 
-Event = Found | Lost | Fed | Changed | BatteryChanged | Identified | StopsChanged
+Event = Found | Lost | Fed | FieldChanged | BatteryChanged | Identified | StopsChanged

@@ -111,7 +111,7 @@ def say_stop(port: int, heard: Standstill) -> bool:
     return True
 
 
-class Beside:
+class BaseWatcher:
     """Watches over the base process at the other end of `channel`."""
 
     def __init__(self, channel: socket.socket, kill: Callable[[], None]) -> None:
@@ -178,7 +178,7 @@ def main(argv: Sequence[str]) -> int:
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)
     if argv[0] == "beside":
-        said = Beside(socket.socket(fileno=int(argv[1])), _killer(os.getppid())).run()
+        said = BaseWatcher(socket.socket(fileno=int(argv[1])), _killer(os.getppid())).run()
     else:
         try:
             said = farewell(open_alone(argv[1]))

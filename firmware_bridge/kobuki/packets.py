@@ -1,7 +1,6 @@
 """Packets of a Kobuki: commands to the base and feedback from it; numbers as they stand on the wire.
 
-Source: kobuki-base/kobuki_documentation, doc/protocol.rst, read beside the code of kobuki-base/kobuki_core:
-the document swaps id and length of the gains and of the controller's info, and has currents of two bytes.
+Source: kobuki-base/kobuki_documentation, doc/protocol.rst, read beside the code of kobuki-base/kobuki_core.
 """
 
 from dataclasses import dataclass
@@ -19,15 +18,6 @@ class BaseControl:
     """mm/s."""
     radius: int
     """mm; 0 straight, 1 turn on the spot."""
-
-
-@dataclass(frozen=True)
-class Sound:
-    """Play a tone."""
-
-    note: int
-    """1 / (frequency · 2.75 µs)."""
-    duration_ms: int
 
 
 class Melody(IntEnum):
@@ -76,26 +66,7 @@ class GeneralOutput:
     flags: int
 
 
-@dataclass(frozen=True)
-class SetGain:
-    """Set the wheels' controller; firmware 1.2.0 and later."""
-
-    user: int
-    """0: the factory's gains; 1: these."""
-    p: int
-    """1000 times the gain, as the next two."""
-    i: int
-    d: int
-
-
-@dataclass(frozen=True)
-class GetGain:
-    """Ask for ControllerInfo; firmware 1.2.0 and later."""
-
-    unused: int = 0
-
-
-Command = BaseControl | Sound | SoundSequence | RequestExtra | GeneralOutput | SetGain | GetGain
+Command = BaseControl | SoundSequence | RequestExtra | GeneralOutput
 
 
 # --- feedback ----------------------------------------------------------------------------------------------
@@ -129,16 +100,6 @@ class Basic:
 
 
 @dataclass(frozen=True)
-class DockingIR:
-    """What the three eyes for the docking station see; each 1 near-left, 2 near-centre, 4 near-right,
-    8 far-centre, 16 far-left, 32 far-right."""
-
-    right: int
-    centre: int
-    left: int
-
-
-@dataclass(frozen=True)
 class Inertial:
     """Heading and turn rate of the gyro."""
 
@@ -146,23 +107,6 @@ class Inertial:
     """0.01°, counter-clockwise."""
     rate_cdeg: int
     """0.01°/s."""
-
-
-@dataclass(frozen=True)
-class Cliff:
-    """Raw values of the cliff sensors, 0 to 4095."""
-
-    right: int
-    centre: int
-    left: int
-
-
-@dataclass(frozen=True)
-class Current:
-    """Of the wheels' motors, 10 mA."""
-
-    left: int
-    right: int
 
 
 @dataclass(frozen=True, order=True)
@@ -192,24 +136,6 @@ class Firmware:
 
 
 @dataclass(frozen=True)
-class RawGyro:
-    """The gyro's last readings, robot's axes: 0.00875 °/s each."""
-
-    frame: int
-    readings: tuple[tuple[int, int, int], ...]
-    """x forward, y left, z up; the gyro itself sits turned by 90°: x = -y_raw, y = x_raw."""
-
-
-@dataclass(frozen=True)
-class GeneralInput:
-    """Digital and analog inputs."""
-
-    digital: int
-    analog: tuple[int, int, int, int]
-    """0 to 4095."""
-
-
-@dataclass(frozen=True)
 class UDID:
     """The base's unique device id."""
 
@@ -220,34 +146,11 @@ class UDID:
 
 
 @dataclass(frozen=True)
-class ControllerInfo:
-    """The gains of the wheels' controller, as in SetGain."""
-
-    user: int
-    p: int
-    i: int
-    d: int
-
-
-@dataclass(frozen=True)
 class Unknown:
-    """A packet of a kind that a newer firmware may send."""
+    """A packet of a kind that nobody here reads: docking, currents, raw sensors, or of a newer firmware."""
 
     kind: int
     data: bytes
 
 
-Feedback = (
-    Basic
-    | DockingIR
-    | Inertial
-    | Cliff
-    | Current
-    | Hardware
-    | Firmware
-    | RawGyro
-    | GeneralInput
-    | UDID
-    | ControllerInfo
-    | Unknown
-)
+Feedback = Basic | Inertial | Hardware | Firmware | UDID | Unknown

@@ -9,9 +9,9 @@ The name /dev/kobuki, and bytes passed on every millisecond, come from this line
 
 from typing import Final
 
-from firmware_bridge.serial_port import FTDI, Device, SerialPort
+from firmware_bridge.serial_port import FTDI, PortDevice, SerialPort
 
-KOBUKI: Final = Device(name="Kobuki", symlink="/dev/kobuki", baud=115_200, chip=FTDI)
+KOBUKI: Final = PortDevice(name="Kobuki", symlink="/dev/kobuki", baud=115_200, chip=FTDI)
 
 
 def open_port(path: str = KOBUKI.symlink, patience: float = 0.005) -> SerialPort:

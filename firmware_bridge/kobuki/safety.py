@@ -36,7 +36,7 @@ _EDGE: Final = TRACK / 2 + 0.002
 """The smallest radius of backing off, m: half the track, and what rounding to whole mm may take away."""
 
 
-class Cause(Enum):
+class HoldCause(Enum):
     """Why a base does not do what is wanted."""
 
     NO_FEEDBACK = "no feedback from the base"
@@ -70,14 +70,14 @@ class Cause(Enum):
     BAD_COMMAND = "the command is no finite number"
 
 
-_BACKWARD_ONLY: Final = frozenset({Cause.BUMPER, Cause.CLIFF})
+_BACKWARD_ONLY: Final = frozenset({HoldCause.BUMPER, HoldCause.CLIFF})
 
 
 @dataclass(frozen=True)
 class StopCause:
     """One cause that holds now."""
 
-    cause: Cause
+    cause: HoldCause
     since: Instant
     bits: int = 0
     """Of the sensor, as in the feedback; 0 where there is none."""
@@ -160,9 +160,9 @@ class SafetyStop:
         self._dropped = False
         self._strained: Instant | None = None
         """When there last was over-current."""
-        self._held: set[Cause] = set()
+        self._held: set[HoldCause] = set()
         self._wish: _Wish | None = None
-        self._since: dict[Cause, Instant] = {}
+        self._since: dict[HoldCause, Instant] = {}
         self._ramp = Ramp(parameters.ramp)
         self.late_commands = 0
         """Commands that were older than one before them, and left out."""
@@ -179,7 +179,7 @@ class SafetyStop:
             self._strained = now
         self._basic, self._heard = basic, now
 
-    def hold(self, cause: Cause, holds: bool) -> None:
+    def hold(self, cause: HoldCause, holds: bool) -> None:
         """From now on let nothing move for that cause, or no longer for that one."""
         (self._held.add if holds else self._held.discard)(cause)
 
@@ -214,43 +214,43 @@ class SafetyStop:
         causes = self._causes(now)
         self._since = {cause: self._since.get(cause, now) for cause in causes}
         return tuple(
-            StopCause(cause, self._since[cause], causes[cause]) for cause in Cause if cause in causes
+            StopCause(cause, self._since[cause], causes[cause]) for cause in HoldCause if cause in causes
         )
 
-    def _causes(self, now: Instant) -> dict[Cause, int]:
+    def _causes(self, now: Instant) -> dict[HoldCause, int]:
         """Each cause with its sensor's bits."""
-        causes: dict[Cause, int] = {}
+        causes: dict[HoldCause, int] = {}
         if self._basic is None or now - self._heard > self._p.feedback_silence:
-            causes[Cause.NO_FEEDBACK] = 0
+            causes[HoldCause.NO_FEEDBACK] = 0
         elif self._silent_until is not None and now - self._silent_until < self._p.feedback_recovery:
-            causes[Cause.LINK_RECOVERING] = 0
+            causes[HoldCause.LINK_RECOVERING] = 0
         if self._basic is not None:
             causes |= self._sensed(now, self._basic)
         causes |= dict.fromkeys(self._held, 0)
         wish = self._wish
         if wish is None or now - wish.arrived > self._p.command_age:
-            causes[Cause.NO_COMMAND] = 0
+            causes[HoldCause.NO_COMMAND] = 0
         elif now - wish.issued > self._p.command_age:
-            causes[Cause.STALE_COMMAND] = 0
+            causes[HoldCause.STALE_COMMAND] = 0
         elif not (math.isfinite(wish.v) and math.isfinite(wish.omega)):
-            causes[Cause.BAD_COMMAND] = 0
+            causes[HoldCause.BAD_COMMAND] = 0
         return causes
 
-    def _sensed(self, now: Instant, basic: Basic) -> dict[Cause, int]:
+    def _sensed(self, now: Instant, basic: Basic) -> dict[HoldCause, int]:
         causes = {}
         if basic.wheel_drop:
-            causes[Cause.WHEEL_DROP] = basic.wheel_drop
+            causes[HoldCause.WHEEL_DROP] = basic.wheel_drop
         elif self._dropped:
             if self._heard - self._moved < self._p.stillness:
-                causes[Cause.PUT_DOWN] = 0
+                causes[HoldCause.PUT_DOWN] = 0
             else:
                 self._dropped = False
         if self._strained is not None and now - self._strained <= self._p.overcurrent_rest:
-            causes[Cause.OVERCURRENT] = basic.overcurrent
+            causes[HoldCause.OVERCURRENT] = basic.overcurrent
         if basic.bumper:
-            causes[Cause.BUMPER] = basic.bumper
+            causes[HoldCause.BUMPER] = basic.bumper
         if basic.cliff:
-            causes[Cause.CLIFF] = basic.cliff
+            causes[HoldCause.CLIFF] = basic.cliff
         return causes
 
     def _still(self, basic: Basic, inertial: Inertial | None) -> bool:

@@ -13,23 +13,14 @@ from firmware_bridge.kobuki.packets import (
     UDID,
     BaseControl,
     Basic,
-    Cliff,
     Command,
-    ControllerInfo,
-    Current,
-    DockingIR,
     Feedback,
     Firmware,
     FirmwareVersion,
-    GeneralInput,
     GeneralOutput,
-    GetGain,
     Hardware,
     Inertial,
-    RawGyro,
     RequestExtra,
-    SetGain,
-    Sound,
     SoundSequence,
     Unknown,
 )
@@ -45,25 +36,18 @@ class MalformedError(Exception):
 
 _COMMANDS: Final[dict[type[Any], tuple[int, struct.Struct]]] = {
     BaseControl: (1, struct.Struct("<hh")),
-    Sound: (3, struct.Struct("<HB")),
     SoundSequence: (4, struct.Struct("<B")),
     RequestExtra: (9, struct.Struct("<H")),
     GeneralOutput: (12, struct.Struct("<H")),
-    SetGain: (13, struct.Struct("<BIII")),
-    GetGain: (14, struct.Struct("<B")),
 }
 _FEEDBACK: Final[dict[type[Any], tuple[int, struct.Struct]]] = {
     Basic: (1, struct.Struct("<HBBBHHbbBBBB")),
-    DockingIR: (3, struct.Struct("<BBB")),
     Inertial: (4, struct.Struct("<hh3x")),
-    Cliff: (5, struct.Struct("<HHH")),
-    Current: (6, struct.Struct("<BB")),
-    ControllerInfo: (21, struct.Struct("<BIII")),
 }
+_UNREAD: Final = {3: 3, 5: 6, 6: 2, 16: 16, 21: 13}
+"""Bytes of data of packets that nobody here reads: docking, cliff, currents, inputs, gains."""
 _HARDWARE: Final = 10
 _FIRMWARE: Final = 11
-_RAW_GYRO: Final = 13
-_GENERAL_INPUT: Final = 16
 _UDID: Final = 19
 _OLD_FIRMWARE: Final = {
     123: FirmwareVersion(1, 0, 0),
@@ -73,7 +57,6 @@ _OLD_FIRMWARE: Final = {
     10101: FirmwareVersion(1, 1, 1),
 }
 """The first three firmwares, which said their version in two bytes."""
-_INPUT: Final = struct.Struct("<5H6x")
 _WORDS: Final = struct.Struct("<III")
 _COMMAND_KINDS: Final = {kind: (of, layout) for of, (kind, layout) in _COMMANDS.items()}
 _FEEDBACK_KINDS: Final = {kind: (of, layout) for of, (kind, layout) in _FEEDBACK.items()}
@@ -91,12 +74,6 @@ def encode_feedback(feedback: Feedback) -> bytes:
         version = feedback.version
         kind = _HARDWARE if isinstance(feedback, Hardware) else _FIRMWARE
         return _packet(feedback, kind, lambda: bytes((version.patch, version.minor, version.major, 0)))
-    if isinstance(feedback, RawGyro):
-        values = [value for x, y, z in feedback.readings for value in (y, -x, z)]
-        layout = f"<BB{len(values)}h"
-        return _packet(feedback, _RAW_GYRO, lambda: struct.pack(layout, feedback.frame, len(values), *values))
-    if isinstance(feedback, GeneralInput):
-        return _packet(feedback, _GENERAL_INPUT, lambda: _INPUT.pack(feedback.digital, *feedback.analog))
     if isinstance(feedback, UDID):
         return _packet(feedback, _UDID, lambda: _WORDS.pack(*feedback.words))
     if isinstance(feedback, Unknown):
@@ -147,19 +124,17 @@ def _feedback(kind: int, data: bytes) -> Feedback:
         of, layout = _FEEDBACK_KINDS[kind]
         feedback: Feedback = of(*_fields(kind, layout, data))
         return feedback
-    decode = _SPECIAL.get(kind)
-    return Unknown(kind, data) if decode is None else decode(data)
+    if kind in _SPECIAL:
+        return _SPECIAL[kind](data)
+    if len(data) != _UNREAD.get(kind, len(data)):
+        raise MalformedError(f"packet {kind} has {len(data)} bytes of data, not {_UNREAD[kind]}")
+    return Unknown(kind, data)
 
 
 def _fields(kind: int, layout: struct.Struct, data: bytes) -> tuple[int, ...]:
     if len(data) != layout.size:
         raise MalformedError(f"packet {kind} has {len(data)} bytes of data, not {layout.size}")
     return layout.unpack(data)
-
-
-def _general_input(data: bytes) -> GeneralInput:
-    digital, a, b, c, d = _fields(_GENERAL_INPUT, _INPUT, data)
-    return GeneralInput(digital, (a, b, c, d))
 
 
 def _udid(data: bytes) -> UDID:
@@ -179,20 +154,9 @@ def _version(kind: int, data: bytes) -> FirmwareVersion:
     return FirmwareVersion(number // 100, number // 10 % 10, number % 10)
 
 
-def _raw_gyro(data: bytes) -> RawGyro:
-    count = data[1] if len(data) >= 2 else 0
-    if len(data) != 2 + 2 * count or count % 3:
-        raise MalformedError(f"packet {_RAW_GYRO} has {len(data)} bytes of data for {count} values")
-    raw = struct.unpack_from(f"<{count}h", data, 2)
-    readings = ((-raw[i + 1], raw[i], raw[i + 2]) for i in range(0, count, 3))
-    return RawGyro(data[0], tuple(readings))
-
-
 _SPECIAL: Final[dict[int, Callable[[bytes], Feedback]]] = {
     _HARDWARE: lambda data: Hardware(_version(_HARDWARE, data)),
     _FIRMWARE: lambda data: Firmware(_version(_FIRMWARE, data)),
-    _RAW_GYRO: _raw_gyro,
-    _GENERAL_INPUT: _general_input,
     _UDID: _udid,
 }
 """Packets that are more than a row of numbers."""

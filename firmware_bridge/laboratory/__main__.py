@@ -26,15 +26,11 @@ from actors.runtime.lifecycle.parent import die_with_parent
 from actors.task import visits
 from actors.world import drive, odometry_kernel, rays
 from firmware_bridge.laboratory.laboratory import DEVICES, Jack, Laboratory
-from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup, LaboratorySetupError, load
+from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup, load
 from firmware_bridge.laboratory.lines import Lines
-from firmware_bridge.laboratory.real_time import RealTime, Wishes
+from firmware_bridge.laboratory.real_time import InputLines, RealTime
 
 _KERNELS: Final = (odometry_kernel, drive, rays, visits, *RADIO_KERNELS)
-
-
-class LaboratoryResultError(AcrcError):
-    """A result that cannot be written."""
 
 
 def main(argv: Sequence[str]) -> int:
@@ -63,7 +59,7 @@ def main(argv: Sequence[str]) -> int:
         with lines:
             gc.collect()
             gc.freeze()
-            loop = RealTime(laboratory, lines, Wishes(_standard_input()), duration)
+            loop = RealTime(laboratory, lines, InputLines(_standard_input()), duration)
             sys.stdout.write("ready\n")
             sys.stdout.flush()
             loop.run(lambda: bool(stopped))
@@ -79,7 +75,7 @@ def main(argv: Sequence[str]) -> int:
 
 def _build(setup: LaboratorySetup, links: Path) -> tuple[Laboratory, Lines]:
     if not setup.world.robots:
-        raise LaboratorySetupError("a laboratory without robots; there should be one at least")
+        raise AcrcError("a laboratory without robots; there should be one at least")
     jacks = [Jack(robot.id, device) for robot in setup.world.robots for device in DEVICES]
     noise = generator(setup.world.seed, "laboratory lines", "")
     return Laboratory(setup), Lines(links, jacks, noise)
@@ -97,9 +93,7 @@ def _write(path: Path, result: bytes) -> None:
     try:
         path.write_bytes(msgspec.json.format(result))
     except OSError as error:
-        raise LaboratoryResultError(
-            f"{path}: cannot be written ({error.strerror}); give another file"
-        ) from None
+        raise AcrcError(f"{path}: cannot be written ({error.strerror}); give another file") from None
 
 
 if __name__ == "__main__":

@@ -35,10 +35,6 @@ _BATTERY_V: Final = 25.5
 T = TypeVar("T")
 
 
-class FaultError(AcrcError):
-    """A line that says nothing that can be done."""
-
-
 @dataclass(frozen=True)
 class _Fault:
     usage: str
@@ -47,7 +43,7 @@ class _Fault:
 
 
 class Bench:
-    """Does what a line says: `do` raises AcrcError, mostly FaultError, if it cannot be done."""
+    """Does what a line says: `do` raises AcrcError if it cannot be done."""
 
     def __init__(self, laboratory: Laboratory, lines: Lines) -> None:
         self._laboratory = laboratory
@@ -58,13 +54,13 @@ class Bench:
         verb, *words = line.split() or [""]
         fault = _FAULTS.get(verb)
         if fault is None:
-            raise FaultError(f"there is no {verb!r}; it should be one of {', '.join(sorted(_FAULTS))}")
+            raise AcrcError(f"there is no {verb!r}; it should be one of {', '.join(sorted(_FAULTS))}")
         robots = self._laboratory.robots
         if not words or words[0] not in robots:
             robot = words[0] if words else ""
-            raise FaultError(f"there is no robot {robot!r}; it should be one of {', '.join(robots)}")
+            raise AcrcError(f"there is no robot {robot!r}; it should be one of {', '.join(robots)}")
         if len(words) != 1 + len(fault.usage.split()):
-            raise FaultError(f"{line.strip()!r} has a wrong number of words; it should be {_form(verb)!r}")
+            raise AcrcError(f"{line.strip()!r} has a wrong number of words; it should be {_form(verb)!r}")
         return fault.act(self, words[0], words[1:]) or "ok"
 
     # --- what the verbs do ---
@@ -147,14 +143,14 @@ class Bench:
         """The cable is out."""
         jack = _jack(robot, words[0])
         if not self._lines.is_plugged(jack):
-            raise FaultError(f"the {jack.device} of {robot} is not plugged in; plug it first")
+            raise AcrcError(f"the {jack.device} of {robot} is not plugged in; plug it first")
         self._lines.unplug(jack)
 
     def plug(self, robot: str, words: Sequence[str]) -> None:
         """The cable is in again."""
         jack = _jack(robot, words[0])
         if self._lines.is_plugged(jack):
-            raise FaultError(f"the {jack.device} of {robot} is plugged in already; unplug it first")
+            raise AcrcError(f"the {jack.device} of {robot} is plugged in already; unplug it first")
         self._lines.plug(jack)
 
     def heal(self, robot: str, _: Sequence[str]) -> None:
@@ -183,7 +179,7 @@ class Bench:
     def _board(self, robot: str) -> EmulatedBoard:
         radio = self._of(robot).radio
         if not isinstance(radio, EmulatedBoard):
-            raise FaultError(f"{robot} has no board; its transceiver is a simulated one")
+            raise AcrcError(f"{robot} has no board; its transceiver is a simulated one")
         return radio
 
 
@@ -222,7 +218,7 @@ def _jack(robot: str, device: str) -> Jack:
 
 def _one_of(word: str, known: Mapping[str, T]) -> T:
     if word not in known:
-        raise FaultError(f"there is no {word!r} here; it should be one of {', '.join(known)}")
+        raise AcrcError(f"there is no {word!r} here; it should be one of {', '.join(known)}")
     return known[word]
 
 
@@ -233,5 +229,5 @@ def _number(word: str, what: str, most: float) -> float:
     except ValueError:
         value = math.nan
     if not 0 <= value <= most:
-        raise FaultError(f"{word!r} is not {what}; it should be a number from 0 to {most:g}")
+        raise AcrcError(f"{word!r} is not {what}; it should be a number from 0 to {most:g}")
     return value

@@ -7,7 +7,8 @@ import numpy as np
 
 from actors.geometry import Pose
 from actors.instant import START, Instant
-from actors.portable import arrays
+from actors.messages import Drive
+from actors.portable import arrays, cos, sin
 from actors.radio.radio_model import radio_model
 from actors.randomness import generator
 from actors.robot_model import load_model
@@ -21,11 +22,51 @@ from firmware_bridge.beeclick.emulation.air import air
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.kobuki.base import EXACT, BaseParameters, EmulatedKobuki
+from firmware_bridge.kobuki.body import BodyTruth
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
-from firmware_bridge.laboratory.robot_body import RobotBody
 from firmware_bridge.laboratory.sights import LIDAR, Sights
 from firmware_bridge.range_sensors.rplidar_emulator import EmulatedRplidar
-from firmware_bridge.transceiver_line import Transceiver
+from firmware_bridge.transceiver_line import SimulatedTransceiver
+
+
+class RobotBody:
+    """A kobuki.body.Body that the simulated world moves."""
+
+    def __init__(self, bodies: Bodies, index: int) -> None:
+        self._bodies = bodies
+        self._index = index
+        self._wanted = (0.0, 0.0)
+        """As it was told last: m/s, rad/s."""
+
+    def drive(self, v: float, omega: float) -> None:
+        """As in Body."""
+        self._wanted = (v, omega)
+
+    @property
+    def is_told_to_stand(self) -> bool:
+        """True if the wheels were last told not to turn; the body brakes as it can."""
+        return self._wanted == (0.0, 0.0)
+
+    def hold(self, now: Instant) -> None:
+        """Go on as last told: of a watchdog in a Kobuki nothing is known, so it should be safe without.
+
+        To be called before every move of the bodies, whose own drives forget a wish after a while.
+        """
+        v, omega = self._wanted
+        self._bodies.command(self._index, Drive(0, v, 0.0, omega, 0), now)
+
+    def advance(self, now: Instant) -> None:
+        """As in Body: somebody else moves it."""
+
+    def truth(self) -> BodyTruth:
+        """As in Body."""
+        x, y, heading, vx, vy, omega = self._bodies.truth(self._index)
+        return BodyTruth(Pose(x, y, heading), vx * cos(heading) + vy * sin(heading), omega)
+
+    def bumper(self) -> int:
+        """As in Body: pressed at any time since the last call."""
+        return self._bodies.senses(self._index, 0, Instant(0), 0, False).bumper
+
 
 BASE: Final = "base"
 RADIO: Final = "radio"
@@ -49,7 +90,7 @@ class EmulatedHardware(NamedTuple):
 
     body: RobotBody
     base: EmulatedKobuki
-    radio: EmulatedBoard | Transceiver
+    radio: EmulatedBoard | SimulatedTransceiver
     lidar: EmulatedRplidar
 
 
@@ -177,11 +218,11 @@ class Laboratory:
         lidar = EmulatedRplidar(self._sights.of(index), LIDAR, generator=noise)
         return EmulatedHardware(body, base, radio, lidar)
 
-    def _radio(self, robot: str, setup: LaboratorySetup) -> EmulatedBoard | Transceiver:
+    def _radio(self, robot: str, setup: LaboratorySetup) -> EmulatedBoard | SimulatedTransceiver:
         if robot not in setup.without_board:
             return EmulatedBoard(self.air, START)
         channel = radio_model(setup.radio).parameters.channel
-        return Transceiver(self.air, BoardSettings(dict(setup.radio.robots)[robot], channel))
+        return SimulatedTransceiver(self.air, BoardSettings(dict(setup.radio.robots)[robot], channel))
 
     def _index(self, robot: str) -> int:
         return list(self.robots).index(robot)

@@ -5,18 +5,14 @@ from pathlib import Path
 import msgspec
 
 from actors.radio.radio_setup import RadioSetup
-from actors.runtime import regular_file
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from actors.task.referee import PlaceOutcome
 from actors.world.world_setup import WorldSetup
 
 
-class LaboratorySetupError(AcrcError):
-    """A set-up that a laboratory cannot be built from."""
-
-
 class LaboratorySetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Everything a laboratory needs to know. Raises LaboratorySetupError for what it cannot be."""
+    """Everything a laboratory needs to know. Raises AcrcError for what it cannot be."""
 
     world: WorldSetup
     """Its step and its duration are not used, as nobody conducts a laboratory, nor what its events want of
@@ -31,12 +27,12 @@ class LaboratorySetup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         robots = [robot.id for robot in self.world.robots]
         for robot in robots:
             if not robot or robot.startswith(".") or "/" in robot or not robot.isprintable() or " " in robot:
-                raise LaboratorySetupError(
+                raise AcrcError(
                     f"a robot {robot!r}; its name should do as a folder's and as a word of a command"
                 )
         named = [robot for robot, _ in self.radio.robots]
         if sorted(named) != sorted(set(robots)) or len(set(robots)) != len(robots):
-            raise LaboratorySetupError(
+            raise AcrcError(
                 f"robots {', '.join(robots)} and addresses of {', '.join(named) or 'nobody'}; "
                 "each robot should have one name and one address"
             )
@@ -81,12 +77,7 @@ class LaboratoryResult(msgspec.Struct, frozen=True):
 
 
 def load(path: Path) -> LaboratorySetup:
-    """The set-up in a JSON file, whose paths are relative to its folder. Raises LaboratorySetupError."""
-    try:
-        setup = msgspec.json.decode(regular_file.content(path), type=LaboratorySetup)
-    except OSError as error:
-        raise LaboratorySetupError(f"{path}: cannot be read ({error.strerror}); give a JSON file") from None
-    except (ValueError, RecursionError) as error:
-        raise LaboratorySetupError(f"{path}: no set-up of a laboratory: {error}") from None
+    """The set-up in a JSON file, whose paths are relative to its folder. Raises AcrcError."""
+    setup = typed_json.read(path, LaboratorySetup, "set-up of a laboratory")
     world, radio = setup.world.located(path.parent), setup.radio.located(path.parent)
     return msgspec.structs.replace(setup, world=world, radio=radio)

@@ -9,9 +9,10 @@ from typing import Self
 
 from numpy.random import Generator
 
+from actors.runtime.errors import AcrcError
 from firmware_bridge.beeclick.emulation.line import CLEAN, Disturbance
 from firmware_bridge.laboratory.laboratory import Jack
-from firmware_bridge.pseudo_terminal import LinkError, PseudoTerminal
+from firmware_bridge.pseudo_terminal import PseudoTerminal
 
 
 class Lines:
@@ -77,7 +78,7 @@ class Lines:
         return jack in self._plugged
 
     def plug(self, jack: Jack) -> None:
-        """Put the cable in. Raises LinkError."""
+        """Put the cable in. Raises AcrcError."""
         self._plugged[jack] = PseudoTerminal(self.path(jack))
 
     def unplug(self, jack: Jack) -> None:
@@ -104,7 +105,7 @@ class Lines:
         try:
             folder.mkdir(parents=True)
         except OSError as error:
-            raise LinkError(
+            raise AcrcError(
                 f"{folder}: no folder for links can be made there ({error.strerror}); "
                 "give one in a directory that is yours"
             ) from None

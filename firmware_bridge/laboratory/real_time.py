@@ -19,7 +19,7 @@ from firmware_bridge.laboratory.faults import Bench
 from firmware_bridge.laboratory.laboratory import Laboratory
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult, LaboratoryTruth
 from firmware_bridge.laboratory.lines import Lines
-from firmware_bridge.transceiver_line import Transceiver
+from firmware_bridge.transceiver_line import SimulatedTransceiver
 
 _ROUND: Final = milliseconds(1)
 """Boards are not looked at more often, unless a host has written."""
@@ -28,7 +28,7 @@ _MOST_BEHIND: Final = 50
 _LONGEST_LINE: Final = 4096
 
 
-class Wishes:
+class InputLines:
     """Lines of text from a descriptor, as they come."""
 
     def __init__(self, descriptor: int | None) -> None:
@@ -56,7 +56,7 @@ class RealTime:
     """The loop, with what it has to say about itself."""
 
     def __init__(
-        self, laboratory: Laboratory, lines: Lines, wishes: Wishes, duration: Duration | None = None
+        self, laboratory: Laboratory, lines: Lines, wishes: InputLines, duration: Duration | None = None
     ) -> None:
         """The laboratory's time begins now; it ends at `duration`, or is ended."""
         self._laboratory = laboratory
@@ -151,7 +151,7 @@ class RealTime:
         return Instant((time.monotonic_ns() - self._began_ns) // 1000 - self._left_out)
 
 
-def _board(radio: EmulatedBoard | Transceiver) -> dict[str, int]:
+def _board(radio: EmulatedBoard | SimulatedTransceiver) -> dict[str, int]:
     counters = radio.counters if isinstance(radio, EmulatedBoard) else {}
     return {**counters, "address": radio.address, "channel": radio.channel + FIRST_CHANNEL}
 

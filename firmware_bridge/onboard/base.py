@@ -17,7 +17,7 @@ from actors.geometry import Pose
 from actors.instant import Instant, seconds
 from actors.robot_model import load_model
 from actors.runtime.access import router_file
-from actors.runtime.access.credentials import AccessError, reveal
+from actors.runtime.access.credentials import reveal
 from actors.runtime.access.tls import onboard_router_config
 from actors.runtime.background import BackgroundRecorder, Log, to_stderr
 from actors.runtime.bus.waking_bus import WakingBus
@@ -30,8 +30,7 @@ from actors.runtime.shell import Shell
 from firmware_bridge.kobuki import port as kobuki_port
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.onboard.base_core import BaseCore
-from firmware_bridge.onboard.clock import Clock
-from firmware_bridge.onboard.conduct import conduct
+from firmware_bridge.onboard.conduct import Clock, conduct
 from firmware_bridge.onboard.last_pose import UNHEARD, PoseKeeper
 from firmware_bridge.onboard.last_word import LastWord
 from firmware_bridge.onboard.onboard_setup import OPENNI, BaseProgram, BaseSetup
@@ -133,7 +132,7 @@ def part(base: Base, setup: BaseSetup, commit: str) -> ActorProcess:
 
 
 def check_free(listen: str | None) -> None:
-    """Raise AccessError with what is wrong with `tls/HOST:PORT`, where a laptop is to be awaited."""
+    """Raise AcrcError with what is wrong with `tls/HOST:PORT`, where a laptop is to be awaited."""
     if listen is None:
         return
     host, _, port = listen.removeprefix("tls/").rpartition(":")
@@ -144,7 +143,7 @@ def check_free(listen: str | None) -> None:
             probe.bind(address)
     except OSError as error:
         why = (error.strerror or str(error)).lower()
-        raise AccessError(
+        raise AcrcError(
             f"{listen}: no laptop can be awaited there: {why}; end the program that has the port, or name "
             "another address as `listen` in the fleet file"
         ) from None

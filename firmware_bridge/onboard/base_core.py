@@ -4,7 +4,7 @@ The same keys and messages as the world's, with one difference: nobody is waited
 instant on a fixed grid. If the robot has not answered the step before, this one is left out and counted; if
 the bridge does not say in time what it has heard, the robot hears it a step later.
 
-The core is told the time, an input that a recording does not hold: what is executed again is the robot, from
+The core is told the time, an input that a recording does not hold: what is replayed is the robot, from
 what it received.
 """
 
@@ -42,10 +42,6 @@ from actors.topic import Message
 
 AIR_PATIENCE: Final[Duration] = milliseconds(20)
 """How long a step waits for the bridge: a fifth of a step; a bridge on the same machine takes about one."""
-
-
-class HangError(AcrcError):
-    """A process that lives, and does not answer."""
 
 
 class Vehicle(Protocol):
@@ -224,7 +220,7 @@ class BaseCore:
         return (to(TRUTH, truth),)
 
     def _check_answers(self) -> None:
-        """Raises HangError for a robot or bridge that was asked too long ago."""
+        """Raises AcrcError for a robot or bridge that was asked too long ago."""
         if self.patience is None or self._sensed is None:
             return
         for waits, since, who in (
@@ -232,7 +228,7 @@ class BaseCore:
             (self._asked, self._asked_at, "the radio's bridge"),
         ):
             if waits and self.now - since > self.patience:
-                raise HangError(
+                raise AcrcError(
                     f"step {self._step}: {who} has not answered for {in_seconds(self.patience):g} s"
                 )
 

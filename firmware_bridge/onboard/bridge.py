@@ -17,14 +17,13 @@ from actors.runtime.lifecycle.parent import die_with_parent
 from actors.runtime.process import ActorProcess, play, run_note
 from actors.runtime.process_setup import read_setup
 from actors.runtime.shell import Shell
-from firmware_bridge.beeclick.link import Link
+from firmware_bridge.beeclick.link import BoardLink
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.port import BoardPort
 from firmware_bridge.onboard.bridge_core import BridgeCore
-from firmware_bridge.onboard.clock import Clock
-from firmware_bridge.onboard.conduct import conduct
+from firmware_bridge.onboard.conduct import Clock, conduct
 from firmware_bridge.onboard.onboard_setup import BridgeProgram, BridgeSetup
-from firmware_bridge.onboard.reconnecting_port import ReconnectingPort
+from firmware_bridge.onboard.wire import ReconnectingPort
 from firmware_bridge.transceiver_line import TransceiverLink
 
 
@@ -34,7 +33,7 @@ class Bridge:
     def __init__(self, setup: BridgeSetup, clock: Clock) -> None:
         self._clock = clock
         settings = BoardSettings(setup.address, setup.channel, setup.pan, setup.power_dbm)
-        self._link = Link(settings) if setup.board else TransceiverLink()
+        self._link = BoardLink(settings) if setup.board else TransceiverLink()
         self.core = BridgeCore(setup.robot, self._link)
         self._line = ReconnectingPort(
             functools.partial(BoardPort, setup.radio), lambda sentence: to_stderr(f"{sentence}\n")

@@ -12,7 +12,7 @@ from typing import Final
 
 import msgspec
 
-from actors.board_readings import BoardNote, Fix, Humidity, Info, LinkState, Temperature
+from actors.board_readings import BoardNote
 from actors.instant import Instant
 from actors.messages import (
     AIRED,
@@ -36,7 +36,7 @@ from actors.messages import (
 )
 from actors.runtime.core import Address, Inputs, Output, at, to
 from firmware_bridge.beeclick import events
-from firmware_bridge.beeclick.link import Link
+from firmware_bridge.beeclick.link import BoardLink
 from firmware_bridge.transceiver_line import TransceiverLink
 
 MOST_EVENTS: Final = 256
@@ -48,7 +48,7 @@ MOST_PLANNED: Final = 256
 class BridgeCore:
     """One robot's board; `expect` announces each message, bytes come by `hear`, and go by `due`."""
 
-    def __init__(self, robot: str, link: Link | TransceiverLink) -> None:
+    def __init__(self, robot: str, link: BoardLink | TransceiverLink) -> None:
         self.now = Instant(0)
         self.finished = False
         self.step = 0
@@ -169,16 +169,16 @@ class BridgeCore:
             match event:
                 case Heard():
                     self._hold(event)
-                case Sent() | AccessFailure() | Overflow() | Refused() | events.Unconfirmed():
+                case Sent() | AccessFailure() | Overflow() | Refused() | events.UnconfirmedPacket():
                     self._ended(event)
                 case _:
-                    self._notes.append(_news(event))
+                    self._notes.append(event)
 
     def _ended(self, end: events.PacketEnd) -> None:
         tag = self._tags.pop(end.tag, None)
         if tag is None:  # a frame of the epoch before
             self.forgotten_events += 1
-        elif isinstance(end, events.Unconfirmed):
+        elif isinstance(end, events.UnconfirmedPacket):
             self._hold(Unconfirmed(end.instant, tag))
         else:
             self._hold(msgspec.structs.replace(end, tag=tag))
@@ -188,22 +188,3 @@ class BridgeCore:
             self.dropped_events += 1
         else:
             self._held.append(event)
-
-
-_News = events.Up | events.Down | events.Fix | events.Temperature | events.Humidity | events.Info
-
-
-def _news(event: _News) -> BoardNote:
-    match event:
-        case events.Up(instant):
-            return LinkState(instant, True, "")
-        case events.Down(instant, cause):
-            return LinkState(instant, False, cause)
-        case events.Fix(instant, valid, latitude, longitude):
-            return Fix(instant, valid, latitude, longitude)
-        case events.Temperature(instant, celsius, valid):
-            return Temperature(instant, celsius, valid)
-        case events.Humidity(instant, percent, valid):
-            return Humidity(instant, percent, valid)
-        case events.Info(instant, text):
-            return Info(instant, text)

@@ -1,6 +1,7 @@
 """Drives the core of a base or a bridge: waits for ports, mesh and clock at once, and tells the core."""
 
 import select
+import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
@@ -8,7 +9,21 @@ from actors.instant import Instant
 from actors.runtime.bus.waking_bus import WakingBus
 from actors.runtime.core import Core
 from actors.runtime.shell import Shell
-from firmware_bridge.onboard.clock import Clock
+
+
+class Clock:
+    """Microseconds since the Unix epoch that never go back, whatever becomes of the machine's clock."""
+
+    def __init__(self) -> None:
+        self._ahead_ns = time.time_ns() - time.monotonic_ns()
+
+    def now(self) -> Instant:
+        """The instant that it is."""
+        return Instant((time.monotonic_ns() + self._ahead_ns) // 1000)
+
+    def seconds_until(self, instant: Instant | None) -> float:
+        """How long it is until then, s, at least 0; a second if there is no instant."""
+        return 1.0 if instant is None else max(0.0, (instant - self.now()) / 1e6)
 
 
 class TimedCore(Core, Protocol):

@@ -11,7 +11,7 @@ from typing import Final
 from actors.instant import Duration, Instant, milliseconds, seconds
 from firmware_bridge.kobuki.motion import TRACK
 from firmware_bridge.kobuki.packets import Basic
-from firmware_bridge.kobuki.safety import Cause
+from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.onboard.motion_track import Moved
 
 _TURN: Final = 0.2
@@ -45,7 +45,7 @@ class MotionChecks:
         self._stamp: tuple[Instant, int] | None = None
         self._odd_stamps = 0
 
-    def take(self, moved: Moved, basic: Basic) -> Cause | None:
+    def take(self, moved: Moved, basic: Basic) -> HoldCause | None:
         """The cause that this feedback shows, if it shows any."""
         clock = self._clock(moved.instant, basic.stamp_ms)
         if clock is not None:
@@ -64,20 +64,20 @@ class MotionChecks:
         """Begin anew."""
         self._moves.clear()
 
-    def _clock(self, now: Instant, stamp_ms: int) -> Cause | None:
+    def _clock(self, now: Instant, stamp_ms: int) -> HoldCause | None:
         before, self._stamp = self._stamp, (now, stamp_ms)
         if before is None:
             return None
         on = (stamp_ms - before[1]) % _STAMP_RANGE
         odd = on == 0 or on > (now - before[0]) // 1000 + _AHEAD_MS
         self._odd_stamps = self._odd_stamps + 1 if odd else 0
-        return Cause.BASE_CLOCK if self._odd_stamps >= _STAMPS else None
+        return HoldCause.BASE_CLOCK if self._odd_stamps >= _STAMPS else None
 
-    def _bumper(self, moved: Moved, basic: Basic) -> Cause | None:
+    def _bumper(self, moved: Moved, basic: Basic) -> HoldCause | None:
         self._backed = self._backed - min(0.0, (moved.left + moved.right) / 2) if basic.bumper else 0.0
-        return Cause.BUMPER_STUCK if self._backed > _BACKED else None
+        return HoldCause.BUMPER_STUCK if self._backed > _BACKED else None
 
-    def _turns(self) -> Cause | None:
+    def _turns(self) -> HoldCause | None:
         """Wheels against gyro; who of them lies is said by what was commanded, where that is clear."""
         wheels = math.fsum(move.right - move.left for move in self._moves) / TRACK
         gyro = math.fsum(move.turn for move in self._moves)
@@ -86,18 +86,18 @@ class MotionChecks:
         times = self._times()
         told = math.fsum(move.omega * time for move, time in zip(self._moves, times, strict=True))
         if abs(wheels - told) < _CLEARLY * abs(gyro - told):
-            return Cause.GYRO
+            return HoldCause.GYRO
         if abs(gyro - told) < _CLEARLY * abs(wheels - told):
             left, right = self._told_ways(times)
             off_left = abs(math.fsum(move.left for move in self._moves) - left)
             off_right = abs(math.fsum(move.right for move in self._moves) - right)
             if off_right < _CLEARLY * off_left:
-                return Cause.LEFT_WHEEL
+                return HoldCause.LEFT_WHEEL
             if off_left < _CLEARLY * off_right:
-                return Cause.RIGHT_WHEEL
-        return Cause.TURNS
+                return HoldCause.RIGHT_WHEEL
+        return HoldCause.TURNS
 
-    def _blocked(self) -> Cause | None:
+    def _blocked(self) -> HoldCause | None:
         """Wheels against what they are told, over the last stretch that is long enough."""
         told_left = told_right = left = right = 0.0
         moves = list(self._moves)
@@ -109,7 +109,7 @@ class MotionChecks:
             lasted = moves[-1].instant - before.instant >= _TOLD_FOR
             if lasted and max(abs(told_left), abs(told_right)) >= _TOLD:
                 least = _TURNED * max(abs(told_left), abs(told_right))
-                return Cause.BLOCKED if max(abs(left), abs(right)) < least else None
+                return HoldCause.BLOCKED if max(abs(left), abs(right)) < least else None
         return None
 
     def _times(self) -> list[float]:

@@ -44,7 +44,7 @@ class Moved(NamedTuple):
     """rad/s."""
 
 
-class Track(NamedTuple):
+class PoseTrack(NamedTuple):
     """Poses in a frame of their own."""
 
     instants: NDArray[np.int64]
@@ -53,14 +53,14 @@ class Track(NamedTuple):
     heading: NDArray[np.float64]
     """Unwrapped."""
 
-    def at(self, instants: NDArray[np.int64]) -> "Track":
+    def at(self, instants: NDArray[np.int64]) -> "PoseTrack":
         """The poses at any instants; before the first and after the last those."""
         before = np.maximum(np.searchsorted(self.instants, instants, side="right") - 1, 0)
         after = np.minimum(before + 1, self.instants.size - 1)
         gaps = np.maximum(self.instants[after] - self.instants[before], 1)
         shares = np.clip((instants - self.instants[before]) / gaps, 0.0, 1.0)
         axes = (self.x, self.y, self.heading)
-        return Track(instants, *(axis[before] + shares * (axis[after] - axis[before]) for axis in axes))
+        return PoseTrack(instants, *(axis[before] + shares * (axis[after] - axis[before]) for axis in axes))
 
 
 class MotionTrack:
@@ -87,13 +87,13 @@ class MotionTrack:
         """Until when there is one."""
         return self._moves[-1].instant if self._moves else None
 
-    def tracks(self, liars: tuple[Liar, ...]) -> dict[Liar, Track]:
+    def tracks(self, liars: tuple[Liar, ...]) -> dict[Liar, PoseTrack]:
         """The track if that one lies, for each."""
         rows = np.array(self._moves, np.float64).reshape(-1, len(Moved._fields))
         return {liar: _track(rows, liar) for liar in liars}
 
 
-def _track(rows: NDArray[np.float64], liar: Liar) -> Track:
+def _track(rows: NDArray[np.float64], liar: Liar) -> PoseTrack:
     instants, left, right, turn, v, _ = rows.T
     times = np.diff(instants, prepend=instants[:1]) * 1e-6
     if liar is Liar.LEFT:
@@ -109,4 +109,4 @@ def _track(rows: NDArray[np.float64], liar: Liar) -> Track:
     heading = np.cumsum(turn)
     course = heading - turn / 2
     x, y = np.cumsum(forward * arrays.cos(course)), np.cumsum(forward * arrays.sin(course))
-    return Track(instants.astype(np.int64), x, y, heading)
+    return PoseTrack(instants.astype(np.int64), x, y, heading)

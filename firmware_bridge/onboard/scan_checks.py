@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from actors.geometry import Pose
 from actors.instant import Duration, Instant, milliseconds
 from actors.portable import arrays, cos_sin
-from firmware_bridge.kobuki.safety import Cause
-from firmware_bridge.onboard.motion_track import Liar, MotionTrack, Track
+from firmware_bridge.kobuki.safety import HoldCause
+from firmware_bridge.onboard.motion_track import Liar, MotionTrack, PoseTrack
 from firmware_bridge.onboard.scan_fit import (
-    Reading,
+    ScanReading,
     headings,
     load_kernels,
     misfit,
@@ -28,7 +28,7 @@ from firmware_bridge.onboard.scan_fit import (
     sectors,
     thinned,
 )
-from firmware_bridge.range_sensors.sensor import Sweep
+from firmware_bridge.range_sensors.sensor import SensorSweep
 
 _WAYS: Final = (0.08, 0.18, 0.3)
 """Two sweeps are compared between which the robot has gone so far by any account, m, ..."""
@@ -66,29 +66,32 @@ _LATE_US: Final = (250_000, 500_000, 750_000, 1_000_000)
 class Hypothesis(NamedTuple):
     """Who lies, and how."""
 
-    cause: Cause
+    cause: HoldCause
     liar: Liar = Liar.NOBODY
-    reading: Reading = Reading()
+    reading: ScanReading = ScanReading()
 
 
-TRUTH: Final = Reading()
+TRUTH: Final = ScanReading()
 _MOTION: Final = (
-    Hypothesis(Cause.LEFT_WHEEL, Liar.LEFT),
-    Hypothesis(Cause.RIGHT_WHEEL, Liar.RIGHT),
-    Hypothesis(Cause.WHEELS, Liar.WHEELS),
-    Hypothesis(Cause.GYRO, Liar.GYRO),
+    Hypothesis(HoldCause.LEFT_WHEEL, Liar.LEFT),
+    Hypothesis(HoldCause.RIGHT_WHEEL, Liar.RIGHT),
+    Hypothesis(HoldCause.WHEELS, Liar.WHEELS),
+    Hypothesis(HoldCause.GYRO, Liar.GYRO),
 )
 _SENSOR: Final = (
-    *(Hypothesis(Cause.SCAN_TURNED, reading=Reading(turned)) for turned in _TURNED),
-    *(Hypothesis(Cause.SCAN_MIRRORED, reading=Reading(turned, True)) for turned in (0.0, *headings(90))),
-    *(Hypothesis(Cause.SCAN_LATE, reading=Reading(late_us=late)) for late in _LATE_US),
+    *(Hypothesis(HoldCause.SCAN_TURNED, reading=ScanReading(turned)) for turned in _TURNED),
+    *(
+        Hypothesis(HoldCause.SCAN_MIRRORED, reading=ScanReading(turned, True))
+        for turned in (0.0, *headings(90))
+    ),
+    *(Hypothesis(HoldCause.SCAN_LATE, reading=ScanReading(late_us=late)) for late in _LATE_US),
 )
 
 
 class Votes(NamedTuple):
     """What a hypothesis makes of the points."""
 
-    cause: Cause
+    cause: HoldCause
     gained: int
     lost: int
     off: int
@@ -99,7 +102,7 @@ class Votes(NamedTuple):
     @property
     def convincing(self) -> bool:
         """True if it explains what the truth of all sensors does not."""
-        share = _STILL_VOTES if self.cause is Cause.SCAN_STILL else _VOTES
+        share = _STILL_VOTES if self.cause is HoldCause.SCAN_STILL else _VOTES
         return (
             self.gained >= max(share * self.points, _EXPLAINED * self.off)
             and self.lost <= _DISSENT * self.gained
@@ -114,8 +117,8 @@ class ScanChecks:
         """`mount`: of the range sensor on the body."""
         load_kernels()
         self._mount = mount
-        self._sweeps: deque[Sweep] = deque()
-        self._suspect: Cause | None = None
+        self._sweeps: deque[SensorSweep] = deque()
+        self._suspect: HoldCause | None = None
         self._in_a_row = 0
 
     def forget(self) -> None:
@@ -123,7 +126,7 @@ class ScanChecks:
         self._sweeps.clear()
         self._suspect, self._in_a_row = None, 0
 
-    def take(self, sweep: Sweep, motion: MotionTrack) -> Cause | None:
+    def take(self, sweep: SensorSweep, motion: MotionTrack) -> HoldCause | None:
         """The cause that this sweep shows, if it shows any."""
         if self._sweeps and sweep.stamps[-1] - self._sweeps[-1].stamps[-1] < _PERIOD:
             return None
@@ -143,11 +146,11 @@ class ScanChecks:
         return suspect if self._in_a_row >= _IN_A_ROW else None
 
     @staticmethod
-    def _known(old: Sweep, new: Sweep, begin: Instant) -> bool:
+    def _known(old: SensorSweep, new: SensorSweep, begin: Instant) -> bool:
         """True if the old sweep is young enough, and the track goes back to it."""
         return bool(old.stamps[0] >= begin and new.stamps[-1] - old.stamps[0] <= _OLDEST)
 
-    def _judge(self, motion: MotionTrack) -> Cause | None:
+    def _judge(self, motion: MotionTrack) -> HoldCause | None:
         """Who has to be taken for a liar so that the last sweeps fit; None: nobody, or it cannot be told."""
         tracks = motion.tracks((Liar.NOBODY, Liar.WHEELS, Liar.GYRO))
         for way, turn in zip(_WAYS, _TURNS, strict=True):
@@ -163,8 +166,8 @@ class ScanChecks:
         return None
 
     def _best(
-        self, pair: tuple[Sweep, Sweep], tracks: dict[Liar, Track], told: NDArray[np.float64]
-    ) -> Cause | None:
+        self, pair: tuple[SensorSweep, SensorSweep], tracks: dict[Liar, PoseTrack], told: NDArray[np.float64]
+    ) -> HoldCause | None:
         """The hypothesis that explains most, if any does."""
         known = pair[0].stamps[0] - tracks[Liar.NOBODY].instants[0]
         found = [
@@ -175,11 +178,13 @@ class ScanChecks:
         told_track = tracks[Liar.NOBODY]
         if not stands_before_something(pair, self._mount, told_track):
             still = self._misfit(pair, _nowhere(told_track), TRUTH)
-            found.append(votes(Cause.SCAN_STILL, told, still))
+            found.append(votes(HoldCause.SCAN_STILL, told, still))
         convincing = [one for one in found if one.convincing]
         return max(convincing, key=lambda one: one.gained - one.lost).cause if convincing else None
 
-    def _pair(self, tracks: tuple[Track, ...], way: float, turned: float) -> tuple[Sweep, Sweep] | None:
+    def _pair(
+        self, tracks: tuple[PoseTrack, ...], way: float, turned: float
+    ) -> tuple[SensorSweep, SensorSweep] | None:
         """The last sweep, and the last one before it from which the robot has moved enough."""
         last = self._sweeps[-1]
         for earlier in list(self._sweeps)[-2::-1]:
@@ -191,7 +196,9 @@ class ScanChecks:
                     return earlier, last
         return None
 
-    def _misfit(self, pair: tuple[Sweep, Sweep], track: Track, reading: Reading) -> NDArray[np.float64]:
+    def _misfit(
+        self, pair: tuple[SensorSweep, SensorSweep], track: PoseTrack, reading: ScanReading
+    ) -> NDArray[np.float64]:
         earlier = placed(pair[0], self._mount, track, reading)
         later = placed(of_the_room(pair[1]), self._mount, track, reading)
         if len(earlier.xy) < _FEWEST:
@@ -199,7 +206,7 @@ class ScanChecks:
         return misfit(thinned(later), earlier)
 
 
-def votes(cause: Cause, told: NDArray[np.float64], instead: NDArray[np.float64]) -> Votes:
+def votes(cause: HoldCause, told: NDArray[np.float64], instead: NDArray[np.float64]) -> Votes:
     """What becomes of the points if that cause holds: (n,) misfits of what the sensors told, and instead."""
     gained = (told > _OFF) & (instead <= 1.0)
     lost = (told <= 1.0) & (instead > _OFF)
@@ -207,7 +214,7 @@ def votes(cause: Cause, told: NDArray[np.float64], instead: NDArray[np.float64])
     return Votes(cause, won, missed, off, told.size, sectors(gained))
 
 
-def stands_before_something(pair: tuple[Sweep, Sweep], mount: Pose, track: Track) -> bool:
+def stands_before_something(pair: tuple[SensorSweep, SensorSweep], mount: Pose, track: PoseTrack) -> bool:
     """True if a robot that does not turn has something right before it, so that its wheels may slip."""
     ends = track.at(np.array([_middle(sweep) for sweep in pair]))
     (dx,), (dy,), (turn,) = np.diff(ends.x), np.diff(ends.y), np.diff(ends.heading)
@@ -223,13 +230,13 @@ def stands_before_something(pair: tuple[Sweep, Sweep], mount: Pose, track: Track
         return bool(((ahead > np.abs(y)) & (arrays.hypot(x, y) <= _TOUCHES)).any())
 
 
-def _middle(sweep: Sweep) -> Instant:
+def _middle(sweep: SensorSweep) -> Instant:
     """The median of its stamps."""
     stamps = np.sort(sweep.stamps)
     return Instant(int(stamps[(stamps.size - 1) // 2] + stamps[stamps.size // 2]) // 2)
 
 
-def _nowhere(track: Track) -> Track:
+def _nowhere(track: PoseTrack) -> PoseTrack:
     """Of a robot that stands."""
     still = np.zeros(track.x.size)
-    return Track(track.instants, still, still, still)
+    return PoseTrack(track.instants, still, still, still)

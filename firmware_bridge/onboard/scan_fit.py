@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from actors.geometry import Pose
 from actors.portable import arrays
-from firmware_bridge.onboard.motion_track import Track
-from firmware_bridge.range_sensors.sensor import Sweep
+from firmware_bridge.onboard.motion_track import PoseTrack
+from firmware_bridge.range_sensors.sensor import SensorSweep
 
 _POINTS: Final = 90
 """Points of the later sweep that are looked for in the earlier one; enough to see a door frame."""
@@ -27,7 +27,7 @@ _NEAR_SHARE: Final = 0.008
 """... so much of its range more: noise, and what a degree leaves open."""
 
 
-class Reading(NamedTuple):
+class ScanReading(NamedTuple):
     """How a sweep is read: as it says, or as if the sensor were mounted or timed otherwise."""
 
     turned: float = 0.0
@@ -52,10 +52,10 @@ def load_kernels() -> None:
     arrays.hypot(np.zeros(1), np.zeros(1))
 
 
-def of_the_room(sweep: Sweep) -> Sweep:
+def of_the_room(sweep: SensorSweep) -> SensorSweep:
     """The echoes of a sweep that are of large things; of those people and robots are not."""
     seen = np.isfinite(sweep.ranges)
-    sweep = Sweep(sweep.stamps[seen], sweep.angles[seen], sweep.ranges[seen])
+    sweep = SensorSweep(sweep.stamps[seen], sweep.angles[seen], sweep.ranges[seen])
     if not sweep.ranges.size:
         return sweep
     x, y = sweep.ranges * arrays.cos(sweep.angles), sweep.ranges * arrays.sin(sweep.angles)
@@ -63,7 +63,7 @@ def of_the_room(sweep: Sweep) -> Sweep:
     breaks = gaps > np.maximum(_BREAK, _BREAK_SHARE * sweep.ranges[1:])
     things = np.append(0, np.cumsum(breaks, dtype=np.int64))
     large = (arrays.hypot(_extents(x, things), _extents(y, things)) >= _EXTENT)[things]
-    return Sweep(sweep.stamps[large], sweep.angles[large], sweep.ranges[large])
+    return SensorSweep(sweep.stamps[large], sweep.angles[large], sweep.ranges[large])
 
 
 def _extents(axis: NDArray[np.float64], things: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -76,7 +76,7 @@ def _extents(axis: NDArray[np.float64], things: NDArray[np.int64]) -> NDArray[np
     return extents
 
 
-def placed(sweep: Sweep, mount: Pose, track: Track, reading: Reading) -> Points:
+def placed(sweep: SensorSweep, mount: Pose, track: PoseTrack, reading: ScanReading) -> Points:
     """The points of a sweep's echoes where the hypothesis has them; `mount`: of the sensor on the body."""
     seen = np.isfinite(sweep.ranges)
     ranges, angles = sweep.ranges[seen], sweep.angles[seen] + reading.turned

@@ -7,18 +7,17 @@ from actors.geometry import Pose
 from actors.instant import Instant, in_seconds
 from actors.messages import Odometry, Scan
 from actors.runtime.errors import AcrcError
-from firmware_bridge.kobuki.battery import BatteryLevel
 from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.kobuki.events import Fed
+from firmware_bridge.kobuki.events import BatteryLevel, Fed
 from firmware_bridge.kobuki.packets import Basic, Inertial
-from firmware_bridge.kobuki.safety import Cause
+from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.onboard.contradictions import Contradictions
 from firmware_bridge.onboard.last_word import LastWord
 from firmware_bridge.onboard.wire import Wire
 from firmware_bridge.range_sensors.camera_feed import CameraFeed
 from firmware_bridge.range_sensors.depth import DepthError, DepthScanner
 from firmware_bridge.range_sensors.rplidar import Rplidar
-from firmware_bridge.range_sensors.sensor import Sweep
+from firmware_bridge.range_sensors.sensor import SensorSweep
 from firmware_bridge.serial_port import SerialPort
 
 ORIGIN: Final = Pose(0.0, 0.0, 0.0)
@@ -45,10 +44,10 @@ class Ranger(Protocol):
     def sees(self, now: Instant) -> bool:
         """True while it measures, and anything is seen."""
 
-    def sweep(self) -> Sweep | None:
+    def sweep(self) -> SensorSweep | None:
         """The samples of the last turn or image, once."""
 
-    def doubts(self) -> tuple[Cause, ...]:
+    def doubts(self) -> tuple[HoldCause, ...]:
         """What it says that no sensor that measures says."""
 
     def close(self) -> None:
@@ -68,10 +67,10 @@ class Lidar:
         self.sweep = driver.sweep
         self._driver = driver
 
-    def doubts(self) -> tuple[Cause, ...]:
+    def doubts(self) -> tuple[HoldCause, ...]:
         """That it repeats itself, as a whole or in part."""
         whole, part = self._driver.repeats, self._driver.stands_still
-        return (Cause.REPEATS,) if whole else (Cause.SCAN_PART,) if part else ()
+        return (HoldCause.REPEATS,) if whole else (HoldCause.SCAN_PART,) if part else ()
 
 
 class DepthRanger:
@@ -92,9 +91,9 @@ class DepthRanger:
         """None."""
         return ()
 
-    def doubts(self) -> tuple[Cause, ...]:
+    def doubts(self) -> tuple[HoldCause, ...]:
         """That it repeats itself."""
-        return (Cause.REPEATS,) if self._scanner.repeats else ()
+        return (HoldCause.REPEATS,) if self._scanner.repeats else ()
 
     def serve(self, now: Instant) -> None:
         """Take in an image if there is a new one."""
@@ -122,7 +121,7 @@ class TurtleBot:
     ) -> None:
         """`mount`: of the range sensor on the body."""
         self._contradictions = Contradictions(None if ranger is None else mount)
-        self._held: frozenset[Cause] = frozenset()
+        self._held: frozenset[HoldCause] = frozenset()
         self._kobuki = kobuki
         self._wire = Wire(base, kobuki, self._feed, say)
         self._ranger = ranger
@@ -141,10 +140,10 @@ class TurtleBot:
     def serve(self, now: Instant) -> None:
         """Read what has come, write what is due; nothing may move unseen, or without a guardian."""
         self._last_word.serve(now, self._wire.port)
-        self._kobuki.hold(Cause.UNWATCHED, not self._last_word.holds(now))
+        self._kobuki.hold(HoldCause.UNWATCHED, not self._last_word.holds(now))
         if self._ranger is not None:
             self._ranger.serve(now)
-            self._kobuki.hold(Cause.BLIND, not self._ranger.sees(now))
+            self._kobuki.hold(HoldCause.BLIND, not self._ranger.sees(now))
             for cause in self._ranger.doubts():
                 self._contradictions.repeated(now, cause)
             if (sweep := self._ranger.sweep()) is not None:

@@ -1,11 +1,71 @@
 """A device on a serial port that may come and go, and its driver without I/O."""
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
-from actors.instant import Instant
-from firmware_bridge.onboard.reconnecting_port import ReconnectingPort
-from firmware_bridge.serial_port import SerialPort
+from actors.instant import Instant, seconds
+from firmware_bridge.serial_port import PortError, SerialPort
+
+_RETRY = seconds(1)
+"""A port that is not there is tried again so often."""
+P = TypeVar("P", bound=SerialPort)
+R = TypeVar("R")
+
+
+class ReconnectingPort(Generic[P]):
+    """A port that is opened anew whenever it has gone and is there again."""
+
+    def __init__(self, open_port: Callable[[], P], say: Callable[[str], None]) -> None:
+        """`say` is told, in a sentence and once for each reason, when the port is away."""
+        self._open = open_port
+        self._tell = say
+        self._port: P | None = None
+        self._retry_at = Instant(0)
+        self._said = ""
+
+    @property
+    def port(self) -> P | None:
+        """Another object each time that it is opened; None while it is not."""
+        return self._port
+
+    def descriptors(self) -> Sequence[int]:
+        """What to wait for."""
+        return () if self._port is None else (self._port.fileno(),)
+
+    def connect(self, now: Instant) -> bool:
+        """Open the port if it is away, at most once a second; True if it has just been opened."""
+        if self._port is not None or now < self._retry_at:
+            return False
+        self._retry_at = Instant(now + _RETRY)
+        try:
+            self._port = self._open()
+        except PortError as error:
+            self._say(str(error))
+            return False
+        self._say("")
+        return True
+
+    def exchange(self, what: Callable[[P], R]) -> R | None:
+        """What `what` gives when it is called with the port; None if the port is away, or goes meanwhile."""
+        if self._port is None:
+            return None
+        try:
+            return what(self._port)
+        except PortError as error:
+            self._say(str(error))
+            self.close()
+            return None
+
+    def close(self) -> None:
+        """Give the port back."""
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def _say(self, sentence: str) -> None:
+        if sentence and sentence != self._said:
+            self._tell(sentence)
+        self._said = sentence
 
 
 class WireDriver(Protocol):

@@ -18,7 +18,7 @@ from actors.portable import atan, tan
 from actors.robot_model import RangeSensor as SensorModel
 from actors.runtime.errors import AcrcError
 from firmware_bridge.range_sensors.repeats import Repeats
-from firmware_bridge.range_sensors.sensor import REACH, Rays, Sweep
+from firmware_bridge.range_sensors.sensor import REACH, Rays, SensorSweep
 
 _KEPT: Final = 64
 """Earlier images that one is compared with, 2 s; own choice."""
@@ -99,7 +99,7 @@ class DepthScanner:
         self.blind = 0
         """Images in which nothing was seen: covered, dark, or too near. They make no scan."""
         self._seen: Instant | None = None
-        self._sweep: Sweep | None = None
+        self._sweep: SensorSweep | None = None
         self._repeats = Repeats(_KEPT, _REPEATED, _REPEATED)
 
     @property
@@ -132,7 +132,7 @@ class DepthScanner:
         self.missed += self._scan is not None
         ranges = self.ranges(depth)
         self._scan = self._rays.scan(stamp, self._angles, ranges)
-        self._sweep = Sweep(np.full(ranges.size, stamp, np.int64), self._angles, ranges)
+        self._sweep = SensorSweep(np.full(ranges.size, stamp, np.int64), self._angles, ranges)
 
     def ranges(self, depth: NDArray[np.uint16]) -> NDArray[np.float64]:
         """The nearest valid range of each column: (width,), m; inf = none."""
@@ -147,7 +147,7 @@ class DepthScanner:
         scan, self._scan = self._scan, None
         return scan
 
-    def sweep(self) -> Sweep | None:
+    def sweep(self) -> SensorSweep | None:
         """The ranges of the last image, once."""
         sweep, self._sweep = self._sweep, None
         return sweep

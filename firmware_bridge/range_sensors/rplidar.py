@@ -26,8 +26,8 @@ from firmware_bridge.range_sensors.rplidar_wire import (
     Sample,
     SampleReader,
 )
-from firmware_bridge.range_sensors.sensor import Rays, Sweep
-from firmware_bridge.serial_port import CP2102, Device, SerialPort
+from firmware_bridge.range_sensors.sensor import Rays, SensorSweep
+from firmware_bridge.serial_port import CP2102, PortDevice, SerialPort
 
 _NOTICEABLE_Q6: Final = 10 * 64
 """A head that turns goes on by so much, 1/64°."""
@@ -39,7 +39,7 @@ _KEPT_TURNS: Final = 64
 """Earlier turns that a part is compared with, 12 s of an A1; own choice."""
 _REPEATED: Final = 4
 """Parts of the last turn that may not be repeated; own choice: 60 ms, and no other cause is known."""
-RPLIDAR = Device(name="RPLIDAR", symlink="/dev/rplidar", baud=115_200, chip=CP2102)
+RPLIDAR = PortDevice(name="RPLIDAR", symlink="/dev/rplidar", baud=115_200, chip=CP2102)
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class Rplidar:
         """Angle and distance of each sample of this turn; None before the first turn's start."""
         self._turn_began = started
         self._scan: Scan | None = None
-        self._sweep: Sweep | None = None
+        self._sweep: SensorSweep | None = None
         self._sector: list[Sample] = []
         self._repeats = Repeats(_SECTORS * _KEPT_TURNS, _SECTORS, _REPEATED)
         self._still = StillBeams()
@@ -141,7 +141,7 @@ class Rplidar:
         scan, self._scan = self._scan, None
         return scan
 
-    def sweep(self) -> Sweep | None:
+    def sweep(self) -> SensorSweep | None:
         """The samples of the last turn, once."""
         sweep, self._sweep = self._sweep, None
         return sweep
@@ -288,7 +288,7 @@ class Rplidar:
         ranges = turn[:, 1] / 4000
         self._scan = self._rays.scan(stamp, angles, ranges)
         stamps = np.linspace(self._turn_began, now, angles.size, endpoint=False).astype(np.int64)
-        self._sweep = Sweep(stamps, angles, np.where(ranges > 0, ranges, np.inf))
+        self._sweep = SensorSweep(stamps, angles, np.where(ranges > 0, ranges, np.inf))
         self._still.take(angles, turn[:, 1].astype(np.int64))
 
     def _whole(self, angles_q6: NDArray[np.float64]) -> bool:

@@ -15,7 +15,7 @@ REACH: Final = math.radians(1.0)
 circle; own choice: a lidar of 360 samples fills 640 rays, and a sector without samples stays without."""
 
 
-class Sweep(NamedTuple):
+class SensorSweep(NamedTuple):
     """Samples of one turn or image, each with its own instant."""
 
     stamps: NDArray[np.int64]

@@ -17,7 +17,8 @@ from observation.accounting.said import Said, said_by
 from observation.accounting.time_spent import TimeSpent
 from observation.accounting.tracks import Tracks, tracks_of
 from observation.evidence.recorded import outcome
-from observation.evidence.run_evidence import RunEvidence, read_run
+from observation.evidence.run_evidence import RunEvidence
+from observation.evidence.run_reader import read_run
 from observation.replay.run_recordings import recordings
 
 

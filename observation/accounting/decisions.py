@@ -9,7 +9,7 @@ from actors.instant import in_seconds
 from observation.accounting.classify import Classified
 from observation.accounting.episodes import EpisodeParameters
 from observation.accounting.said import Said, seconds_of
-from observation.accounting.time_spent import DecisionEvent, Knowledge
+from observation.accounting.time_spent import DecisionEvent, KnowledgeUsed
 from observation.accounting.tracks import Tracks
 from observation.evidence.said_decisions import SaidDecision
 
@@ -50,7 +50,7 @@ def _of_robot(
             instant_s=in_seconds(decision.instant),
             trigger=decision.by,
             words=decision.words,
-            knowledge=(Knowledge(decision.source, in_seconds(decision.age)),),
+            knowledge=(KnowledgeUsed(decision.source, in_seconds(decision.age)),),
             old_goal=decision.old,
             new_goal=decision.new,
             outcome=outcome,

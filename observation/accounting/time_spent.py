@@ -47,7 +47,7 @@ class BlockingEvent(msgspec.Struct, frozen=True):
     """It lasted to the end of the run."""
 
 
-class Knowledge(msgspec.Struct, frozen=True):
+class KnowledgeUsed(msgspec.Struct, frozen=True):
     """What a decision was made from."""
 
     source: str
@@ -65,7 +65,7 @@ class DecisionEvent(msgspec.Struct, frozen=True):
     """The process or the ensemble that decided, as in `AdaptiveCleaningRobot.auto_unblock`."""
     words: str
     """What it decided, as in `turns elsewhere`."""
-    knowledge: tuple[Knowledge, ...]
+    knowledge: tuple[KnowledgeUsed, ...]
     old_goal: tuple[float, float] | None
     """m, map frame; None: none."""
     new_goal: tuple[float, float] | None

@@ -44,6 +44,12 @@ class Tracks:
 def tracks_of(run: RunEvidence) -> Tracks:
     """What a run's recordings show of it."""
     return Tracks(
-        run.robots, run.setup.step_us, run.true, run.held, run.wished, run.stepping, run.left > 0,
-        tuple(TimedJam(round(second * 1e6), jam) for second, jam in run.jams),
-    )  # fmt: skip
+        robots=run.robots,
+        step_us=run.setup.step_us,
+        true=run.true,
+        held=run.held,
+        wished=run.wished,
+        stepping=run.stepping,
+        busy=run.left > 0,
+        jams=tuple(TimedJam(round(second * 1e6), jam) for second, jam in run.jams),
+    )

@@ -14,11 +14,11 @@ from actors.radio.frame import airtime_us
 from actors.radio.medium.state import Outcome
 from actors.radio.radio_setup import RadioSetup
 from deeco.replication.fragments import HEADER
-from observation.evidence.knowledge_trace import Arrival
 from observation.evidence.recorded import taken
-from observation.inside.fates import Fates, read_fates
 from observation.replay.moved_runs import setup_of
 from observation.replay.run_recordings import recordings
+from observation.trace.fates import Fates, read_fates
+from observation.trace.rows import Arrival
 
 _TOGETHER_US: Final = 2_000_000
 """Fragments of one packet lie no farther apart (`deeco.parameters.LinkParameters`)."""
@@ -71,7 +71,7 @@ class Air:
         if last is None:
             return ()
         packets = _packets(last.data)
-        since = arrival.instant - _TOGETHER_US
+        since = Instant(arrival.instant - _TOGETHER_US)
         return tuple(
             self._frame(one)
             for one in self._heard

@@ -1,20 +1,17 @@
 """The causes of one decision as a chain, each link with its instant: newest first, causes below effects."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Final
 
 import msgspec
 
-from actors.geometry import Point
 from actors.instant import Instant, in_seconds
-from deeco.knowledge import Knowledge, type_of
-from observation.evidence.knowledge_trace import ReplicaRead
-from observation.explanation.air import Air, Frame, Loss
-from observation.explanation.dependence import Run, dependence, is_routine, root, runs
-from observation.explanation.orders import AGAIN, STOPS, Order, stands
-from observation.explanation.retold import Made, Retold
-from observation.inside.knowledge_rows import in_words
+from actors.robot.behaviour.goal import GoalStatus
+from observation.explanation.air import Air, Frame, Loss, seconds
+from observation.explanation.causes import Run, is_routine, runs
+from observation.explanation.decisions import Made
+from observation.trace.orders import AGAIN
+from observation.trace.rows import GoalChange, Order, ReplicaRead, Trace
 
 _WIDEST: Final = 4
 """Own fields that one change depended on, the newest of which are told."""
@@ -46,8 +43,8 @@ class Link(msgspec.Struct, frozen=True):
 class Chain:
     """Makes the chain of one decision after the other."""
 
-    def __init__(self, retold: Retold, air: Air) -> None:
-        self._retold = retold
+    def __init__(self, trace: Trace, air: Air) -> None:
+        self._trace = trace
         self._air = air
         self._told: set[int] = set()
 
@@ -57,19 +54,16 @@ class Chain:
         if made.change is not None:
             return list(self._change(made.change, 0, made.words))
         assert made.order is not None
-        return list(self._order(self._retold.orders[made.order]))
+        return list(self._order(self._trace.orders[made.order]))
 
     def _order(self, order: Order) -> Iterator[Link]:
         """What the behaviour told its robot."""
         about = {"words": order.words, "point": None if order.point is None else list(order.point)}
         yield _link(order.instant, "order", f"{self._air.robot_here} {order.words}", 0, about)
         if order.verb == AGAIN or order.goal is not None:
-            goal = order.goal
-            reason = None if goal is None or goal.reason is None else goal.reason.value
-            status = None if goal is None else goal.status.value
-            yield _link(
-                order.instant, "goal", stands(goal), 1, {"status": status, "reason": reason}
-            )  # fmt: skip
+            goal = order.goal or GoalChange(order.step, None)
+            about = {"status": goal.status, "reason": goal.reason}
+            yield _link(order.instant, "goal", _stands(goal), 1, about)
         causes = self._behind(order)
         for number in causes[:_WIDEST]:
             if number in self._told:
@@ -79,49 +73,27 @@ class Chain:
             yield self._unknown(order)
 
     def _unknown(self, order: Order) -> Link:
-        if not self._retold.trace.beginnings:
+        if not self._trace.has_nodes:
             says = "the strategy runs without the component model, so what it knew cannot be told"
         else:
             says = "no change of knowledge names it: it follows from what was so from the beginning"
         return _link(order.instant, "unknown", says, 1, {})
 
-    def _behind(self, order: Order) -> list[int]:
+    def _behind(self, order: Order) -> Sequence[int]:
         """The changes that brought the point of an order, or took it away; else those of the same step."""
-        changes = self._retold.trace.changes
-        until = [number for number, one in enumerate(changes) if one.step <= order.step]
-        if order.point is None:
-            now = [number for number in reversed(until) if changes[number].step == order.step]
-            adapting = [number for number in now if changes[number].adaptation]
-            return adapting or [number for number in now if not is_routine(self._retold, number)]
-        found: dict[str, int] = {}
-        for number in reversed(until):
-            for field in self._moved(number, order, order.point):
-                found.setdefault(field, number)
-        return sorted(set(found.values()), reverse=True)
-
-    def _moved(self, number: int, order: Order, point: Point) -> Iterator[str]:
-        """Fields with the point in them only after a change; of `STOPS`, only before it.
-
-        Of `AGAIN` also those that have it still, and were changed in the step of the order.
-        """
-        change, gone = self._retold.trace.changes[number], order.verb == STOPS
-        again = order.verb == AGAIN and change.step == order.step
-        before = self._retold.before(number)
-        for field in dict.fromkeys(root(one.path) for one in change.changed):
-            had, has = _holds(getattr(before, field), point), _holds(getattr(change.after, field), point)
-            if (had is gone and has is not gone) or (again and has):
-                yield field
+        if order.point is not None:
+            return order.moved
+        changes = self._trace.changes
+        now = [number for number, one in enumerate(changes) if one.step == order.step][::-1]
+        adapting = [number for number in now if changes[number].adaptation]
+        return adapting or [number for number in now if not is_routine(changes, number)]
 
     def _change(self, number: int, depth: int, words: str = "") -> Iterator[Link]:
         """A change of knowledge and what it depended on."""
         self._told.add(number)
-        change = self._retold.trace.changes[number]
+        change = self._trace.changes[number]
         kind = "exchange" if change.peer else "process"
-        before = self._retold.before(number)
-        values = {
-            one: (_worded(before, one), _worded(change.after, one))
-            for one in dict.fromkeys(root(one.path) for one in change.changed)
-        }
+        values = {field: (one.before, one.after) for field, one in change.fields.items()}
         told = ", ".join(f"{_named(one)} {_turned(*pair)}" for one, pair in values.items())
         what = f"{self._air.robot_here} {words}" if words else told
         by = f"the exchange {change.by} with {change.peer}" if change.peer else f"the process {change.by}"
@@ -132,14 +104,13 @@ class Chain:
         yield _link(change.instant, kind, f"{what}, by {by}", depth, about)
         if words:
             yield _link(change.instant, "state", f"so {told}", depth + 1, {})
-        reads = dependence(change, self._retold.ensembles)
         if change.read is not None:
-            yield from self._replica(change.read, reads.peer, depth + 1)
-        yield from self._own(number, reads.own, depth + 1)
+            yield from self._replica(change.read, depth + 1)
+        yield from self._own(number, depth + 1)
 
-    def _own(self, number: int, fields: tuple[str, ...], depth: int) -> Iterator[Link]:
+    def _own(self, number: int, depth: int) -> Iterator[Link]:
         """What a change found in the component's own knowledge."""
-        found = [run for run in runs(self._retold, number, fields) if run.last not in self._told]
+        found = [run for run in runs(self._trace.changes, number) if run.last not in self._told]
         told: dict[int, list[Run]] = {}
         for run in found[:_WIDEST]:
             told.setdefault(run.last, []).append(run)
@@ -150,7 +121,7 @@ class Chain:
     def _state(self, number: int, together: Sequence[Run], depth: int) -> Iterator[Link]:
         for run in together:
             self._told.update(run.numbers)
-        change = self._retold.trace.changes[number]
+        change = self._trace.changes[number]
         told = ", ".join(self._since(run) for run in together)
         about = {
             "by": change.by, "peer": change.peer,
@@ -160,35 +131,27 @@ class Chain:
         yield _link(change.instant, "state", f"{told}, by {change.by}{with_peer}", depth, about)
         if depth >= _DEEPEST:
             return
-        reads = dependence(change, self._retold.ensembles)
         if change.read is not None:
-            yield from self._replica(change.read, reads.peer, depth + 1)
-        yield from self._own(number, reads.own, depth + 1)
+            yield from self._replica(change.read, depth + 1)
+        yield from self._own(number, depth + 1)
 
     def _since(self, run: Run) -> str:
         text = f"{_named(run.field)} {_turned(*self._pair(run))}"
         if len(run.numbers) == 1:
             return text
-        return f"{text} since {_s(self._retold.trace.changes[run.numbers[0]].instant)} s"
+        return f"{text} since {seconds(self._trace.changes[run.numbers[0]].instant)} s"
 
     def _pair(self, run: Run) -> tuple[str, str]:
-        changes = self._retold.trace.changes
-        before = self._retold.before(run.numbers[0])
-        return _worded(before, run.field), _worded(changes[run.last].after, run.field)
+        first, last = (self._trace.changes[number].fields[run.field] for number in (run.numbers[0], run.last))
+        return first.before, last.after
 
-    def _replica(self, read: ReplicaRead, fields: tuple[str, ...], depth: int) -> Iterator[Link]:
+    def _replica(self, read: ReplicaRead, depth: int) -> Iterator[Link]:
         """What was known of the peer, and how it had come."""
-        roles = [role for role in read.roles if any(hasattr(role, one) for one in fields)] or read.roles
-        known = {
-            one: _worded(roles[0], one)
-            for one in (fields or tuple(vars(roles[0])))
-            if hasattr(roles[0], one) and one not in ("id", "parameters")
-        } if roles else {}  # fmt: skip
-        text = ", ".join(f"{_named(one)} {_short(value)}" for one, value in known.items())
+        text = ", ".join(f"{_named(one)} {_short(value)}" for one, value in read.known.items())
         age = in_seconds(read.age)
         about = {
             "peer": read.component, "epoch": read.epoch, "publication": read.publication, "age_s": age,
-            "hops": read.hops, "rssi_dbm": read.rssi_dbm, "known": known,
+            "hops": read.hops, "rssi_dbm": read.rssi_dbm, "known": read.known,
         }  # fmt: skip
         yield _link(
             read.heard, "replica",
@@ -207,9 +170,7 @@ class Chain:
             yield _link(read.heard, "unknown", says, depth, {})
             return
         earlier = [
-            one.replica.heard
-            for one in self._retold.trace.heard
-            if one.replica.component == read.component and one.replica.heard < read.heard
+            one.heard for one in self._trace.news if one.peer == read.component and one.heard < read.heard
         ]
         since = max(earlier, default=Instant(0))
         senders = {read.component} | ({self._air.robot(read.arrival.sender)} if read.arrival else set())
@@ -219,7 +180,7 @@ class Chain:
 
 def _frame_link(frame: Frame, hops: int, depth: int) -> Link:
     relayed = "its own" if not hops else "relayed once" if hops == 1 else f"relayed {hops} times"
-    handed = "" if frame.handed is None else f", handed to its transceiver at {_s(frame.handed)} s"
+    handed = "" if frame.handed is None else f", handed to its transceiver at {seconds(frame.handed)} s"
     says = (
         f"a frame of {frame.sender} brought it, {relayed}: {frame.octets} bytes, "
         f"{frame.airtime_us / 1000:.2f} ms on the air, {frame.rssi_dbm:.0f} dBm{handed}"
@@ -236,11 +197,11 @@ def _loss_link(
     lost: Sequence[Loss], senders: Sequence[str], since: Instant, until: Instant, depth: int
 ) -> Link:
     who = " and ".join(senders)
-    between = f"between {_s(since)} and {_s(until)} s"
+    between = f"between {seconds(since)} and {seconds(until)} s"
     if not lost:
         says = f"nothing that {who} sent {between} was lost here"
         return _link(until, "lost", says, depth, {"senders": list(senders), "lost": []})
-    told = ", ".join(f"{_s(one.instant)} s {one.cause}" for one in lost[-_MOST_LOSSES:])
+    told = ", ".join(f"{seconds(one.instant)} s {one.cause}" for one in lost[-_MOST_LOSSES:])
     more = "" if len(lost) <= _MOST_LOSSES else f", the last {_MOST_LOSSES} of them"
     count = "1 frame" if len(lost) == 1 else f"{len(lost)} frames"
     says = f"{count} of {who} {'was' if len(lost) == 1 else 'were'} lost here {between}{more}: {told}"
@@ -252,27 +213,21 @@ def _link(at: Instant, kind: str, says: str, depth: int, about: dict[str, Any]) 
     return Link(in_seconds(at), kind, says, depth, about)
 
 
-def _holds(value: object, point: Point) -> bool:
-    """True if the point is somewhere in the value."""
-    if value == point:
-        return True
-    if isinstance(value, tuple):
-        return any(_holds(one, point) for one in value)
-    if isinstance(value, Mapping):
-        return any(_holds(one, point) for one in value.values())
-    return is_dataclass(value) and any(_holds(getattr(value, one.name), point) for one in fields(value))
+def _stands(goal: GoalChange) -> str:
+    """How a goal stood, in words."""
+    if goal.point is None:
+        return "there was no goal before"
+    at = f"({goal.point[0]:.2f}, {goal.point[1]:.2f})"
+    if goal.status == GoalStatus.ABORTED.value and goal.reason is not None:
+        return f"navigation had given up the goal {at}: {goal.reason}"
+    if goal.status == GoalStatus.SUCCEEDED.value:
+        return f"navigation had reached the goal {at}"
+    phase = "" if goal.phase is None else f", {goal.phase}"
+    return f"navigation was under way to {at}{phase}"
 
 
 def _named(field: str) -> str:
     return field.replace("_", " ")
-
-
-def _worded(knowledge: Knowledge, field: str) -> str:
-    """A field's value; an instant as seconds."""
-    value = getattr(knowledge, field)
-    if isinstance(value, int) and "Instant" in str(type_of(type(knowledge), field)):
-        return f"{_s(Instant(value))} s"
-    return in_words(value)
 
 
 def _turned(before: str, after: str) -> str:
@@ -281,7 +236,3 @@ def _turned(before: str, after: str) -> str:
 
 def _short(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
-
-
-def _s(instant: Instant) -> str:
-    return f"{in_seconds(instant):.3f}".rstrip("0").rstrip(".")

@@ -1,18 +1,24 @@
-"""Explains decisions of one robot of a run, whose strategy runs in this process; `asking` has it shut off."""
+"""Explains decisions of the robots of a run, from their traces."""
 
 import re
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import msgspec
 
 from actors.instant import in_seconds
+from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError, printable
 from observation.explanation.air import Air
 from observation.explanation.chain import Chain, Link, Second
-from observation.explanation.retold import Made, Retold, retell
+from observation.explanation.decisions import Made, decisions
 from observation.replay.run_recordings import recordings
+from observation.replay.sandboxed_calls import Bounds
+from observation.trace.coding import TraceError
+from observation.trace.rows import Trace
+from observation.trace.traces import BOUNDS, traces
 
 _SAME_S: Final = 0.0501
 """Who asks for an instant means a decision that is no farther away: half a step."""
@@ -53,33 +59,6 @@ class Explanation(msgspec.Struct, frozen=True):
     """The decision's own link first; causes stand below, one deeper than their effects."""
 
 
-class ExplainAnswer(msgspec.Struct, frozen=True):
-    """What is answered for one robot."""
-
-    decisions: tuple[DecisionRow, ...] = ()
-    explanations: tuple[Explanation, ...] = ()
-    fault: str | None = None
-    """Why there is none of both."""
-
-
-def encode(answer: ExplainAnswer) -> bytes:
-    """For the way out of the program that is shut off."""
-    return msgspec.msgpack.encode(answer)
-
-
-def decode(robot: str, data: bytes) -> ExplainAnswer:
-    """What `encode` made of an answer for the robot. Raises ExplanationError for a fault and for all else."""
-    try:
-        answer = msgspec.msgpack.decode(data, type=ExplainAnswer)
-    except (ValueError, RecursionError) as error:
-        raise ExplanationError(f"{robot}: what it answers makes no sense: {printable(str(error))}") from None
-    if answer.fault is not None:
-        raise ExplanationError(printable(answer.fault))
-    if other := [one.robot for one in answer.explanations if one.robot != robot]:
-        raise ExplanationError(f"{robot}: what it answers makes no sense: it is about {ascii(other[0])[:80]}")
-    return answer
-
-
 def wish(text: str) -> Wish:
     """`r2@157`: the decision of r2 at 157 s; `r2`: all of r2's. Raises ExplanationError."""
     robot, at, instant = text.partition("@")
@@ -92,55 +71,58 @@ def wish(text: str) -> Wish:
     return Wish(robot, float(instant))
 
 
-def listed(out: Path, robot: str) -> tuple[DecisionRow, ...]:
-    """All decisions of a robot, those of its later processes behind."""
-    rows: list[DecisionRow] = []
-    for actor in processes(out, robot):
-        rows += [_row(made) for made in retell(out, actor).decisions]
-    return tuple(rows)
+class Explainer:
+    """Explains decisions of robots of one run from their traces, which are made where none is kept."""
+
+    def __init__(self, out: Path, *, permit: Permit, isolate: bool, bounds: Bounds = BOUNDS) -> None:
+        """`isolate`: see `actors.runtime.isolation.isolating`."""
+        self._out = out
+        self._trace = partial(traces, out, permit=permit, isolate=isolate, bounds=bounds)
+
+    def listed(self, robot: str) -> tuple[DecisionRow, ...]:
+        """All decisions of a robot, those of its later processes behind. Raises ExplanationError."""
+        return tuple(_row(made) for _, trace in self._traces(robot) for made in decisions(trace))
+
+    def explain(self, asked: Wish) -> tuple[Explanation, ...]:
+        """Every decision that the robot made at an instant, or the one before it.
+
+        Raises ExplanationError if it had decided nothing by then.
+        """
+        assert asked.at_s is not None
+        earliest: float | None = None
+        for actor, trace in reversed(self._traces(asked.robot)):
+            made = decisions(trace)
+            if found := _chosen(made, asked.at_s):
+                chain = Chain(trace, Air(self._out, actor))
+                return tuple(_explanation(asked.robot, asked.at_s, one, chain) for one in found)
+            earliest = in_seconds(made[0].instant) if made else earliest
+        then = "it never decides anything" if earliest is None else f"its first decision is at {earliest:g} s"
+        raise ExplanationError(f"{asked.robot} had decided nothing by {asked.at_s:g} s; {then}")
+
+    def every(self, robot: str) -> Iterator[Explanation]:
+        """Every decision of a robot, in the order of the instants. Raises ExplanationError."""
+        for actor, trace in self._traces(robot):
+            chain = Chain(trace, Air(self._out, actor))
+            for made in decisions(trace):
+                yield _explanation(robot, in_seconds(made.instant), made, chain)
+
+    def _traces(self, robot: str) -> list[tuple[str, Trace]]:
+        """Of the robot's processes, in the order in which they were started."""
+        actors = processes(self._out, robot)
+        found = {one.actor: one for one in self._trace(actors)}
+        try:
+            return [(actor, found[actor].whole()) for actor in actors]
+        except TraceError as error:
+            raise ExplanationError(printable(str(error))) from None
 
 
-def explain(out: Path, asked: Wish) -> tuple[Explanation, ...]:
-    """Every decision that the robot made at an instant, or the one before it.
-
-    Executes the robot and the radio again. Raises ExplanationError if it had decided nothing by then.
-    """
-    assert asked.at_s is not None
-    earliest: float | None = None
-    for actor in reversed(processes(out, asked.robot)):
-        retold = retell(out, actor)
-        found = _chosen(retold.decisions, asked.at_s)
-        if found:
-            return tuple(_explained(out, retold, asked, found))
-        if retold.decisions:
-            earliest = in_seconds(retold.decisions[0].instant)
-    then = "it never decides anything" if earliest is None else f"its first decision is at {earliest:g} s"
-    raise ExplanationError(f"{asked.robot} had decided nothing by {asked.at_s:g} s; {then}")
-
-
-def all_explained(out: Path, robot: str) -> Iterator[Explanation]:
-    """Every decision of a robot, in the order of the instants; executes it and the radio once more."""
-    for actor in processes(out, robot):
-        retold = retell(out, actor)
-        chain = Chain(retold, Air(out, retold.actor))
-        for made in retold.decisions:
-            yield _explanation(robot, in_seconds(made.instant), made, chain)
-
-
-def _chosen(decisions: Sequence[Made], at_s: float) -> list[Made]:
+def _chosen(made: Sequence[Made], at_s: float) -> list[Made]:
     """Those at the instant, or of the last instant before it."""
-    by_then = [made for made in decisions if in_seconds(made.instant) <= at_s + _SAME_S]
+    by_then = [one for one in made if in_seconds(one.instant) <= at_s + _SAME_S]
     if not by_then:
         return []
-    near = [made for made in by_then if abs(in_seconds(made.instant) - at_s) <= _SAME_S]
-    return near or [made for made in by_then if made.instant == by_then[-1].instant]
-
-
-def _explained(out: Path, retold: Retold, asked: Wish, found: Sequence[Made]) -> Iterator[Explanation]:
-    assert asked.at_s is not None
-    chain = Chain(retold, Air(out, retold.actor))
-    for made in found:
-        yield _explanation(asked.robot, asked.at_s, made, chain)
+    near = [one for one in by_then if abs(in_seconds(one.instant) - at_s) <= _SAME_S]
+    return near or [one for one in by_then if one.instant == by_then[-1].instant]
 
 
 def _explanation(robot: str, asked_s: float, made: Made, chain: Chain) -> Explanation:

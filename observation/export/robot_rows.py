@@ -1,42 +1,29 @@
-"""The rows of one process of a robot, from executing it again: its strategy runs in this process.
+"""The rows of one process of a robot, from its trace.
 
 Cells stand in the order of a table's columns, without `robot` and `process`; what only others know is added
-by whoever asked (`rows`): of an estimate its error, of an exchange the robot behind the address in `via`.
+by `rows`: of an estimate its error, of an exchange the robot behind the address in `via`.
 """
 
-from collections.abc import Iterable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any, Final
 
-import msgspec
-
 from actors.instant import in_seconds
-from actors.robot.behaviour.decision_log import Deciding
-from deeco.knowledge import Knowledge
-from observation.evidence.drive_trace import DriveTrace
-from observation.evidence.knowledge_trace import ABSENT, KnowledgeChange, KnowledgeTrace, trace_knowledge
-from observation.replay.moved_runs import run_of
-from observation.replay.run_recordings import recordings
+from observation.trace.rows import KnowledgeChange, Trace
 
 Row = tuple[Any, ...]
 """Its cells."""
 Tables = dict[str, list[Row]]
-EXECUTED: Final = ("estimates", "goals", "knowledge", "exchanges", "decisions")
+TRACED: Final = ("estimates", "goals", "knowledge", "exchanges", "decisions")
 """The tables that come of it."""
 
 
-def robot_rows(out: Path, actor: str) -> Tables:
-    """Execute a robot's process again; its rows by table.
-
-    Raises ReplayError if it does not do again what it did, RecordingError for a damaged recording.
-    """
-    step_us, drive = run_of(recordings(out)[actor]).step_us, DriveTrace()
-    trace = trace_knowledge(out, actor, prepare=drive.prepare)
+def robot_rows(trace: Trace, step_us: int) -> Tables:
+    """Its rows by table."""
     return {
-        "estimates": list(_estimates(drive, step_us)),
-        "goals": list(_goals(drive, step_us)),
-        "knowledge": list(_knowledge(trace.changes)),
-        "exchanges": list(_exchanges(trace.changes)),
+        "estimates": list(_estimates(trace, step_us)),
+        "goals": list(_goals(trace, step_us)),
+        "knowledge": list(_knowledge(trace)),
+        "exchanges": list(_exchanges(trace)),
         "decisions": list(_decisions(trace)),
     }
 
@@ -46,36 +33,31 @@ def _begun(step: int, step_us: int) -> Row:
     return (step, step * step_us / 1e6)
 
 
-def _estimates(drive: DriveTrace, step_us: int) -> Iterator[Row]:
-    for step, estimate in drive.held:
-        spread = estimate.covariance
-        variances = (float(spread[0]), float(spread[4]), float(spread[8]))
-        pose = map(float, estimate.pose)
-        yield (*_begun(step, step_us), *pose, bool(estimate.located), *variances, float(estimate.lost), None)
+def _estimates(trace: Trace, step_us: int) -> Iterator[Row]:
+    held = trace.held
+    columns = (held.steps, held.poses, held.located, held.variances, held.lost)
+    for step, pose, located, variances, lost in zip(*(one.tolist() for one in columns), strict=True):
+        yield (*_begun(step, step_us), *pose, located, *variances, lost, None)
 
 
-def _goals(drive: DriveTrace, step_us: int) -> Iterator[Row]:
-    for step, goal in drive.goals:
-        if goal is None:
-            yield (*_begun(step, step_us), None, None, None, None, None)
-        else:
-            words = (one and one.value for one in (goal.status, goal.reason, goal.phase))
-            yield (*_begun(step, step_us), goal.point.x, goal.point.y, *words)
+def _goals(trace: Trace, step_us: int) -> Iterator[Row]:
+    for one in trace.goals:
+        yield (*_begun(one.step, step_us), *(one.point or (None, None)), one.status, one.reason, one.phase)
 
 
 def _head(change: KnowledgeChange) -> Row:
     return (change.step, change.instant / 1e6)
 
 
-def _knowledge(changes: Iterable[KnowledgeChange]) -> Iterator[Row]:
-    for number, one in enumerate(changes):
+def _knowledge(trace: Trace) -> Iterator[Row]:
+    for number, one in enumerate(trace.changes):
         head = (*_head(one), one.component, number, one.by, one.adaptation)
-        for path, before, after in one.changed:
-            yield (*head, path, _json(before), _json(after))
+        for part in one.changed:
+            yield (*head, part.path, part.before, part.after)
 
 
-def _exchanges(changes: Iterable[KnowledgeChange]) -> Iterator[Row]:
-    for number, one in enumerate(changes):
+def _exchanges(trace: Trace) -> Iterator[Row]:
+    for number, one in enumerate(trace.changes):
         if not one.peer:
             continue
         head = (*_head(one), one.component, number, one.by, one.peer)
@@ -88,21 +70,9 @@ def _exchanges(changes: Iterable[KnowledgeChange]) -> Iterator[Row]:
             yield (*head, read.epoch, read.publication, *when, read.hops, read.rssi_dbm, via)
 
 
-def _decisions(trace: KnowledgeTrace) -> Iterator[Row]:
-    """As `actors.robot.behaviour.decision_log` takes them down, but of runs that were cut off, too."""
-    known: dict[str, Knowledge] = {one.knowledge.id: one.knowledge for one in trace.beginnings}
+def _decisions(trace: Trace) -> Iterator[Row]:
+    """As the robot's last record has them, but of runs that were cut off, too."""
     for number, one in enumerate(trace.changes):
-        before: Any = known[one.component]
-        after: Any = one.after
-        known[one.component] = after
-        if not (one.adaptation and isinstance(after, Deciding)):
-            continue
-        if words := after.decided_since(before):
-            head = (*_head(one), number, one.by, words, one.peer or one.component)
-            yield (*head, *(before.target or (None, None)), *(after.target or (None, None)))
-
-
-def _json(value: object) -> str | None:
-    if value is ABSENT:
-        return None
-    return msgspec.json.encode(value, enc_hook=repr, order="deterministic").decode()
+        if (decision := one.decision) is not None:
+            head = (*_head(one), number, one.by, decision.words, one.peer or one.component)
+            yield (*head, *(decision.old or (None, None)), *(decision.new or (None, None)))

@@ -1,4 +1,4 @@
-"""The rows of an export's tables: from the recordings, and from executing radio and robots again."""
+"""The rows of an export's tables: from the recordings, and from the traces of radio and robots."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -6,14 +6,21 @@ from pathlib import Path
 from actors.messages import TRUTH
 from actors.radio.radio_setup import RadioSetup
 from actors.robot.behaviour.foreign import Permit
-from observation.evidence.frame_fates import FrameFate, frame_fates
+from actors.runtime.errors import AcrcError, printable
 from observation.evidence.recorded import taken
-from observation.evidence.run_evidence import RunEvidence, read_run
-from observation.export.answered import BOUNDS, ExportError, read_answer, words
-from observation.export.robot_rows import EXECUTED, Row, Tables
-from observation.replay.moved_runs import setup_of
+from observation.evidence.run_evidence import RunEvidence
+from observation.evidence.run_reader import read_run
+from observation.export.robot_rows import TRACED, Row, Tables, robot_rows
+from observation.replay.moved_runs import run_of, setup_of
 from observation.replay.run_recordings import recordings
-from observation.replay.shut_off_calls import Bounds, Call, ask
+from observation.replay.sandboxed_calls import Bounds
+from observation.trace.coding import TraceError
+from observation.trace.frame_fates import FrameFate, frame_fates
+from observation.trace.traces import BOUNDS, traces
+
+
+class ExportError(AcrcError):
+    """A robot whose rows are not to be had."""
 
 
 def tables(
@@ -24,32 +31,31 @@ def tables(
     isolate: bool,
     bounds: Bounds = BOUNDS,
 ) -> Tables:
-    """Every table of a simulated run, by its name; `on_actor` is told whom it is that is executed again.
+    """Every table of a simulated run, by its name; `on_actor` is told whose trace is needed.
 
-    The recorded strategies run in processes of their own, shut off if `isolate` says so. Raises
-    RecordingError and EvidenceError for what is no whole folder of a run, ExportError where somebody does not
-    do again what he did, or what he did makes no sense.
+    `isolate`: see `actors.runtime.isolation.isolating`. Raises RecordingError and EvidenceError for what is
+    no whole folder of a run, ExportError for a robot without a trace, or with one that makes no sense.
     """
     run, files = read_run(out), recordings(out)
     found: Tables = {"poses": list(_poses(files["radio"])), "places": list(_places(run))}
     on_actor("radio")
     found["frames"] = [row for number, one in enumerate(frame_fates(out)) for row in _frame(number, one)]
-    found |= {name: [] for name in EXECUTED}
+    found |= {name: [] for name in TRACED}
     told = setup_of(files["radio"], RadioSetup, "a radio")
     addresses = {number: name for name, number in told.robots}
     robots = {actor: path.parent.name for actor, path in files.items() if actor not in ("world", "radio")}
-    calls = [Call(actor, (actor,), words()) for actor in robots]
     on_actor("robots")
-    executed: dict[str, Tables] = {}
-    for answer in ask(
-        out, "observation.export.export_program", calls, bounds, permit=permit, isolate=isolate
-    ):
-        executed[answer.name] = read_answer(answer)
-        on_actor(f"robots ({len(executed)} of {len(calls)} are done)")
+    traced: dict[str, Tables] = {}
+    for one in traces(out, list(robots), permit=permit, isolate=isolate, bounds=bounds):
+        try:
+            traced[one.actor] = robot_rows(one.whole(), run_of(files[one.actor]).step_us)
+        except TraceError as error:
+            raise ExportError(printable(str(error))) from None
+        on_actor(f"robots ({len(traced)} of {len(robots)} are done)")
     for actor, robot in robots.items():
-        for name, rows in _completed(run, addresses, robot, executed[actor]).items():
+        for name, rows in _completed(run, addresses, robot, traced[actor]).items():
             found[name] += [(*row[:2], robot, actor, *row[2:]) for row in rows]
-    return found | {name: sorted(found[name], key=lambda row: int(row[0])) for name in EXECUTED}
+    return found | {name: sorted(found[name], key=lambda row: int(row[0])) for name in TRACED}
 
 
 def _completed(run: RunEvidence, addresses: dict[int, str], robot: str, rows: Tables) -> Tables:

@@ -5,7 +5,7 @@ from typing import Final
 
 import msgspec
 
-from actors.runtime import regular_file
+from actors.runtime import regular_file, typed_json
 from actors.task.referee import PlaceOutcome
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult
 from observation.field_trial.aligned_clocks import AlignedClocks
@@ -20,8 +20,8 @@ BEFORE_THE_AIR: Final = ("frames_overflowed", "frames_refused")
 def read_truth(path: Path) -> LaboratoryResult:
     """A laboratory's result. Raises FieldTrialError."""
     try:
-        return msgspec.json.decode(regular_file.content(path), type=LaboratoryResult)
-    except (OSError, ValueError, RecursionError) as error:
+        return typed_json.decode(regular_file.content(path), LaboratoryResult)
+    except (OSError, ValueError) as error:
         raise FieldTrialError(f"--truth: {path} is no result of a laboratory: {error}") from None
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote
 from actors.runtime.recording import LARGE, Note, RecordingError, decoded, read_notes, read_recording
@@ -159,13 +160,13 @@ def _take_base(path: Path, run: RunNote, trial: FieldTrial) -> None:
     if run.actor != "base":
         return
     try:
-        robot = msgspec.json.decode(run.setup, type=_Base).robot
+        robot = typed_json.decode(run.setup, _Base).robot
         final = read_notes(path).get("final")
         if final is None:
             trial.notes.append(f"{path}: has no last record, so the lateness that it counted is not known")
             return
-        outcome = msgspec.json.decode(final, type=_Outcome).outcome
-    except (AcrcError, ValueError, RecursionError) as error:
+        outcome = typed_json.decode(final, _Outcome).outcome
+    except (AcrcError, ValueError) as error:
         trial.notes.append(f"{path}: its first or last record is not that of a base: {error}")
         return
     trial.lateness_ms.setdefault(robot, Counter()).update(outcome.lateness_ms)

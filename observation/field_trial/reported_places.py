@@ -49,7 +49,7 @@ class _Owner:
     places: tuple[tuple[float, float], ...]
 
 
-class _Word(NamedTuple):
+class _ReportedWord(NamedTuple):
     """What one robot said of one place; `instant` is the field trial's."""
 
     instant: int
@@ -82,7 +82,7 @@ def reported_places(trial: FieldTrial, clocks: AlignedClocks) -> ReportedPlaces:
     return ReportedPlaces(tuple(places), tuple(_notes(unknown, outside)))
 
 
-def _words(trial: FieldTrial, clocks: AlignedClocks) -> list[_Word]:
+def _words(trial: FieldTrial, clocks: AlignedClocks) -> list[_ReportedWord]:
     """Everything said of places, in the order of time."""
     begin = clocks.begin
     words = []
@@ -92,12 +92,14 @@ def _words(trial: FieldTrial, clocks: AlignedClocks) -> list[_Word]:
                 said: tuple[PlaceReport | PlaceGivenUp, ...] = (*drive.reports, *drive.given_up)
                 for word in said:
                     instant = clocks.instant(log, Moment(tick, word.instant)) - begin
-                    words.append(_Word(instant, robot, msgspec.structs.replace(word, instant=instant)))
+                    words.append(
+                        _ReportedWord(instant, robot, msgspec.structs.replace(word, instant=instant))
+                    )
     return sorted(words, key=lambda word: word.instant)
 
 
 def _unknown(
-    words: Sequence[_Word], known: dict[str, tuple[tuple[float, float], ...]]
+    words: Sequence[_ReportedWord], known: dict[str, tuple[tuple[float, float], ...]]
 ) -> dict[str, tuple[tuple[float, float], ...]]:
     """Lists without positions for the owners whose own are not known, as long as what was said needs."""
     most: dict[str, int] = {}

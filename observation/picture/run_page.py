@@ -84,5 +84,5 @@ def _draw_radio(axes: Axes, run: RunEvidence) -> None:
     axes.set_ylim(bottom=0)
     axes.set_ylabel("radio frames/s")
     axes.set_xlabel("simulated time, s")
-    if np.any(run.sent) or np.any(run.heard):
+    if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=7, frameon=False, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.96))

@@ -3,9 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from actors.instant import in_seconds
 from actors.runtime.recording import Direction
+from observation.recordings import rates
 from observation.recordings.rates import Rate
 from observation.recordings.topics import Growing, files, short
 
@@ -62,6 +64,16 @@ def _read(actor: str, path: Path) -> RecordingInfo:
     if instants:
         found.first, found.last = instants[0], instants[-1]
     return found
+
+
+def as_json(found: RecordingInfo) -> dict[str, Any]:
+    """One recording as plain values."""
+    return {
+        "actor": found.actor, "file": str(found.path), "messages": found.messages, "bytes": found.size,
+        "first_s": found.first, "last_s": found.last, "whole": found.whole, "seals": found.seals,
+        "commit": found.commit, "processor": found.processor,
+        "keys": [{"direction": way, **rates.as_json(key, rate)} for (way, key), rate in found.topics.items()],
+    }  # fmt: skip
 
 
 def sentences(found: RecordingInfo, *, topics: bool) -> list[str]:

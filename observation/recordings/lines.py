@@ -4,6 +4,7 @@ import csv
 import io
 import json
 from collections.abc import Iterable, Iterator
+from enum import Enum, auto
 from typing import Any
 
 import msgspec
@@ -14,7 +15,29 @@ from actors.topic import Message, Topic
 from observation.recordings.plain import at_column, columns, plain
 from observation.recordings.topics import Recorded, TopicError, short
 
+
+class LineForm(Enum):
+    """How lines are printed."""
+
+    TEXT = auto()
+    CSV = auto()
+    JSON = auto()
+
+
 _HASH_ONLY = "only its hash was kept: nobody took it"
+
+
+def shown(recorded: Iterable[Recorded], form: LineForm) -> Iterator[str]:
+    """A line for each message. Raises TopicError for a table of messages of several types."""
+    return (
+        table(recorded) if form is LineForm.CSV else map(_object if form is LineForm.JSON else line, recorded)
+    )
+
+
+def _object(one: Recorded) -> str:
+    message = one.message()
+    told = {"seconds": in_seconds(one.instant), "key": short(one.key), "type": one.topic.kind.__name__}
+    return json.dumps({**told, "message": None if message is None else plain(message)})
 
 
 def line(one: Recorded) -> str:
@@ -42,7 +65,7 @@ def table(recorded: Iterable[Recorded]) -> Iterator[str]:
     for one in recorded:
         if topic is None:
             topic, names = one.topic, columns(one.topic.kind)
-            yield _row(["seconds", "key", *names])
+            yield row(["seconds", "key", *names])
         if one.topic.kind is not topic.kind:
             raise TopicError(
                 f"--csv: messages on {short(one.key)} are {one.topic.kind.__name__}, and those before are "
@@ -50,14 +73,15 @@ def table(recorded: Iterable[Recorded]) -> Iterator[str]:
             )
         message = one.message()
         cells = [None if message is None else at_column(message, name) for name in names]
-        yield _row([in_seconds(one.instant), short(one.key), *map(_cell, cells)])
+        yield row([in_seconds(one.instant), short(one.key), *map(_cell, cells)])
 
 
 def _cell(value: Any) -> Any:
     return json.dumps(value, ensure_ascii=False) if isinstance(value, list | dict) else value
 
 
-def _row(cells: list[Any]) -> str:
+def row(cells: list[Any]) -> str:
+    """Cells as a line of CSV."""
     text = io.StringIO()
     csv.writer(text, lineterminator="").writerow(cells)
     return text.getvalue()

@@ -2,8 +2,11 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 from actors.instant import in_seconds
+from actors.runtime.bus.replay_bus import topic_of
+from observation.recordings.plain import columns
 from observation.recordings.topics import Recorded, short
 
 
@@ -61,20 +64,33 @@ class Rate:
         return math.sqrt(max(0.0, self._squares / gaps - (self.span / gaps) ** 2)) if gaps > 0 else 0.0
 
 
-def often(key: str, rate: Rate) -> str:
-    """How often, in a line."""
+def sentences(key: str, rate: Rate) -> list[str]:
+    """What is on a key: its fields, how often, how much."""
+    kind = topic_of(key).kind
+    return [
+        f"{short(key)}  {kind.__name__}: {', '.join(columns(kind))}",
+        f"  {rate.count} messages from {rate.first:g} to {rate.last:g} s{_often(rate)}",
+        f"  {rate.size} B, {rate.size / rate.count:.0f} B each on average, {rate.smallest} to "
+        f"{rate.largest} B, {rate.bytes_per_second:.0f} B/s",
+    ]
+
+
+def _often(rate: Rate) -> str:
     if not rate.hertz:
-        return f"{short(key)}: {rate.count} messages, all of one step"
+        return ", all of one step"
     return (
-        f"{short(key)}: {rate.hertz:.2f} Hz, {rate.shortest:g} to {rate.longest:g} s apart, "
-        f"standard deviation {rate.spread:.3f} s; {rate.count} messages in {rate.span:g} s"
+        f": {rate.hertz:.2f} Hz, {rate.shortest:g} to {rate.longest:g} s apart, "
+        f"standard deviation {rate.spread:.3f} s"
     )
 
 
-def heavy(key: str, rate: Rate) -> str:
-    """How much, in a line."""
-    mean = rate.size / rate.count if rate.count else 0.0
-    return (
-        f"{short(key)}: {rate.bytes_per_second:.0f} B/s, {mean:.0f} B each on average, {rate.smallest} to "
-        f"{rate.largest} B; {rate.size} B in {rate.span:g} s"
-    )
+def as_json(key: str, rate: Rate) -> dict[str, Any]:
+    """The same as plain values."""
+    kind = topic_of(key).kind
+    return {
+        "key": short(key), "type": kind.__name__, "fields": columns(kind), "messages": rate.count,
+        "bytes": rate.size, "first_s": rate.first, "last_s": rate.last, "hertz": rate.hertz,
+        "shortest_s": rate.shortest if rate.hertz else None, "longest_s": rate.longest,
+        "spread_s": rate.spread, "smallest": rate.smallest, "largest": rate.largest,
+        "bytes_per_s": rate.bytes_per_second,
+    }  # fmt: skip

@@ -6,7 +6,7 @@ Only files are read, which is why nobody needs credentials of the mesh.
 import heapq
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Final, NamedTuple, Self
 
 from mcap.writer import MCAP0_MAGIC
 
-from actors.instant import Instant
+from actors.instant import Instant, in_seconds
 from actors.messages import BOARD, CONTROL, ROSTER
 from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.codec import decode
@@ -94,25 +94,16 @@ def is_merged(file: Path) -> bool:
         return MERGED.encode() in stream.read(64)
 
 
-def known(target: Path) -> dict[str, Topic[Message]]:
-    """Every key that something was recorded on by now, with its topic, sorted. Raises RecordingError."""
-    keys: set[str] = set()
-    for path in files(target).values():
-        with Growing(path) as growing:
-            keys |= {one.key for one in growing.poll()}
-    return {key: topic_of(key) for key in sorted(keys)}
-
-
 def messages(target: Path, wanted: str) -> Iterator[Recorded]:
     """Every message on the keys that fit, once each, in the order of the instants.
 
     As its receiver has it: who sends a large one keeps its hash only. Raises RecordingError, and TopicError
     where nothing was recorded on such a key.
     """
-    return follow(target, wanted, lambda: True)
+    return follow(target, [wanted], lambda: True)
 
 
-def follow(target: Path, wanted: str, ended: Callable[[], bool]) -> Iterator[Recorded]:
+def follow(target: Path, wanted: Sequence[str], ended: Callable[[], bool]) -> Iterator[Recorded]:
     """The same, and then what is added, until `ended` says that nothing more will be."""
     alone, found = target.is_file(), False
     readers: dict[Path, Growing] = {}
@@ -130,9 +121,16 @@ def follow(target: Path, wanted: str, ended: Callable[[], bool]) -> Iterator[Rec
             time.sleep(_POLL_S)
     if not found:
         raise TopicError(
-            f"{target}: nothing was recorded on {wanted!r}; it should be a key that "
-            f"`acrc topic list {target}` shows"
+            f"{target}: nothing was recorded on {', '.join(map(repr, wanted))}; it should be a key that "
+            f"`acrc record info {target} '*'` shows"
         )
+
+
+def within(recorded: Iterable[Recorded], begin: float, end: float | None) -> Iterator[Recorded]:
+    """Those of them between two simulated seconds, both included; None: to the end."""
+    for one in recorded:
+        if begin <= in_seconds(one.instant) and (end is None or in_seconds(one.instant) <= end):
+            yield one
 
 
 def has_ended(target: Path) -> bool:
@@ -187,10 +185,12 @@ class Growing:
         )
 
 
-def _of(growing: Growing, wanted: str, alone: bool) -> Iterator[Recorded]:
+def _of(growing: Growing, wanted: Sequence[str], alone: bool) -> Iterator[Recorded]:
     """What counts of one file: all where there is no other, else what came in, or what nobody takes down."""
     for one in growing.poll():
-        if fits(one.key, wanted) and (alone or (one.direction == "out") == (one.key in _UNTAKEN)):
+        if any(fits(one.key, name) for name in wanted) and (
+            alone or (one.direction == "out") == (one.key in _UNTAKEN)
+        ):
             yield one
 
 

@@ -1,1 +1,1 @@
-"""The recordings of a run: compared with one another, and executed again."""
+"""The recordings of a run: compared with one another, and replayed."""

@@ -1,4 +1,4 @@
-"""Stops a robot that is executed again in the user's own code."""
+"""Stops a robot that is replayed in the user's own code."""
 
 import bdb
 import importlib.util
@@ -9,7 +9,8 @@ from typing import Any, cast
 from actors.installation.usage import command
 from actors.instant import Instant, seconds
 from actors.runtime.core import Core, Inputs, Output
-from actors.runtime.debugger import DebuggerError, UserPdb
+from actors.runtime.debugger import UserPdb
+from actors.runtime.errors import AcrcError
 
 
 class EnoughError(Exception):
@@ -56,10 +57,10 @@ def terminal(*, own: bool) -> Callable[[], None]:
 def debugpy_at(port: int) -> Callable[[], None]:
     """A debugger that attaches to a port of this machine, and stops in the user's code by its breakpoints.
 
-    Waits for it at once. Raises DebuggerError where the package is missing.
+    Waits for it at once. Raises AcrcError where the package is missing.
     """
     if importlib.util.find_spec("debugpy") is None:
-        raise DebuggerError(
+        raise AcrcError(
             f"--debugpy {port}: needs the Python package debugpy, which is not installed; "
             f"`{command()} add debugpy` brings it"
         )

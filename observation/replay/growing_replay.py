@@ -62,7 +62,7 @@ class GrowingBus(ReplayBus):
 
 
 class GrowingReplay:
-    """One actor, executed again; a context manager that closes its recording."""
+    """One actor, replayed; a context manager that closes its recording."""
 
     def __init__(self, again: Again) -> None:
         self._again = again

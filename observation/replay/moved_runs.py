@@ -11,9 +11,9 @@ from typing import Final, TypeVar
 
 import msgspec
 
-from actors.processes.real_names import NAMES, RealNames
-from actors.runtime import regular_file
+from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
+from actors.runtime.isolation.neutral import NAMES, RealNames
 from actors.runtime.process import RunNote
 from actors.runtime.recording import RecordingError, decoded, read_notes
 
@@ -41,8 +41,8 @@ def setup_of(path: Path, kind: type[S], actor: str) -> S:
 def told(path: Path, run: RunNote, kind: type[S], actor: str) -> S:
     """As `setup_of`, of a first record that has been read."""
     try:
-        return msgspec.json.decode(run.setup, type=kind)
-    except (ValueError, RecursionError, AcrcError) as error:
+        return typed_json.decode(run.setup, kind)
+    except (ValueError, AcrcError) as error:
         raise RecordingError(
             f"{path}: its first record holds no set-up of {actor}: {str(error)[:300]}"
         ) from None
@@ -54,8 +54,8 @@ def code_folders(out: Path) -> tuple[Path, ...]:
     if not file.is_file() or file.is_symlink():
         return ()
     try:
-        real = msgspec.json.decode(regular_file.content(file, _MOST_NAMES), type=RealNames)
-    except (OSError, ValueError, RecursionError) as error:
+        real = typed_json.decode(regular_file.content(file, _MOST_NAMES), RealNames)
+    except (OSError, ValueError) as error:
         raise RecordingError(f"{file}: {error}") from None
     return tuple(_folder(Path(code), Path(real.out), out.resolve()) for code in real.code if "\0" not in code)
 

@@ -56,7 +56,7 @@ class Recheck:
 
 
 def recheck(out: Path, modules: Sequence[Path] = ()) -> Recheck:
-    """Compare a run's recordings, and execute every actor again; RecheckError, with everyone's fault.
+    """Compare a run's recordings, and replay every actor; RecheckError, with everyone's fault.
 
     `modules`: the folders that the run's own strategy was loaded from.
     """
@@ -79,7 +79,7 @@ def recheck(out: Path, modules: Sequence[Path] = ()) -> Recheck:
             raise
     if len(told) != len(actors):
         raise RecheckError(
-            f"{out}: could not be executed again: the process for it has ended with exit code "
+            f"{out}: could not be replayed: the process for it has ended with exit code "
             f"{process.returncode}; what it said stands above"
         )
     told.sort(key=lambda one: actors.index(one.actor))

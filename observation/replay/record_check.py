@@ -9,7 +9,7 @@ from typing import Final
 import msgspec
 
 from actors.messages import ROSTER
-from actors.runtime import regular_file
+from actors.runtime import regular_file, typed_json
 from actors.runtime.bus.replay_bus import topic_of
 from actors.runtime.message_counts import carries_digest, is_from_outside, run_digest
 from actors.runtime.recording import Direction, RecordingError
@@ -160,8 +160,8 @@ def _compare_result(out: Path, digest: str, passes: Sequence[Pass]) -> None:
     with regular_file.opened(result) as file:
         text = file.read(_LARGEST_RESULT + 1)
     try:
-        claimed = msgspec.json.decode(text, type=_Claim).digest
-    except (ValueError, RecursionError) as error:
+        claimed = typed_json.decode(text, _Claim).digest
+    except ValueError as error:
         raise RecordingError(f"{result}: no result of a run: {error}") from None
     cut = next((told for told in passes if told.final is None or not told.whole), None)
     if cut is not None:

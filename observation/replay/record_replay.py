@@ -1,4 +1,4 @@
-"""Actors executed again from what they received."""
+"""Actors replayed from what they received."""
 
 from collections.abc import Callable, Iterable
 from contextlib import nullcontext
@@ -10,7 +10,7 @@ import msgspec
 from actors.radio.program import part as radio_part
 from actors.radio.radio_setup import RadioSetup
 from actors.robot.assembly import RobotSetup
-from actors.robot.behaviour.modules import Recorded, expect
+from actors.robot.behaviour.modules import RecordedModules, expect
 from actors.robot.program import part_of
 from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.core import Core
@@ -29,7 +29,7 @@ from observation.replay.run_recordings import recordings
 
 @dataclass(frozen=True)
 class ReplayReport:
-    """One actor executed again."""
+    """One actor replayed."""
 
     actor: str
     outputs: int
@@ -40,7 +40,7 @@ class ReplayReport:
 
 @dataclass(frozen=True)
 class Onlook:
-    """What somebody wants of an actor that is executed again."""
+    """What somebody wants of an actor that is replayed."""
 
     prepare: Callable[[Core, int], None] | None = None
     """Is given the actor's core before its first step, and the length of a step, µs; EnoughError, raised by
@@ -53,7 +53,7 @@ class Onlook:
 
 @dataclass(frozen=True)
 class Again:
-    """An actor that is to be executed again."""
+    """An actor that is to be replayed."""
 
     part: ActorProcess
     run: RunNote
@@ -67,7 +67,7 @@ def made_again(out: Path, actor: str, onlook: Onlook = Onlook(), prints: Prints 
     """The actor as it was before its first step. RecordingError where there is no recording of it.
 
     Its code is looked for where this process looks (`modules.look_in`), not where a recording says that it
-    lay. ModuleError for a module that is not the recorded one.
+    lay. AcrcError for a module that is not the recorded one.
     """
     files = recordings(out)
     if actor not in files:
@@ -102,7 +102,7 @@ def replay_actor(out: Path, actor: str, onlook: Onlook = Onlook()) -> ReplayRepo
 
 
 def shell_of(again: Again, bus: ReplayBus) -> Shell:
-    """The shell around an actor that is executed again; it has said that it is ready."""
+    """The shell around an actor that is replayed; it has said that it is ready."""
     part = again.part
     shell = Shell(part.core, bus, Unrecorded(), actor=again.run.actor, open_to=part.open_to)
     if part.ready is not None:
@@ -117,15 +117,15 @@ def explained(error: ReplayError, again: Again) -> ReplayError:
     return ReplayError(f"{error}; {why}") if why else error
 
 
-def _recorded(path: Path, code: dict[str, str]) -> Recorded:
+def _recorded(path: Path, code: dict[str, str]) -> RecordedModules:
     """What the recorded process had loaded in the end, as far as is known."""
     notes = read_notes(path)
     if "final" not in notes:
-        return Recorded(code, whole=False)
-    return Recorded(code | decoded(path, "final", notes["final"], FinalNote).code)
+        return RecordedModules(code, whole=False)
+    return RecordedModules(code | decoded(path, "final", notes["final"], FinalNote).code)
 
 
-def recorded_code(out: Path) -> Recorded | None:
+def recorded_code(out: Path) -> RecordedModules | None:
     """What the robots of a run had loaded; None if that was not recorded of any."""
     files = recordings(out)
     runs = [(path, run_of(path)) for actor, path in files.items() if actor not in {"world", "radio"}]
@@ -133,7 +133,7 @@ def recorded_code(out: Path) -> Recorded | None:
     if not known:
         return None
     hashes = {name: sha256 for one in known for name, sha256 in one.hashes.items()}
-    return Recorded(hashes, all(one.whole for one in known))
+    return RecordedModules(hashes, all(one.whole for one in known))
 
 
 def _part(path: Path, actor: str, run: RunNote, onlook: Onlook) -> ActorProcess:

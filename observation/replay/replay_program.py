@@ -1,4 +1,4 @@
-"""Replays one actor in a process that is shut off like a robot's: a recording names the code that it runs.
+"""Replays one actor in a sandbox like a robot's: a recording names the code that it runs.
 
 `python -m observation.replay.replay_program --out DIR --actor NAME --answer FILE --own DIR`: the answer is
 one JSON object.
@@ -19,7 +19,7 @@ import msgspec
 
 from actors.runtime import prints
 from actors.runtime.errors import AcrcError
-from observation.replay import shut_off
+from observation.replay import sandboxed
 from observation.replay.record_replay import Onlook, ReplayReport, replay_actor
 
 _FILE_MB: Final = 64
@@ -35,8 +35,8 @@ class ReplayAnswer(msgspec.Struct, frozen=True):
 
 def main(argv: Sequence[str]) -> int:
     """Replay, and write down what came of it; the exit code."""
-    options = shut_off.parser("observation.replay.replay_program").parse_args(argv)
-    with shut_off.answering(options, _FILE_MB) as answer:
+    options = sandboxed.parser("observation.replay.replay_program").parse_args(argv)
+    with sandboxed.answering(options, _FILE_MB) as answer:
         answer.write(msgspec.json.encode(_replayed(options.out, options.actor)))
     return 0
 
@@ -47,7 +47,7 @@ def _replayed(out: Path, actor: str) -> ReplayAnswer:
     except AcrcError as error:
         return ReplayAnswer(fault=str(error))
     except Exception as error:
-        return ReplayAnswer(fault=shut_off.bug(actor, error))
+        return ReplayAnswer(fault=sandboxed.bug(actor, error))
 
 
 if __name__ == "__main__":

@@ -13,14 +13,14 @@ from observation.replay.moved_runs import code_folders, run_of, told
 from observation.replay.run_recordings import recordings
 
 _ON_DEVICES: Final = re.compile(r"\.(base|radio)(\.|$)")
-"""Processes on board that serve devices: no program executes those again."""
+"""Processes on board that serve devices: no program replays those."""
 
 
 def check_trust(out: Path, actor: str, permit: Permit) -> tuple[Path, ...] | None:
     """The folders that a robot's recorded code may be looked for in; None for world and radio.
 
-    They run no code but this project's. Raises ForeignCodeError for code that the permit does not cover, and
-    MissingCodeError for code that is not here. Code that was recorded without its hashes is said to be so.
+    They run no code but this project's. Raises AcrcError for code that the permit does not cover, and
+    AcrcError for code that is not here. Code that was recorded without its hashes is said to be so.
     """
     files = recordings(out)
     if actor in files and _ON_DEVICES.search(actor):

@@ -1,11 +1,11 @@
-"""A recording replayed as the command line does: its code named first, then run shut off from everything."""
+"""A recording replayed as the command line does: its code named first, then run in a sandbox."""
 
 from pathlib import Path
 from typing import Final
 
 import msgspec
 
-from actors.processes.log_end import show
+from actors.processes.last_word import show
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.behaviour.modules import look_in
 from actors.runtime.bus.replay_bus import ReplayError
@@ -13,7 +13,7 @@ from actors.runtime.errors import printable
 from actors.runtime.isolation.isolating import choose, warn
 from observation.replay.record_replay import ReplayReport, replay_actor
 from observation.replay.replay_program import ReplayAnswer
-from observation.replay.shut_off_calls import Answer, Bounds, Call, ask
+from observation.replay.sandboxed_calls import Answer, Bounds, Call, ask
 from observation.replay.trust import check_trust
 
 BOUNDS: Final = Bounds(1 << 16)
@@ -23,10 +23,9 @@ BOUNDS: Final = Bounds(1 << 16)
 def replay(
     out: Path, actor: str, *, permit: Permit, isolate: bool | None, bounds: Bounds = BOUNDS
 ) -> ReplayReport:
-    """Execute one actor again; a robot in a process that is shut off, where the machine can and `isolate`
-    lets it.
+    """Replay one actor; a robot in a sandbox, where the machine has one and `isolate` lets it.
 
-    World and radio run no code but this project's. Raises ForeignCodeError for a robot whose recording names
+    World and radio run no code but this project's. Raises AcrcError for a robot whose recording names
     code that the permit does not cover; ReplayError at the first output that differs.
     """
     folders = check_trust(out, actor, permit)

@@ -6,6 +6,7 @@ from typing import Annotated, Final, TypeVar
 
 import msgspec
 
+from actors.runtime import typed_json
 from actors.runtime.errors import AcrcError
 
 T = TypeVar("T")
@@ -34,6 +35,6 @@ def told(
     if subject not in outcome:
         return None
     try:
-        return msgspec.json.decode(outcome[subject], type=kind)
-    except (ValueError, RecursionError) as error:
+        return typed_json.decode(outcome[subject], kind)
+    except ValueError as error:
         raise OutcomeError(f"{record}: the outcome {subject!r} is not that of {whose}: {error}") from None

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import msgspec
 
 from actors.instant import in_seconds
-from actors.processes.hold_ups import HoldUp
 from actors.processes.launch import Program
+from actors.processes.silence import HoldUp
 from actors.radio.link_budget import share
 from actors.runtime.errors import AcrcError
 from actors.runtime.message_counts import run_digest
@@ -23,7 +23,7 @@ from observation.results.deliveries import gaps
 from observation.results.navigation_result import NavigationResult
 from observation.results.origin import UNKNOWN, Origin
 from observation.results.place_table import counted
-from observation.results.robot_reports import OWN_WORD, Seen, robot_reports
+from observation.results.robot_reports import OWN_WORD, OthersCounts, robot_reports
 
 
 class ResultError(AcrcError):
@@ -180,7 +180,7 @@ def gather(programs: Sequence[Program], about: Circumstances) -> Gathered:
     frames = msgspec.json.decode(radio.outcome["frames"], type=dict[str, int])
     frames_by_robot = msgspec.json.decode(radio.outcome["frames_by_robot"], type=dict[str, dict[str, int]])
     pairs = {name: frames.pop(name) for name in ("pairs", "pairs_in_reach")}
-    said = robot_reports(_of_robots(finals), Seen(outcome.steps, about.step_us, frames_by_robot))
+    said = robot_reports(_of_robots(finals), OthersCounts(outcome.steps, about.step_us, frames_by_robot))
     places = counted(outcome.places)
     result = RunResult(
         digest=run_digest([final.digest for _, final in finals]),

@@ -23,7 +23,7 @@ _LONGEST: Final = 300
 """Characters of a sentence's reason."""
 
 
-class Seen(NamedTuple):
+class OthersCounts(NamedTuple):
     """What others than the robots have counted."""
 
     steps: int
@@ -42,7 +42,7 @@ class RobotReports(NamedTuple):
     """A sentence for each thing that cannot be."""
 
 
-def robot_reports(finals: Iterable[tuple[str, Path, FinalNote]], seen: Seen) -> RobotReports:
+def robot_reports(finals: Iterable[tuple[str, Path, FinalNote]], seen: OthersCounts) -> RobotReports:
     """Gather the last records of all robots' processes: each with its robot and its file."""
     refused: list[str] = []
     nodes: dict[str, list[NodeOutcome]] = defaultdict(list)

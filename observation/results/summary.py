@@ -12,7 +12,7 @@ from rich.table import Table
 
 from actors.installation.usage import command
 from actors.observer.viewer import WHILE_IT_GOES_ON
-from actors.processes import hold_ups
+from actors.processes import silence
 from actors.runtime.errors import printable
 from observation.results.result import RobotResult, RunResult
 
@@ -40,7 +40,7 @@ def sentences(result: RunResult) -> Iterator[str]:
     yield from _places_done(result)
     yield from _sentences(result)
     yield from _effort(result)
-    yield from hold_ups.sentences(result.held_up)
+    yield from silence.sentences(result.held_up)
     yield from _radio(result)
     yield from _driving(result)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.observer.drawing.canvas import Canvas
-from actors.observer.drawing.words import Event, Spell
+from actors.observer.drawing.words import DrawnEvent, Occupation
 from actors.observer.sheet import Sheet
 from actors.processes.kernels import compile_kernels
 from actors.robot.behaviour.foreign import INSTALLED, Permit
@@ -20,11 +20,11 @@ from actors.runtime.isolation.isolating import choose, warn
 from observation.accounting.blockings import BY_ROBOTS
 from observation.accounting.spells import spells
 from observation.accounting.time_spent import Cause
-from observation.evidence.run_evidence import read_run
-from observation.explanation.asking import all_reasons
-from observation.inside.fates import read_fates
-from observation.inside.insides import look_into_all
+from observation.evidence.run_reader import read_run
+from observation.explanation.explain import Explainer, ExplanationError
 from observation.replay.run_recordings import recordings
+from observation.trace.fates import read_fates
+from observation.trace.traces import traces
 from observation.view.collected import collected_story
 from observation.view.painting import Painting, arrangement, looked_into
 from observation.view.simulated import simulated_story
@@ -58,7 +58,7 @@ class Wishes:
     isolate: bool | None = None
     """Shut that code off; None: where the machine can."""
     why: bool = False
-    """Tell why those robots decided what they did; for that they are executed once more."""
+    """Tell why those robots decided what they did."""
 
 
 def read_story(out: Path) -> Story:
@@ -108,24 +108,24 @@ def _told(story: Story) -> str:
 
 
 def compute(story: Story, painting: Painting, sheet: Sheet, *, permit: Permit, isolate: bool) -> list[str]:
-    """Execute the radio and the robots again; what could not be, in sentences."""
+    """Draw the traces of radio and robots; what could not be traced, in sentences."""
     faults = []
     compile_kernels()
     if story.true:
         try:
             painting.fates(read_fates(story.out, story.robots), story.end)
         except AcrcError as error:
-            faults.append(f"the radio could not be executed again: {error}")
+            faults.append(f"the radio could not be replayed: {error}")
         sheet.flush()
     sources = {source.actor: source for source in story.sources}
-    for glance in look_into_all(story.out, list(sources), permit=permit, isolate=isolate):
-        source = sources[glance.actor]
-        if glance.inside is not None:
-            painting.inside(source, glance.inside, story.end)
-        else:
-            fault = glance.fault or "it could not be executed again"
+    for traced in traces(story.out, list(sources), permit=permit, isolate=isolate):
+        source = sources[traced.actor]
+        for number, part in enumerate(traced.parts, 1):
+            painting.inside(source, part, story.end if number == len(traced.parts) else None)
+        if not traced.parts:
+            fault = traced.fault or "it could not be replayed"
             painting.outside(source.robot, _seen(story, source), story.end)
-            painting.tell([Event(0.0, source.robot, fault.removeprefix(f"{source.robot}: "), "WARN")])
+            painting.tell([DrawnEvent(0.0, source.robot, fault.removeprefix(f"{source.robot}: "), "WARN")])
             faults.append(fault)
         sheet.flush()
     painting.ensembles()
@@ -136,21 +136,21 @@ def _reason(
     story: Story, painting: Painting, robots: Sequence[str], *, permit: Permit, isolate: bool
 ) -> list[str]:
     """Explain what robots decided; what could not be, in sentences."""
-    faults = []
-    for one in all_reasons(story.out, robots, permit=permit, isolate=isolate):
-        if one.fault is None:
-            painting.reasons(one.robot, one.explanations)
-        else:
-            faults.append(one.fault)
+    faults, explainer = [], Explainer(story.out, permit=permit, isolate=isolate)
+    for robot in robots:
+        try:
+            painting.reasons(robot, list(explainer.every(robot)))
+        except ExplanationError as error:
+            faults.append(str(error))
     return faults
 
 
-def _seen(story: Story, source: Source) -> list[Spell]:
+def _seen(story: Story, source: Source) -> list[Occupation]:
     """What a robot did, by ground truth alone."""
     if not story.true:
         return []
     found = spells(read_run(story.out))
-    return [Spell(one.begin, _LANES[one.cause]) for one in found if one.robot == source.robot]
+    return [Occupation(one.begin, _LANES[one.cause]) for one in found if one.robot == source.robot]
 
 
 def place(out: Path, name: str = FILE_NAME) -> Path:

@@ -4,10 +4,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from actors.observer.drawing.words import Event
+from actors.observer.drawing.words import DrawnEvent
 from actors.task.words import PlaceKey
 from observation.evidence.said_places import Deed
-from observation.inside.telemetry import Inside
+from observation.trace.rows import Trace
 from observation.view.story import Clock, Source, Story
 
 
@@ -35,24 +35,24 @@ class Happenings:
         self._notes: set[str] = set()
         self._begun: set[str] = set()
 
-    def of(self, story: Story) -> Iterator[Event]:
+    def of(self, story: Story) -> Iterator[DrawnEvent]:
         """What happened in it, by what was recorded."""
         for deed in self._firsts.of(story.reported):
             own = "" if deed.place.owner == deed.robot else f", adopted from {deed.place.owner}"
-            yield Event(deed.second, deed.robot, f"cleaned {name(deed.place)}{own}")
+            yield DrawnEvent(deed.second, deed.robot, f"cleaned {name(deed.place)}{own}")
         for deed in story.given_up:
-            yield Event(deed.second, deed.robot, f"gives up {name(deed.place)}", "ERROR")
+            yield DrawnEvent(deed.second, deed.robot, f"gives up {name(deed.place)}", "ERROR")
         for deed in story.taken_over:
-            yield Event(deed.second, deed.robot, f"adopts {name(deed.place)}", "WARN")
+            yield DrawnEvent(deed.second, deed.robot, f"adopts {name(deed.place)}", "WARN")
         for robot, track in story.tracks.items():
             for second, state in track.acts:
                 if state or robot in self._begun:
-                    yield Event(second, robot, f"is {state}" if state else "acts again", "WARN")
+                    yield DrawnEvent(second, robot, f"is {state}" if state else "acts again", "WARN")
                 self._begun.add(robot)
         for note in story.notes:
             if note not in self._notes:
                 self._notes.add(note)
-                yield Event(story.since, "", note, "WARN")
+                yield DrawnEvent(story.since, "", note, "WARN")
 
 
 class InnerHappenings:
@@ -63,30 +63,28 @@ class InnerHappenings:
         self._blocked: float | None = None
         self._activity = ""
 
-    def of(self, inside: Inside) -> Iterator[Event]:
+    def of(self, inside: Trace) -> Iterator[DrawnEvent]:
         """What happened in it since the last time."""
         source = self._source
         for one in inside.doings:
             second = at(source.clock, one.instant)
             if one.activity == "BLOCKED" and self._blocked is None:
                 self._blocked = second
-                yield Event(second, source.robot, "is blocked", "WARN")
+                yield DrawnEvent(second, source.robot, "is blocked", "WARN")
             elif one.activity != "BLOCKED" and self._blocked is not None:
-                yield Event(second, source.robot, f"free again after {second - self._blocked:.0f} s")
+                yield DrawnEvent(second, source.robot, f"free again after {second - self._blocked:.0f} s")
                 self._blocked = None
             if one.activity == "aborted" and self._activity != "aborted":
-                yield Event(second, source.robot, "navigation gives its goal up", "ERROR")
+                yield DrawnEvent(second, source.robot, "navigation gives its goal up", "ERROR")
             self._activity = one.activity
-        for learnt in inside.learnt:
-            by = learnt.by.partition(".")[0]
-            own = learnt.source == source.robot
-            told = "" if own else f" from {learnt.source}, {learnt.age / 1e6:.1f} s old"
-            yield Event(
-                at(source.clock, learnt.instant), source.robot, f"{learnt.words} ({by}{told})", "WARN"
-            )
+        for change, decision in inside.decisions():
+            by = change.by.partition(".")[0]
+            told = f" from {change.peer}, {change.age / 1e6:.1f} s old" if change.peer else ""
+            words = f"{decision.words} ({by}{told})"
+            yield DrawnEvent(at(source.clock, change.instant), source.robot, words, "WARN")
         if inside.fault is not None:
             last = at(source.clock, int(inside.instants[-1])) if len(inside.instants) else 0.0
-            yield Event(last, source.robot, inside.fault, "ERROR")
+            yield DrawnEvent(last, source.robot, inside.fault, "ERROR")
 
 
 def name(place: PlaceKey) -> str:

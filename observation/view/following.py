@@ -13,20 +13,22 @@ from typing import Final, Self
 from actors.instant import in_seconds
 from actors.observer.drawing.canvas import Canvas
 from actors.observer.drawing.layout import Arrangement
-from actors.observer.drawing.words import Event
+from actors.observer.drawing.words import DrawnEvent
 from actors.observer.sheet import Sheet
 from actors.robot.behaviour.foreign import Permit
 from actors.runtime.errors import AcrcError
-from observation.inside.following import Followed
-from observation.inside.growing_fates import GrowingFates
-from observation.inside.insides import PERIOD, Glance
-from observation.view.growing_run import GrowingRun
+from observation.evidence.run_reader import RunReader
+from observation.trace.collector import PERIOD
+from observation.trace.following import Followed
+from observation.trace.growing_fates import GrowingFates
+from observation.trace.traces import Traced
 from observation.view.painting import Painting, looked_into
 from observation.view.seen import Seen
+from observation.view.simulated import Teller
 from observation.view.story import Source, Story
 
 _BUDGET_S: Final = 0.1
-"""So long the radio is executed again before robots are drawn anew, s."""
+"""So long the radio is replayed before robots are drawn anew, s."""
 _LATE_S: Final = 10.0
 """What is computed may lie so far behind what is recorded, s; then the events say so."""
 _LOOK_S: Final = 5.0
@@ -55,7 +57,7 @@ class Following:
 
     def __init__(self, out: Path, robots: Sequence[str], *, permit: Permit, isolate: bool) -> None:
         """`robots`: to look into; as `looked_into` has it. AcrcError where no run has begun."""
-        self.run = GrowingRun(out)
+        self.run, self._teller = RunReader(out), Teller()
         self._detailed = looked_into(self.run.robots, robots)
         self._stack = ExitStack()
         self._followed = Followed(out, permit=permit, isolate=isolate)
@@ -64,10 +66,10 @@ class Following:
         self._fates: GrowingFates | None = None
         self._fates_s = 0.0
         self._deaf = False
-        """The radio cannot be executed again."""
+        """The radio cannot be replayed."""
         self._sources: dict[str, Source] = {}
         """By actor, of the robots that are looked into."""
-        self._waiting: list[Glance] = []
+        self._waiting: list[Traced] = []
         """Told, but of what is not recorded wholly yet."""
         self._inside_s: dict[str, float] = {}
         """By actor, until when it is drawn."""
@@ -99,7 +101,7 @@ class Following:
         """Draw on this sheet from now on."""
         self._sheet = sheet
         canvas = Canvas(sheet.recording, self.run.robots)
-        self._painting = Painting(canvas, self.run.beginning(), self._detailed)
+        self._painting = Painting(canvas, self._teller.story(self.run.beginning()), self._detailed)
 
     def draw(self, *, last: bool = False) -> bool:
         """Draw what is new; True if there was anything. `last`: no step will follow.
@@ -108,7 +110,7 @@ class Following:
         """
         piece = self.run.poll(last=last)
         if piece is not None:
-            self._recorded(piece)
+            self._recorded(self._teller.story(piece))
         drawn = [piece is not None, self._radio(last=last), self._perceived()]
         if any(drawn):
             self._ensembles()
@@ -148,7 +150,7 @@ class Following:
         try:
             fates, until, whole = self._fates.poll(_BUDGET_S)
         except AcrcError as error:
-            self._say(0.0, "", f"the radio could not be executed again: {error}")
+            self._say(0.0, "", f"the radio could not be replayed: {error}")
             self._deaf = True
             return False
         until = min(until, self.end)
@@ -161,22 +163,20 @@ class Following:
     def _perceived(self) -> bool:
         """What robots perceived and meant; True if there is anything new."""
         assert self._painting is not None
-        glances, self._waiting = [*self._waiting, *self._followed.poll()], []
-        for glance in glances:
-            source, inside = self._sources[glance.actor], glance.inside
-            if glance.fault is not None or (inside is not None and inside.fault is not None):
-                fault = glance.fault or (inside.fault if inside is not None else None) or ""
-                self._say(self._inside_s[glance.actor], source.robot, fault.removeprefix(f"{source.robot}: "))
+        told, self._waiting = [*self._waiting, *self._followed.poll()], []
+        for traced in told:
+            source, parts = self._sources[traced.actor], traced.parts
+            if fault := traced.fault or (parts and parts[-1].fault):
+                self._say(self._inside_s[traced.actor], source.robot, fault.removeprefix(f"{source.robot}: "))
                 self._outside.setdefault(source.robot, Seen(source.robot))
-            if inside is None or not len(inside.instants):
-                continue
-            until = float(source.clock(inside.instants[-1:])[0])
-            if until > self.end and self.run.behind:
-                self._waiting.append(glance)
-                continue
-            self._painting.inside(source, inside)
-            self._inside_s[glance.actor] = until
-        return bool(glances)
+            for part in (one for one in parts if len(one.instants)):
+                until = float(source.clock(part.instants[-1:])[0])
+                if until > self.end and self.run.behind:
+                    self._waiting.append(Traced(traced.actor, (part,)))
+                    continue
+                self._painting.inside(source, part)
+                self._inside_s[traced.actor] = until
+        return bool(told)
 
     def _ensembles(self) -> None:
         assert self._painting is not None
@@ -207,4 +207,4 @@ class Following:
 
     def _say(self, second: float, robot: str, words: str) -> None:
         assert self._painting is not None
-        self._painting.tell([Event(second, robot, words, "WARN")])
+        self._painting.tell([DrawnEvent(second, robot, words, "WARN")])

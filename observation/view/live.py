@@ -20,7 +20,7 @@ _POLL_S: Final = 0.1
 _LOOK_S: Final = 1.0
 """Between two looks at whether the run goes on, and whether the viewer keeps up, s."""
 _STUCK_S: Final = 120.0
-"""What is executed again has to come on within so long, s, or it is not waited for: a strategy may hang."""
+"""What is replayed has to come on within so long, s, or it is not waited for: a strategy may hang."""
 _SETTLING_S: Final = 0.5
 """So long recordings may still grow when world and radio have closed theirs, s."""
 

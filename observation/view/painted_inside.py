@@ -7,8 +7,8 @@ import numpy as np
 
 from actors.observer.drawing import insides, places, words
 from actors.observer.drawing.canvas import Canvas
-from actors.observer.drawing.words import Exchange, Spell
-from observation.inside.telemetry import Doing, Inside
+from actors.observer.drawing.words import LearntExchange, Occupation
+from observation.trace.rows import Doing, Trace
 from observation.view.events import InnerHappenings, at
 from observation.view.story import Clock, Floats, Source
 from observation.view.ways import Way
@@ -26,14 +26,14 @@ class RobotLane:
         self._lane = words.Lane(canvas, robot)
         self._back: list[float] = []
         """When it acted again, s, as far as nothing is drawn from then on."""
-        self._last: Spell | None = None
+        self._last: Occupation | None = None
 
     def act(self, acts: Sequence[tuple[float, str]]) -> None:
         """From when on it acts (""), is frozen, or off."""
-        self._lane.draw([Spell(second, state) for second, state in acts if state])
+        self._lane.draw([Occupation(second, state) for second, state in acts if state])
         self._back += [second for second, state in acts if not state]
 
-    def do(self, spells: Sequence[Spell], until: float) -> None:
+    def do(self, spells: Sequence[Occupation], until: float) -> None:
         """What it has been about by its own account, until an instant, s."""
         known = [*([] if self._last is None else [self._last]), *spells]
         back = []
@@ -61,24 +61,24 @@ class PaintedInside:
         if detailed:
             insides.introduce_inside(canvas, source.robot)
 
-    def draw(self, inside: Inside, end: float | None = None) -> Iterator[Exchange]:
+    def draw(self, inside: Trace, end: float | None = None) -> Iterator[LearntExchange]:
         """Draw what is new; what it has learnt from others. `end`: of the run, s, if nothing will follow."""
         canvas, robot, clock = self._canvas, self._source.robot, self._source.clock
         if self._detailed:
             _draw(canvas, robot, clock, inside)
             self._ages(inside, end)
         until = at(clock, int(inside.instants[-1])) if len(inside.instants) else 0.0
-        spells = [Spell(at(clock, one.instant), one.activity, one.destination) for one in inside.doings]
+        spells = [Occupation(at(clock, one.instant), one.activity, one.destination) for one in inside.doings]
         self._lane.do(spells, until if end is None else max(until, end))
         tables = [(at(clock, one.instant), one.rows) for one in inside.knowledge]
         words.draw_knowledge(canvas, robot, tables)
         self._intents(inside, until)
         words.draw_events(canvas, "inside", list(self._happenings.of(inside)))
-        for one in inside.learnt:
-            if one.source != robot:
-                yield Exchange(at(clock, one.instant), one.by.partition(".")[0], one.source, robot)
+        for one, _ in inside.decisions():
+            if one.peer:
+                yield LearntExchange(at(clock, one.instant), one.by.partition(".")[0], one.peer, robot)
 
-    def _intents(self, inside: Inside, until: float) -> None:
+    def _intents(self, inside: Trace, until: float) -> None:
         """Where the robot heads for, twice a second."""
         doings = [*([] if self._doing is None else [self._doing]), *inside.doings]
         if not doings:
@@ -95,7 +95,7 @@ class PaintedInside:
         there = points[np.maximum(np.searchsorted(begins, seconds, side="right") - 1, 0)]
         places.draw_intents(self._canvas, self._source.robot, seconds, self._way.at(seconds), there)
 
-    def _ages(self, inside: Inside, end: float | None) -> None:
+    def _ages(self, inside: Trace, end: float | None) -> None:
         """How old what it knows of each other robot is."""
         canvas, robot, clock = self._canvas, self._source.robot, self._source.clock
         until = at(clock, int(inside.instants[-1])) if len(inside.instants) else 0.0
@@ -118,7 +118,7 @@ class PaintedInside:
             self._met[peer] = due + len(seconds) * _AGE_S, float(heard[-1])
 
 
-def _draw(canvas: Canvas, robot: str, clock: Clock, inside: Inside) -> None:
+def _draw(canvas: Canvas, robot: str, clock: Clock, inside: Trace) -> None:
     """Scan, particles, estimate, costs, plan and arc."""
     seconds: Floats = clock(inside.instants)
     insides.draw_clouds(canvas, robot, "scan", seconds, inside.scans.counts, inside.scans.values)

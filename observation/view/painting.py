@@ -9,11 +9,11 @@ import numpy as np
 from actors.installation.usage import wrong_value
 from actors.observer.drawing import floor, layout, places, radio, robots, words
 from actors.observer.drawing.canvas import Canvas
-from actors.observer.drawing.words import Event, Exchange, Spell
+from actors.observer.drawing.words import DrawnEvent, LearntExchange, Occupation
 from actors.radio.medium.state import Outcome
 from observation.explanation.explain import Explanation
-from observation.inside.fates import LOSSES, Fates, fate_name
-from observation.inside.telemetry import Inside
+from observation.trace.fates import LOSSES, Fates, fate_name
+from observation.trace.rows import Trace
 from observation.view.events import Happenings, name
 from observation.view.painted_inside import PaintedInside, RobotLane
 from observation.view.place_history import PlaceHistory
@@ -35,7 +35,7 @@ class Painting:
         """`detailed`: the robots of which everything is drawn."""
         self._canvas, self._detailed = canvas, frozenset(detailed)
         self._ways = {robot: Way() for robot in story.robots}
-        self._trails = {robot: robots.Trail() for robot in story.robots}
+        self._trails = {robot: robots.DrawnTrail() for robot in story.robots}
         self._lanes = {robot: RobotLane(canvas, robot) for robot in story.robots}
         self._insides: dict[str, PaintedInside] = {}
         self._places = PlaceHistory(canvas)
@@ -46,7 +46,7 @@ class Painting:
         self._lost: list[tuple[float, int, str]] = []
         """Copies that were lost lately."""
         self._fates_since = 0.0
-        self._exchanges: list[Exchange] = []
+        self._exchanges: list[LearntExchange] = []
         floor.draw_floor(canvas, story.grid)
         radio.introduce_radio(canvas)
         for robot in story.robots:
@@ -86,7 +86,7 @@ class Painting:
         self._lost = [one for one in self._lost if one[0] > until - shown - radio.period(canvas)]
         self._plots.copies(fates, until, last=last)
 
-    def inside(self, source: Source, inside: Inside, end: float | None = None) -> None:
+    def inside(self, source: Source, inside: Trace, end: float | None = None) -> None:
         """What a robot perceived, meant and knew. `end`: of the run, s, if nothing will follow."""
         if source.actor not in self._insides:
             way, lane = self._ways[source.robot], self._lanes[source.robot]
@@ -95,11 +95,11 @@ class Painting:
             self._insides[source.actor] = painted
         self._exchanges += self._insides[source.actor].draw(inside, end)
 
-    def outside(self, robot: str, spells: Sequence[Spell], until: float) -> None:
+    def outside(self, robot: str, spells: Sequence[Occupation], until: float) -> None:
         """What is known of a robot that is not looked into."""
         self._lanes[robot].do(spells, until)
 
-    def tell(self, events: Sequence[Event]) -> None:
+    def tell(self, events: Sequence[DrawnEvent]) -> None:
         """Tell of the view itself: what it lacks, and why."""
         words.draw_events(self._canvas, "view", events)
 

@@ -9,7 +9,7 @@ from actors.observer.colours import FATES
 from actors.observer.drawing import words
 from actors.observer.drawing.canvas import FEW, Canvas
 from actors.radio.medium.state import Outcome
-from observation.inside.fates import LOSSES, Fates, by_outcome, fate_name
+from observation.trace.fates import LOSSES, Fates, by_outcome, fate_name
 from observation.view.events import Firsts
 from observation.view.story import Floats, Story, Track
 

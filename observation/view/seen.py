@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from actors.observer.drawing.words import Spell
+from actors.observer.drawing.words import Occupation
 from observation.accounting.episodes import STANDARD
 from observation.evidence.said_places import Route
 from observation.view.story import Track
@@ -24,7 +24,7 @@ class Seen:
         self._acts = True
         """False: it is frozen or off, which others tell."""
 
-    def of(self, track: Track, routes: Iterable[Route]) -> Iterator[Spell]:
+    def of(self, track: Track, routes: Iterable[Route]) -> Iterator[Occupation]:
         """What it seems to be about, wherever that becomes another thing."""
         for route in routes:
             if route.robot == self._robot:
@@ -40,7 +40,7 @@ class Seen:
             state = "driving" if not stays else "standing" if self._holds else "idle"
             if state != self._state:
                 self._state = state
-                yield Spell(begin if stays else second, state)
+                yield Occupation(begin if stays else second, state)
 
     def _stays(self, second: float, x: float, y: float) -> tuple[float, bool]:
         """Since when it is looked at, s, and whether it has stayed where it was then, for `pause_s`."""

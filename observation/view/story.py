@@ -31,7 +31,7 @@ class Track:
 
 
 class Source(NamedTuple):
-    """A recording of a robot that may be executed again."""
+    """A recording of a robot that may be replayed."""
 
     actor: str
     robot: str

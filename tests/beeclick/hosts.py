@@ -2,17 +2,18 @@
 
 from collections.abc import Iterable
 
+from actors.board_readings import LinkState
 from actors.instant import Instant
 from firmware_bridge.beeclick import answers, commands
-from firmware_bridge.beeclick.answers import AddressSet, Answer, ChannelSet, PacketSent, PowerSet
-from firmware_bridge.beeclick.commands import Command, SendPacket
+from firmware_bridge.beeclick.answers import Answer, PacketSent
+from firmware_bridge.beeclick.commands import Command, SendPacket, SetAddress, SetChannel, SetPower
 from firmware_bridge.beeclick.events import Event
-from firmware_bridge.beeclick.link import Link, LinkPhase
+from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import DEFAULTS, BeeClickParameters, BoardSettings
 from firmware_bridge.beeclick.wire import SYNC_PATTERN
 
 SYNC = b"\xff" * DEFAULTS.filler + SYNC_PATTERN
-ECHOES = (AddressSet(0xBABA, 0x0103), ChannelSet(15), PowerSet(-100))
+ECHOES = (SetAddress(0xBABA, 0x0103), SetChannel(15), SetPower(-100))
 
 
 def said(parts: Iterable[Answer | bytes]) -> bytes:
@@ -25,7 +26,7 @@ class Host:
 
     def __init__(self, parameters: BeeClickParameters = DEFAULTS) -> None:
         self.now = Instant(0)
-        self.link = Link(BoardSettings(0x0103), parameters)
+        self.link = BoardLink(BoardSettings(0x0103), parameters)
         self.link.connect(self.now)
 
     def hear(self, *parts: Answer | bytes, after: int = 0) -> list[Event]:
@@ -64,3 +65,13 @@ class Host:
 
 def confirm(number: int, failed: bool = False) -> PacketSent:
     return PacketSent(number, failed)
+
+
+def states(events: Iterable[Event]) -> list[LinkState]:
+    """That a board is up, or down."""
+    return [event for event in events if isinstance(event, LinkState)]
+
+
+def causes(events: Iterable[Event]) -> list[str]:
+    """Why it was down each time."""
+    return [state.cause for state in states(events) if not state.up]

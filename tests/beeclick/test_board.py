@@ -11,13 +11,10 @@ from actors.radio.radio_model import radio_model
 from actors.radio.radio_setup import RadioSetup
 from firmware_bridge.beeclick import answers, commands
 from firmware_bridge.beeclick.answers import (
-    AddressSet,
     Answer,
-    ChannelSet,
     Moisture,
     Notes,
     PacketSent,
-    PowerSet,
     ReceivedPacket,
     Sentence,
     Synchronised,
@@ -31,10 +28,10 @@ from firmware_bridge.beeclick.commands import (
     SetPower,
     Synchronise,
 )
-from firmware_bridge.beeclick.emulation.air import Air
-from firmware_bridge.beeclick.emulation.emulate import standing
+from firmware_bridge.beeclick.emulation.air import EmulatedAir
 from firmware_bridge.beeclick.emulation.emulated_board import BoardParameters, EmulatedBoard
 from firmware_bridge.beeclick.wire import SYNC_PATTERN, byte_time
+from firmware_bridge.emulate import standing
 
 
 class Bench:
@@ -46,7 +43,7 @@ class Bench:
         if not csma:  # a frame begins when the chip has it, but for the turnaround
             at_once = replace(model.parameters.transceiver, min_be=0, max_be=0, cca=Cca.NEVER)
             model = replace(model, parameters=replace(model.parameters, transceiver=at_once))
-        self.air = Air(range(1, boards + 1), lambda channel: model, 1)
+        self.air = EmulatedAir(range(1, boards + 1), lambda channel: model, 1)
         self.boards = [EmulatedBoard(self.air, START) for _ in range(boards)]
         for board in self.boards:
             self.air.add(board)
@@ -96,7 +93,7 @@ def test_a_board_out_of_step_obeys_nothing_and_yet_is_not_silent() -> None:
 def test_a_sync_is_answered_by_a_sync() -> None:
     bench = Bench()
     bench.tell(Synchronise(), SetAddress(1, 2), SetChannel(3), SetPower(-63))
-    assert bench.said() == [Synchronised(), AddressSet(1, 2), ChannelSet(3), PowerSet(-63)]
+    assert bench.said() == [Synchronised(), SetAddress(1, 2), SetChannel(3), SetPower(-63)]
     bench.tell(Synchronise())
     assert bench.said() == [Synchronised()]
 
@@ -115,7 +112,7 @@ def test_in_step_an_unknown_type_puts_it_out_of_step() -> None:
     bench.tell(b"\x05", SetChannel(1))
     assert bench.said() == []
     bench.tell(Synchronise(), SetChannel(1))
-    assert bench.said() == [Synchronised(), ChannelSet(1)]
+    assert bench.said() == [Synchronised(), SetChannel(1)]
 
 
 def test_filler_ends_any_command_that_it_believes_to_be_in() -> None:
@@ -142,7 +139,7 @@ def test_six_commands_wait_while_it_is_held_up() -> None:
     bench.sync()
     bench.board.press(bench.now)
     bench.tell(*(SetChannel(code) for code in range(6)))
-    assert bench.said(seconds(1))[1:] == [ChannelSet(code) for code in range(6)]
+    assert bench.said(seconds(1))[1:] == [SetChannel(code) for code in range(6)]
 
 
 def test_a_seventh_hangs_it_as_the_answers_fill_their_ring() -> None:
@@ -172,7 +169,7 @@ def test_a_change_of_channel_takes_200_us_in_which_nothing_else_is_done() -> Non
     assert (bench.board.channel, bench.said(199)) == (0, [])
     bench.wait(1)
     assert bench.board.channel == 3
-    assert bench.said(1_000) == [ChannelSet(3), PowerSet(-100)]
+    assert bench.said(1_000) == [SetChannel(3), SetPower(-100)]
 
 
 def test_seven_changes_of_channel_behind_a_packet_are_borne_as_their_answers_have_time_to_leave() -> None:
@@ -180,7 +177,7 @@ def test_seven_changes_of_channel_behind_a_packet_are_borne_as_their_answers_hav
     bench = Bench()
     bench.sync()
     bench.tell(SendPacket(0, bytes(118)), *(SetChannel(code) for code in range(7)))
-    assert bench.said() == [PacketSent(0, failed=False), *(ChannelSet(code) for code in range(7))]
+    assert bench.said() == [PacketSent(0, failed=False), *(SetChannel(code) for code in range(7))]
     assert not bench.board.hung and bench.board.channel == 6
 
 
@@ -235,7 +232,7 @@ def test_nothing_behind_a_packet_is_done_while_it_is_in_the_air() -> None:
     bench.tell(SendPacket(5, bytes(118)), SetPower(-100))
     through = byte_time(124) + TURNAROUND_NS // 1000 + airtime_us(118)
     assert bench.said(through) == []
-    assert bench.said(200) == [PacketSent(5, failed=False), PowerSet(-100)]
+    assert bench.said(200) == [PacketSent(5, failed=False), SetPower(-100)]
 
 
 def test_a_channel_that_is_never_clear_fails_a_packet() -> None:
@@ -293,7 +290,7 @@ def test_the_power_echo_is_what_was_asked_for_not_what_is_sent(asked: int, dbm: 
     bench = Bench()
     bench.sync()
     bench.tell(SetPower(asked))
-    assert bench.said() == [PowerSet(asked)]
+    assert bench.said() == [SetPower(asked)]
     assert bench.board.power_dbm == dbm
 
 
@@ -342,7 +339,7 @@ def test_the_button_holds_everything_up_and_then_notes_come() -> None:
     notes, channel = bench.said(milliseconds(20))
     assert isinstance(notes, Notes)
     assert "panId: baba\nsAddr: 0103\n" in notes.text.decode()
-    assert channel == ChannelSet(1)
+    assert channel == SetChannel(1)
 
 
 def test_only_rmc_sentences_are_passed_on() -> None:

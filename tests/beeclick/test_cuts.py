@@ -5,7 +5,7 @@ import pytest
 from actors.messages import Heard, Sent
 from actors.radio.frame_codec import DataFrame
 from firmware_bridge.beeclick.answers import Answer, ReceivedPacket, Warmth
-from firmware_bridge.beeclick.events import Event, Unconfirmed
+from firmware_bridge.beeclick.events import Event, UnconfirmedPacket
 from firmware_bridge.beeclick.wire import SYNC_PATTERN
 from tests.beeclick.hosts import ECHOES, Host, confirm, said
 
@@ -57,7 +57,7 @@ CUTS = [(stage, cut) for stage, data in enumerate(WHOLE[2]) for cut in range(1, 
 def test_the_conversation_is_as_meant() -> None:
     events, counters, _ = WHOLE
     assert [e.tag for e in events if isinstance(e, Sent)] == [1, 2, 5, 6]
-    assert [e.tag for e in events if isinstance(e, Unconfirmed)] == [3, 4]
+    assert [e.tag for e in events if isinstance(e, UnconfirmedPacket)] == [3, 4]
     assert len([e for e in events if isinstance(e, Heard)]) == 3
     assert (counters["ups"], counters["unknown_type"], counters["swallowed_sync"]) == (3, 1, 1)
 

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from actors.board_readings import Info, LinkState
 from actors.instant import START, Instant, milliseconds, seconds
 from actors.messages import Heard, Sent
 from actors.radio.radio_model import radio_model
@@ -9,14 +10,15 @@ from actors.radio.radio_setup import RadioSetup
 from benchmarks.hardware.beeclick import soak, throughput
 from deeco.replication.fragments import Fragmenter
 from deeco.replication.reassembly import Reassembly
-from firmware_bridge.beeclick.emulation import emulate
-from firmware_bridge.beeclick.emulation.air import Air, Device
+from firmware_bridge import emulate
+from firmware_bridge.beeclick.emulation.air import Device, EmulatedAir
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulation.lab import Desk, Lab
 from firmware_bridge.beeclick.emulation.line import Disturbance
-from firmware_bridge.beeclick.events import Down, Info, PacketEnd, Unconfirmed, Up
-from firmware_bridge.beeclick.link import Link, LinkPhase
+from firmware_bridge.beeclick.events import PacketEnd, UnconfirmedPacket
+from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import BeeClickParameters, BoardSettings
+from tests.beeclick.hosts import causes, states
 
 QUICK = BeeClickParameters(
     answer_timeout=milliseconds(100),
@@ -27,11 +29,11 @@ QUICK = BeeClickParameters(
 
 
 def lab(boards: int, seed: int = 1, parameters: BeeClickParameters | None = None, poll: int = 1_000) -> Lab:
-    air = emulate.room(boards, seed=seed)
+    air = emulate.boards(boards, seed=seed)
     desks = []
     for number, board in enumerate(air.devices):
         assert isinstance(board, EmulatedBoard)
-        desks.append(Desk(Link(BoardSettings(number + 1), parameters or BeeClickParameters()), board))
+        desks.append(Desk(BoardLink(BoardSettings(number + 1), parameters or BeeClickParameters()), board))
     return Lab(air, desks, np.random.default_rng(seed), milliseconds(poll / 1_000))
 
 
@@ -78,8 +80,8 @@ def test_a_restarted_board_is_set_up_again_and_its_packets_are_unconfirmed() -> 
     assert (desk.board.pan, desk.board.address, desk.board.channel) == (0xBABA, 1, 15)
     kinds = {tag: kind for kind, tag in ends(desk)}
     assert sorted(kinds) == [0, 1, 2, 3]
-    assert [kinds[tag] for tag in (1, 2, 3)] == ["Unconfirmed"] * 3
-    assert [e.cause for e in desk.events if isinstance(e, Down)] == ["answer_skipped"]
+    assert [kinds[tag] for tag in (1, 2, 3)] == ["UnconfirmedPacket"] * 3
+    assert causes(desk.events) == ["answer_skipped"]
 
 
 def test_an_idle_restarted_board_is_set_up_again_within_two_seconds() -> None:
@@ -103,7 +105,7 @@ def test_the_button_costs_no_packet() -> None:
     room.run(seconds(1))
     assert ends(desk) == [("Sent", tag) for tag in range(8)]
     assert len(desk.of(Info)) == 1
-    assert not desk.of(Down)
+    assert all(event.up for event in states(desk.events))
 
 
 def test_the_button_does_no_harm_to_a_board_that_is_being_found() -> None:
@@ -138,7 +140,7 @@ def test_noise_that_only_the_board_hears_costs_half_a_second_at_most() -> None:
             assert ends(desk)[-1] == ("Sent", 2)
 
 
-class WedgedAir(Air):
+class WedgedAir(EmulatedAir):
     """Loses the interrupt at a frame's end: the board waits for it for ever, and goes on talking."""
 
     wedged = True
@@ -151,15 +153,18 @@ class WedgedAir(Air):
 def test_a_wedged_radio_is_silent_once_and_its_boards_ring_is_not_overrun() -> None:
     model = radio_model(RadioSetup(1, 10_000, (), "beeclick"))
     air = WedgedAir([1], lambda channel: model, 1)
-    desk = Desk(Link(BoardSettings(1)), EmulatedBoard(air, START))
+    desk = Desk(BoardLink(BoardSettings(1)), EmulatedBoard(air, START))
     air.add(desk.board)
     room = Lab(air, [desk], np.random.default_rng(1))
     room.run(milliseconds(50))
     for second in range(20):
         desk.send(room.now, second, bytes(50))
         room.run(seconds(1))
-    assert [type(event) for event in desk.of(Up, Down)] == [Up, Down, Down]
-    assert [event.cause for event in desk.events if isinstance(event, Down)] == ["no_confirmation", "silent"]
+    assert [event.up for event in states(desk.events)] == [True, False, False]
+    assert causes(desk.events) == [
+        "no_confirmation",
+        "silent",
+    ]
     # At 12 s it has eight commands; with one of them in the air none is lost, but the ring looks empty.
     assert desk.board.commands.overflows == 1
     assert desk.link.counters["silent"] == 1
@@ -168,7 +173,7 @@ def test_a_wedged_radio_is_silent_once_and_its_boards_ring_is_not_overrun() -> N
     room.run(seconds(10.5))
     desk.send(room.now, 99, b"again")
     room.run(milliseconds(100))
-    assert isinstance(desk.of(Up, Down)[-1], Up) and ("Sent", 99) in ends(desk)
+    assert states(desk.events)[-1].up and ("Sent", 99) in ends(desk)
 
 
 def test_a_cable_that_is_pulled_and_put_in_again() -> None:
@@ -179,12 +184,12 @@ def test_a_cable_that_is_pulled_and_put_in_again() -> None:
         desk.send(room.now, tag, bytes(118))
     room.run(milliseconds(2))
     desk.unplug(room.now)
-    assert ends(desk) == [("Unconfirmed", tag) for tag in range(4)]
+    assert ends(desk) == [("UnconfirmedPacket", tag) for tag in range(4)]
     room.run(milliseconds(300))
     desk.plug(room.now)
     room.run(milliseconds(50))
     assert ends(desk)[4:] == [("Sent", 4), ("Sent", 5)]
-    assert [type(e) for e in desk.of(Up, Down)] == [Up, Down, Up]
+    assert [e.up for e in states(desk.events)] == [True, False, True]
 
 
 def test_a_hung_board_is_silent_until_it_is_reset() -> None:
@@ -193,7 +198,7 @@ def test_a_hung_board_is_silent_until_it_is_reset() -> None:
     room.run(milliseconds(50))
     desk.board.hung = True
     room.run(seconds(4))
-    assert [e.cause for e in desk.events if isinstance(e, Down)] == ["no_echo", "silent"]
+    assert causes(desk.events) == ["no_echo", "silent"]
     desk.board.reboot(room.now)
     room.run(milliseconds(900))
     assert desk.link.phase is LinkPhase.READY
@@ -220,7 +225,7 @@ def test_a_thousand_restarts_lose_no_packet_from_the_books() -> None:
         desk.events.clear()
     desk.unplug(room.now)
     assert len(books) + len(ends(desk)) + desk.link.waiting == tag
-    assert {"Sent", "Unconfirmed"} <= set(books.values())
+    assert {"Sent", "UnconfirmedPacket"} <= set(books.values())
     assert desk.link.counters["ups"] == 1_001
 
 
@@ -285,10 +290,10 @@ def test_a_link_that_meets_a_running_board_waits_for_its_packets() -> None:
     for tag in range(4):
         desk.send(room.now, tag, bytes(118))
     room.run(milliseconds(3))
-    desk.link = Link(BoardSettings(1))
+    desk.link = BoardLink(BoardSettings(1))
     desk.link.connect(room.now)
     desk.events.clear()
     room.run(milliseconds(80))
-    assert [type(e) for e in desk.events] == [Up]
-    assert not desk.of(Sent, Unconfirmed)
+    assert [type(e) for e in desk.events] == [LinkState]
+    assert not desk.of(Sent, UnconfirmedPacket)
     assert desk.board.counters["transmitted"] >= 4

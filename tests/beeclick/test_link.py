@@ -1,17 +1,13 @@
+from actors.board_readings import LinkState, Temperature
 from actors.instant import Instant, milliseconds, seconds
 from actors.messages import AccessFailure, Overflow, Refused, Sent
 from actors.radio.frame_codec import DataFrame
-from firmware_bridge.beeclick.answers import (
-    AddressSet,
-    PacketSent,
-    ReceivedPacket,
-    Warmth,
-)
+from firmware_bridge.beeclick.answers import PacketSent, ReceivedPacket, Warmth
 from firmware_bridge.beeclick.commands import SendPacket, SetAddress, SetChannel, SetPower
-from firmware_bridge.beeclick.events import Down, Temperature, Unconfirmed, Up
+from firmware_bridge.beeclick.events import UnconfirmedPacket
 from firmware_bridge.beeclick.link import LinkPhase
 from firmware_bridge.beeclick.wire import SYNC_PATTERN
-from tests.beeclick.hosts import ECHOES, SYNC, Host, confirm
+from tests.beeclick.hosts import ECHOES, SYNC, Host, causes, confirm, states
 
 
 def packet(data: bytes, pan: int = 0xBABA, address: int = 7) -> ReceivedPacket:
@@ -26,7 +22,7 @@ def test_a_link_starts_with_a_sync_and_the_set_up_confirmed_by_echoes() -> None:
     assert host.commands() == [SetAddress(0xBABA, 0x0103), SetChannel(15), SetPower(-100)]
     assert host.hear(*ECHOES[:2]) == []
     assert host.link.phase is LinkPhase.SETTING
-    assert host.hear(ECHOES[2]) == [Up(host.now)]
+    assert host.hear(ECHOES[2]) == [LinkState(host.now, True, "")]
     assert host.link.counters.nonzero() == {"answers": 4, "syncs": 1, "ups": 1}
 
 
@@ -77,7 +73,7 @@ def test_a_wrong_echo_begins_everything_anew() -> None:
     host.due()
     host.hear(SYNC_PATTERN)
     host.due()
-    host.hear(AddressSet(0xBABA, 0x0104))
+    host.hear(SetAddress(0xBABA, 0x0104))
     assert host.link.phase is LinkPhase.SYNCING
     assert host.link.counters["strange_echo"] == 1
 
@@ -138,7 +134,7 @@ def test_beyond_the_queue_the_new_packet_is_dropped() -> None:
 def test_a_later_confirmation_settles_the_earlier_packets() -> None:
     host = Host().get_ready()
     first, second = host.send(1, 2)
-    assert host.hear(confirm(second)) == [Unconfirmed(host.now, 1, "answer_skipped"), Sent(host.now, 2)]
+    assert host.hear(confirm(second)) == [UnconfirmedPacket(host.now, 1, "answer_skipped"), Sent(host.now, 2)]
     assert host.hear(confirm(first)) == []  # never twice
     assert host.link.counters["late_confirmation"] == 1
     assert host.link.phase is LinkPhase.READY
@@ -154,7 +150,7 @@ def test_a_confirmation_of_no_packet_is_noise() -> None:
     host = Host().get_ready()
     host.send(1)
     events = host.hear(PacketSent(0x12345678, failed=False))
-    assert events == [Down(host.now, "strange_confirmation")]
+    assert events == [LinkState(host.now, False, "strange_confirmation")]
     assert host.link.counters["strange_confirmation"] == 1
     assert host.link.phase is LinkPhase.SYNCING
 
@@ -165,32 +161,32 @@ def test_a_confirmation_of_no_packet_is_noise() -> None:
 def test_confirmations_ahead_of_the_sync_answer_count() -> None:
     host = Host().get_ready()
     numbers = host.send(1, 2, 3, 4)
-    assert host.hear(after=seconds(1)) == [Down(host.now, "no_confirmation")]
+    assert host.hear(after=seconds(1)) == [LinkState(host.now, False, "no_confirmation")]
     assert host.due() == SYNC
     assert host.hear(confirm(numbers[0]), confirm(numbers[1], failed=True)) == [
         Sent(host.now, 1),
         AccessFailure(host.now, 2),
     ]
     assert host.hear(SYNC_PATTERN) == [
-        Unconfirmed(host.now, 3, "answer_skipped"),
-        Unconfirmed(host.now, 4, "answer_skipped"),
+        UnconfirmedPacket(host.now, 3, "answer_skipped"),
+        UnconfirmedPacket(host.now, 4, "answer_skipped"),
     ]
     assert len(host.commands()) == 3
-    assert host.hear(*ECHOES) == [Up(host.now)]
+    assert host.hear(*ECHOES) == [LinkState(host.now, True, "")]
 
 
 def test_confirmations_within_noise_count() -> None:
     host = Host().get_ready()
     numbers = host.send(1, 2, 3, 4)
-    assert host.hear(b"\xee") == [Down(host.now, "unknown_type")]
+    assert host.hear(b"\xee") == [LinkState(host.now, False, "unknown_type")]
     host.hear(after=80_000)
     assert host.due() == SYNC
     noise = b"\x01\x70\x02" + confirm_bytes(numbers[1])[:5] + b"\x09"
     assert host.hear(confirm(numbers[0]), noise, confirm(numbers[1]), b"\x02", SYNC_PATTERN) == [
         Sent(host.now, 1),
         Sent(host.now, 2),
-        Unconfirmed(host.now, 3, "answer_skipped"),
-        Unconfirmed(host.now, 4, "answer_skipped"),
+        UnconfirmedPacket(host.now, 3, "answer_skipped"),
+        UnconfirmedPacket(host.now, 4, "answer_skipped"),
     ]
 
 
@@ -202,7 +198,9 @@ def test_noise_while_nothing_is_in_flight_invents_nothing() -> None:
     host = Host().get_ready()
     (number,) = host.send(1)
     host.hear(confirm(number))
-    assert host.hear(b"\xee", confirm(number), confirm(number + 1)) == [Down(host.now, "unknown_type")]
+    assert host.hear(b"\xee", confirm(number), confirm(number + 1)) == [
+        LinkState(host.now, False, "unknown_type")
+    ]
 
 
 HEAD = b"\x01\x70\xba\xba\x07\x00\x8a\xc8\x00\x00"
@@ -223,14 +221,14 @@ def test_what_a_given_up_answer_has_swallowed_is_looked_through() -> None:
     host = Host().get_ready()
     (number,) = host.send(1)
     assert host.hear(HEAD, confirm(number)) == []
-    assert host.hear(after=50_000) == [Down(host.now, "stalled"), Sent(host.now, 1)]
+    assert host.hear(after=50_000) == [LinkState(host.now, False, "stalled"), Sent(host.now, 1)]
 
 
 def test_an_answer_that_stops_in_its_middle_is_given_up() -> None:
     host = Host().get_ready()
     assert host.hear(b"\x01\x70\xba", after=10) == []
     assert host.link.wake() == host.now + milliseconds(50)
-    assert host.hear(after=milliseconds(50)) == [Down(host.now, "stalled")]
+    assert host.hear(after=milliseconds(50)) == [LinkState(host.now, False, "stalled")]
 
 
 def test_a_board_that_does_not_listen_any_more_is_found_by_asking() -> None:
@@ -240,9 +238,9 @@ def test_a_board_that_does_not_listen_any_more_is_found_by_asking() -> None:
     assert host.commands() == [SetAddress(0xBABA, 0x0103)]
     assert host.hear(after=milliseconds(250)) == []
     assert host.due() == SYNC
-    assert host.hear(SYNC_PATTERN, after=5_000) == [Down(host.now, "answer_skipped")]
+    assert host.hear(SYNC_PATTERN, after=5_000) == [LinkState(host.now, False, "answer_skipped")]
     assert len(host.commands()) == 3
-    assert host.hear(*ECHOES) == [Up(host.now)]
+    assert host.hear(*ECHOES) == [LinkState(host.now, True, "")]
     assert host.link.counters["probes"] == 1
 
 
@@ -284,17 +282,17 @@ def test_a_silent_board_is_reported_once_and_asked_on() -> None:
         if host.due():
             syncs.append(host.now)
     assert events == [
-        Down(Instant(1_000_000), "no_confirmation"),
-        Down(Instant(2_000_000), "silent"),
-        Unconfirmed(Instant(2_000_000), 1, "silent"),
-        Unconfirmed(Instant(2_000_000), 9, "silent"),
+        LinkState(Instant(1_000_000), False, "no_confirmation"),
+        LinkState(Instant(2_000_000), False, "silent"),
+        UnconfirmedPacket(Instant(2_000_000), 1, "silent"),
+        UnconfirmedPacket(Instant(2_000_000), 9, "silent"),
     ]
     assert syncs == [250_000, 500_000, 750_000, 1_000_000, 1_800_000, 2_600_000, 3_400_000]
     host.hear(SYNC_PATTERN)
     assert len(host.commands()) == 3
     assert host.hear(*ECHOES) == [], "first its radio has to be heard of"
     (number,) = host.send(10, 11)
-    assert host.hear(confirm(number)) == [Sent(host.now, 10), Up(host.now)]
+    assert host.hear(confirm(number)) == [Sent(host.now, 10), LinkState(host.now, True, "")]
 
 
 def test_a_board_that_talks_and_does_not_listen_is_not_filled_up() -> None:
@@ -322,12 +320,15 @@ def test_two_packets_in_a_row_of_which_nothing_becomes_make_the_radio_silent() -
         events += host.hear(SYNC_PATTERN, after=5_000)
         host.commands()
         events += host.hear(*ECHOES, after=1_000)
-    told = [event for event in events if isinstance(event, Up | Down)]
-    assert [type(event) for event in told] == [Down, Up, Down]
-    assert [event.cause for event in told if isinstance(event, Down)] == ["no_confirmation", "silent"]
-    assert len({event.tag for event in events if isinstance(event, Unconfirmed)}) >= 28
+    told = states(events)
+    assert [event.up for event in told] == [False, True, False]
+    assert causes(told) == [
+        "no_confirmation",
+        "silent",
+    ]
+    assert len({event.tag for event in events if isinstance(event, UnconfirmedPacket)}) >= 28
     (number,) = host.send(40)
-    assert host.hear(confirm(number)) == [Sent(host.now, 40), Up(host.now)]
+    assert host.hear(confirm(number)) == [Sent(host.now, 40), LinkState(host.now, True, "")]
 
 
 def test_noise_that_shows_brings_the_next_sync_forward() -> None:
@@ -345,8 +346,8 @@ def test_without_a_port_what_is_in_flight_is_unconfirmed_and_the_rest_waits() ->
     host = Host().get_ready()
     numbers = host.send(1, 2, 3, 4, 5)
     assert host.link.lost(host.now) == [
-        Down(host.now, "lost"),
-        *(Unconfirmed(host.now, tag, "lost") for tag in (1, 2, 3, 4)),
+        LinkState(host.now, False, "lost"),
+        *(UnconfirmedPacket(host.now, tag, "lost") for tag in (1, 2, 3, 4)),
     ]
     assert host.hear(confirm(numbers[0])) == []
     assert (host.due(), host.link.wake(), host.link.waiting) == (b"", None, 1)

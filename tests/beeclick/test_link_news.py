@@ -2,16 +2,10 @@
 
 import pytest
 
+from actors.board_readings import Fix, Humidity, Info, LinkState, Temperature
 from actors.messages import Heard
-from firmware_bridge.beeclick.answers import (
-    ChannelSet,
-    Moisture,
-    Notes,
-    ReceivedPacket,
-    Sentence,
-    Warmth,
-)
-from firmware_bridge.beeclick.events import Down, Fix, Humidity, Info, Temperature
+from firmware_bridge.beeclick.answers import Moisture, Notes, ReceivedPacket, Sentence, Warmth
+from firmware_bridge.beeclick.commands import SetChannel
 from firmware_bridge.beeclick.link import LinkPhase
 from firmware_bridge.beeclick.parameters import BeeClickParameters
 from tests.beeclick.hosts import Host
@@ -80,4 +74,4 @@ def test_the_boards_notes_are_passed_on() -> None:
 
 def test_a_strange_channel_echo_is_noise() -> None:
     host = Host().get_ready()
-    assert host.hear(ChannelSet(3)) == [Down(host.now, "strange_echo")]
+    assert host.hear(SetChannel(3)) == [LinkState(host.now, False, "strange_echo")]

@@ -12,11 +12,11 @@ import pytest
 
 from actors.instant import Instant
 from actors.messages import Heard, Sent
-from firmware_bridge.beeclick.emulation.emulate import main
 from firmware_bridge.beeclick.events import Event
-from firmware_bridge.beeclick.link import Link, LinkPhase
+from firmware_bridge.beeclick.link import BoardLink, LinkPhase
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.port import BoardPort, PortError
+from firmware_bridge.emulate import main
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 20.0
@@ -157,7 +157,8 @@ def test_emulated_boards_hear_one_another_until_they_are_stopped(tmp_path: Path)
     command = [
         sys.executable,
         "-m",
-        "firmware_bridge.beeclick.emulation.emulate",
+        "firmware_bridge.emulate",
+        "boards",
         "--boards",
         "2",
         "--links",
@@ -178,7 +179,7 @@ def test_emulated_boards_hear_one_another_until_they_are_stopped(tmp_path: Path)
 
 def converse(ports: list[BoardPort]) -> None:
     """Get both boards ready, send from each to the other."""
-    links = [Link(BoardSettings(number + 1)) for number in range(len(ports))]
+    links = [BoardLink(BoardSettings(number + 1)) for number in range(len(ports))]
     events: list[list[Event]] = [[] for _ in ports]
 
     def serve() -> None:
@@ -215,13 +216,13 @@ def converse(ports: list[BoardPort]) -> None:
 def test_nonsense_on_the_command_line_is_told(
     options: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([*options, "--links", str(tmp_path)]) == 2
+    assert main(["boards", *options, "--links", str(tmp_path)]) == 2
     assert capsys.readouterr().err == f"{sentence}\n"
 
 
 def test_a_link_where_something_is_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "board1").write_text("mine")
-    assert main(["--boards", "1", "--links", str(tmp_path)]) == 2
+    assert main(["boards", "--boards", "1", "--links", str(tmp_path)]) == 2
     assert capsys.readouterr().err == (
         f"{tmp_path}/board1: there is something that is no link; give a path where a link can be made\n"
     )

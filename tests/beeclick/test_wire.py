@@ -5,13 +5,10 @@ from hypothesis import strategies as st
 from actors.bounds import ParameterError
 from firmware_bridge.beeclick import answers, commands
 from firmware_bridge.beeclick.answers import (
-    AddressSet,
     Answer,
-    ChannelSet,
     Moisture,
     Notes,
     PacketSent,
-    PowerSet,
     ReceivedPacket,
     Sentence,
     Synchronised,
@@ -47,9 +44,9 @@ ANSWERS: list[tuple[str, Answer]] = [
     ("01 00 01 00 02 00 00 00 00 00", ReceivedPacket(1, 2, 0, 0, 0, b"")),
     ("02 04 03 02 01 00", PacketSent(0x01020304, failed=False)),
     ("02 04 03 02 01 01", PacketSent(0x01020304, failed=True)),
-    ("03 00", ChannelSet(0)),
-    ("04 95 fe", PowerSet(-363)),
-    ("05 ba ba 03 01", AddressSet(0xBABA, 0x0103)),
+    ("03 00", SetChannel(0)),
+    ("04 95 fe", SetPower(-363)),
+    ("05 ba ba 03 01", SetAddress(0xBABA, 0x0103)),
     ("06 08 24 47 50 52 4d 43 2c 56", Sentence(b"$GPRMC,V")),
     ("07 04 c2 b0 43 0a", Notes("°C\n".encode())),
     ("08 d7 00", Warmth(215)),

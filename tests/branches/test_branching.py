@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from actors.installation.usage import OptionError
-from actors.instant import milliseconds, seconds
+from actors.instant import seconds
 from actors.messages import TRANSMIT, Transmit
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.codec import decode
@@ -14,12 +14,11 @@ from actors.runtime.core import at
 from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_recording
 from cleaning.parameters import CleaningParameters
-from deploy.branches.branching import BranchError
 from deploy.branches.change import Change, event
 from deploy.branches.settings_changed import strategy_settings
 from deploy.branches.swarm_replay import SCENARIO, replay_swarm
-from observation.inside.inside_program import look_into
 from observation.replay.run_recordings import recordings
+from observation.trace.program import whole
 from tests.branches.conftest import Leave
 from tests.swarm.command import acrc
 
@@ -49,7 +48,7 @@ def test_another_strategy_begins_at_its_instant_and_can_be_replayed(leave: Leave
     )
     assert other.result.origin.strategy == "chapter>none@8.0"
     assert replay_swarm(Path(other.result.out), permit=INSTALLED).digest == other.result.digest
-    inside = look_into(Path(other.result.out), "r1", milliseconds(500))
+    (inside,) = whole(Path(other.result.out), "r1")
     known = [one.instant for one in inside.knowledge]
     assert min(known) < seconds(8) < max(known), "of both strategies"
     assert {"state" in dict(one.rows) for one in inside.knowledge if one.instant < seconds(8)} == {True}
@@ -128,7 +127,7 @@ def test_events_that_do_not_happen_are_named(leave: Leave) -> None:
 
 
 def test_an_instant_that_the_run_has_not_come_to(leave: Leave) -> None:
-    with pytest.raises(BranchError, match="ends at 12 s; a branch must leave it before"):
+    with pytest.raises(AcrcError, match="ends at 12 s; a branch must leave it before"):
         leave(Change(12.0))
 
 

@@ -11,16 +11,16 @@ import pytest
 
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
-from benchmarks.claims import page, verification
-from benchmarks.claims.claim import Claim
+from benchmarks.claims import verification
+from benchmarks.claims.claim import PublishedClaim
 from benchmarks.claims.table import CLAIMS
 from benchmarks.statistics.measured import Measured
 from command_line.bench.bench import BENCHMARKS
 
 
 def test_the_page_is_made_from_the_table() -> None:
-    text = page.PAGE.read_text()
-    assert text == page.filled(text), "python -m benchmarks.claims.page makes the tables anew"
+    text = verification.PAGE.read_text()
+    assert text == verification.filled(text), "python -m benchmarks.claims.verification makes the tables anew"
     said = re.findall(r"`acrc verify ([\w-]+)` \|$", text, re.MULTILINE)
     assert said == [claim.name for claim in CLAIMS if claim.module]
     assert len({claim.name for claim in CLAIMS}) == len(CLAIMS)
@@ -29,13 +29,14 @@ def test_the_page_is_made_from_the_table() -> None:
 def test_a_table_that_is_missing_or_old_is_made() -> None:
     parts = list(dict.fromkeys(claim.part for claim in CLAIMS))
     bare = "".join(f"\n## {part}\n\nSome words.\n" for part in parts) + "\n## Else\n"
-    made = page.filled(bare)
-    assert all(f"Some words.\n\n{page.table(part)}\n## " in made for part in parts)
-    assert page.filled(made) == made == page.filled(made.replace("| `acrc verify seal` |", "| `old` |"))
+    made = verification.filled(bare)
+    assert all(f"Some words.\n\n{verification.table(part)}\n## " in made for part in parts)
+    assert verification.filled(made) == made
+    assert verification.filled(made.replace("| `acrc verify seal` |", "| `old` |")) == made
 
 
 @pytest.mark.parametrize("claim", [claim for claim in CLAIMS if claim.module], ids=lambda claim: claim.name)
-def test_a_claim_can_be_called_in_both_sizes_with_all_that_it_takes(claim: Claim) -> None:
+def test_a_claim_can_be_called_in_both_sizes_with_all_that_it_takes(claim: PublishedClaim) -> None:
     known = inspect.signature(import_module(claim.module).check).parameters
     assert {*claim.small, *claim.full, *claim.takes} <= set(known)
     assert all(0 < small <= full for small, full in [claim.seconds])
@@ -55,17 +56,19 @@ def test_what_is_not_checked_names_what_shows_it() -> None:
 
 
 def test_data_of_ones_own_gets_the_full_size_and_what_is_given_stands_above_both() -> None:
-    claim = Claim("c", "p", "s", "r", small={"runs": 1, "cell": ("few",)}, full={"runs": 20})
+    claim = PublishedClaim("c", "p", "s", "r", small={"runs": 1, "cell": ("few",)}, full={"runs": 20})
     assert claim.settings({}, full=False) == {"runs": 1, "cell": ("few",)}
     assert claim.settings({"runs": 3}, full=False) == {"runs": 3, "cell": ("few",)}
     assert claim.settings({"source": "x"}, full=False) == {"runs": 20, "source": "x"}
     assert claim.settings({"runs": 3}, full=True) == {"runs": 3}
 
 
-def named(monkeypatch: pytest.MonkeyPatch, checks: dict[str, Callable[..., Measured]]) -> list[Claim]:
+def named(
+    monkeypatch: pytest.MonkeyPatch, checks: dict[str, Callable[..., Measured]]
+) -> list[PublishedClaim]:
     """Claims that are checked so."""
-    monkeypatch.setattr(Claim, "check", lambda self, settings: checks[self.name](**settings))
-    return [Claim(name, "p", "s", "r", "m", takes=("runs",)) for name in checks]
+    monkeypatch.setattr(PublishedClaim, "check", lambda self, settings: checks[self.name](**settings))
+    return [PublishedClaim(name, "p", "s", "r", "m", takes=("runs",)) for name in checks]
 
 
 def fails() -> Measured:
@@ -99,7 +102,7 @@ def test_an_option_reaches_those_of_several_claims_that_take_it(monkeypatch: pyt
         return Measured(settings, (), holds=True)
 
     one, other = named(monkeypatch, {"one": told, "other": told})
-    other = Claim("other", "p", "s", "r", "m")
+    other = PublishedClaim("other", "p", "s", "r", "m")
     found = verification.verified([one, other], {"runs": 3}, full=False)
     assert [each["found"] for each in found.figures.values()] == [{"runs": 3}, {}]
 

@@ -15,6 +15,7 @@ from actors.installation.version import release
 from actors.world.whereabouts import PoseError
 from cleaning.strategies import STRATEGIES
 from command_line.development.checks import Check, run_checks
+from command_line.documentation.commands import tree
 from observation.results import summary
 from observation.results.deeco_result import DeecoResult
 from observation.results.navigation_result import NavigationResult
@@ -23,6 +24,7 @@ from observation.results.result import RobotResult, RunResult
 from tests import warm
 
 ROOT = Path(__file__).parents[2]
+TREE = tree()
 
 
 def acrc(*arguments: str, cwd: Path = ROOT) -> tuple[int, str, str]:
@@ -100,6 +102,14 @@ def test_help_names_every_option_of_run() -> None:
         "--view", "--json",
     ):  # fmt: skip
         assert f"  {option} " in out
+
+
+@pytest.mark.parametrize("words", TREE)
+def test_no_line_of_help_is_cut_or_too_wide_for_80_columns(words: str) -> None:
+    context = TREE[words].make_context(words, [], resilient_parsing=True, terminal_width=80)
+    for line in context.get_help().splitlines():
+        assert len(line) <= 80, line
+        assert "..." not in line or line.startswith("Usage: "), line
 
 
 def test_help_loads_nothing_heavy() -> None:

@@ -42,7 +42,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
             f"run {HEAD_ON} --duration 3 --step 50 --strategy mine:behaviour --speed max --bus zenoh "
             "--spawn exec --no-isolate --limit memory_mb=1500 --timeout 50 --log r1 --out runs/a --modules . "
             f"--key {'0f' * 16} --check --json",
-            r"checked: 4 actors executed again.*messages equal",
+            r"checked: 4 actors replayed.*messages equal",
         ),
         Line("run --robots 2 --set run.duration=1.5 --isolate --out runs/b --trust", r"2 robots"),
         Line(
@@ -102,15 +102,15 @@ STORIES: dict[str, tuple[Line, ...]] = {
             r"^an editor may attach at 5678\nit does\n(?:.*\n)*it stops$",
         ),
         Line("explain runs/a r1 --json --modules . --trust", r"^\["),
-        Line("log runs/a --follow", r"step 30  r[12] looks"),
+        Line("record echo runs/a */log --follow", r"step 30  r[12] looks"),
         Line("export runs/a --out tables --modules . --trust", r"poses.*rows", "tables/poses.parquet"),
         Line("record merge runs/a --out all.mcap", r"messages of digest", "all.mcap"),
         Line("replay runs/a --robot r1 --modules . --isolate", r"^r1: identical: \d+ outputs$"),
         Line("replay runs/a --robot r2 --no-isolate --trust", r"^r2: identical: \d+ outputs$"),
-        Line("topic echo runs/a r1/drive --csv --follow", r"^3\.9,r1/drive,39,"),
-        Line("topic hz runs/a r1/drive --follow", r"r1/drive"),
-        Line("topic bw runs/a r1/drive --follow", r"r1/drive"),
-        Line("topic plot runs/a r1/drive vx --png vx.png", r"vx.png", "vx.png"),
+        Line("record echo runs/a r1/drive --csv --follow --from 1", r"^2\.9,r1/drive,29,"),
+        Line("record echo runs/a truth --json --to 1", r'^\{"seconds": 1\.0'),
+        Line("record info runs/a r1/drive --follow --from 1 --to 2 --json", r'"r1/drive"'),
+        Line("record plot runs/a r1/drive vx --from 1 --to 2 --out vx.png", r"vx.png", "vx.png"),
         Line("causes runs/a --json", r'"r1"'),
         Line("report runs/a --out page", r"page", "page/report.html"),
     ),
@@ -200,7 +200,7 @@ STORIES: dict[str, tuple[Line, ...]] = {
         ),
         Line("fleet watch {listen} --keys keys/operator", r"places left", typed=CTRL_C, codes=(130,)),
         Line("fleet stop {listen} --keys keys/operator", r"has stopped"),
-        Line("topic echo runs/two r1/drive", r"vx"),
+        Line("record echo runs/two r1/drive", r"vx"),
     ),
     "docs": (Line("docs --out site --open", r"site/index.html", "site/index.html"),),
     "verify floors": (

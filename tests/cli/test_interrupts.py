@@ -47,6 +47,6 @@ def test_ctrl_c_at_any_moment_is_one_sentence(tmp_path: Path, event: int, words:
     assert done.returncode == 130
     kept = f"; what was recorded is in {out}" if out.exists() else ""
     if words.startswith("campaign") and out.exists():
-        kept = f"; the same command goes on from what is in {out}"
+        kept = f"; the same command resumes from {out}"
     assert done.stderr.splitlines()[-1:] == [f"acrc: ended from outside{kept}"]
     assert "Traceback" not in done.stderr

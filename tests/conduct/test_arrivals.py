@@ -7,9 +7,9 @@ from actors.messages import SENSES, Senses
 from actors.order_limits import OrderLimits
 from actors.orders import Freeze, Give, Kill, Order, Restart, Thaw
 from actors.runtime.codec import decode, encode
+from actors.runtime.errors import AcrcError
 from actors.task.referee import Verdict
 from actors.task.words import PlaceKey, PlaceReport
-from actors.world.orders import OrderError
 from tests.conduct.theatre import Says, Theatre
 
 HERE, THERE = (15.5, 12.5), (19.0, 12.5)
@@ -108,7 +108,7 @@ def test_a_robot_may_report_and_keep_what_it_was_given() -> None:
     ],
 )
 def test_places_that_cannot_be_are_refused(order: Give, sentence: str) -> None:
-    with pytest.raises(OrderError) as caught:
+    with pytest.raises(AcrcError) as caught:
         Theatre(1.0, [(0.5, order)]).run()
     assert str(caught.value) == f"the event at 0.5 s cannot happen: {sentence}"
 
@@ -118,5 +118,5 @@ def test_there_is_a_limit_that_fits_one_message() -> None:
     crowd = (HERE,) * most
     play = Theatre(1.0, [(0.2, Give("r1", crowd)), (0.5, Restart("r1"))]).run()
     assert told(play.acts["r1.1"].senses) == {5: crowd}
-    with pytest.raises(OrderError, match="it may be at most 1000"):
+    with pytest.raises(AcrcError, match="it may be at most 1000"):
         Theatre(1.0, [(0.2, Give("r1", crowd)), (0.5, Give("r1", (HERE,)))]).run()

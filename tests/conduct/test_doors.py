@@ -3,7 +3,7 @@
 import pytest
 
 from actors.orders import CloseDoor, Move, OpenDoor
-from actors.world.orders import OrderError
+from actors.runtime.errors import AcrcError
 from tests.conduct.theatre import Theatre
 
 EAST = 24.0
@@ -42,7 +42,7 @@ def test_a_door_closes_once_nobody_stands_in_it() -> None:
     inside = next(truth.instant for truth in through.truths if truth.robots[0].x > EAST - 0.1) / 1e6
     play = eastward(12.0, (inside, CloseDoor(EAST, 11.1)), (11.0, OpenDoor(EAST, 11.1)))
     assert end(play) > EAST + 0.5
-    with pytest.raises(OrderError, match="it would overlap a wall"):
+    with pytest.raises(AcrcError, match="it would overlap a wall"):
         eastward(12.0, (inside, CloseDoor(EAST, 11.1)), (11.0, Move("r3", EAST, 11.1, 0.0)))
 
 
@@ -67,6 +67,6 @@ def test_a_door_that_was_yet_to_close_stays_open() -> None:
     ],
 )
 def test_what_cannot_be_is_refused(events: list[tuple[float, CloseDoor | OpenDoor]], sentence: str) -> None:
-    with pytest.raises(OrderError) as caught:
+    with pytest.raises(AcrcError) as caught:
         eastward(1.0, *events)
     assert str(caught.value).startswith(f"the event at 0.5 s cannot happen: {sentence}")

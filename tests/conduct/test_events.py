@@ -24,14 +24,12 @@ from actors.orders import (
     Wall,
 )
 from actors.robot_model import load_model
-from actors.runtime.bus.memory_bus import StalledError
 from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import encode
 from actors.runtime.core import at
+from actors.runtime.errors import AcrcError
 from actors.runtime.fingerprint import combined
-from actors.world.body import Bodies, SweepRateError
-from actors.world.core import RollCallError
-from actors.world.orders import OrderError
+from actors.world.body import Bodies
 from tests.conduct.theatre import STEP, Scripted, Theatre, told
 from tests.world.scenery import with_sensor
 
@@ -134,7 +132,7 @@ def test_no_sweep_of_a_fast_sensor_is_lost() -> None:
 
 def test_a_sensor_faster_than_the_world_is_refused() -> None:
     fast = with_sensor(load_model("turtlebot2"), rate=200.0)
-    with patch("actors.world.body.load_model", lambda *_: fast), pytest.raises(SweepRateError) as raised:
+    with patch("actors.world.body.load_model", lambda *_: fast), pytest.raises(AcrcError) as raised:
         Bodies(Theatre.setup_of(["r1"]))
     assert str(raised.value) == (
         "the range sensor of 'TurtleBot 2' sweeps 200 times a second; the world lets it at most 100 times"
@@ -160,7 +158,7 @@ def test_an_obstacle_stops_a_robot() -> None:
 def test_pause_and_resume_change_nothing_but_the_control_messages() -> None:
     play = Theatre(1.0)
     ordered(play, Pause())
-    with pytest.raises(StalledError, match=r"world \(step 0\) for swarm/infra/control"):
+    with pytest.raises(AcrcError, match=r"world \(step 0\) for swarm/infra/control"):
         play.run()
     assert play.core.paused
     ordered(play, Resume())
@@ -179,10 +177,10 @@ def test_single_steps_pause_again_and_change_nothing() -> None:
     ordered(play, Pause())
     stands = r"nobody can go on: world \(step {}\) for swarm/infra/control"
     for steps, at_step in ((1, 1), (3, 4)):
-        with pytest.raises(StalledError):
+        with pytest.raises(AcrcError):
             play.run()
         ordered(play, Step(steps))
-        with pytest.raises(StalledError, match=stands.format(at_step)):
+        with pytest.raises(AcrcError, match=stands.format(at_step)):
             play.run()
         assert play.core.paused
     ordered(play, Resume())
@@ -306,11 +304,11 @@ def test_every_event_is_in_the_digest() -> None:
 @pytest.mark.parametrize(
     ("event", "error", "sentence"),
     [
-        (Kill("r9"), OrderError, "the event at 1 s cannot happen: there is no robot 'r9' to kill"),
-        (Thaw("r1"), OrderError, "the event at 1 s cannot happen: cannot thaw r1, which is stepping"),
+        (Kill("r9"), AcrcError, "the event at 1 s cannot happen: there is no robot 'r9' to kill"),
+        (Thaw("r1"), AcrcError, "the event at 1 s cannot happen: cannot thaw r1, which is stepping"),
         (
             Move("r1", 17.05, 13.0, 0.0),
-            OrderError,
+            AcrcError,
             "the event at 1 s cannot happen: r1 cannot stand at (17.05, 13): it would overlap r2",
         ),
     ],
@@ -334,7 +332,7 @@ def test_an_order_that_makes_no_sense_ends_the_run(
 )
 def test_robots_that_compute_otherwise_are_refused(said: str, named: str) -> None:
     here = combined({"a.cos": "1" * 64, "a.sin": "2" * 64, "a.tan": "3" * 64})
-    with pytest.raises(RollCallError) as caught:
+    with pytest.raises(AcrcError) as caught:
         Theatre(1.0, kernels={"r1": here, "r2": said}).run()
     assert str(caught.value) == (
         f"r2 computes otherwise than r1: other bits come from {named}; all robots of a run need the same "

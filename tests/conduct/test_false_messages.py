@@ -9,7 +9,6 @@ from actors.messages import AIRED, Aired, Drive, EventCount
 from actors.runtime.codec import encode
 from actors.runtime.errors import AcrcError
 from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
-from actors.world.core import FalseMessageError
 from tests.conduct.theatre import Theatre
 
 TRUE = Drive(7, 0.1, 0.0, 0.0, 0)
@@ -63,7 +62,7 @@ MOST = "coordinates should be at most 100000"
 def test_a_false_drive_ends_the_run_and_names_who_sent_it(changes: dict[str, object], sentence: str) -> None:
     play = Theatre(2.0)
     play.acts["r1"].lies = {7: msgspec.structs.replace(TRUE, **changes)}
-    with pytest.raises(FalseMessageError) as caught:
+    with pytest.raises(AcrcError) as caught:
         play.run()
     assert str(caught.value) == f"step 7 (0.7 s): r1 {sentence}"
 

@@ -3,9 +3,9 @@
 import pytest
 
 from actors.orders import Freeze, Kill, Obstacle, Restart
+from actors.runtime.errors import AcrcError
 from actors.task.referee import Verdict
 from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
-from actors.world.core import FalseWordError
 from tests.conduct.theatre import Says, Theatre
 
 R1, R2 = PlaceKey("r1", 0), PlaceKey("r2", 0)
@@ -93,6 +93,6 @@ def test_a_robot_started_again_has_the_places_that_it_was_given() -> None:
 def test_a_place_that_nobody_was_given_ends_the_run(says: Says, sentence: str) -> None:
     play = Theatre(2.0)
     play.acts["r1"].says = {7: says}
-    with pytest.raises(FalseWordError) as caught:
+    with pytest.raises(AcrcError) as caught:
         play.run()
     assert str(caught.value) == sentence

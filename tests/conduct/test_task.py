@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from actors.instant import Instant
 from actors.orders import Give, Restart
+from actors.runtime.errors import AcrcError
 from actors.task.task import TaskProgress
 from actors.task.words import TaskWords
-from actors.world.core import FalseWordError
 from tests.conduct.theatre import Theatre
 
 
@@ -67,7 +67,7 @@ def test_without_an_end_of_its_task_a_run_goes_on_to_its_limit_and_every_robot_i
 
 
 def test_what_a_task_cannot_believe_ends_the_run_with_its_words() -> None:
-    with pytest.raises(FalseWordError) as caught:
+    with pytest.raises(AcrcError) as caught:
         Theatre(1.0, task=Parting(1000.0, "says that it is a fish")).run()
     assert str(caught.value) == "step 0 (0 s): r2 says that it is a fish"
 

@@ -19,7 +19,7 @@ from actors.task.words import PlaceReport
 from actors.topic import Message, Topic
 from actors.world.world_setup import BodySetup, TimedOrder, WorldSetup
 from deploy.control import scene as scenes
-from deploy.control.wire import ASK_BYTES, Ask, Body, Circle, JunkError, Line, Place, Said, Spot, ask
+from deploy.control.wire import ASK_BYTES, Ask, JunkError, MapRobot, OrderAnswer, Place, ask
 
 server = pytest.importorskip("deploy.control.server", reason="websockets comes with `./acrc run --control`")
 run_link = pytest.importorskip("deploy.control.run_link")
@@ -202,7 +202,7 @@ def test_what_is_no_order(data: str | bytes) -> None:
 def test_a_page_is_told_when_the_run_says_nothing() -> None:
     now, stage, mesh = [0.0], scene(), Mesh()
     link = run_link.RunLink(stage, mesh, mesh, lambda: now[0])
-    told: list[Said] = []
+    told: list[OrderAnswer] = []
 
     class Listener:
         tell = staticmethod(told.append)
@@ -224,13 +224,13 @@ def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
     stage.take(Answered(1, "b", ("no",)))
     stage.take(Progress(1, 100_000, 1, 1, finished=False, paused=True))
     state = stage.state(junk=3)
-    assert state.robots == (Body("r1", 3.0, 4.0, 0.0, "driving"),)
-    assert (state.walls, state.done, state.paused, state.junk) == ((Line(1.0, 1.0, 2.0, 1.0),), (1,), True, 3)
+    assert state.robots == (MapRobot("r1", 3.0, 4.0, 0.0, "driving"),)
+    assert (state.walls, state.done, state.paused, state.junk) == (((1.0, 1.0, 2.0, 1.0),), (1,), True, 3)
     assert state.speed == 0.5
-    assert (state.jammers, state.obstacles) == ((Circle(1.0, 1.0, 3.0),), ())
+    assert (state.jammers, state.obstacles) == (((1.0, 1.0, 3.0),), ())
     stage.take(Truth(3, 300_000, (TRUTH_OF_R1,)))
     state = stage.state(junk=3)
-    assert (state.jammers, state.obstacles, state.missed) == ((), (Circle(5.0, 5.0, 0.2),), 2)
+    assert (state.jammers, state.obstacles, state.missed) == ((), ((5.0, 5.0, 0.2),), 2)
     assert (state.paused, state.t, state.over) == (False, 0.3, False)
     stage.take(Control(0, (Give("r1", ((7.0, 7.0),)), CloseDoor(1.0, 1.0), CloseDoor(5.0, 5.0)), "c"))
     stage.take(Control(0, (OpenDoor(4.9, 5.0),), "d"))
@@ -238,6 +238,6 @@ def test_the_scene_follows_messages_and_orders_that_were_carried_out() -> None:
         stage.take(Answered(3, ticket, ()))
     stage.take(Drive(3, 0.0, 0.0, 0.0, 0, (PlaceReport("r1", 2, 0),)))
     state = stage.state(junk=3)
-    assert (state.given, state.done, state.closed) == ((Place("r1", 7.0, 7.0),), (1, 2), (Spot(1.0, 1.0),))
+    assert (state.given, state.done, state.closed) == ((Place("r1", 7.0, 7.0),), (1, 2), ((1.0, 1.0),))
     stage.take(Truth(4, 400_000, (), halt=True))
     assert stage.state(junk=0).over

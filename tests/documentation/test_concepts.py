@@ -5,8 +5,8 @@ from collections import Counter
 
 from command_line.documentation.markdown import pages
 from observation.accounting.time_spent import Cause
-from observation.inside.telemetry import ACTIVITIES
 from observation.picture import style
+from observation.trace.rows import ACTIVITIES
 
 PAGE = next(page.text for page in pages() if page.name == "docs/concepts.md")
 

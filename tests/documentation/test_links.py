@@ -4,7 +4,7 @@ import pytest
 
 from actors.installation.repository import REPOSITORY
 from command_line.documentation.contents import as_toctrees, chapters
-from command_line.documentation.markdown import Page, pages
+from command_line.documentation.markdown import MarkdownPage, pages
 
 PAGES = {page.name: page for page in pages()}
 
@@ -20,7 +20,7 @@ def test_every_link_leads_somewhere(name: str) -> None:
         path = (page.path.parent / file).resolve() if file else page.path
         if not path.exists() or not path.is_relative_to(REPOSITORY):
             wrong.append(link.target)
-        elif anchor and anchor not in Page(path).anchors():
+        elif anchor and anchor not in MarkdownPage(path).anchors():
             wrong.append(f"{link.target}: no such heading")
     assert wrong == []
 

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,6 @@ from benchmarks.causes.causes import judge
 from command_line.app import app
 from deploy.run import swarm
 from deploy.run.options import RunOptions
-from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.accounting import blockings, decisions, diagnosis
 from observation.accounting.account import account
 from observation.accounting.classify import CAUSES, Classified, classify
@@ -214,9 +214,7 @@ def test_nothing_is_invented() -> None:
 
 
 def test_over_the_mesh_it_is_the_same_and_adds_up_to_the_microsecond(tmp_path: Path) -> None:
-    file = tmp_path / "wedged.toml"
-    situations.wedged(1).write(file)
-    scenario = load_scenario(file, Overrides(settings=(("run.duration", 4.1),)))
+    scenario = replace(situations.wedged(1), duration=4.1).scenario()
     spent = []
     for bus in ("memory", "zenoh"):
         options = RunOptions(tmp_path / bus, bus=bus, json=True)

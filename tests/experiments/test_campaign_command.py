@@ -12,7 +12,7 @@ from experiments.campaign import results_table, store
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
 from experiments.campaign.trust import IN_MEMORY
 from experiments.study.study import Study
-from experiments.study.study_wishes import Wishes, study_of
+from experiments.study.study_wishes import StudyWishes, study_of
 from observation.results.result import RunResult
 from tests import warm
 
@@ -26,7 +26,7 @@ def acrc(*words: str, cwd: Path = ROOT) -> tuple[int, str, str]:
 
 def over(folder: Path, plain: RunResult, *, digest: str) -> list[str]:
     """The words of a campaign of 20 runs that has nothing left to do; its first run was repeated."""
-    kept = store.create(folder, study_of(Wishes(seeds=10)))
+    kept = store.create(folder, study_of(StudyWishes(seeds=10)))
     for trial in kept.study.trials():
         places = 40 if trial.strategy == "chapter" else 20 + trial.seed
         result = msgspec.structs.replace(
@@ -75,7 +75,7 @@ def test_the_primary_comparison_comes_first_and_the_right_way_round(plain: RunRe
 
 
 def test_until_decided_begins_no_further_run(plain: RunResult, tmp_path: Path) -> None:
-    study = study_of(Wishes(seeds=60))
+    study = study_of(StudyWishes(seeds=60))
     kept = store.create(tmp_path / "out", study)
     for trial in study.trials():
         if trial.seed <= 30:
@@ -108,7 +108,7 @@ def test_what_does_not_go_together_is_said(words: tuple[str, ...], sentence: str
 
 
 def test_the_preset_is_the_chapters_experiment() -> None:
-    study = study_of(Wishes(preset="chapter"))
+    study = study_of(StudyWishes(preset="chapter"))
     assert (study.strategies, study.seeds, study.primary) == (("none", "chapter"), 10, (("chapter", "none"),))
     assert Path(study.scenario) == ROOT / "scenarios" / "chapter.toml"
 

@@ -29,7 +29,7 @@ from experiments.campaign.campaign import CampaignOptions, carry_out
 from experiments.campaign.cluster_address import ClusterError, check, is_safe
 from experiments.campaign.cluster_tls import security
 from experiments.campaign.dask_pool import DaskPool
-from experiments.campaign.remote import Answer, checked
+from experiments.campaign.remote import RemoteOutcome, checked
 from experiments.campaign.trial_order import MOST_BYTES
 from experiments.study.study import Study
 from tests import warm
@@ -285,13 +285,13 @@ def test_what_is_wrong_with_a_certificate_is_one_sentence(tmp_path: Path) -> Non
 
 
 def test_what_a_worker_answers_is_bounded_and_of_its_types() -> None:
-    good = Answer(b"{}", "cause", b"said")
+    good = RemoteOutcome(b"{}", "cause", b"said")
     assert checked(good) == good
     wrong: list[Any] = [{"record": b""}, None, ("text", "", b"", ""), (None, 3, b"", ""), (None, "", "x", "")]
-    for each in (*wrong, *(Answer(*one) for one in wrong[2:])):
-        assert checked(each) == Answer(None, "a worker has answered something else", b"")
-    large = checked(Answer(bytes(MOST_BYTES + 1), "", b""))
+    for each in (*wrong, *(RemoteOutcome(*one) for one in wrong[2:])):
+        assert checked(each) == RemoteOutcome(None, "a worker has answered something else", b"")
+    large = checked(RemoteOutcome(bytes(MOST_BYTES + 1), "", b""))
     assert large.record is None and large.cause == f"a worker has answered more than {MOST_BYTES} octets"
-    noisy = checked(Answer(None, "\x1b[2J" + "x" * 9999, b"y" * (2 << 20), "z" * 9999))
+    noisy = checked(RemoteOutcome(None, "\x1b[2J" + "x" * 9999, b"y" * (2 << 20), "z" * 9999))
     assert len(noisy.cause) < 2000 and "\x1b" not in noisy.cause and len(noisy.refusal) == 500
     assert len(noisy.said) == 1 << 20

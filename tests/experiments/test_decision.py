@@ -6,8 +6,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from actors.runtime.errors import AcrcError
 from experiments.campaign import store
-from experiments.campaign.store import CampaignError, Store
+from experiments.campaign.store import Store
 from experiments.campaign.trial_record import TrialRecord, keep
 from experiments.comparison.decision import Watch, p_of, rule_for, told
 from experiments.statistics.sample_size import Effect
@@ -110,7 +111,7 @@ def test_the_cap_stays_what_it_was_once_somebody_has_looked(tmp_path: Path) -> N
     store.create(tmp_path / "out", STUDY).declare_looks()
     store.create(tmp_path / "out", STUDY).declare_looks()
     more = store.create(tmp_path / "out", msgspec.structs.replace(STUDY, seeds=80))
-    with pytest.raises(CampaignError, match=r"was looked at on the way to 60 pairs; with 80 the error rate"):
+    with pytest.raises(AcrcError, match=r"was looked at on the way to 60 pairs; with 80 the error rate"):
         more.declare_looks()
 
 
@@ -124,7 +125,7 @@ def test_several_comparisons_share_the_error(tmp_path: Path) -> None:
     shared = Watch(store.create(tmp_path / "two", three)).rule
     assert shared.looks == alone.looks
     assert all(one < other for one, other in zip(shared.thresholds, alone.thresholds, strict=True))
-    with pytest.raises(CampaignError, match="the study declares no comparison"):
+    with pytest.raises(AcrcError, match="the study declares no comparison"):
         Watch(store.create(tmp_path / "three", msgspec.structs.replace(three, primary=())))
-    with pytest.raises(CampaignError, match="primary_metric is 'speed'; must be one of places, contacts"):
+    with pytest.raises(AcrcError, match="primary_metric is 'speed'; must be one of places, contacts"):
         Watch(store.create(tmp_path / "four", msgspec.structs.replace(STUDY, primary_metric="speed")))

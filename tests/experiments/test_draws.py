@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from actors.runtime.errors import AcrcError
 from cleaning.strategies import STRATEGIES
 from deploy.run import swarm
 from deploy.run.options import RunOptions
@@ -17,7 +18,7 @@ from experiments.campaign import results_table, store
 from experiments.campaign.campaign import CampaignOptions, carry_out
 from experiments.study.draws import PARAMETERS, drawn
 from experiments.study.study import Distribution, Study
-from experiments.study.study_file import StudyError, VaryTable, load_study
+from experiments.study.study_file import VaryTable, load_study
 
 ROOT = Path(__file__).parents[2]
 CORRIDOR = ROOT / "scenarios" / "corridor.toml"
@@ -147,7 +148,7 @@ def test_every_parameter_can_stand_in_a_file() -> None:
 def test_what_is_wrong_with_a_distribution_is_said(tmp_path: Path, table: str, sentence: str) -> None:
     path = tmp_path / "study.toml"
     path.write_text(f"scenario = 's.toml'\nstrategies = ['none']\n[[vary]]\n{table}\n")
-    with pytest.raises(StudyError) as caught:
+    with pytest.raises(AcrcError) as caught:
         load_study(path)
     assert sentence in str(caught.value)
 

@@ -11,7 +11,7 @@ import pytest
 
 from experiments.campaign import store
 from experiments.campaign.campaign import CampaignOptions, carry_out
-from experiments.campaign.draw import Run, draw, run_of
+from experiments.campaign.draw import DrawableRun, draw, run_of
 from experiments.campaign.store import Store
 from experiments.campaign.trial_order import MOST_BYTES, left, received
 from experiments.campaign.trial_record import TrialRecord, keep
@@ -179,7 +179,7 @@ def a_record(strategy: str, seed: int, plain: RunResult, places: int, claimed: i
     return TrialRecord(strategy, seed, {}, result)
 
 
-def a_run(strategy: str, seed: int, plain: RunResult, places: int, claimed: int = 40) -> Run:
+def a_run(strategy: str, seed: int, plain: RunResult, places: int, claimed: int = 40) -> DrawableRun:
     record = a_record(strategy, seed, plain, places, claimed)
     run = run_of(Trial(strategy, seed), record, f"{strategy}{seed}")
     assert run is not None

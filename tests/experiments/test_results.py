@@ -9,10 +9,9 @@ import pytest
 from pyarrow import parquet
 
 from experiments.campaign import results_table, store
-from experiments.campaign.campaign import CampaignOptions, carry_out
-from experiments.campaign.pool import Ended
+from experiments.campaign.campaign import CampaignOptions, TimeToGo, carry_out
+from experiments.campaign.pool import EndedTrial
 from experiments.campaign.store import Pending, Store
-from experiments.campaign.time_to_go import TimeToGo
 from experiments.campaign.trace import DIGITS, coincide_s
 from experiments.campaign.trial_record import CheckRecord, TrialRecord, keep
 from experiments.campaign.trust import differing, protection
@@ -118,7 +117,11 @@ def test_the_time_to_go_knows_that_strategies_take_differently_long() -> None:
     slow, quick = (Pending(trials[number]) for number in (0, 1))
     time = TimeToGo()
     assert time.left_s([slow], [], 2) is None
-    for ended in (Ended(slow, 30.0, None, ""), Ended(quick, 10.0, None, ""), Ended(quick, 12.0, None, "")):
+    for ended in (
+        EndedTrial(slow, 30.0, None, ""),
+        EndedTrial(quick, 10.0, None, ""),
+        EndedTrial(quick, 12.0, None, ""),
+    ):
         time.learn(ended.pending, ended.took_s)
     assert time.left_s([slow, quick, quick], [], 2) == pytest.approx((30 + 11 + 11) / 2)
     assert time.left_s([], [(slow, 25.0)], 2) == pytest.approx(5.0)

@@ -6,8 +6,10 @@ from typing import NamedTuple
 
 import pytest
 
+from actors.installation.repository import REPOSITORY
+from actors.robot.behaviour.foreign import Permit
 from observation.explanation.chain import Link
-from observation.explanation.explain import Explanation, ExplanationError, explain, listed, sentences, wish
+from observation.explanation.explain import Explainer, Explanation, ExplanationError, sentences, wish
 from tests.swarm.command import acrc
 
 
@@ -101,8 +103,12 @@ DOORWAY = (
 )  # fmt: skip
 
 
+def explainer(out: Path) -> Explainer:
+    return Explainer(out, permit=Permit((REPOSITORY,)), isolate=False)
+
+
 def answered(out: Path, one: Known) -> Explanation:
-    found = explain(out, wish(one.who))
+    found = explainer(out).explain(wish(one.who))
     return next(answer for answer in found if answer.decision == one.words)
 
 
@@ -137,7 +143,7 @@ def test_causes_of_the_chapters_decisions_are_named(doorway: Path) -> None:
 
 
 def test_causes_stand_below_their_effects(doorway: Path) -> None:
-    (answer,) = explain(doorway, wish("r2@15"))
+    (answer,) = explainer(doorway).explain(wish("r2@15"))
     assert answer.chain[0].depth == 0
     for link, below in zip(answer.chain, answer.chain[1:], strict=False):
         assert 1 <= below.depth <= link.depth + 1 and below.at_s <= answer.at_s
@@ -147,21 +153,21 @@ def test_causes_stand_below_their_effects(doorway: Path) -> None:
 
 
 def test_between_decisions_it_is_the_one_before(doorway: Path) -> None:
-    (answer,) = explain(doorway, wish("r2@50"))
+    (answer,) = explainer(doorway).explain(wish("r2@50"))
     assert (answer.at_s, answer.exact) == (32.0, False)
     assert next(sentences(answer)) == "r2 decided nothing at 50 s; before that it last did at 32 s:"
 
 
 def test_who_has_not_decided_yet_is_told_when_it_does(planted: Path) -> None:
     with pytest.raises(ExplanationError) as caught:
-        explain(planted, wish("r2@1"))
+        explainer(planted).explain(wish("r2@1"))
     assert str(caught.value) == "r2 had decided nothing by 1 s; its first decision is at 3.5 s"
 
 
 def test_nobody_is_explained_who_is_not_there(doorway: Path) -> None:
     for name in ("r9", "world"):
         with pytest.raises(ExplanationError) as caught:
-            listed(doorway, name)
+            explainer(doorway).listed(name)
         assert str(caught.value) == f"{name}: is no robot of this run; there are r1, r2"
 
 
@@ -185,4 +191,4 @@ def test_the_command_says_it_as_text_and_as_json(doorway: Path) -> None:
     assert answer["decision"] == "takes over r1/0" and len(answer["chain"]) == len(lines)
     rows = acrc("explain", doorway, "r2").stdout.splitlines()
     assert "   15.000 s  takes over r1/0  (DestinationAdoption.at_member)" in rows
-    assert len(rows) == len(listed(doorway, "r2"))
+    assert len(rows) == len(explainer(doorway).listed("r2"))

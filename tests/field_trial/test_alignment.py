@@ -12,7 +12,7 @@ from scipy import stats
 
 from observation.field_trial.clocks.alignment import Alignment, Fit, align
 from observation.field_trial.clocks.equations import AlignmentParameters
-from observation.field_trial.clocks.frame_stamps import Frame, Stamp, StampKind
+from observation.field_trial.clocks.frame_stamps import Stamp, StampedFrame, StampKind
 from observation.field_trial.clocks.student_t import quantile
 
 DEFAULTS = AlignmentParameters()
@@ -55,7 +55,7 @@ class Air:
         ahead, drift = self.clocks()
         return ahead[clock] + round(instant_us * (1 + drift[clock] / 1e6))
 
-    def frames(self) -> list[Frame]:
+    def frames(self) -> list[StampedFrame]:
         generator = np.random.default_rng([self.seed, 2])
         return [
             frame
@@ -64,7 +64,7 @@ class Air:
             if len((frame := self.frame(generator, second, sender)).stamps) > 1
         ]
 
-    def frame(self, generator: np.random.Generator, second: int, sender: int) -> Frame:
+    def frame(self, generator: np.random.Generator, second: int, sender: int) -> StampedFrame:
         instant = (second + generator.uniform()) * 1e6
         slow = np.random.default_rng([self.seed, 3]).normal(5000.0, self.unlike_us, self.robots)
         handed = instant - 3000.0 - generator.exponential(3000.0)
@@ -75,7 +75,7 @@ class Air:
             late = self.lag_us + self.noise(generator)
             if robot != sender and (sender, robot) not in self.deaf:
                 stamps.append(Stamp(robot, self.shown(robot, instant + slow[robot] + late), StampKind.HEARD))
-        return Frame(tuple(stamps), Stamp(sender, self.shown(sender, handed), StampKind.HANDED))
+        return StampedFrame(tuple(stamps), Stamp(sender, self.shown(sender, handed), StampKind.HANDED))
 
     def errors(
         self, fits: Alignment, bound: Callable[[Fit, int], float] = Fit.error

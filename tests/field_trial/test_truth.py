@@ -92,6 +92,5 @@ def test_another_field_trials_truth_is_one_sentence(head_on: Run, tmp_path: Path
     with pytest.raises(FieldTrialError) as error:
         collect([far], None, tmp_path / "junk.json")
     assert str(error.value) == (
-        f"--truth: {tmp_path}/junk.json is no result of a laboratory: "
-        "Object missing required field `began_us`"
+        f"--truth: {tmp_path}/junk.json is no result of a laboratory: began_us is missing, but must be there"
     )

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels
+from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels, Machine
 from deploy.fleet.usb_ports import UsbPort
-from firmware_bridge.serial_port import Device
+from firmware_bridge.serial_port import PortDevice
 
 KOBUKI_AT_0 = UsbPort("/dev/ttyUSB0", "0403", "6001", "kobuki_A1B2", "1-1.1")
 BOARD_AT_1 = UsbPort("/dev/ttyUSB1", "0403", "6001", "A50285BI", "1-1.2")
@@ -15,8 +15,8 @@ LIDAR_AT_2 = UsbPort("/dev/ttyUSB2", "10c4", "ea60", "0001", "1-1.3")
 
 
 @dataclass(frozen=True)
-class Patient:
-    """As Machine says; by default nothing is wrong."""
+class Patient(Machine):
+    """By default nothing is wrong."""
 
     user: str = "robot"
     here: Path = Path("/home/robot")
@@ -59,7 +59,7 @@ class Patient:
     def holders(self, path: str) -> list[str]:
         return self.held.get(path, [])
 
-    def port_fault(self, path: str, device: Device) -> str | None:
+    def port_fault(self, path: str, device: PortDevice) -> str | None:
         return self.port_faults.get(path)
 
     def camera_fault(self) -> str | None:

@@ -12,9 +12,15 @@ import pytest
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from deploy.fleet.doctor import computer, consultation, ports
 from deploy.fleet.doctor import robot as robot_checks
-from deploy.fleet.doctor.findings import Finding, well, wrong
-from deploy.fleet.doctor.machine import Certified, GroupMembership, Kernels, Machine
-from deploy.fleet.doctor.this_machine import ThisMachine
+from deploy.fleet.doctor.machine import (
+    Certified,
+    DoctorFinding,
+    GroupMembership,
+    Kernels,
+    Machine,
+    well,
+    wrong,
+)
 from deploy.fleet.fleet_file import load_fleet
 from deploy.fleet.usb_ports import UsbPort
 from firmware_bridge.kobuki.port import KOBUKI
@@ -42,7 +48,7 @@ OFFICE_FLEET = load_fleet(OFFICE)
 R2 = OFFICE_FLEET.robot("r2")
 
 
-def only(found: Iterable[Finding]) -> Finding:
+def only(found: Iterable[DoctorFinding]) -> DoctorFinding:
     (finding,) = found
     return finding
 
@@ -87,7 +93,7 @@ def test_each_python_has_pins_of_its_own() -> None:
 
 def test_the_pins_of_this_project_are_all_read() -> None:
     text = (ROOT / "constraints.txt").read_text()
-    sections = {finding.subject: finding.text for finding in computer.packages(ThisMachine(), text, ())}
+    sections = {finding.subject: finding.text for finding in computer.packages(Machine(), text, ())}
     assert list(sections) == [
         f"packages {name}"
         for name in [
@@ -299,7 +305,7 @@ def test_keys_must_hold_today_for_this_robot_and_nobody_elses_eyes(
     for name in ("authority.pem", "certificate.pem", "key.pem"):
         (folder / name).touch()
     found = only(robot_checks.keys(machine.but(certified=certified), listening, listening.robot("r1")))
-    assert found == Finding("keys", ok, text.format(folder=folder))
+    assert found == DoctorFinding("keys", ok, text.format(folder=folder))
     swapped = machine.but(certified=Certified("r2", certified.begins, certified.ends))
     assert only(robot_checks.keys(swapped, listening, listening.robot("r1"))) == wrong(
         "keys", f"{folder}/certificate.pem is that of r2; the folder of r1 belongs here"
@@ -308,7 +314,7 @@ def test_keys_must_hold_today_for_this_robot_and_nobody_elses_eyes(
 
 
 def test_this_computer_answers_everything_that_it_is_asked(tmp_path: Path) -> None:
-    machine: Machine = ThisMachine()
+    machine: Machine = Machine()
     assert machine.exists(str(tmp_path)) and not machine.exists(str(tmp_path / "nothing"))
     assert machine.usb_port("/dev/null") is None
     assert all(port.vendor for port in machine.usb_ports())
@@ -329,7 +335,7 @@ def test_this_computer_answers_everything_that_it_is_asked(tmp_path: Path) -> No
 
 
 def test_a_port_that_this_computer_has_is_opened_and_whoever_has_it_is_found(tmp_path: Path) -> None:
-    machine = ThisMachine()
+    machine = Machine()
     link = tmp_path / "kobuki"
     with PseudoTerminal(link) as terminal:
         assert machine.port_fault(str(link), KOBUKI) is None

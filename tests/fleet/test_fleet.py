@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from actors.installation.usage import OptionError
-from deploy.fleet.fleet_file import FleetError, load_fleet
+from actors.runtime.errors import AcrcError
+from deploy.fleet.fleet_file import load_fleet
 from tests.fleet.texts import HEAD, OFFICE, ROBOT, ROOT, fault, fleet, robot
 
 POWER = "0, -0.5 or -6.3 dBm, or one of them less 10, 20 or 30, which is what the firmware can set"
@@ -177,12 +178,12 @@ def test_a_fleet_needs_a_map() -> None:
 
 
 def test_a_file_that_is_not_there_or_no_toml_is_named(tmp_path: Path) -> None:
-    with pytest.raises(FleetError) as missing:
+    with pytest.raises(AcrcError) as missing:
         load_fleet(tmp_path / "f.toml")
     assert (
         str(missing.value) == f"{tmp_path}/f.toml: the fleet file cannot be read: No such file or directory"
     )
     (tmp_path / "f.toml").write_text(HEAD + "= 3")
-    with pytest.raises(FleetError) as broken:
+    with pytest.raises(AcrcError) as broken:
         load_fleet(tmp_path / "f.toml")
     assert str(broken.value) == f"{tmp_path}/f.toml: this is no TOML: Invalid statement (at line 2, column 1)"

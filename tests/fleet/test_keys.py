@@ -13,7 +13,6 @@ from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, EllipticCurv
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.verification import PolicyBuilder, Store
 
-from actors.runtime.access.credentials import AccessError
 from actors.runtime.access.tls import Keys, load_keys
 from actors.runtime.errors import AcrcError
 from deploy.fleet import certificates
@@ -171,7 +170,7 @@ def test_a_host_that_is_none_is_refused(word: str) -> None:
 def test_keys_that_are_not_there_are_missed_by_name(tmp_path: Path) -> None:
     keys = made(tmp_path / "keys")
     (keys.machines[1].folder / "key.pem").unlink()
-    with pytest.raises(AccessError) as caught:
+    with pytest.raises(AcrcError) as caught:
         load_keys(keys.machines[1].folder)
     assert str(caught.value) == (
         f"{tmp_path}/keys/r2/key.pem cannot be read (No such file or directory); `acrc fleet keys` makes "

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.fleet.service_notice import ServiceNotice
+from deploy.fleet.onboard_run import ServiceNotice
 
 
 @pytest.mark.parametrize("abstract", [False, True])

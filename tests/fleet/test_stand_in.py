@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.fleet.stand_in import StandIn
+from deploy.fleet.onboard_run import StandIn
 from tests.onboard.kobuki_line import KobukiLine
 
 STOPPED = "base is stopped (SIGSTOP or a debugger): stop is said in its place"

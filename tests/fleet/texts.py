@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from deploy.fleet.fleet_file import Fleet, FleetError, parse
+from actors.runtime.errors import AcrcError
+from deploy.fleet.fleet_file import Fleet, parse
 
 ROOT = Path(__file__).parents[2]
 OFFICE = ROOT / "fleets" / "office.toml"
@@ -27,7 +28,7 @@ def fault(text: str, head: str = HEAD) -> str:
     """The sentence that refuses the text, without the file's name."""
     try:
         parse(head + text, Path("some.toml"))
-    except FleetError as error:
+    except AcrcError as error:
         return str(error).removeprefix("some.toml: ")
     return "nothing was wrong"
 

@@ -7,7 +7,8 @@ import pytest
 
 from actors.messages import TOPICS
 from actors.runtime.access import credentials, rules
-from actors.runtime.access.credentials import AccessError, issue
+from actors.runtime.access.credentials import issue
+from actors.runtime.errors import AcrcError
 
 
 @pytest.fixture
@@ -102,7 +103,7 @@ def test_every_key_is_a_robots_or_of_the_others() -> None:
 
 @pytest.mark.parametrize("name", ["", "r/1", "*", "r*", "$r", "a:b", "a b", "-r", "r1\n", "é"])
 def test_a_name_that_is_no_part_of_a_key_is_refused(name: str, folders: Path) -> None:
-    with pytest.raises(AccessError) as caught:
+    with pytest.raises(AcrcError) as caught:
         issue({name: folders / "r1"}, folders / "infra")
     assert str(caught.value) == (
         f"the actor id {name!r} cannot be part of a key; "
@@ -111,7 +112,7 @@ def test_a_name_that_is_no_part_of_a_key_is_refused(name: str, folders: Path) ->
 
 
 def test_a_robot_may_not_be_called_like_the_radio(folders: Path) -> None:
-    with pytest.raises(AccessError) as caught:
+    with pytest.raises(AcrcError) as caught:
         issue({"radio": folders / "r1"}, folders / "infra")
     assert str(caught.value) == "the actor id 'radio' is used twice; every actor needs its own"
 
@@ -120,7 +121,7 @@ def test_a_folder_too_deep_for_a_socket_is_refused(folders: Path) -> None:
     deep = folders / ("d" * 100)
     deep.mkdir()
     length = len(str(deep / "router.sock"))
-    with pytest.raises(AccessError) as caught:
+    with pytest.raises(AcrcError) as caught:
         issue({"r1": deep}, folders / "infra")
     assert str(caught.value) == (
         f"the path of the router's socket {deep}/router.sock has {length} bytes, but Linux allows 107; "
@@ -129,7 +130,7 @@ def test_a_folder_too_deep_for_a_socket_is_refused(folders: Path) -> None:
 
 
 def test_an_actor_without_rules_is_refused() -> None:
-    with pytest.raises(AccessError) as caught:
+    with pytest.raises(AcrcError) as caught:
         rules.access_rules(["r1"], ["drone"])
     assert (
         str(caught.value) == "there are no access rules for 'drone'; there are for radio, observer, operator"
@@ -138,14 +139,14 @@ def test_an_actor_without_rules_is_refused() -> None:
 
 def test_a_missing_or_broken_credentials_file_is_named(folders: Path) -> None:
     file = folders / "r1" / "credentials"
-    with pytest.raises(AccessError) as missing:
+    with pytest.raises(AcrcError) as missing:
         rules.client_config(file, "tcp/127.0.0.1:1")
     assert str(missing.value) == (
         f"the credentials file {file} cannot be read (No such file or directory); "
         "the start of the run should have written it"
     )
     file.write_text("r1\n")
-    with pytest.raises(AccessError) as broken:
+    with pytest.raises(AcrcError) as broken:
         rules.client_config(file, "tcp/127.0.0.1:1")
     assert (
         str(broken.value) == f"the credentials file {file} should hold one line user:password, but does not"

@@ -14,9 +14,8 @@ import pytest
 from actors.runtime.isolation.sandbox import available
 from benchmarks.attacks import command
 from benchmarks.attacks.attack import Attack, Layer, missing_means
-from benchmarks.attacks.attacks import ATTACKS
-from benchmarks.attacks.swarm import MODES, Swarm
-from benchmarks.attacks.table import table
+from benchmarks.attacks.attacks import ATTACKS, table
+from benchmarks.attacks.swarm import MODES, AttackedSwarm
 from benchmarks.statistics.measured import Measured
 
 SEEN_BY_ALL = ("page cache", "common file")
@@ -26,13 +25,13 @@ DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "isolation.md"
 
 
 @pytest.fixture(scope="module")
-def swarms() -> Iterator[dict[str, Swarm]]:
+def swarms() -> Iterator[dict[str, AttackedSwarm]]:
     """The swarms whose robots are not isolated, started when first asked for."""
     with ExitStack() as stack:
 
-        class Started(dict[str, Swarm]):
-            def __missing__(self, mode: str) -> Swarm:
-                self[mode] = stack.enter_context(Swarm(mode))
+        class Started(dict[str, AttackedSwarm]):
+            def __missing__(self, mode: str) -> AttackedSwarm:
+                self[mode] = stack.enter_context(AttackedSwarm(mode))
                 return self[mode]
 
         yield Started()
@@ -76,7 +75,7 @@ CASES = [
 
 @pytest.mark.parametrize(("index", "mode"), CASES)
 def test_an_attack_gets_through_only_where_nothing_closes_its_way(
-    index: int, mode: str, swarms: dict[str, Swarm]
+    index: int, mode: str, swarms: dict[str, AttackedSwarm]
 ) -> None:
     attack = ATTACKS[index]
     need_means(attack)
@@ -91,7 +90,7 @@ def test_attacks_have_names_of_their_own() -> None:
 
 
 def test_the_documentation_has_the_table_of_attacks() -> None:
-    assert table() in DOCUMENT.read_text("utf-8"), "python -m benchmarks.attacks.table prints the table"
+    assert table() in DOCUMENT.read_text("utf-8"), "python -m benchmarks.attacks.attacks prints the table"
 
 
 @pytest.mark.alone

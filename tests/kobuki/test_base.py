@@ -7,8 +7,8 @@ import pytest
 
 from actors.geometry import Pose
 from actors.instant import START, Instant
-from firmware_bridge.kobuki import emulate
-from firmware_bridge.kobuki.base import BaseParameters, EmulatedKobuki
+from firmware_bridge import emulate
+from firmware_bridge.kobuki.base import EmulatedKobuki
 from firmware_bridge.kobuki.body import BodyTruth, Unicycle
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.frame import FrameReader
@@ -17,13 +17,9 @@ from firmware_bridge.kobuki.packets import (
     HARDWARE_REQUEST,
     UDID,
     UDID_REQUEST,
-    ControllerInfo,
     Firmware,
-    FirmwareVersion,
-    GetGain,
     Hardware,
     RequestExtra,
-    SetGain,
 )
 from firmware_bridge.kobuki.wire import decode_feedback
 from firmware_bridge.room import Room
@@ -93,27 +89,6 @@ def test_a_lifted_base_does_not_move_and_a_deaf_one_drives_on() -> None:
     assert rig.body.truth().v == pytest.approx(0.3)
 
 
-def test_new_firmware_tells_its_gains() -> None:
-    base = EmulatedKobuki(
-        Unicycle(), np.random.default_rng(1), BaseParameters(firmware=FirmwareVersion(1, 2, 0))
-    )
-    base._obey(SetGain(1, 50_000, 200, 3_000))
-    base._obey(GetGain())
-    assert len(base.run(Instant(40_000))) == 2 * 81 + 15 - 81  # of the second feedback nothing has left yet
-
-
-def test_type_0_sets_the_factorys_gains_whatever_the_numbers_behind_it() -> None:
-    base = EmulatedKobuki(
-        Unicycle(), np.random.default_rng(1), BaseParameters(firmware=FirmwareVersion(1, 2, 0))
-    )
-    told = []
-    for command in (SetGain(1, 50_000, 200, 3_000), SetGain(0, 7, 8, 9)):
-        base._obey(command)
-        base._obey(GetGain())
-        told.append(base._extra[ControllerInfo])
-    assert told == [ControllerInfo(1, 50_000, 200, 3_000), ControllerInfo(0, 100_000, 100, 2_000)]
-
-
 @pytest.mark.parametrize(
     ("argv", "sentence"),
     [
@@ -124,8 +99,8 @@ def test_type_0_sets_the_factorys_gains_whatever_the_numbers_behind_it() -> None
 def test_a_wrong_command_line_is_one_sentence(
     argv: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert emulate.main(argv) == 2
-    assert capsys.readouterr().err == f"python -m firmware_bridge.kobuki.emulate: {sentence}\n"
+    assert emulate.main(["kobuki", *argv]) == 2
+    assert capsys.readouterr().err == f"python -m firmware_bridge.emulate kobuki: {sentence}\n"
 
 
 def test_a_link_that_cannot_be_made_ends_the_program(
@@ -133,7 +108,7 @@ def test_a_link_that_cannot_be_made_ends_the_program(
 ) -> None:
     path = tmp_path / "notes.txt"
     path.write_text("kept")
-    assert emulate.main(["--link", str(path), "--noisy", "--seed", "3"]) == 2
+    assert emulate.main(["kobuki", "--link", str(path), "--noisy", "--seed", "3"]) == 2
     assert capsys.readouterr().err == (
         f"{path}: there is something that is no link; give a path where a link can be made\n"
     )

@@ -13,10 +13,11 @@ from typing import Any
 import pytest
 
 from actors.instant import Instant
+from actors.runtime.errors import AcrcError
 from firmware_bridge import serial_port
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.port import open_port
-from firmware_bridge.pseudo_terminal import LinkError, PseudoTerminal
+from firmware_bridge.pseudo_terminal import PseudoTerminal
 from firmware_bridge.serial_port import PortError, SerialPort
 
 
@@ -121,13 +122,13 @@ def test_bytes_go_both_ways_and_the_link_goes_with_the_device(tmp_path: Path) ->
 def test_a_link_is_not_put_in_place_of_a_file(tmp_path: Path) -> None:
     path = tmp_path / "notes.txt"
     path.write_text("kept")
-    with pytest.raises(LinkError) as failure:
+    with pytest.raises(AcrcError) as failure:
         PseudoTerminal(path)
     assert str(failure.value) == (
         f"{path}: there is something that is no link; give a path where a link can be made"
     )
     assert path.read_text() == "kept"
-    with pytest.raises(LinkError) as failure:
+    with pytest.raises(AcrcError) as failure:
         PseudoTerminal(tmp_path / "none" / "kobuki")
     assert str(failure.value) == (
         f"{tmp_path / 'none' / 'kobuki'}: no link can be made there (No such file or directory); "
@@ -137,7 +138,7 @@ def test_a_link_is_not_put_in_place_of_a_file(tmp_path: Path) -> None:
 
 def test_an_emulated_base_in_a_process_of_its_own_is_found_and_driven(tmp_path: Path) -> None:
     link = tmp_path / "kobuki"
-    command = [sys.executable, "-m", "firmware_bridge.kobuki.emulate", "--link", str(link)]
+    command = [sys.executable, "-m", "firmware_bridge.emulate", "kobuki", "--link", str(link)]
     root = Path(serial_port.__file__).parent.parent
     with subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, text=True) as process:
         try:

@@ -11,7 +11,7 @@ from actors.instant import START, Instant, milliseconds
 from firmware_bridge.kobuki.motion import TRACK, velocity
 from firmware_bridge.kobuki.packets import BaseControl, Basic, Inertial
 from firmware_bridge.kobuki.ramp import Ramp, RampParameters
-from firmware_bridge.kobuki.safety import Allowed, Cause, SafetyParameters, SafetyStop
+from firmware_bridge.kobuki.safety import Allowed, HoldCause, SafetyParameters, SafetyStop
 from firmware_bridge.room import Room
 from tests.kobuki.drives import Rig
 
@@ -55,7 +55,7 @@ class Story:
         return self.allowed
 
     @property
-    def causes(self) -> list[Cause]:
+    def causes(self) -> list[HoldCause]:
         return [stop.cause for stop in self.allowed.stops]
 
 
@@ -66,8 +66,8 @@ def rolling() -> Story:
     return story
 
 
-@pytest.mark.parametrize(("sensor", "cause"), [("bumper", Cause.BUMPER), ("cliff", Cause.CLIFF)])
-def test_at_bumper_or_cliff_it_only_backs_off_until_released(sensor: str, cause: Cause) -> None:
+@pytest.mark.parametrize(("sensor", "cause"), [("bumper", HoldCause.BUMPER), ("cliff", HoldCause.CLIFF)])
+def test_at_bumper_or_cliff_it_only_backs_off_until_released(sensor: str, cause: HoldCause) -> None:
     story = rolling()
     setattr(story, sensor, 2)
     allowed = story.go(20, 0.4)
@@ -90,25 +90,25 @@ def test_over_current_stops_it_until_it_is_over_and_a_second_has_passed() -> Non
     story = rolling()
     story.overcurrent = 2
     story.go(20, 0.4)
-    assert (story.allowed.v, story.causes) == (0.0, [Cause.OVERCURRENT])
+    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.OVERCURRENT])
     assert story.allowed.stops[0].bits == 2
     story.overcurrent = 0
     story.go(1000, 0.4)
-    assert (story.allowed.v, story.causes) == (0.0, [Cause.OVERCURRENT])
+    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.OVERCURRENT])
     story.go(3000, 0.4)
     assert story.allowed == Allowed(0.4, 0.0, ())
 
 
 def test_what_others_know_stops_it_at_once_for_as_long() -> None:
     story = rolling()
-    story.safety.hold(Cause.BLIND, True)
-    story.safety.hold(Cause.UNWATCHED, True)
+    story.safety.hold(HoldCause.BLIND, True)
+    story.safety.hold(HoldCause.UNWATCHED, True)
     story.go(20, 0.4)
-    assert (story.allowed.v, story.causes) == (0.0, [Cause.BLIND, Cause.UNWATCHED])
-    story.safety.hold(Cause.BLIND, False)
+    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.BLIND, HoldCause.UNWATCHED])
+    story.safety.hold(HoldCause.BLIND, False)
     story.go(20, -0.4)
-    assert (story.allowed.v, story.causes) == (0.0, [Cause.UNWATCHED])
-    story.safety.hold(Cause.UNWATCHED, False)
+    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.UNWATCHED])
+    story.safety.hold(HoldCause.UNWATCHED, False)
     story.go(3000, 0.4)
     assert story.allowed == Allowed(0.4, 0.0, ())
 
@@ -117,20 +117,20 @@ def test_a_lifted_base_stands_until_it_was_put_down_and_stands_still() -> None:
     story = rolling()
     story.drop = 2
     story.go(20, 0.4)
-    assert (story.allowed.v, story.causes) == (0.0, [Cause.WHEEL_DROP])
+    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.WHEEL_DROP])
     story.go(5000, -0.4)  # not backward either
-    assert (story.allowed.v, story.causes) == (0.0, [Cause.WHEEL_DROP])
+    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.WHEEL_DROP])
     story.drop = 0
     for _ in range(100):  # pushed about on the floor
         story.ticks += 10
         story.go(20, 0.4)
-        assert (story.allowed.v, story.causes) == (0.0, [Cause.PUT_DOWN])
+        assert (story.allowed.v, story.causes) == (0.0, [HoldCause.PUT_DOWN])
     story.rate = 1000  # turned by hand
     story.go(2000, 0.4)
-    assert story.causes == [Cause.PUT_DOWN]
+    assert story.causes == [HoldCause.PUT_DOWN]
     story.rate = 0
     story.go(980, 0.4)
-    assert story.causes == [Cause.PUT_DOWN]
+    assert story.causes == [HoldCause.PUT_DOWN]
     story.go(40, 0.4)
     assert story.causes == []
     assert 0 < story.allowed.v < 0.02  # from standing
@@ -142,10 +142,10 @@ def test_without_feedback_for_100_ms_it_stands_until_feedback_has_come_for_a_whi
     story.go(100, 0.4)
     assert story.allowed.v == 0.4
     story.go(20, 0.4)
-    assert (story.allowed.v, story.causes) == (0.0, [Cause.NO_FEEDBACK])
+    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.NO_FEEDBACK])
     story.silent = False
     story.go(100, 0.4)
-    assert (story.allowed.v, story.causes) == (0.0, [Cause.LINK_RECOVERING])
+    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.LINK_RECOVERING])
     story.go(20, 0.4)
     assert story.causes == []
     assert 0 < story.allowed.v < 0.02
@@ -155,7 +155,7 @@ def test_before_the_first_feedback_and_command_it_stands() -> None:
     story = Story()
     story.silent = True
     story.go(20, None)
-    assert story.causes == [Cause.NO_FEEDBACK, Cause.NO_COMMAND]
+    assert story.causes == [HoldCause.NO_FEEDBACK, HoldCause.NO_COMMAND]
 
 
 def test_when_commands_fall_silent_it_stands() -> None:
@@ -163,14 +163,14 @@ def test_when_commands_fall_silent_it_stands() -> None:
     story.go(200, None)
     assert story.allowed.v == 0.4
     story.go(20, None)
-    assert (story.allowed.v, story.causes) == (0.0, [Cause.NO_COMMAND])
+    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.NO_COMMAND])
 
 
 def test_a_command_older_than_200_ms_is_never_driven_however_often_it_comes() -> None:
     story = Story()
     story.go(200, None)
     story.go(3000, 0.4, late_ms=201)
-    assert (story.allowed.v, story.causes) == (0.0, [Cause.STALE_COMMAND])
+    assert (story.allowed.v, story.causes) == (0.0, [HoldCause.STALE_COMMAND])
     story.go(3000, 0.4, late_ms=180)
     assert story.allowed == Allowed(0.4, 0.0, ())
 
@@ -181,7 +181,7 @@ def test_a_command_from_the_future_does_not_last_longer() -> None:
     story.go(200, 0.4, late_ms=-10_000)
     assert story.causes == []
     story.go(220, None)
-    assert story.causes == [Cause.NO_COMMAND]
+    assert story.causes == [HoldCause.NO_COMMAND]
     story.go(100, -0.4)  # nor keeps out those that follow
     assert story.causes == []
     assert story.allowed.v < 0
@@ -201,7 +201,7 @@ def test_a_command_that_was_overtaken_is_left_out() -> None:
 def test_what_is_no_number_stands_and_does_not_crash(v: float, omega: float) -> None:
     story = rolling()
     story.go(20, v, omega)
-    assert (story.allowed.v, story.allowed.omega, story.causes) == (0.0, 0.0, [Cause.BAD_COMMAND])
+    assert (story.allowed.v, story.allowed.omega, story.causes) == (0.0, 0.0, [HoldCause.BAD_COMMAND])
 
 
 def test_speeds_are_limited_on_the_same_arc() -> None:

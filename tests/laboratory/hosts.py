@@ -18,7 +18,7 @@ from actors.radio.radio_setup import RadioSetup
 from actors.robot_model import OdometryKind, load_model
 from actors.world.world_setup import BodySetup, WorldSetup
 from firmware_bridge.beeclick.events import Event
-from firmware_bridge.beeclick.link import Link
+from firmware_bridge.beeclick.link import BoardLink
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.port import BoardPort
 from firmware_bridge.kobuki import port as kobuki_port
@@ -183,7 +183,7 @@ class BoardHost:
 
     def __init__(self, path: Path, address: int) -> None:
         self._port = BoardPort(str(path))
-        self.link = Link(BoardSettings(address))
+        self.link = BoardLink(BoardSettings(address))
         self.link.connect(now())
         self.events: list[Event] = []
 

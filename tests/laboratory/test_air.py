@@ -27,12 +27,12 @@ from actors.radio.radio_model import radio_model
 from actors.radio.radio_setup import RadioSetup
 from actors.radio.signal_codes import rssi_codes, rssi_dbm
 from firmware_bridge.beeclick.commands import SetChannel, Synchronise, encode
-from firmware_bridge.beeclick.emulation.air import Air, Device, State, air
+from firmware_bridge.beeclick.emulation.air import Device, EmulatedAir, State, air
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.events import Event
-from firmware_bridge.beeclick.link import Link
+from firmware_bridge.beeclick.link import BoardLink
 from firmware_bridge.beeclick.parameters import BoardSettings
-from firmware_bridge.transceiver_line import Transceiver, TransceiverLink
+from firmware_bridge.transceiver_line import SimulatedTransceiver, TransceiverLink
 from tests.laboratory.hosts import ROOT
 
 STEP = 10_000
@@ -66,7 +66,7 @@ def states(step: int) -> list[State]:
 class WatchedAir:
     """Keeps what devices have handed it, by step."""
 
-    def __init__(self, inner: Air) -> None:
+    def __init__(self, inner: EmulatedAir) -> None:
         self._inner = inner
         self.handed: dict[tuple[int, int], list[Outgoing]] = {}
 
@@ -86,17 +86,17 @@ class Room:
         self.air = air(setup)
         self.watched = WatchedAir(self.air)
         channel = radio_model(setup).parameters.channel
-        self.links: list[Link | TransceiverLink] = []
+        self.links: list[BoardLink | TransceiverLink] = []
         for robot, address in ADDRESSES:
             settings = BoardSettings(address, channel)
             board: Device
             if robot in without_board:
-                board = Transceiver(self.watched, settings)
+                board = SimulatedTransceiver(self.watched, settings)
                 self.links.append(TransceiverLink())
             else:
                 board = EmulatedBoard(self.watched, START)
                 board.channel = settings.channel - 11  # tuned from the start, as a simulated transceiver is
-                self.links.append(Link(settings))
+                self.links.append(BoardLink(settings))
             self.air.add(board)
         for link in self.links:
             link.connect(START)
@@ -220,8 +220,8 @@ def test_a_boards_power_counts_from_the_presets() -> None:
         room = air(RadioSetup(1, STEP, ADDRESSES[:2], preset))
         link = TransceiverLink()
         settings = BoardSettings(1, radio_model(RadioSetup(1, STEP, (), preset)).parameters.channel)
-        room.add(Transceiver(room, BoardSettings(1, settings.channel, power_dbm=power_dbm)))
-        receiver = Transceiver(room, settings)
+        room.add(SimulatedTransceiver(room, BoardSettings(1, settings.channel, power_dbm=power_dbm)))
+        receiver = SimulatedTransceiver(room, settings)
         room.add(receiver)
         link.connect(START)
         receiver.take(START, link.due(START))

@@ -19,9 +19,9 @@ from firmware_bridge.beeclick.commands import SendPacket, Synchronise, encode
 from firmware_bridge.kobuki import frame
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.kobuki.motion import base_control
-from firmware_bridge.kobuki.safety import Cause
+from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.kobuki.wire import encode_command
-from firmware_bridge.laboratory.faults import Bench, FaultError
+from firmware_bridge.laboratory.faults import Bench
 from firmware_bridge.laboratory.laboratory import BASE, DEVICES, RADIO, RANGE, Jack, Laboratory
 from firmware_bridge.laboratory.lines import Lines
 from firmware_bridge.range_sensors.rplidar_wire import LidarRequest
@@ -157,7 +157,7 @@ def lines(tmp_path: Path) -> Iterator[Lines]:
     ],
 )
 def test_what_cannot_be_done_is_told(laboratory: Laboratory, lines: Lines, line: str, sentence: str) -> None:
-    with pytest.raises(FaultError) as caught:
+    with pytest.raises(AcrcError) as caught:
         Bench(laboratory, lines).do(line)
     assert str(caught.value) == sentence
 
@@ -171,7 +171,7 @@ def test_an_unknown_verb_is_told(laboratory: Laboratory, lines: Lines) -> None:
     )
 
 
-def stops(laboratory: Laboratory, driver: KobukiDriver, duration_ms: int = 500) -> set[Cause]:
+def stops(laboratory: Laboratory, driver: KobukiDriver, duration_ms: int = 500) -> set[HoldCause]:
     """Why r1 stands after so long, though its driver wants to drive."""
     jack, begun = Jack("r1", BASE), laboratory.now
     for at in range(begun, begun + 1000 * duration_ms, SUBSTEP):
@@ -186,14 +186,14 @@ def stops(laboratory: Laboratory, driver: KobukiDriver, duration_ms: int = 500) 
 @pytest.mark.parametrize(
     ("fault", "cause"),
     [
-        ("press r1 bumper", Cause.BUMPER),
-        ("lift r1", Cause.WHEEL_DROP),
-        ("edge r1", Cause.CLIFF),
-        ("silence r1 base", Cause.NO_FEEDBACK),
+        ("press r1 bumper", HoldCause.BUMPER),
+        ("lift r1", HoldCause.WHEEL_DROP),
+        ("edge r1", HoldCause.CLIFF),
+        ("silence r1 base", HoldCause.NO_FEEDBACK),
     ],
 )
 def test_a_fault_stops_the_driver_and_healing_lets_it_go(
-    laboratory: Laboratory, lines: Lines, fault: str, cause: Cause
+    laboratory: Laboratory, lines: Lines, fault: str, cause: HoldCause
 ) -> None:
     bench, driver = Bench(laboratory, lines), KobukiDriver(START)
     assert stops(laboratory, driver) == set()

@@ -6,10 +6,10 @@ import pytest
 from actors.instant import START, Instant
 from actors.messages import AccessFailure, Heard, Outgoing, Overflow, Received, Refused, Sent, Transmit
 from actors.radio.radio_setup import RadioSetup
-from firmware_bridge.beeclick.emulation.air import Air, air
-from firmware_bridge.beeclick.events import Event, Unconfirmed
+from firmware_bridge.beeclick.emulation.air import EmulatedAir, air
+from firmware_bridge.beeclick.events import Event, UnconfirmedPacket
 from firmware_bridge.beeclick.parameters import BoardSettings
-from firmware_bridge.transceiver_line import Transceiver, TransceiverLink
+from firmware_bridge.transceiver_line import SimulatedTransceiver, TransceiverLink
 
 
 class Pair:
@@ -17,8 +17,8 @@ class Pair:
 
     def __init__(self) -> None:
         self.now = START
-        self.air: Air = air(RadioSetup(1, 10_000, (("r1", 1), ("r2", 2)), "beeclick"))
-        self.transceivers = [Transceiver(self.air, BoardSettings(address, 11)) for address in (1, 2)]
+        self.air: EmulatedAir = air(RadioSetup(1, 10_000, (("r1", 1), ("r2", 2)), "beeclick"))
+        self.transceivers = [SimulatedTransceiver(self.air, BoardSettings(address, 11)) for address in (1, 2)]
         self.links = [TransceiverLink(), TransceiverLink()]
         for transceiver, link in zip(self.transceivers, self.links, strict=True):
             self.air.add(transceiver)
@@ -42,7 +42,7 @@ class Pair:
         return [
             (type(event), event.tag)
             for event in self.events[0]
-            if isinstance(event, Sent | Overflow | Refused | Unconfirmed | AccessFailure)
+            if isinstance(event, Sent | Overflow | Refused | UnconfirmedPacket | AccessFailure)
         ]
 
 
@@ -76,7 +76,7 @@ def test_a_line_that_is_cut_leaves_nothing_in_the_books() -> None:
     pair.send(3, b"not written yet")
     pair.events[0] += pair.links[0].lost(pair.now)
     pair.send(4, b"nowhere")
-    assert pair.ends() == [*((Unconfirmed, tag) for tag in range(4)), (Overflow, 4)]
+    assert pair.ends() == [*((UnconfirmedPacket, tag) for tag in range(4)), (Overflow, 4)]
     assert pair.links[0].due(pair.now) == b""
     pair.links[0].connect(pair.now)
     pair.run(50)

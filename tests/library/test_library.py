@@ -10,9 +10,9 @@ import pytest
 
 import acrc_testbed as acrc
 from actors.installation.repository import REPOSITORY, SHIPPED
-from command_line.documentation.markdown import Page
+from command_line.documentation.markdown import MarkdownPage
 
-PAGE = Page(REPOSITORY / "docs" / "library.md")
+PAGE = MarkdownPage(REPOSITORY / "docs" / "library.md")
 FINDINGS = """
 import json, sys
 import numpy as np

@@ -5,7 +5,8 @@ import pytest
 
 from actors.floor.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from actors.geometry import Point
-from actors.robot.localisation import LocalisationError, likelihood_field
+from actors.robot.localisation import likelihood_field
+from actors.runtime.errors import AcrcError
 
 
 def _plan(seed: int = 0) -> OccupancyGrid:
@@ -62,11 +63,11 @@ def test_poses_are_drawn_evenly_over_the_free_floor() -> None:
 
 
 def test_a_map_without_floor_is_refused() -> None:
-    with pytest.raises(LocalisationError) as raised:
+    with pytest.raises(AcrcError) as raised:
         likelihood_field(OccupancyGrid(np.full((3, 4), OCCUPIED, np.uint8), 0.1), 2.0)
     assert str(raised.value) == "the map of 3 x 4 cells has no free cell; a robot needs floor to be on"
 
 
 def test_a_distance_of_nothing_is_refused() -> None:
-    with pytest.raises(LocalisationError, match="max_distance 0 m; it must be above 0 m"):
+    with pytest.raises(AcrcError, match="max_distance 0 m; it must be above 0 m"):
         likelihood_field(_plan(), 0.0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from actors.geometry import Pose
 from actors.robot.localisation import PRESETS, motion
-from actors.robot.localisation.motion import Spread, Step, move, spread, step
+from actors.robot.localisation.motion import OdometryStep, StepSpread, move, spread, step
 
 CHAPTER = PRESETS["chapter"]
 CORRECTED = replace(CHAPTER, odometry_model="diff-corrected")
@@ -20,7 +20,7 @@ poses = st.builds(Pose, st.floats(-20, 20), st.floats(-20, 20), angles)
 
 
 def moved(
-    poses: NDArray[np.float64], made: Step, noise: Spread, normals: NDArray[np.float64]
+    poses: NDArray[np.float64], made: OdometryStep, noise: StepSpread, normals: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """The twin of the kernel: table 5.6, lines 5 to 10, with noise added."""
     turn, way, last = (part + sigma * n for part, sigma, n in zip(made, noise, normals, strict=True))
@@ -34,7 +34,7 @@ def moved(
 @given(before=poses, after=poses)
 def test_without_noise_a_particle_at_the_odometry_s_pose_follows_it(before: Pose, after: Pose) -> None:
     particle = np.array(before).reshape(3, 1)
-    move(particle, 1, step(before, after), Spread(0.0, 0.0, 0.0), np.ones((3, 1)))
+    move(particle, 1, step(before, after), StepSpread(0.0, 0.0, 0.0), np.ones((3, 1)))
     near = before.point.distance_to(after.point) < 0.01  # then it goes straight ahead
     assert particle[:2, 0] == pytest.approx(after[:2], abs=0.02 if near else 1e-9)
     assert math.cos(particle[2, 0] - after.heading) == pytest.approx(1.0)
@@ -44,14 +44,14 @@ def test_without_noise_a_particle_at_the_odometry_s_pose_follows_it(before: Pose
 @pytest.mark.parametrize(
     ("to", "made"),
     [
-        (Pose(0.3, 0.0, 0.0), Step(0.0, 0.3, 0.0)),
-        (Pose(-0.3, 0.0, 0.0), Step(math.pi, 0.3, math.pi)),
-        (Pose(0.2, 0.2, math.pi / 2), Step(math.pi / 4, math.sqrt(0.08), math.pi / 4)),
-        (Pose(0.0, 0.009, 0.3), Step(0.0, 0.009, 0.3)),
+        (Pose(0.3, 0.0, 0.0), OdometryStep(0.0, 0.3, 0.0)),
+        (Pose(-0.3, 0.0, 0.0), OdometryStep(math.pi, 0.3, math.pi)),
+        (Pose(0.2, 0.2, math.pi / 2), OdometryStep(math.pi / 4, math.sqrt(0.08), math.pi / 4)),
+        (Pose(0.0, 0.009, 0.3), OdometryStep(0.0, 0.009, 0.3)),
     ],
     ids=["ahead", "backward", "an arc", "on the spot: the way's direction says nothing"],
 )
-def test_how_a_step_is_split(to: Pose, made: Step) -> None:
+def test_how_a_step_is_split(to: Pose, made: OdometryStep) -> None:
     here = Pose(3.0, -2.0, 0.7)
     split = step(here, here.compose(to))
     assert split.way == pytest.approx(made.way)
@@ -60,7 +60,7 @@ def test_how_a_step_is_split(to: Pose, made: Step) -> None:
 
 
 def test_ros_1_takes_the_variance_for_the_deviation() -> None:
-    ahead = Step(0.0, 0.25, 0.0)
+    ahead = OdometryStep(0.0, 0.25, 0.0)
     assert spread(ahead, CHAPTER) == pytest.approx((0.0125, 0.0125, 0.0125))
     assert spread(ahead, CORRECTED) == pytest.approx((math.sqrt(0.0125),) * 3)  # 0.11 rad
 
@@ -74,8 +74,8 @@ def test_deviations_are_those_of_the_book_and_alike_backward(turn: float, way: f
         math.sqrt(0.3 * way**2 + 0.4 * first**2 + 0.4 * second**2),
         math.sqrt(0.1 * second**2 + 0.2 * way**2),
     )
-    assert spread(Step(turn, way, last), parameters) == pytest.approx(expected, abs=1e-7)
-    back = spread(Step(turn - math.copysign(math.pi, turn), way, last), parameters)
+    assert spread(OdometryStep(turn, way, last), parameters) == pytest.approx(expected, abs=1e-7)
+    back = spread(OdometryStep(turn - math.copysign(math.pi, turn), way, last), parameters)
     assert back == pytest.approx(expected, abs=1e-7)
 
 
@@ -83,7 +83,7 @@ def test_kernel_is_its_twin() -> None:
     rng = np.random.default_rng(0)
     before = rng.uniform(-3, 3, (3, 200))
     normals = rng.standard_normal((3, 200))
-    made, noise = Step(2.8, 0.4, 1.9), Spread(0.3, 0.1, 0.4)
+    made, noise = OdometryStep(2.8, 0.4, 1.9), StepSpread(0.3, 0.1, 0.4)
     after = before.copy()
     move(after, 150, made, noise, normals)
     twin = moved(before, made, noise, normals)

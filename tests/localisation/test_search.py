@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from actors.floor.grid import OccupancyGrid
 from actors.geometry import Pose, wrap
 from actors.robot.localisation import LikelihoodField, likelihood_field
-from actors.robot.localisation.search import Hypothesis, Search
+from actors.robot.localisation.search import PoseHypothesis, Search
 from tests.localisation.scenes import (
     APARTMENT,
     BEAMS,
@@ -49,7 +49,7 @@ class Found:
     """where it really was then,"""
     scans: list[int] = field(default_factory=list)
     """and after how many scans."""
-    hypotheses: list[Hypothesis] = field(default_factory=list)
+    hypotheses: list[PoseHypothesis] = field(default_factory=list)
 
     @property
     def right(self) -> list[bool]:

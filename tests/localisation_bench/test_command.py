@@ -6,8 +6,8 @@ import pytest
 from actors.installation.usage import OptionError
 from benchmarks.localisation import command, logs
 from benchmarks.localisation.cells import CellError, Extent, cells, chosen
-from benchmarks.localisation.log import LogError
-from benchmarks.localisation.speed import update_costs
+from benchmarks.localisation.log import CourseLogError
+from benchmarks.localisation.runs import update_costs
 from tests.localisation_bench.scenes import APARTMENT, CORRIDOR
 
 SMALL = Extent(seeds=1, runs=2, seconds=5, after=(1.0, 3.0), carried_at=2.0)
@@ -123,5 +123,5 @@ def test_what_excludes_one_another_is_refused_and_a_damaged_log_named(tmp_path: 
     with pytest.raises(OptionError, match="--against: needs --from, the logs to compare on"):
         command.check(against=file)
     file.write_text("damaged")
-    with pytest.raises(LogError):
+    with pytest.raises(CourseLogError):
         command.check(source=file)

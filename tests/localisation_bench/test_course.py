@@ -10,8 +10,7 @@ from actors.randomness import generator
 from actors.world.sensing import RangeSensors
 from benchmarks.localisation.course import Course, CourseSetup, made
 from benchmarks.localisation.crowd import CrowdParameters
-from benchmarks.localisation.route import SUBSTEP, Route
-from benchmarks.localisation.site import site
+from benchmarks.localisation.route import SUBSTEP, WanderingRoute, site
 from tests.localisation_bench.scenes import APARTMENT, CORRIDOR, course
 
 CROWDED = CourseSetup(CORRIDOR, 3, robots=10, base="kobuki", seconds=40)
@@ -26,7 +25,7 @@ def off_walls(a: Course, points: NDArray[np.float64]) -> float:
 def test_the_robot_drives_within_its_drive_and_off_all_walls(plan: str, seed: int) -> None:
     place = site(plan, "chapter")
     draws = generator(seed, "test", "robot")
-    route = Route(place, Pose(*place.point(draws), 0.0), draws)
+    route = WanderingRoute(place, Pose(*place.point(draws), 0.0), draws)
     track = np.concatenate([route.advance()[0] for _ in range(600)])
     ways = np.diff(track[:, :2], axis=0)
     along = (ways * np.stack([np.cos(track[:-1, 2]), np.sin(track[:-1, 2])], axis=1)).sum(axis=1)

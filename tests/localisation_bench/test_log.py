@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.localisation import log, log_reader
+from benchmarks.localisation import log
 from benchmarks.localisation.course import Course, CourseSetup
-from benchmarks.localisation.filters import Arm
-from benchmarks.localisation.log import LogError
-from benchmarks.localisation.log_reader import LogLimits
-from benchmarks.localisation.replay import replay
+from benchmarks.localisation.filters import Arm, replay
+from benchmarks.localisation.log import CourseLogError, LogLimits
 from tests.localisation_bench.scenes import APARTMENT, CORRIDOR, course
 
 SETUP = CourseSetup(CORRIDOR, 5, robots=4, view="kinect", base="kobuki", seconds=6)
@@ -52,7 +50,7 @@ def changed(file: Path, member: str, change: Change, to: Path) -> Path:
 def test_what_is_written_is_read_to_the_last_bit(setup: CourseSetup, tmp_path: Path) -> None:
     first, again = tmp_path / "first.zip", tmp_path / "again.zip"
     log.write(first, course(setup))
-    back = log_reader.read(first)
+    back = log.read(first)
     same(course(setup), back)
     log.write(again, back)
     assert first.read_bytes() == again.read_bytes()
@@ -60,7 +58,7 @@ def test_what_is_written_is_read_to_the_last_bit(setup: CourseSetup, tmp_path: P
 
 @pytest.mark.parametrize("preset", ["chapter", "robust"])
 def test_a_filter_fed_from_the_file_gives_what_it_gives_directly(written: Path, preset: str) -> None:
-    arm, direct, back = Arm(preset), course(SETUP), log_reader.read(written)  # type: ignore[arg-type]
+    arm, direct, back = Arm(preset), course(SETUP), log.read(written)  # type: ignore[arg-type]
     one, other = replay(direct, arm.localisation(direct, 1)), replay(back, arm.localisation(back, 1))
     assert one.outcome == other.outcome and one.outcome["updates"] != 0
     np.testing.assert_array_equal(one.poses, other.poses)
@@ -98,13 +96,13 @@ def test_truth_at_other_times_is_interpolated_and_the_odometry_s_frame_may_be_an
     log.write(whole, a)
     with zipfile.ZipFile(whole) as archive:
         dense = archive.read("odometry.csv")
-    back = log_reader.read(changed(file, "odometry.csv", lambda _: dense, mixed))
+    back = log.read(changed(file, "odometry.csv", lambda _: dense, mixed))
     np.testing.assert_array_equal(back.instants, a.instants)
     np.testing.assert_allclose(back.truth, a.truth, atol=0.02)
     np.testing.assert_array_equal(back.truth[::2, :2], a.truth[::2, :2])
     begun_late = replace(a, odometry=a.odometry + np.array([3.0, -2.0, 0.0]))
     log.write(file, begun_late)
-    moved = log_reader.read(file)
+    moved = log.read(file)
     led = replay(moved, Arm("odometry").localisation(moved, 1)).poses
     plain = replay(a, Arm("odometry").localisation(a, 1)).poses
     np.testing.assert_allclose(led, plain, atol=1e-9)
@@ -167,22 +165,22 @@ def test_a_bad_log_gets_one_sentence(
     written: Path, tmp_path: Path, member: str, change: Change, said: str
 ) -> None:
     bad = changed(written, member, change, tmp_path / "bad.zip")
-    with pytest.raises(LogError) as caught:
-        log_reader.read(bad)
+    with pytest.raises(CourseLogError) as caught:
+        log.read(bad)
     told = str(caught.value)
     assert said in told and told.startswith(str(bad)) and told.endswith(".") and "\n" not in told
 
 
 def test_no_archive_or_none_or_one_too_large_gets_one_sentence(written: Path, tmp_path: Path) -> None:
     (tmp_path / "text.zip").write_text("no archive")
-    with pytest.raises(LogError, match="this is not a localisation log, which is a ZIP archive"):
-        log_reader.read(tmp_path / "text.zip")
-    with pytest.raises(LogError, match="cannot be read"):
-        log_reader.read(tmp_path / "none.zip")
-    with pytest.raises(LogError, match="cannot be written"):
+    with pytest.raises(CourseLogError, match="this is not a localisation log, which is a ZIP archive"):
+        log.read(tmp_path / "text.zip")
+    with pytest.raises(CourseLogError, match="cannot be read"):
+        log.read(tmp_path / "none.zip")
+    with pytest.raises(CourseLogError, match="cannot be written"):
         log.write(tmp_path / "none" / "course.zip", course(SETUP))
-    with pytest.raises(LogError, match=r"odometry\.csv has more than the 1000 bytes allowed"):
-        log_reader.read(written, LogLimits(text_bytes=1000))
+    with pytest.raises(CourseLogError, match=r"odometry\.csv has more than the 1000 bytes allowed"):
+        log.read(written, LogLimits(text_bytes=1000))
 
 
 def test_damage_is_either_harmless_or_a_log_error(written: Path, tmp_path: Path) -> None:
@@ -197,8 +195,8 @@ def test_damage_is_either_harmless_or_a_log_error(written: Path, tmp_path: Path)
         file = tmp_path / "damaged.zip"
         file.write_bytes(damaged[: int(draws.integers(len(whole)))] if draws.random() < 0.2 else damaged)
         try:
-            log_reader.read(file)
-        except LogError as error:
+            log.read(file)
+        except CourseLogError as error:
             assert "\n" not in str(error)
             refused += 1
     assert refused > 50

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from actors.geometry import Pose
-from benchmarks.localisation import against, log, logs
-from benchmarks.localisation.against import Other, OtherRun
+from benchmarks.localisation import log, logs
 from benchmarks.localisation.course import CourseSetup
-from benchmarks.localisation.log import LogError
+from benchmarks.localisation.log import CourseLogError
+from benchmarks.localisation.logs import Other, OtherRun
 from tests.localisation_bench.scenes import CORRIDOR, course
 from tests.localisation_bench.test_metrics import a_run
 
@@ -56,9 +56,9 @@ def test_a_folder_of_logs_is_compared_log_by_log(folder: Path, capsys: pytest.Ca
     assert capsys.readouterr().out.count("odometry") == 2
 
 
-def a_table(ours: Sequence[float], theirs: Sequence[float]) -> list[against.PairedRow]:
+def a_table(ours: Sequence[float], theirs: Sequence[float]) -> list[logs.PairedRow]:
     other = Other("x", [OtherRun(rmse, lost=rmse > 1) for rmse in theirs])
-    return against.rows({"x": {"p": [a_run([value] * 3) for value in ours]}}, {"x": other})
+    return logs.paired({"x": {"p": [a_run([value] * 3) for value in ours]}}, {"x": other})
 
 
 def test_the_interval_of_a_ratio_is_that_of_its_runs() -> None:
@@ -95,13 +95,13 @@ def test_odometry_may_begin_anywhere(tmp_path: Path, preset: str) -> None:
 def test_what_another_one_made_is_checked(folder: Path, content: str, sentence: str) -> None:
     wrong = folder.parent / "wrong.json"
     wrong.write_text(content)
-    with pytest.raises(LogError, match=sentence) as caught:
+    with pytest.raises(CourseLogError, match=sentence) as caught:
         logs.check(folder, 1, wrong)
     assert str(caught.value).startswith(str(wrong)) and "\n" not in str(caught.value)
 
 
 def test_a_folder_without_logs_and_a_missing_file_are_named(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"this folder holds no log, which would be a \*\.zip"):
+    with pytest.raises(CourseLogError, match=r"this folder holds no log, which would be a \*\.zip"):
         logs.check(tmp_path)
-    with pytest.raises(LogError, match=r"other\.json: cannot be read: No such file"):
+    with pytest.raises(CourseLogError, match=r"other\.json: cannot be read: No such file"):
         logs.check(tmp_path, 1, tmp_path / "other.json")

@@ -4,14 +4,23 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.localisation.metrics import NEES_BOUNDS, Run, Track, beside_truth, nees, weighed
-from benchmarks.localisation.summary import Share, interval, share, summary
+from benchmarks.localisation.metrics import (
+    NEES_BOUNDS,
+    EstimatedTrack,
+    FilterRun,
+    beside_truth,
+    nees,
+    weighed,
+)
+from benchmarks.localisation.report import Share, interval, share, summary
 
 
-def a_run(errors: list[float], seed: int = 1, turn: float = 0.0, announced: tuple[int, ...] = ()) -> Run:
+def a_run(
+    errors: list[float], seed: int = 1, turn: float = 0.0, announced: tuple[int, ...] = ()
+) -> FilterRun:
     n = len(errors)
     same = np.full(n, 2.0, np.float32)
-    return Run(
+    return FilterRun(
         seed,
         np.array(errors, np.float32),
         np.full(n, turn, np.float32),
@@ -63,7 +72,7 @@ def test_a_call_that_only_follows_the_odometry_has_weighed_nothing() -> None:
 def test_a_run_s_errors_are_those_to_the_truth_the_short_way_round() -> None:
     truth = np.array([[0.0, 0.0, 3.1], [1.0, 0.0, 3.1]])
     poses = np.array([[0.3, 0.4, -3.1], [1.0, 1.2, 3.0]])
-    track = Track(
+    track = EstimatedTrack(
         poses, np.tile(np.eye(3), (2, 1, 1)), np.array([0.2, 0.96]), np.array([1e-4, 2e-4]), {"updates": 2}
     )
     run = beside_truth(9, truth, truth.copy(), track)

@@ -9,11 +9,10 @@ from actors.robot.localisation import Estimate
 from actors.robot.sweep import Sweep
 from benchmarks.localisation.cells import PRESETS, CourseCell
 from benchmarks.localisation.course import CourseSetup
-from benchmarks.localisation.filters import Arm
+from benchmarks.localisation.crowd import ReportParameters, reports
+from benchmarks.localisation.filters import Arm, replay
 from benchmarks.localisation.metrics import beside_truth
-from benchmarks.localisation.peer_reports import ReportParameters, reports
-from benchmarks.localisation.pool import CourseTask, drive, run_all, tasks
-from benchmarks.localisation.replay import replay
+from benchmarks.localisation.runs import CourseTask, drive, run_all, tasks
 from tests.localisation_bench.scenes import CORRIDOR, course
 
 SHORT = CourseSetup(CORRIDOR, 1, robots=2, base="kobuki", seconds=6)

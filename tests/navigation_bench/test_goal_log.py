@@ -12,7 +12,7 @@ from actors.randomness import generator
 from actors.robot.behaviour.goal import AbortReason, Goal, GoalOrder, GoalStatus
 from actors.robot.behaviour.ports import Behaviour, Decision, Setting, Start, View
 from benchmarks.failures.run import pursuit
-from benchmarks.navigation import goal_log, goal_orders
+from benchmarks.navigation import goal_log
 from benchmarks.navigation.goal_log import LoggedGoal
 from observation.accounting.tracks import Tracks
 
@@ -85,7 +85,7 @@ def test_a_robot_pursues_what_it_was_not_told_to_leave() -> None:
 def test_goal_orders_are_reported_once_and_begin_anew() -> None:
     reached = Goal(A, GoalStatus.SUCCEEDED)
     gone = Goal(B, GoalStatus.ABORTED, AbortReason.NO_PLAN)
-    decisions = drive(goal_orders.behaviour(start()), [None, ACTIVE[A], reached, gone, reached, reached])
+    decisions = drive(goal_log.errands(start()), [None, ACTIVE[A], reached, gone, reached, reached])
     assert [decision.goal for decision in decisions] == [A, GoalOrder.KEEP, B, A, B, A]
     assert [[report.place for report in decision.reports] for decision in decisions] == [
         [], [], [0], [], [], [],

@@ -14,10 +14,16 @@ from actors.floor.placement import draw_points
 from actors.geometry import Point, Pose
 from actors.world.physics import Arena
 from actors.world.world_setup import BodySetup, WorldSetup
-from benchmarks.navigation.approach import closest, robot_gaps, touches, wall_gaps
-from benchmarks.navigation.retracing import RetracingError, retrace
-from benchmarks.navigation.shortest_way import ShortestWays
-from benchmarks.statistics.confidence import average, proportion
+from benchmarks.navigation.yardsticks import (
+    RetracingError,
+    ShortestWays,
+    closest,
+    retrace,
+    robot_gaps,
+    touches,
+    wall_gaps,
+)
+from benchmarks.statistics.measured import average, proportion
 from benchmarks.world.plain_swarm import strewn, turtlebot, wishes
 from observation.accounting.passage import Passages
 from observation.accounting.tracks import Tracks

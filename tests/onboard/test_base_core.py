@@ -26,9 +26,10 @@ from actors.messages import (
 )
 from actors.orders import Order, Pause, Resume, Stop
 from actors.runtime.core import Address, Output, at
+from actors.runtime.errors import AcrcError
 from actors.task.words import PlaceKey
 from actors.topic import Message
-from firmware_bridge.onboard.base_core import AIR_PATIENCE, BaseCore, HangError
+from firmware_bridge.onboard.base_core import AIR_PATIENCE, BaseCore
 
 STEP = 100_000
 START = Pose(10.0, 5.0, math.pi / 2)
@@ -110,11 +111,11 @@ def test_a_robot_or_bridge_that_does_not_answer_for_too_long_is_named() -> None:
         first_step(stage)
         stage.at(2 * STEP)
     robot.aired(2 * STEP + 1000, 1)
-    with pytest.raises(HangError) as hung:
+    with pytest.raises(AcrcError) as hung:
         for step in range(3, 20):
             robot.at(step * STEP)
     assert str(hung.value) == "step 13: r1 has not answered for 1 s"
-    with pytest.raises(HangError) as hung:
+    with pytest.raises(AcrcError) as hung:
         for step in range(2, 20):
             bridge.at(step * STEP + 25_000)
             bridge.drive(step * STEP + 27_000, step)

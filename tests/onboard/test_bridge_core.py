@@ -22,9 +22,9 @@ from actors.messages import (
 )
 from actors.runtime.core import Address, at
 from actors.topic import Message
-from firmware_bridge.beeclick.emulation.emulate import room
-from firmware_bridge.beeclick.link import Link
+from firmware_bridge.beeclick.link import BoardLink
 from firmware_bridge.beeclick.parameters import BoardSettings
+from firmware_bridge.emulate import boards
 from firmware_bridge.onboard.bridge_core import MOST_PLANNED, BridgeCore
 
 POLL = milliseconds(1)
@@ -35,10 +35,10 @@ class Room:
 
     def __init__(self, robots: int = 2) -> None:
         self.now = Instant(0)
-        self.air = room(robots, spacing=1.0)
+        self.air = boards(robots, spacing=1.0)
         self.bridges: list[BridgeCore] = []
         for number in range(robots):
-            link = Link(BoardSettings(number + 1))
+            link = BoardLink(BoardSettings(number + 1))
             link.connect(self.now)
             self.bridges.append(BridgeCore(f"r{number + 1}", link))
         self.run(seconds(0.2))

@@ -17,28 +17,28 @@ from benchmarks.hardware.sensor_situations import ACCUSATIONS, SITUATIONS, Strai
 from benchmarks.hardware.sensor_trials import SensorCase, trial, within
 from firmware_bridge.kobuki.motion import METRES_PER_TICK
 from firmware_bridge.kobuki.packets import Basic, Inertial
-from firmware_bridge.kobuki.safety import Cause
+from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.onboard.contradictions import REST, Contradictions
 from firmware_bridge.onboard.motion_track import MotionTrack, Moved
 from firmware_bridge.onboard.scan_checks import ScanChecks
 from firmware_bridge.onboard.scan_fit import of_the_room
-from firmware_bridge.range_sensors.sensor import Sweep
+from firmware_bridge.range_sensors.sensor import SensorSweep
 from firmware_bridge.room import Room
 
 NAMED = {
-    "lidar: repeats one turn": Cause.REPEATS,
-    "lidar: repeats 5 turns": Cause.REPEATS,
-    "lidar: half of each turn repeated": Cause.REPEATS,
-    "lidar: every other beam repeated": Cause.SCAN_PART,
-    "lidar: one turn, with fresh noise": Cause.SCAN_STILL,
-    "lidar: turned by 90°": Cause.SCAN_TURNED,
-    "lidar: mirrored": Cause.SCAN_MIRRORED,
-    "both encoders: stand still": Cause.BLOCKED,
-    "both encoders: count double": Cause.WHEELS,
-    "left encoder: stands still": Cause.LEFT_WHEEL,
-    "gyro: turns at 0.5 rad/s for ever": Cause.GYRO,
-    "base's clock: stands still": Cause.BASE_CLOCK,
-    "line to the base: 30% noise, both": Cause.NOISE,
+    "lidar: repeats one turn": HoldCause.REPEATS,
+    "lidar: repeats 5 turns": HoldCause.REPEATS,
+    "lidar: half of each turn repeated": HoldCause.REPEATS,
+    "lidar: every other beam repeated": HoldCause.SCAN_PART,
+    "lidar: one turn, with fresh noise": HoldCause.SCAN_STILL,
+    "lidar: turned by 90°": HoldCause.SCAN_TURNED,
+    "lidar: mirrored": HoldCause.SCAN_MIRRORED,
+    "both encoders: stand still": HoldCause.BLOCKED,
+    "both encoders: count double": HoldCause.WHEELS,
+    "left encoder: stands still": HoldCause.LEFT_WHEEL,
+    "gyro: turns at 0.5 rad/s for ever": HoldCause.GYRO,
+    "base's clock: stands still": HoldCause.BASE_CLOCK,
+    "line to the base: 30% noise, both": HoldCause.NOISE,
 }
 BY_NAME = {f"{fault.what}: {fault.how}": fault for fault in FAULTS}
 CALM = {one.name: one for one in SITUATIONS}
@@ -89,7 +89,7 @@ def test_a_robot_that_was_told_tries_again_twice_and_then_stands_for_good(tmp_pa
     way = rig.laboratory.travelled("r1")
     rig.run(4.0)
     assert rig.laboratory.travelled("r1") == pytest.approx(way, abs=1e-3)
-    told = [one for one in rig.vehicles["r1"].told if Cause.LEFT_WHEEL in one.causes]
+    told = [one for one in rig.vehicles["r1"].told if HoldCause.LEFT_WHEEL in one.causes]
     assert len(told) == 3
 
 
@@ -121,7 +121,7 @@ class Wheels:
 
     def drive(
         self, time_s: float, left: float, right: float, turn: float, told: tuple[float, float], **basic: int
-    ) -> frozenset[Cause]:
+    ) -> frozenset[HoldCause]:
         """Wheels at that speed, m/s, the gyro at `turn`, rad/s, while it is told v and omega."""
         for _ in range(round(time_s / 0.02)):
             self.now = Instant(self.now + milliseconds(20))
@@ -157,25 +157,25 @@ def test_a_lifted_base_is_not_judged() -> None:
 def test_a_bumper_that_stays_pressed_over_three_decimetres_back_is_stuck() -> None:
     wheels = Wheels()
     assert wheels.drive(1.4, -0.2, -0.2, 0.0, (-0.2, 0.0), bumper=2) == frozenset()
-    assert wheels.drive(0.3, -0.2, -0.2, 0.0, (-0.2, 0.0), bumper=2) == {Cause.BUMPER_STUCK}
+    assert wheels.drive(0.3, -0.2, -0.2, 0.0, (-0.2, 0.0), bumper=2) == {HoldCause.BUMPER_STUCK}
 
 
 def test_a_base_that_cannot_move_is_tried_ever_more_seldom_but_never_given_up() -> None:
     wheels, held = Wheels(), 0
-    causes: frozenset[Cause] = frozenset()
+    causes: frozenset[HoldCause] = frozenset()
     for _ in range(1500):
         causes = wheels.drive(0.1, 0.0, 0.0, 0.0, (0.0 if causes else 0.3, 0.0))
-        held += Cause.BLOCKED in causes
+        held += HoldCause.BLOCKED in causes
     assert 1470 < held < 1495, "six attempts of 0.3 s in 150 s"
 
 
 def test_of_wheels_and_gyro_neither_is_named_where_the_command_agrees_with_none() -> None:
-    assert Wheels().drive(1.0, 0.0, 0.3, -1.0, (0.3, 0.0)) == {Cause.TURNS}
+    assert Wheels().drive(1.0, 0.0, 0.3, -1.0, (0.3, 0.0)) == {HoldCause.TURNS}
 
 
 def test_a_contradiction_is_over_after_a_rest() -> None:
     wheels = Wheels()
-    assert wheels.drive(0.5, 0.0, 0.4, 0.0, (0.4, 0.0)) == {Cause.LEFT_WHEEL}
+    assert wheels.drive(0.5, 0.0, 0.4, 0.0, (0.4, 0.0)) == {HoldCause.LEFT_WHEEL}
     assert wheels.drive(REST / 1e6 + 0.1, 0.0, 0.0, 0.0, (0.0, 0.0)) == frozenset()
 
 
@@ -186,23 +186,23 @@ def test_a_case_is_held_against_its_limit() -> None:
     assert not within(fault(), SensorCase(None, 2.0, ()))
     assert not within(fault(limit=(0.3, 0.15)), SensorCase(0.2, 0.16, ()))
     assert within(fault(limit=None), SensorCase(None, 2.0, ()))
-    assert Cause.BUMPER not in ACCUSATIONS and Cause.GYRO in ACCUSATIONS
+    assert HoldCause.BUMPER not in ACCUSATIONS and HoldCause.GYRO in ACCUSATIONS
 
 
 ROOM = Room(6.0, 5.0)
 ANGLES = np.radians(np.arange(360.0))
 
 
-def seen(pose: Pose, at_us: int, random: np.random.Generator) -> Sweep:
+def seen(pose: Pose, at_us: int, random: np.random.Generator) -> SensorSweep:
     """A sweep of a sensor that stands meanwhile."""
     ranges = ROOM.ranges(pose, ANGLES) * (1 + 0.0025 * random.standard_normal(360))
-    return Sweep(np.full(360, at_us), ANGLES, ranges)
+    return SensorSweep(np.full(360, at_us), ANGLES, ranges)
 
 
-def judged(truth: Pose, forward: float) -> set[Cause | None]:
+def judged(truth: Pose, forward: float) -> set[HoldCause | None]:
     """What four sweeps from `truth` say while the wheels go forward by so much between each two."""
     checks, motion, random = ScanChecks(Pose(0.0, 0.0, 0.0)), MotionTrack(), np.random.default_rng(1)
-    said: set[Cause | None] = set()
+    said: set[HoldCause | None] = set()
     for at in range(4):
         for step in range(5):
             instant = Instant(180_000 * at + 36_000 * (step + 1))
@@ -212,7 +212,7 @@ def judged(truth: Pose, forward: float) -> set[Cause | None]:
 
 
 def test_a_scan_that_stands_still_with_noise_contradicts_wheels_that_go_on() -> None:
-    assert Cause.SCAN_STILL in judged(Pose(3.0, 2.5, 0.1), 0.1)
+    assert HoldCause.SCAN_STILL in judged(Pose(3.0, 2.5, 0.1), 0.1)
 
 
 def test_wheels_that_slip_before_a_wall_contradict_nobody() -> None:

@@ -6,9 +6,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from actors.runtime.errors import AcrcError
 from actors.runtime.process import RunNote
 from actors.runtime.recording import Recorder
-from deploy.fleet.epochs import LAST_EPOCH, EpochCounter, EpochError
+from deploy.fleet.epochs import LAST_EPOCH, EpochCounter
 
 NOW = 1_800_000_000.0
 """2027-01-15."""
@@ -102,7 +103,7 @@ def test_an_empty_file_and_a_clock_that_was_never_set_is_no_start(robot: Robot) 
     robot.claim()
     robot.file.write_bytes(b"")
     robot.now = 100.0
-    with pytest.raises(EpochError) as refused:
+    with pytest.raises(AcrcError) as refused:
         robot.claim()
     assert str(refused.value) == (
         f"{robot.file}: holds no epoch that can be read, and the clock, at 1970-01-01, was never set, so "
@@ -147,7 +148,7 @@ def test_two_at_once_get_two(robot: Robot) -> None:
 
 def test_a_folder_that_cannot_be_written_is_one_sentence(robot: Robot) -> None:
     robot.state.write_text("a file")
-    with pytest.raises(EpochError) as refused:
+    with pytest.raises(AcrcError) as refused:
         robot.claim()
     assert str(refused.value) == (
         f"{robot.file}: the starts of r1 cannot be counted there (File exists); it must be a file that can "
@@ -158,7 +159,7 @@ def test_a_folder_that_cannot_be_written_is_one_sentence(robot: Robot) -> None:
 def test_there_is_a_last_one(robot: Robot) -> None:
     robot.record(LAST_EPOCH - 1)
     assert robot.claim() == LAST_EPOCH
-    with pytest.raises(EpochError) as refused:
+    with pytest.raises(AcrcError) as refused:
         robot.claim()
     assert str(refused.value) == (
         f"{robot.file}: the next epoch would be {LAST_EPOCH + 1}; there are {LAST_EPOCH} at most"

@@ -16,7 +16,7 @@ from deploy.fleet import keys as fleet_keys
 from deploy.fleet.fleet_file import FleetRobot
 from deploy.fleet.onboard import Onboard, onboard_robot_program
 from deploy.fleet.onboard_run import AT_START, OnboardOptions, OperatorLink, _link_fault, _told, prepare
-from deploy.run.plan import Plan
+from deploy.run.plan import RunPlan
 from firmware_bridge.onboard import last_pose
 from firmware_bridge.onboard.last_pose import SPREAD, LastPose, PoseKeeper
 from tests.fleet.texts import fleet, robot
@@ -69,7 +69,7 @@ def test_a_damaged_file_is_none(tmp_path: Path, text: bytes) -> None:
     assert last_pose.read(tmp_path / "none") is None
 
 
-def test_a_robot_that_was_on_before_is_started_in_doubt(alone: Plan, tmp_path: Path) -> None:
+def test_a_robot_that_was_on_before_is_started_in_doubt(alone: RunPlan, tmp_path: Path) -> None:
     path = tmp_path / "r1.pose"
     prepared = Onboard(alone, PORTS, lambda: 0, last_pose=path)
     assert told(prepared, 0).doubt is None

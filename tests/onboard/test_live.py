@@ -45,11 +45,13 @@ def links(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """
     folder = tmp_path_factory.mktemp("links")
     devices = [
-        subprocess.Popen([sys.executable, "-m", *words], cwd=ROOT, stdout=subprocess.DEVNULL)
+        subprocess.Popen(
+            [sys.executable, "-m", "firmware_bridge.emulate", *words], cwd=ROOT, stdout=subprocess.DEVNULL
+        )
         for words in (
-            ("firmware_bridge.kobuki.emulate", "--link", f"{folder}/base"),
-            ("firmware_bridge.range_sensors.emulate", "--link", f"{folder}/range"),
-            ("firmware_bridge.beeclick.emulation.emulate", "--boards", "2", "--links", str(folder)),
+            ("kobuki", "--link", f"{folder}/base"),
+            ("lidar", "--link", f"{folder}/range"),
+            ("boards", "--boards", "2", "--links", str(folder)),
         )
     ]
     deadline = time.monotonic() + 120

@@ -9,7 +9,7 @@ from actors.installation.usage import OptionError
 from actors.instant import Instant
 from actors.radio.presets import PRESETS
 from deploy.laboratory import hardware_in_the_loop
-from deploy.laboratory.loop_limits import check
+from deploy.laboratory.hardware_in_the_loop import check
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario

@@ -18,7 +18,7 @@ from deploy.fleet import onboard
 from deploy.fleet.onboard import Onboard, Ports
 from deploy.run import plan, swarm
 from deploy.run.options import RunOptions
-from deploy.run.plan import Plan
+from deploy.run.plan import RunPlan
 from deploy.scenario.scenario_file import load_scenario
 from firmware_bridge.onboard import base
 from tests.runtime.toys import Answerer
@@ -29,13 +29,13 @@ PORTS = Ports("/dev/kobuki", "/dev/beeclick", "/dev/rplidar", 0xBABA, 26, 0.0)
 
 
 @pytest.fixture
-def alone(tmp_path: Path) -> Plan:
+def alone(tmp_path: Path) -> RunPlan:
     """The head-on scenario, for r1 only."""
     whole = swarm.plan(load_scenario(ROOT / "scenarios" / "head_on.toml"), RunOptions(tmp_path / "out"))
     return replace(whole, world=msgspec.structs.replace(whole.world, robots=whole.world.robots[:1]))
 
 
-def test_set_up_and_module_are_those_of_the_simulation(alone: Plan) -> None:
+def test_set_up_and_module_are_those_of_the_simulation(alone: RunPlan) -> None:
     robot = alone.world.robots[0]
     on_board = onboard.onboard_robot_program(Onboard(alone, PORTS, lambda: 0), start=0)
     simulated = plan.robot_program(alone, robot, ProcessOrder("r1", 0), first_step=0)
@@ -45,7 +45,7 @@ def test_set_up_and_module_are_those_of_the_simulation(alone: Plan) -> None:
     assert on_board == replace(simulated, setup=outlives), "it outlives a full disk"
 
 
-def test_a_debugger_changes_who_runs_it_and_nothing_else(alone: Plan) -> None:
+def test_a_debugger_changes_who_runs_it_and_nothing_else(alone: RunPlan) -> None:
     plain = onboard.onboard_robot_program(Onboard(alone, PORTS, lambda: 0), start=0)
     debugged = onboard.onboard_robot_program(Onboard(alone, PORTS, lambda: 0, debug_port=5678), start=0)
     assert debugged.module == "debugpy"
@@ -53,9 +53,9 @@ def test_a_debugger_changes_who_runs_it_and_nothing_else(alone: Plan) -> None:
 
 
 def test_what_the_robot_reads_is_the_same_and_base_and_bridge_lie_beside_it(
-    alone: Plan, tmp_path: Path
+    alone: RunPlan, tmp_path: Path
 ) -> None:
-    simulated = replace(alone, out=tmp_path / "simulated")
+    simulated = replace(alone, options=replace(alone.options, out=tmp_path / "simulated"))
     plan.lay_out(simulated)
     onboard.lay_out(Onboard(alone, PORTS, lambda: 0))
     assert sorted(path.name for path in alone.out.iterdir()) == ["r1", "r1.base", "r1.radio"]
@@ -66,7 +66,7 @@ def test_what_the_robot_reads_is_the_same_and_base_and_bridge_lie_beside_it(
     assert str(refused.value) == f"--out: {alone.out} has a folder of r1; must be a folder without"
 
 
-def test_each_start_of_the_program_is_in_an_epoch_of_its_own_and_named_by_its_number(alone: Plan) -> None:
+def test_each_start_of_the_program_is_in_an_epoch_of_its_own_and_named_by_its_number(alone: RunPlan) -> None:
     epochs = iter((7, 8, 12))
     prepared = Onboard(alone, PORTS, lambda: next(epochs))
     programs = [onboard.onboard_robot_program(prepared, start) for start in range(3)]
@@ -76,7 +76,7 @@ def test_each_start_of_the_program_is_in_an_epoch_of_its_own_and_named_by_its_nu
 
 
 def test_a_port_that_is_taken_is_said_in_the_log_and_nothing_stays(
-    alone: Plan, capsys: pytest.CaptureFixture[str]
+    alone: RunPlan, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

@@ -6,9 +6,10 @@ from types import SimpleNamespace
 import pytest
 
 from actors.processes.launch import Child, Program
+from actors.runtime.errors import AcrcError
 from deploy.fleet import onboard as layout
 from deploy.fleet.onboard import Onboard
-from deploy.fleet.onboard_supervisor import OnboardError, OnboardSupervisor
+from deploy.fleet.onboard_supervisor import OnboardSupervisor
 
 
 class Robot:
@@ -88,7 +89,7 @@ def test_why_a_process_has_ended_is_said_each_time_and_in_the_end(
     watch, launcher = played
     (tmp_path / "r1.log").write_text(f"what it prints\n{TAKEN}\n")
     launcher.ends = [{"r1": 1}] * 6
-    with pytest.raises(OnboardError) as caught:
+    with pytest.raises(AcrcError) as caught:
         while True:
             watch.look(0.0)
     assert launcher.said == [f"r1 has ended with exit code 1: {TAKEN}"] * 6

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from observation.evidence.run_evidence import RunEvidence, read_run
+from observation.evidence.run_evidence import RunEvidence
+from observation.evidence.run_reader import read_run
 from tests.swarm.command import ROOT, run
 
 

@@ -2,7 +2,6 @@
 
 import shutil
 from collections import defaultdict
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -14,15 +13,15 @@ import pytest
 from actors.messages import Truth
 from actors.runtime.recording import RecordingError
 from actors.task.words import PlaceKey
-from actors.topic import M, Topic
+from actors.topic import Message
 from observation.accounting.account import account
 from observation.accounting.blockings import BY_ROBOTS
 from observation.accounting.spells import spells
 from observation.accounting.time_spent import Cause
-from observation.evidence import run_evidence
-from observation.evidence.recorded import taken
-from observation.evidence.run_evidence import EvidenceError, RunEvidence, read_run
+from observation.evidence.run_evidence import EvidenceError, RunEvidence
+from observation.evidence.run_reader import read_run
 from observation.picture.floor_picture import meetings
+from observation.recordings.topics import Recorded
 
 
 def test_it_says_what_the_result_says(evidence: RunEvidence) -> None:
@@ -126,15 +125,14 @@ def test_what_is_no_run_is_said_in_a_sentence(folder: Path, tmp_path: Path) -> N
 
 
 def test_a_robot_that_comes_and_goes_is_no_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fickle(path: Path, topic: Topic[M]) -> Iterator[tuple[str, M]]:
-        for number, (robot, message) in enumerate(taken(path, topic)):
-            yield robot, _less(message, isinstance(message, Truth) and number == 5)
+    say = Recorded.message
 
-    monkeypatch.setattr(run_evidence, "taken", fickle)
+    def fickle(one: Recorded) -> Message | None:
+        told = say(one)
+        if isinstance(told, Truth) and one.step == 5:
+            return msgspec.structs.replace(told, robots=told.robots[:1])
+        return told
+
+    monkeypatch.setattr(Recorded, "message", fickle)
     with pytest.raises(EvidenceError, match=r"radio\.mcap: its robots change; they should be the same"):
         read_run(folder)
-
-
-def _less(message: M, less: bool) -> M:
-    """A truth without its last robot."""
-    return msgspec.structs.replace(message, robots=message.robots[:1]) if less else message  # type: ignore[attr-defined]

@@ -10,8 +10,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from actors.installation.repository import REPOSITORY
 from actors.installation.usage import OptionError
 from actors.runtime.errors import AcrcError
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.evidence.run_evidence import RunEvidence
 from observation.picture import floor_picture, moving, run_html, run_page, side_by_side, style
 from tests.swarm.command import acrc
@@ -81,6 +85,16 @@ def test_view_draws_beside_the_run(folder: Path, tmp_path: Path) -> None:
         *(str(out / f"run.{kind}") for kind in ("png", "svg", "html")), str(tmp_path / "m.gif")
     ]  # fmt: skip
     assert (out / "run.svg").read_text().startswith("<?xml")
+
+
+def test_a_run_too_short_to_judge_is_drawn_with_a_warning(tmp_path: Path) -> None:
+    out = tmp_path / "short"
+    scenario = load_scenario(REPOSITORY / "scenarios" / "head_on.toml", Overrides(duration=2.0))
+    swarm.run(scenario, RunOptions(out, bus="memory", json=True))
+    warning = f"acrc: {out}: the run lasts 2 s; nothing can be judged from less than 5 s\n"
+    for words in (("--png",), ("--beside", out, "--svg")):
+        done = acrc("view", out, *words)
+        assert (done.returncode, done.stderr) == (0, warning * (1 + ("--beside" in words)))
 
 
 def test_runs_are_drawn_beside_one_another(folder: Path, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from actors.installation.repository import REPOSITORY
-from benchmarks.processors import aarch64, here, pythons, table
+from benchmarks.processors import aarch64, computer, pythons, table
 from benchmarks.processors.computer import Computer, RunOutcome, RunTask, last_words, make
 from benchmarks.processors.table import ProcessorRow, digests, line, measure, tasks, verdict
 
@@ -26,10 +26,13 @@ def test_both_tasks_are_those_of_the_house_test_and_the_chapter() -> None:
 
 
 def test_this_processor_is_measured_with_each_part_of_its_arithmetic_as_an_older_one_has_it() -> None:
-    computers = here.computers()
+    computers = computer.here()
     assert next(computer.command for computer in computers if computer.command) == (sys.executable,)
-    assert [set(computer.environment) for computer in computers[2:4]] == [set(here.NO_FMA), set(here.GENERIC)]
-    assert set(here.NO_FMA) | set(here.GENERIC) <= set(computers[4].environment)
+    assert [set(computer.environment) for computer in computers[2:4]] == [
+        set(computer.NO_FMA),
+        set(computer.GENERIC),
+    ]
+    assert set(computer.NO_FMA) | set(computer.GENERIC) <= set(computers[4].environment)
 
 
 def test_what_is_missing_is_said_in_the_table(tmp_path: Path) -> None:

@@ -263,7 +263,7 @@ def test_a_missing_lidar() -> None:
 
 def test_an_emulated_lidar_in_a_process_of_its_own(tmp_path: Path) -> None:
     link = tmp_path / "rplidar"
-    command = [sys.executable, "-m", "firmware_bridge.range_sensors.emulate", "--link", str(link)]
+    command = [sys.executable, "-m", "firmware_bridge.emulate", "lidar", "--link", str(link)]
     root = Path(firmware_bridge.__file__).parent.parent
     with subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, text=True) as process:
         try:

@@ -1,5 +1,6 @@
 """What a strategy prints: with simulated time and step, bounded, in memory, as processes, and in replays."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -57,11 +58,16 @@ def test_processes_keep_the_same_and_printing_changes_no_digest(talked: Path, tm
 
 
 def test_log_shows_them_for_a_terminal(talked: Path) -> None:
-    assert acrc("log", talked, "r1").stdout == R1.replace("\x1b", "\\x1b")
-    assert acrc("log", talked, "r1", "-f").stdout == R1.replace("\x1b", "\\x1b")
-    both = acrc("log", talked).stdout.splitlines()
+    assert acrc("record", "echo", talked, "r1/log").stdout == R1.replace("\x1b", "\\x1b")
+    assert acrc("record", "echo", talked, "r1/log", "-f").stdout == R1.replace("\x1b", "\\x1b")
+    both = acrc("record", "echo", talked, "*/log").stdout.splitlines()
     assert both[0] == "r1       0.000 s  step 0  made r1" and both[3].startswith("r2  ")
-    done = acrc("log", talked, "r9")
+    assert both == acrc("record", "echo", talked, "r1/log", "r2/log").stdout.splitlines()
+    late = acrc("record", "echo", talked, "r1/log", "--from", 1, "--json").stdout.splitlines()
+    assert json.loads(late[1]) == {"seconds": 1.0, "key": "r1/log", "text": "r1 warns"} and len(late) == 2
+    table = acrc("record", "echo", talked, "r1/log", "--to", 0.5, "--csv").stdout
+    assert table == "seconds,key,text\n0.0,r1/log,made r1\n"
+    done = acrc("record", "echo", talked, "r9/log")
     assert done.returncode == 1
     assert done.stderr == f"acrc: {talked}: no robot 'r9'; there are r1, r2, and '*' for all\n"
 
@@ -89,11 +95,11 @@ def test_a_growing_log_gives_whole_lines(tmp_path: Path) -> None:
     tail = LogTail(tmp_path, (EVERYBODY,))
     assert list(tail.poll()) == [] == logs(tmp_path, "r1")
     with (tmp_path / "r1" / "r1.log").open("w") as log:
-        for text, shown in (("a\nb", ["r1  a"]), ("c\n", ["r1  bc"]), ("d", [])):
+        for text, shown in (("a\nb", [("r1", "a")]), ("c\n", [("r1", "bc")]), ("d", [])):
             log.write(text)
             log.flush()
             assert list(tail.poll()) == shown
-    assert list(tail.close()) == ["d"]
+    assert list(tail.close()) == [("r1", "d")]
 
 
 def test_streams_are_as_before_between_turns() -> None:

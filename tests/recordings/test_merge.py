@@ -93,7 +93,7 @@ def test_check_says_what_a_file_is_and_finds_damage(met: Path, merged: Path, tmp
 def test_a_file_that_is_there_is_left_alone(met: Path, merged: Path) -> None:
     done = acrc("record", "merge", met, "--out", merged)
     assert (done.returncode, done.stderr) == (1, f"acrc: {merged}: is there already; should be a new file\n")
-    done = acrc("topic", "list", merged)
+    done = acrc("record", "info", merged, "*")
     assert done.returncode == 1 and "a merged file, for other programs" in done.stderr
 
 
@@ -109,6 +109,8 @@ def test_info_counts_what_is_there_and_says_what_was_cut(met: Path, tmp_path: Pa
     assert re.search(
         r"^4 recordings, all whole: 20 s, \d+ B, \d\.\d\d MB per simulated minute$", done.stdout, re.M
     )
+    told = json.loads(acrc("record", "info", met, "--json").stdout)
+    assert [one["actor"] for one in told] == list(found) and told[0]["messages"] == robot.messages
     cut = tmp_path / "r1.mcap"
     cut.write_bytes((met / "r1" / "r1.mcap").read_bytes()[:-5000])
     done = acrc("record", "info", cut)

@@ -16,7 +16,7 @@ from actors.messages import NO_ECHO_MM, Heard, Odometry, Received, Scan, Senses
 from actors.runtime.codec import encode
 from actors.runtime.recording import Entry, Reading, Recorder, RecordingError, packing, read_recording
 from actors.runtime.recording.form import DEFLATED, LARGEST_RECORD, MESSAGES, SCANNED
-from actors.runtime.recording.packing import Packer, Unpacker
+from actors.runtime.recording.packing import MessageUnpacker, Packer
 from actors.runtime.recording.reading import FAULTS
 from actors.runtime.recording.scans import LARGEST, ScanBuffers
 
@@ -66,7 +66,7 @@ def payloads() -> Iterator[bytes]:
 
 
 def test_every_byte_comes_back() -> None:
-    packer, unpacker, ways = Packer(), Unpacker(), set()
+    packer, unpacker, ways = Packer(), MessageUnpacker(), set()
     for payload in payloads():
         encoding, data = packer.packed(payload)
         ways.add(encoding)
@@ -185,7 +185,7 @@ def test_lies_about_packed_scans_are_refused() -> None:
     assert count == (640).to_bytes(2)
     for name, lie in lies.items():
         with pytest.raises(FAULTS):
-            pytest.fail(f"{name}: {len(Unpacker().unpacked(SCANNED, lie))} bytes")
+            pytest.fail(f"{name}: {len(MessageUnpacker().unpacked(SCANNED, lie))} bytes")
 
 
 def test_hostile_bits_end_the_kernel() -> None:
@@ -208,13 +208,13 @@ def test_a_bomb_takes_no_more_memory_than_a_record_may() -> None:
     tracemalloc.start()
     try:
         with pytest.raises(ValueError, match="has no end where it should have one"):
-            Unpacker().unpacked(DEFLATED, bomb)
+            MessageUnpacker().unpacked(DEFLATED, bomb)
         assert tracemalloc.get_traced_memory()[1] < 2.5 * LARGEST_RECORD
     finally:
         tracemalloc.stop()
     ended = zlib.compressobj(1, zlib.DEFLATED, -15)
     with pytest.raises(ValueError, match="has no end"):
-        Unpacker().unpacked(DEFLATED, ended.compress(bytes(500)) + ended.flush())
+        MessageUnpacker().unpacked(DEFLATED, ended.compress(bytes(500)) + ended.flush())
 
 
 def test_many_bombs_in_one_step_are_refused(tmp_path: Path) -> None:

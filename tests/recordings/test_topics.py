@@ -1,6 +1,8 @@
-"""`acrc topic`: what was said on a key, from recordings, also while a run goes on."""
+"""`acrc record info|echo|plot`: what was said on a key, from recordings, also while a run goes on."""
 
 import csv
+import json
+import re
 from pathlib import Path
 
 import pytest
@@ -10,17 +12,26 @@ from actors.orders import Kill
 from actors.runtime.codec import encode
 from actors.runtime.recording import Recorder
 from observation.recordings import lines
-from observation.recordings.topics import TopicError, fits, follow, has_ended, known, messages
+from observation.recordings.topics import TopicError, fits, follow, has_ended, messages
 from tests.swarm.command import acrc
 
 
-def test_list_names_keys_and_fields(met: Path) -> None:
-    done = acrc("topic", "list", met)
-    assert (
-        "r1/drive     Drive: step, vx, vy, omega, transmits, reports, given_up, route, pose[0],"
-        in done.stdout
+def test_info_of_keys_names_fields_and_rates_in_simulated_time(met: Path) -> None:
+    said = acrc("record", "info", met, "*").stdout.splitlines()
+    assert len(said) == 3 * 13
+    at = said.index(next(line for line in said if line.startswith("r1/senses  Senses: step, instant,")))
+    assert said[at + 1] == (
+        "  201 messages from 0 to 20 s: 10.00 Hz, 0.1 to 0.1 s apart, standard deviation 0.000 s"
     )
-    assert len(done.stdout.splitlines()) == len(known(met)) == 13
+    assert re.fullmatch(r"  \d+ B, \d+ B each on average, \d+ to \d+ B, \d+ B/s", said[at + 2])
+    words = ("record", "info", met, "r1/drive", "truth", "--from", 1, "--to", 2, "--json")
+    drive, truth = json.loads(acrc(*words).stdout)
+    assert (drive["key"], drive["type"], drive["messages"]) == ("r1/drive", "Drive", 11)
+    assert (truth["key"], truth["first_s"], truth["last_s"]) == ("truth", 1.0, 2.0)
+    done = acrc("record", "info", met, "--follow")
+    assert (done.returncode, done.stderr) == (
+        2, "acrc: --follow, --from, --to: must stand beside a KEY, such as '*'\n",
+    )  # fmt: skip
 
 
 def test_keys_fit_in_short_in_full_and_with_a_star() -> None:
@@ -30,24 +41,20 @@ def test_keys_fit_in_short_in_full_and_with_a_star() -> None:
 
 
 def test_echo_shows_every_message_with_its_time(met: Path) -> None:
-    said = acrc("topic", "echo", met, "r1/drive").stdout.splitlines()
+    said = acrc("record", "echo", met, "r1/drive").stdout.splitlines()
     assert len(said) == 200 and said[150].startswith("    15.000 s  r1/drive  step=150 vx=")
-    rows = list(csv.DictReader(acrc("topic", "echo", met, "*/drive", "--csv").stdout.splitlines()))
+    rows = list(csv.DictReader(acrc("record", "echo", met, "*/drive", "--csv").stdout.splitlines()))
     assert len(rows) == 400 and {row["key"] for row in rows} == {"r1/drive", "r2/drive"}
     assert [float(row["seconds"]) for row in rows[:4]] == [0.0, 0.0, 0.1, 0.1]
     assert float(rows[0]["pose[0]"]) == 12.44 and rows[2]["route"] == ""
-
-
-def test_rates_are_of_simulated_time(met: Path) -> None:
-    assert acrc("topic", "hz", met, "r1/senses").stdout == (
-        "r1/senses: 10.00 Hz, 0.1 to 0.1 s apart, standard deviation 0.000 s; 201 messages in 20 s\n"
-    )
-    (said,) = acrc("topic", "bw", met, "r1/drive").stdout.splitlines()
-    assert said.startswith("r1/drive: ") and said.endswith(" B in 19.9 s")
+    told = acrc("record", "echo", met, "r1/drive", "--from", 15, "--to", 15.1, "--json").stdout
+    first, second = map(json.loads, told.splitlines())
+    assert (first["seconds"], first["key"], first["type"]) == (15.0, "r1/drive", "Drive")
+    assert second["message"]["step"] == 151 and len(second["message"]["pose"]) == 3
 
 
 def test_a_number_is_drawn_and_what_is_none_is_told(met: Path, tmp_path: Path) -> None:
-    done = acrc("topic", "plot", met, "*/drive", "vx", "--png", tmp_path / "vx.png")
+    done = acrc("record", "plot", met, "*/drive", "vx", "--out", tmp_path / "vx.png")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "vx.png").read_bytes().startswith(b"\x89PNG")
     for key, field, sentence in (
@@ -55,7 +62,7 @@ def test_a_number_is_drawn_and_what_is_none_is_told(met: Path, tmp_path: Path) -
         ("r1/drive", "route", "'route': is [{"),
         ("r9/drive", "vx", f"{met}: nothing was recorded on 'r9/drive'"),
     ):
-        done = acrc("topic", "plot", met, key, field, "--png", tmp_path / "x.png")
+        done = acrc("record", "plot", met, key, field, "--out", tmp_path / "x.png")
         assert done.returncode == 1 and done.stderr.startswith(f"acrc: {sentence}"), done.stderr
 
 
@@ -80,8 +87,8 @@ def test_a_growing_recording_is_followed_to_its_end(tmp_path: Path) -> None:
                 recorder.flush()
             return len(asked) == 3
 
-        followed = follow(tmp_path, "control", ended)
+        followed = follow(tmp_path, ["control"], ended)
         assert next(followed).sequence == 0 and not has_ended(tmp_path)
         assert [one.sequence for one in followed] == [1]
     assert has_ended(tmp_path)
-    assert list(known(tmp_path)) == [CONTROL.pattern]
+    assert [one.key for one in messages(tmp_path, "*")] == 2 * [CONTROL.pattern]

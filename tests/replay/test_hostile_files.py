@@ -11,10 +11,9 @@ import pytest
 from actors import toml_file
 from actors.floor.map_file import MapError, load_map
 from actors.messages import MESSAGE_VERSION, TOPICS
-from actors.processes.log_end import last_line
+from actors.processes.last_word import last_line
 from actors.robot_model import load_model
 from actors.runtime.access import credentials, router_file
-from actors.runtime.access.credentials import AccessError
 from actors.runtime.codec import WireError, decode
 from actors.runtime.errors import AcrcError, printable
 from actors.topic import Message, Topic
@@ -140,7 +139,7 @@ def test_a_folder_in_the_place_of_the_routers_socket(tmp_path: Path) -> None:
     issued = credentials.issue({"r1": robot}, world)
     router_file.write(world / "router.json", issued)
     (robot / "router.sock").mkdir()
-    with pytest.raises(AccessError) as caught:
+    with pytest.raises(AcrcError) as caught:
         router_file.remove(world / "router.json")
     assert str(caught.value).startswith(
         f"what the run has put there could not be removed: {robot.resolve()}/router.sock ("

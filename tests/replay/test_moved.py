@@ -1,4 +1,4 @@
-"""A run's folder that was moved, or copied, is executed again from what lies in it and beside it."""
+"""A run's folder that was moved, or copied, is replayed from what lies in it and beside it."""
 
 import shutil
 from pathlib import Path
@@ -13,8 +13,9 @@ from deploy.branches.swarm_replay import replay_swarm
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
-from observation.evidence.run_evidence import read_run, world_setup
-from observation.explanation.explain import listed
+from observation.evidence.run_evidence import world_setup
+from observation.evidence.run_reader import read_run
+from observation.explanation.explain import Explainer
 from observation.replay.moved_runs import code_folders, setup_of
 from observation.replay.record_replay import replay_actor
 from observation.replay.run_recordings import recordings
@@ -79,7 +80,7 @@ def test_every_actor_is_the_same_again(moved: Path) -> None:
         assert replay_actor(moved, actor).outputs > 20
     assert replay_swarm(moved, permit=Permit(trust=True)).complete
     assert read_run(moved).grid.cells.any()
-    assert listed(moved, "r1")
+    assert Explainer(moved, permit=Permit(trust=True), isolate=False).listed("r1")
 
 
 def test_a_command_finds_the_strategy_where_it_lay_beside_the_run(moved: Path) -> None:

@@ -120,7 +120,7 @@ READ = [
     ("run.json", ("report", "{out}")),
 ]
 """A file of a run, and a command that reads it."""
-LOG = ("r1/r1.log", ("log", "{out}"))
+LOG = ("r1/r1.log", ("record", "echo", "{out}", "*/log"))
 """A log may be long, and a link to a device is none that a robot can lay."""
 
 
@@ -183,6 +183,6 @@ def test_a_campaigns_folder_is_not_left_either(tmp_path: Path, victim: Path) -> 
     assert table.stat().st_size > 100 and not table.is_symlink()
     shutil.rmtree(kept.folder / "trials")
     (kept.folder / "trials").symlink_to(victim.parent)
-    with pytest.raises(store.CampaignError) as caught:
+    with pytest.raises(AcrcError) as caught:
         store.create(kept.folder, kept.study)
     assert str(caught.value) == f"{kept.folder}/trials: is a link, through which nothing is written"

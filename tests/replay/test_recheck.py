@@ -7,7 +7,7 @@ import pytest
 
 from actors.installation.usage import OptionError
 from deploy.run import swarm
-from deploy.run.options import RunOptions, run_options
+from deploy.run.options import RunOptions, checked
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.replay.recheck import RecheckError, recheck
 from tests.swarm.command import acrc
@@ -42,14 +42,12 @@ def test_what_is_checked_is_said(tmp_path: Path) -> None:
     words = ("--bus", "memory", "--robots", 1, "--duration", 1, "--check", "--out", tmp_path / "out")
     done = acrc("run", *words)
     assert done.returncode == 0, done.stderr
-    assert re.fullmatch(
-        r"checked: 3 actors executed again, all \d+ messages equal", done.stderr.splitlines()[-1]
-    )
+    assert re.fullmatch(r"checked: 3 actors replayed, all \d+ messages equal", done.stderr.splitlines()[-1])
 
 
 def test_it_needs_a_run_that_can_be_executed_again(tmp_path: Path) -> None:
     with pytest.raises(OptionError) as caught:
-        run_options(tmp_path, hardware=True, check=True)
+        checked(RunOptions(tmp_path, hardware=True, check=True))
     assert str(caught.value) == (
         "--check: executes a simulated run again; must stand without --hardware-in-the-loop"
     )

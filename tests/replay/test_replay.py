@@ -1,4 +1,4 @@
-"""`acrc replay`: a run made again, one robot executed again, stopped in, or given another strategy."""
+"""`acrc replay`: a run made again, one robot replayed, stopped in, or given another strategy."""
 
 import io
 import re

@@ -88,13 +88,16 @@ def test_what_a_node_counts_is_what_is_read() -> None:
 @pytest.mark.parametrize(
     ("values", "fault"),
     [
-        ({"counters": {"commits": 1.5}}, "Expected `int`, got `float` - at `$.counters[...]`"),
-        ({"exchanges": [1]}, "Expected `object`, got `array` - at `$.exchanges`"),
+        ({"counters": {"commits": 1.5}}, "counters[…] is wrong, but must be a whole number"),
+        ({"exchanges": [1]}, "exchanges is [1], but must be an object"),
         (
             {"replica_age_ms": {"75": 1}},
-            "Expected `int` that's a multiple of 50 - at `key` in `$.replica_age_ms`",
+            "a key of replica_age_ms is wrong, but must be a whole number that is a multiple of 50",
         ),
-        ({"replica_age_ms": {"50": -1}}, "Expected `int` >= 0 - at `$.replica_age_ms[...]`"),
+        (
+            {"replica_age_ms": {"50": -1}},
+            "replica_age_ms[…] is wrong, but must be a whole number of at least 0",
+        ),
     ],
 )
 def test_what_is_no_outcome_of_a_node_is_named(values: dict[str, object], fault: str) -> None:

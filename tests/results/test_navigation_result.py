@@ -47,5 +47,5 @@ def test_another_form_is_refused() -> None:
         navigation_outcome(Path("r1.mcap"), {"navigation": msgspec.Raw(b'{"goals": -1}')})
     assert str(raised.value) == (
         "r1.mcap: the outcome 'navigation' is not that of a robot's navigation: "
-        "Expected `int` >= 0 - at `$.goals`"
+        "goals is -1, but must be a whole number of at least 0"
     )

@@ -9,11 +9,11 @@ import pytest
 
 from actors.runtime.message_counts import MessageHash
 from actors.runtime.process import FinalNote
-from observation.results.robot_reports import RobotReports, Seen, robot_reports
+from observation.results.robot_reports import OthersCounts, RobotReports, robot_reports
 from tests.swarm.command import acrc
 
 RECORD = Path("out/r1/r1.mcap")
-SEEN = Seen(steps=100, step_us=100_000, frames={"r1": {"frames_sent": 20, "copies_heard": 30}})
+SEEN = OthersCounts(steps=100, step_us=100_000, frames={"r1": {"frames_sent": 20, "copies_heard": 30}})
 NAVIGATION: dict[str, Any] = {
     "goals": 3,
     "succeeded": 1,

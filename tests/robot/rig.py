@@ -12,7 +12,7 @@ from actors.messages import (
     Sent,
 )
 from actors.robot.behaviour.decision_limits import RobotLimits
-from actors.robot.core import RobotCore, RobotParts, StepError
+from actors.robot.core import RobotCore, RobotParts
 from actors.robot.localisation import DeadReckoning
 from actors.robot.navigation.cost_map import CostMap
 from actors.robot.navigation.dwa_parameters import DwaParameters
@@ -21,6 +21,7 @@ from actors.robot.navigation.navigator import Navigator
 from actors.robot.navigation.planning import Planner, ground
 from actors.robot.sweep import Sweeps
 from actors.runtime.core import Output
+from actors.runtime.errors import AcrcError
 from actors.topic import Message
 from tests.robot.base import TWO_ROOMS, FakeBase, model
 from tests.robot.behaviours import Scripted
@@ -82,6 +83,6 @@ class Robot:
 
 
 def refusal(robot: Robot, **messages: Message) -> str:
-    with pytest.raises(StepError) as caught:
+    with pytest.raises(AcrcError) as caught:
         robot.core.advance({f"swarm/down/r1/{name}": message for name, message in messages.items()})
     return str(caught.value)

@@ -23,8 +23,8 @@ from actors.messages import (
 from actors.robot.behaviour.entry import BehaviourError
 from actors.robot.behaviour.goal import Goal, GoalOrder, GoalPhase, GoalStatus
 from actors.robot.behaviour.ports import Decision, View
-from actors.robot.sweep import ScanError
 from actors.runtime.core import Output, at, to
+from actors.runtime.errors import AcrcError
 from actors.task.words import PlaceGivenUp, PlaceKey, PlaceReport
 from actors.topic import Message
 from tests.robot.behaviours import Scripted
@@ -162,7 +162,7 @@ def test_backing_out_and_looking_for_itself_reach_navigation_and_localisation() 
 def test_a_scan_of_another_sensor_is_refused() -> None:
     robot = Robot()
     senses = Senses(0, 0, 0, Odometry(0, 0, 0, 0, 0, 0), 0, Scan(0, b"\0" * 7))
-    with pytest.raises(ScanError):
+    with pytest.raises(AcrcError):
         robot.core.advance({"swarm/down/r1/senses": senses})
 
 

@@ -44,7 +44,7 @@ ROBOT = RobotSetup(
     map=str(MAPS / "corridor.yaml"),
 )
 PLACE = RobotProcess(record="r1.2.mcap", router="router.sock", credentials="credentials", commit="abc")
-AN_ID = r"Expected `str` matching regex '\\A[A-Za-z0-9_-]{1,32}\\Z' - at `$.actor.id`"
+AN_ID = r", but must be a text of the form '\\A[A-Za-z0-9_-]{1,32}\\Z'"
 
 
 def test_all_that_is_told_reads_back_as_it_was_written(tmp_path: Path) -> None:
@@ -118,38 +118,38 @@ def _actor(name: str, value: object) -> Callable[[dict[str, Any]], object]:
 @pytest.mark.parametrize(
     ("change", "fault"),
     [
-        (_actor("id", "r/1"), AN_ID),
+        (_actor("id", "r/1"), 'actor.id is "r/1"' + AN_ID),
         (
             _actor("id", "r1\n"),
-            AN_ID,
+            r'actor.id is "r1\n"' + AN_ID,
         ),
-        (_actor("seed", -1), "Expected `int` >= 0 - at `$.actor.seed`"),
-        (_actor("seed", "x"), "Expected `int`, got `str` - at `$.actor.seed`"),
-        (_actor("epoch", -1), "Expected `int` >= 0 - at `$.actor.epoch`"),
-        (_actor("first_step", -1), "Expected `int` >= 0 - at `$.actor.first_step`"),
-        (_actor("step_us", 0), "Expected `int` >= 1 - at `$.actor.step_us`"),
-        (_actor("address", -1), "Expected `int` >= 0 - at `$.actor.address`"),
-        (_actor("start", [1, 2]), "Expected `array` of length 3 - at `$.actor.start`"),
-        (_actor("doubt", 0), "Expected `float` > 0.0 - at `$.actor.doubt`"),
-        (_actor("places", [[1, True]]), "Expected `float`, got `bool` - at `$.actor.places[0][1]`"),
-        (_actor("peers", ["r2"]), "Object contains unknown field `peers` - at `$.actor`"),
+        (_actor("seed", -1), "actor.seed is -1, but must be a whole number of at least 0"),
+        (_actor("seed", "x"), 'actor.seed is "x", but must be a whole number'),
+        (_actor("epoch", -1), "actor.epoch is -1, but must be a whole number of at least 0"),
+        (_actor("first_step", -1), "actor.first_step is -1, but must be a whole number of at least 0"),
+        (_actor("step_us", 0), "actor.step_us is 0, but must be a whole number of at least 1"),
+        (_actor("address", -1), "actor.address is -1, but must be a whole number of at least 0"),
+        (_actor("start", [1, 2]), "actor.start is [1, 2], but must be a list of length 3"),
+        (_actor("doubt", 0), "actor.doubt is 0, but must be a number above 0"),
+        (_actor("places", [[1, True]]), "actor.places[0][1] is true, but must be a number"),
+        (_actor("peers", ["r2"]), "actor.peers is not known; leave it out"),
         (
             lambda told: told["actor"]["adaptation"].update(deco={}),
-            "Object contains unknown field `deco` - at `$.actor.adaptation`",
+            "actor.adaptation.deco is not known; leave it out",
         ),
         (
             lambda told: told["actor"]["stack"]["dwa"].update(speed=1),
-            "Object contains unknown field `speed` - at `$.actor.stack.dwa`",
+            "actor.stack.dwa.speed is not known; did you mean actor.stack.dwa.min_speed?",
         ),
         (
             lambda told: told["actor"]["stack"]["localisation"].update(beams=0),
-            "localisation.beams is 0, but must be at least 1 - at `$.actor.stack.localisation`",
+            "actor.stack.localisation: localisation.beams is 0, but must be at least 1",
         ),
         (
             lambda told: told["process"].update(limits={"memory_mb": 0}),
-            "Expected `int` >= 1 - at `$.process.limits.memory_mb`",
+            "process.limits.memory_mb is 0, but must be a whole number of at least 1",
         ),
-        (lambda told: told.pop("process"), "Object missing required field `process`"),
+        (lambda told: told.pop("process"), "process is missing, but must be there"),
     ],
 )
 def test_what_is_wrong_in_it_is_one_sentence(
@@ -173,8 +173,8 @@ def test_what_is_wrong_in_it_is_one_sentence(
     ("data", "fault"),
     [
         (b"{", "no set-up of a robot: Input data was truncated"),
-        (b"[" * 100_000, "no set-up of a robot: Expected `object`, got `array`"),
-        (bytes(64_000_001), "the set-up cannot be read: has more than 64000000 bytes"),
+        (b"[" * 100_000, "no set-up of a robot: it is wrong, but must be an object"),
+        (bytes(64_000_001), "the set-up of a robot cannot be read: has more than 64000000 bytes"),
     ],
 )
 def test_hostile_bytes_are_one_sentence(tmp_path: Path, data: bytes, fault: str) -> None:
@@ -187,4 +187,6 @@ def test_hostile_bytes_are_one_sentence(tmp_path: Path, data: bytes, fault: str)
 def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(AcrcError) as caught:
         load_setup(tmp_path / SETUP)
-    assert str(caught.value) == f"{tmp_path}/{SETUP}: the set-up cannot be read: No such file or directory"
+    assert str(caught.value) == (
+        f"{tmp_path}/{SETUP}: the set-up of a robot cannot be read: No such file or directory"
+    )

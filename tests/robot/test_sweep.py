@@ -7,7 +7,8 @@ import pytest
 from actors.geometry import Pose
 from actors.instant import Instant
 from actors.messages import Odometry, Scan
-from actors.robot.sweep import ScanError, Sweeps
+from actors.robot.sweep import Sweeps
+from actors.runtime.errors import AcrcError
 from tests.robot.base import model
 
 KIND = model(rays=8)
@@ -46,7 +47,7 @@ def test_heading_goes_the_short_way_round() -> None:
 
 
 def test_another_number_of_rays_is_refused() -> None:
-    with pytest.raises(ScanError) as raised:
+    with pytest.raises(AcrcError) as raised:
         Sweeps(KIND.sensor).take(Instant(0), _odometry(0.0), Scan(0, RANGES + b"12"))
     assert str(raised.value) == ("a scan of 18 bytes arrived; the 8 rays of the robot's range sensor give 16")
 

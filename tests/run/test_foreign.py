@@ -11,8 +11,9 @@ import pytest
 from actors.installation.repository import PACKAGES, REPOSITORY
 from actors.installation.usage import OptionError
 from actors.robot.behaviour import foreign
-from actors.robot.behaviour.foreign import INSTALLED, ForeignCodeError, MissingCodeError, Permit, admitted
-from actors.robot.behaviour.modules import FOLDERS, ModuleError, Recorded, expect, located, look_in
+from actors.robot.behaviour.foreign import INSTALLED, Permit, admitted
+from actors.robot.behaviour.modules import FOLDERS, RecordedModules, expect, located, look_in
+from actors.runtime.errors import AcrcError
 
 SOURCE = Path("bold.toml")
 RECORDED, CHANGED, GROWN = "import json\n", "raise AssertionError\n", "from package import more\n"
@@ -67,7 +68,7 @@ def foreign_sentence(name: str, file: Path, folder: object) -> str:
 def test_code_from_where_a_file_says_is_named(study: Path, entry: str, file: str) -> None:
     entry = entry.replace("none_such", "cleaning.strategies.none:behaviour")
     name = "strategy:behaviour" if ">" in entry else entry
-    with pytest.raises(ForeignCodeError) as caught:
+    with pytest.raises(AcrcError) as caught:
         admitted(SOURCE, entry, [study], INSTALLED)
     assert str(caught.value) == foreign_sentence(name, study / file, study)
     assert admitted(SOURCE, entry, [study], Permit((study,))) == (study,)
@@ -76,13 +77,13 @@ def test_code_from_where_a_file_says_is_named(study: Path, entry: str, file: str
 
 def test_where_one_stands_counts_for_what_one_types(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(study)
-    with pytest.raises(ForeignCodeError) as caught:
+    with pytest.raises(AcrcError) as caught:
         admitted(SOURCE, "strategy:behaviour", [study], INSTALLED)
     assert str(caught.value) == foreign_sentence("strategy:behaviour", study / "strategy.py", ".")
     assert admitted(SOURCE, "strategy:behaviour", [], Permit(typed="strategy:behaviour")) == (study,)
-    with pytest.raises(ForeignCodeError):  # that the other one is typed says nothing of this one
+    with pytest.raises(AcrcError):  # that the other one is typed says nothing of this one
         admitted(SOURCE, "package:evil>strategy:behaviour@3", [], Permit(typed="strategy:behaviour"))
-    with pytest.raises(ForeignCodeError):
+    with pytest.raises(AcrcError):
         admitted(SOURCE, "strategy:behaviour>package:evil@3", [], Permit(typed="strategy:behaviour"))
 
 
@@ -100,12 +101,12 @@ def test_what_is_installed_needs_no_folder(study: Path) -> None:
     ],
 )  # fmt: skip
 def test_what_is_nowhere_is_missing(study: Path, entry: str) -> None:
-    with pytest.raises(MissingCodeError):
+    with pytest.raises(AcrcError):
         admitted(SOURCE, entry, [study, Path("a\0b"), Path("x" * 5000), Path("/dev/null/x")], INSTALLED)
 
 
 def test_it_is_said_where_it_was_looked_for(study: Path) -> None:
-    with pytest.raises(MissingCodeError) as caught:
+    with pytest.raises(AcrcError) as caught:
         admitted(SOURCE, "no_such_module:behaviour", [study], INSTALLED)
     assert str(caught.value) == (
         "bold.toml names the strategy no_such_module:behaviour, and there is no module 'no_such_module' "
@@ -131,7 +132,7 @@ def test_a_link_makes_nobody_elses_code_installed(study: Path) -> None:
     (study / "linked" / "evil.py").write_text(NOT_IMPORTED)
     real = Path(str(sys.modules["json"].__file__)).resolve()
     for permit in (INSTALLED, Permit((study,)), Permit(trust=True)):
-        with pytest.raises(ModuleError) as caught:
+        with pytest.raises(AcrcError) as caught:
             admitted(SOURCE, "linked.evil:behaviour", [study], permit)
         assert str(caught.value) == (
             f"{study}/linked/__init__.py: leads to {real}; code in {study} must lie there itself"
@@ -161,13 +162,13 @@ def test_nothing_in_a_folder_takes_the_place_of_what_is_installed(study: Path, l
 
 def test_a_module_of_ones_own_has_a_name_of_its_own(study: Path) -> None:
     (study / "code.py").write_text(NOT_IMPORTED)
-    with pytest.raises(MissingCodeError) as caught:
+    with pytest.raises(AcrcError) as caught:
         admitted(SOURCE, "code:behaviour", [], Permit((study,)))
     assert str(caught.value) == (
         f"bold.toml names the strategy code:behaviour, but {study}/code.py has the name of what is "
         "installed, 'code'; a module of your own must have a name of its own"
     )
-    with pytest.raises(MissingCodeError) as caught:
+    with pytest.raises(AcrcError) as caught:
         admitted(SOURCE, "json.evil:behaviour", [study], INSTALLED)
     assert str(caught.value) == (
         "bold.toml names the strategy json.evil:behaviour, and 'json', which is installed, has no such module"
@@ -220,12 +221,12 @@ def test_what_is_loaded_is_what_was_hashed_and_what_was_recorded(study: Path, lo
     assert list(hashes) == ["mine.py", "namespace/help.py", "package/__init__.py", "package/part.py"]
     for name in ("mine", "namespace", "namespace.help", "package", "package.part"):
         del sys.modules[name]
-    expect(Recorded(hashes))
+    expect(RecordedModules(hashes))
     __import__("mine")
     for name in ("mine", "package", "package.part"):
         del sys.modules[name]
     (study / "package" / "part.py").write_text(CHANGED)
-    with pytest.raises(ModuleError) as caught:
+    with pytest.raises(AcrcError) as caught:
         __import__("mine")
     assert str(caught.value) == (
         f"{study}/package/part.py: is not what the recorded run has loaded: sha256 {sha256(CHANGED)[:12]}, "
@@ -234,12 +235,12 @@ def test_what_is_loaded_is_what_was_hashed_and_what_was_recorded(study: Path, lo
     (study / "package" / "part.py").write_text(GROWN)
     (study / "package" / "more.py").write_text("")
     grown = hashes | {"package/part.py": sha256(GROWN)}
-    expect(Recorded(grown))
-    with pytest.raises(ModuleError) as caught:
+    expect(RecordedModules(grown))
+    with pytest.raises(AcrcError) as caught:
         __import__("package.part")
     assert str(caught.value) == (
         f"{study}/package/more.py: the recorded run has loaded no such file; --trust loads it all the same"
     )
     sys.modules.pop("package.part", None)
-    expect(Recorded(grown, whole=False))  # it was killed, and may have loaded more
+    expect(RecordedModules(grown, whole=False))  # it was killed, and may have loaded more
     __import__("package.part")

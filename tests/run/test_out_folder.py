@@ -14,8 +14,8 @@ from actors.installation.usage import OptionError
 from actors.processes.signals import Interrupted
 from actors.runtime.errors import AcrcError
 from deploy.run import out_folder
-from deploy.run.options import folder_name, run_options
-from deploy.run.out_folder import OutFolderError, claim, make_folder, writing
+from deploy.run.options import RunOptions, checked, folder_name
+from deploy.run.out_folder import claim, make_folder, writing
 from tests.swarm.command import ACRC, ROOT, acrc, processes_of
 
 APART = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c")
@@ -51,12 +51,12 @@ def test_marks_that_end_the_address_of_a_socket_are_refused_over_the_mesh_only(
 ) -> None:
     out = tmp_path / f"a{mark}b" / "c"
     with pytest.raises(OptionError) as caught:
-        run_options(out)
+        checked(RunOptions(out))
     assert str(caught.value) == (
         f'--out: {out} has a "{mark}", which cannot be part of a socket\'s address; '
         "must be a folder without one, or stand with --bus memory"
     )
-    assert run_options(out, bus="memory").out == out
+    assert checked(RunOptions(out, bus="memory")).out == out
 
 
 def test_a_run_below_a_link_or_a_step_back_is_recorded_where_that_leads(tmp_path: Path) -> None:
@@ -117,10 +117,10 @@ def test_what_the_disk_refuses_is_one_sentence_and_what_we_do_wrong_is_not(
     tmp_path: Path, number: int
 ) -> None:
     words = os.strerror(number).lower()
-    with pytest.raises(OutFolderError) as caught, writing(tmp_path):
+    with pytest.raises(AcrcError) as caught, writing(tmp_path):
         raise OSError(number, os.strerror(number))
     assert str(caught.value) == f"{tmp_path}: cannot be written: {words}"
-    with pytest.raises(OutFolderError) as caught, writing(tmp_path):
+    with pytest.raises(AcrcError) as caught, writing(tmp_path):
         raise OSError(number, os.strerror(number), str(tmp_path / "run.json"))
     assert str(caught.value) == f"{tmp_path / 'run.json'}: cannot be written: {words}"
     with pytest.raises(FileNotFoundError), writing(tmp_path):

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from actors.processes.launch import ServedLauncher
+from actors.processes.launch import Launcher
 from actors.runtime.errors import AcrcError
 from actors.runtime.isolation.sandbox import available
 from deploy.run import swarm
 from deploy.run.options import RunOptions
-from deploy.run.plan import Plan
-from deploy.run.preflight import Bounds, PreflightError, preflight
+from deploy.run.plan import RunPlan
+from deploy.run.preflight import PreflightLimits, preflight
 from tests.scenario.faults import scenario
 
 STUDY = """
@@ -49,7 +49,7 @@ def gone(start: Start) -> Behaviour:
 """
 
 
-def planned(folder: Path, name: str, text: str, function: str = "behaviour") -> Plan:
+def planned(folder: Path, name: str, text: str, function: str = "behaviour") -> RunPlan:
     (folder / f"{name}.py").write_text(STUDY)
     head = f'[run]\nstrategy = "{name}:{function}"\nmodules = "{folder}"\n'
     return swarm.plan(scenario(head + text), RunOptions(folder / "out", bus="memory", modules=(folder,)))
@@ -69,7 +69,7 @@ def test_the_first_robot_is_made_as_it_will_be(
     assert (dict(start.settings), parameters.lease) == ({"lease": 3}, 3_000_000)
     assert start.exchange.hop_limit == 5
     assert 8 <= place.x <= 12 and 10.5 <= place.y <= 13.8
-    assert plan.modules == (tmp_path,)
+    assert plan.options.modules == (tmp_path,)
     assert capsys.readouterr().out == ""
 
 
@@ -166,14 +166,14 @@ def sends_a_courier(start):
 
 
 @pytest.fixture(scope="module")
-def launched() -> Iterator[ServedLauncher]:
+def launched() -> Iterator[Launcher]:
     if (reason := available()) is not None:
         pytest.skip(reason)
-    with ServedLauncher("fork") as launched:
+    with Launcher("fork") as launched:
         yield launched
 
 
-def hostile(folder: Path, function: str) -> Plan:
+def hostile(folder: Path, function: str) -> RunPlan:
     (folder / "hostile.py").write_text(HOSTILE)
     text = f'[run]\nstrategy = "hostile:{function}"\nmodules = "{folder}"\n'
     return swarm.plan(scenario(text), RunOptions(folder / "out", isolate=True, modules=(folder,)))
@@ -195,26 +195,26 @@ MADE = "strategy 'hostile:{}', made for r1 before the run: "
     ],
 )  # fmt: skip
 def test_a_robot_that_cannot_be_made_is_one_sentence(
-    tmp_path: Path, launched: ServedLauncher, function: str, sentence: str
+    tmp_path: Path, launched: Launcher, function: str, sentence: str
 ) -> None:
-    with pytest.raises(PreflightError) as caught:
-        preflight(hostile(tmp_path, function), launched, Bounds(patience_s=1.0))
+    with pytest.raises(AcrcError) as caught:
+        preflight(hostile(tmp_path, function), launched, PreflightLimits(patience_s=1.0))
     assert str(caught.value) == sentence.format(function)
     assert not (tmp_path / "out").exists()
 
 
 def test_a_robot_that_hangs_unseen_is_said_to_hang_and_not_to_be_killed(
-    tmp_path: Path, launched: ServedLauncher
+    tmp_path: Path, launched: Launcher
 ) -> None:
-    with pytest.raises(PreflightError) as caught:
-        preflight(hostile(tmp_path, "hangs_unseen"), launched, Bounds(patience_s=0.5, grace_s=0.5))
+    with pytest.raises(AcrcError) as caught:
+        preflight(hostile(tmp_path, "hangs_unseen"), launched, PreflightLimits(patience_s=0.5, grace_s=0.5))
     assert str(caught.value) == MADE.format("hangs_unseen") + "is not done after 1 s"
 
 
 def test_a_bug_shows_its_traceback_and_nothing_that_steers_the_terminal(
-    tmp_path: Path, launched: ServedLauncher, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, launched: Launcher, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(PreflightError) as caught:
+    with pytest.raises(AcrcError) as caught:
         preflight(hostile(tmp_path, "behaviour"), launched)
     assert str(caught.value) == (
         f"{MADE.format('behaviour')}ZeroDivisionError: first line\n\\x1b[31msecond (hostile.py:6)"
@@ -224,12 +224,12 @@ def test_a_bug_shows_its_traceback_and_nothing_that_steers_the_terminal(
 
 
 def test_what_a_strategy_starts_before_the_run_reaches_no_robot_and_is_gone(
-    tmp_path: Path, launched: ServedLauncher
+    tmp_path: Path, launched: Launcher
 ) -> None:
     for robot in ("r1", "r2"):
         (tmp_path / "out1" / robot / "own").mkdir(parents=True)
         (tmp_path / "out1" / robot / "setup.json").write_text("where r1 has to go")
-    with pytest.raises(PreflightError):
+    with pytest.raises(AcrcError):
         preflight(hostile(tmp_path, "sends_a_courier"), launched)
     assert [path.name for path in (tmp_path / "out1" / "r2" / "own").iterdir()] == []
     server = launched._server.pid

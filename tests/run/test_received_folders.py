@@ -15,8 +15,8 @@ import msgspec
 import pytest
 
 from actors.installation.repository import REPOSITORY
-from actors.processes.real_names import NAMES, RealNames
 from actors.robot.assembly import RobotSetup
+from actors.runtime.isolation.neutral import NAMES, RealNames
 from actors.runtime.process import RunNote
 from actors.runtime.recording import Entry, Note
 from deploy.run import swarm

@@ -19,7 +19,7 @@ from actors.runtime.lifecycle.process_table import table
 from actors.runtime.process import tell
 from actors.runtime.recording import Entry, Recorder, decoded, read_notes, read_recording
 from actors.runtime.recording.form import LARGE
-from observation.replay import shut_off
+from observation.replay import sandboxed
 
 Deed = Callable[[], object]
 
@@ -134,7 +134,7 @@ def test_a_program_that_replays_answers_although_its_code_takes_all_memory(tmp_p
             try:
                 HOARDS[name]()
             except Exception as error:
-                fault = shut_off.bug("r2", error)
+                fault = sandboxed.bug("r2", error)
             (tmp_path / f"{left_kb}").write_text(fault)
 
         assert in_child(replayed) == 0

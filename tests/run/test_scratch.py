@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from actors.processes import scratch
-from actors.processes.scratch import ScratchError, scratch_folder
+from actors.processes.scratch import scratch_folder
 from actors.runtime.errors import AcrcError
 from tests.small_disk import on_small_disk
 
@@ -33,11 +33,11 @@ def test_it_is_gone_afterwards_and_what_has_another_cause_is_passed_on() -> None
 
 def test_a_full_folder_is_named_whoever_finds_it_full(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scratch, "write_fault", lambda folder: "no space left on device")
-    with pytest.raises(ScratchError) as caught, scratch_folder() as folder:
+    with pytest.raises(AcrcError) as caught, scratch_folder() as folder:
         raise OSError(errno.ENOSPC, "No space left on device")
     said = SAID.format(folder.parent)
     assert str(caught.value) == said
-    with pytest.raises(ScratchError) as caught, scratch_folder():
+    with pytest.raises(AcrcError) as caught, scratch_folder():
         raise AcrcError("r1 ended without a word")
     assert str(caught.value) == f"r1 ended without a word; {said}"
 
@@ -48,7 +48,7 @@ def test_a_system_without_any_place_is_a_sentence(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr("tempfile.TemporaryDirectory", nowhere)
     monkeypatch.setenv("TMPDIR", "/somewhere")
-    with pytest.raises(ScratchError) as caught, scratch_folder():
+    with pytest.raises(AcrcError) as caught, scratch_folder():
         raise AssertionError
     assert str(caught.value) == (
         "/somewhere: temporary files cannot be written: no usable temporary directory found in ['/tmp']; "

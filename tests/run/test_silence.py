@@ -2,9 +2,8 @@
 
 import pytest
 
-from actors.processes.hold_ups import HoldUp, sentences
-from actors.processes.silence import Silence, SilenceVerdict, Suspect, Timeout
-from actors.runtime.lifecycle.process_table import Glance
+from actors.processes.silence import HoldUp, Silence, SilenceVerdict, Suspect, Timeout, sentences
+from actors.runtime.lifecycle.process_table import ProcessGlance
 
 R1, R2 = Suspect("r1", 11), Suspect("r2", 12)
 BOTH = (R1, R2)
@@ -22,9 +21,9 @@ class Machine:
         self.silence = Silence(Timeout(), lambda: self.now_s, self.table, lambda pid: self.queued_s)
         self.queued_s: float | None = None
 
-    def table(self) -> dict[int, Glance]:
+    def table(self) -> dict[int, ProcessGlance]:
         parents = {11: 1, KEEPER: 1, WORKER: KEEPER, CHILD: WORKER}
-        return {pid: Glance(parents[pid], 1, self.state[pid], self.cpu_s[pid]) for pid in self.state}
+        return {pid: ProcessGlance(parents[pid], 1, self.state[pid], self.cpu_s[pid]) for pid in self.state}
 
     def pass_by(
         self, seconds: float, *, working: float = 0.0, every: float = 0.5, starting: bool = False

@@ -63,13 +63,13 @@ def test_any_bytes_decode_or_are_a_wire_error(payload: bytes) -> None:
     [
         (DRIVE, b"", f"swarm/k: no bytes where message version {MESSAGE_VERSION} was due"),
         (DRIVE, b"\x4d", f"swarm/k: version 77 where message version {MESSAGE_VERSION} was due"),
-        (DRIVE, packed(3, 0.1, "x", 0.2, 0), "swarm/k: Drive.vy = 'x': expected `float`, got `str`"),
+        (DRIVE, packed(3, 0.1, "x", 0.2, 0), "swarm/k: Drive.vy is 'x', but must be a number"),
         (
             DRIVE,
             packed(3, 0.1, 0.0, 0.2, 0, [["r1", 2.5, 4]]),
-            "swarm/k: Drive.reports[0][1] = 2.5: expected `int`, got `float`",
+            "swarm/k: Drive.reports[0][1] is 2.5, but must be a whole number",
         ),
-        (DRIVE, packed(3), "swarm/k: Drive = [3]: expected `array` of at least length 5, got 1"),
+        (DRIVE, packed(3), "swarm/k: Drive is [3], but must be a list of at least length 5"),
         (
             RECEIVED,
             packed(3, [["shout", 1, 2]]),

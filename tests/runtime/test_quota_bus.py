@@ -6,8 +6,9 @@ from typing import Any, NamedTuple, cast
 import pytest
 
 from actors.messages import DRIVE, READY
-from actors.runtime.bus.quota_bus import FloodError, QuotaBus
+from actors.runtime.bus.quota_bus import QuotaBus
 from actors.runtime.core import at
+from actors.runtime.errors import AcrcError
 from actors.topic import Message, Topic
 
 DRIVES, READIES = cast(Topic[Message], DRIVE), cast(Topic[Message], READY)
@@ -70,7 +71,7 @@ def test_a_flood_over_two_keys_is_one_flood(waiting_for: Any) -> None:
     mesh.arrive(DRIVE, "r2", times=QuotaBus.MESSAGES)
     assert mesh.bus.receive(DRIVES).key == DRIVE.key("r1")
     mesh.arrive(READY, "r1", times=2)
-    with pytest.raises(FloodError) as caught:
+    with pytest.raises(AcrcError) as caught:
         mesh.bus.receive(waiting_for)
     assert str(caught.value) == (
         f"r1 floods {READY.key('r1')}: 1001 messages of together 1001 bytes wait and nobody has asked "
@@ -85,7 +86,7 @@ def test_few_messages_that_are_large_are_a_flood() -> None:
     mesh.arrive(DRIVE, "r1", size=QuotaBus.BYTES // 2, times=1)
     mesh.arrive(READY, "r1")
     with pytest.raises(
-        FloodError, match=f"^r1 floods {READY.key('r1')}: 3 messages of together 67108865 bytes"
+        AcrcError, match=f"^r1 floods {READY.key('r1')}: 3 messages of together 67108865 bytes"
     ):
         mesh.bus.poll(READIES)
 

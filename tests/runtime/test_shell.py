@@ -6,11 +6,12 @@ import msgspec
 import pytest
 
 from actors.messages import DRIVE, SENSES, Drive
-from actors.runtime.bus.memory_bus import MemoryBus, StalledError, run_shells
+from actors.runtime.bus.memory_bus import MemoryBus, run_shells
 from actors.runtime.bus.replay_bus import ReplayBus, ReplayError, replay
 from actors.runtime.bus_interface import Delivery
 from actors.runtime.codec import encode
 from actors.runtime.core import at
+from actors.runtime.errors import AcrcError
 from actors.runtime.message_counts import run_digest
 from actors.runtime.recording import (
     Entry,
@@ -21,7 +22,7 @@ from actors.runtime.recording import (
     read_notes,
     read_recording,
 )
-from actors.runtime.shell import OutOfTurnError, Shell
+from actors.runtime.shell import Shell
 from tests.runtime.toys import Answerer, Caller
 
 ROBOTS = ("r1", "r22", "r333")
@@ -83,7 +84,7 @@ def test_the_order_in_which_shells_run_does_not_matter() -> None:
 
 def test_a_lost_message_is_named_and_counted() -> None:
     shells = swarm(LossyBus(lost=5), 3)
-    with pytest.raises(StalledError) as caught:
+    with pytest.raises(AcrcError) as caught:
         run_shells(shells)
     assert str(caught.value) == (
         "nobody can go on: world (step 0) for swarm/up/r22/drive; r1 (step 1) for swarm/down/r1/senses; "
@@ -98,7 +99,7 @@ def test_an_inbox_that_only_grows_is_an_error() -> None:
     delivery = Delivery(DRIVE, "swarm/up/r2/drive", b"")  # type: ignore[arg-type]
     for _ in range(Shell.KEY_LIMIT):
         shell.deliver(delivery)
-    with pytest.raises(OutOfTurnError) as caught:
+    with pytest.raises(AcrcError) as caught:
         shell.deliver(delivery)
     assert str(caught.value) == (
         "step 0: r2 floods swarm/up/r2/drive: r1 has 5000 messages from there and has asked for none of "
@@ -108,7 +109,7 @@ def test_an_inbox_that_only_grows_is_an_error() -> None:
 
 def test_many_inboxes_that_grow_are_an_error_too() -> None:
     shell = Shell(Answerer("r1"), MemoryBus(), Unrecorded(), actor="r1")
-    with pytest.raises(OutOfTurnError, match="r1 has 100000 messages waiting"):
+    with pytest.raises(AcrcError, match="r1 has 100000 messages waiting"):
         for number in range(Shell.INBOX_LIMIT + 1):
             shell.deliver(Delivery(DRIVE, f"swarm/up/r{number % 30}/drive", b""))  # type: ignore[arg-type]
 

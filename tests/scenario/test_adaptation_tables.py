@@ -19,7 +19,7 @@ from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.behaviour.ports import ExchangeSettings, Start
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
-from actors.table import Table, as_tuples
+from actors.table import FileTable, as_tuples
 from deploy.scenario.adaptation_tables import AreaTable, DeecoTable, Settings, adaptation
 
 WHOLE = """
@@ -51,7 +51,7 @@ STRENGTH = "but must be a number of dBm from -90 to 0"
 SPAN = "but must be two numbers [from, to] in m, the first below the second"
 
 
-class File(Table):
+class File(FileTable):
     """The tables as scenario and fleet have them."""
 
     strategy: Settings = Field(default_factory=dict)
@@ -60,7 +60,8 @@ class File(Table):
 
 
 def parse(text: str) -> Adaptation:
-    return adaptation(table_wording.parse(text, File, AcrcError))
+    file = table_wording.parse(text, File)
+    return adaptation(file.strategy, file.deeco, file.area)
 
 
 def test_everything_that_a_file_may_hold() -> None:
@@ -137,7 +138,7 @@ def test_of_many_faults_only_the_first_is_kept(table: str) -> None:
     content = toml_file.loads(text)
     tracemalloc.start()
     with pytest.raises(AcrcError, match=r"k0|area"):
-        table_wording.checked(content, File, AcrcError)
+        table_wording.checked(content, File)
     assert tracemalloc.get_traced_memory()[1] < 1_000_000
     tracemalloc.stop()
 

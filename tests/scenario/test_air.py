@@ -7,10 +7,10 @@ import pytest
 from actors.installation.repository import REPOSITORY
 from actors.radio.propagation.interferers import WifiParameters
 from actors.radio.propagation.walls import WallPatch
-from deploy.scenario.air import WallError
+from actors.runtime.errors import AcrcError
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import load_scenario, parse
-from deploy.scenario.scenario_text import to_toml
+from deploy.scenario.toml_text import to_toml
 from tests.scenario.faults import scenario
 
 TABLES = """
@@ -55,7 +55,7 @@ def test_the_tables_read_back_from_the_text_of_a_settled_scenario() -> None:
 
 
 def test_a_wall_where_there_is_none_is_refused() -> None:
-    with pytest.raises(WallError) as caught:
+    with pytest.raises(AcrcError) as caught:
         resolve(scenario('[[wall]]\nmaterial = "glass"\nx = [12.0, 12.5]\ny = [5.0, 5.5]'))
     assert str(caught.value) == (
         "wall[0] spans x 12 to 12.5 and y 5 to 5.5 m, where nothing is occupied, but must hold a wall"

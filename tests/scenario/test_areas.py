@@ -12,7 +12,7 @@ from actors.world.world_setup import BodySetup
 from deploy.scenario.areas import for_places, for_starts
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import load_scenario, parse
-from deploy.scenario.scenario_text import to_toml
+from deploy.scenario.toml_text import to_toml
 from tests.scenario.faults import fault, scenario
 
 CORRIDOR = REPOSITORY / "scenarios" / "corridor.toml"

@@ -6,7 +6,8 @@ import pytest
 
 from actors.installation.usage import OptionError
 from actors.radio.propagation.materials import MATERIALS
-from deploy.scenario.scenario_file import Overrides, ScenarioError, load_scenario
+from actors.runtime.errors import AcrcError
+from deploy.scenario.scenario_file import Overrides, load_scenario
 from tests.scenario.faults import fault
 
 METRES = "but must be a number of metres from 0 to 0.5"
@@ -319,7 +320,7 @@ def test_an_option_heals_the_file_but_not_what_hangs_on_it() -> None:
 
 def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     def refusal(path: Path) -> str:
-        with pytest.raises(ScenarioError) as caught:
+        with pytest.raises(AcrcError) as caught:
             load_scenario(path)
         return str(caught.value)
 

@@ -13,8 +13,8 @@ from actors.robot.behaviour.adaptation import Adaptation
 from deploy.scenario.adaptation_tables import adaptation
 from deploy.scenario.resolve import resolve
 from deploy.scenario.scenario_file import Overrides, load_scenario, parse
-from deploy.scenario.scenario_text import to_toml
 from deploy.scenario.tables import Scenario
+from deploy.scenario.toml_text import to_toml
 from tests.scenario.faults import scenario
 
 texts = some.text(some.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=8)
@@ -101,7 +101,7 @@ scenarios = some.fixed_dictionaries(
 def test_every_scenario_reads_back_as_it_was_written(content: dict[str, Any]) -> None:
     written = Scenario.model_validate(_as_lists(content))
     assert parse(to_toml(written), Path("/some.toml")) == written
-    told = adaptation(written)
+    told = adaptation(written.strategy, written.deeco, written.area)
     assert told.settings == written.strategy
     assert {name: type(value) for name, value in told.settings.items()} == {
         name: type(value) for name, value in written.strategy.items()

@@ -12,7 +12,8 @@ from actors.robot.navigation.dwa_parameters import DWA_PRESETS
 from actors.robot.navigation.navigator import NAVIGATION_PRESETS
 from actors.robot.navigation.planning import PlanningParameters
 from actors.robot.stack import Stack
-from deploy.scenario.stack_tables import StackError, stack
+from actors.runtime.errors import AcrcError
+from deploy.scenario.stack_tables import stack
 
 WHOLE = """
 [localisation]
@@ -97,7 +98,7 @@ def test_without_localisation_the_odometry_is_trusted() -> None:
     ],
 )
 def test_what_is_wrong_is_said_in_one_sentence(text: str, fault: str | None) -> None:
-    with pytest.raises(StackError) as raised:
+    with pytest.raises(AcrcError) as raised:
         parse(text)
     sentence = str(raised.value)
     assert sentence.startswith(fault or "localisation.particles is not known; did you mean localisation.m")

@@ -8,8 +8,9 @@ import pytest
 from actors.geometry import Point, Pose
 from actors.instant import Instant
 from actors.robot.behaviour import Behaviour, Decision, Start, View
+from actors.runtime.errors import AcrcError
 from actors.task.words import PlaceKey
-from cleaning.strategies.oracle import OracleError, behaviour
+from cleaning.strategies.oracle import behaviour
 from tests.cleaning.equipment import Floor
 
 
@@ -40,7 +41,7 @@ def test_it_refuses_where_it_knows_of_nobody() -> None:
     behaviour(start("r1", 0.0, 1.0))
     alone = behaviour(start("r1", 0.0, 1.0))
     with pytest.raises(
-        OracleError, match="knows of nobody else; it is an upper bound for runs with `--bus memory`"
+        AcrcError, match="knows of nobody else; it is an upper bound for runs with `--bus memory`"
     ):
         for number in range(12):
             step(alone, 0.0, number)

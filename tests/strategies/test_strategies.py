@@ -96,7 +96,7 @@ def test_installed_strategies_are_listed_beside_the_shipped_ones(site: Path) -> 
     assert [line.split()[0] for line in table.stdout.splitlines() if "my_study" in line] == ["wander"]
 
 
-def test_an_installed_strategy_runs_by_its_name_in_processes_shut_off(site: Path, tmp_path: Path) -> None:
+def test_an_installed_strategy_runs_by_its_name_in_sandboxes(site: Path, tmp_path: Path) -> None:
     install(site, "my_study", wander="wanderer:behaviour")
     words = ("--strategy", "wander", "--duration", 3, "--robots", 2)
     isolated = run(tmp_path / "isolated", *words, "--isolate")
@@ -158,7 +158,7 @@ def test_a_module_beside_the_scenario_gives_one_digest_and_runs_again(tmp_path: 
     replayed = acrc("replay", tmp_path / "isolated", "--robot", "r2", *named)
     assert (replayed.returncode, replayed.stderr) == (0, "")
     assert not (tmp_path / "study" / "mark").exists()
-    # what is executed again is what was recorded
+    # what is replayed is what was recorded
     module = tmp_path / "study" / "wanderer.py"
     then, now = (hashlib.sha256(text.encode()).hexdigest()[:12] for text in (WANDERER, WANDERER + "# new\n"))
     module.write_text(WANDERER + "# new\n")

@@ -8,7 +8,7 @@ from actors.installation.repository import REPOSITORY
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from observation.evidence.run_evidence import read_run
+from observation.evidence.run_reader import read_run
 from observation.replay.recheck import recheck
 from observation.results.result import RunResult
 

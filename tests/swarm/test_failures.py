@@ -20,11 +20,11 @@ from msgspec.structs import replace as replace_struct
 from actors.messages import Progress
 from actors.processes.silence import Timeout
 from actors.robot.behaviour.foreign import INSTALLED
+from actors.runtime.errors import AcrcError
 from actors.runtime.recording import Entry, read_notes, read_recording
 from deploy.branches.swarm_replay import replay_swarm
 from deploy.run import swarm
 from deploy.run.options import RunOptions
-from deploy.run.supervisor import RunFailedError
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.replay.record_replay import replay_actor
 from tests import warm
@@ -416,7 +416,7 @@ def test_a_world_that_cannot_begin_ends_the_run(tmp_path: Path) -> None:
     out = tmp_path / "out"
     plan = swarm.plan(load_scenario(None, Overrides(robots=1)), RunOptions(out))
     spoilt = replace(plan, world=replace_struct(plan.world, step_us=12_345))
-    with pytest.raises(RunFailedError) as caught:
+    with pytest.raises(AcrcError) as caught:
         swarm.run_processes(spoilt, "forkserver", lambda progress: None)
     assert str(caught.value) == (
         "world ended with exit code 2: a step of 12345 µs; it must be a multiple of 10000 µs"

@@ -7,7 +7,7 @@ import pytest
 
 from actors.installation.usage import OptionError
 from actors.runtime.isolation.resource_limits import LimitError, ProcessLimits, limits
-from deploy.run.options import run_options
+from deploy.run.options import RunOptions, checked
 from tests.swarm.command import acrc, leftovers, processes_of
 
 
@@ -30,13 +30,13 @@ def test_a_limit_that_is_none_is_refused(word: str) -> None:
 
 def test_limits_and_a_timeout_that_do_not_fit_the_other_options(tmp_path: Path) -> None:
     with pytest.raises(OptionError) as caught:
-        run_options(tmp_path / "out", bus="memory", limit=("file_mb=1",))
+        checked(RunOptions(tmp_path / "out", bus="memory"), ("file_mb=1",))
     assert str(caught.value) == "--limit: holds a simulated robot's process; must stand with --bus zenoh only"
     with pytest.raises(OptionError) as caught:
-        run_options(tmp_path / "out", limit=("file_mb",))
+        checked(RunOptions(tmp_path / "out"), ("file_mb",))
     assert str(caught.value).startswith("--limit: file_mb; must be one of memory_mb, ")
     with pytest.raises(OptionError) as caught:
-        run_options(tmp_path / "out", speed="0.02", timeout=5.0)
+        checked(RunOptions(tmp_path / "out", speed="0.02", timeout_s=5.0))
     assert str(caught.value) == "--timeout: 5; must be more than the 5 s of a step at --speed 0.02"
 
 

@@ -9,7 +9,7 @@ import pytest
 from actors.installation.repository import REPOSITORY
 from actors.runtime.process import RunNote
 from actors.runtime.recording import read_notes
-from benchmarks.processors.here import NO_FMA, no_avx512
+from benchmarks.processors.computer import NO_FMA, no_avx512
 from tests.swarm.command import run
 
 TASK = (REPOSITORY / "scenarios" / "corridor.toml", "--bus", "memory", "--robots", 6, "--duration", 10)

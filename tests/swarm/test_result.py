@@ -100,7 +100,7 @@ def test_what_is_no_outcome_of_a_node_is_one_sentence_and_not_counted(tmp_path: 
     assert done.returncode == 0, done.stderr
     sentence = (
         f"r1: what it says of its node cannot be, and is not counted: {out}/r1/r1.mcap: "
-        "the outcome 'deeco' is not that of a node: Expected `int`, got `float` - at `$.counters[...]`"
+        "the outcome 'deeco' is not that of a node: counters[…] is wrong, but must be a whole number"
     )
     assert sentence in done.stdout.splitlines()
     result = json.loads((out / "run.json").read_text())

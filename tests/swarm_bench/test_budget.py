@@ -7,12 +7,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.swarm.budget import REST, Key, Line, budget, whole, with_processes
-from benchmarks.swarm.figures import SwarmFigures, judged
 from benchmarks.swarm.in_memory import MemoryFigures
 from benchmarks.swarm.over_mesh import MeshFigures
-from benchmarks.swarm.part_clock import Account, Overhead
+from benchmarks.swarm.part_clock import (
+    REST,
+    Account,
+    BudgetLine,
+    Key,
+    Overhead,
+    budget,
+    whole,
+    with_processes,
+)
 from benchmarks.swarm.process_figures import Memory
+from benchmarks.swarm.tables import SwarmFigures, judged
 from benchmarks.swarm.task import Range, SwarmTask
 
 COUNTS = st.integers(0, 10**6)
@@ -39,13 +47,17 @@ def test_a_line_is_net_of_its_own_calls_and_of_those_it_makes() -> None:
         ("robots", "scan"): Account(spent_ns=5_000, calls=20),
     }
     lines, clock_ms = budget(accounts, 20_000, Overhead(inside_ns=100, outside_ns=50), robot_s=2.0)
-    assert lines[:2] == [Line("robots", "driver", 0.0035), Line("robots", "scan", 0.0015)]
+    assert lines[:2] == [BudgetLine("robots", "driver", 0.0035), BudgetLine("robots", "scan", 0.0015)]
     assert clock_ms == pytest.approx(0.00225)
     assert lines[2].ms == pytest.approx((20_000 - 7_000 - 3_000 - 4_500) / 2e6)
 
 
 def test_what_processes_cost_beyond_their_parts_fills_each_actor_up() -> None:
-    lines = [Line("world", "scans", 1.0), Line("robots", "driver", 0.5), Line("", REST, 0.3)]
+    lines = [
+        BudgetLine("world", "scans", 1.0),
+        BudgetLine("robots", "driver", 0.5),
+        BudgetLine("", REST, 0.3),
+    ]
     filled = with_processes(lines, {"world": 1.25, "robots": 0.4, "parent": 0.1}, "mesh")
     assert filled[:2] == lines[:2]
     assert [(line.actor, line.part, round(line.ms, 9)) for line in filled[2:]] == [

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.swarm.endings_trial import MODES, Deed, Ending, EndingsTask, attempt, deed, run_words
+from benchmarks.swarm.endings_trial import MODES, Ending, EndingDeed, EndingsTask, attempt, deed, run_words
 from tests.swarm.command import run
 
 TASK = EndingsTask(simulated=8.0, speed=4.0, patience=90.0)
@@ -35,13 +35,15 @@ def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.mark.parametrize(
     ("one", "came"),
     [
-        (Deed("isolated", signal.SIGSTOP, "all", 2.0, 2.0), "went on"),
-        (Deed("exec", signal.SIGKILL, "forkserver", 1.0, 0.0), "ended"),
-        (Deed("exec", signal.SIGKILL, "acrc", 0.8, 0.0), "ended"),
-        (Deed("forkserver", signal.SIGINT, "acrc", 0.6, 0.0), "ended"),
+        (EndingDeed("isolated", signal.SIGSTOP, "all", 2.0, 2.0), "went on"),
+        (EndingDeed("exec", signal.SIGKILL, "forkserver", 1.0, 0.0), "ended"),
+        (EndingDeed("exec", signal.SIGKILL, "acrc", 0.8, 0.0), "ended"),
+        (EndingDeed("forkserver", signal.SIGINT, "acrc", 0.6, 0.0), "ended"),
     ],
 )
-def test_an_ending_leaves_nothing_and_is_named(digest: str, one: Deed, came: str, tmp_path: Path) -> None:
+def test_an_ending_leaves_nothing_and_is_named(
+    digest: str, one: EndingDeed, came: str, tmp_path: Path
+) -> None:
     ending = attempt(one, TASK, digest)
     assert ending == Ending(one, came, (), ending.said)
 

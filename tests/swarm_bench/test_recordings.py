@@ -1,9 +1,9 @@
-"""What `acrc bench recordings` finds: a run that is recorded, of which one robot is executed again."""
+"""What `acrc bench recordings` finds: a run that is recorded, of which one robot is replayed."""
 
 import pytest
 
 from benchmarks.recordings import recordings
-from benchmarks.recordings.recordings import Found
+from benchmarks.recordings.recordings import RecordingFigures
 
 
 def test_a_swarm_is_recorded_and_one_robot_executed_again() -> None:
@@ -23,5 +23,5 @@ def test_a_swarm_is_recorded_and_one_robot_executed_again() -> None:
 def test_every_goal_counts(missed: dict[str, float]) -> None:
     reached = {"share": 0.1, "mb_per_minute": 19.0, "lost": 0, "replay_speed": 250.0}
     alike = {"robots": 20, "simulated_s": 60.0, "run_cpu_s": 30.0, "replayed": "r1", "outputs": 900}
-    assert Found(**alike | reached).reached  # type: ignore[arg-type]
-    assert not Found(**alike | reached | missed).reached  # type: ignore[arg-type]
+    assert RecordingFigures(**alike | reached).reached  # type: ignore[arg-type]
+    assert not RecordingFigures(**alike | reached | missed).reached  # type: ignore[arg-type]

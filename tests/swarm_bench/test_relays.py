@@ -7,8 +7,7 @@ import pytest
 from actors.installation.usage import OptionError
 from benchmarks.statistics.measured import Measured
 from benchmarks.swarm import relays
-from benchmarks.swarm.relay_run import RelayFigures, RelayTask, examine, relay_scenario
-from benchmarks.swarm.relays import SCENARIO
+from benchmarks.swarm.relays import SCENARIO, RelayFigures, RelayTask, examine, relay_scenario
 from deploy.scenario.scenario_file import Overrides, load_scenario
 
 

@@ -11,9 +11,10 @@ from actors.runtime.isolation import sandbox
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from observation.evidence.run_evidence import RunEvidence, read_run
-from observation.inside.insides import Glance, look_into_all
-from observation.inside.telemetry import Inside
+from observation.evidence.run_evidence import RunEvidence
+from observation.evidence.run_reader import read_run
+from observation.trace.rows import Trace
+from observation.trace.traces import Traced, traces
 
 collect_ignore = (
     [] if find_spec("rerun") else ["test_drawn.py", "test_following.py", "test_watched.py", "test_window.py"]
@@ -39,18 +40,15 @@ def evidence(folder: Path) -> RunEvidence:
 
 
 @pytest.fixture(scope="session")
-def glances(folder: Path, evidence: RunEvidence) -> list[Glance]:
-    """World and robots, each in a process of its own that is shut off where the machine can."""
-    return list(
-        look_into_all(
-            folder, ["world", *evidence.robots], permit=INSTALLED, isolate=sandbox.available() is None
-        )
-    )
+def traced(folder: Path, evidence: RunEvidence) -> list[Traced]:
+    """World and robots, each in a sandbox where the machine has one."""
+    isolate = sandbox.available() is None
+    return list(traces(folder, ["world", *evidence.robots], permit=INSTALLED, isolate=isolate))
 
 
 @pytest.fixture(scope="session")
-def insides(glances: list[Glance]) -> dict[str, Inside]:
-    """Each robot looked into."""
-    found = {glance.actor: glance.inside for glance in glances if glance.inside is not None}
-    assert sorted(found) == ["r1", "r2"], glances
+def insides(traced: list[Traced]) -> dict[str, Trace]:
+    """The trace of each robot."""
+    found = {one.actor: one.whole() for one in traced if one.parts}
+    assert sorted(found) == ["r1", "r2"], traced
     return found

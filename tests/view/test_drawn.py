@@ -12,11 +12,12 @@ from rerun.chunk import RrdReader
 
 from actors.observer import colours
 from actors.observer.sheet import APPLICATION
+from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.errors import AcrcError
 from observation.evidence.run_evidence import RunEvidence
-from observation.explanation.explain import listed
-from observation.inside.insides import Glance
-from observation.inside.telemetry import Inside
+from observation.explanation.explain import Explainer
+from observation.trace.rows import Trace
+from observation.trace.traces import Traced
 from observation.view import beside, drawn
 from observation.view.drawn import Wishes, draw, place, read_story
 
@@ -37,10 +38,10 @@ def strict() -> Iterator[None]:
 
 
 @pytest.fixture
-def computed(monkeypatch: pytest.MonkeyPatch, insides: dict[str, Inside]) -> None:
+def computed(monkeypatch: pytest.MonkeyPatch, insides: dict[str, Trace]) -> None:
     """Robots are looked into once for all tests."""
-    glances = [Glance(actor, inside=inside) for actor, inside in insides.items()]
-    monkeypatch.setattr(drawn, "look_into_all", lambda *words, **more: iter(glances))
+    traced = [Traced(actor, (inside,)) for actor, inside in insides.items()]
+    monkeypatch.setattr(drawn, "traces", lambda *words, **more: iter(traced))
 
 
 def rows(path: Path) -> Rows:
@@ -63,7 +64,7 @@ def of(found: Rows, entity: str, component: str) -> list[tuple[float, Any]]:
 
 
 def test_everything_that_a_person_looks_at_is_in_the_file(
-    folder: Path, evidence: RunEvidence, insides: dict[str, Inside], computed: None, tmp_path: Path
+    folder: Path, evidence: RunEvidence, insides: dict[str, Trace], computed: None, tmp_path: Path
 ) -> None:
     said: list[str] = []
     path = tmp_path / "run.rrd"
@@ -89,7 +90,9 @@ def test_everything_that_a_person_looks_at_is_in_the_file(
     table = of(found, "/knowledge/r2", "TextDocument:text")[-1][1][0]
     assert "| position |" in table and "| route |" in table
     reasons = of(found, "/why/r2", "TextDocument:text")
-    assert [second for second, _ in reasons] == sorted({row.at_s for row in listed(folder, "r2")})
+    assert [second for second, _ in reasons] == sorted(
+        {row.at_s for row in Explainer(folder, permit=INSTALLED, isolate=False).listed("r2")}
+    )
     assert any("| takes over" in text[0] or "r2 takes over" in text[0] for _, text in reasons)
     assert any(words[0].startswith("r1 ") for _, words in of(found, "/events/r1/inside", "TextLog:text"))
 
@@ -128,8 +131,8 @@ def test_two_runs_stand_beside_one_another_on_one_timeline(
 def test_a_robot_that_cannot_be_executed_again_is_drawn_from_outside(
     folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    glances = [Glance("r1", fault="r1: not to be trusted"), Glance("r2", fault="r2: neither")]
-    monkeypatch.setattr(drawn, "look_into_all", lambda *words, **more: iter(glances))
+    traced = [Traced("r1", fault="r1: not to be trusted"), Traced("r2", fault="r2: neither")]
+    monkeypatch.setattr(drawn, "traces", lambda *words, **more: iter(traced))
     said: list[str] = []
     draw(read_story(folder), tmp_path / "run.rrd", Wishes(), send_to=None, say=said.append)
     assert said[1:3] == ["r1: not to be trusted", "r2: neither"]

@@ -18,16 +18,17 @@ from actors.runtime.bus.replay_bus import ReplayError
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
-from observation.inside import following_program
-from observation.inside.insides import Glance
-from observation.inside.telemetry import Inside
+from observation.evidence.run_reader import RunReader
 from observation.replay.growing_replay import GrowingBus
 from observation.replay.record_replay import made_again
+from observation.trace.kept import own_files
+from observation.trace.rows import Trace
+from observation.trace.traces import Traced
 from observation.view import command, drawn, live
 from observation.view.drawn import Wishes, draw, read_story
 from observation.view.following import Following
-from observation.view.growing_run import GrowingRun
 from observation.view.seen import Seen
+from observation.view.simulated import Teller, simulated_story
 from observation.view.story import Track
 from observation.view.writers import Standing, standing
 
@@ -67,12 +68,12 @@ def drawn_at(path: Path) -> dict[str, set[Any]]:
 def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
     growing: Growing,
     folder: Path,
-    insides: dict[str, Inside],
+    insides: dict[str, Trace],
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
 ) -> None:
-    glances = [Glance(actor, inside=inside) for actor, inside in insides.items()]
-    monkeypatch.setattr(drawn, "look_into_all", lambda *words, **more: iter(glances))
+    traced = [Traced(actor, (inside,)) for actor, inside in insides.items()]
+    monkeypatch.setattr(drawn, "traces", lambda *words, **more: iter(traced))
     draw(read_story(folder), tmp_path / "whole.rrd", Wishes(), send_to=None, say=lambda sentence: None)
     growing.grow(0.31)
     with (
@@ -107,17 +108,15 @@ def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
 
 
 def test_pieces_of_a_run_come_to_the_whole(growing: Growing, folder: Path) -> None:
-    with GrowingRun(folder) as run:
-        whole = run.poll(last=True)
-    assert whole is not None
+    whole, teller = simulated_story(folder), Teller()
     growing.grow(0.3)
     pieces = []
-    with GrowingRun(growing.out) as run:
+    with RunReader(growing.out) as run:
         for share in (0.3, 0.55, 0.8, 1.0):
             growing.grow(share)
             pieces.append(run.poll(last=share == 1.0))
         assert run.poll(last=True) is None
-    told = [piece for piece in pieces if piece is not None]
+    told = [teller.story(piece) for piece in pieces if piece is not None]
     assert len(told) == 4
     for name in ("routes", "reported", "taken_over", "given_up"):
         assert sum((getattr(piece, name) for piece in told), ()) == getattr(whole, name)
@@ -138,9 +137,7 @@ def test_places_that_come_while_it_goes_on_are_known(tmp_path: Path) -> None:
     settled = load_scenario(scenario, Overrides(duration=2.0))
     out = tmp_path / "run"
     swarm.run_in_memory(swarm.plan(settled, RunOptions(out, bus="memory")), lambda progress: None)
-    with GrowingRun(out) as run:
-        story = run.poll(last=True)
-    assert story is not None
+    story = simulated_story(out)
     assert story.places["r2"][-1] == (9.0, 12.0)
     assert len(story.places["r2"]) == story.begun_with["r2"] + 1
 
@@ -162,7 +159,7 @@ def test_whether_a_run_goes_on_is_told_from_who_writes(growing: Growing, folder:
 def test_what_is_saved_of_a_run_without_an_end_says_until_when(
     growing: Growing, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(drawn, "look_into_all", lambda *words, **more: iter(()))
+    monkeypatch.setattr(drawn, "traces", lambda *words, **more: iter(()))
     growing.grow(0.5)
     for how, begins in (
         (Standing.DIED, "the run has died without a result: it is drawn as far as it was recorded, up to "),
@@ -190,7 +187,7 @@ def test_who_follows_a_robot_reads_neither_its_password_nor_its_socket(folder: P
     shutil.copytree(folder / "r1", tmp_path / "r1")
     for name in ("credentials", "router.sock"):
         (tmp_path / "r1" / name).write_text("a secret")
-    shown = {path.name for path in following_program._readable(tmp_path / "r1" / "r1.mcap")}
+    shown = {path.name for path in own_files(tmp_path / "r1" / "r1.mcap")}
     assert {"r1.mcap", "map.yaml", "map.png"} <= shown
     assert not {"credentials", "router.sock", "r1.log"} & shown
 

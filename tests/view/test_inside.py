@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from actors.geometry import Point
-from actors.instant import milliseconds
 from actors.radio.medium.state import Outcome
 from actors.task.words import PlaceKey
 from cleaning.cleaner import State
 from observation.evidence.run_evidence import RunEvidence
-from observation.inside.fates import by_outcome, read_fates
-from observation.inside.inside_program import look_into
-from observation.inside.insides import Glance
-from observation.inside.knowledge_rows import in_words
-from observation.inside.telemetry import ACTIVITIES, Inside, TelemetryError, decode, encode
+from observation.trace.coding import PART, TraceError, decode, encode
+from observation.trace.fates import by_outcome, read_fates
+from observation.trace.program import whole
+from observation.trace.rows import ACTIVITIES, Trace
+from observation.trace.traces import Traced
+from observation.trace.words import in_words
 
 
 def test_every_copy_has_the_fate_that_the_radio_counted_and_its_sender(
@@ -39,7 +39,7 @@ def test_every_copy_has_the_fate_that_the_radio_counted_and_its_sender(
 
 
 def test_a_robot_is_seen_to_hold_itself_where_it_said(
-    insides: dict[str, Inside], evidence: RunEvidence
+    insides: dict[str, Trace], evidence: RunEvidence
 ) -> None:
     for index, robot in enumerate(evidence.robots):
         inside = insides[robot]
@@ -51,7 +51,7 @@ def test_a_robot_is_seen_to_hold_itself_where_it_said(
 
 
 def test_scans_end_on_the_floor_plan_and_particles_are_round_the_robot(
-    insides: dict[str, Inside], evidence: RunEvidence
+    insides: dict[str, Trace], evidence: RunEvidence
 ) -> None:
     inside, grid = insides["r1"], evidence.grid
     points = inside.scans.values
@@ -67,7 +67,7 @@ def test_scans_end_on_the_floor_plan_and_particles_are_round_the_robot(
     assert np.hypot(*(last - inside.estimates[-1, :2]).T).max() < 1.5
 
 
-def test_plans_costs_doings_and_knowledge_tell_of_the_meeting(insides: dict[str, Inside]) -> None:
+def test_plans_costs_doings_and_knowledge_tell_of_the_meeting(insides: dict[str, Trace]) -> None:
     inside = insides["r1"]
     ways = [way for way in inside.plans.rows() if len(way)]
     assert ways and all(np.hypot(*np.diff(way, axis=0).T).max() < 0.5 for way in ways)
@@ -78,27 +78,26 @@ def test_plans_costs_doings_and_knowledge_tell_of_the_meeting(insides: dict[str,
     names = [name for name, _ in inside.knowledge[-1].rows]
     assert {"position", "destination", "route", "state"} <= set(names) and "parameters" not in names
     assert {one.peer for one in inside.contacts} == {"r2"}
-    assert any(one.source == "r2" for one in inside.learnt) or any(
-        one.source == "r1" for one in insides["r2"].learnt
-    )
+    peers = {change.peer for robot in insides.values() for change, _ in robot.decisions()}
+    assert peers & {"r1", "r2"}
 
 
 def test_the_same_is_seen_in_another_process_and_after_a_way_through_a_pipe(
-    folder: Path, insides: dict[str, Inside]
+    folder: Path, insides: dict[str, Trace]
 ) -> None:
-    here = look_into(folder, "r2", milliseconds(500))
-    assert encode(here) == encode(insides["r2"]) == encode(decode(encode(here)))
+    (here,) = whole(folder, "r2")
+    assert encode(here) == encode(insides["r2"]) == encode(decode(encode(here)[PART.size :]))
 
 
-def test_telemetry_that_does_not_fit_is_refused(insides: dict[str, Inside]) -> None:
-    data = encode(insides["r1"])
+def test_a_trace_that_does_not_fit_is_refused(insides: dict[str, Trace]) -> None:
+    data = encode(insides["r1"])[PART.size :]
     for damaged in (b"", data[:100], data[:-1], b"\x00" + data[1:], data.replace(b"driving", b"DRIVING")):
-        with pytest.raises(TelemetryError):
+        with pytest.raises(TraceError):
             decode(damaged)
 
 
-def test_what_is_no_robot_is_not_looked_into(glances: list[Glance]) -> None:
-    assert Glance("world", fault="world: is no robot") in glances
+def test_what_is_no_robot_has_no_trace(traced: list[Traced]) -> None:
+    assert Traced("world", fault="world: is no robot") in traced
 
 
 def test_knowledge_is_told_in_words() -> None:

@@ -15,7 +15,7 @@ from actors.observer.sheet import Sheet
 from actors.task.words import PlaceKey, PlaceReport
 from deploy.fleet import watched
 from deploy.fleet.fleet_file import load_fleet
-from deploy.fleet.watched import Inbox, Said, WatchedFleet
+from deploy.fleet.watched import HeardMessage, Inbox, WatchedFleet
 
 FLEET = """
 map = "{root}/maps/corridor.yaml"
@@ -37,9 +37,9 @@ radio = "/dev/board2"
 ENDS = {"r1": "tls/10.0.0.1:7447", "r2": "tls/10.0.0.2:7447"}
 
 
-def said(robot: str, second: float, topic: Any, message: Any) -> Said:
+def said(robot: str, second: float, topic: Any, message: Any) -> HeardMessage:
     key = topic.key(robot) if "{id}" in topic.pattern else topic.key()
-    return Said(second, ENDS[robot], key, message)
+    return HeardMessage(second, ENDS[robot], key, message)
 
 
 def rows(path: Path) -> dict[str, list[dict[str, Any]]]:

@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 from actors.observer import colours, screenshot
-from observation.inside.insides import Glance
-from observation.inside.telemetry import Inside
+from observation.trace.rows import Trace
+from observation.trace.traces import Traced
 from observation.view import drawn
 from observation.view.drawn import Wishes, draw, read_story
 
@@ -27,10 +27,10 @@ SHOWN = {
 
 
 def test_the_viewer_shows_it_all_and_finds_nothing_wrong(
-    folder: Path, insides: dict[str, Inside], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    folder: Path, insides: dict[str, Trace], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    glances = [Glance(actor, inside=inside) for actor, inside in insides.items()]
-    monkeypatch.setattr(drawn, "look_into_all", lambda *words, **more: iter(glances))
+    traced = [Traced(actor, (inside,)) for actor, inside in insides.items()]
+    monkeypatch.setattr(drawn, "traces", lambda *words, **more: iter(traced))
     view = tmp_path / "view.rrd"
     draw(read_story(folder), view, Wishes(), send_to=None, say=lambda sentence: None)
     try:

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from actors.geometry import Pose, Twist, wrap
 from actors.messages import Odometry
+from actors.runtime.errors import AcrcError
 from actors.world import odometry_kernel
-from actors.world.odometry import KobukiErrors, Odometers, OdometryError, StageErrors
+from actors.world.odometry import KobukiErrors, Odometers, StageErrors
 from actors.world.physics import SUBSTEP, Arena
 from tests.world.scenery import OMNIBOX, TURTLEBOT, arena
 
@@ -255,7 +256,7 @@ def test_what_no_robot_can_have_is_refused() -> None:
         ),
         ("gps", TURTLEBOT, "a robot's odometry is 'gps'; it should be one of exact, stage, kobuki"),
     ):
-        with pytest.raises(OdometryError) as caught:
+        with pytest.raises(AcrcError) as caught:
             Odometers([kind], [model], np.zeros((1, 3)), [np.random.default_rng(0)], SUBSTEP)
         assert str(caught.value) == sentence
 

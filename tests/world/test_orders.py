@@ -9,7 +9,7 @@ from actors.robot_model import OdometryKind
 from actors.task.task import Task
 from actors.world.body import Bodies
 from actors.world.orders import Effects, Orders
-from actors.world.participants import Participants, Standing
+from actors.world.participants import BarrierStanding, Participants
 from actors.world.world_setup import BodySetup, TimedOrder
 
 NOWHERE = cast(Bodies, None)
@@ -23,7 +23,7 @@ def orders(*events: TimedOrder) -> Orders:
     robots = tuple(BodySetup(name, "turtlebot2", None, KIND, (0.0, 0.0, 0.0), ()) for name in ("r1", "r2"))
     roster = Participants(robots)
     for member in roster.members:
-        member.standing = Standing.STEPPING
+        member.standing = BarrierStanding.STEPPING
     return Orders(events, roster, NOWHERE, NOTHING)
 
 

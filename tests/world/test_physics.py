@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from actors.geometry import STILL, Point, Pose, Twist
 from actors.instant import Instant
-from actors.world.physics import SUBSTEP, Arena, ArenaError
+from actors.runtime.errors import AcrcError
+from actors.world.physics import SUBSTEP, Arena
 from tests.world.scenery import AHEAD, OMNIBOX, TURTLEBOT, arena, room_with_door, towards
 
 MM = 0.001
@@ -287,6 +288,6 @@ def test_what_does_not_fit_is_refused_in_one_sentence(
     world = arena(Pose(-1, 0, 0), Pose(2, 2, 0))
     world.add_obstacle(Point(-3.1, 0), 0.1)
     before = world.poses.tobytes()
-    with pytest.raises(ArenaError) as caught:
+    with pytest.raises(AcrcError) as caught:
         attempt(world)
     assert str(caught.value) == sentence and world.poses.tobytes() == before

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from actors.floor import convex
-from actors.robot_model import RobotModelError, load_model, scan_angles
+from actors.robot_model import load_model, scan_angles
+from actors.runtime.errors import AcrcError
 
 MASS = "but must be a number above 0 and at most 10000"
 SHIPPED = Path(__file__).parents[2] / "actors" / "models"
@@ -19,7 +20,7 @@ def refusal(tmp_path: Path, old: str, new: str) -> str:
     assert old in text
     file = tmp_path / "broken.toml"
     file.write_text(text.replace(old, new, 1))
-    with pytest.raises(RobotModelError) as caught:
+    with pytest.raises(AcrcError) as caught:
         load_model(str(file))
     return str(caught.value).removeprefix(f"{tmp_path}/")
 
@@ -153,17 +154,17 @@ def test_a_wrong_file_is_refused_in_one_sentence(tmp_path: Path, old: str, new: 
 
 
 def test_unknown_names_are_refused_with_those_that_exist(tmp_path: Path) -> None:
-    with pytest.raises(RobotModelError) as caught:
+    with pytest.raises(AcrcError) as caught:
         load_model("turtlebot9")
     assert str(caught.value) == (
         'the robot model is "turtlebot9", but must be "omnibox", "turtlebot2" or the path of a .toml file'
     )
-    with pytest.raises(RobotModelError) as caught:
+    with pytest.raises(AcrcError) as caught:
         load_model("turtlebot2", "sonar")
     assert str(caught.value) == (
         'turtlebot2.toml: the sensor is "sonar", but must be "chapter", "kinect" or "written"'
     )
-    with pytest.raises(RobotModelError) as caught:
+    with pytest.raises(AcrcError) as caught:
         load_model(str(tmp_path / "none.toml"))
     assert str(caught.value) == (
         f"{tmp_path}/none.toml: the robot model file cannot be read: No such file or directory"

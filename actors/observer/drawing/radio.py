@@ -35,7 +35,7 @@ def introduce_radio(canvas: Canvas) -> None:
     canvas.still("world/radio/losses", rr.LineStrips3D.from_fields(radii=[-2.0]))
 
 
-class _Link(NamedTuple):
+class _HeardLink(NamedTuple):
     """Two robots of which one has heard the other lately."""
 
     rssi_dbm: float
@@ -51,7 +51,7 @@ def draw_links(canvas: Canvas, seconds: Floats, positions: Floats, heard: Floats
     `heard`: (k, 4) instant, s, index of sender and of receiver, RSSI, dBm, in order of the instants. Among
     many robots each has its strongest ones only.
     """
-    links: list[list[_Link]] = [[] for _ in seconds]
+    links: list[list[_HeardLink]] = [[] for _ in seconds]
     pairs = np.sort(heard[:, 1:3].astype(np.int64), axis=1)
     codes = pairs[:, 0] * (pairs.max(initial=0) + 1) + pairs[:, 1]
     for code in np.unique(codes).tolist():
@@ -60,7 +60,7 @@ def draw_links(canvas: Canvas, seconds: Floats, positions: Floats, heard: Floats
         last = np.searchsorted(mine[:, 0], seconds, side="right") - 1
         since = np.where(last >= 0, seconds - mine[last, 0], np.inf)
         for k in np.flatnonzero(since < LASTING).tolist():
-            links[k].append(_Link(float(mine[last[k], 3]), float(since[k]), one, other))
+            links[k].append(_HeardLink(float(mine[last[k], 3]), float(since[k]), one, other))
     if len(canvas.robots) > FEW:
         links = [_strongest(some) for some in links]
     rows = [
@@ -71,7 +71,7 @@ def draw_links(canvas: Canvas, seconds: Floats, positions: Floats, heard: Floats
     canvas.strips("world/radio/links", seconds, rows, colours)
 
 
-def _strongest(links: Sequence[_Link]) -> list[_Link]:
+def _strongest(links: Sequence[_HeardLink]) -> list[_HeardLink]:
     """Those that are among the strongest of one of their ends."""
     drawn: Counter[int] = Counter()
     kept = []

@@ -67,7 +67,7 @@ def draw_pieces(canvas: Canvas, robot: str, seconds: Sequence[float], pieces: ND
         canvas.columns(f"world/{path}/{robot}", seconds, rr.LineStrips3D.columns(strips=pieces))
 
 
-def draw_trail(canvas: Canvas, robot: str, seconds: Floats, places: Floats, trail: "Trail") -> None:
+def draw_trail(canvas: Canvas, robot: str, seconds: Floats, places: Floats, trail: "DrawnTrail") -> None:
     """A robot's way, (n,) s and (n, 2) m, from where the trail ends."""
     found = [
         (second, piece)
@@ -78,7 +78,7 @@ def draw_trail(canvas: Canvas, robot: str, seconds: Floats, places: Floats, trai
         draw_pieces(canvas, robot, [second for second, _ in found], np.array([piece for _, piece in found]))
 
 
-class Trail:
+class DrawnTrail:
     """A robot's way in pieces; how many there are grows with the time that it drives."""
 
     def __init__(self) -> None:

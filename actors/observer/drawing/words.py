@@ -17,7 +17,7 @@ _ROUND: Final = 60.0
 """Radius of the circle in which robots stand in the graph of ensembles."""
 
 
-class Spell(NamedTuple):
+class Occupation(NamedTuple):
     """What a robot is about from an instant on."""
 
     second: float
@@ -27,7 +27,7 @@ class Spell(NamedTuple):
     """Its name, as in "r1/3"."""
 
 
-class Event(NamedTuple):
+class DrawnEvent(NamedTuple):
     """Something that happened."""
 
     second: float
@@ -44,7 +44,7 @@ class Lane:
         self._canvas, self._path = canvas, f"states/{robot}"
         self._kinds: dict[str, Colour] = {}
 
-    def draw(self, spells: Sequence[Spell]) -> None:
+    def draw(self, spells: Sequence[Occupation]) -> None:
         """Draw spells, each of which lasts to the next one, whenever that comes."""
         canvas, known = self._canvas, len(self._kinds)
         self._kinds |= {_label(spell): LANES[spell.activity] for spell in spells}
@@ -55,9 +55,9 @@ class Lane:
         canvas.columns(self._path, [spell.second for spell in spells], rr.StateChange.columns(state=states))
 
 
-def settled(spells: Sequence[Spell]) -> list[Spell]:
+def settled(spells: Sequence[Occupation]) -> list[Occupation]:
     """The same without what lasts too short to be seen; what is blocked, frozen or off always is."""
-    kept: list[Spell] = []
+    kept: list[Occupation] = []
     for spell, after in zip(spells, [*(one.second for one in spells[1:]), np.inf], strict=True):
         short = after - spell.second < _SHORTEST and spell.activity not in ("BLOCKED", "frozen", "off")
         if (kept and short) or (kept and kept[-1][1:] == spell[1:]):
@@ -66,12 +66,12 @@ def settled(spells: Sequence[Spell]) -> list[Spell]:
     return kept
 
 
-def _label(spell: Spell) -> str:
+def _label(spell: Occupation) -> str:
     phrase = _PHRASES.get(spell.activity)
     return phrase.format(spell.destination) if phrase and spell.destination else spell.activity
 
 
-def draw_events(canvas: Canvas, source: str, events: Sequence[Event]) -> None:
+def draw_events(canvas: Canvas, source: str, events: Sequence[DrawnEvent]) -> None:
     """Events as text, in the colours of their robots; `source`: a name for those that come together."""
     ordered = sorted(events)
     for robot in dict.fromkeys(event.robot for event in ordered):
@@ -147,7 +147,7 @@ def draw_line(
     canvas.columns(path, seconds, rr.Scalars.columns(scalars=values))
 
 
-class Exchange(NamedTuple):
+class LearntExchange(NamedTuple):
     """That a robot has learnt something of another's knowledge."""
 
     second: float
@@ -156,7 +156,9 @@ class Exchange(NamedTuple):
     learner: str
 
 
-def draw_ensembles(canvas: Canvas, exchanges: Sequence[Exchange], lasting: float, since: float = 0.0) -> None:
+def draw_ensembles(
+    canvas: Canvas, exchanges: Sequence[LearntExchange], lasting: float, since: float = 0.0
+) -> None:
     """The robots in a circle, and between them each ensemble that has exchanged something within `lasting`
     s: from whom to whom. What is earlier than `since`, s, is drawn already."""
     where = _circle(canvas.robots)
@@ -180,7 +182,7 @@ def draw_ensembles(canvas: Canvas, exchanges: Sequence[Exchange], lasting: float
         canvas.at(second, "ensembles/exchanges/edges", rr.GraphEdges(edges, graph_type="directed"))
 
 
-def _between(names: Mapping[str, Exchange], where: Mapping[str, tuple[float, float]]) -> rr.GraphNodes:
+def _between(names: Mapping[str, LearntExchange], where: Mapping[str, tuple[float, float]]) -> rr.GraphNodes:
     """A node for each exchange, halfway between the two."""
     ends = [(where[one.source], where[one.learner]) for one in names.values()]
     return rr.GraphNodes(

@@ -23,7 +23,7 @@ from actors.radio.medium.state import (
     Kind,
     MacState,
     MediumState,
-    Offer,
+    OfferKind,
     Outcome,
 )
 
@@ -259,7 +259,7 @@ def _finish(st: MediumState, number: int, kind: int) -> None:
     mac.queued -= 1
     mac.tries = 0
     proceed(st, number)
-    if traffic.kind == Offer.SATURATED.value:
+    if traffic.kind == OfferKind.SATURATED.value:
         hand_over(st, number, traffic.octets, traffic.to, traffic.ack, -1)
 
 
@@ -360,7 +360,7 @@ def arrive(st: MediumState, number: int) -> None:
     """The traffic that the medium makes hands over a frame."""
     transceiver = st.transceivers[number]
     traffic, mac = transceiver.traffic, transceiver.mac
-    if traffic.kind == Offer.SATURATED.value:
+    if traffic.kind == OfferKind.SATURATED.value:
         if mac.queued == 0:
             hand_over(st, number, traffic.octets, traffic.to, traffic.ack, -1)
         return

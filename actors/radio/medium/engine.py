@@ -10,7 +10,7 @@ from actors.portable.compiled import exp10
 from actors.radio.medium import csma
 from actors.radio.medium.agenda import pop
 from actors.radio.medium.reception import change_outside, leave, let_go
-from actors.radio.medium.state import NEVER, Due, MacState, MediumState, Offer, Outcome, Outside
+from actors.radio.medium.state import NEVER, Due, MacState, MediumState, OfferKind, Outcome, Outside
 
 DONE: Final = 0
 """All that was due has happened."""
@@ -199,7 +199,7 @@ def offer(st: MediumState, number: int, kind: int, after: int) -> None:
     traffic = st.transceivers[number].traffic
     traffic.kind = kind
     traffic.ticket += 1
-    if kind == Offer.POISSON.value:
+    if kind == OfferKind.POISSON.value:
         csma.expect(st, number)
-    elif kind == Offer.SATURATED.value:
+    elif kind == OfferKind.SATURATED.value:
         csma.schedule(st, number, Due.ARRIVAL.value, after, traffic.ticket)

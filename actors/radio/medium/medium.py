@@ -17,7 +17,7 @@ from actors.radio.medium import engine
 from actors.radio.medium.channel import Interferer, Propagation, Trajectory
 from actors.radio.medium.initial_state import initial_state
 from actors.radio.medium.interference import Interference
-from actors.radio.medium.state import BROADCAST, EVENT, REQUEST, SWITCH, Offer, Outside
+from actors.radio.medium.state import BROADCAST, EVENT, REQUEST, SWITCH, OfferKind, Outside
 from actors.radio.medium.traffic import Poisson, Saturated, Traffic
 from actors.radio.medium.transceiver import PhyParameters, Transceiver
 
@@ -110,9 +110,9 @@ class Medium:
         record["octets"], record["to"], record["ack"] = traffic.octets, traffic.to, traffic.acknowledged
         if isinstance(traffic, Poisson):
             record["interval_ns"] = 1e9 / traffic.per_second
-            engine.offer(self._state, transceiver, Offer.POISSON.value, 0)
+            engine.offer(self._state, transceiver, OfferKind.POISSON.value, 0)
         else:
-            engine.offer(self._state, transceiver, Offer.SATURATED.value, traffic.after_ns)
+            engine.offer(self._state, transceiver, OfferKind.SATURATED.value, traffic.after_ns)
 
     def submit(self, requests: Iterable[Request]) -> None:
         """Frames to be handed over at instants to come; at one instant by transceiver, then as given."""

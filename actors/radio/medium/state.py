@@ -99,7 +99,7 @@ class Due(IntEnum):
     ARRIVAL = 8
 
 
-class Offer(IntEnum):
+class OfferKind(IntEnum):
     """The kind of traffic that the medium makes for a transceiver."""
 
     NONE = 0

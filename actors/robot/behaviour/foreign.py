@@ -19,14 +19,6 @@ from actors.robot.behaviour.modules import located, own_spec, prefixes
 from actors.runtime.errors import AcrcError
 
 
-class ForeignCodeError(AcrcError):
-    """Somebody's code that the user has not said may run."""
-
-
-class MissingCodeError(AcrcError):
-    """Somebody's code that is not here."""
-
-
 @dataclass(frozen=True)
 class Permit:
     """What a command line says of code that is not installed."""
@@ -55,7 +47,7 @@ def admitted(source: Path, entry: str, hints: Sequence[Path], permit: Permit) ->
     """The folders in which an entry's modules may be looked for, behind what is installed; none if all are.
 
     `source` is the file that names it, `hints` are the folders that it says they lie in. Nothing is imported.
-    Raises ForeignCodeError for what the permit does not cover, MissingCodeError for what is not here.
+    Raises AcrcError for what the permit does not cover, and for what is not here.
     """
     typed = succession.names(permit.typed) if permit.typed else ()
     used: list[Path] = []
@@ -111,7 +103,7 @@ def _is_taken(module: str) -> bool:
 
 
 def _check_name(source: Path, name: str, permit: Permit) -> None:
-    """Raise MissingCodeError where the user means a module of his own, or what is installed has no such."""
+    """Raise AcrcError where the user means a module of his own, or what is installed has no such."""
     module = name.partition(":")[0]
     top = module.partition(".")[0]
     spec = own_spec(top)
@@ -119,12 +111,12 @@ def _check_name(source: Path, name: str, permit: Permit) -> None:
     for folder in permit.modules:
         own = located(top, folder) if top == module else None
         if own is not None and own.suffix == ".py" and own.resolve() != there:
-            raise MissingCodeError(
+            raise AcrcError(
                 f"{source} names the strategy {name}, but {own} has the name of what is installed, {top!r}; "
                 "a module of your own must have a name of its own"
             )
     if not is_installed(module):
-        raise MissingCodeError(
+        raise AcrcError(
             f"{source} names the strategy {name}, and {top!r}, which is installed, has no such module"
         )
 
@@ -138,12 +130,12 @@ def _refuse(source: Path, name: str, module: str, folders: Sequence[Path]) -> No
     folder = _holder(module, folders)
     if folder is None:
         where = " and ".join(map(str, dict.fromkeys(folders)))
-        raise MissingCodeError(
+        raise AcrcError(
             f"{source} names the strategy {name}, and there is no module {module!r} here, nor in {where}; "
             "must be installed or lie in a folder that --modules DIR names"
         )
     word = "." if folder == Path.cwd() else str(folder)
-    raise ForeignCodeError(
+    raise AcrcError(
         f"{source} names the strategy {name}, whose code {located(module, folder)} is neither installed nor "
         f"in a folder that you have named; read it, then say --modules {word}, or --trust"
     )

@@ -20,11 +20,7 @@ _LARGEST: Final = 16_000_000
 """Bytes of a module."""
 
 
-class ModuleError(AcrcError):
-    """A module that must not be loaded."""
-
-
-class Recorded(NamedTuple):
+class RecordedModules(NamedTuple):
     """The modules that a run loaded from such folders."""
 
     hashes: Mapping[str, str]
@@ -52,7 +48,7 @@ class _Folders(MetaPathFinder):
     def __init__(self) -> None:
         self.folders: tuple[Path, ...] = ()
         self.any_content = False
-        self.expected: Recorded | None = None
+        self.expected: RecordedModules | None = None
         self._roots: dict[str, Path] = {}
         """The folder of each module that was found, by its name."""
         self._taken: dict[str, str] = {}
@@ -77,25 +73,25 @@ class _Folders(MetaPathFinder):
         return found
 
     def take(self, file: str, data: bytes) -> None:
-        """Note what is loaded from a file. Raises ModuleError if the recorded run had something else."""
+        """Note what is loaded from a file. Raises AcrcError if the recorded run had something else."""
         root = self._root(Path(file))
         name = file if root is None else Path(file).relative_to(root).as_posix()
         now = hashlib.sha256(data).hexdigest()
         if self.expected is not None and not self.any_content:
             then = self.expected.hashes.get(name)
             if then is None and self.expected.whole:
-                raise ModuleError(
+                raise AcrcError(
                     f"{file}: the recorded run has loaded no such file; --trust loads it all the same"
                 )
             if then is not None and now != then:
-                raise ModuleError(
+                raise AcrcError(
                     f"{file}: is not what the recorded run has loaded: sha256 {now[:12]}, recorded "
                     f"{then[:12]}; --trust loads it all the same"
                 )
         self._taken[file] = now
 
     def hashes(self) -> dict[str, str]:
-        """What was loaded from the folders so far, as in `Recorded`."""
+        """What was loaded from the folders so far, as in `RecordedModules`."""
         return {
             Path(file).relative_to(root).as_posix(): sha256
             for file, sha256 in sorted(self._taken.items())
@@ -120,7 +116,7 @@ def look_in(folders: Sequence[Path], *, any_content: bool = False) -> None:
         sys.meta_path.insert(0, FOLDERS)  # before what would load bytecode from a package that lies there
 
 
-def expect(recorded: Recorded | None) -> None:
+def expect(recorded: RecordedModules | None) -> None:
     """From here on a module in the folders must be as it was recorded; None: as it is."""
     FOLDERS.expected = recorded
 
@@ -128,7 +124,7 @@ def expect(recorded: Recorded | None) -> None:
 def located(module: str, folder: Path) -> Path | None:
     """The file that a module would be loaded from, a folder for a namespace; None if it is not in `folder`.
 
-    Of a package whose part is not there: the package's. Nothing is imported. Raises ModuleError where a link
+    Of a package whose part is not there: the package's. Nothing is imported. Raises AcrcError where a link
     leads out of the folder.
     """
     folder, found = folder.absolute(), None
@@ -175,4 +171,4 @@ def _place(spec: ModuleSpec) -> Path:
 def _check_link(place: Path, folder: Path) -> None:
     real, home = place.resolve(), folder.resolve()
     if not real.is_relative_to(home):
-        raise ModuleError(f"{place}: leads to {real}; code in {home} must lie there itself")
+        raise AcrcError(f"{place}: leads to {real}; code in {home} must lie there itself")

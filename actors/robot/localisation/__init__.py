@@ -14,11 +14,7 @@ from actors.robot.localisation import (
 )
 from actors.robot.localisation.amcl import Amcl
 from actors.robot.localisation.dead_reckoning import DeadReckoning
-from actors.robot.localisation.estimate import (
-    Estimate,
-    Localisation,
-    LocalisationError,
-)
+from actors.robot.localisation.estimate import Estimate, Localisation
 from actors.robot.localisation.likelihood_field import LikelihoodField, likelihood_field
 from actors.robot.localisation.parameters import PRESETS, AmclParameters
 
@@ -43,6 +39,5 @@ __all__ = [
     "Estimate",
     "LikelihoodField",
     "Localisation",
-    "LocalisationError",
     "likelihood_field",
 ]

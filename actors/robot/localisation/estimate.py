@@ -5,11 +5,6 @@ from typing import NamedTuple, Protocol
 
 from actors.geometry import Covariance, Point, Pose
 from actors.robot.sweep import Sweep
-from actors.runtime.errors import AcrcError
-
-
-class LocalisationError(AcrcError):
-    """A map or parameters that nobody can localise with."""
 
 
 class Estimate(NamedTuple):

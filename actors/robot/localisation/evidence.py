@@ -35,7 +35,7 @@ class Judgement(NamedTuple):
     """So many end elsewhere, and have passed a wall."""
 
 
-class Explanation(NamedTuple):
+class PoseFit(NamedTuple):
     """How well each of n poses explains a scan."""
 
     score: NDArray[np.float64]
@@ -72,9 +72,9 @@ def explain(
     mount: NDArray[np.float64],
     poses: NDArray[np.float64],
     worth: NDArray[np.float64],
-) -> Explanation:
+) -> PoseFit:
     """The scan with these ends seen from each of `poses`, (3, n); at least one end. See `judge`."""
-    return Explanation(*_explain(field.grid, points, mount, poses, worth, AGREES))
+    return PoseFit(*_explain(field.grid, points, mount, poses, worth, AGREES))
 
 
 def fingerprint() -> bytes:

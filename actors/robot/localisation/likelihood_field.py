@@ -13,7 +13,7 @@ from actors.floor import distance
 from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.floor.sharing import Shared
 from actors.geometry import Covariance
-from actors.robot.localisation.estimate import LocalisationError
+from actors.runtime.errors import AcrcError
 
 LEVELS: Final = 256
 """Distances are kept in so many steps, one byte each, so that the whole map stays in a processor's cache."""
@@ -97,11 +97,11 @@ def likelihood_field(plan: OccupancyGrid, max_distance: float) -> LikelihoodFiel
     Walls are the plan's occupied cells, and nothing else: unknown cells may be anything, and if they were
     walls, beams that go too far would fit best on every map whose outside is unknown, and draw the particles
     outward. Beyond the edge the nearest wall counts as infinitely far (both as amcl: ros-planning/navigation,
-    map_cspace.cpp and amcl_laser.cpp, LikelihoodFieldModel). Raises LocalisationError for a plan without free
+    map_cspace.cpp and amcl_laser.cpp, LikelihoodFieldModel). Raises AcrcError for a plan without free
     floor and a distance not above 0.
     """
     if not max_distance > 0:
-        raise LocalisationError(
+        raise AcrcError(
             f"the likelihood field should end at max_distance {max_distance:g} m; it must be above 0 m"
         )
     return _FIELDS.get((plan.content, max_distance), lambda: _field(plan, max_distance))
@@ -110,7 +110,7 @@ def likelihood_field(plan: OccupancyGrid, max_distance: float) -> LikelihoodFiel
 def _field(plan: OccupancyGrid, max_distance: float) -> LikelihoodField:
     rows, columns = np.nonzero(plan.free)
     if not rows.size:
-        raise LocalisationError(
+        raise AcrcError(
             f"the map of {plan.rows} x {plan.columns} cells has no free cell; a robot needs floor to be on"
         )
     metres = np.sqrt(distance.squared_distance(plan.cells == OCCUPIED)) * plan.resolution

@@ -21,7 +21,7 @@ _TURN_ON_THE_SPOT: Final = 0.01
 """With less of a way than this, m, its direction says nothing (amcl_odom.cpp)."""
 
 
-class Step(NamedTuple):
+class OdometryStep(NamedTuple):
     """A step of the odometry: a turn towards where it leads, the way there, and the turn left to do."""
 
     turn: float
@@ -38,7 +38,7 @@ _MOST_STEPS: Final = 1000
 """Of so many steps a way is at most taken to consist: 200 m in steps of 0.2 m."""
 
 
-class Spread(NamedTuple):
+class StepSpread(NamedTuple):
     """Standard deviations of a step's parts: rad, m, rad."""
 
     turn: float
@@ -46,15 +46,15 @@ class Spread(NamedTuple):
     last_turn: float
 
 
-def step(before: Pose, after: Pose) -> Step:
+def step(before: Pose, after: Pose) -> OdometryStep:
     """The step that leads from one pose of the odometry to the other."""
     moved = before.relative(after)
     way = hypot(moved.x, moved.y)
     turn = atan2(moved.y, moved.x) if way >= _TURN_ON_THE_SPOT else 0.0
-    return Step(turn, way, wrap(moved.heading - turn))
+    return OdometryStep(turn, way, wrap(moved.heading - turn))
 
 
-def spread(made: Step, parameters: AmclParameters) -> Spread:
+def spread(made: OdometryStep, parameters: AmclParameters) -> StepSpread:
     """How uncertain the parts of a step are. Backing is no less certain than driving ahead."""
     turn, last_turn = _sharpness(made.turn), _sharpness(made.last_turn)
     way = made.way * made.way
@@ -64,8 +64,8 @@ def spread(made: Step, parameters: AmclParameters) -> Spread:
         parameters.alpha1 * last_turn * last_turn + parameters.alpha2 * way,
     )
     if parameters.odometry_model == "diff":
-        return Spread(*variances)
-    return Spread(*map(math.sqrt, variances))
+        return StepSpread(*variances)
+    return StepSpread(*map(math.sqrt, variances))
 
 
 def around(
@@ -91,7 +91,11 @@ def _sharpness(turn: float) -> float:
 
 
 def move(
-    poses: NDArray[np.float64], count: int, made: Step, spread: Spread, normals: NDArray[np.float64]
+    poses: NDArray[np.float64],
+    count: int,
+    made: OdometryStep,
+    spread: StepSpread,
+    normals: NDArray[np.float64],
 ) -> None:
     """Move the first `count` of `poses`, (3, capacity), each by its own sample of a step.
 
@@ -104,7 +108,7 @@ def fingerprint() -> bytes:
     """What the kernel gives for fixed inputs: differs where a processor or compiler computes differently."""
     poses = np.linspace(-3.0, 3.0, 60, dtype=np.float64).reshape(3, 20)
     normals = arrays.cos(np.arange(60.0)).reshape(3, 20)
-    move(poses, 19, Step(0.3, 0.25, -0.1), Spread(0.1, 0.05, 0.1), normals)
+    move(poses, 19, OdometryStep(0.3, 0.25, -0.1), StepSpread(0.1, 0.05, 0.1), normals)
     return poses.tobytes()
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from actors.geometry import Pose, wrap
 from actors.portable.draws import normals
-from actors.robot.localisation.evidence import Explanation, explain, worth
+from actors.robot.localisation.evidence import PoseFit, explain, worth
 from actors.robot.localisation.likelihood_field import LikelihoodField
 from actors.robot.localisation.lost import LostProbability
 from actors.robot.localisation.motion import around
@@ -54,7 +54,7 @@ _LEAD: Final = 0.05
 
 
 @dataclass
-class Hypothesis:
+class PoseHypothesis:
     """A place where the robot may be."""
 
     frame: Pose
@@ -86,10 +86,10 @@ class Search:
         self._poses = poses
         self._wide, self._narrow = worth(plan, _WIDE), worth(plan, _NARROW)
         self._points: NDArray[np.float64] = np.empty((0, 2))
-        self._hypotheses: list[Hypothesis] = []
+        self._hypotheses: list[PoseHypothesis] = []
         self._estimate: float | None = None
 
-    def take(self, points: NDArray[np.float64], here: Pose, estimate: Pose) -> Hypothesis | None:
+    def take(self, points: NDArray[np.float64], here: Pose, estimate: Pose) -> PoseHypothesis | None:
         """One more scan; gives where the robot is once that is clear.
 
         `points`: (b, 2), m, body's frame, the ends of its beams, at least one. `here`: the odometry's pose
@@ -133,7 +133,7 @@ class Search:
             one.lost.take(int(seen.agreeing[0]), int(seen.beyond[0]))
             one.frame = self._better(foretold, _LATER_SPREAD)[0].frame(here)
 
-    def _drawn(self, here: Pose, estimate: Pose) -> list[Hypothesis]:
+    def _drawn(self, here: Pose, estimate: Pose) -> list[PoseHypothesis]:
         """New hypotheses: the best of poses from all over the map, and from near the estimate."""
         near = around(estimate, _NEAR_SPREAD, normals(self._generator, (3, round(_NEAR * self._poses))))
         drawn = np.hstack((self._plan.poses(self._generator, self._poses - near.shape[1]), near))
@@ -148,7 +148,7 @@ class Search:
         found = []
         for pose in best:
             better, score_there = self._better(self._better(pose, _FIRST_SPREAD)[0], _LATER_SPREAD)
-            found.append(Hypothesis(better.frame(here), score_there))
+            found.append(PoseHypothesis(better.frame(here), score_there))
         return found
 
     def _better(self, pose: Pose, spread: tuple[float, float, float]) -> tuple[Pose, float]:
@@ -161,10 +161,10 @@ class Search:
         x, y, heading = tried[:, best].tolist()
         return Pose(x, y, wrap(heading)), float(score[best])
 
-    def _explained(self, poses: NDArray[np.float64], worth: NDArray[np.float64]) -> Explanation:
+    def _explained(self, poses: NDArray[np.float64], worth: NDArray[np.float64]) -> PoseFit:
         return explain(self._plan, self._points, self._mount, poses, worth)
 
-    def _found(self) -> Hypothesis | None:
+    def _found(self) -> PoseHypothesis | None:
         """The hypothesis to believe, if there is one."""
         ripe = [one for one in self._hypotheses if one.scans >= _RIPE and one.lost.probability < _SURE]
         if not ripe or self._estimate is None:
@@ -181,9 +181,9 @@ def _same(one: Pose, other: Pose) -> bool:
     return near and abs(math.remainder(one.heading - other.heading, math.tau)) < _APART[1]
 
 
-def _distinct(ranked: list[Hypothesis], here: Pose) -> list[Hypothesis]:
+def _distinct(ranked: list[PoseHypothesis], here: Pose) -> list[PoseHypothesis]:
     """The first ones, without those that are the same as one before."""
-    kept: list[tuple[Hypothesis, Pose]] = []
+    kept: list[tuple[PoseHypothesis, Pose]] = []
     for one in ranked:
         pose = one.frame.compose(here)
         if not any(_same(pose, other) for _, other in kept):

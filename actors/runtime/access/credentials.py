@@ -25,10 +25,6 @@ _LARGEST: Final = 1000
 """Bytes of a file with one name and one password."""
 
 
-class AccessError(AcrcError):
-    """Credentials, access rules or a router socket cannot be set up or used."""
-
-
 @dataclass(frozen=True)
 class Credentials:
     """Where the credentials of one run lie, and the sockets at which the router awaits each actor."""
@@ -70,7 +66,7 @@ def issue(robot_folders: Mapping[str, Path], infra: Path, others: Sequence[str] 
     """Draw new passwords and write them: one file per robot in its folder, all others in the folder `infra`.
 
     The folders must exist. Files are readable by their owner only and hold `user:password` on one line.
-    Raises AccessError for a name that cannot be part of a key or is used twice, and for a path that is too
+    Raises AcrcError for a name that cannot be part of a key or is used twice, and for a path that is too
     long for a socket.
     """
     _check_names([*robot_folders, *others])
@@ -89,37 +85,37 @@ def issue(robot_folders: Mapping[str, Path], infra: Path, others: Sequence[str] 
 
 
 def read(file: Path) -> tuple[str, str]:
-    """The user and the password that `file` holds; AccessError where it cannot be read or holds neither."""
+    """The user and the password that `file` holds; AcrcError where it cannot be read or holds neither."""
     try:
         with regular_file.opened(file) as secret:
             user, _, password = secret.read(_LARGEST).decode("utf-8").strip().partition(":")
     except OSError as error:
-        raise AccessError(
+        raise AcrcError(
             f"the credentials file {file} cannot be read ({error.strerror}); "
             "the start of the run should have written it"
         ) from error
     except ValueError:
         user = password = ""  # no UTF-8
     if not (user and password):
-        raise AccessError(f"the credentials file {file} should hold one line user:password, but does not")
+        raise AcrcError(f"the credentials file {file} should hold one line user:password, but does not")
     return user, password
 
 
 def _check_names(names: Sequence[str]) -> None:
     for name in names:
         if not _ID.fullmatch(name):
-            raise AccessError(
+            raise AcrcError(
                 f"the actor id {name!r} cannot be part of a key; "
                 "letters, digits, '-' and '_' would have been right, a letter or a digit first"
             )
         if names.count(name) > 1:
-            raise AccessError(f"the actor id {name!r} is used twice; every actor needs its own")
+            raise AcrcError(f"the actor id {name!r} is used twice; every actor needs its own")
 
 
 def _check_length(socket: Path) -> None:
     length = len(os.fsencode(socket))
     if length > _SOCKET_PATH_LIMIT:
-        raise AccessError(
+        raise AcrcError(
             f"the path of the router's socket {socket} has {length} bytes, but Linux allows "
             f"{_SOCKET_PATH_LIMIT}; a shorter output folder would have been right"
         )

@@ -5,8 +5,9 @@ from typing import Any, Final
 
 import msgspec
 
-from actors.runtime import regular_file
-from actors.runtime.access.credentials import AccessError, Credentials, unnamed
+from actors.runtime import typed_json
+from actors.runtime.access.credentials import Credentials, unnamed
+from actors.runtime.errors import AcrcError
 
 NAME: Final = "router.json"
 """In the folder of the router's process."""
@@ -18,17 +19,14 @@ def write(path: Path, issued: Credentials) -> None:
 
 
 def read(path: Path) -> Credentials:
-    """What `write` wrote; AccessError where that cannot be read."""
-    try:
-        return msgspec.json.decode(regular_file.content(path), type=Credentials, dec_hook=_path)
-    except (OSError, ValueError, RecursionError) as error:
-        raise AccessError(f"{path}: no router file: {str(error)[:300]}") from None
+    """What `write` wrote; AcrcError where that cannot be read."""
+    return typed_json.read(path, Credentials, "router file", hook=_path)
 
 
 def remove(path: Path) -> None:
     """Remove the file and everything that it names: sockets, their locks, and the passwords of the run.
 
-    AccessError, once the rest is gone, where something else lies in the place of one.
+    AcrcError, once the rest is gone, where something else lies in the place of one.
     """
     if not path.exists():
         return
@@ -43,7 +41,7 @@ def remove(path: Path) -> None:
         except OSError as error:  # a folder lies there, which is somebody else's
             foreign.append(f"{leftover} ({error.strerror})")
     if foreign:
-        raise AccessError(f"what the run has put there could not be removed: {', '.join(foreign)}")
+        raise AcrcError(f"what the run has put there could not be removed: {', '.join(foreign)}")
 
 
 def _path(kind: type[Any], value: object) -> Any:

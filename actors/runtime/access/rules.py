@@ -13,8 +13,9 @@ import zenoh
 
 from actors.messages import AIRED, BOARD, CONTROL, RADIO_READY, RECEIVED, TRANSMIT, TRUTH
 from actors.runtime.access import credentials
-from actors.runtime.access.credentials import AccessError, Credentials, unix_endpoint, unnamed
+from actors.runtime.access.credentials import Credentials, unix_endpoint, unnamed
 from actors.runtime.access.session_config import SessionParameters, session_config, set_value
+from actors.runtime.errors import AcrcError
 
 CERTIFIED: Final = "certificate"
 """User and password of whoever comes over TLS, for a router that asks some for passwords asks all. It is no
@@ -80,7 +81,7 @@ def client_config(credentials_file: Path, endpoint: str, *, onlooker: bool = Fal
 
     An `onlooker` may lose messages, and holds nobody up.
 
-    Raises AccessError where `credentials_file` cannot be read or does not hold `user:password`.
+    Raises AcrcError where `credentials_file` cannot be read or does not hold `user:password`.
     """
     user, password = credentials.read(credentials_file)
     config = session_config("client")
@@ -99,7 +100,7 @@ def access_rules(
 
     `robots` and `others` are known by their user names, `certified` by the common names of their TLS
     certificates and the user CERTIFIED. Where anybody is certified a password counts on this machine's own
-    sockets only, and a certificate adds nothing to it. Raises AccessError for an actor without a grant.
+    sockets only, and a certificate adds nothing to it. Raises AcrcError for an actor without a grant.
     """
     here: dict[str, Any] = {"link_protocols": ["unixsock-stream"]} if certified else {}
     admitted: list[tuple[str, dict[str, Any], Grant]] = []
@@ -131,9 +132,7 @@ def access_rules(
 
 def _other_grant(actor: str) -> Grant:
     if actor not in _OTHER_GRANTS:
-        raise AccessError(
-            f"there are no access rules for {actor!r}; there are for {', '.join(_OTHER_GRANTS)}"
-        )
+        raise AcrcError(f"there are no access rules for {actor!r}; there are for {', '.join(_OTHER_GRANTS)}")
     return _OTHER_GRANTS[actor]
 
 

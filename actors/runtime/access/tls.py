@@ -11,9 +11,10 @@ from typing import Final
 
 import zenoh
 
-from actors.runtime.access.credentials import AccessError, Credentials
+from actors.runtime.access.credentials import Credentials
 from actors.runtime.access.rules import CERTIFIED, access_rules, router_config
 from actors.runtime.access.session_config import SessionParameters, session_config, set_value
+from actors.runtime.errors import AcrcError
 
 AUTHORITY_FILE: Final = "authority.pem"
 """Certificate of the fleet's authority."""
@@ -44,12 +45,12 @@ class Keys:
 
 
 def load_keys(folder: Path) -> Keys:
-    """The keys in the folder of one machine. Raises AccessError where one of the files is missing."""
+    """The keys in the folder of one machine. Raises AcrcError where one of the files is missing."""
     for name in (AUTHORITY_FILE, CERTIFICATE_FILE, PRIVATE_KEY_FILE):
         try:
             (folder / name).open("rb").close()
         except OSError as error:
-            raise AccessError(
+            raise AcrcError(
                 f"{folder / name} cannot be read ({error.strerror}); `acrc fleet keys` makes the keys of "
                 "all machines, and this machine needs a copy of its own folder"
             ) from None

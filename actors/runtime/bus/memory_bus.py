@@ -10,10 +10,6 @@ from actors.runtime.shell import Shell
 from actors.topic import Message, Topic
 
 
-class StalledError(AcrcError):
-    """Every actor waits for another."""
-
-
 class MemoryBus:
     """Routes by exact key or by `*` in the place of the robot's id; delivery is immediate and in order."""
 
@@ -52,7 +48,7 @@ def _matches(address: Address, key: str) -> bool:
 def run_shells(shells: Sequence[Shell], before_pump: Callable[[Shell], None] = lambda shell: None) -> None:
     """Advance the shells in turn until all have finished.
 
-    `shells` may grow while this runs. Raises StalledError, naming who waits for what, if nobody can go on.
+    `shells` may grow while this runs. Raises AcrcError, naming who waits for what, if nobody can go on.
     """
     while True:
         advanced = False
@@ -67,7 +63,7 @@ def run_shells(shells: Sequence[Shell], before_pump: Callable[[Shell], None] = l
         if not open_shells:
             return
         if not advanced:
-            raise StalledError(_stalled(shells))
+            raise AcrcError(_stalled(shells))
 
 
 def _stalled(shells: Sequence[Shell]) -> str:

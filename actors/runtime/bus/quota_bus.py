@@ -17,10 +17,6 @@ from actors.runtime.errors import AcrcError
 from actors.topic import Message, Topic, sender
 
 
-class FloodError(AcrcError):
-    """Somebody sends more than anybody asked for."""
-
-
 class QuotaBus:
     """Publishes and receives over one session; each listened topic has a queue, each sender a quota."""
 
@@ -33,8 +29,8 @@ class QuotaBus:
         self._session = session
         self._put: dict[str, list[int]] = {}
         self._taken: dict[str, list[int]] = {}
-        self._flood: FloodError | None = None
-        self._queues: dict[Topic[Message], SimpleQueue[Delivery | FloodError]] = {
+        self._flood: AcrcError | None = None
+        self._queues: dict[Topic[Message], SimpleQueue[Delivery | AcrcError]] = {
             address.topic: SimpleQueue() for address in listens
         }
         self._subscribers: list[Any] = [
@@ -46,15 +42,15 @@ class QuotaBus:
         self._session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def receive(self, topic: Topic[Message]) -> Delivery:
-        """The next message on any key of `topic`; waits for it. Raises FloodError, whichever key is meant."""
+        """The next message on any key of `topic`; waits for it. Raises AcrcError, whichever key is meant."""
         return self._count(self._queues[topic].get())
 
     def poll(self, topic: Topic[Message]) -> Delivery | None:
-        """The next message on any key of `topic` if one is there. Raises FloodError."""
+        """The next message on any key of `topic` if one is there. Raises AcrcError."""
         queue = self._queues[topic]
         return None if queue.empty() else self._count(queue.get())
 
-    def _count(self, taken: Delivery | FloodError) -> Delivery:
+    def _count(self, taken: Delivery | AcrcError) -> Delivery:
         if self._flood is not None:
             raise self._flood
         assert isinstance(taken, Delivery)
@@ -86,7 +82,7 @@ class QuotaBus:
     def _give_up(self, key: str, messages: int, size: int) -> None:
         """Wake whoever waits, on whichever topic."""
         who = sender(key) or "somebody"
-        self._flood = FloodError(
+        self._flood = AcrcError(
             f"{who} floods {key}: {messages} messages of together {size} bytes wait and nobody has asked "
             f"for them; at most {self.MESSAGES} of together {self.BYTES} may wait"
         )

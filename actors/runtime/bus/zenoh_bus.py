@@ -21,10 +21,6 @@ _ONE_THREAD: Final = (
 """All of Zenoh's work on one thread: with a process per robot, more of them only wake one another."""
 
 
-class MeshError(AcrcError):
-    """No session with the router."""
-
-
 class ZenohBus:
     """Publishes and receives over one session; each listened topic has a queue of its own.
 
@@ -92,7 +88,7 @@ def open_session(
         except zenoh.ZError as error:
             between()
             if time.monotonic() > deadline:
-                raise MeshError(f"no session with the router within {patience_s:g} s: {error}") from None
+                raise AcrcError(f"no session with the router within {patience_s:g} s: {error}") from None
             time.sleep(0.005)
     try:
         yield session

@@ -4,8 +4,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import msgspec
+
 from actors.runtime.isolation import mounts
 from actors.runtime.isolation.sandbox import Confinement, code_entries, file_view, unseen
+
+NAMES: Final = "names.json"
+"""File in the folder of a run with a strategy of the user's own."""
+
+
+class RealNames(msgspec.Struct, frozen=True):
+    """What isolated robots saw under other names; absolute paths, as they were then."""
+
+    out: str
+    """The run's folder; a robot's own lies in it."""
+    code: tuple[str, ...] = ()
+    """The folders that a strategy was looked for in."""
+
 
 FOLDER: Final = Path("/robot")
 """The robot's own folder of the run."""

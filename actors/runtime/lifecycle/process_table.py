@@ -7,6 +7,7 @@ import contextlib
 import os
 import re
 import signal
+import threading
 import time
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
@@ -20,7 +21,7 @@ _LONGEST_SWEEP_S: Final = 5.0
 """How long something that starts processes as fast as they are ended is run after."""
 
 
-class Glance(NamedTuple):
+class ProcessGlance(NamedTuple):
     """One process at one instant, from /proc/PID/stat (proc(5))."""
 
     parent: int
@@ -45,7 +46,7 @@ class Holding(NamedTuple):
     threads: int
 
 
-def table() -> dict[int, Glance]:
+def table() -> dict[int, ProcessGlance]:
     """Every process of the machine by its id, as far as it can be seen."""
     if not (_PROC / "self/stat").exists():
         return {}
@@ -53,7 +54,7 @@ def table() -> dict[int, Glance]:
     return {pid: one for pid, one in found.items() if one is not None}
 
 
-def glance(pid: int) -> Glance | None:
+def glance(pid: int) -> ProcessGlance | None:
     """One process; None if there is none."""
     text = _told(pid, "stat")
     if not text:
@@ -61,7 +62,7 @@ def glance(pid: int) -> Glance | None:
     # The name stands in parentheses and may hold anything; what follows the last one is numbers.
     words = text.rpartition(b")")[2].split()
     cpu_ticks = sum(map(int, words[11:15]))
-    return Glance(int(words[1]), int(words[3]), words[0].decode(), cpu_ticks / _TICKS_PER_S)
+    return ProcessGlance(int(words[1]), int(words[3]), words[0].decode(), cpu_ticks / _TICKS_PER_S)
 
 
 def held(pid: int) -> Holding:
@@ -92,12 +93,12 @@ def queued_s(pid: int) -> float | None:
         return None
 
 
-def children(of: int, among: Mapping[int, Glance]) -> set[int]:
+def children(of: int, among: Mapping[int, ProcessGlance]) -> set[int]:
     """The processes that `of` is the parent of."""
     return {pid for pid, one in among.items() if one.parent == of}
 
 
-def descendants(of: Iterable[int], among: Mapping[int, Glance]) -> set[int]:
+def descendants(of: Iterable[int], among: Mapping[int, ProcessGlance]) -> set[int]:
     """These processes and all that descend from them."""
     below: dict[int, list[int]] = {}
     for pid, one in among.items():
@@ -171,3 +172,17 @@ def _signal(pid: int, number: signal.Signals) -> None:
 def _wait(pid: int) -> None:
     with contextlib.suppress(ChildProcessError):
         os.waitpid(pid, os.WNOHANG)
+
+
+def fault(strays: bool, at_first: Collection[threading.Thread] | None = None) -> str | None:
+    """What is wrong with an actor that leaves processes, or other threads than `at_first`."""
+    if strays:
+        return f"processes of its own were still running at its end: {_RULE}"
+    if at_first is None:
+        return None
+    names = sorted(thread.name for thread in threading.enumerate() if thread not in at_first)
+    shown = ", ".join(names)
+    return f"threads of its own were still running at its end ({shown}): {_RULE}" if names else None
+
+
+_RULE = "a strategy must start neither processes nor threads"

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import IO, TypeVar
 
-import msgspec
 from mcap.opcode import Opcode
 
+from actors.runtime import typed_json
 from actors.runtime.recording.form import HEAD, Note, RecordingError
 from actors.runtime.recording.reading import FAULTS, noted, opened, read_recording
 from actors.runtime.recording.summary import note_places
@@ -29,8 +29,8 @@ def read_notes(path: Path) -> dict[str, str]:
 def decoded(path: Path, name: str, text: str, kind: type[T]) -> T:
     """A note's content; RecordingError if it is no `kind`, whoever wrote it."""
     try:
-        return msgspec.json.decode(text, type=kind)
-    except (ValueError, RecursionError) as error:
+        return typed_json.decode(text, kind)
+    except ValueError as error:
         raise RecordingError(
             f"{path}: its record {name!r} is not what it should be: {str(error)[:300]}"
         ) from None

@@ -71,7 +71,7 @@ class Packer(_WithScans):
         return b"".join((_PLACE.pack(at), payload[:at], head, run, payload[begin + size :]))
 
 
-class Unpacker(_WithScans):
+class MessageUnpacker(_WithScans):
     """Gives the messages of one file back, in their order. ValueError or zlib.error for what is none."""
 
     def __init__(self) -> None:

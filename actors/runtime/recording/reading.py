@@ -37,7 +37,7 @@ from actors.runtime.recording.form import (
     RecordingError,
     vouched,
 )
-from actors.runtime.recording.packing import Unpacker
+from actors.runtime.recording.packing import MessageUnpacker
 from actors.runtime.recording.summary import sound_end
 
 FAULTS: Final = (McapError, struct.error, zlib.error, LookupError, ValueError, RecursionError)
@@ -69,7 +69,7 @@ class Reading:
         self._channels: dict[int, Channel] = {}
         self._unsealed: list[Entry | Note] = []
         self._notes = 0
-        self._unpacker = Unpacker()
+        self._unpacker = MessageUnpacker()
 
     def __iter__(self) -> Iterator[Entry | Note]:
         """Everything up to the end, or to the cut. Raises RecordingError where the file is damaged."""

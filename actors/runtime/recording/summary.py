@@ -38,7 +38,7 @@ def sound_end(data_end: bytes, rest: bytes) -> bool:
     return True
 
 
-def note_places(stream: IO[bytes]) -> Iterator["Place"]:
+def note_places(stream: IO[bytes]) -> Iterator["RecordPlace"]:
     """Where the notes lie, by the index at the end. ValueError if there is none, or a damaged one."""
     size = stream.seek(0, 2)
     stream.seek(max(0, size - END))
@@ -61,11 +61,11 @@ def note_places(stream: IO[bytes]) -> Iterator["Place"]:
             found += 1
             if found > MOST_NOTES or index.length > LARGEST_RECORD:
                 raise ValueError("it has more notes than may be, or a larger one")
-            yield Place(index.offset, index.length)
+            yield RecordPlace(index.offset, index.length)
         at += length
 
 
-class Place(NamedTuple):
+class RecordPlace(NamedTuple):
     """Where a record lies in its file."""
 
     offset: int

@@ -1,18 +1,188 @@
 """A timeline of some steps: a run is watched, its picture written, and told what it comes to."""
 
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from statistics import median
 from typing import Final
 
 from rich.table import Table
 
 from actors.installation.usage import wrong_value
+from actors.messages import AIRED, DRIVE
+from actors.runtime.spans import Span
 from benchmarks.statistics.measured import Measured
+from benchmarks.swarm.process_figures import KINDS, kind
 from benchmarks.swarm.task import SwarmTask
 from benchmarks.swarm.timeline import trace_file
-from benchmarks.swarm.timeline.shares import StepShares, shares
-from benchmarks.swarm.timeline.watching import watch
+from benchmarks.swarm.timeline.trace_file import brief
+from benchmarks.swarm.timeline.watching import Watched, watch
+
+
+@dataclass(frozen=True)
+class KindShare:
+    """One kind of process in one step; medians over steps, of robots over robots, too. ms."""
+
+    kind: str
+    processes: int
+    works_ms: float
+    """From what it waited for to its next wait, by the wall clock: also without a core to run on."""
+    works_cpu_ms: float
+    """CPU of its main thread in that time."""
+    waits_ms: float
+    cpu_ms: float
+    """CPU of all processes of the kind, their meshes' threads included."""
+
+
+@dataclass(frozen=True)
+class Slowest:
+    """The robot whose answer comes last."""
+
+    robot: str
+    """Most often."""
+    steps: int
+    """In so many of the steps."""
+    behind_ms: float
+    """How long after the median robot's answer the last one is sent, whoever sends it; median over steps."""
+    works_ms: float
+    """What that robot works in a step; median."""
+    robots_work_ms: float
+    """What all robots do; median."""
+
+
+@dataclass(frozen=True)
+class StepShares:
+    """The steps of a timeline."""
+
+    robots: int
+    steps: int
+    step_ms: float
+    """Wall clock of a step; median."""
+    kinds: tuple[KindShare, ...]
+    world_waits_ms: dict[str, float]
+    """How long the world waits for what in a step, by the end of the key; medians."""
+    delivery_ms: float
+    """From Senses being sent to the robot's going on: median over robots and steps."""
+    cores: int
+    idle_ms: float
+    """Core time per step that no process of the run used; median."""
+    idle_share: float
+    """Of all cores' time."""
+    others: float
+    """Cores that were busy with something else, over the whole run."""
+    load: float
+    slowest: Slowest
+
+
+def shares(seen: Watched) -> StepShares:
+    """The medians of a timeline."""
+    walls = _walls(seen)
+    by_actor = {actor: _by_step(spans) for actor, spans in seen.spans.items()}
+    cpu = [sum(_cpu(steps.get(step, ())) for steps in by_actor.values()) for step in walls]
+    idle = [seen.cores * wall - used for wall, used in zip(walls.values(), cpu, strict=True)]
+    return StepShares(
+        robots=seen.robots,
+        steps=len(walls),
+        step_ms=median(walls.values()) / 1e6,
+        kinds=tuple(_kind(name, by_actor) for name in KINDS),
+        world_waits_ms={
+            name: median(
+                sum(_wall(s) for s in spans if s.kind == "wait" and brief(s.missing).endswith(name))
+                for spans in by_actor["world"].values()
+            )
+            / 1e6
+            for name in (DRIVE.pattern.rpartition("/")[2], AIRED.pattern.rpartition("/")[2])
+        },
+        delivery_ms=_delivery_ns(seen) / 1e6,
+        cores=seen.cores,
+        idle_ms=median(idle) / 1e6,
+        idle_share=median(i / (seen.cores * w) for i, w in zip(idle, walls.values(), strict=True)),
+        others=seen.others,
+        load=seen.load,
+        slowest=_slowest(by_actor),
+    )
+
+
+Steps = Mapping[int, Sequence[Span]]
+
+
+def _by_step(spans: Sequence[Span]) -> dict[int, list[Span]]:
+    found: dict[int, list[Span]] = {}
+    for span in spans:
+        found.setdefault(span.step, []).append(span)
+    return found
+
+
+def _walls(seen: Watched) -> dict[int, int]:
+    """By step, from the world's first span to its last, ns."""
+    return {
+        step: spans[-1].end_ns - spans[0].begin_ns for step, spans in _by_step(seen.spans["world"]).items()
+    }
+
+
+def _kind(name: str, by_actor: Mapping[str, Steps]) -> KindShare:
+    members = [steps for actor, steps in by_actor.items() if kind(actor) == name]
+    each = [spans for steps in members for spans in steps.values()]
+    together: Counter[int] = Counter()
+    for steps in members:
+        together.update({step: _cpu(spans) for step, spans in steps.items()})
+    return KindShare(
+        kind=name,
+        processes=len(members),
+        works_ms=median(map(_works, each)) / 1e6,
+        works_cpu_ms=median(sum(s.thread_ns for s in spans if s.kind != "wait") for spans in each) / 1e6,
+        waits_ms=median(sum(_wall(s) for s in spans if s.kind == "wait") for spans in each) / 1e6,
+        cpu_ms=median(together.values()) / 1e6,
+    )
+
+
+def _slowest(by_actor: Mapping[str, Steps]) -> Slowest:
+    robots = {actor: steps for actor, steps in by_actor.items() if kind(actor) == KINDS[-1]}
+    last, behind = Counter[str](), []
+    for step in by_actor["world"]:
+        answered = {robot: _answered(steps.get(step, ())) for robot, steps in robots.items()}
+        late = max(answered, key=lambda robot: answered[robot])
+        last[late] += 1
+        behind.append(answered[late] - median(answered.values()))
+    robot, steps = last.most_common(1)[0]
+    return Slowest(
+        robot,
+        steps,
+        median(behind) / 1e6,
+        median(map(_works, robots[robot].values())) / 1e6,
+        median(_works(spans) for steps in robots.values() for spans in steps.values()) / 1e6,
+    )
+
+
+def _answered(spans: Sequence[Span]) -> int:
+    """When its Drive was sent; 0 if it sent none in that step."""
+    drive = DRIVE.pattern.rpartition("/")[2]
+    return max((s.end_ns for s in spans if s.kind == "send" and s.key.endswith(drive)), default=0)
+
+
+def _delivery_ns(seen: Watched) -> float:
+    sent = {(s.key, s.number): s.end_ns for s in seen.spans["world"] if s.kind == "send"}
+    return median(
+        span.end_ns - sent[span.key, span.number]
+        for actor, spans in seen.spans.items()
+        if kind(actor) == KINDS[-1]
+        for span in spans
+        if span.kind == "wait" and (span.key, span.number) in sent
+    )
+
+
+def _works(spans: Sequence[Span]) -> int:
+    return sum(_wall(span) for span in spans if span.kind != "wait")
+
+
+def _cpu(spans: Sequence[Span]) -> int:
+    return sum(span.process_ns for span in spans)
+
+
+def _wall(span: Span) -> int:
+    return span.end_ns - span.begin_ns
+
 
 STEPS: Final = 20
 """Steps that are watched; own choice: two simulated seconds, in which each robot has talked twice."""
@@ -39,9 +209,9 @@ def _shown(found: StepShares, first: int, path: Path) -> tuple[Table | str, ...]
         f"ms, medians of {found.steps} steps from step {first} on"
     )
     table = Table("", "processes", "works", "its CPU", "waits", "CPU of all of them", title=title)
-    for kind in found.kinds:
-        sizes = (kind.works_ms, kind.works_cpu_ms, kind.waits_ms, kind.cpu_ms)
-        table.add_row(kind.kind, str(kind.processes), *(f"{size:.2f}" for size in sizes))
+    for one in found.kinds:
+        sizes = (one.works_ms, one.works_cpu_ms, one.waits_ms, one.cpu_ms)
+        table.add_row(one.kind, str(one.processes), *(f"{size:.2f}" for size in sizes))
     waits = ", ".join(f"{name} {ms:.2f} ms" for name, ms in found.world_waits_ms.items())
     last = found.slowest
     return (

@@ -65,14 +65,14 @@ def watch(robots: int, task: SwarmTask, steps: int) -> Watched:
     if not all(spans.values()):
         raise NothingSeenError(f"the run was over after {result.simulated_s:g} s, before step {window.first}")
     return Watched(
-        robots,
-        window,
-        {actor: spans[actor] for actor in sorted(spans, key=_order)},
-        tuple(notice for notice in notices if notice.step in window),
-        len(os.sched_getaffinity(0)),
-        load_before,
-        others,
-        result.digest,
+        robots=robots,
+        window=window,
+        spans={actor: spans[actor] for actor in sorted(spans, key=_order)},
+        notices=tuple(notice for notice in notices if notice.step in window),
+        cores=len(os.sched_getaffinity(0)),
+        load=load_before,
+        others=others,
+        digest=result.digest,
     )
 
 

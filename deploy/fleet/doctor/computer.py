@@ -5,8 +5,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from deploy.fleet.doctor.findings import Finding, well, wrong
-from deploy.fleet.doctor.machine import Machine
+from deploy.fleet.doctor.machine import DoctorFinding, Machine, well, wrong
 
 _PIN: Final = re.compile(
     r"(?P<name>[A-Za-z0-9_.-]+)==(?P<version>\S+?)(?:; python_version (?P<order><|>=) \"3\.(?P<minor>\d+)\")?"
@@ -26,7 +25,7 @@ class ComputerParameters:
     """On the disk. Default: own choice; a robot with a lidar records up to 100 MB an hour."""
 
 
-def packages(machine: Machine, constraints: str, needed: tuple[str, ...]) -> Iterator[Finding]:
+def packages(machine: Machine, constraints: str, needed: tuple[str, ...]) -> Iterator[DoctorFinding]:
     """Whether the extras in the text of constraints.txt are installed as they were tested."""
     for extra, pins in _sections(constraints, machine.python).items():
         subject = f"packages {extra}"
@@ -49,7 +48,7 @@ def packages(machine: Machine, constraints: str, needed: tuple[str, ...]) -> Ite
             yield well(subject, "not all installed, and not needed here")
 
 
-def clock(machine: Machine, parameters: ComputerParameters = ComputerParameters()) -> Iterator[Finding]:
+def clock(machine: Machine, parameters: ComputerParameters = ComputerParameters()) -> Iterator[DoctorFinding]:
     """Whether the clock shows the time."""
     now = machine.now()
     if not parameters.first_year <= now.year < parameters.last_year:
@@ -70,7 +69,7 @@ def clock(machine: Machine, parameters: ComputerParameters = ComputerParameters(
         yield well("clock", f"{now:%Y-%m-%d %H:%M} UTC, synchronised, off by at most {error * 1000:.0f} ms")
 
 
-def disk(machine: Machine, parameters: ComputerParameters = ComputerParameters()) -> Iterator[Finding]:
+def disk(machine: Machine, parameters: ComputerParameters = ComputerParameters()) -> Iterator[DoctorFinding]:
     """Whether recordings find room."""
     free, least = machine.free_bytes() / 1e9, parameters.free_bytes / 1e9
     if free < least:
@@ -82,7 +81,7 @@ def disk(machine: Machine, parameters: ComputerParameters = ComputerParameters()
         yield well("disk", f"{free:.1f} GB are free at {machine.here}")
 
 
-def kernels(machine: Machine) -> Iterator[Finding]:
+def kernels(machine: Machine) -> Iterator[DoctorFinding]:
     """Whether numeric kernels are compiled before the robot's first step."""
     state = machine.kernels()
     if not state.can_be_kept:
@@ -97,7 +96,7 @@ def kernels(machine: Machine) -> Iterator[Finding]:
         yield well("kernels", f"all compiled, loaded in {state.seconds:.1f} s")
 
 
-def namespaces(machine: Machine) -> Iterator[Finding]:
+def namespaces(machine: Machine) -> Iterator[DoctorFinding]:
     """Whether robots can be isolated."""
     fault = machine.isolation_fault()
     if fault is None:

@@ -13,9 +13,7 @@ from actors.installation.usage import OptionError
 from actors.robot.behaviour.foreign import INSTALLED, Permit
 from deploy.fleet.doctor import computer, ports
 from deploy.fleet.doctor import robot as robot_checks
-from deploy.fleet.doctor.findings import Finding
-from deploy.fleet.doctor.machine import Machine
-from deploy.fleet.doctor.this_machine import ThisMachine
+from deploy.fleet.doctor.machine import DoctorFinding, Machine
 from deploy.fleet.fleet_file import Fleet, FleetRobot, load_fleet
 
 
@@ -24,7 +22,7 @@ class Report(msgspec.Struct, frozen=True):
 
     robot: str | None
     ok: bool
-    findings: tuple[Finding, ...]
+    findings: tuple[DoctorFinding, ...]
 
 
 def consult(
@@ -37,7 +35,7 @@ def consult(
 ) -> bool:
     """Check this computer, or as the robot `name` of the fleet in the file, and print; True if all is well.
 
-    Raises OptionError if only one of both is given, and FleetError for a file that cannot be used.
+    Raises OptionError if only one of both is given, and AcrcError for a file that cannot be used.
     """
     if path is None and name is not None:
         raise OptionError(
@@ -48,8 +46,8 @@ def consult(
         known = ", ".join(robot.id for robot in fleet.robots)
         raise OptionError(f"--robot: is missing; must say which of the robots this computer is: {known}")
     robot = fleet.robot(name) if fleet is not None and name is not None else None
-    found: list[Finding] = []
-    for finding in findings(machine or ThisMachine(), fleet, robot, permit):
+    found: list[DoctorFinding] = []
+    for finding in findings(machine or Machine(), fleet, robot, permit):
         found.append(finding)
         if not json:
             _print(finding)
@@ -65,7 +63,7 @@ def consult(
 
 def findings(
     machine: Machine, fleet: Fleet | None, robot: FleetRobot | None, permit: Permit = INSTALLED
-) -> Iterator[Finding]:
+) -> Iterator[DoctorFinding]:
     """What all checks find, the quick ones first."""
     constraints = (SHIPPED / "constraints.txt").read_text("utf-8")
     needed = ("base",) if robot is None else ("base", "hardware")
@@ -84,7 +82,7 @@ def findings(
     yield from robot_checks.keys(machine, fleet, robot)
 
 
-def _print(finding: Finding) -> None:
+def _print(finding: DoctorFinding) -> None:
     line = Text("ok     " if finding.ok else "wrong  ", style="green" if finding.ok else "bold red")
     line.append(f"{finding.subject:<20} ", style="bold").append(finding.text, style="default")
     _console().print(line)

@@ -5,8 +5,7 @@ from typing import Final
 
 from actors.robot_model import load_model
 from actors.runtime.errors import AcrcError
-from deploy.fleet.doctor.findings import Finding, well, wrong
-from deploy.fleet.doctor.machine import Machine
+from deploy.fleet.doctor.machine import DoctorFinding, Machine, well, wrong
 from deploy.fleet.fleet_file import FleetRobot
 from deploy.fleet.udev_rules import GROUP, given_name
 from deploy.fleet.usb_ports import is_kobuki, may_be
@@ -15,12 +14,12 @@ from firmware_bridge.kobuki.port import KOBUKI
 from firmware_bridge.onboard.onboard_setup import OPENNI
 from firmware_bridge.range_sensors.depth import DepthScanner
 from firmware_bridge.range_sensors.rplidar import RPLIDAR
-from firmware_bridge.serial_port import Device
+from firmware_bridge.serial_port import PortDevice
 
 _DEVICES: Final = (KOBUKI, BOARD, RPLIDAR)
 
 
-def ports(machine: Machine, robot: FleetRobot) -> Iterator[Finding]:
+def ports(machine: Machine, robot: FleetRobot) -> Iterator[DoctorFinding]:
     """Whether every device is where the fleet file says."""
     lidar = None if robot.range == OPENNI else robot.range
     for subject, path, device in zip(
@@ -30,7 +29,7 @@ def ports(machine: Machine, robot: FleetRobot) -> Iterator[Finding]:
             yield _port(machine, subject, path, device)
 
 
-def group(machine: Machine) -> Iterator[Finding]:
+def group(machine: Machine) -> Iterator[DoctorFinding]:
     """Whether this user may open serial ports."""
     state = machine.membership(GROUP)
     add = f"`sudo usermod -aG {GROUP} {machine.user}`"
@@ -44,7 +43,7 @@ def group(machine: Machine) -> Iterator[Finding]:
         yield wrong("group", f"{machine.user} is not in the group {GROUP}; {add}, then log in again")
 
 
-def camera(machine: Machine, robot: FleetRobot) -> Iterator[Finding]:
+def camera(machine: Machine, robot: FleetRobot) -> Iterator[DoctorFinding]:
     """Whether a depth camera can be used, and sees what the robot's model says; nothing if there is none."""
     if robot.range != OPENNI:
         return
@@ -57,7 +56,7 @@ def camera(machine: Machine, robot: FleetRobot) -> Iterator[Finding]:
     yield well("range", "OpenNI2 is there") if fault is None else wrong("range", fault)
 
 
-def _port(machine: Machine, subject: str, path: str, device: Device) -> Finding:
+def _port(machine: Machine, subject: str, path: str, device: PortDevice) -> DoctorFinding:
     name = device.name
     if not machine.exists(path):
         return wrong(subject, f"{path}: {_missing(machine, path, device)}")
@@ -83,7 +82,7 @@ def _port(machine: Machine, subject: str, path: str, device: Device) -> Finding:
     )
 
 
-def _missing(machine: Machine, path: str, device: Device) -> str:
+def _missing(machine: Machine, path: str, device: PortDevice) -> str:
     plugged = [port.path for port in machine.usb_ports() if may_be(device, port)]
     if not plugged:
         return f"there is no such port, and no {device.name} is seen; plug it in and switch it on"

@@ -8,22 +8,18 @@ from actors.floor.grid import OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.floor.placement import check_pose
 from actors.geometry import Point
-from actors.instant import milliseconds
-from actors.randomness import derived_seed
 from actors.robot import assembly
 from actors.robot.behaviour.foreign import Permit
 from actors.robot.behaviour.modules import look_in
 from actors.robot_model import RobotModel, load_model
 from actors.runtime.access.tls import load_keys
 from actors.runtime.errors import AcrcError
-from cleaning.strategies import entry
-from deploy.fleet.doctor.findings import Finding, well, wrong
-from deploy.fleet.doctor.machine import Machine
-from deploy.fleet.fleet_file import Fleet, FleetRobot
-from deploy.fleet.own_code import own_code
+from deploy.fleet.doctor.machine import DoctorFinding, Machine, well, wrong
+from deploy.fleet.fleet_file import Fleet, FleetRobot, own_code
+from deploy.scenario.resolve import robot_setup
 
 
-def floor(fleet: Fleet, robot: FleetRobot) -> Iterator[Finding]:
+def floor(fleet: Fleet, robot: FleetRobot) -> Iterator[DoctorFinding]:
     """Whether the map loads, and start and places are on free floor."""
     try:
         grid, radii = (
@@ -39,7 +35,7 @@ def floor(fleet: Fleet, robot: FleetRobot) -> Iterator[Finding]:
     yield _places(robot, grid)
 
 
-def behaviour(fleet: Fleet, robot: FleetRobot, permit: Permit) -> Iterator[Finding]:
+def behaviour(fleet: Fleet, robot: FleetRobot, permit: Permit) -> Iterator[DoctorFinding]:
     """Whether the robot can be made, with its strategy; runs the strategy's code once."""
     try:
         look_in(own_code(fleet, permit))
@@ -56,7 +52,7 @@ def behaviour(fleet: Fleet, robot: FleetRobot, permit: Permit) -> Iterator[Findi
         yield well("behaviour", f"strategy {fleet.run.strategy!r} makes a behaviour of its settings")
 
 
-def keys(machine: Machine, fleet: Fleet, robot: FleetRobot) -> Iterator[Finding]:
+def keys(machine: Machine, fleet: Fleet, robot: FleetRobot) -> Iterator[DoctorFinding]:
     """Whether a robot that listens has keys of its own that hold today; nothing if it does not listen."""
     if robot.listen is None:
         return
@@ -88,7 +84,7 @@ def _model(robot: FleetRobot) -> RobotModel:
     return load_model(robot.model, robot.sensor)
 
 
-def _start(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid, radii: Mapping[str, float]) -> Finding:
+def _start(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid, radii: Mapping[str, float]) -> DoctorFinding:
     here = Point(*robot.start[:2])
     try:
         check_pose(grid, here, radii[robot.id], robot.id)
@@ -104,7 +100,7 @@ def _start(fleet: Fleet, robot: FleetRobot, grid: OccupancyGrid, radii: Mapping[
     return well("start", f"({here.x:g}, {here.y:g}) is free; put {robot.id} there, then switch it on")
 
 
-def _places(robot: FleetRobot, grid: OccupancyGrid) -> Finding:
+def _places(robot: FleetRobot, grid: OccupancyGrid) -> DoctorFinding:
     for index, (x, y) in enumerate(robot.places):
         if not grid.is_free(Point(x, y)):
             return wrong("places", f"place {index} at ({x:g}, {y:g}) is not free, but must be on free floor")
@@ -112,19 +108,6 @@ def _places(robot: FleetRobot, grid: OccupancyGrid) -> Finding:
 
 
 def _make(fleet: Fleet, robot: FleetRobot) -> None:
-    told = assembly.RobotSetup(
-        id=robot.id,
-        epoch=0,
-        first_step=0,
-        seed=derived_seed(fleet.seed, robot.id),
-        step_us=milliseconds(fleet.step_ms),
-        address=robot.address,
-        start=robot.start,
-        places=tuple(Point(*place) for place in robot.places),
-        behaviour=entry(fleet.run.strategy),
-        model=robot.model,
-        adaptation=fleet.adaptation,
-        stack=fleet.stack,
-    )
-    model = _model(robot)
-    assembly.robot(told, model, load_map(fleet.map))
+    alone = fleet.swarm(robot)
+    told = robot_setup(alone, alone.world.robots[0])
+    assembly.robot(told, _model(robot), load_map(fleet.map))

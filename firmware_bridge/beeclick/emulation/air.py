@@ -57,6 +57,16 @@ class Device(Protocol):
         """A frame of another one's, with the codes of the chip."""
 
 
+class BoardRadio(Protocol):
+    """The medium, as a device finds it: an `Air`."""
+
+    def transmit(self, device: Device, now: Instant, tag: int, data: bytes) -> None:
+        """Send a frame; the device's `finished` says what has become of it."""
+
+    def silence(self, device: Device) -> None:
+        """Forget all that it was handed."""
+
+
 class _Channel:
     """The medium of one channel; a device that is tuned to another one is off there."""
 
@@ -75,7 +85,7 @@ class _Channel:
         return Instant(min(due) + 1) if due else None
 
 
-class Air:
+class EmulatedAir:
     """All devices and the frames between them, as events in the order of time."""
 
     def __init__(self, addresses: Sequence[int], model: Callable[[int], RadioModel], seed: int) -> None:
@@ -200,12 +210,12 @@ class Air:
                     device.finished(now, event)
 
 
-def air(setup: RadioSetup) -> Air:
+def air(setup: RadioSetup) -> EmulatedAir:
     """The air that a set-up of the simulated radio describes, on every channel. Raises AcrcError."""
 
     def model(channel: int) -> RadioModel:
         return radio_model(msgspec.structs.replace(setup, channel=channel))
 
-    made = Air([address for _, address in setup.robots], model, setup.seed)
+    made = EmulatedAir([address for _, address in setup.robots], model, setup.seed)
     made.prepare(setup.channel or preset(setup.preset).channel)
     return made

@@ -7,19 +7,16 @@ Source: d3scomp/beeclickarm, branch robot-additions. Not modelled: the interrupt
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final, Protocol, TypeVar
+from typing import Final, TypeVar
 
 from actors.instant import Duration, Instant, milliseconds, seconds
 from actors.messages import FRAME_DATA_LIMIT, RadioEvent, Sent
 from actors.radio.frame_codec import DataFrame
 from firmware_bridge.beeclick.answers import (
-    AddressSet,
     Answer,
-    ChannelSet,
     Moisture,
     Notes,
     PacketSent,
-    PowerSet,
     ReceivedPacket,
     Sentence,
     Synchronised,
@@ -32,25 +29,19 @@ from firmware_bridge.beeclick.commands import (
     SET_CHANNEL,
     SET_POWER,
     SYNC,
+    SetAddress,
+    SetChannel,
+    SetPower,
 )
+from firmware_bridge.beeclick.emulation.air import BoardRadio
 from firmware_bridge.beeclick.emulation.rings import AnswerRing, CommandRing, CrashError
-from firmware_bridge.beeclick.signal import radiated
+from firmware_bridge.beeclick.parameters import radiated
 from firmware_bridge.beeclick.wire import byte_time, bytes_in
 
 _GRAIN: Final = 9
 """So many bytes from the host are looked at together while they come in, about 100 µs."""
 _LONGEST_SENTENCE: Final = 254
 W = TypeVar("W")
-
-
-class Radio(Protocol):
-    """The medium, as a board's transceiver finds it."""
-
-    def transmit(self, device: "EmulatedBoard", now: Instant, tag: int, data: bytes) -> None:
-        """Send a frame; the board's `finished` says when that is over."""
-
-    def silence(self, device: "EmulatedBoard") -> None:
-        """Send no more of what that board has been sending."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +72,7 @@ DEFAULTS: Final = BoardParameters()
 class EmulatedBoard:
     """One board. The host's line: `take`, `run`; the medium: `finished`, `heard`; people: the rest."""
 
-    def __init__(self, radio: Radio, now: Instant, parameters: BoardParameters = DEFAULTS) -> None:
+    def __init__(self, radio: BoardRadio, now: Instant, parameters: BoardParameters = DEFAULTS) -> None:
         self._radio = radio
         self._p = parameters
         self.counters = dict.fromkeys(("transmitted", "heard", "lost", "crashes", "reboots"), 0)
@@ -219,7 +210,7 @@ class EmulatedBoard:
         """The radio is on another channel."""
         self._changing = None
         self.channel = code & 0x0F
-        self._say(now, ChannelSet(code))
+        self._say(now, SetChannel(code))
         self.commands.advance()
         self._release(now)
 
@@ -300,10 +291,10 @@ class EmulatedBoard:
             case kind if kind == SET_POWER:
                 asked = int.from_bytes(command[1:3], "little", signed=True)
                 self.power_dbm = radiated(max(min(asked, 0), -399)) / 10
-                self._say(now, PowerSet(asked))
+                self._say(now, SetPower(asked))
             case kind if kind == SET_ADDRESS:
                 self.pan, self.address = (int.from_bytes(p, "little") for p in (command[1:3], command[3:5]))
-                self._say(now, AddressSet(self.pan, self.address))
+                self._say(now, SetAddress(self.pan, self.address))
 
     def _say(self, now: Instant, answer: Answer) -> None:
         self._answers.put(now, encode(answer))

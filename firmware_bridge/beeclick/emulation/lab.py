@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 
 from actors.instant import Duration, Instant, milliseconds
-from firmware_bridge.beeclick.emulation.air import Air
+from firmware_bridge.beeclick.emulation.air import EmulatedAir
 from firmware_bridge.beeclick.emulation.emulated_board import EmulatedBoard
 from firmware_bridge.beeclick.emulation.line import CLEAN, Disturbance
 from firmware_bridge.beeclick.events import Event
-from firmware_bridge.beeclick.link import Link
+from firmware_bridge.beeclick.link import BoardLink
 
 _KEPT: Final = 100_000
 """Events of a desk; older ones are forgotten."""
@@ -23,7 +23,7 @@ _POLL: Final = milliseconds(1)
 class Desk:
     """A host with its board, and the line between them."""
 
-    link: Link
+    link: BoardLink
     board: EmulatedBoard
     to_board: Disturbance = CLEAN
     to_host: Disturbance = CLEAN
@@ -69,7 +69,7 @@ class Lab:
 
     def __init__(
         self,
-        air: Air,
+        air: EmulatedAir,
         desks: Sequence[Desk],
         rng: np.random.Generator,
         poll: Duration = _POLL,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observation.field_trial.clocks.equations import AlignmentParameters, Floats, System
-from observation.field_trial.clocks.frame_stamps import Frame, Pairs, Stamp, StampKind, pairs_of
+from observation.field_trial.clocks.frame_stamps import Pairs, Stamp, StampedFrame, StampKind, pairs_of
 from observation.field_trial.clocks.graph import Tree, spanning_trees
 from observation.field_trial.clocks.student_t import quantile
 
@@ -77,7 +77,7 @@ class Alignment(NamedTuple):
     """Standard deviation of the difference of two stamps of a frame from what the fit says."""
 
 
-def align(frames: Sequence[Frame], clocks: int, parameters: AlignmentParameters) -> Alignment:
+def align(frames: Sequence[StampedFrame], clocks: int, parameters: AlignmentParameters) -> Alignment:
     """Fit `clocks` clocks to the stamps. A clock without a frame in common is a group of its own."""
     pairs = pairs_of(frames, parameters.most_pairs)
     trees = spanning_trees(clocks, pairs.first[:, :2], pairs.second[:, :2])
@@ -124,7 +124,7 @@ def _origins(clocks: int, pairs: Pairs) -> NDArray[np.int64]:
 
 
 def _limits(
-    frames: Sequence[Frame], trees: Sequence[Tree], origins: NDArray[np.int64], estimate: Floats
+    frames: Sequence[StampedFrame], trees: Sequence[Tree], origins: NDArray[np.int64], estimate: Floats
 ) -> list[float]:
     """How far each clock could be moved, µs: shortest paths over the shortest ways from hand to ear."""
     clocks = len(trees)

@@ -27,7 +27,7 @@ class Stamp(NamedTuple):
     kind: StampKind
 
 
-class Frame(NamedTuple):
+class StampedFrame(NamedTuple):
     """One frame and its stamps, by at least two clocks."""
 
     stamps: tuple[Stamp, ...]
@@ -45,7 +45,7 @@ class Pairs(NamedTuple):
     """2 / number of the frame's stamps: all pairs of n stamps know as much as n - 1 of them."""
 
 
-def pairs_of(frames: Sequence[Frame], most: int) -> Pairs:
+def pairs_of(frames: Sequence[StampedFrame], most: int) -> Pairs:
     """All pairs of stamps of each frame; if there are more than `most`, those of every n-th frame only."""
     sizes = [len(frame.stamps) * (len(frame.stamps) - 1) // 2 for frame in frames]
     stride = -(-sum(sizes) // most) or 1

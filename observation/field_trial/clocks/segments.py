@@ -35,7 +35,7 @@ class ClockSegment:
     """By how much events may be off against steps."""
 
 
-class _Place(NamedTuple):
+class _ClockSegment(NamedTuple):
     """Which clock stamped a step, and what is to be added to the instants of the events that it brings."""
 
     clock: int
@@ -49,7 +49,7 @@ class ClockSegments:
         self.clocks: list[ClockSegment] = []
         self.notes: list[str] = []
         """What was put right, a sentence each."""
-        self._places: dict[int, list[_Place]] = {}
+        self._places: dict[int, list[_ClockSegment]] = {}
         for robot, logs in trial.logs.items():
             before: Tick | None = None
             for log in logs:
@@ -77,7 +77,7 @@ class ClockSegments:
             if before is None or not _runs_on(before, tick, log.identity.step_us):
                 self.clocks.append(ClockSegment(robot, tick.instant, tick.instant))
             self.clocks[-1].last = tick.instant
-            places.append(_Place(len(self.clocks) - 1, shifts.get(number, 0)))
+            places.append(_ClockSegment(len(self.clocks) - 1, shifts.get(number, 0)))
             before = tick
         for number in shifts:
             self.clocks[places[number].clock].doubt = log.identity.step_us

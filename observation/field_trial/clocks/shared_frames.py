@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from observation.field_trial.clocks.frame_stamps import Frame, Stamp, StampKind
+from observation.field_trial.clocks.frame_stamps import Stamp, StampedFrame, StampKind
 from observation.field_trial.recordings import FieldTrial
 from observation.field_trial.robot_log import Moment, RobotLog
 
@@ -25,7 +25,7 @@ class _Sightings:
         return len(self.handed) <= 1 and all(len(stamps) == 1 for stamps in self.heard.values())
 
 
-def shared_frames(trial: FieldTrial, stamp: Stamping) -> list[Frame]:
+def shared_frames(trial: FieldTrial, stamp: Stamping) -> list[StampedFrame]:
     """The frames with stamps of at least two robots, in a fixed order, without those that might be mixed up.
 
     `stamp` makes a robot's word on a frame a stamp.
@@ -48,8 +48,8 @@ def shared_frames(trial: FieldTrial, stamp: Stamping) -> list[Frame]:
     ]
 
 
-def _frame(sightings: _Sightings) -> Frame:
+def _frame(sightings: _Sightings) -> StampedFrame:
     """The sender's best stamp and all others; one that was never confirmed has left all the same if heard."""
     heard = [stamp for stamps in sightings.heard.values() for stamp in stamps]
     handed = sightings.handed[0] if sightings.handed else None
-    return Frame((*(sightings.sent or sightings.handed), *heard), handed)
+    return StampedFrame((*(sightings.sent or sightings.handed), *heard), handed)

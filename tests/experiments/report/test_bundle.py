@@ -10,15 +10,16 @@ import msgspec
 import pytest
 import yaml
 
+from actors.runtime.errors import AcrcError
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import Overrides, load_scenario
 from experiments.bundle import bundle
-from experiments.bundle.inputs import BundleError, inputs
+from experiments.bundle.inputs import inputs
 from experiments.campaign import store
 from experiments.campaign.trial_record import TrialRecord, keep
 from experiments.study.study import Study
-from experiments.study.study_file import StudyError, load_study
+from experiments.study.study_file import load_study
 from observation.results.result import RunResult
 
 ROOT = Path(__file__).parents[3]
@@ -115,9 +116,9 @@ def test_its_runs_are_made_again_with_the_same_digests(unpacked: Path, tmp_path:
 def test_inputs_that_others_could_not_find_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     path.write_text(CORRIDOR.read_text().replace("../maps", str(ROOT / "maps")))
-    with pytest.raises(BundleError, match="must be relative to the scenario"):
+    with pytest.raises(AcrcError, match="must be relative to the scenario"):
         inputs(msgspec.structs.replace(STUDY, scenario=str(path)))
-    with pytest.raises(BundleError, match="is no file any more"):
+    with pytest.raises(AcrcError, match="is no file any more"):
         inputs(msgspec.structs.replace(STUDY, scenario=str(tmp_path / "gone.toml")))
 
 
@@ -129,13 +130,13 @@ def test_a_strategy_of_one_s_own_is_an_input(tmp_path: Path) -> None:
     study = Study("own", str(tmp_path / "s.toml"), ("none", "mine:behaviour"), 1)
     assert sorted(inputs(study).files) == ["corridor.png", "corridor.yaml", "mine.py", "s.toml"]
     elsewhere = msgspec.structs.replace(study, strategies=("nowhere_at_all:behaviour",))
-    with pytest.raises(BundleError, match="nowhere_at_all:behaviour: its module does not lie in"):
+    with pytest.raises(AcrcError, match="nowhere_at_all:behaviour: its module does not lie in"):
         inputs(elsewhere)
 
 
 def test_nothing_is_bundled_of_a_campaign_without_results(tmp_path: Path) -> None:
     store.create(tmp_path / "new", STUDY)
-    with pytest.raises(BundleError, match="no run of it has ended"):
+    with pytest.raises(AcrcError, match="no run of it has ended"):
         bundle.make(tmp_path / "new", tmp_path / "new.zip")
 
 
@@ -144,5 +145,5 @@ def test_a_study_that_a_campaign_has_written_is_a_study(unpacked: Path, tmp_path
     assert study.scenario == str(unpacked / "inputs" / "scenarios" / "corridor.toml")
     assert study.settings == STUDY.settings
     (tmp_path / "study.json").write_text("{}")
-    with pytest.raises(StudyError, match="cannot be read as the study of a campaign"):
+    with pytest.raises(AcrcError, match="no study of a campaign: name is missing, but must be there"):
         load_study(tmp_path / "study.json")

@@ -6,8 +6,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from actors.runtime.errors import AcrcError
 from experiments.report import report
-from experiments.report.cases import REAL, ReportError, read
+from experiments.report.cases import REAL, read
 from experiments.study.study import Factor, Study, Trial
 from observation.field_trial.trial_result import RobotTrial, TrialResult
 from observation.results.result import RunResult
@@ -65,8 +66,8 @@ def test_variants_are_conditions_and_so_are_campaigns(plain: RunResult, tmp_path
 
 
 def test_a_folder_that_holds_nothing_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ReportError, match="holds neither a campaign nor the result of a run"):
+    with pytest.raises(AcrcError, match="holds neither a campaign nor the result of a run"):
         read([tmp_path])
     (tmp_path / "run.json").write_text('{"digest": 3}')
-    with pytest.raises(ReportError, match=r"run\.json: cannot be read as the result of a run"):
+    with pytest.raises(AcrcError, match=r"run\.json: no result of a run: digest is 3, but must be a text"):
         read([tmp_path])

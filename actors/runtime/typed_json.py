@@ -1,0 +1,144 @@
+"""JSON that somebody else may have written, as a value of a type; what is wrong with it is one sentence."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import msgspec
+
+from actors.runtime import regular_file
+from actors.runtime.errors import AcrcError
+from actors.wording import shown, unknown_key
+
+T = TypeVar("T")
+_MOST_TOLD: Final = 300
+"""Characters of what is wrong with a file."""
+_KINDS: Final = {
+    "int": "a whole number",
+    "float": "a number",
+    "str": "a text",
+    "bool": "true or false",
+    "object": "an object",
+    "array": "a list",
+    "null": "null",
+}
+_BOUNDS: Final = (
+    (" of length >= ", " of at least length "),
+    (" of length <= ", " of at most length "),
+    (" >= ", " of at least "),
+    (" <= ", " of at most "),
+    (" > ", " above "),
+    (" < ", " below "),
+    (" that's ", " that is "),
+    (" matching regex ", " of the form "),
+)
+"""How msgspec puts a bound, and how a person does."""
+_EXPECTED: Final = re.compile(r"Expected `(?P<kinds>[^`]+)`(?P<bound>.*?)(?:, got .*)?", re.DOTALL)
+_FIELD: Final = re.compile(
+    r"Object (?P<how>missing required|contains unknown) field `(?P<name>.*)`", re.DOTALL
+)
+_STEP: Final = re.compile(r"\.(?P<key>[^.\[]+)|\[(?P<index>\d+)\]")
+
+
+def read(
+    path: Path,
+    kind: type[T],
+    what: str,
+    most: int = regular_file.LARGEST,
+    hook: Callable[[type, Any], Any] | None = None,
+    *,
+    strict: bool = False,
+) -> T:
+    """What stands in a file, which should be a `what`, such as "set-up of a robot". Raises AcrcError.
+
+    `strict`: refuse a key that is not known also where a dataclass stands, which passes over such a key.
+    """
+    try:
+        data = regular_file.content(path, most)
+        found = decode(data, kind, hook=hook)
+        if strict:
+            _refuse_unknown(msgspec.json.decode(data), msgspec.to_builtins(found), "")
+        return found
+    except OSError as error:
+        raise AcrcError(f"{path}: the {what} cannot be read: {error.strerror or error}") from None
+    except (ValueError, AcrcError) as error:
+        raise AcrcError(f"{path}: no {what}: {str(error)[:_MOST_TOLD]}") from None
+
+
+def _refuse_unknown(given: object, taken: object, place: str) -> None:
+    """Raise ValueError for a key that was not taken."""
+    if isinstance(given, dict) and isinstance(taken, dict):
+        for name, value in given.items():
+            if name not in taken:
+                raise ValueError(unknown_key(place, name, taken))
+            _refuse_unknown(value, taken[name], f"{place}.{name}" if place else name)
+
+
+def decode(
+    data: bytes | str | msgspec.Raw,
+    kind: type[T],
+    *,
+    form: Any = msgspec.json,
+    hook: Callable[[type, Any], Any] | None = None,
+) -> T:
+    """The value in `data`, JSON or what else `form` reads.
+
+    Raises ValueError with what is wrong, where, which value stands there, and what would be right.
+    """
+    try:
+        found: T = form.decode(data, type=kind, dec_hook=hook)
+        return found
+    except msgspec.ValidationError as error:
+        raise ValueError(_sentence(str(error), data, form)) from None
+    except UnicodeDecodeError as error:
+        raise ValueError(f"byte {error.start} is not UTF-8") from None
+    except RecursionError:
+        raise ValueError("it is nested more deeply than what is written here") from None
+
+
+def must_be(reason: str) -> str:
+    """What would be right, as it goes on after "must be"; empty if `reason`, by msgspec, does not say so."""
+    expected = _EXPECTED.fullmatch(reason)
+    if expected is None:
+        return ""
+    bound = expected["bound"]
+    for theirs, ours in _BOUNDS:
+        if bound.startswith(theirs):
+            bound = ours + bound.removeprefix(theirs)
+            break
+    return " or ".join(
+        _KINDS.get(kind, kind) for kind in expected["kinds"].split(" | ")
+    ) + bound.removesuffix(".0")
+
+
+def _sentence(told: str, data: Any, form: Any) -> str:
+    """What msgspec has told, for people."""
+    reason, _, place = told.partition(" - at `")
+    of_key = place.startswith("key` in `")
+    path = place.removeprefix("key` in `").removeprefix("$").rstrip("`")
+    key = path.lstrip(".").replace("[...]", "[…]")
+    if field := _FIELD.fullmatch(reason):
+        name = f"{key}.{field['name']}" if key else field["name"]
+        missing = field["how"].startswith("missing")
+        return f"{name} is missing, but must be there" if missing else f"{name} is not known; leave it out"
+    right = must_be(reason)
+    if not right and not reason.startswith("Invalid"):  # the words of a type of ours
+        return f"{key}: {reason}" if key else reason
+    name = f"a key of {key}" if of_key else key or "it"
+    try:
+        stands = "wrong" if of_key or "[...]" in path else shown(_value_at(data, path, form))
+    except (ValueError, RecursionError):  # what stands behind it is worse
+        stands = "wrong"
+    return (
+        f"{name} is {stands}, but must be {right}"
+        if right
+        else f"{name} is {stands}; nothing of the kind may stand there"
+    )
+
+
+def _value_at(data: Any, path: str, form: Any) -> object:
+    value = form.decode(data)
+    for step in _STEP.finditer(path):
+        value = value[step["key"]] if step["key"] else value[int(step["index"])]
+    return value

@@ -1,1 +1,0 @@
-"""What robots perceived and meant, and what became of frames: cores executed again from their recordings."""

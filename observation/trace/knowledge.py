@@ -1,0 +1,203 @@
+"""What a robot knew, change by change, and what each change came of; taken down while it is replayed."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any, Final, NamedTuple, cast
+
+import msgspec
+
+from actors.geometry import Point, Pose
+from actors.instant import Duration, Instant, in_seconds
+from actors.messages import Heard, Received
+from actors.robot.behaviour.decision_log import Deciding
+from actors.runtime.core import Core, Inputs
+from deeco.knowledge import Knowledge, type_of
+from deeco.local import Commit
+from deeco.replication.replicas import Replica
+from observation.trace.dependence import Dependence, dependence
+from observation.trace.orders import OrderWatch
+from observation.trace.points import Points
+from observation.trace.rows import (
+    Arrival,
+    Changed,
+    Decision,
+    FieldChange,
+    KnowledgeChange,
+    News,
+    ReplicaRead,
+)
+from observation.trace.words import in_words
+
+ABSENT: Final = object()
+"""Stands where a mapping has no such key."""
+
+
+class Difference(NamedTuple):
+    """A part of knowledge with two values."""
+
+    path: str
+    before: object
+    after: object
+
+
+class Tracer:
+    """Takes down what the nodes of one core do: for `looking_on`, while the core is replayed."""
+
+    def __init__(self) -> None:
+        self.changes: list[KnowledgeChange] = []
+        """Since they were taken last."""
+        self.news: list[News] = []
+        self.has_nodes = False
+        self.orders = OrderWatch(points := Points())
+        self._points = points
+        self._number = 0
+        self._step = 0
+        self._arrivals: dict[Instant, Arrival] = {}
+        self._reads: dict[tuple[type, str], Dependence] = {}
+
+    def prepare(self, core: Core, step_us: int) -> None:
+        """Look at what the core is given from now on."""
+        advance = core.advance
+
+        def watched(inputs: Inputs) -> Any:
+            self._take(core.step, inputs)
+            return advance(inputs)
+
+        cast(Any, core).advance = watched
+
+    def deployed(self, component: Knowledge, now: Instant) -> None:
+        """See `deeco.onlooking.Onlooker`, as for the next ones."""
+        self.has_nodes = True
+
+    def committed(self, commit: Commit, replica: Replica | None) -> None:
+        """One change."""
+        found = list(differences(commit.before, commit.after))
+        touched = dict.fromkeys(root(one.path) for one in found)
+        for field in touched:
+            before, after = getattr(commit.before, field), getattr(commit.after, field)
+            self._points.note(self._number, self._step, field, before, after)
+        self._number += 1
+        depends = self._dependence(commit)
+        self.changes.append(
+            KnowledgeChange(
+                step=self._step,
+                instant=commit.instant,
+                component=commit.after.id,
+                by=commit.by,
+                adaptation=commit.adaptation,
+                peer=commit.peer,
+                age=Duration(0 if commit.heard is None else commit.instant - commit.heard),
+                changed=tuple(Changed(one.path, _json(one.before), _json(one.after)) for one in found),
+                fields={field: _field_change(commit, field) for field in touched},
+                own=depends.own,
+                read=None if replica is None else self._read(replica, commit.instant, depends.peer),
+                decision=_decision(commit),
+            )
+        )
+
+    def heard(self, component: str, replica: Replica, now: Instant) -> None:
+        """One newer replica."""
+        self.news.append(News(replica.id, replica.contact(now).heard))
+
+    def _dependence(self, commit: Commit) -> Dependence:
+        key = type(commit.after), commit.by
+        if key not in self._reads:
+            exchange = bool(commit.peer) or commit.heard is not None
+            self._reads[key] = dependence(*key, self.orders.ensembles, exchange=exchange)
+        return self._reads[key]
+
+    def _take(self, step: int, inputs: Inputs) -> None:
+        self._step = max([step, *(message.step for message in inputs.values())])  # after a gap it is behind
+        received = [message for message in inputs.values() if isinstance(message, Received)]
+        for event in (event for message in received for event in message.events):
+            if isinstance(event, Heard):
+                instant = Instant(event.instant)
+                self._arrivals[instant] = Arrival(
+                    self._step, instant, event.sender, event.rssi_dbm, event.lqi
+                )
+
+    def _read(self, replica: Replica, now: Instant, wanted: tuple[str, ...]) -> ReplicaRead:
+        contact = replica.contact(now)
+        epoch, publication = replica.version
+        return ReplicaRead(
+            component=replica.id,
+            epoch=epoch,
+            publication=publication,
+            heard=contact.heard,
+            age=Duration(now - contact.heard),
+            hops=contact.hops,
+            rssi_dbm=contact.rssi_dbm,
+            arrival=self._arrivals.get(contact.heard),
+            known=_known(replica.roles, wanted),
+        )
+
+
+def differences(before: object, after: object, path: str = "") -> Iterator[Difference]:
+    """Where two values differ: by field and by key, as deep as both are of one kind; a tuple is one value."""
+    if before is after:
+        return
+    if is_dataclass(after) and type(before) is type(after):
+        for one in fields(after):
+            name = f"{path}.{one.name}" if path else one.name
+            yield from differences(getattr(before, one.name), getattr(after, one.name), name)
+    elif isinstance(before, Mapping) and isinstance(after, Mapping):
+        for key in dict.fromkeys([*before, *after]):
+            yield from differences(before.get(key, ABSENT), after.get(key, ABSENT), f"{path}[{key}]")
+    elif before != after:
+        yield Difference(path, before, after)
+
+
+def root(path: str) -> str:
+    """The field of the component that a path begins with."""
+    return path.partition(".")[0].partition("[")[0]
+
+
+def _field_change(commit: Commit, field: str) -> FieldChange:
+    before, after = getattr(commit.before, field), getattr(commit.after, field)
+    numbers = isinstance(before, int) and isinstance(after, int)
+    return FieldChange(
+        _worded(commit.before, field),
+        _worded(commit.after, field),
+        (after > before) - (after < before) if numbers else 0,
+        isinstance(after, Point | Pose),
+    )
+
+
+def _decision(commit: Commit) -> Decision | None:
+    """As `actors.robot.behaviour.decision_log` takes it down."""
+    before: Any = commit.before
+    after: Any = commit.after
+    if not (commit.adaptation and isinstance(after, Deciding)):
+        return None
+    words = after.decided_since(before)
+    if not words:
+        return None
+    old, new = (None if one is None else (one.x, one.y) for one in (before.target, after.target))
+    return Decision(words, old, new)
+
+
+def _known(roles: tuple[Knowledge, ...], wanted: tuple[str, ...]) -> dict[str, str]:
+    """What an exchange read of a replica; all of it where nobody knows what that is."""
+    fitting = [role for role in roles if any(hasattr(role, one) for one in wanted)] or list(roles)
+    if not fitting:
+        return {}
+    names = wanted or tuple(vars(fitting[0]))
+    return {
+        one: _worded(fitting[0], one)
+        for one in names
+        if hasattr(fitting[0], one) and one not in ("id", "parameters")
+    }
+
+
+def _worded(knowledge: Knowledge, field: str) -> str:
+    """A field's value; an instant as seconds."""
+    value = getattr(knowledge, field)
+    if isinstance(value, int) and "Instant" in str(type_of(type(knowledge), field)):
+        return f"{in_seconds(Instant(value)):.3f}".rstrip("0").rstrip(".") + " s"
+    return in_words(value)
+
+
+def _json(value: object) -> str | None:
+    if value is ABSENT:
+        return None
+    return msgspec.json.encode(value, enc_hook=repr, order="deterministic").decode()

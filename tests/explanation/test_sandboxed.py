@@ -1,0 +1,141 @@
+"""What a recorded strategy does while a run is explained or exported stays in its process, and is told."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from actors.installation.repository import REPOSITORY
+from actors.robot.behaviour.foreign import Permit
+from actors.runtime.bus.replay_bus import ReplayError
+from actors.runtime.isolation import sandbox
+from deploy.run import swarm
+from deploy.run.options import RunOptions
+from deploy.scenario.scenario_file import parse
+from observation.explanation.explain import Explainer, ExplanationError, wish
+from observation.export.rows import ExportError, tables
+from observation.replay.sandboxed_calls import Bounds
+from observation.replay.trusted_replay import replay
+from observation.trace.coding import PART, TraceError, decode, encode, parts
+from observation.trace.program import whole
+from tests.swarm.command import processes_of, start
+
+ABLE = sandbox.available() is None
+SCENARIO = f"""
+map = "{REPOSITORY / "maps" / "corridor.yaml"}"
+[run]
+duration = 1.0
+strategy = "tests.explanation.hostile:behaviour"
+[robots]
+count = 1
+[localisation]
+preset = "odometry"
+[places]
+preset = "golden"
+per_robot = 1
+"""
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("hostile") / "out"
+    settled = parse(SCENARIO, REPOSITORY / "hostile.toml")
+    swarm.run_in_memory(swarm.plan(settled, RunOptions(out, bus="memory")), lambda progress: None)
+    return out
+
+
+def fault(out: Path, mood: str, least_s: float = 120.0) -> str:
+    """What is said of a decision's explanation when the strategy is in that mood; nothing stays behind."""
+    (out / "mood").write_text(mood)
+    bounds = Bounds(64_000_000, least_s, bytes_per_s=1e9)
+    with pytest.raises(ExplanationError) as caught:
+        Explainer(out, permit=Permit((REPOSITORY,)), isolate=ABLE, bounds=bounds).explain(wish("r1@1"))
+    assert processes_of(out) == []
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 600
+    return str(caught.value)
+
+
+def test_one_that_hangs_is_ended(hostile: Path) -> None:
+    said = fault(hostile, "hang", least_s=2.0)
+    assert said == "r1: could not be replayed: what it runs has not ended after 2 s, and was ended"
+
+
+def test_one_that_hangs_while_it_is_replayed_is_ended(hostile: Path) -> None:
+    (hostile / "mood").write_text("hang")
+    bounds = Bounds(1000, least_s=2.0, bytes_per_s=1e9)
+    with pytest.raises(ReplayError) as caught:
+        replay(hostile, "r1", permit=Permit((REPOSITORY,)), isolate=ABLE or None, bounds=bounds)
+    assert str(caught.value) == (
+        "r1: could not be replayed: what it runs has not ended after 2 s, and was ended"
+    )
+    assert processes_of(hostile) == []
+
+
+def test_a_replay_that_lies_is_told(hostile: Path) -> None:
+    (hostile / "mood").write_text("much")
+    with pytest.raises(ReplayError, match=r"^r1: what it answers makes no sense$"):
+        replay(hostile, "r1", permit=Permit((REPOSITORY,)), isolate=ABLE or None)
+
+
+def test_a_flood_ends_where_a_file_may_be_no_larger(hostile: Path) -> None:
+    assert fault(hostile, "flood") == "r1: OSError: [Errno 27] File too large"
+
+
+@pytest.mark.skipif(not ABLE, reason="this machine cannot shut processes off")
+def test_it_sees_neither_the_swarms_code_nor_writes_anywhere(hostile: Path) -> None:
+    assert fault(hostile, "peek") == "r1: RuntimeError: sees False False"
+
+
+def test_one_that_leaves_takes_along_what_it_started(hostile: Path) -> None:
+    (hostile / "mood").write_text("leave")
+    # what is replayed has words of its own
+    process = start("explain", hostile, "r1", "--modules", REPOSITORY)
+    told, said = process.communicate(timeout=100)
+    assert process.returncode == 1 and told == ""
+    assert said.endswith("acrc: r1: could not be replayed (exit code 3)\n")
+    assert processes_of(hostile) == []
+
+
+def test_more_than_an_answer_may_have_is_not_read(hostile: Path) -> None:
+    (hostile / "mood").write_text("much")
+    with pytest.raises(ExportError) as caught:
+        tables(hostile, permit=Permit((REPOSITORY,)), isolate=ABLE, bounds=Bounds(1000))
+    assert str(caught.value) == "r1: answers with more than 1000 bytes"
+
+
+def test_a_trace_that_lies_is_told(hostile: Path) -> None:
+    (hostile / "mood").write_text("")
+    (trace,) = whole(hostile, "r1")
+    sound = msgspec.msgpack.decode(encode(trace)[PART.size :])
+    goal = {"step": 3, "point": (1.0, 2.0), "status": "active", "reason": None, "phase": "driving"}
+    assert decode(msgspec.msgpack.encode(sound | {"goals": [goal]})).goals[0].step == 3
+
+    def told(**other: object) -> bytes:
+        return msgspec.msgpack.encode(sound | other)
+
+    lies = {
+        b"": "Input data was truncated",
+        b"\xc1 no such thing": "MessagePack data is malformed",
+        b"\x91" * 100_000: "Expected `object`, got `array`",
+        told(goals=[goal | {"step": None}]): "Expected `int`, got `None`",
+        told(goals=[goal | {"step": -1}]): "Expected `int` >= 0",
+        told(goals=[goal | {"step": 2**63}]): "Expected `int` <= 10",
+        msgspec.msgpack.encode(
+            sound | {"goals": [goal | {"point": ("x", 2.0)}]}
+        ): "Expected `float`, got `str`",
+        told(doings=[{"instant": 0, "activity": "\x1b"}]): "are no activities",
+        told(lost=[[2**40], b""]): "cannot reshape array",
+        told(lost=[[9], bytes(72)]): "lost has the shape (9,), and must have",
+    }
+    for lie, words in lies.items():
+        with pytest.raises(TraceError) as caught:
+            decode(lie)
+        assert str(caught.value).startswith("its trace makes no sense: ")
+        assert words in str(caught.value) and "\x1b" not in str(caught.value)
+    with pytest.raises(TraceError, match=r"^its trace makes no sense: it ends within a part$"):
+        list(parts(encode(trace)[:-1]))
+
+
+def test_a_robot_that_is_none_is_refused_before_anything_runs(hostile: Path) -> None:
+    with pytest.raises(ExplanationError, match="r7: is no robot of this run; there are r1"):
+        Explainer(hostile, permit=Permit((REPOSITORY,)), isolate=ABLE).listed("r7")

@@ -1,0 +1,179 @@
+"""The trace of a robot: what it knew, change by change, what each came of; and how it is kept."""
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from shutil import copytree
+from typing import Any
+
+import pytest
+
+from actors.geometry import Point
+from actors.messages import RECEIVED, Heard
+from actors.robot.behaviour.foreign import INSTALLED, Permit
+from observation.evidence.recorded import taken
+from observation.replay.sandboxed_calls import Call, ask
+from observation.trace import kept as keeping
+from observation.trace import traces as tracing
+from observation.trace.coding import PART
+from observation.trace.frame_fates import frame_fates, replayed
+from observation.trace.knowledge import ABSENT, Difference, differences, root
+from observation.trace.points import Points
+from observation.trace.program import whole
+from observation.trace.rows import Trace
+from observation.trace.traces import Traced, traces
+
+
+@pytest.fixture(scope="module")
+def trace(met: Path) -> Trace:
+    (found,) = whole(met, "r2")
+    assert found.fault is None
+    return found
+
+
+def test_changes_lead_from_what_it_began_with_to_what_it_knew_last(trace: Trace) -> None:
+    last: dict[str, str] = {}
+    assert trace.has_nodes and len(trace.changes) > 100
+    for change in trace.changes:
+        assert change.changed and set(change.fields) == {root(one.path) for one in change.changed}
+        assert change.step == change.instant // 100_000
+        for field, one in change.fields.items():
+            assert last.get(field, one.before) == one.before != one.after or one.direction or one.is_place
+            last[field] = one.after
+
+
+def test_an_adoption_names_the_replica_and_the_frame_that_brought_it(met: Path, trace: Trace) -> None:
+    adoption = next(one for one in trace.changes if one.by == "DestinationAdoption.at_member")
+    read = adoption.read
+    assert adoption.adaptation and adoption.peer == "r1" and read is not None and read.arrival is not None
+    assert read.heard + read.age == adoption.instant == 15_000_000 and read.age == adoption.age
+    assert (read.component, read.epoch, read.hops) == ("r1", 0, 0) and read.publication > 10
+    assert "destination.owner" in {one.path for one in adoption.changed}
+    assert adoption.decision is not None and adoption.decision.words == "takes over r1/0"
+    frames = {
+        (received.step, event.instant, event.sender, event.rssi_dbm, event.lqi)
+        for _, received in taken(met / "r2" / "r2.mcap", RECEIVED)
+        for event in received.events
+        if isinstance(event, Heard)
+    }
+    arrival = read.arrival
+    assert (arrival.step, arrival.instant, arrival.sender, arrival.rssi_dbm, arrival.lqi) in frames
+    assert ("r1", read.heard) in {(one.peer, one.heard) for one in trace.news}
+
+
+def test_processes_use_no_replica_and_no_peer(trace: Trace) -> None:
+    for change in trace.changes:
+        assert (change.read is None) is (change.peer == "") is change.by.startswith("AdaptiveCleaningRobot.")
+
+
+@pytest.mark.parametrize("name", ["r9", "world"])
+def test_what_is_no_robot_has_no_trace(met: Path, name: str) -> None:
+    (found,) = traces(met, [name], permit=INSTALLED, isolate=False)
+    assert found == Traced(name, fault=f"{name}: is no robot")
+
+
+def test_differences_are_as_deep_as_both_sides_go() -> None:
+    before, after = {"a": (1, 2), "b": {"c": 3}}, {"a": (1, 3), "b": {}, "d": 4}
+    assert list(differences(before, after)) == [
+        Difference("[a]", (1, 2), (1, 3)),
+        Difference("[b][c]", 3, ABSENT),
+        Difference("[d]", ABSENT, 4),
+    ]
+
+
+@dataclass(frozen=True)
+class Bid:
+    at: Point
+
+
+def test_a_point_is_found_wherever_it_came_into_knowledge_and_where_it_went() -> None:
+    points, here = Points(), Point(1.0, 2.0)
+    points.note(0, 5, "bids", {}, {"r2": Bid(here)})
+    points.note(1, 6, "way", (), ((1.0, 2.0), (3.0, 4.0)))
+    points.note(2, 7, "way", ((1.0, 2.0), (3.0, 4.0)), ((3.0, 4.0),))
+    points.note(3, 7, "bids", {"r2": Bid(here)}, {"r2": Bid(here), "r3": Bid(Point(0.0, 0.0))})
+    assert points.behind(here, 7, gone=False, again=False) == (1, 0)
+    assert points.behind(here, 7, gone=False, again=True) == (3, 1)
+    assert points.behind(here, 8, gone=False, again=True) == (1, 0)
+    assert points.behind(here, 7, gone=True, again=False) == (2,)
+    assert points.behind(None, 7, gone=True, again=False) == ()
+
+
+class Counting:
+    """Asks for traces and counts what had to be replayed."""
+
+    def __init__(self, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._out, self.replayed = out, list[str]()
+
+        def counted(out: Path, module: str, calls: Sequence[Call], *words: Any, **more: Any) -> Any:
+            self.replayed += [one.name for one in calls]
+            return ask(out, module, calls, *words, **more)
+
+        monkeypatch.setattr(tracing, "ask", counted)
+
+    def of(self, actor: str, permit: Permit = INSTALLED) -> Traced:
+        (found,) = traces(self._out, [actor], permit=permit, isolate=False)
+        return found
+
+
+@pytest.fixture
+def counting(met: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Counting:
+    copytree(met, tmp_path / "run")
+    for path in (tmp_path / "run").glob("*/*.trace"):
+        path.unlink()
+    return Counting(tmp_path / "run", monkeypatch)
+
+
+def test_a_robot_is_replayed_once_for_all_who_look(
+    counting: Counting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = counting.of("r2").whole()
+    assert counting.of("r2").whole().changes == first.changes and counting.replayed == ["r2"]
+    assert counting.of("r2", Permit(trust=True)).parts and counting.replayed == ["r2", "r2"]
+    recording = tmp_path / "run" / "r2" / "r2.mcap"
+    file = recording.with_suffix(".trace")
+    kept = file.read_bytes()
+    for damaged in (kept[:-10], kept[:32] + b"\x01", b"", b"\x00" + kept[1:], kept + b"\x01"):
+        file.write_bytes(damaged)
+        assert keeping.kept(recording) is None
+    counting.of("r2")
+    assert counting.replayed == ["r2"] * 3 and file.read_bytes() == kept
+    monkeypatch.setattr(keeping, "VERSION", 0)
+    assert keeping.kept(recording) is None
+
+
+def test_a_trace_is_bounded_however_small_its_file(
+    counting: Counting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = tmp_path / "run" / "r2" / "r2.mcap"
+    monkeypatch.setattr(keeping, "MOST_BYTES", 1_000_000)
+    bomb = zlib.compress(bytes(2_000_000))
+    recording.with_suffix(".trace").write_bytes(keeping.inputs(recording) + PART.pack(len(bomb)) + bomb)
+    assert keeping.kept(recording) is None
+
+
+def test_another_recording_has_another_trace(counting: Counting, tmp_path: Path) -> None:
+    counting.of("r2")
+    recording = tmp_path / "run" / "r2" / "r2.mcap"
+    came_of = keeping.inputs(recording)
+    assert keeping.kept(recording)
+    recording.write_bytes(recording.read_bytes()[:-1])
+    assert keeping.kept(recording) is None
+    recording.with_suffix(".trace").unlink()
+    keeping.keep(recording, came_of, [b"of another one"])
+    assert not recording.with_suffix(".trace").exists()
+
+
+def test_frames_are_kept_too_and_those_of_strangers_are_not_believed(met: Path, tmp_path: Path) -> None:
+    copytree(met, tmp_path / "run")
+    radio = tmp_path / "run" / "radio" / "radio.mcap"
+    radio.with_suffix(".trace").unlink(missing_ok=True)
+    first = frame_fates(tmp_path / "run")
+    assert frame_fates(tmp_path / "run") == first == replayed(tmp_path / "run")
+    found = keeping.kept(radio)
+    assert found is not None
+    (part,) = found
+    for old, new in ((b"\xa2r1", b"\xa2r7"), (b"heard", b"HEARD")):
+        keeping.keep(radio, keeping.inputs(radio), [part.replace(old, new)])
+        assert frame_fates(tmp_path / "run") == first
