@@ -128,7 +128,7 @@ def _one(
     from actors.runtime.errors import AcrcError
     from actors.runtime.prints import on
     from cleaning.strategies import entry
-    from deploy.branches import other_strategy
+    from deploy.branches import swarm_replay
     from observation.replay import debugging
     from observation.replay.record_replay import Onlook, replay_actor
     from observation.replay.trust import check_trust
@@ -153,7 +153,7 @@ def _one(
     if strategy is None:
         report = replay_actor(out, robot, onlook)
     else:
-        report = other_strategy.replay_otherwise(out, robot, entry(strategy), onlook)
+        report = swarm_replay.replay_otherwise(out, robot, entry(strategy), onlook)
     if wanted is not None and not reached:
         raise AcrcError(f"--from: is {begin:g}, but {robot}'s recording ends before")
     return report

@@ -5,7 +5,7 @@ import importlib
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Self
 
 from actors.runtime.errors import AcrcError
 
@@ -30,7 +30,7 @@ CP2102: Final = UsbChip("10c4", "ea60")
 
 @dataclass(frozen=True)
 class PortDevice:
-    """What hangs on a port, for sentences."""
+    """What hangs on a port, for sentences and udev rules."""
 
     name: str
     """As in "the Kobuki"."""
@@ -38,6 +38,12 @@ class PortDevice:
     """The name that a udev rule gives its port."""
     baud: int
     chip: UsbChip
+
+
+KOBUKI: Final = PortDevice("Kobuki", "/dev/kobuki", 115_200, FTDI)
+BOARD: Final = PortDevice("BEE-click board", "/dev/beeclick", 921_600, FTDI)
+"""The chip is that of the USB UART of the board that it sits on."""
+RPLIDAR: Final = PortDevice("RPLIDAR", "/dev/rplidar", 115_200, CP2102)
 
 
 class SerialPort:
@@ -81,7 +87,7 @@ class SerialPort:
         """Give the port back."""
         self._port.close()
 
-    def __enter__(self) -> "SerialPort":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

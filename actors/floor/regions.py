@@ -18,7 +18,7 @@ from actors.geometry import Point
 
 ROOM: Final = 0.8
 """Wide is where the walls are so far from the middle, m. Own choice: in the corridor map's necks, 1.5 m wide,
-robots of 0.35 m that meet head-on stop for good, for the chapter's driver keeps to the middle."""
+robots of 0.35 m that meet head-on stop for good, for the chapter's local planner keeps to the middle."""
 
 
 @dataclass(frozen=True)

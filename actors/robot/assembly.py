@@ -1,4 +1,4 @@
-"""A robot from its parts: which localiser, which driver, whose behaviour."""
+"""A robot from its parts: which localiser, which local planner, whose behaviour."""
 
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -20,7 +20,7 @@ from actors.robot.localisation import Amcl, DeadReckoning, LikelihoodField, Loca
 from actors.robot.navigation import cell_distance, dwa, inflation, map_grid, potential, ray_tracing
 from actors.robot.navigation.cost_map import CostMap
 from actors.robot.navigation.floor_plan import ReachableFloor
-from actors.robot.navigation.local_planner import LocalPlanner
+from actors.robot.navigation.local_planner import DwaLocalPlanner
 from actors.robot.navigation.navigator import Navigator
 from actors.robot.navigation.planning import Ground, Planner, ground
 from actors.robot.stack import Stack
@@ -133,11 +133,11 @@ def robot(setup: RobotSetup, model: RobotModel, plan: OccupancyGrid) -> RobotCor
     stack, radius = setup.stack, model.footprint.circumradius
     common = common_ground(plan, model, stack)
     local = CostMap(model.sensor, radius, stack.local_map)
-    driver = LocalPlanner(local, radius, model.drive, stack.dwa)
+    local_planner = DwaLocalPlanner(local, radius, model.drive, stack.dwa)
     parts = RobotParts(
         sweeps=Sweeps(model.sensor),
         localisation=_localisation(setup, model, common.field),
-        navigation=Navigator(Planner(common.floor, stack.planner), local, driver, stack.navigation),
+        navigation=Navigator(Planner(common.floor, stack.planner), local, local_planner, stack.navigation),
         behaviour=behaviour_of(setup.behaviour, start(setup, model, common.floor)),
     )
     return RobotCore(

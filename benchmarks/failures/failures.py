@@ -19,7 +19,7 @@ SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 ROBOTS: Final = (4, 8)
 BESIDE: Final = 1.0
 """Another robot within this distance is what stood in the way, m, centre to centre; own choice: where the
-chapter's driver looks, sim_time * speed = 1.5 m, less half a second."""
+chapter's local planner looks, sim_time * speed = 1.5 m, less half a second."""
 Count = Callable[[FailureRun], float]
 
 

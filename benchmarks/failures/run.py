@@ -1,8 +1,8 @@
 """One run, and how often the chapter's three failures (7.2.1) come about in it, from ground truth.
 
-Lost: the robot holds itself to be more than 1 m from where it is. No valid trajectory: its driver finds none
-for a while, and then does, all by itself. Mutual blocking: robots with goals not reached yet stand in each
-other's way. The exact thresholds stand in EpisodeParameters.
+Lost: the robot holds itself to be more than 1 m from where it is. No valid trajectory: its local planner
+finds none for a while, and then does, all by itself. Mutual blocking: robots with goals not reached yet stand
+in each other's way. The exact thresholds stand in EpisodeParameters.
 """
 
 import hashlib
@@ -49,7 +49,7 @@ class LostEpisode:
 
 @dataclass(frozen=True)
 class NoTrajectorySpell:
-    """A while in which a robot's driver found no valid trajectory."""
+    """A while in which a robot's local planner found no valid trajectory."""
 
     robot: str
     begin_s: float

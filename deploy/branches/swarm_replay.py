@@ -1,7 +1,7 @@
 """A whole simulated run made again, in memory, from its scenario, its seed and the orders it was given."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -21,7 +21,7 @@ from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario, module_folders
 from observation.replay.record_check import check
 from observation.replay.record_pass import STAMP, read_pass
-from observation.replay.record_replay import recorded_code
+from observation.replay.record_replay import Onlook, ReplayReport, recorded_code, replay_actor
 from observation.replay.recorded_orders import OrderBus, recorded_orders
 from observation.replay.run_recordings import recordings
 from observation.replay.trust import say_unhashed
@@ -137,3 +137,14 @@ def _on(path: Path, way: Direction, key: str) -> Iterator[bytes | None]:
     for item in read_recording(path):
         if not isinstance(item, Note) and item.direction == way and item.key == key:
             yield item.payload
+
+
+def replay_otherwise(out: Path, actor: str, behaviour: str, onlook: Onlook) -> ReplayReport:
+    """Execute a robot again with another behaviour, an entry string, on its own settings.
+
+    Raises ReplayError at the first message that it would have sent otherwise: from there on it would have
+    sensed and heard other things than were recorded.
+    """
+    if actor in {"world", "radio"}:
+        raise ReplayError(f"{actor}: has no strategy; must be a robot")
+    return replay_actor(out, actor, replace(onlook, behaviour=behaviour))

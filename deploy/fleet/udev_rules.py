@@ -10,11 +10,8 @@ from typing import Final
 
 from deploy.fleet.fleet_file import FleetRobot
 from deploy.fleet.usb_ports import UsbPort, may_be
-from firmware_bridge.beeclick.port import BOARD
-from firmware_bridge.kobuki.port import KOBUKI
 from firmware_bridge.onboard.onboard_setup import OPENNI
-from firmware_bridge.range_sensors.rplidar import RPLIDAR
-from firmware_bridge.serial_port import PortDevice
+from firmware_bridge.serial_port import BOARD, KOBUKI, RPLIDAR, PortDevice
 
 GROUP: Final = "dialout"
 """Who may open serial ports; Debian's and Ubuntu's name for it."""

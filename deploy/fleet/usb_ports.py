@@ -3,9 +3,7 @@
 from pathlib import Path
 from typing import NamedTuple
 
-from firmware_bridge.beeclick.port import BOARD
-from firmware_bridge.kobuki.port import KOBUKI
-from firmware_bridge.serial_port import PortDevice
+from firmware_bridge.serial_port import BOARD, KOBUKI, PortDevice
 
 _TERMINALS = Path("/sys/class/tty")
 _KEYS = ("idVendor", "idProduct", "serial")

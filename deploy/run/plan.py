@@ -18,7 +18,7 @@ from actors.robot.behaviour import succession
 from actors.robot.program import RobotProcess
 from actors.runtime.access import credentials, router_file
 from actors.runtime.access.credentials import Credentials, unix_endpoint
-from actors.runtime.isolation.neutral import FOLDER, NAMES, Names, RealNames, own_folder
+from actors.runtime.isolation.neutral import FOLDER, NAMES, Names, StrategyFolders, own_folder
 from actors.runtime.isolation.neutral import code as seen_code
 from actors.runtime.process_setup import SETUP, ActorSetup, ProcessSetup, located_model
 from actors.runtime.spans import Window
@@ -117,7 +117,7 @@ def lay_out(plan: RunPlan) -> None:
 def write_names(plan: RunPlan) -> None:
     """Write where the strategy's code lies, where no isolated robot can read it."""
     if plan.code:
-        names = RealNames(str(plan.out.resolve()), plan.code)
+        names = StrategyFolders(str(plan.out.resolve()), plan.code)
         (plan.out / NAMES).write_bytes(msgspec.json.format(msgspec.json.encode(names)) + b"\n")
 
 

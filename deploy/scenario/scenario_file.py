@@ -15,6 +15,7 @@ from actors.runtime.errors import AcrcError
 from deploy.scenario import areas, events, robot_tables
 from deploy.scenario.stack_tables import stack_fault
 from deploy.scenario.tables import Scenario
+from deploy.scenario.toml_text import document
 
 DEFAULT_SCENARIO: Final = SHIPPED / "scenarios" / "chapter.toml"
 
@@ -172,3 +173,8 @@ def _with_absolute_paths(scenario: Scenario, folder: Path) -> Scenario:
 def module_folders(scenario: Scenario) -> tuple[Path, ...]:
     """Where a scenario says that its strategy lies."""
     return (Path(scenario.run.modules),) if scenario.run.modules else ()
+
+
+def to_toml(scenario: Scenario) -> str:
+    """The scenario file's text, which reads back as the very same scenario; what is absent stays absent."""
+    return document(scenario.model_dump(exclude_none=True))

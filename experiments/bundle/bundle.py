@@ -1,9 +1,11 @@
 """Puts together the bundle of a campaign."""
 
 import csv
+import hashlib
 import io
 import subprocess
-from collections.abc import Iterator, Sequence
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -13,7 +15,6 @@ from actors.installation.repository import IS_CLONE, REPOSITORY, SHIPPED
 from actors.processes.scratch import scratch_folder
 from actors.runtime import regular_file
 from actors.runtime.errors import AcrcError
-from experiments.bundle import archive
 from experiments.bundle.inputs import inputs
 from experiments.bundle.papers import BundleFacts, citation, readme
 from experiments.campaign import store
@@ -21,6 +22,7 @@ from experiments.campaign.trial_record import TrialRecord
 from experiments.comparison.comparison import compare, samples
 from experiments.comparison.sentences import chapter_order, too_few
 from experiments.report import report
+from observation.results.seal import SUMS, lines
 
 UNNAMED: Final = "Unnamed; write the authors here"
 _HERE: Final = Path(__file__).parent
@@ -61,7 +63,7 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
         files["software.zip"] = software
         pins = _committed(commit, "show", f"{commit}:constraints.txt")
         files["constraints.txt"] = pins or files["constraints.txt"]
-    archive.write(out, folder.resolve().name, files)
+    write(out, folder.resolve().name, files)
     return software is not None
 
 
@@ -111,3 +113,25 @@ def _committed(commit: str, *words: str) -> bytes | None:
         return subprocess.run(asked, check=True, capture_output=True).stdout
     except (OSError, subprocess.CalledProcessError):
         return None
+
+
+_BEGIN: Final = (1980, 1, 1, 0, 0, 0)
+"""The earliest instant that the format knows."""
+_UNIX: Final = 3
+
+
+def write(path: Path, top: str, files: Mapping[str, bytes]) -> None:
+    """Write the files into folder `top` of a new archive, with the SHA-256 sums of all in SUMS.
+
+    What ends in `.sh` can be executed. The file is there whole or not at all.
+    """
+    sums = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
+    whole = {**files, SUMS: lines(sums)}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with regular_file.replaced(path) as new, zipfile.ZipFile(new, "w") as archive:
+        for name in sorted(whole):
+            info = zipfile.ZipInfo(f"{top}/{name}", _BEGIN)
+            info.create_system = _UNIX
+            info.external_attr = (0o100755 if name.endswith(".sh") else 0o100644) << 16
+            info.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(info, whole[name], compresslevel=9)

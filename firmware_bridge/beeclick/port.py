@@ -5,11 +5,8 @@ import select
 from contextlib import suppress
 from typing import Final
 
-from firmware_bridge.beeclick.wire import BAUD
-from firmware_bridge.serial_port import FTDI, PortDevice, PortError, SerialPort
+from firmware_bridge.serial_port import BOARD, SerialPort
 
-BOARD: Final = PortDevice("BEE-click board", "/dev/beeclick", BAUD, FTDI)
-"""The chip is that of the USB UART of the board that it sits on."""
 _CHUNK: Final = 4096
 """The most bytes of one reading: 44 ms of the line."""
 
@@ -29,18 +26,10 @@ class BoardPort(SerialPort):
         self._pending = b""
         os.set_blocking(self.fileno(), False)
 
-    def __enter__(self) -> "BoardPort":
-        return self
-
     @property
     def is_idle(self) -> bool:
         """True if all that was written is with the system: only then `Link.due` is to be asked for more."""
         return not self._pending
-
-    def fileno(self) -> int:
-        """The file descriptor."""
-        number: int = self._port.fileno()
-        return number
 
     def read(self) -> bytes:
         """What has come, at most 4096 bytes; nothing if nothing has. Raises PortError when unplugged."""
@@ -69,6 +58,3 @@ class BoardPort(SerialPort):
             return
         except (OSError, ValueError, TypeError) as error:
             raise self._gone(error) from None
-
-
-__all__ = ["BOARD", "BoardPort", "PortError"]

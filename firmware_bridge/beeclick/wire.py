@@ -6,7 +6,9 @@ no delimiter, no checksum and no escape. Source: d3scomp/beeclickarm, TODQueue.h
 
 from typing import Final
 
-BAUD: Final = 921_600
+from firmware_bridge.serial_port import BOARD
+
+BAUD: Final = BOARD.baud
 """8 data bits, no parity, 1 stop bit, no flow control."""
 BITS_PER_BYTE: Final = 10
 """On the line: start bit, 8 data bits, stop bit."""

@@ -27,7 +27,6 @@ from actors.runtime.lifecycle.parent import die_with_parent
 from actors.runtime.process import ActorProcess, play, run_note
 from actors.runtime.process_setup import read_setup
 from actors.runtime.shell import Shell
-from firmware_bridge.kobuki import port as kobuki_port
 from firmware_bridge.kobuki.driver import KobukiDriver
 from firmware_bridge.onboard.base_core import BaseCore
 from firmware_bridge.onboard.conduct import Clock, conduct
@@ -39,11 +38,12 @@ from firmware_bridge.range_sensors import rplidar
 from firmware_bridge.range_sensors.camera_feed import CameraFeed
 from firmware_bridge.range_sensors.depth import DepthScanner
 from firmware_bridge.range_sensors.openni import OpenNICamera
+from firmware_bridge.serial_port import KOBUKI, SerialPort
 
 
 def turtlebot(setup: BaseSetup, clock: Clock, say: Say) -> TurtleBot:
     """The vehicle on the ports of the set-up, which need not be there yet."""
-    base = functools.partial(kobuki_port.open_port, setup.base, patience=0.0)
+    base = functools.partial(SerialPort, setup.base, KOBUKI, patience=0.0)
     driver, ranger = KobukiDriver(clock.now()), _ranger(setup, clock, say)
     mount = load_model(setup.model, setup.sensor).sensor.mount
     return TurtleBot(base, driver, ranger, LastWord(setup.base), say, mount)

@@ -27,7 +27,7 @@ from firmware_bridge.range_sensors.rplidar_wire import (
     SampleReader,
 )
 from firmware_bridge.range_sensors.sensor import Rays, SensorSweep
-from firmware_bridge.serial_port import CP2102, PortDevice, SerialPort
+from firmware_bridge.serial_port import RPLIDAR, SerialPort
 
 _NOTICEABLE_Q6: Final = 10 * 64
 """A head that turns goes on by so much, 1/64°."""
@@ -39,7 +39,6 @@ _KEPT_TURNS: Final = 64
 """Earlier turns that a part is compared with, 12 s of an A1; own choice."""
 _REPEATED: Final = 4
 """Parts of the last turn that may not be repeated; own choice: 60 ms, and no other cause is known."""
-RPLIDAR = PortDevice(name="RPLIDAR", symlink="/dev/rplidar", baud=115_200, chip=CP2102)
 
 
 @dataclass(frozen=True)

@@ -40,14 +40,14 @@ class EpisodeParameters:
     map (obstacle_range). Before a door that is closed robots stop 1.6 to 2.5 m from what closes it."""
     wedge: float = 0.45
     """Two robots that do not get on, nearer than this, centre to centre, are wedged, m: nearer than their two
-    inscribed circles and two cells of the local map, so that the driver finds no way out."""
+    inscribed circles and two cells of the local map, so that the local planner finds no way out."""
     wedged_s: float = 10.0
     """A pair counts as wedged from so many s on; for less it is a touch and go."""
     beside: float = 0.5
     """A robot is at a door if it is so near to where one robot closes the way, m."""
     neck: float = 1.6
     """A passage between rooms that is narrower, m, is a door, too: between the corridor's cabinets there are
-    1.5 m, in which two robots could pass; with the chapter's driver they do not."""
+    1.5 m, in which two robots could pass; with the chapter's local planner they do not."""
     fit: float = 0.7
     """A goal was visited by whoever was so near, m: as the world judges places (WorldSetup.reach)."""
     jump: float = 0.3

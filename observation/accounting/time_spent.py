@@ -17,7 +17,8 @@ class Cause(Enum):
     NO_PLAN = "no plan"
     """It holds itself to be in a wall, or navigation finds no way to its goal."""
     WEDGED = "wedged"
-    """It stands so near to another robot, which does not get on either, that its driver finds no way out."""
+    """It stands so near to another robot, which does not get on either, that its local planner finds no way
+    out."""
     DONE_IN_WAY = "done robot in the way"
     """It stands before a robot that wants nowhere any more, or is off."""
     DOOR = "waiting at a door"

@@ -33,7 +33,7 @@ class EvidenceError(AcrcError):
     """A folder from which nobody can tell what happened."""
 
 
-class Reception(NamedTuple):
+class HeardCopy(NamedTuple):
     """A copy of a frame that a robot heard."""
 
     second: float
@@ -82,7 +82,7 @@ class RunEvidence:
     given_up: tuple[Deed, ...]
     routes: tuple[Route, ...]
     """What robots said, in the order of the steps; before that each means to visit its own places."""
-    receptions: tuple[Reception, ...]
+    receptions: tuple[HeardCopy, ...]
     """Every copy heard, robot by robot."""
     jams: tuple[tuple[float, Jam], ...]
     """Jammers, and from when on each was there, s."""

@@ -17,7 +17,7 @@ from actors.radio.radio_setup import RadioSetup
 from actors.topic import Topic
 from observation.evidence.run_evidence import (
     EvidenceError,
-    Reception,
+    HeardCopy,
     RunEvidence,
     places,
     result,
@@ -52,7 +52,7 @@ class RunReader:
         self._left = np.array([self._said.left(robot) for robot in self.robots], np.int64)
         self._truths: list[Truth] = []
         self._drives: list[tuple[str, Drive]] = []
-        self._heard: list[tuple[int, Reception]] = []
+        self._heard: list[tuple[int, HeardCopy]] = []
         """What no piece has told of yet, with the step in which the robot took it."""
         told = setup_of(files["radio"], RadioSetup, "a radio").robots
         self._addresses = {address: robot for robot, address in told}
@@ -144,7 +144,7 @@ class RunReader:
             received = _as(one, Received)
             for event in received.events:
                 if isinstance(event, Heard):
-                    copy = Reception(in_seconds(event.instant), event.sender, robot, event.rssi_dbm)
+                    copy = HeardCopy(in_seconds(event.instant), event.sender, robot, event.rssi_dbm)
                     self._heard.append((received.step, copy))
         elif one.key.endswith("/ready"):  # a new process, which is told of all of them once more
             self._given[robot] = ()
@@ -224,7 +224,7 @@ class RunReader:
 
     def _hear(
         self, truths: Sequence[Truth], shape: tuple[int, int], *, last: bool
-    ) -> tuple[tuple[Reception, ...], NDArray[np.int64]]:
+    ) -> tuple[tuple[HeardCopy, ...], NDArray[np.int64]]:
         """The copies of frames that robots took until the last of these steps, and how many in each."""
         counts = np.zeros(shape, np.int64)
         first = truths[0].step if truths else 0

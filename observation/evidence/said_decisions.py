@@ -23,7 +23,7 @@ class SaidDecision(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     new: tuple[Metres, Metres] | None
 
 
-class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class SaidAdaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """All that one process said; instants in µs."""
 
     decisions: Annotated[tuple[SaidDecision, ...], msgspec.Meta(max_length=MOST_LISTED)]
@@ -32,6 +32,6 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Spells in which it held itself to be blocked; None if it never asks."""
 
 
-def adaptation(record: Path, outcome: Mapping[str, msgspec.Raw]) -> Adaptation | None:
+def adaptation(record: Path, outcome: Mapping[str, msgspec.Raw]) -> SaidAdaptation | None:
     """What a process's last record says on it; None if nothing. Raises OutcomeError."""
-    return told(record, outcome, _SUBJECT, Adaptation, "a robot's adaptation")
+    return told(record, outcome, _SUBJECT, SaidAdaptation, "a robot's adaptation")

@@ -40,7 +40,7 @@ class Frame(NamedTuple):
     """When the sender gave it to its transceiver; None where the radio's recording is not there."""
 
 
-class Loss(NamedTuple):
+class FrameLoss(NamedTuple):
     """A frame that did not arrive."""
 
     instant: Instant
@@ -80,7 +80,7 @@ class Air:
             and (one is last or packets & _packets(one.data))
         )
 
-    def losses(self, senders: tuple[str, ...], since: Instant, until: Instant) -> tuple[Loss, ...]:
+    def losses(self, senders: tuple[str, ...], since: Instant, until: Instant) -> tuple[FrameLoss, ...]:
         """Frames of these robots that ended behind `since` and before `until` and that were lost here."""
         if not self.simulated:
             return ()
@@ -91,7 +91,7 @@ class Air:
         wanted = (fates.receivers == receiver) & (ended > since) & (ended < until)
         wanted &= np.isin(fates.senders, of) & (fates.outcomes != Outcome.HEARD)
         return tuple(
-            Loss(
+            FrameLoss(
                 Instant(int(ended[row])),
                 names[int(fates.senders[row])],
                 Outcome(int(fates.outcomes[row])).name.lower().replace("_", " "),

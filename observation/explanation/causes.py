@@ -15,7 +15,7 @@ _FEW: Final = 5
 Changes = Sequence[KnowledgeChange]
 
 
-class Run(NamedTuple):
+class ChangeRun(NamedTuple):
     """A field of knowledge that one process or exchange has changed; a count, several times in a row."""
 
     field: str
@@ -28,7 +28,7 @@ class Run(NamedTuple):
         return self.numbers[-1]
 
 
-def runs(changes: Changes, number: int) -> list[Run]:
+def runs(changes: Changes, number: int) -> list[ChangeRun]:
     """How each field that a change depended on had come to be what it was before, the newest first."""
     own = changes[number].own
     found = [
@@ -43,14 +43,14 @@ def is_routine(changes: Changes, number: int) -> bool:
     return _is_frequent(changes, [other for other, one in enumerate(changes) if one.by == by])
 
 
-def _last_run(changes: Changes, field: str, before: int) -> Run | None:
+def _last_run(changes: Changes, field: str, before: int) -> ChangeRun | None:
     """A field's last changes before a change; None if it never changed, or only says where the robot is."""
     numbers = list(_changes_of(changes, field, before))
     if not numbers:
         return None
     if changes[numbers[-1]].fields[field].is_place and _is_frequent(changes, numbers):
         return None
-    return Run(field, tuple(_one_way(changes, field, numbers)))
+    return ChangeRun(field, tuple(_one_way(changes, field, numbers)))
 
 
 def _one_way(changes: Changes, field: str, numbers: list[int]) -> list[int]:

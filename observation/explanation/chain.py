@@ -7,8 +7,8 @@ import msgspec
 
 from actors.instant import Instant, in_seconds
 from actors.robot.behaviour.goal import GoalStatus
-from observation.explanation.air import Air, Frame, Loss, seconds
-from observation.explanation.causes import Run, is_routine, runs
+from observation.explanation.air import Air, Frame, FrameLoss, seconds
+from observation.explanation.causes import ChangeRun, is_routine, runs
 from observation.explanation.decisions import Made
 from observation.trace.orders import AGAIN
 from observation.trace.rows import GoalChange, Order, ReplicaRead, Trace
@@ -111,14 +111,14 @@ class Chain:
     def _own(self, number: int, depth: int) -> Iterator[Link]:
         """What a change found in the component's own knowledge."""
         found = [run for run in runs(self._trace.changes, number) if run.last not in self._told]
-        told: dict[int, list[Run]] = {}
+        told: dict[int, list[ChangeRun]] = {}
         for run in found[:_WIDEST]:
             told.setdefault(run.last, []).append(run)
         for last, together in told.items():
             if last not in self._told:
                 yield from self._state(last, together, depth)
 
-    def _state(self, number: int, together: Sequence[Run], depth: int) -> Iterator[Link]:
+    def _state(self, number: int, together: Sequence[ChangeRun], depth: int) -> Iterator[Link]:
         for run in together:
             self._told.update(run.numbers)
         change = self._trace.changes[number]
@@ -135,13 +135,13 @@ class Chain:
             yield from self._replica(change.read, depth + 1)
         yield from self._own(number, depth + 1)
 
-    def _since(self, run: Run) -> str:
+    def _since(self, run: ChangeRun) -> str:
         text = f"{_named(run.field)} {_turned(*self._pair(run))}"
         if len(run.numbers) == 1:
             return text
         return f"{text} since {seconds(self._trace.changes[run.numbers[0]].instant)} s"
 
-    def _pair(self, run: Run) -> tuple[str, str]:
+    def _pair(self, run: ChangeRun) -> tuple[str, str]:
         first, last = (self._trace.changes[number].fields[run.field] for number in (run.numbers[0], run.last))
         return first.before, last.after
 
@@ -194,7 +194,7 @@ def _frame_link(frame: Frame, hops: int, depth: int) -> Link:
 
 
 def _loss_link(
-    lost: Sequence[Loss], senders: Sequence[str], since: Instant, until: Instant, depth: int
+    lost: Sequence[FrameLoss], senders: Sequence[str], since: Instant, until: Instant, depth: int
 ) -> Link:
     who = " and ".join(senders)
     between = f"between {seconds(since)} and {seconds(until)} s"

@@ -17,7 +17,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class ExportTable:
     """One table: a file of the export."""
 
     name: str
@@ -43,7 +43,7 @@ def _pose(whose: str) -> tuple[Column, ...]:
 
 
 TABLES: Final = (
-    Table(
+    ExportTable(
         "poses",
         "ground truth of one robot at the beginning of one step",
         (
@@ -55,7 +55,7 @@ TABLES: Final = (
             Column("powered", "bool", "false while its transceiver is off"),
         ),
     ),
-    Table(
+    ExportTable(
         "estimates",
         "the estimated pose of one robot at the beginning of one step that it took",
         (
@@ -68,7 +68,7 @@ TABLES: Final = (
             Column("error", "float", "localisation error: distance to the true position, m"),
         ),
     ),
-    Table(
+    ExportTable(
         "goals",
         "a goal of navigation that was given, or whose status or phase changed",
         (
@@ -80,7 +80,7 @@ TABLES: Final = (
             Column("phase", "text", "what navigation does while the goal is active; null otherwise"),
         ),
     ),
-    Table(
+    ExportTable(
         "frames",
         "a frame at one other robot, or a frame that never left its transceiver",
         (
@@ -96,7 +96,7 @@ TABLES: Final = (
             Column("strength", "float", "its strength there, heard or not, dBm; null of one not sent"),
         ),
     ),
-    Table(
+    ExportTable(
         "knowledge",
         "a field of a component's knowledge that has another value",
         (
@@ -114,7 +114,7 @@ TABLES: Final = (
             Column("after", "text", "the value from then on, as JSON"),
         ),
     ),
-    Table(
+    ExportTable(
         "exchanges",
         "an exchange of an ensemble through which a component learned something",
         (
@@ -132,7 +132,7 @@ TABLES: Final = (
             Column("via", "text", "the robot whose transceiver sent that frame; null as before"),
         ),
     ),
-    Table(
+    ExportTable(
         "places",
         "a place to be cleaned, and what became of it",
         (
@@ -151,7 +151,7 @@ TABLES: Final = (
             Column("reason", "text", "why, in that robot's words; null: it was not given up"),
         ),
     ),
-    Table(
+    ExportTable(
         "decisions",
         "something that the adaptation of a robot decided",
         (

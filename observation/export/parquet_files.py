@@ -8,7 +8,7 @@ import pyarrow
 from pyarrow import parquet
 
 from actors.runtime import regular_file
-from observation.export.columns import TABLES, Table
+from observation.export.columns import TABLES, ExportTable
 from observation.export.robot_rows import Row, Tables
 
 _TYPES: Final = {
@@ -39,7 +39,7 @@ def arrow(rows: Tables) -> dict[str, pyarrow.Table]:
     return {table.name: _columns(table, rows[table.name]) for table in TABLES}
 
 
-def _columns(table: Table, rows: Sequence[Row]) -> Any:
+def _columns(table: ExportTable, rows: Sequence[Row]) -> Any:
     fields = [
         pyarrow.field(one.name, _TYPES[one.kind], metadata={"meaning": one.meaning}) for one in table.columns
     ]

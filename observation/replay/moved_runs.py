@@ -13,7 +13,7 @@ import msgspec
 
 from actors.runtime import regular_file, typed_json
 from actors.runtime.errors import AcrcError
-from actors.runtime.isolation.neutral import NAMES, RealNames
+from actors.runtime.isolation.neutral import NAMES, StrategyFolders
 from actors.runtime.process import RunNote
 from actors.runtime.recording import RecordingError, decoded, read_notes
 
@@ -54,7 +54,7 @@ def code_folders(out: Path) -> tuple[Path, ...]:
     if not file.is_file() or file.is_symlink():
         return ()
     try:
-        real = typed_json.decode(regular_file.content(file, _MOST_NAMES), RealNames)
+        real = typed_json.decode(regular_file.content(file, _MOST_NAMES), StrategyFolders)
     except (OSError, ValueError) as error:
         raise RecordingError(f"{file}: {error}") from None
     return tuple(_folder(Path(code), Path(real.out), out.resolve()) for code in real.code if "\0" not in code)

@@ -36,7 +36,7 @@ class RecheckError(AcrcError):
     """A run that does not come out the same again."""
 
 
-class Again(msgspec.Struct, frozen=True):
+class RecheckedActor(msgspec.Struct, frozen=True):
     """What came of one actor."""
 
     actor: str
@@ -73,7 +73,7 @@ def recheck(out: Path, modules: Sequence[Path] = ()) -> Recheck:
     ) as process:
         assert process.stdout is not None
         try:
-            told = [msgspec.json.decode(line, type=Again) for line in process.stdout]
+            told = [msgspec.json.decode(line, type=RecheckedActor) for line in process.stdout]
         except BaseException:
             process.kill()
             raise
@@ -106,7 +106,7 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def _all(out: Path, actors: Sequence[str]) -> Iterator[Again]:
+def _all(out: Path, actors: Sequence[str]) -> Iterator[RecheckedActor]:
     waiting, running = deque(actors), dict[int, tuple[str, int]]()
     while waiting or running:
         while waiting and len(running) < (os.cpu_count() or 1):
@@ -120,8 +120,8 @@ def _all(out: Path, actors: Sequence[str]) -> Iterator[Again]:
         with os.fdopen(pipe, "rb") as said:
             text = said.read(1 << 16) if status == 0 else b""
         code = os.waitstatus_to_exitcode(status)
-        ended = Again(actor, fault=f"{actor}: its process has ended with exit code {code}")
-        yield msgspec.json.decode(text, type=Again) if text else ended
+        ended = RecheckedActor(actor, fault=f"{actor}: its process has ended with exit code {code}")
+        yield msgspec.json.decode(text, type=RecheckedActor) if text else ended
 
 
 def _start(out: Path, actor: str) -> tuple[int, int]:
@@ -143,14 +143,14 @@ def _start(out: Path, actor: str) -> tuple[int, int]:
         os._exit(code)
 
 
-def _again(out: Path, actor: str) -> Again:
+def _again(out: Path, actor: str) -> RecheckedActor:
     try:
-        return Again(actor, replay_actor(out, actor).outputs)
+        return RecheckedActor(actor, replay_actor(out, actor).outputs)
     except AcrcError as error:
-        return Again(actor, fault=str(error)[:_LONGEST])
+        return RecheckedActor(actor, fault=str(error)[:_LONGEST])
     except Exception as error:  # a strategy that takes another way may fail there
         reserve.release()
-        return Again(actor, fault=f"{actor}: {type(error).__name__}: {error}"[:_LONGEST])
+        return RecheckedActor(actor, fault=f"{actor}: {type(error).__name__}: {error}"[:_LONGEST])
 
 
 if __name__ == "__main__":

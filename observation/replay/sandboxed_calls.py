@@ -52,7 +52,7 @@ class Call:
 
 
 @dataclass(frozen=True)
-class Answer:
+class CallOutcome:
     """What came of a call: one of the two."""
 
     name: str
@@ -69,7 +69,7 @@ class CallError(AcrcError):
 
 def ask(
     out: Path, module: str, calls: Sequence[Call], bounds: Bounds, *, permit: Permit, isolate: bool
-) -> Iterator[Answer]:
+) -> Iterator[CallOutcome]:
     """Call a program (see `sandboxed`) with each, as many at a time as there are processors.
 
     Answers come as they are there. Of code that the permit does not cover it is a fault: it was not run.
@@ -89,7 +89,7 @@ def ask(
                         _Running(child, home / call.name, patience_s, time.monotonic() + patience_s)
                     )
                 except AcrcError as error:
-                    yield Answer(call.name, fault=str(error))
+                    yield CallOutcome(call.name, fault=str(error))
             ended = [one for one in running if one.over()]
             for one in ended:
                 running.remove(one)
@@ -146,7 +146,7 @@ class _Running:
         """True once it has ended, or should have."""
         return self.child.exit_code is not None or time.monotonic() > self.deadline
 
-    def answer(self, launched: Launcher, bounds: Bounds) -> Answer:
+    def answer(self, launched: Launcher, bounds: Bounds) -> CallOutcome:
         """What it left; it is ended, if it has not."""
         name, hung = self.child.program.actor, self.child.exit_code is None
         while self.child.exit_code is None:
@@ -166,6 +166,6 @@ class _Running:
             return self._answered(data)
         return self._answered(fault=failed(self.child))
 
-    def _answered(self, data: bytes | None = None, fault: str | None = None) -> Answer:
+    def _answered(self, data: bytes | None = None, fault: str | None = None) -> CallOutcome:
         program = self.child.program
-        return Answer(program.actor, data, fault, said(program))
+        return CallOutcome(program.actor, data, fault, said(program))

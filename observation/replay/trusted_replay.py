@@ -13,7 +13,7 @@ from actors.runtime.errors import printable
 from actors.runtime.isolation.isolating import choose, warn
 from observation.replay.record_replay import ReplayReport, replay_actor
 from observation.replay.replay_program import ReplayAnswer
-from observation.replay.sandboxed_calls import Answer, Bounds, Call, ask
+from observation.replay.sandboxed_calls import Bounds, Call, CallOutcome, ask
 from observation.replay.trust import check_trust
 
 BOUNDS: Final = Bounds(1 << 16)
@@ -44,7 +44,7 @@ def replay(
     return _report(answer)
 
 
-def _report(answer: Answer) -> ReplayReport:
+def _report(answer: CallOutcome) -> ReplayReport:
     """What the process has to say; ReplayError if that is a fault, or nothing."""
     if answer.data is None:
         raise ReplayError(answer.fault or f"{answer.name}: nothing was answered")

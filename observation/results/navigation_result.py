@@ -43,7 +43,7 @@ class NavigationOutcome(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     aborted: Annotated[dict[str, Count], msgspec.Meta(max_length=MOST_NAMES)]
     """By reason."""
     no_valid_trajectory: _Listed[tuple[Count, Count, Literal["itself", "abort", "order", "run"]]]
-    """Spells in which the driver found none: begin and end, µs, and how each ended."""
+    """Spells in which the local planner found none: begin and end, µs, and how each ended."""
     no_valid_trajectory_unlisted: Count
     """Further ones."""
     given: _Listed[GivenGoal] = ()
@@ -69,8 +69,8 @@ class NavigationResult(msgspec.Struct, frozen=True):
     retreats: int
     """How often a robot backed away from what its bumper had touched."""
     no_valid_trajectory: dict[str, int]
-    """Spells in which the driver found no valid trajectory, by how they ended: by "itself", with an "abort",
-    with another "order", with the "run", or "unlisted" where there were too many to say."""
+    """Spells in which the local planner found no valid trajectory, by how they ended: by "itself", with an
+    "abort", with another "order", with the "run", or "unlisted" where there were too many to say."""
     no_valid_trajectory_s: float
     """How long those listed lasted together, s."""
 

@@ -26,8 +26,8 @@ _LARGEST: Final = 64 * 1024 * 1024
 """Of a file with sums, bytes."""
 _NAMED: Final = 5
 """So many files are named in a sentence."""
-_VIEWS: Final = ".rrd"
-"""How the views end that are drawn into a run's folder, anew each time."""
+_MADE_ANEW: Final = re.compile(r"[^/]*\.rrd|[^/]+/[^/]+\.trace")
+"""Views in a run's folder, and traces beside recordings: they come of what is sealed."""
 _LINE: Final = re.compile(r"(\\?)([0-9a-f]{64})  (.+)")
 _LEFT_OUT: Final = "# not sealed: "
 _END: Final = "# SHA-256 of the lines above: "
@@ -159,7 +159,7 @@ def _entries(folder: Path) -> Iterator[tuple[str, bool]]:
         for entry in entries:
             name = f"{inside}/{entry.name}" if inside else entry.name
             if not entry.is_dir(follow_symlinks=False):
-                if name not in (SUMS, _NEW) and not (not inside and name.endswith(_VIEWS)):
+                if name not in (SUMS, _NEW) and not _MADE_ANEW.fullmatch(name):
                     yield name, entry.is_file(follow_symlinks=False)
             elif entry.name == _OWN and name.count("/") == 1 and _is_too_large(folder / name):
                 yield name, False

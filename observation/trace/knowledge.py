@@ -16,14 +16,14 @@ from deeco.local import Commit
 from deeco.replication.replicas import Replica
 from observation.trace.dependence import Dependence, dependence
 from observation.trace.orders import OrderWatch
-from observation.trace.points import Points
+from observation.trace.points import KnownPoints
 from observation.trace.rows import (
     Arrival,
     Changed,
-    Decision,
     FieldChange,
     KnowledgeChange,
-    News,
+    KnowledgeDecision,
+    ReplicaNews,
     ReplicaRead,
 )
 from observation.trace.words import in_words
@@ -32,7 +32,7 @@ ABSENT: Final = object()
 """Stands where a mapping has no such key."""
 
 
-class Difference(NamedTuple):
+class PathDifference(NamedTuple):
     """A part of knowledge with two values."""
 
     path: str
@@ -46,9 +46,9 @@ class Tracer:
     def __init__(self) -> None:
         self.changes: list[KnowledgeChange] = []
         """Since they were taken last."""
-        self.news: list[News] = []
+        self.news: list[ReplicaNews] = []
         self.has_nodes = False
-        self.orders = OrderWatch(points := Points())
+        self.orders = OrderWatch(points := KnownPoints())
         self._points = points
         self._number = 0
         self._step = 0
@@ -97,7 +97,7 @@ class Tracer:
 
     def heard(self, component: str, replica: Replica, now: Instant) -> None:
         """One newer replica."""
-        self.news.append(News(replica.id, replica.contact(now).heard))
+        self.news.append(ReplicaNews(replica.id, replica.contact(now).heard))
 
     def _dependence(self, commit: Commit) -> Dependence:
         key = type(commit.after), commit.by
@@ -132,7 +132,7 @@ class Tracer:
         )
 
 
-def differences(before: object, after: object, path: str = "") -> Iterator[Difference]:
+def differences(before: object, after: object, path: str = "") -> Iterator[PathDifference]:
     """Where two values differ: by field and by key, as deep as both are of one kind; a tuple is one value."""
     if before is after:
         return
@@ -144,7 +144,7 @@ def differences(before: object, after: object, path: str = "") -> Iterator[Diffe
         for key in dict.fromkeys([*before, *after]):
             yield from differences(before.get(key, ABSENT), after.get(key, ABSENT), f"{path}[{key}]")
     elif before != after:
-        yield Difference(path, before, after)
+        yield PathDifference(path, before, after)
 
 
 def root(path: str) -> str:
@@ -163,7 +163,7 @@ def _field_change(commit: Commit, field: str) -> FieldChange:
     )
 
 
-def _decision(commit: Commit) -> Decision | None:
+def _decision(commit: Commit) -> KnowledgeDecision | None:
     """As `actors.robot.behaviour.decision_log` takes it down."""
     before: Any = commit.before
     after: Any = commit.after
@@ -173,7 +173,7 @@ def _decision(commit: Commit) -> Decision | None:
     if not words:
         return None
     old, new = (None if one is None else (one.x, one.y) for one in (before.target, after.target))
-    return Decision(words, old, new)
+    return KnowledgeDecision(words, old, new)
 
 
 def _known(roles: tuple[Knowledge, ...], wanted: tuple[str, ...]) -> dict[str, str]:

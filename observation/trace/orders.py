@@ -10,7 +10,7 @@ from actors.robot.behaviour.goal import Goal, GoalOrder
 from actors.robot.behaviour.node_host import ensembles_of
 from actors.robot.behaviour.ports import Behaviour, Decision, View
 from actors.robot.core import RobotCore
-from observation.trace.points import Points
+from observation.trace.points import KnownPoints
 from observation.trace.rows import GoalChange, Order
 
 SETS_OFF: Final = "sets off for"
@@ -22,7 +22,7 @@ GIVES_UP: Final = "gives up"
 class OrderWatch:
     """Takes down the orders of one core's behaviour; none of one that is an object nobody can look at."""
 
-    def __init__(self, points: Points) -> None:
+    def __init__(self, points: KnownPoints) -> None:
         """`points`: of the same robot's knowledge."""
         self.found: list[Order] = []
         self._points = points

@@ -15,14 +15,14 @@ from actors.robot.behaviour.node_host import node_of
 from actors.robot.behaviour.plan import Plan
 from actors.robot.core import RobotCore
 from actors.robot.localisation import Estimate
-from actors.robot.navigation.local_planner import Cycle, LocalPlanner
+from actors.robot.navigation.local_planner import Cycle, DwaLocalPlanner
 from actors.robot.sweep import Sweep
 from actors.robot_model import RangeSensor
 from actors.runtime.core import Inputs, Output, read
 from actors.task.words import PlaceKey
 from deeco.node import Node
 from observation.trace.orders import goal_change
-from observation.trace.rows import Contact, Doing, GoalChange, Held, Known, Singles, ragged
+from observation.trace.rows import Doing, GoalChange, Held, Known, ReplicaContact, Singles, ragged
 from observation.trace.words import in_words, rows
 
 _PARTICLES: Final = 300
@@ -78,7 +78,7 @@ class Perception:
         self._told: dict[str, list[Any]] = {name: [] for name in _TOLD}
         self._doings: list[Doing] = []
         self._knowledge: list[Known] = []
-        self._contacts: list[Contact] = []
+        self._contacts: list[ReplicaContact] = []
         self._held: list[tuple[int, Estimate]] = []
         """By step."""
         self._goals: list[GoalChange] = []
@@ -105,9 +105,9 @@ class Perception:
 
         cast(Any, core).advance = watched
         cast(Any, core.localisation).update = noted
-        driver = core.navigation.driver
-        if isinstance(driver, LocalPlanner):
-            driver.witness = self._steered
+        local_planner = core.navigation.local_planner
+        if isinstance(local_planner, DwaLocalPlanner):
+            local_planner.witness = self._steered
 
     @property
     def has_looked(self) -> bool:
@@ -246,9 +246,9 @@ class Perception:
             return
         for peer, instant in heard.items():
             if self._heard.get(peer) != instant:
-                self._contacts.append(Contact(self._now, peer, Instant(instant)))
+                self._contacts.append(ReplicaContact(self._now, peer, Instant(instant)))
         for peer in sorted(self._heard.keys() - heard.keys()):
-            self._contacts.append(Contact(self._now, peer, None))
+            self._contacts.append(ReplicaContact(self._now, peer, None))
         self._heard = heard
 
     def _know(self, knowledge: Any) -> None:

@@ -7,7 +7,7 @@ from dataclasses import fields, is_dataclass
 from actors.geometry import Point
 
 
-class Points:
+class KnownPoints:
     """Follows the points in a component's fields, change by change."""
 
     def __init__(self) -> None:

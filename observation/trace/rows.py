@@ -57,7 +57,7 @@ class Known(msgspec.Struct, frozen=True):
     rows: tuple[tuple[str, str], ...]
 
 
-class Contact(msgspec.Struct, frozen=True):
+class ReplicaContact(msgspec.Struct, frozen=True):
     """A replica that the node has from an instant on, or has no longer."""
 
     instant: Moment
@@ -160,7 +160,7 @@ class ReplicaRead(msgspec.Struct, frozen=True):
     """What was read of it, by field, in words."""
 
 
-class Decision(msgspec.Struct, frozen=True):
+class KnowledgeDecision(msgspec.Struct, frozen=True):
     """What a change of knowledge decided, by the component's own account."""
 
     words: str
@@ -190,10 +190,10 @@ class KnowledgeChange(msgspec.Struct, frozen=True):
     """The component's fields that it depends on, as far as the source tells."""
     read: ReplicaRead | None
     """The replica that it used; None for a process, and for a peer on the same node."""
-    decision: Decision | None = None
+    decision: KnowledgeDecision | None = None
 
 
-class News(msgspec.Struct, frozen=True):
+class ReplicaNews(msgspec.Struct, frozen=True):
     """A newer replica of a peer's component, and when it had come."""
 
     peer: str
@@ -251,18 +251,18 @@ class Trace(msgspec.Struct, frozen=True):
     """(c, 3): pose of the window's south-west corner, map frame."""
     doings: tuple[Doing, ...]
     knowledge: tuple[Known, ...]
-    contacts: tuple[Contact, ...]
+    contacts: tuple[ReplicaContact, ...]
     held: Held
     goals: tuple[GoalChange, ...]
     changes: tuple[KnowledgeChange, ...]
-    news: tuple[News, ...]
+    news: tuple[ReplicaNews, ...]
     orders: tuple[Order, ...]
     has_nodes: bool
     """False: the behaviour is without the component model, or no node has begun yet."""
     fault: str | None = None
     """Why it could not be followed to its end."""
 
-    def decisions(self) -> Iterator[tuple[KnowledgeChange, Decision]]:
+    def decisions(self) -> Iterator[tuple[KnowledgeChange, KnowledgeDecision]]:
         """The changes of knowledge that decided something."""
         for change in self.changes:
             if change.decision is not None:

@@ -8,7 +8,7 @@ from typing import Final
 from actors.robot.behaviour.foreign import Permit
 from observation.replay.moved_runs import run_of
 from observation.replay.run_recordings import recordings
-from observation.replay.sandboxed_calls import Answer, Bounds, Call, ask
+from observation.replay.sandboxed_calls import Bounds, Call, CallOutcome, ask
 from observation.replay.trust import check_trust
 from observation.trace.coding import MOST_BYTES, TraceError, decode, joined, parts
 from observation.trace.kept import inputs, keep, kept
@@ -75,7 +75,7 @@ def _kept(files: dict[str, Path], actor: str) -> Traced | None:
         return None
 
 
-def _read(answer: Answer) -> Traced:
+def _read(answer: CallOutcome) -> Traced:
     if answer.data is None:
         return Traced(answer.name, fault=answer.fault)
     try:

@@ -8,7 +8,7 @@ from actors.task.words import PlaceKey
 from observation.view.story import Story
 
 
-class _Word(NamedTuple):
+class _RobotWord(NamedTuple):
     """Something that a robot said."""
 
     second: float
@@ -77,9 +77,9 @@ class PlaceHistory:
                 draw_places(self._canvas, owner, second, mine)
 
 
-def _words(story: Story) -> list[_Word]:
+def _words(story: Story) -> list[_RobotWord]:
     """In order of time; at one instant what has become of a place comes before who holds it."""
-    said = [_Word(deed.second, deed.robot, "done", (deed.place,)) for deed in story.reported]
-    said += [_Word(deed.second, deed.robot, "given_up", (deed.place,)) for deed in story.given_up]
-    said += [_Word(route.second, route.robot, "route", route.places) for route in story.routes]
+    said = [_RobotWord(deed.second, deed.robot, "done", (deed.place,)) for deed in story.reported]
+    said += [_RobotWord(deed.second, deed.robot, "given_up", (deed.place,)) for deed in story.given_up]
+    said += [_RobotWord(route.second, route.robot, "route", route.places) for route in story.routes]
     return sorted(said, key=lambda word: (word.second, word.what))

@@ -16,14 +16,13 @@ from actors.instant import Instant
 from actors.runtime.errors import AcrcError
 from firmware_bridge import serial_port
 from firmware_bridge.kobuki.driver import KobukiDriver
-from firmware_bridge.kobuki.port import open_port
 from firmware_bridge.pseudo_terminal import PseudoTerminal
-from firmware_bridge.serial_port import PortError, SerialPort
+from firmware_bridge.serial_port import KOBUKI, PortError, SerialPort
 
 
 def refusal(path: Path | str) -> str:
     with pytest.raises(PortError) as failure:
-        open_port(str(path))
+        SerialPort(str(path), KOBUKI)
     return str(failure.value)
 
 
@@ -62,7 +61,7 @@ def test_a_port_that_this_user_may_not_open(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_a_port_that_is_in_use(tmp_path: Path) -> None:
     link = tmp_path / "kobuki"
-    with PseudoTerminal(link), open_port(str(link)):
+    with PseudoTerminal(link), SerialPort(str(link), KOBUKI):
         assert refusal(link) == (
             f"{link}: another program has the port open; end it, as only one can talk to the Kobuki"
         )
@@ -93,7 +92,7 @@ def test_pyserial_missing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_cable_pulled_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     link = tmp_path / "kobuki"
-    with PseudoTerminal(link), open_port(str(link)) as port:
+    with PseudoTerminal(link), SerialPort(str(link), KOBUKI) as port:
 
         def pulled(*_: object) -> bytes:
             raise OSError(errno.EIO, "gone")
@@ -108,7 +107,7 @@ def test_a_cable_pulled_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 def test_bytes_go_both_ways_and_the_link_goes_with_the_device(tmp_path: Path) -> None:
     link = tmp_path / "kobuki"
     link.symlink_to("/nowhere")  # left behind by one that was killed
-    with PseudoTerminal(link) as line, open_port(str(link)) as port:
+    with PseudoTerminal(link) as line, SerialPort(str(link), KOBUKI) as port:
         line.write(b"\x00\x11\x13\n\r\xaa")
         assert _read(port, 6) == b"\x00\x11\x13\n\r\xaa"
         assert port.read() == b""
@@ -163,7 +162,7 @@ def _read(port: SerialPort, count: int) -> bytes:
 
 def _drive(path: str, until_x: float) -> KobukiDriver:
     """Drive on until it has got so far, in real time; gives up after 30 s."""
-    with open_port(path) as port:
+    with SerialPort(path, KOBUKI) as port:
         begun = time.monotonic_ns()
         driver = KobukiDriver(Instant(0))
         now = Instant(0)

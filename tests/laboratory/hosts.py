@@ -21,12 +21,12 @@ from firmware_bridge.beeclick.events import Event
 from firmware_bridge.beeclick.link import BoardLink
 from firmware_bridge.beeclick.parameters import BoardSettings
 from firmware_bridge.beeclick.port import BoardPort
-from firmware_bridge.kobuki import port as kobuki_port
 from firmware_bridge.kobuki.driver import DriverParameters, KobukiDriver
 from firmware_bridge.kobuki.odometry import OdometryParameters
 from firmware_bridge.laboratory.laboratory_setup import LaboratoryResult, LaboratorySetup
 from firmware_bridge.range_sensors import rplidar
 from firmware_bridge.range_sensors.rplidar import Rplidar
+from firmware_bridge.serial_port import KOBUKI, SerialPort
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0
@@ -137,7 +137,7 @@ class BaseHost:
     """A Kobuki's host, that keeps commanding the same."""
 
     def __init__(self, path: Path) -> None:
-        self._port = kobuki_port.open_port(str(path))
+        self._port = SerialPort(str(path), KOBUKI)
         # A test that is not given the processor for seconds should see late bytes, not another base.
         odometry = OdometryParameters(longest_gap=20.0)
         self.driver = KobukiDriver(now(), DriverParameters(odometry=odometry))

@@ -17,10 +17,10 @@ from actors.instant import START
 from actors.messages import NO_ECHO_MM, Heard, Scan, Sent
 from actors.radio.radio_setup import RadioSetup
 from actors.world.body import Bodies
-from firmware_bridge.beeclick.port import PortError
 from firmware_bridge.laboratory.__main__ import main
+from firmware_bridge.laboratory.laboratory import LIDAR
 from firmware_bridge.laboratory.laboratory_setup import LaboratorySetup
-from firmware_bridge.laboratory.sights import LIDAR
+from firmware_bridge.serial_port import PortError
 from tests.laboratory.hosts import ROOT, STARTS, BaseHost, BoardHost, LidarHost, Running, setup, until
 
 pytestmark = pytest.mark.alone

@@ -11,7 +11,7 @@ from actors.geometry import STILL, Point, Pose, Twist
 from actors.messages import Drive
 from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMap
 from actors.robot.navigation.dwa_parameters import DWA_PRESETS, DwaParameters
-from actors.robot.navigation.local_planner import LocalPlanner, Steering
+from actors.robot.navigation.local_planner import DwaLocalPlanner, Steering
 from actors.robot.navigation.planning import Planner, ground
 from actors.robot.sweep import Sweeps
 from tests.robot.base import FakeBase, at_step, model
@@ -72,7 +72,7 @@ class Record:
 
 
 class Pilot:
-    """One robot with its planner and driver, on the way to one goal."""
+    """One robot with its planners, on the way to one goal."""
 
     def __init__(
         self,
@@ -89,7 +89,9 @@ class Pilot:
         self.goal = goal
         self.fixed: list[tuple[Point, float]] = []
         self.local = CostMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
-        self.driver = LocalPlanner(self.local, RADIUS, KIND.drive, parameters or DWA_PRESETS[preset])
+        self.local_planner = DwaLocalPlanner(
+            self.local, RADIUS, KIND.drive, parameters or DWA_PRESETS[preset]
+        )
         self.record = Record()
         self._start = start
         self._sweeps = Sweeps(KIND.sensor)
@@ -106,12 +108,12 @@ class Pilot:
         if step % 10 == 0:
             way = self._planner.path(estimate.point, self.goal)
             assert way is not None
-            self.driver.follow(way)
+            self.local_planner.follow(way)
         self.record.arrived |= self.goal.distance_to(estimate.point) <= TOLERANCE
         steering = Steering(STILL, True)
         if not self.record.arrived:
             velocity = Twist(odometry.vx, odometry.vy, odometry.omega)
-            steering = self.driver.steer(instant, here, estimate, velocity)
+            steering = self.local_planner.steer(instant, here, estimate, velocity)
         self.record.steerings.append(steering)
         self.record.poses.append(self.base.pose)
         self.base.drive(Drive(step, *steering.twist, 0))

@@ -1,4 +1,4 @@
-"""A log of what navigation decides: whoever reads it by its page has all that the controller had."""
+"""A log of what navigation decides: whoever reads it by its page has all that the local planner had."""
 
 import csv
 import io

@@ -17,12 +17,11 @@ from hypothesis import strategies as st
 
 from actors.instant import Instant
 from firmware_bridge.kobuki import frame, guardian, motion
-from firmware_bridge.kobuki import port as kobuki_port
 from firmware_bridge.kobuki.guardian import Standstill
 from firmware_bridge.kobuki.packets import BaseControl, Basic
 from firmware_bridge.kobuki.wire import encode_command, encode_feedback
 from firmware_bridge.onboard.last_word import LastWord, start_guardian
-from firmware_bridge.serial_port import SerialPort
+from firmware_bridge.serial_port import KOBUKI, SerialPort
 from tests.onboard.kobuki_line import KobukiLine
 
 SOON_S = 0.5
@@ -43,7 +42,7 @@ class BaseProcess:
     """What a base process does to its port and its guardian; the test is that process."""
 
     def __init__(self, link: Path) -> None:
-        self.port: SerialPort = kobuki_port.open_port(str(link), patience=0.0)
+        self.port: SerialPort = SerialPort(str(link), KOBUKI, patience=0.0)
         self.guardians: list[subprocess.Popen[bytes]] = []
         self.word = LastWord(str(link), self._start)
 
@@ -156,7 +155,7 @@ def test_a_port_that_was_opened_anew_is_the_one_that_stop_is_said_on(
     process.word.serve(now(), None)
     assert not process.word.holds(now())
     time.sleep(0.1)
-    process.port = kobuki_port.open_port(str(line.link), patience=0.0)
+    process.port = SerialPort(str(line.link), KOBUKI, patience=0.0)
     process.serve(lambda: process.word.holds(now()))
     process.port.write(DRIVE)
     process.serve(lambda: line.speed > 0)
@@ -165,7 +164,7 @@ def test_a_port_that_was_opened_anew_is_the_one_that_stop_is_said_on(
 
 
 def test_alone_it_opens_the_port_and_says_stop_until_the_wheels_stand(line: KobukiLine) -> None:
-    with kobuki_port.open_port(str(line.link)) as port:
+    with SerialPort(str(line.link), KOBUKI) as port:
         port.write(DRIVE)
         while not line.speed:
             time.sleep(0.005)

@@ -18,8 +18,8 @@ from observation.trace import kept as keeping
 from observation.trace import traces as tracing
 from observation.trace.coding import PART
 from observation.trace.frame_fates import frame_fates, replayed
-from observation.trace.knowledge import ABSENT, Difference, differences, root
-from observation.trace.points import Points
+from observation.trace.knowledge import ABSENT, PathDifference, differences, root
+from observation.trace.points import KnownPoints
 from observation.trace.program import whole
 from observation.trace.rows import Trace
 from observation.trace.traces import Traced, traces
@@ -76,9 +76,9 @@ def test_what_is_no_robot_has_no_trace(met: Path, name: str) -> None:
 def test_differences_are_as_deep_as_both_sides_go() -> None:
     before, after = {"a": (1, 2), "b": {"c": 3}}, {"a": (1, 3), "b": {}, "d": 4}
     assert list(differences(before, after)) == [
-        Difference("[a]", (1, 2), (1, 3)),
-        Difference("[b][c]", 3, ABSENT),
-        Difference("[d]", ABSENT, 4),
+        PathDifference("[a]", (1, 2), (1, 3)),
+        PathDifference("[b][c]", 3, ABSENT),
+        PathDifference("[d]", ABSENT, 4),
     ]
 
 
@@ -88,7 +88,7 @@ class Bid:
 
 
 def test_a_point_is_found_wherever_it_came_into_knowledge_and_where_it_went() -> None:
-    points, here = Points(), Point(1.0, 2.0)
+    points, here = KnownPoints(), Point(1.0, 2.0)
     points.note(0, 5, "bids", {}, {"r2": Bid(here)})
     points.note(1, 6, "way", (), ((1.0, 2.0), (3.0, 4.0)))
     points.note(2, 7, "way", ((1.0, 2.0), (3.0, 4.0)), ((3.0, 4.0),))

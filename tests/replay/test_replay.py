@@ -12,8 +12,7 @@ import pytest
 from actors.robot.behaviour.foreign import INSTALLED
 from actors.runtime.bus.replay_bus import ReplayError
 from command_line import replaying
-from deploy.branches.other_strategy import replay_otherwise
-from deploy.branches.swarm_replay import replay_swarm
+from deploy.branches.swarm_replay import replay_otherwise, replay_swarm
 from observation.replay import debugging
 from observation.replay.record_replay import Onlook, replay_actor
 from tests.swarm.command import acrc

@@ -167,7 +167,7 @@ def test_what_is_not_as_it_was_left_is_named(deed: Callable[[Path], str], damage
 
 
 def test_what_is_drawn_later_is_told_and_views_are_no_part_of_it(damaged: Path) -> None:
-    for name in ("view.rrd", "run.png", "tables/places.csv", "line\nbreak"):
+    for name in ("view.rrd", "r1/r1.trace", "run.png", "tables/places.csv", "line\nbreak"):
         (damaged / name).parent.mkdir(exist_ok=True)
         (damaged / name).write_text("drawn")
     assert sealed_sentence(damaged).endswith("; added since: 3 (line\\nbreak, run.png, tables/places.csv)")

@@ -1,4 +1,4 @@
-"""Stories of goals: reached, given up for each reason, replaced, paused; with a driver that obeys a test."""
+"""Stories of goals: reached, given up for each reason, replaced, paused; the local planner obeys a test."""
 
 from dataclasses import replace
 from typing import cast
@@ -27,7 +27,7 @@ SHIFT = Pose(-3.0, 2.0, 1.0)
 
 
 class Obedient:
-    """A driver that finds what it is told to find."""
+    """A local planner that finds what it is told to find."""
 
     def __init__(self) -> None:
         self.valid = True
@@ -69,8 +69,8 @@ class Trip:
     """A robot that is carried about; `drift` says whether it gets about by itself."""
 
     def __init__(self, parameters: NavigationParameters = CHAPTER) -> None:
-        self.driver, self.map = Obedient(), Memory()
-        self.navigation = Navigator(Planner(FLOOR), self.map, self.driver, parameters)
+        self.local_planner, self.map = Obedient(), Memory()
+        self.navigation = Navigator(Planner(FLOOR), self.map, self.local_planner, parameters)
         self.place = WEST
         self.step = 0
         self.drifts = True
@@ -80,7 +80,7 @@ class Trip:
         here = SHIFT.compose(estimate)
         twist = self.navigation.advance(at_step(self.step), here, estimate, STILL, bumped)
         if self.drifts and twist == AHEAD:
-            way = self.driver.ways[-1]
+            way = self.local_planner.ways[-1]
             nearest = int(np.hypot(*(way - np.array(self.place)).T).argmin())
             self.place = Point(*way[min(nearest + 1, len(way) - 1)].tolist())
         self.step += 1
@@ -122,7 +122,7 @@ def test_a_goal_is_followed_to_within_the_tolerance() -> None:
 def test_the_way_is_planned_anew_every_second() -> None:
     trip = Trip().goes_to(FAR)
     trip.steps(41)
-    assert len(trip.driver.ways) == 5 and trip.driver.begun == 1
+    assert len(trip.local_planner.ways) == 5 and trip.local_planner.begun == 1
 
 
 def test_without_a_way_it_recovers_once_and_then_gives_up() -> None:
@@ -137,7 +137,7 @@ def test_without_a_way_it_recovers_once_and_then_gives_up() -> None:
 def test_without_a_trajectory_it_clears_the_map_after_its_patience_and_tries_once_more() -> None:
     trip = Trip().goes_to(FAR)
     trip.take_step()
-    trip.driver.valid = False
+    trip.local_planner.valid = False
     assert trip.steps(10) == [STILL] * 10
     assert (trip.phase, trip.map.cleared) == (GoalPhase.OBSTRUCTED, [])
     assert trip.navigation.goal is not None and trip.navigation.goal.since == at_step(1)
@@ -152,11 +152,11 @@ def test_without_a_trajectory_it_clears_the_map_after_its_patience_and_tries_onc
 def test_what_goes_away_in_time_costs_no_goal_and_all_patience_is_back() -> None:
     trip = Trip().goes_to(FAR)
     for _ in range(3):
-        trip.driver.valid = True
+        trip.local_planner.valid = True
         trip.steps(2)
-        trip.driver.valid = False
+        trip.local_planner.valid = False
         trip.steps(11)  # long enough for a recovery
-    trip.driver.valid = True
+    trip.local_planner.valid = True
     trip.steps(3)
     assert (trip.phase, trip.count("recoveries")) == (GoalPhase.CONTROLLING, 3)
     spells = [(2, 13, "itself"), (15, 26, "itself"), (28, 39, "itself")]
@@ -195,18 +195,18 @@ def test_recoveries_are_as_many_as_the_parameters_say(recoveries: int) -> None:
 
 def test_a_goal_that_was_given_up_can_be_asked_for_again() -> None:
     trip = Trip().goes_to(FAR)
-    trip.driver.valid = False
+    trip.local_planner.valid = False
     trip.steps(20)
-    trip.driver.valid = True
+    trip.local_planner.valid = True
     trip.goes_to(FAR)
     assert trip.take_step() == AHEAD
     assert trip.navigation.goal == Goal(FAR, ACTIVE, None, GoalPhase.CONTROLLING, at_step(20))
-    assert trip.driver.begun == 2
+    assert trip.local_planner.begun == 2
 
 
 def test_a_cancelled_goal_is_gone_and_its_spell_ends_with_the_order() -> None:
     trip = Trip().goes_to(FAR)
-    trip.driver.valid = False
+    trip.local_planner.valid = False
     trip.steps(4)
     trip.navigation.take(GoalOrder.CANCEL)
     assert trip.navigation.goal is None and trip.take_step() == STILL
@@ -216,7 +216,7 @@ def test_a_cancelled_goal_is_gone_and_its_spell_ends_with_the_order() -> None:
 
 def test_a_spell_that_lasts_ends_with_the_run() -> None:
     trip = Trip().goes_to(FAR)
-    trip.driver.valid = False
+    trip.local_planner.valid = False
     trip.steps(4)
     assert trip.count("no_valid_trajectory") == [(at_step(0), at_step(3), "run")]
 
@@ -226,10 +226,10 @@ def test_keeping_changes_nothing_and_a_new_point_replaces_the_goal() -> None:
     trip.steps(5)
     before = trip.navigation.goal
     trip.navigation.take(GoalOrder.KEEP)
-    assert trip.navigation.goal == before and trip.driver.begun == 1
+    assert trip.navigation.goal == before and trip.local_planner.begun == 1
     near = Point(1.0, 3.0)
     trip.goes_to(near).take_step()
-    assert Point(*trip.driver.ways[-1][-1]) == near and trip.driver.begun == 2
+    assert Point(*trip.local_planner.ways[-1][-1]) == near and trip.local_planner.begun == 2
 
 
 def test_a_paused_robot_stands_for_as_long_as_it_takes_and_then_goes_on() -> None:
@@ -323,7 +323,7 @@ def test_without_a_way_the_spell_lasts_through_further_attempts() -> None:
 @pytest.mark.parametrize("back_off", [False, True])
 def test_who_backs_off_does_so_once_nothing_is_behind(back_off: bool) -> None:
     trip = Trip(replace(CHAPTER, back_off=back_off)).goes_to(FAR)
-    trip.driver.valid, trip.map.behind = False, False
+    trip.local_planner.valid, trip.map.behind = False, False
     backward = Twist(-CHAPTER.retreat_speed, 0.0, 0.0)
     while not trip.count("recoveries"):
         assert trip.take_step() == STILL

@@ -16,7 +16,7 @@ import pytest
 
 from actors.installation.repository import REPOSITORY
 from actors.robot.assembly import RobotSetup
-from actors.runtime.isolation.neutral import NAMES, RealNames
+from actors.runtime.isolation.neutral import NAMES, StrategyFolders
 from actors.runtime.process import RunNote
 from actors.runtime.recording import Entry, Note
 from deploy.run import swarm
@@ -78,7 +78,7 @@ class Received:
             text = msgspec.json.encode(msgspec.structs.replace(note, setup=setup))
             return item._replace(json=text.decode())
 
-        names = RealNames(str(self.run), tuple(map(str, code or (self.folder,))))
+        names = StrategyFolders(str(self.run), tuple(map(str, code or (self.folder,))))
         (self.run / NAMES).write_bytes(msgspec.json.encode(names))
         forge(self.run / "r1" / "r1.mcap", changed)
 

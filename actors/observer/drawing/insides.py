@@ -13,7 +13,7 @@ from actors.observer.drawing.canvas import BODY, CIRCLE, CLOUD, COSTS, NOSE, RAD
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 _AHEAD_S: Final = 1.7
-"""So far the chosen arc is drawn, s: as far as the driver looks."""
+"""So far the chosen arc is drawn, s: as far as the local planner looks."""
 _SIGMAS: Final = 2.0
 """Of the ellipse round the estimate: 86 % of what is held possible."""
 _OPACITY: Final = 0.999

@@ -34,7 +34,7 @@ _NOWHERE: Final = Steering(STILL, False)
 
 
 class Cycle(NamedTuple):
-    """One choice of the controller: what it was made from, and what was chosen."""
+    """One choice of the local planner: what it was made from, and what was chosen."""
 
     instant: Instant
     here: Pose
@@ -64,7 +64,7 @@ class _Outlook(NamedTuple):
     """Where the plan leads, rad, from the robot's heading."""
 
 
-class LocalPlanner:
+class DwaLocalPlanner:
     """Follows one plan at a time."""
 
     def __init__(
@@ -130,7 +130,7 @@ class LocalPlanner:
         return self._held
 
     def _choose(self, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Steering:
-        """One cycle of the controller."""
+        """One cycle of the local planner."""
         if not self._way.size:
             return _NOWHERE
         cell, corner = self._cell, self._local.corner

@@ -45,9 +45,9 @@ class NavigationParameters:
     """Let the global map hold what the local one shows and the floor plan does not. The files switch the
     marking off, so that other robots are never in the global plan."""
     back_off: bool = False
-    """A robot whose driver does not get it away, for want of a valid trajectory or of progress, backs off
-    straight by `retreat` once it is free behind it. Off, as in move_base: its driver has nothing valid while
-    the body's outline meets a marked cell, and never drives backward (min_vel_x 0)."""
+    """A robot whose local planner does not get it away, for want of a valid trajectory or of progress, backs
+    off straight by `retreat` once it is free behind it. Off, as in move_base: its local planner has nothing
+    valid while the body's outline meets a marked cell, and never drives backward (min_vel_x 0)."""
     retreat: float = 0.15
     """So far the robot backs away from what its bumper has touched, m: room to turn beside it. Own choice;
     move_base knows no bumper, and a Kobuki that touches something lets no wheel turn forward."""
@@ -96,8 +96,8 @@ class LocalObstacles(Protocol):
         """
 
 
-class PathFollower(Protocol):
-    """What follows the path."""
+class LocalPlanner(Protocol):
+    """Chooses the velocity that leads the robot along a plan; ROS's local planner."""
 
     def begin(self) -> None:
         """Forget what was on the way to another goal."""
@@ -145,18 +145,18 @@ class Navigator:
         self,
         planner: Planner,
         local: LocalObstacles,
-        driver: PathFollower,
+        local_planner: LocalPlanner,
         parameters: NavigationParameters = NavigationParameters(),
     ) -> None:
         self._planner = planner
         self._local = local
-        self._driver = driver
+        self._local_planner = local_planner
         self._p = parameters
         self._goal: Goal | None = None
         self._pursuit: _Pursuit | None = None
         self._retreat: _Retreat | None = None
         self._stuck = False
-        """The driver did not get the robot away, and it has not backed off yet."""
+        """The local planner did not get the robot away, and it has not backed off yet."""
         self._paused = False
         self._trail = Trail()
         self._withdrawal: Withdrawal | None = None
@@ -165,9 +165,9 @@ class Navigator:
         self._journal = NavigationCounts()
 
     @property
-    def driver(self) -> PathFollower:
-        """What follows the plans."""
-        return self._driver
+    def local_planner(self) -> LocalPlanner:
+        """What chooses velocities."""
+        return self._local_planner
 
     @property
     def goal(self) -> Goal | None:
@@ -254,7 +254,7 @@ class Navigator:
     def _pursue(self, goal: Point, instant: Instant, here: Pose, estimate: Pose, velocity: Twist) -> Twist:
         if self._pursuit is None:
             self._pursuit = _Pursuit(estimate.point, instant, instant, instant)
-            self._driver.begin()
+            self._local_planner.begin()
         pursuit = self._pursuit
         if self._plan(pursuit, goal, instant, here, estimate) is None:
             if instant - pursuit.had_plan > self._p.planner_patience:
@@ -270,8 +270,8 @@ class Navigator:
     def _control(
         self, pursuit: _Pursuit, instant: Instant, here: Pose, estimate: Pose, velocity: Twist
     ) -> Twist:
-        """Let the driver choose a trajectory, and see what follows if it finds none."""
-        steering = self._driver.steer(instant, here, estimate, velocity)
+        """Let the local planner choose a trajectory, and see what follows if it finds none."""
+        steering = self._local_planner.steer(instant, here, estimate, velocity)
         if steering.valid:
             pursuit.had_trajectory = instant
             self._stuck &= steering.twist.vx == 0.0
@@ -295,7 +295,7 @@ class Navigator:
         if way is None:
             pursuit.end = self._plan_now = None
             return None
-        self._driver.follow(way)
+        self._local_planner.follow(way)
         self._plan_now = Plan(way)
         pursuit.had_plan = instant
         pursuit.end = Point(float(way[-1, 0]), float(way[-1, 1]))

@@ -25,7 +25,7 @@ class PlanningParameters:
     cell: float = 0.05
     """The planning grid's cells are the smallest multiple of the map's that is at least so long, m."""
     margin: float = 0.03
-    """The body's disc keeps at least this far from walls, m; own choice: what the driver may stray."""
+    """The body's disc keeps at least this far from walls, m; own choice: what the local planner may stray."""
     inflation_radius: float = 0.5
     """Walls farther away than this cost nothing, m (costmap_2d inflation_radius)."""
     scaling: float = 10.0

@@ -13,7 +13,7 @@ NAMES: Final = "names.json"
 """File in the folder of a run with a strategy of the user's own."""
 
 
-class RealNames(msgspec.Struct, frozen=True):
+class StrategyFolders(msgspec.Struct, frozen=True):
     """What isolated robots saw under other names; absolute paths, as they were then."""
 
     out: str

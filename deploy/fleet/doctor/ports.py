@@ -9,12 +9,9 @@ from deploy.fleet.doctor.machine import DoctorFinding, Machine, well, wrong
 from deploy.fleet.fleet_file import FleetRobot
 from deploy.fleet.udev_rules import GROUP, given_name
 from deploy.fleet.usb_ports import is_kobuki, may_be
-from firmware_bridge.beeclick.port import BOARD
-from firmware_bridge.kobuki.port import KOBUKI
 from firmware_bridge.onboard.onboard_setup import OPENNI
 from firmware_bridge.range_sensors.depth import DepthScanner
-from firmware_bridge.range_sensors.rplidar import RPLIDAR
-from firmware_bridge.serial_port import PortDevice
+from firmware_bridge.serial_port import BOARD, KOBUKI, RPLIDAR, PortDevice
 
 _DEVICES: Final = (KOBUKI, BOARD, RPLIDAR)
 

@@ -1,4 +1,4 @@
-"""What the driver commands in single situations, and when it thinks again."""
+"""What the local planner commands in single situations, and when it thinks again."""
 
 import itertools
 from dataclasses import replace
@@ -14,7 +14,7 @@ from actors.instant import Instant
 from actors.messages import NO_ECHO_MM
 from actors.robot.navigation.cost_map import LOCAL_MAP_PRESETS, CostMap
 from actors.robot.navigation.dwa_parameters import DWA_PRESETS
-from actors.robot.navigation.local_planner import LocalPlanner, Steering
+from actors.robot.navigation.local_planner import DwaLocalPlanner, Steering
 from actors.robot.sweep import Sweep
 from tests.navigation.course import CHAPTER, KIND, RADIUS, ROBUST
 
@@ -23,17 +23,17 @@ EAST = np.column_stack((np.linspace(0.0, 3.0, 61), np.zeros(61)))
 SILENCE = np.full(KIND.sensor.rays, NO_ECHO_MM, np.uint16)
 
 
-def driver(preset: str = "chapter", ranges: NDArray[np.uint16] = SILENCE) -> tuple[LocalPlanner, CostMap]:
+def planned(preset: str = "chapter", ranges: NDArray[np.uint16] = SILENCE) -> tuple[DwaLocalPlanner, CostMap]:
     """At the origin of both frames, on a plan to the east."""
     local = CostMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
     local.take(Instant(0), ORIGIN, Sweep(ranges, ORIGIN))
-    made = LocalPlanner(local, RADIUS, KIND.drive, DWA_PRESETS[preset])
+    made = DwaLocalPlanner(local, RADIUS, KIND.drive, DWA_PRESETS[preset])
     made.follow(EAST)
     return made, local
 
 
 def test_from_rest_it_speeds_up_as_fast_as_it_may() -> None:
-    steering = driver()[0].steer(Instant(0), ORIGIN, ORIGIN, STILL)
+    steering = planned()[0].steer(Instant(0), ORIGIN, ORIGIN, STILL)
     assert steering.valid
     assert steering.twist.vx == pytest.approx(0.2)
     assert abs(steering.twist.omega) < 0.05
@@ -42,7 +42,7 @@ def test_from_rest_it_speeds_up_as_fast_as_it_may() -> None:
 @pytest.mark.parametrize("estimate", [Pose(3.0, -2.0, 2.5), Pose(0.0, 0.0, -1.0)])
 def test_the_plan_is_carried_over_from_the_map_frame(estimate: Pose) -> None:
     moved = np.array([estimate.compose(Pose(x, y, 0.0))[:2] for x, y in EAST])
-    made, _ = driver()
+    made, _ = planned()
     straight = made.steer(Instant(0), ORIGIN, ORIGIN, STILL)
     made.begin()
     made.follow(moved)
@@ -54,7 +54,7 @@ def test_the_plan_is_carried_over_from_the_map_frame(estimate: Pose) -> None:
 def test_it_thinks_five_times_a_second_however_long_steps_are(
     period_us: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made, local = driver()
+    made, local = planned()
     thought: list[int] = []
 
     def choose(instant: Instant, *_: object) -> Steering:
@@ -71,7 +71,7 @@ def test_it_thinks_five_times_a_second_however_long_steps_are(
 
 
 def test_between_it_holds_the_command_and_a_new_goal_ends_that() -> None:
-    made, _ = driver()
+    made, _ = planned()
     first = made.steer(Instant(0), ORIGIN, ORIGIN, STILL)
     assert made.steer(Instant(199_999), ORIGIN, ORIGIN, Twist(0.2, 0.0, 0.0)) == first
     assert made.steer(Instant(200_000), ORIGIN, ORIGIN, Twist(0.2, 0.0, 0.0)) != first
@@ -84,10 +84,10 @@ def test_between_it_holds_the_command_and_a_new_goal_ends_that() -> None:
 
 def test_without_a_fresh_scan_it_does_not_drive() -> None:
     local = CostMap(KIND.sensor, RADIUS)
-    blind = LocalPlanner(local, RADIUS, KIND.drive, CHAPTER)
+    blind = DwaLocalPlanner(local, RADIUS, KIND.drive, CHAPTER)
     blind.follow(EAST)
     assert blind.steer(Instant(0), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
-    made, local = driver()
+    made, local = planned()
     assert made.steer(Instant(500_000), ORIGIN, ORIGIN, STILL).valid
     assert made.steer(Instant(500_001), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
     local.take(Instant(600_000), ORIGIN, Sweep(SILENCE, ORIGIN))
@@ -95,7 +95,7 @@ def test_without_a_fresh_scan_it_does_not_drive() -> None:
 
 
 def test_a_plan_that_is_elsewhere_is_no_plan() -> None:
-    made, _ = driver()
+    made, _ = planned()
     made.follow(np.add(EAST, (0.0, 2.5)))
     assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL) == Steering(STILL, False)
 
@@ -114,7 +114,7 @@ def test_no_command_exceeds_the_limits(
     rng = np.random.default_rng(seed)
     ranges = rng.integers(400, 3000, KIND.sensor.rays).astype(np.uint16)
     ranges[rng.random(ranges.size) < 0.8] = NO_ECHO_MM
-    made, _ = driver(preset, ranges)
+    made, _ = planned(preset, ranges)
     here = Pose(0.0, 0.0, heading)
     steering = made.steer(Instant(0), here, here, Twist(vx, 0.0, omega))
     p = DWA_PRESETS[preset]
@@ -133,7 +133,7 @@ def test_the_bases_limits_hold_where_they_are_lower() -> None:
     slow = KIND.drive.model_copy(update={"speed": 0.15, "acceleration": 0.5, "turn_rate": 0.5})
     local = CostMap(KIND.sensor, RADIUS)
     local.take(Instant(0), ORIGIN, Sweep(SILENCE, ORIGIN))
-    made = LocalPlanner(local, RADIUS, slow, CHAPTER)
+    made = DwaLocalPlanner(local, RADIUS, slow, CHAPTER)
     made.follow(EAST)
     assert made.steer(Instant(0), ORIGIN, ORIGIN, STILL).twist.vx == pytest.approx(0.1)
     assert made.steer(Instant(200_000), ORIGIN, ORIGIN, Twist(0.15, 0, 0)).twist.vx == pytest.approx(0.15)
@@ -150,7 +150,7 @@ def test_nearer_to_something_than_it_may_be(preset: str, escape: float, valid: b
     local = CostMap(KIND.sensor, RADIUS, LOCAL_MAP_PRESETS[preset])
     local.take(Instant(0), ORIGIN, Sweep(ranges, ORIGIN))
     assert local.marks().shape == (1, 2)
-    made = LocalPlanner(local, RADIUS, KIND.drive, replace(DWA_PRESETS[preset], escape=escape))
+    made = DwaLocalPlanner(local, RADIUS, KIND.drive, replace(DWA_PRESETS[preset], escape=escape))
     made.follow(np.column_stack((np.zeros(20), np.linspace(0.0, 1.0, 20))))
     steering = made.steer(Instant(0), ORIGIN, ORIGIN, STILL)
     assert steering.valid == valid
