@@ -126,8 +126,8 @@ def _places_done(result: RunResult) -> Iterator[str]:
 def _effort(result: RunResult) -> Iterator[str]:
     """What it took here."""
     yield (
-        f"That took {result.wall_s:.1f} s, {result.real_time_factor:.3g} times as fast as real time, "
-        f"after {result.startup_s:.1f} s to start."
+        f"Wall time: {result.wall_s:.1f} s, {result.real_time_factor:.3g} times as fast as real time; "
+        f"{result.startup_s:.1f} s before that to start."
     )
 
 
@@ -140,16 +140,16 @@ def _radio(result: RunResult) -> Iterator[str]:
     else:
         lost = _worded(counts, "copies_lost_")
         yield (
-            f"Radio: {_frames(sent)} sent, {counts.get('copies_heard', 0)} times heard by another robot, "
-            f"{sum(lost.values())} times not{_because(lost)}."
+            f"Radio: {_frames(sent)} sent; other robots heard {counts.get('copies_heard', 0)} copies of them "
+            f"and lost {sum(lost.values())}{_because(lost)}."
         )
     never = {name: count for name, count in _worded(counts, "frames_").items() if name != "sent"}
     if never:
-        yield f"Radio: {_frames(sum(never.values()))} came to nothing{_because(never)}."
+        yield f"Radio: {_frames(sum(never.values()))} never sent{_because(never)}."
     if missed := _worded(counts, "events_"):
-        yield f"Radio: robots missed {sum(missed.values())} of what it had for them{_because(missed)}."
+        yield f"Radio: robots missed {sum(missed.values())} of its events{_because(missed)}."
     if result.direct_reach is not None:
-        yield f"Two robots were in direct reach of each other {result.direct_reach:.0%} of the time."
+        yield f"Two robots were in direct radio range {result.direct_reach:.0%} of the time."
 
 
 def _driving(result: RunResult) -> Iterator[str]:
@@ -162,15 +162,15 @@ def _driving(result: RunResult) -> Iterator[str]:
         rmse = math.sqrt(sum(error.rmse**2 * error.samples for error in errors) / samples)
         lost = sum(error.times_lost for error in errors)
         yield (
-            f"Robots were {rmse:.2f} m from where they held themselves to be (rmse), at most "
-            f"{max(error.greatest for error in errors):.2f} m, and lost {_times(lost)}."
+            f"Localisation error: {rmse:.2f} m (RMSE), {max(error.greatest for error in errors):.2f} m at "
+            f"most; robots were lost {_times(lost)}."
         )
     goals = result.navigation
     if goals.goals:
         why = {name: count for name, count in goals.aborted.items() if count}
         yield (
-            f"They were sent to a point {_times(goals.goals)}; navigation gave that up "
-            f"{_times(sum(why.values()))}{_because(why)}."
+            f"Navigation: {goals.goals} {'goal' if goals.goals == 1 else 'goals'}, "
+            f"{sum(why.values()) or 'none'} aborted{_because(why)}."
         )
 
 

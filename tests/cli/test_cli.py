@@ -171,11 +171,11 @@ def test_a_result_for_people(capsys: pytest.CaptureFixture[str]) -> None:
     lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     assert lines[-8:] == [
         "2 robots cleaned 3 of 4 places in 600 simulated s; 1 is left.",
-        "That took 12.3 s, 48.6 times as fast as real time, after 0.9 s to start.",
-        "Radio: 10 frames sent, 7 times heard by another robot, 0 times not.",
+        "Wall time: 12.3 s, 48.6 times as fast as real time; 0.9 s before that to start.",
+        "Radio: 10 frames sent; other robots heard 7 copies of them and lost 0.",
         "Robots touched something 5 times.",
-        "Robots were 0.50 m from where they held themselves to be (rmse), at most 1.23 m, and lost once.",
-        "They were sent to a point 7 times; navigation gave that up 3 times (2 blocked, 1 no progress).",
+        "Localisation error: 0.50 m (RMSE), 1.23 m at most; robots were lost once.",
+        "Navigation: 7 goals, 3 aborted (2 blocked, 1 no progress).",
         "digest d0d0",
         "recorded in /o",
     ]
@@ -232,11 +232,11 @@ def test_what_was_done_and_what_the_radio_lost_are_sentences(capsys: pytest.Capt
     lines = capsys.readouterr().out.splitlines()
     assert lines[-11] == "2 robots with strategy chapter cleaned all 4 places in 356 simulated s."
     assert lines[-9:-5] == [
-        "Radio: 10 frames sent, 7 times heard by another robot, 5 times not "
+        "Radio: 10 frames sent; other robots heard 7 copies of them and lost 5 "
         "(4 below sensitivity, 1 collision).",
-        "Radio: 3 frames came to nothing (2 refused, 1 overflowed).",
-        "Radio: robots missed 1 of what it had for them (1 dropped).",
-        "Two robots were in direct reach of each other 65% of the time.",
+        "Radio: 3 frames never sent (2 refused, 1 overflowed).",
+        "Radio: robots missed 1 of its events (1 dropped).",
+        "Two robots were in direct radio range 65% of the time.",
     ]
     assert lines[-5] == "No robot touched anything."
 
