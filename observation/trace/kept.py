@@ -26,7 +26,7 @@ _LEVEL: Final = 1
 
 
 def own_files(path: Path) -> Iterator[Path]:
-    """A recording, and what its robot read before its first step; no password, and no way to others."""
+    """A recording, and the model and map beside it; no password, and no way to others."""
     for file in sorted(path.parent.iterdir()):
         wanted = file == path or file.suffix == ".toml" or file.stem == "map"
         if wanted and stat.S_ISREG(file.lstat().st_mode):

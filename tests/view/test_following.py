@@ -21,9 +21,10 @@ from deploy.scenario.scenario_file import Overrides, load_scenario
 from observation.evidence.run_reader import RunReader
 from observation.replay.growing_replay import GrowingBus
 from observation.replay.record_replay import made_again
+from observation.trace.frame_fates import frame_fates, replayed
 from observation.trace.kept import own_files
 from observation.trace.rows import Trace
-from observation.trace.traces import Traced
+from observation.trace.traces import Traced, traces
 from observation.view import command, drawn, live
 from observation.view.drawn import Wishes, draw, read_story
 from observation.view.following import Following
@@ -43,7 +44,7 @@ class Growing:
 
     def __init__(self, whole: Path, out: Path) -> None:
         self._whole, self.out = whole, out
-        shutil.copytree(whole, out, ignore=shutil.ignore_patterns("*.mcap", "run.json"))
+        shutil.copytree(whole, out, ignore=shutil.ignore_patterns("*.mcap", "*.trace", "run.json"))
 
     def grow(self, share: float) -> None:
         for path in self._whole.glob("*/*.mcap"):
@@ -96,6 +97,15 @@ def test_a_run_that_grows_is_drawn_like_one_that_has_ended(
             assert time.monotonic() < deadline, list(following.lack().sentences(following.end))
             time.sleep(0.05)
         assert list(following.lack().sentences(following.end)) == []
+        kept = [growing.out / name / f"{name}.mcap" for name in ("r1", "r2", "radio")]
+        while not all(path.with_suffix(".trace").exists() for path in kept):
+            following.draw()
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+    for actor, inside in insides.items():  # who looks at the run afterwards need not replay it
+        (one,) = traces(growing.out, [actor], permit=INSTALLED, isolate=False)
+        assert len(one.parts) > 1 and one.whole().changes == inside.changes
+    assert frame_fates(growing.out) == replayed(folder)
     grown, whole = drawn_at(tmp_path / "grown.rrd"), drawn_at(tmp_path / "whole.rrd")
     assert set(grown) - {"/events/run/view"} == set(whole)
     for entity, instants in whole.items():
