@@ -231,13 +231,13 @@ def scenario(
     from actors.robot.behaviour.foreign import admitted, permit_of
     from deploy.run import out_folder
     from deploy.run.preflight import preflight_here
-    from deploy.scenario import part_survey, survey
+    from deploy.scenario import survey
     from deploy.scenario.resolve import resolve
     from deploy.scenario.scenario_file import Overrides, load_scenario, module_folders, settings
 
     if png is not None and (png.suffix not in {".png", ".svg"} or not png.absolute().parent.is_dir()):
         raise wrong_value("--png", png, "a file in a folder that exists, its name ending in .png or .svg")
-    if (is_map := file.suffix in {".yaml", ".yml"}) or part_survey.is_model(file):
+    if (is_map := file.suffix in {".yaml", ".yml"}) or survey.is_model(file):
         if robots is not None or seed is not None or setting:
             raise OptionError(f"{file}: is no scenario; cannot be combined with --robots, --seed and --set")
         _part(file, png, is_map=is_map)
@@ -263,21 +263,21 @@ def _part(file: Path, png: Path | None, *, is_map: bool) -> None:
     """The same for a map or a robot model."""
     from actors.robot_model import load_model
     from deploy.run import out_folder
-    from deploy.scenario import part_survey
+    from deploy.scenario import survey
 
-    floor = part_survey.survey_map(file) if is_map else None
+    floor = survey.survey_map(file) if is_map else None
     model = None if is_map else load_model(str(file))
     console = Console(soft_wrap=True, highlight=False)
-    told = part_survey.map_sentences(floor) if floor else ()
-    for sentence in (*told, *(part_survey.model_sentences(model) if model else ())):
+    told = survey.map_sentences(floor) if floor else ()
+    for sentence in (*told, *(survey.model_sentences(model) if model else ())):
         console.print(sentence, markup=False)
     if png is None:
         return
-    from deploy.scenario import part_picture
+    from deploy.scenario import scenario_picture
 
     with out_folder.writing(png.parent):
         if floor:
-            part_picture.write_map(floor, png)
+            scenario_picture.write_map(floor, png)
         elif model:
-            part_picture.write_model(model, png)
+            scenario_picture.write_model(model, png)
     console.print(str(png), markup=False)

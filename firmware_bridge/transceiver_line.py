@@ -95,19 +95,12 @@ class SimulatedTransceiver:
             self._said.append(Heard(now, frame.source, rssi_dbm(rssi), lqi, frame.data))
 
 
-class Counts(Counter[str]):
-    """Of a link: events by kind, and lines that were none."""
-
-    def as_dict(self) -> dict[str, int]:
-        """All of them."""
-        return dict(self)
-
-
 class TransceiverLink:
     """The host's end, in place of `beeclick.link.Link`; a frame counts as handed over once it is written."""
 
     def __init__(self) -> None:
-        self.counters = Counts()
+        self.counters: Counter[str] = Counter()
+        """Events by kind, and lines that were none."""
         self._messages = _Messages(Received)
         self._session: int | None = None
         self._greeted = False

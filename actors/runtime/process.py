@@ -21,7 +21,7 @@ from actors.runtime.lifecycle import reserve
 from actors.runtime.lifecycle.failure import failure_note, in_words, print_traceback
 from actors.runtime.lifecycle.keeper import cpu_s
 from actors.runtime.lifecycle.parent import Ended
-from actors.runtime.lifecycle.process_table import fault, has_strays
+from actors.runtime.lifecycle.process_table import has_strays, leftover_fault
 from actors.runtime.message_counts import ActorDigest
 from actors.runtime.prints import Prints
 from actors.runtime.processor import Processor, processor
@@ -157,7 +157,7 @@ def play(
             reserve.release()  # to end well takes as much, and a user's code may have left nothing
             if part.prints is not None:
                 part.prints.close()
-            if threads is not None and (wrong := fault(has_strays(), threads)):
+            if threads is not None and (wrong := leftover_fault(has_strays(), threads)):
                 raise AcrcError(wrong)
             if isinstance(shell, WatchedShell):
                 recorder.note(NOTE, shell.spans())

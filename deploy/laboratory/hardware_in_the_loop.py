@@ -48,7 +48,7 @@ _CONDUCTOR: Final = "robots that run by their own clocks have nobody who conduct
 _ODOMETRY: Final = "emulated bases have the errors of a Kobuki, or none"
 
 
-def check(scenario: Scenario) -> None:
+def check_limits(scenario: Scenario) -> None:
     """Raise OptionError, naming each key, for a scenario that cannot be carried out in real time."""
     asked = _asked(scenario)
     if asked:
@@ -81,7 +81,7 @@ def run(scenario: Scenario, options: RunOptions, launched: Launcher | None = Non
     result/places.csv. `launched` starts the processes; None: as the options say. Raises OptionError for a
     scenario that asks for what cannot be in real time, and for a board of nobody's.
     """
-    check(scenario)
+    check_limits(scenario)
     plan = swarm.plan(scenario, options)
     simulated = _without_board(plan, options.boards)
     warn(plan.warning)

@@ -14,7 +14,7 @@ from actors.processes.turn_board import BoardTurn
 from actors.runtime.lifecycle import process_table
 from actors.runtime.lifecycle.failure import HardExit, TimedOut, where
 from actors.runtime.lifecycle.linux import PR_SET_CHILD_SUBREAPER, prctl
-from actors.runtime.lifecycle.process_table import ProcessGlance, fault
+from actors.runtime.lifecycle.process_table import ProcessGlance, leftover_fault
 from actors.runtime.pace import ticking
 from actors.runtime.shell import Shell
 
@@ -106,7 +106,7 @@ class Leftovers:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         heirs = process_table.children(os.getpid(), process_table.table()) - self._children
-        self.fault = fault(process_table.end_orphans(heirs) > 0, self._threads)
+        self.fault = leftover_fault(process_table.end_orphans(heirs) > 0, self._threads)
         _adopt_orphans(False)
 
 

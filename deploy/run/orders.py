@@ -7,30 +7,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
+from actors import orders
 from actors.installation.usage import OptionError, wrong_value
 from actors.instant import seconds
 from actors.messages import ANSWERED, CONTROL, Answered, Control
 from actors.order_limits import OrderLimits, fault
-from actors.orders import (
-    CloseDoor,
-    Freeze,
-    Give,
-    Kill,
-    Lose,
-    Move,
-    Obstacle,
-    OpenDoor,
-    Order,
-    Pause,
-    Restart,
-    Resume,
-    Speed,
-    StartJam,
-    Step,
-    Stop,
-    Thaw,
-    Wall,
-)
+from actors.orders import Order
 from actors.runtime.access import router_file, rules
 from actors.runtime.bus.zenoh_bus import open_mesh
 from actors.runtime.bus_interface import Bus
@@ -66,37 +48,37 @@ def _speed(word: str) -> float:
 
 def _lose(words: Sequence[str]) -> Order:
     robot, sender = words
-    return Lose(robot, sender)
+    return orders.Lose(robot, sender)
 
 
 def _move(words: Sequence[str]) -> Order:
     robot, *pose = words
-    return _numbers(lambda x, y, heading: Move(robot, x, y, heading), 3)(pose)
+    return _numbers(lambda x, y, heading: orders.Move(robot, x, y, heading), 3)(pose)
 
 
 def _give(words: Sequence[str]) -> Order:
     robot, *place = words
-    return _numbers(lambda x, y: Give(robot, ((x, y),)), 2)(place)
+    return _numbers(lambda x, y: orders.Give(robot, ((x, y),)), 2)(place)
 
 
 _FORMS: Final[Mapping[str, tuple[str, Callable[[Sequence[str]], Order]]]] = MappingProxyType({
-    "kill": ("ROBOT", _robot(Kill)),
-    "freeze": ("ROBOT", _robot(Freeze)),
-    "thaw": ("ROBOT", _robot(Thaw)),
-    "restart": ("ROBOT", _robot(Restart)),
+    "kill": ("ROBOT", _robot(orders.Kill)),
+    "freeze": ("ROBOT", _robot(orders.Freeze)),
+    "thaw": ("ROBOT", _robot(orders.Thaw)),
+    "restart": ("ROBOT", _robot(orders.Restart)),
     "move": ("ROBOT X Y HEADING", _move),
-    "jam": ("X Y RADIUS SECONDS", _numbers(lambda x, y, r, s: StartJam(x, y, r, seconds(s)), 4)),
+    "jam": ("X Y RADIUS SECONDS", _numbers(lambda x, y, r, s: orders.StartJam(x, y, r, seconds(s)), 4)),
     "lose": ("ROBOT SENDER", _lose),
-    "obstacle": ("X Y RADIUS", _numbers(Obstacle, 3)),
-    "wall": ("X Y TO_X TO_Y", _numbers(Wall, 4)),
+    "obstacle": ("X Y RADIUS", _numbers(orders.Obstacle, 3)),
+    "wall": ("X Y TO_X TO_Y", _numbers(orders.Wall, 4)),
     "give": ("ROBOT X Y", _give),
-    "close": ("X Y", _numbers(CloseDoor, 2)),
-    "open": ("X Y", _numbers(OpenDoor, 2)),
-    "pause": ("", _numbers(Pause, 0)),
-    "resume": ("", _numbers(Resume, 0)),
-    "step": ("[N]", lambda words: Step(int(*words) if words else 1)),
-    "speed": ("X|max", lambda words: Speed(_speed(*words))),
-    "stop": ("", _numbers(Stop, 0)),
+    "close": ("X Y", _numbers(orders.CloseDoor, 2)),
+    "open": ("X Y", _numbers(orders.OpenDoor, 2)),
+    "pause": ("", _numbers(orders.Pause, 0)),
+    "resume": ("", _numbers(orders.Resume, 0)),
+    "step": ("[N]", lambda words: orders.Step(int(*words) if words else 1)),
+    "speed": ("X|max", lambda words: orders.Speed(_speed(*words))),
+    "stop": ("", _numbers(orders.Stop, 0)),
 })  # fmt: skip
 """By verb: what must follow it, and how it is read."""
 VERBS: Final = tuple(_FORMS)

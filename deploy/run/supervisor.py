@@ -15,7 +15,7 @@ from actors.runtime.bus_interface import Bus
 from actors.runtime.codec import decode
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle.failure import FailureNote, in_words
-from actors.runtime.lifecycle.process_table import fault, glance
+from actors.runtime.lifecycle.process_table import glance, leftover_fault
 from actors.runtime.recording import RecordingError, decoded, read_notes
 from actors.topic import Message, Topic
 from deploy.run.resource_watch import ResourceWatch
@@ -206,7 +206,7 @@ def _check_end(child: Child) -> None:
             f"{program.actor} ended with exit code 0 in the middle of the run, as by os._exit(0); "
             f"its log is {program.log}"
         )
-    if wrong := fault(child.strays > 0):
+    if wrong := leftover_fault(child.strays > 0):
         raise AcrcError(f"{program.actor} failed: {wrong}")
 
 

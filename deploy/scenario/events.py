@@ -4,38 +4,26 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Final
 
+from actors import orders
 from actors.geometry import wrap
 from actors.instant import Instant, in_seconds, milliseconds, seconds
-from actors.orders import (
-    CloseDoor,
-    Freeze,
-    Give,
-    Kill,
-    Lose,
-    Move,
-    Obstacle,
-    OpenDoor,
-    Order,
-    Restart,
-    StartJam,
-    Thaw,
-)
+from actors.orders import Order
 from actors.world.world_setup import TimedOrder
 from deploy.scenario.robot_tables import known_robots
 from deploy.scenario.tables import EventTable, Scenario
 
 _ORDERS: Final[Mapping[str, tuple[tuple[str, ...], Callable[..., Order]]]] = {
-    "kill": ((), Kill),
-    "freeze": ((), Freeze),
-    "thaw": ((), Thaw),
-    "restart": ((), Restart),
-    "move": (("to",), lambda robot, to: Move(robot, to[0], to[1], wrap(to[2]))),
-    "jam": (("radius", "duration"), lambda at, radius, s: StartJam(at[0], at[1], radius, seconds(s))),
-    "lose": (("of",), Lose),
-    "obstacle": (("radius",), lambda at, radius: Obstacle(at[0], at[1], radius)),
-    "give": (("places",), Give),
-    "close": ((), lambda at: CloseDoor(*at)),
-    "open": ((), lambda at: OpenDoor(*at)),
+    "kill": ((), orders.Kill),
+    "freeze": ((), orders.Freeze),
+    "thaw": ((), orders.Thaw),
+    "restart": ((), orders.Restart),
+    "move": (("to",), lambda robot, to: orders.Move(robot, to[0], to[1], wrap(to[2]))),
+    "jam": (("radius", "duration"), lambda at, radius, s: orders.StartJam(at[0], at[1], radius, seconds(s))),
+    "lose": (("of",), orders.Lose),
+    "obstacle": (("radius",), lambda at, radius: orders.Obstacle(at[0], at[1], radius)),
+    "give": (("places",), orders.Give),
+    "close": ((), lambda at: orders.CloseDoor(*at)),
+    "open": ((), lambda at: orders.OpenDoor(*at)),
 }
 """Each action of an event: what must stand beside it, and the order that both stand for."""
 _COMPANIONS: Final = ("to", "radius", "duration", "of", "places")

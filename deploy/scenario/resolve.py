@@ -3,20 +3,24 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from actors.floor.grid import OCCUPIED, OccupancyGrid
 from actors.floor.map_file import load_map
 from actors.geometry import Point
 from actors.instant import milliseconds, seconds
 from actors.radio import presets as radio_presets
+from actors.radio.propagation.interferers import WifiParameters
+from actors.radio.propagation.walls import WallPatch, inside
 from actors.radio.radio_setup import RadioSetup
 from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.adaptation import Adaptation
 from actors.robot.stack import Stack
 from actors.robot_model import load_model
+from actors.runtime.errors import AcrcError
 from actors.world.uncertainty import Uncertainty
 from actors.world.world_setup import BodySetup, WorldSetup
 from cleaning.strategies import entry
 from deploy.scenario.adaptation_tables import adaptation
-from deploy.scenario.areas import check_areas, check_walls, of_places, radio_setup
+from deploy.scenario.areas import check_areas, of_places
 from deploy.scenario.events import timed_orders
 from deploy.scenario.placement import RobotSpec, check_doors, check_events, places, starts
 from deploy.scenario.stack_tables import stack_of
@@ -77,7 +81,7 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
     grid = load_map(scenario.map)
     figures = [_figure(robot, scenario) for robot in scenario.ids]
     check_areas(grid, scenario)
-    check_walls(grid, scenario)
+    _check_walls(grid, scenario)
     poses = starts(grid, figures, scenario)
     check_events(grid, figures, scenario)
     check_doors(grid, figures, scenario)
@@ -106,11 +110,47 @@ def resolve(scenario: Scenario) -> ResolvedScenario:
     return ResolvedScenario(
         scenario=settled,
         world=world,
-        radio=radio_setup(scenario, addresses),
+        radio=_radio_setup(scenario, addresses),
         behaviour=behaviour,
         adaptation=adaptation(settled.strategy, settled.deeco, settled.area),
         stack=stack_of(settled),
     )
+
+
+def _check_walls(grid: OccupancyGrid, scenario: Scenario) -> None:
+    """Raise AcrcError if a table [[wall]] holds nothing that is occupied."""
+    for index, (patch, table) in enumerate(zip(_patches(scenario), scenario.wall, strict=True)):
+        if not (grid.cells[inside(grid, patch)] == OCCUPIED).any():
+            (x0, x1), (y0, y1) = table.x, table.y
+            raise AcrcError(
+                f"wall[{index}] spans x {x0:g} to {x1:g} and y {y0:g} to {y1:g} m, where nothing is occupied,"
+                " but must hold a wall"
+            )
+
+
+def _radio_setup(scenario: Scenario, addresses: tuple[tuple[str, int], ...]) -> RadioSetup:
+    """What the radio is told: robots with their short addresses, the preset, what differs from it."""
+    radio = scenario.radio
+    return RadioSetup(
+        seed=scenario.run.seed_of("radio"),
+        step_us=milliseconds(scenario.run.step_ms),
+        robots=addresses,
+        preset=radio.preset,
+        map=scenario.map,
+        walls=radio.walls,
+        patches=_patches(scenario),
+        shadowing_db=radio.shadowing_db,
+        correlation_distance=radio.correlation_distance,
+        channel=radio.channel,
+        wifi=tuple(
+            WifiParameters(*station.at, station.channel, station.duty, station.power_dbm)
+            for station in scenario.wifi
+        ),
+    )
+
+
+def _patches(scenario: Scenario) -> tuple[WallPatch, ...]:
+    return tuple(WallPatch(table.material, table.x, table.y) for table in scenario.wall)
 
 
 def _check_floor(world: WorldSetup) -> None:

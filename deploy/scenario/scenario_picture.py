@@ -1,5 +1,6 @@
-"""A scenario on its floor: starts, places, doors, what nobody reaches, how far radio gets."""
+"""A scenario on its floor, a map with its doors, a robot model with what it sees: each as a picture."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -7,11 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Patch
+from matplotlib.patches import Circle, Patch, Polygon, Wedge
 
 from actors.geometry import Point
+from actors.robot_model import RobotModel
 from actors.task.words import PlaceKey
-from deploy.scenario.survey import ScenarioSurvey, covered, lattice
+from deploy.scenario.survey import MapSurvey, ScenarioSurvey, covered, lattice
 from observation.picture import floor_picture, look, style
 
 
@@ -82,3 +84,89 @@ def _legend(found: ScenarioSurvey, *, few: bool) -> list[Line2D | Patch]:
     if ((found.parts.labels > 0) & ~found.reached).any():
         handles.append(Patch(color=floor_picture.SHUT, label="room for a robot, but no way there"))
     return handles
+
+
+_BODY, _SEEN, _FELT = style.ROBOTS[0], "#cfe3f3", style.ROBOTS[1]
+
+
+def write_map(found: MapSurvey, path: Path) -> None:
+    """The map as a PNG or SVG file."""
+    with look.applied(style.LOOK):
+        style.save(draw_map(found), path)
+
+
+def write_model(model: RobotModel, path: Path) -> None:
+    """The robot as a PNG or SVG file."""
+    with look.applied(style.LOOK):
+        style.save(draw_model(model), path)
+
+
+def draw_map(found: MapSurvey) -> Figure:
+    """Floor, doors, and where a robot has room but no way leads."""
+    figure = style.new_figure(11.0, 6.6)
+    axes = figure.add_subplot()
+    floor_picture.draw_floor(axes, found.grid)
+    shut = floor_picture.draw_regions(axes, found.grid, found.parts, found.reached)
+    axes.set_title(found.name, loc="left", fontweight="bold", fontsize=10)
+    handles = [Patch(color=floor_picture.DOOR, label="narrow place: who meets there, stops")]
+    if shut:
+        handles.append(Patch(color=floor_picture.SHUT, label="room for a robot, but no way there"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=7, frameon=False)
+    return figure
+
+
+def draw_model(model: RobotModel) -> Figure:
+    """Beside each other: the body with its bumper, and all that its sensor sees."""
+    figure = style.new_figure(9.0, 4.8)
+    near, far = figure.subplots(1, 2)
+    size = 1.6 * model.footprint.circumradius
+    for axes, half in ((near, size), (far, model.sensor.range_max + 2 * size)):
+        _draw_seen(axes, model)
+        _draw_body(axes, model)
+        axes.set_xlim(-half, half)
+        axes.set_ylim(-half, half)
+        axes.set_aspect("equal")
+        axes.set_xlabel("forward, m")
+        axes.set_ylabel("to the left, m")
+        axes.grid(alpha=0.25, lw=0.5)
+    near.set_title(model.name, loc="left", fontweight="bold", fontsize=10)
+    far.set_title(f"sensor {model.sensor_name}", loc="left", fontweight="bold", fontsize=10)
+    handles: list[Patch | Line2D] = [
+        Patch(color=_BODY, alpha=0.35, label="body, the line straight ahead"),
+        Line2D([], [], marker="^", ls="", color=style.INK, label="range sensor"),
+        Patch(color=_SEEN, label="what the sensor sees"),
+    ]
+    if model.bumper is not None:
+        handles.append(Line2D([], [], lw=3, color=_FELT, label="bumper: right, centre, left"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=7, frameon=False)
+    return figure
+
+
+def _draw_body(axes: Axes, model: RobotModel) -> None:
+    body, ahead = model.footprint, model.footprint.circumradius
+    look_ = {"facecolor": (*_rgb(_BODY), 0.35), "edgecolor": _BODY, "lw": 1.4, "zorder": 4}
+    if body.vertices is None:
+        axes.add_patch(Circle((0.0, 0.0), ahead, **look_))
+    else:
+        axes.add_patch(Polygon(np.array(body.vertices), closed=True, **look_))
+    axes.plot([0.0, ahead], [0.0, 0.0], color=_BODY, lw=1.4, zorder=5)
+    if model.bumper is not None:
+        centre, side = model.bumper.centre_deg, model.bumper.reach_deg
+        for begin, end in ((-side, -centre), (-centre, centre), (centre, side)):
+            angles = np.radians(np.linspace(begin + 1.0, end - 1.0, 30))
+            ring = 1.05 * ahead * np.array([np.cos(angles), np.sin(angles)])
+            axes.plot(*ring, color=_FELT, lw=3, zorder=5)
+
+
+def _draw_seen(axes: Axes, model: RobotModel) -> None:
+    sensor, mount = model.sensor, model.sensor.mount
+    half, ahead = sensor.field_of_view_deg / 2, math.degrees(mount.heading)
+    width = sensor.range_max - sensor.range_min
+    seen = Wedge((mount.x, mount.y), sensor.range_max, ahead - half, ahead + half, width=width, color=_SEEN)
+    axes.add_patch(seen)
+    axes.plot(mount.x, mount.y, marker="^", ms=5, color=style.INK, zorder=6)
+
+
+def _rgb(colour: str) -> tuple[float, float, float]:
+    red, green, blue = (int(colour[at : at + 2], 16) / 255 for at in (1, 3, 5))
+    return red, green, blue

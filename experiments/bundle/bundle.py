@@ -63,7 +63,7 @@ def make(folder: Path, out: Path, authors: Sequence[str] = ()) -> bool:
         files["software.zip"] = software
         pins = _committed(commit, "show", f"{commit}:constraints.txt")
         files["constraints.txt"] = pins or files["constraints.txt"]
-    write(out, folder.resolve().name, files)
+    write_archive(out, folder.resolve().name, files)
     return software is not None
 
 
@@ -120,7 +120,7 @@ _BEGIN: Final = (1980, 1, 1, 0, 0, 0)
 _UNIX: Final = 3
 
 
-def write(path: Path, top: str, files: Mapping[str, bytes]) -> None:
+def write_archive(path: Path, top: str, files: Mapping[str, bytes]) -> None:
     """Write the files into folder `top` of a new archive, with the SHA-256 sums of all in SUMS.
 
     What ends in `.sh` can be executed. The file is there whole or not at all.

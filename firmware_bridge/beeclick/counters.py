@@ -26,28 +26,12 @@ NAMES: Final = (
 """All that a link counts, in the order in which it is shown."""
 
 
-class LinkCounters:
-    """The counters of one link."""
+class LinkCounters(dict[str, int]):
+    """The counters of one link, by name."""
 
     def __init__(self) -> None:
-        self._counts = dict.fromkeys(NAMES, 0)
-
-    def __getitem__(self, name: str) -> int:
-        return self._counts[name]
+        super().__init__(dict.fromkeys(NAMES, 0))
 
     def add(self, name: str, more: int = 1) -> None:
-        """Count one more, or several."""
-        self._counts[name] += more
-
-    def set(self, name: str, count: int) -> None:
-        """Take over a number that is counted elsewhere."""
-        assert name in self._counts
-        self._counts[name] = count
-
-    def as_dict(self) -> dict[str, int]:
-        """All of them."""
-        return dict(self._counts)
-
-    def nonzero(self) -> dict[str, int]:
-        """Those of what has happened."""
-        return {name: count for name, count in self._counts.items() if count}
+        """Count one more, or several, of a name that there is."""
+        self[name] += more

@@ -146,7 +146,7 @@ class BoardLink:
         self._read(now)
         if self._expire(now):
             self._read(now)
-        self.counters.set("junk_bytes", self._reader.junk_bytes)
+        self.counters["junk_bytes"] = self._reader.junk_bytes
         return self._given()
 
     def due(self, now: Instant) -> bytes:

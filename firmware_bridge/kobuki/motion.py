@@ -53,6 +53,11 @@ def velocity(control: BaseControl) -> tuple[float, float]:
     return control.radius * omega / 1000, omega
 
 
+def signed(difference: int) -> int:
+    """A difference of two uint16 counters that wrap, as int16."""
+    return ((difference + 0x8000) & 0xFFFF) - 0x8000
+
+
 def _whole(value: float) -> int:
     """Towards zero, as far as an int16 goes."""
     return int(max(-_LIMIT - 1, min(_LIMIT, value)))

@@ -11,7 +11,7 @@ from actors.geometry import wrap
 from actors.instant import Instant, in_seconds
 from actors.messages import Odometry
 from actors.portable import cos, sin
-from firmware_bridge.kobuki.motion import METRES_PER_TICK, TRACK
+from firmware_bridge.kobuki.motion import METRES_PER_TICK, TRACK, signed
 from firmware_bridge.kobuki.packets import Basic, Inertial
 
 _CENTIDEGREE: Final = math.radians(0.01)
@@ -167,8 +167,8 @@ class KobukiOdometry:
             turn = wrap((after.angle.angle_cdeg - before.angle.angle_cdeg) * _CENTIDEGREE)
         return _Motion(
             ((after.stamp_ms - before.stamp_ms) & 0xFFFF) / 1000,
-            _signed(after.left - before.left) * self._p.metres_per_tick,
-            _signed(after.right - before.right) * self._p.metres_per_tick,
+            signed(after.left - before.left) * self._p.metres_per_tick,
+            signed(after.right - before.right) * self._p.metres_per_tick,
             turn,
         )
 
@@ -208,8 +208,3 @@ class KobukiOdometry:
         self.counts.on_wheels += 1
         owed, self._owed = self._owed, 0.0
         return owed
-
-
-def _signed(difference: int) -> int:
-    """A difference of two uint16 counters that wrap, as int16."""
-    return ((difference + 0x8000) & 0xFFFF) - 0x8000

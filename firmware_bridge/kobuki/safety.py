@@ -23,7 +23,7 @@ from typing import Final
 
 from actors.bounds import check
 from actors.instant import Duration, Instant, milliseconds
-from firmware_bridge.kobuki.motion import TRACK
+from firmware_bridge.kobuki.motion import TRACK, signed
 from firmware_bridge.kobuki.packets import Basic, Inertial
 from firmware_bridge.kobuki.ramp import Ramp, RampParameters
 
@@ -257,9 +257,9 @@ class SafetyStop:
         """True if the base has not moved since the last feedback."""
         if self._basic is None:
             return False
-        left = (basic.left_ticks - self._basic.left_ticks) & 0xFFFF
-        right = (basic.right_ticks - self._basic.right_ticks) & 0xFFFF
-        ticks = max(min(left, 0x10000 - left), min(right, 0x10000 - right))
+        left = signed(basic.left_ticks - self._basic.left_ticks)
+        right = signed(basic.right_ticks - self._basic.right_ticks)
+        ticks = max(abs(left), abs(right))
         turning = inertial is not None and abs(inertial.rate_cdeg) > self._p.still_rate_cdeg
         return ticks <= self._p.still_ticks and not turning
 

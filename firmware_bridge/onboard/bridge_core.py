@@ -123,7 +123,7 @@ class BridgeCore:
     def outcome(self) -> dict[str, object]:
         """What has been counted."""
         return {
-            "board": self._link.counters.as_dict(),
+            "board": dict(self._link.counters),
             "frames": {
                 "events_dropped": self.dropped_events,
                 "events_forgotten": self.forgotten_events,

@@ -8,7 +8,7 @@ from typing import Final
 
 from actors.geometry import Pose, wrap
 from actors.instant import Duration, Instant, milliseconds, seconds
-from firmware_bridge.kobuki.motion import METRES_PER_TICK, TRACK
+from firmware_bridge.kobuki.motion import METRES_PER_TICK, TRACK, signed
 from firmware_bridge.kobuki.packets import Basic, Inertial
 from firmware_bridge.kobuki.safety import HoldCause
 from firmware_bridge.onboard.motion_checks import MotionChecks
@@ -25,7 +25,6 @@ _FORGIVEN: Final[Duration] = seconds(60)
 _FOR_GOOD: Final[Duration] = seconds(1e9)
 _LONGEST_GAP: Final[Duration] = milliseconds(200)
 """Between two feedbacks; after a longer one nothing is known of the motion between."""
-_HALF: Final = 1 << 15
 
 
 class Contradictions:
@@ -51,7 +50,7 @@ class Contradictions:
             return
         before = last[1]
         left, right = (
-            _signed(a - b) * METRES_PER_TICK
+            signed(a - b) * METRES_PER_TICK
             for a, b in ((basic.left_ticks, before.left_ticks), (basic.right_ticks, before.right_ticks))
         )
         turn = (right - left) / TRACK
@@ -110,8 +109,3 @@ class Contradictions:
         self._checks.forget()
         if self._scans is not None:
             self._scans.forget()
-
-
-def _signed(difference: int) -> int:
-    """Of two counters of 16 bits that wrap."""
-    return (difference + _HALF) % (2 * _HALF) - _HALF

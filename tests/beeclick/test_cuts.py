@@ -47,7 +47,7 @@ def conversation(stages: list[list[bytes]]) -> tuple[list[Event], dict[str, int]
     stage(confirm(numbers[0]), BOGUS, SYNC_PATTERN[:5], confirm(numbers[1]), SYNC_PATTERN)
     host.due()
     stage(*ECHOES, HELLO, Warmth(218))
-    return events, host.link.counters.as_dict(), whole
+    return events, dict(host.link.counters), whole
 
 
 WHOLE = conversation([])

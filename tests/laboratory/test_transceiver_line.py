@@ -98,7 +98,7 @@ def test_noise_is_counted_and_does_no_harm(seed: int) -> None:
     pair.send(1, b"through")
     pair.run(20)
     assert (Sent, 1) in pair.ends()
-    assert pair.links[0].counters.as_dict()["bad_lines"] >= 10
+    assert pair.links[0].counters["bad_lines"] >= 10
 
 
 def test_words_of_another_session_are_not_ours() -> None:

@@ -9,7 +9,7 @@ from actors.installation.usage import OptionError
 from actors.instant import Instant
 from actors.radio.presets import PRESETS
 from deploy.laboratory import hardware_in_the_loop
-from deploy.laboratory.hardware_in_the_loop import check
+from deploy.laboratory.hardware_in_the_loop import check_limits
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
@@ -54,7 +54,7 @@ def sentence(asked: str) -> str:
 )
 def test_what_emulated_devices_have_not_is_refused_by_name(text: str, asked: str, tmp_path: Path) -> None:
     with pytest.raises(OptionError) as refused:
-        check(scenario(tmp_path, text))
+        check_limits(scenario(tmp_path, text))
     assert str(refused.value) == sentence(asked)
 
 
@@ -72,7 +72,7 @@ def test_what_they_have_is_not_refused(name: str, tmp_path: Path) -> None:
     """All of the air: presets, walls, materials, shadowing, Wi-Fi, jammers; and the shipped scenarios."""
     if name not in PRESETS:
         for file in ("head_on.toml", "chapter.toml"):
-            check(load_scenario(ROOT / "scenarios" / file))
+            check_limits(load_scenario(ROOT / "scenarios" / file))
         return
     text = f'[radio]\npreset = "{name}"\nwalls = "concrete"\nshadowing_db = 4\ncorrelation_distance = 1\n'
     text += '[[wall]]\nmaterial = "glass"\nx = [11, 18]\ny = [0, 8]\n'
@@ -82,7 +82,7 @@ def test_what_they_have_is_not_refused(name: str, tmp_path: Path) -> None:
         '[[event]]\nat = 6\nlose = "r1"\nof = "r2"\n[[event]]\nat = 7\nobstacle = [13, 12]\nradius = 0.3\n'
     )
     asked = scenario(tmp_path, text)
-    check(asked)
+    check_limits(asked)
     plan = swarm.plan(asked, RunOptions(tmp_path / "out"))
     laboratory = Laboratory(LaboratorySetup(plan.world, plan.radio))
     laboratory.advance(Instant(20_000), lambda jack, data: None)

@@ -174,7 +174,7 @@ def _wait(pid: int) -> None:
         os.waitpid(pid, os.WNOHANG)
 
 
-def fault(strays: bool, at_first: Collection[threading.Thread] | None = None) -> str | None:
+def leftover_fault(strays: bool, at_first: Collection[threading.Thread] | None = None) -> str | None:
     """What is wrong with an actor that leaves processes, or other threads than `at_first`."""
     if strays:
         return f"processes of its own were still running at its end: {_RULE}"
