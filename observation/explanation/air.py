@@ -17,7 +17,7 @@ from deeco.replication.fragments import HEADER
 from observation.evidence.knowledge_trace import Arrival
 from observation.evidence.recorded import taken
 from observation.inside.fates import Fates, read_fates
-from observation.replay.moved_runs import setup_of
+from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import recordings
 
 _TOGETHER_US: Final = 2_000_000

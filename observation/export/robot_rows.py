@@ -15,7 +15,7 @@ from actors.robot.behaviour.decision_log import Deciding
 from deeco.knowledge import Knowledge
 from observation.evidence.drive_trace import DriveTrace
 from observation.evidence.knowledge_trace import ABSENT, KnowledgeChange, KnowledgeTrace, trace_knowledge
-from observation.replay.moved_runs import run_of
+from observation.replay.recorded_setup import run_of
 from observation.replay.run_recordings import recordings
 
 Row = tuple[Any, ...]

@@ -11,7 +11,7 @@ from observation.evidence.recorded import taken
 from observation.evidence.run_evidence import RunEvidence, read_run
 from observation.export.answered import BOUNDS, ExportError, read_answer, words
 from observation.export.robot_rows import EXECUTED, Row, Tables
-from observation.replay.moved_runs import setup_of
+from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import recordings
 from observation.replay.shut_off_calls import Bounds, Call, ask
 

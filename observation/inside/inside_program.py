@@ -21,8 +21,8 @@ from actors.runtime.process_setup import located_model
 from observation.inside.onlooker import RobotOnlooker
 from observation.inside.telemetry import MOST_BYTES, Inside, encode
 from observation.replay import shut_off
-from observation.replay.moved_runs import setup_of
 from observation.replay.record_replay import Onlook, replay_actor
+from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import recordings
 
 

@@ -15,8 +15,8 @@ from deploy.run.options import RunOptions
 from deploy.scenario.scenario_file import load_scenario
 from observation.evidence.run_evidence import read_run, world_setup
 from observation.explanation.explain import listed
-from observation.replay.moved_runs import code_folders, setup_of
 from observation.replay.record_replay import replay_actor
+from observation.replay.recorded_setup import code_folders, setup_of
 from observation.replay.run_recordings import recordings
 from tests.swarm.command import acrc
 
