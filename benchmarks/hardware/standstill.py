@@ -17,7 +17,7 @@ from rich.table import Table
 
 from actors.processes.kernels import compile_kernels
 from benchmarks.hardware.standstill_rig import GUARDIAN, Rig, held, killed, stopped
-from benchmarks.statistics.measured import Measured
+from benchmarks.statistics.measured import Measured, table_of
 from firmware_bridge.laboratory.laboratory import RADIO, RANGE
 
 PROCESSES: Final = {
@@ -45,13 +45,9 @@ DEVICES: Final = {
 }
 
 
-@dataclass(frozen=True)
-class StandstillTask:
-    """What is measured."""
-
-    trials: int = 3
-    goal_s: float = 0.3
-    goal_m: float = 0.15
+GOAL_S: Final = 0.3
+GOAL_M: Final = 0.15
+"""Within so long, and so far, the wheels are to be told."""
 
 
 @dataclass(frozen=True)
@@ -74,18 +70,17 @@ Case = tuple[str, str]
 
 def check(trials: int = 3, cases: Sequence[Case] | None = None) -> Measured:
     """So many trials of each case, all if none are named; it holds where all stand in time."""
-    task = StandstillTask(trials)
     compile_kernels()  # or the first robot would take a minute to start
     found: dict[Case, list[StandstillCase]] = defaultdict(list)
-    for _ in range(task.trials):
+    for _ in range(trials):
         for case, event in events(cases).items():
             found[case].append(trial(event))
     figures = {
-        "task": asdict(task),
-        "cases": {" ".join(case): [asdict(one) for one in trials] for case, trials in found.items()},
-        "goal_met": all(meets(case, trials, task) for case, trials in found.items()),
+        "task": {"trials": trials, "goal_s": GOAL_S, "goal_m": GOAL_M},
+        "cases": {" ".join(case): [asdict(one) for one in some] for case, some in found.items()},
+        "goal_met": all(meets(case, some) for case, some in found.items()),
     }
-    return Measured(figures, _shown(found, task), bool(figures["goal_met"]))
+    return Measured(figures, _shown(found), bool(figures["goal_met"]))
 
 
 def events(cases: Sequence[Case] | None = None) -> dict[Case, Callable[[Rig], None]]:
@@ -104,13 +99,11 @@ def events(cases: Sequence[Case] | None = None) -> dict[Case, Callable[[Rig], No
     return made if cases is None else {case: made[case] for case in cases}
 
 
-def meets(case: Case, trials: list[StandstillCase], task: StandstillTask) -> bool:
+def meets(case: Case, trials: list[StandstillCase]) -> bool:
     """True if the wheels were told in time each time, or it may drive on."""
     if may_drive_on(case):
         return True
-    return all(
-        one.told_s is not None and one.told_s <= task.goal_s and one.told_m <= task.goal_m for one in trials
-    )
+    return all(one.told_s is not None and one.told_s <= GOAL_S and one.told_m <= GOAL_M for one in trials)
 
 
 def may_drive_on(case: Case) -> bool:
@@ -139,28 +132,29 @@ def measured(rig: Rig, event: Callable[[Rig], None]) -> StandstillCase:
     )
 
 
-def _shown(found: dict[Case, list[StandstillCase]], task: StandstillTask) -> tuple[Table | str, ...]:
-    table = Table(
-        "what", "how", "told, median", "worst", "way", "stood, worst", "way", "", title="standstill"
-    )
-    for case, trials in found.items():
-        verdict = "may drive on" if may_drive_on(case) else ""
-        if not meets(case, trials, task):
-            verdict = "MISSED"
-        table.add_row(
-            *case,
-            *_times([one.told_s for one in trials]),
-            f"{max(one.told_m for one in trials):.2f} m",
-            _times([one.stood_s for one in trials])[1],
-            f"{max(one.stood_m for one in trials):.2f} m",
-            verdict,
-        )
+def _shown(found: dict[Case, list[StandstillCase]]) -> tuple[Table | str, ...]:
+    rows = [_row(case, trials) for case, trials in found.items()]
     speeds = [one.speed for trials in found.values() for one in trials]
     goal = (
-        f"goal: told within {task.goal_s:g} s and {task.goal_m:g} m; {task.trials} trials each at "
+        f"goal: told within {GOAL_S:g} s and {GOAL_M:g} m; {max(map(len, found.values()))} trials each at "
         f"{min(speeds):.2f} to {max(speeds):.2f} m/s"
     )
-    return table, goal
+    return table_of(rows, "standstill"), goal
+
+
+def _row(case: Case, trials: list[StandstillCase]) -> dict[str, str]:
+    middle, worst = _times([one.told_s for one in trials])
+    verdict = "may drive on" if may_drive_on(case) else ""
+    return {
+        "what": case[0],
+        "how": case[1],
+        "told, median": middle,
+        "worst": worst,
+        "way": f"{max(one.told_m for one in trials):.2f} m",
+        "stood, worst": _times([one.stood_s for one in trials])[1],
+        "way until then": f"{max(one.stood_m for one in trials):.2f} m",
+        "": verdict if meets(case, trials) else "MISSED",
+    }
 
 
 def _times(times: list[float | None]) -> tuple[str, str]:

@@ -37,9 +37,8 @@ def print_strategies(*, json: bool) -> None:
     rows = listed()
     columns = {
         "name": [row.name for row in rows],
-        "entry": [row.entry for row in rows],
         "from": [row.source for row in rows],
-        "what it does": [row.error or row.summary for row in rows],
+        "what it does, and its entry": [f"{row.error or row.summary}\n{row.entry}" for row in rows],
     }
     print_rows(rows, columns, json=json)
 

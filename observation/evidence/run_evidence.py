@@ -20,7 +20,7 @@ from actors.task.words import PlaceKey
 from actors.world.world_setup import WorldSetup
 from observation.evidence.recorded import outcome
 from observation.evidence.said_places import Deed, Route
-from observation.replay.moved_runs import setup_of
+from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import recordings
 from observation.results.result import RunResult
 

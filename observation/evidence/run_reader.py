@@ -25,7 +25,7 @@ from observation.evidence.run_evidence import (
 )
 from observation.evidence.said_places import SaidPlaces
 from observation.recordings.topics import Growing, Recorded
-from observation.replay.moved_runs import setup_of
+from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import recordings
 
 _PATIENCE_S: Final = 1.0

@@ -15,7 +15,7 @@ from actors.radio.medium.state import Outcome
 from actors.radio.radio_setup import RadioSetup
 from deeco.replication.fragments import HEADER
 from observation.evidence.recorded import taken
-from observation.replay.moved_runs import setup_of
+from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import recordings
 from observation.trace.fates import Fates, read_fates
 from observation.trace.rows import Arrival

@@ -11,7 +11,7 @@ from observation.evidence.recorded import taken
 from observation.evidence.run_evidence import RunEvidence
 from observation.evidence.run_reader import read_run
 from observation.export.robot_rows import TRACED, Row, Tables, robot_rows
-from observation.replay.moved_runs import run_of, setup_of
+from observation.replay.recorded_setup import run_of, setup_of
 from observation.replay.run_recordings import recordings
 from observation.replay.sandboxed_calls import Bounds
 from observation.trace.coding import TraceError

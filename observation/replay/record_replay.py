@@ -23,7 +23,7 @@ from actors.runtime.shell import Shell
 from actors.world import program as world_program
 from actors.world.world_setup import WorldSetup
 from observation.replay.debugging import EnoughError
-from observation.replay.moved_runs import run_of, told
+from observation.replay.recorded_setup import run_of, told
 from observation.replay.run_recordings import recordings
 
 

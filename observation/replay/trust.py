@@ -9,7 +9,7 @@ from actors.robot.assembly import RobotSetup
 from actors.robot.behaviour.foreign import Permit, admitted
 from actors.runtime.bus.replay_bus import ReplayError
 from actors.runtime.isolation.isolating import warn
-from observation.replay.moved_runs import code_folders, run_of, told
+from observation.replay.recorded_setup import code_folders, run_of, told
 from observation.replay.run_recordings import recordings
 
 _ON_DEVICES: Final = re.compile(r"\.(base|radio)(\.|$)")

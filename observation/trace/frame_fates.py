@@ -20,8 +20,8 @@ from actors.radio.medium.state import Kind, Outcome
 from actors.radio.radio_setup import RadioSetup
 from actors.radio.robot_medium import RobotMedium
 from actors.runtime.core import Core
-from observation.replay.moved_runs import setup_of
 from observation.replay.record_replay import Onlook, replay_actor
+from observation.replay.recorded_setup import setup_of
 from observation.replay.run_recordings import recordings
 from observation.trace.kept import inputs, keep, kept
 

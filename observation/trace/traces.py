@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from actors.robot.behaviour.foreign import Permit
-from observation.replay.moved_runs import run_of
+from observation.replay.recorded_setup import run_of
 from observation.replay.run_recordings import recordings
 from observation.replay.sandboxed_calls import Bounds, Call, CallOutcome, ask
 from observation.replay.trust import check_trust

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from actors.runtime.recording import RecordingError, read_notes
-from benchmarks.hardware.standstill import StandstillCase, StandstillTask, events, measured, meets
+from benchmarks.hardware.standstill import StandstillCase, events, measured, meets
 from benchmarks.hardware.standstill_rig import GUARDIAN, Rig, killed, stopped
 from firmware_bridge.kobuki.odometry import OdometryParameters
 from tests.onboard.test_live import senses
@@ -106,8 +106,8 @@ def doubtful(rig: Rig) -> bool:
 def test_the_bench_has_a_case_for_each_process_and_judges_them() -> None:
     cases = events()
     assert {case[0] for case in cases} >= {"robot", "bridge", "base", "guardian", "supervisor", "lidar"}
-    task, late = StandstillTask(), StandstillCase(0.31, 0.1, 0.5, 0.2, 0.5)
-    assert meets(("base", "killed"), [StandstillCase(0.3, 0.15, 0.6, 0.3, 0.5)], task)
-    assert not meets(("base", "killed"), [late], task)
-    assert not meets(("base", "killed"), [StandstillCase(None, 0.9, None, 0.9, 0.5)], task)
-    assert meets(("bridge", "killed"), [StandstillCase(None, 0.9, None, 0.9, 0.5)], task)
+    late = StandstillCase(0.31, 0.1, 0.5, 0.2, 0.5)
+    assert meets(("base", "killed"), [StandstillCase(0.3, 0.15, 0.6, 0.3, 0.5)])
+    assert not meets(("base", "killed"), [late])
+    assert not meets(("base", "killed"), [StandstillCase(None, 0.9, None, 0.9, 0.5)])
+    assert meets(("bridge", "killed"), [StandstillCase(None, 0.9, None, 0.9, 0.5)])

@@ -16,8 +16,8 @@ from deploy.scenario.scenario_file import load_scenario
 from observation.evidence.run_evidence import world_setup
 from observation.evidence.run_reader import read_run
 from observation.explanation.explain import Explainer
-from observation.replay.moved_runs import code_folders, setup_of
 from observation.replay.record_replay import replay_actor
+from observation.replay.recorded_setup import code_folders, setup_of
 from observation.replay.run_recordings import recordings
 from tests.swarm.command import acrc
 

@@ -94,6 +94,7 @@ def test_installed_strategies_are_listed_beside_the_shipped_ones(site: Path) -> 
     table = acrc("list", "strategies")
     assert table.returncode == 0
     assert [line.split()[0] for line in table.stdout.splitlines() if "my_study" in line] == ["wander"]
+    assert table.stdout.count(" wanderer:behaviour") == 1, "in one piece"
 
 
 def test_an_installed_strategy_runs_by_its_name_in_sandboxes(site: Path, tmp_path: Path) -> None:

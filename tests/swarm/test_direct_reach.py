@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from actors.radio.radio_setup import RadioSetup
-from observation.replay.moved_runs import setup_of
+from observation.replay.recorded_setup import setup_of
 from tests.swarm.command import ROOT, run
 
 TWO = f"""
