@@ -89,7 +89,7 @@ class _Watch:
 
 
 def relay_scenario(task: RelayTask) -> Scenario:
-    """The scenario with its relays by the task's rule. Raises ScenarioError and OptionError."""
+    """The scenario with its relays by the task's rule. Raises AcrcError and OptionError."""
     overrides = Overrides(robots=task.robots, seed=task.seed, duration=task.duration)
     plain = load_scenario(task.scenario, overrides)
     rule = {"relay": True, "relay_below": task.below_dbm}
