@@ -1,40 +1,21 @@
-"""Runs: in memory, independent ones on all processors, by the command line; CPU time of a piece of work."""
+"""Runs in memory, independent ones on all processors; CPU time of a piece of work."""
 
 import multiprocessing
 import os
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import TypeVar
 
-from actors.installation.repository import REPOSITORY
-from actors.runtime.errors import AcrcError
 from deploy.run import swarm
 from deploy.run.options import RunOptions
 from deploy.run.plan import RunPlan
 from deploy.scenario.tables import Scenario
 from observation.results.result import RunResult
 from observation.results.seal import seal
-
-ACRC: Final = (sys.executable, "-P", "-m", "command_line")
-_LAST_WORDS: Final = 300
-"""Characters of what a failed command said."""
-
-
-def answer(*words: str, patience_s: float | None = None) -> str:
-    """What a command writes on its standard output; AcrcError with its last words where it fails."""
-    done = subprocess.run(
-        [*ACRC, *words], cwd=REPOSITORY, capture_output=True, text=True, timeout=patience_s, check=False
-    )
-    if done.returncode != 0:
-        raise AcrcError(f"acrc {words[0]} fails: {done.stderr.strip()[-_LAST_WORDS:]}")
-    return done.stdout
-
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")

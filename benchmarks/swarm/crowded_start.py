@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
+from benchmarks.statistics.commands import answer
 from benchmarks.statistics.measured import Measured, table_of
-from benchmarks.statistics.runs import answer
 
 _SPIN: Final = (sys.executable, "-c", "while True: pass")
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from rich.console import Console
 
+from benchmarks.statistics.commands import answer
 from benchmarks.statistics.measured import Measured, table_of
-from benchmarks.statistics.runs import answer
 from benchmarks.swarm.endings_trial import MODES, Ending, EndingsTask, attempt, deed, run_words
 
 

@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 from actors.installation.repository import REPOSITORY
 from actors.runtime.errors import AcrcError
 from actors.runtime.lifecycle import process_table
-from benchmarks.statistics.runs import ACRC, answer
+from benchmarks.statistics.commands import ACRC, answer
 
 MODES: Final = {
     "forkserver": ("--no-isolate",),

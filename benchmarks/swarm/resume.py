@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Final
 
 from actors.installation.repository import REPOSITORY
+from benchmarks.statistics.commands import ACRC, answer
 from benchmarks.statistics.measured import Measured, table_of
-from benchmarks.statistics.runs import ACRC, answer
 
 _LOOK_S: Final = 0.02
 

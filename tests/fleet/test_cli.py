@@ -139,9 +139,9 @@ def test_the_doctor_needs_fleet_and_robot_or_neither(office: Path) -> None:
 
 def test_help_says_what_each_command_is_for() -> None:
     for words, line in (
-        (["fleet", "keys"], "Make the keys of a fleet: its certificate authority"),
-        (["fleet", "units"], "Write the systemd service of a robot and the udev rules"),
-        (["fleet", "doctor"], "Say what is wrong with this computer, and how to put it right"),
+        (["fleet", "keys"], "Make the keys of a fleet."),
+        (["fleet", "units"], "Write a robot's systemd service and udev rules."),
+        (["fleet", "doctor"], "Find what is wrong with this computer, and say the remedy."),
     ):
         code, out, _ = acrc(*words, "--help")
         assert code == 0

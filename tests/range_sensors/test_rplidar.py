@@ -274,7 +274,7 @@ def test_an_emulated_lidar_in_a_process_of_its_own(tmp_path: Path) -> None:
             os.kill(process.pid, signal.SIGTERM)
         assert process.wait(10) == 0
     assert scan is not None
-    assert metres(scan)[319] == pytest.approx(3.0, abs=0.01)  # ahead, from the middle of 6 m
+    assert metres(scan)[319] == pytest.approx(3.0, abs=0.04)  # ahead, from the middle of 6 m; noise 7.5 mm
 
 
 def _first_scan(path: str) -> Scan | None:

@@ -149,8 +149,13 @@ def test_a_trace_is_bounded_however_small_its_file(
     recording = tmp_path / "run" / "r2" / "r2.mcap"
     monkeypatch.setattr(keeping, "MOST_BYTES", 1_000_000)
     bomb = zlib.compress(bytes(2_000_000))
-    recording.with_suffix(".trace").write_bytes(keeping.inputs(recording) + PART.pack(len(bomb)) + bomb)
+    came_of = keeping.inputs(recording)
+    assert came_of is not None
+    recording.with_suffix(".trace").write_bytes(came_of + PART.pack(len(bomb)) + bomb)
     assert keeping.kept(recording) is None
+    with (recording.parent / "map.png").open("wb") as file:
+        file.truncate(1 << 34)
+    assert keeping.inputs(recording) is None
 
 
 def test_another_recording_has_another_trace(counting: Counting, tmp_path: Path) -> None:
