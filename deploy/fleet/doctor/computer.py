@@ -100,7 +100,7 @@ def namespaces(machine: Machine) -> Iterator[DoctorFinding]:
     """Whether robots can be isolated."""
     fault = machine.isolation_fault()
     if fault is None:
-        yield well("namespaces", "the robot's process can be shut off from everything but base and bridge")
+        yield well("namespaces", "the robot's process can have a sandbox")
     else:
         yield wrong("namespaces", fault)
 
