@@ -163,7 +163,7 @@ def _driving(result: RunResult) -> Iterator[str]:
         lost = sum(error.times_lost for error in errors)
         yield (
             f"Localisation error: {rmse:.2f} m (RMSE), {max(error.greatest for error in errors):.2f} m at "
-            f"most; robots were lost {_times(lost)}."
+            f"most; {f'robots were lost {_times(lost)}' if lost else 'no robot was lost'}."
         )
     goals = result.navigation
     if goals.goals:
