@@ -371,7 +371,8 @@ def test_every_line_does_what_it_should(story: str, folder: Path, request: pytes
     if story == "cluster":
         given["cluster"] = request.getfixturevalue("cluster").address
     told = {
-        "HOME": str(folder), "BROWSER": "true", "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1",
+        "HOME": str(folder), "BROWSER": "true",
+        "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "" if story == "docs" else "1",  # it is in a page
         "PYTHONPATH": f"{ROOT}{os.pathsep}{folder / 'stand-ins'}", "COLUMNS": "200",
         "DASK_CONFIG": str(folder / "keys"),
     }  # fmt: skip
